@@ -1,0 +1,43 @@
+"""A cloth's measured membrane law as a CSV: `strain,tension_n_per_m,direction`."""
+
+from pathlib import Path
+
+from fabdesign.csv_table import decimal, read_rows, write_rows
+from fabdesign.curve import MembraneCurve
+from fabdesign.errors import InputError
+
+COLUMNS = ["strain", "tension_n_per_m", "direction"]
+
+
+def read_membrane_curve(path: Path) -> MembraneCurve:
+    """Read a membrane curve. `direction` is 1 (across), 2 (down) or `both`; without that column the curve holds for
+    both. Raises InputError for another header, and unless strain and tension both rise from row to row."""
+    header, rows = read_rows(path)
+    if header not in (COLUMNS, COLUMNS[:2]):
+        raise InputError(f"{path}: columns are {','.join(header)}; expected {','.join(COLUMNS)}")
+    strain: tuple[list[float], list[float]] = ([], [])
+    tension: tuple[list[float], list[float]] = ([], [])
+    for line, row in rows:
+        name = row[2] if len(row) == 3 else "both"
+        if name not in ("1", "2", "both"):
+            raise InputError(f"{path} line {line}: direction = {name!r}; expected 1 (across), 2 (down) or both")
+        values = [float(decimal(cell, path, line, column)) for cell, column in zip(row[:2], COLUMNS[:2], strict=True)]
+        for direction in (0, 1) if name == "both" else (int(name) - 1,):
+            for column, samples, value in zip(COLUMNS, (strain, tension), values, strict=False):
+                if samples[direction] and value <= samples[direction][-1]:
+                    raise InputError(f"{path} line {line}: {column} = {value:g} does not rise from the row before")
+                samples[direction].append(value)
+    for direction in (0, 1):
+        if len(strain[direction]) == 1:
+            raise InputError(f"{path}: direction {direction + 1} has one row; a curve needs at least two")
+    return MembraneCurve((tuple(strain[0]), tuple(strain[1])), (tuple(tension[0]), tuple(tension[1])))
+
+
+def write_membrane_curve(curve: MembraneCurve, path: Path) -> None:
+    """Write a membrane curve; reading it gives the same one."""
+    rows = [
+        (repr(strain), repr(tension), direction + 1)
+        for direction in (0, 1)
+        for strain, tension in zip(curve.strain[direction], curve.tension[direction], strict=True)
+    ]
+    write_rows(path, COLUMNS, rows)

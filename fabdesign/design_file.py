@@ -1,0 +1,181 @@
+"""Design files: `fabdesign.design/1`. Read here, written by `design_writer`."""
+
+from pathlib import Path
+from typing import Any
+
+from fabdesign.bench_table_file import read_bench_table
+from fabdesign.curve import MembraneCurve
+from fabdesign.curve_file import read_membrane_curve
+from fabdesign.design import Design
+from fabdesign.design_writer import write_design
+from fabdesign.errors import InputError
+from fabdesign.fabric import Fabric
+from fabdesign.muscle import Muscle, MuscleType
+from fabdesign.table import Table, load_toml, nearest
+
+__all__ = ["read_design", "write_design"]
+
+FORMAT = "fabdesign.design/1"
+EDGES = ("top", "bottom", "left", "right", "none")
+_LARGEST = 10.0  # m; a cloth beyond it was surely meant in millimetres
+_SLACK = 1e-9  # m, of rounding that a point on the border may have
+
+
+def read_design(path: Path | str) -> Design:
+    """Read a design with all the files that it names.
+
+    Paths inside a file are relative to that file. `support`, `hung` and `gravity` belong to [fabric] and are taken
+    at top level too. Raises InputError, one line, for anything that formats.md does not allow.
+    """
+    path = Path(path)
+    root = load_toml(path, FORMAT)
+    name = root.text("name", path.stem)
+    scene = {key: root.take(key) for key in ("support", "hung", "gravity") if key in root}
+    fabric_tables, types = _fabrics_and_types(root, path, ())
+    if not fabric_tables:
+        raise InputError(f"{path}: no [fabric] table")
+    fabric = _fabric(_merged(fabric_tables, scene))
+    muscles = tuple(_muscle(table, fabric, types) for table in root.tables("muscles"))
+    root.finish()
+    return Design(name, fabric, types, muscles)
+
+
+def _fabrics_and_types(
+    root: Table, path: Path, above: tuple[Path, ...]
+) -> tuple[list[tuple[Path, Table]], dict[str, MuscleType]]:
+    """The [fabric] tables and muscle types of a file and of all that it includes."""
+    above = (*above, path.resolve())
+    fabrics: list[tuple[Path, Table]] = []
+    types: dict[str, MuscleType] = {}
+    for name in root.texts("include", ()):
+        included = path.parent / name
+        if included.resolve() in above:
+            raise InputError(f"{path}: include {name} comes back to a file that includes it")
+        table = load_toml(included, FORMAT, partial=True)
+        table.text("name", None)
+        more_fabrics, more_types = _fabrics_and_types(table, included, above)
+        table.finish()
+        fabrics += more_fabrics
+        for twice in set(types) & set(more_types):
+            raise InputError(f"{path}: muscle type {twice} is in two included files")
+        types |= more_types
+    if (fabric := root.table("fabric", None)) is not None:
+        fabrics.append((path, fabric))
+    if (tables := root.table("muscle_types", None)) is not None:
+        for name in tables.names():
+            if name in types:
+                raise InputError(f"{path}: muscle type {name} is in an included file too")
+            types[name] = _muscle_type(name, tables.table(name), path)
+    return fabrics, types
+
+
+def _merged(tables: list[tuple[Path, Table]], scene: dict[str, Any]) -> Table:
+    """One fabric table; a key may stand in one place only. Paths become independent of the file that names them."""
+    first = tables[-1][1]
+    values = dict(scene)
+    for origin, table in tables:
+        for key in table.names():
+            if key in values:
+                elsewhere = "at top level" if key in scene else "in an included file"
+                raise InputError(f"{first.where}: {key} stands {elsewhere} too")
+            value = table.take(key)
+            values[key] = str(origin.parent / value) if key == "membrane_curve" and isinstance(value, str) else value
+    return Table(values, first.where)
+
+
+def _fabric(table: Table) -> Fabric:
+    width = table.number("width", above=0)
+    height = table.number("height", above=0)
+    for key, size in (("width", width), ("height", height)):
+        if size > _LARGEST:
+            raise table.bad(key, "metres (is it in millimetres?)")
+    curve_name = table.text("membrane_curve", None)
+    curve = None if curve_name is None else read_membrane_curve(Path(curve_name))
+    stiffness = table.pair("membrane_stiffness", None, above=0) or _initial_stiffness(curve, table)
+    poisson = table.number("poisson")
+    # nu_12 nu_21 = nu_12^2 k_2 / k_1 < 1, or stretching the cloth would give energy
+    if poisson**2 * stiffness[1] >= stiffness[0]:
+        raise table.bad("poisson", f"nu_12 below sqrt(k_1 / k_2) = {(stiffness[0] / stiffness[1]) ** 0.5:.3g}")
+    fabric = Fabric(
+        width=width,
+        height=height,
+        thickness=table.number("thickness", above=0),
+        areal_density=table.number("areal_density", above=0),
+        membrane_stiffness=stiffness,
+        shear_stiffness=table.number("shear_stiffness", above=0),
+        poisson=poisson,
+        bending_stiffness=table.pair("bending_stiffness", above=0),
+        twist_stiffness=table.number("twist_stiffness", None, least=0),
+        viscosity=table.number("viscosity", 0.0, least=0),
+        air_damping=table.number("air_damping", 0.0, least=0),
+        support=table.text("support", "pinned", choices=("pinned", "clamped")),
+        hung=_hung(table, width, height),
+        gravity=table.numbers("gravity", (0.0, -9.81, 0.0), count=3),
+        membrane_curve=curve,
+    )
+    table.finish()
+    return fabric
+
+
+def _initial_stiffness(curve: MembraneCurve | None, table: Table) -> tuple[float, float]:
+    """The slope at small strain of a curve that replaces both stiffnesses."""
+    if curve is None or not all(curve.strain):
+        raise InputError(f"{table.where}: membrane_stiffness is missing")
+    slopes = [(t[1] - t[0]) / (s[1] - s[0]) for s, t in zip(curve.strain, curve.tension, strict=True)]
+    return slopes[0], slopes[1]
+
+
+def _hung(table: Table, width: float, height: float) -> Any:
+    if isinstance(table.take("hung", "top"), str):
+        return table.text("hung", "top", choices=EDGES)
+    points = table.points("hung")
+    for i, point in enumerate(points):
+        _require_inside(point, width, height, f"{table.where}: hung[{i}]")
+    return points
+
+
+def _muscle_type(name: str, table: Table, path: Path) -> MuscleType:
+    kind = MuscleType(
+        name=name,
+        outer_diameter=table.number("outer_diameter", above=0),
+        mass_per_length=table.number("mass_per_length", above=0),
+        axis_offset=table.number("axis_offset", least=0),
+        bench=read_bench_table(path.parent / table.text("bench")),
+        viscosity=table.number("viscosity", 0.0, least=0),
+        max_pressure=table.kilopascals("max_pressure", None, above=0),
+        stock_length=table.number("stock_length", None, above=0),
+        min_bend_radius=table.number("min_bend_radius", None, least=0),
+        tail_length=table.number("tail_length", None, least=0),
+    )
+    table.finish()
+    return kind
+
+
+def _muscle(table: Table, fabric: Fabric, types: dict[str, MuscleType]) -> Muscle:
+    kind = table.text("type")
+    if kind not in types:
+        known = ", ".join(types) or "none"
+        raise InputError(f"{table.where}: type {kind} is not a muscle type here; known: {known}{nearest(kind, [*types])}")
+    path = table.points("path")
+    if len(path) < 2:
+        raise table.bad("path", "at least two [u, v] points")
+    for i, point in enumerate(path):
+        _require_inside(point, fabric.width, fabric.height, f"{table.where}: path[{i}]")
+        if i and point == path[i - 1]:
+            raise InputError(f"{table.where}: path[{i}] repeats the point before it")
+    muscle = Muscle(
+        type=kind,
+        side=table.text("side", choices=("front", "back")),
+        channel=table.integer("channel", least=0),
+        path=path,
+        fixed_point_pitch=table.number("fixed_point_pitch", above=0),
+    )
+    table.finish()
+    return muscle
+
+
+def _require_inside(point: tuple[float, float], width: float, height: float, where: str) -> None:
+    for axis, value, size in (("u", point[0], width), ("v", point[1], height)):
+        if not -_SLACK <= value <= size + _SLACK:
+            hint = " (is it in millimetres?)" if value > 20 * size else ""
+            raise InputError(f"{where}: {axis} = {value:g} m lies outside the cloth, 0 to {size:g} m{hint}")

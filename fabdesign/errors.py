@@ -1,0 +1,5 @@
+"""The one exception that a user is meant to read."""
+
+
+class InputError(ValueError):
+    """Bad input, said in one line: what came, where, and what was expected. The command line exits with 2."""

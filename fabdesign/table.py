@@ -1,0 +1,242 @@
+"""Strict reading of TOML: every key is asked for, and what was not asked for is an error."""
+
+import tomllib
+from collections.abc import Sequence
+from decimal import Decimal
+from difflib import get_close_matches
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from fabdesign.errors import InputError
+
+_REQUIRED: Any = object()
+
+
+class Table:
+    """One TOML table and where it stands. Each getter notes its key as known; `finish` refuses the others.
+
+    A key without a default must be there. All getters raise InputError.
+    """
+
+    def __init__(self, values: dict[str, Any], where: str) -> None:
+        self.where = where
+        self._values = values
+        self._known: set[str] = set()
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._values
+
+    def names(self) -> list[str]:
+        """The keys, in the file's order."""
+        return list(self._values)
+
+    def take(self, key: str, default: Any = _REQUIRED) -> Any:
+        """The value as TOML gives it (floats as Decimal)."""
+        self._known.add(key)
+        if key in self._values:
+            return self._values[key]
+        if default is _REQUIRED:
+            raise InputError(f"{self.where}: {key} is missing")
+        return default
+
+    def bad(self, key: str, expected: str) -> InputError:
+        """The error for a value that is not what was expected."""
+        return InputError(f"{self.where}: {key} = {_shown(self._values.get(key))}; expected {expected}")
+
+    def number(
+        self,
+        key: str,
+        default: Any = _REQUIRED,
+        *,
+        above: float | None = None,
+        least: float | None = None,
+        most: float | None = None,
+    ) -> Any:
+        """A finite float: > `above`, >= `least`, <= `most`. A default is returned as it is (None stays None)."""
+        value = self.take(key, default)
+        if key not in self._values:
+            return value
+        number = _number(value)
+        outside = number is None or not isfinite(number)
+        if number is not None and not outside:
+            outside = (
+                (above is not None and number <= above)
+                or (least is not None and number < least)
+                or (most is not None and number > most)
+            )
+        if outside:
+            raise self.bad(key, _range("a number", above, least, most))
+        return number
+
+    def kilopascals(self, key: str, default: Any = _REQUIRED, *, above: float | None = None) -> Any:
+        """A pressure in Pa from a value in kPa, scaled in decimal so that what was written is what is read."""
+        kpa = self.number(key, default, above=above)
+        return pascals(self._values[key]) if key in self._values else kpa
+
+    def integer(self, key: str, default: Any = _REQUIRED, *, least: int | None = None) -> Any:
+        value = self.take(key, default)
+        if key not in self._values:
+            return value
+        if isinstance(value, bool) or not isinstance(value, int) or (least is not None and value < least):
+            raise self.bad(key, _range("a whole number", None, least, None))
+        return value
+
+    def flag(self, key: str, default: Any = _REQUIRED) -> Any:
+        value = self.take(key, default)
+        if key in self._values and not isinstance(value, bool):
+            raise self.bad(key, "true or false")
+        return value
+
+    def text(self, key: str, default: Any = _REQUIRED, *, choices: Sequence[str] = ()) -> Any:
+        value = self.take(key, default)
+        if key not in self._values:
+            return value
+        if not isinstance(value, str):
+            raise self.bad(key, "a text")
+        if choices and value not in choices:
+            raise self.bad(key, "one of " + ", ".join(choices) + nearest(value, choices))
+        return value
+
+    def texts(self, key: str, default: Any = _REQUIRED) -> Any:
+        """A tuple of texts."""
+        value = self.take(key, default)
+        if key not in self._values:
+            return value
+        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+            raise self.bad(key, "a list of texts")
+        return tuple(value)
+
+    def numbers(self, key: str, default: Any = _REQUIRED, *, count: int | None = None) -> Any:
+        """A tuple of `count` finite floats (any number of them without `count`)."""
+        value = self.take(key, default)
+        if key not in self._values:
+            return value
+        parsed = _numbers(value, count)
+        if parsed is None:
+            raise self.bad(key, f"a list of {count} numbers" if count is not None else "a list of numbers")
+        return parsed
+
+    def pair(self, key: str, default: Any = _REQUIRED, *, above: float) -> Any:
+        """Two floats > `above`: [across, down], or one number for both."""
+        value = self.take(key, default)
+        if key not in self._values:
+            return value
+        single = _number(value)
+        parsed = (single, single) if single is not None else _numbers(value, 2)
+        if parsed is None or not all(isfinite(x) and x > above for x in parsed):
+            raise self.bad(key, f"a number above {above:g}, or two of them [across, down]")
+        return parsed
+
+    def points(self, key: str) -> Any:
+        """A tuple of (u, v) pairs of finite floats."""
+        value = self.take(key)
+        parsed = [_numbers(item, 2) for item in value] if isinstance(value, list) else [None]
+        if not parsed or any(item is None for item in parsed):
+            raise self.bad(key, "a list of [u, v] points in m")
+        return tuple(parsed)
+
+    def table(self, key: str, default: Any = _REQUIRED) -> Any:
+        value = self.take(key, default)
+        if key not in self._values:
+            return value
+        if not isinstance(value, dict):
+            raise self.bad(key, "a table")
+        return Table(value, f"{self.where}: {key}")
+
+    def tables(self, key: str) -> list["Table"]:
+        """The [[key]] tables; none where the key is absent."""
+        value = self.take(key, [])
+        if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
+            raise self.bad(key, f"[[{key}]] tables")
+        return [Table(item, f"{self.where}: {key}[{i}]") for i, item in enumerate(value)]
+
+    def finish(self) -> None:
+        """Refuse keys that nothing asked for."""
+        for key in self._values:
+            if key not in self._known:
+                missing = sorted(self._known - set(self._values))
+                raise InputError(f"{self.where}: unknown key {key}{nearest(key, missing or sorted(self._known))}")
+
+
+def load_toml(path: Path, form: str, *, partial: bool = False) -> Table:
+    """The root table of a file whose `format` is `form`; with `partial` (an included file) `format` may be absent."""
+    root = Table(_parse(path), str(path))
+    found = root.text("format", None)
+    if found is None and not partial:
+        raise InputError(f'{path}: no format line; expected format = "{form}"')
+    if found is not None and found != form:
+        raise InputError(f'{path}: format is "{found}"; this version reads "{form}"')
+    return root
+
+
+def format_of(path: Path) -> str | None:
+    """The `format` line of a TOML file, or None."""
+    found = _parse(path).get("format")
+    return found if isinstance(found, str) else None
+
+
+def nearest(word: str, known: Sequence[str]) -> str:
+    """' (did you mean X?)' where one of the known words is close, else nothing."""
+    close = get_close_matches(word, known, n=1)
+    return f" (did you mean {close[0]}?)" if close else ""
+
+
+def read_text(path: Path) -> str:
+    """A text file's content; InputError where it cannot be read."""
+    try:
+        return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not a text file (UTF-8)") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+
+
+def pascals(kilopascals: Decimal | int | str) -> float:
+    """Pa from a number in kPa, by shifting its decimal point: no rounding twice."""
+    return float(Decimal(kilopascals).scaleb(3))
+
+
+def kilopascals(pressure: float) -> Decimal:
+    """kPa from Pa, exactly the digits that `pascals` turns back into the same float."""
+    return Decimal(repr(float(pressure))).scaleb(-3)
+
+
+def _parse(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(read_text(path), parse_float=Decimal)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: is not sound TOML: {' '.join(str(error).split())}") from None
+
+
+def _number(value: Any) -> float | None:
+    if isinstance(value, bool) or not isinstance(value, int | Decimal):
+        return None
+    return float(value)
+
+
+def _numbers(value: Any, count: int | None) -> tuple[float, ...] | None:
+    if not isinstance(value, list) or (count is not None and len(value) != count):
+        return None
+    parsed = [_number(item) for item in value]
+    if any(item is None or not isfinite(item) for item in parsed):
+        return None
+    return tuple(item for item in parsed if item is not None)
+
+
+def _range(what: str, above: float | None, least: float | None, most: float | None) -> str:
+    limits = []
+    if above is not None:
+        limits.append(f"above {above:g}")
+    if least is not None:
+        limits.append(f"from {least:g}")
+    if most is not None:
+        limits.append(f"to {most:g}")
+    return " ".join([what, *limits])
+
+
+def _shown(value: Any) -> str:
+    text = str(value) if isinstance(value, Decimal) else repr(value).replace("Decimal(", "").replace(")", "")
+    return text if len(text) <= 60 else text[:57] + "..."
