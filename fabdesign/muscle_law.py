@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 _PRESSURE_SPANS = 8  # at most; a table with fewer pressures gets fewer
 _CONTRACTION_SPANS = 10
 _MIN_SLOPE = 0.01  # of the table's mean slope, so that the law falls strictly
+_MARGIN = 1e-8  # of the table's largest force: what rounding may take from an inequality
 _PENALTIES = 10.0 ** np.arange(-4, 4.5)  # candidates for cross-validation, for data scaled to 1
 
 
@@ -100,7 +101,9 @@ class MuscleLaw:
         """Whether the law is asked beyond the table's pressures or contractions."""
         p, eps = np.broadcast_arrays(np.asarray(pressure_pa, dtype=float), np.asarray(contraction, dtype=float))
         (p0, p1), (e0, e1) = self.pressure_limits, self.contraction_limits
-        return np.asarray((p < p0) | (p > p1) | (eps < e0) | (eps > e1))
+        rounding = 1e-9
+        outside_p = (p < p0 - rounding * p1) | (p > p1 + rounding * p1)
+        return np.asarray(outside_p | (eps < e0 - rounding) | (eps > e1 + rounding))
 
     def _evaluate(self, pressure_pa: ArrayLike, contraction: ArrayLike, order: int) -> Array:
         p, eps = np.broadcast_arrays(np.asarray(pressure_pa, dtype=float), np.asarray(contraction, dtype=float))
@@ -164,7 +167,7 @@ def _penalties(m: int, n: int) -> tuple[Array, Array, Array]:
     along_p = np.hstack([np.kron(second_p, np.eye(n)), np.zeros((len(second_p) * n, m))])
     along_e = np.hstack([np.kron(np.eye(m), second_e), np.zeros((m * len(second_e), m))])
     flat_kink = np.hstack([np.zeros((m - 1, m * n)), np.diff(np.eye(m), axis=0)])
-    return along_p, along_e, np.vstack([flat_kink, 1e-5 * np.eye(m * n + m)])
+    return along_p, along_e, np.vstack([flat_kink, 1e-3 * np.eye(m * n + m)])
 
 
 def _cross_validated_penalty(a: Array, b: Array, m: int, n: int) -> Array:
@@ -191,10 +194,10 @@ def _shape_constraints(m: int, n: int, positive_to: int, min_fall: float, stretc
     fall = s[:, :-1] - s[:, 1:]
     parts = [
         (fall, min_fall),
-        (s[1:, :positive_to] - s[:-1, :positive_to], 0.0),
+        (s[1:, :positive_to] - s[:-1, :positive_to], _MARGIN),
         # ... and so that linear continuations, to higher pressure and to more stretch, keep both:
-        (fall[-1] - fall[-3], 0.0),
-        ((s[1:, 0] - s[1:, 2]) - (s[:-1, 0] - s[:-1, 2]), 0.0),
+        (fall[-1] - fall[-3], _MARGIN),
+        ((s[1:, 0] - s[1:, 2]) - (s[:-1, 0] - s[:-1, 2]), _MARGIN),
         (k[1:] - k[:-1], 0.0),
         (k[:1], 0.0),
     ]
