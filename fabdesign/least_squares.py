@@ -12,7 +12,8 @@ def least_squares_with_inequalities(a: Array, b: Array, g: Array, h: Array) -> A
     """The x (n,) that minimises |a x - b| with g x >= h, by non-negative least squares on the dual.
 
     a (rows, n) of full column rank, b (rows,), g (inequalities, n), h (inequalities,). The inequalities must admit a
-    solution; they hold to about 1e-9 of the data's scale. Source: Lawson and Hanson, Solving Least Squares Problems (1974), chapter 23.
+    solution; they hold to about 1e-9 of the data's scale. Source: Lawson and Hanson, Solving Least Squares Problems
+    (1974), chapter 23.
     """
     from scipy.optimize import nnls
 

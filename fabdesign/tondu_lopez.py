@@ -18,7 +18,7 @@ class TonduLopez:
     """F = pi r0^2 p [a (1 - k eps)^2 - b], a = 3 / tan^2 alpha0, b = 1 / sin^2 alpha0.
 
     Source: Tondu and Lopez 2000, IEEE Control Systems 20(2). It knows neither a threshold pressure nor the idle
-    muscle's own stiffness, so it is fitted to the pressurised, shortened, pulling rows alone.
+    muscle's own stiffness: it describes what pressure adds to the tension, F(p, eps) - F(0, eps).
     """
 
     radius: float  # m, r0, of the tube at rest
@@ -30,13 +30,21 @@ class TonduLopez:
 
     @staticmethod
     def fit(table: "BenchTable") -> "TonduLopez":
-        """Least squares over rows with pressure > 0, contraction >= 0 and force > 0. InputError below four of them."""
+        """Least squares over rows with pressure > 0 and contraction >= 0 where pressure adds tension.
+
+        Tension at zero pressure is interpolated from the table; a table without such rows counts as force-free there.
+        Raises InputError for fewer than four rows.
+        """
         from scipy.optimize import least_squares
 
         p, eps, force = (np.asarray(x, dtype=float) for x in (table.pressure, table.contraction, table.force))
+        idle = (p == 0) & (eps >= 0)
+        if idle.any():
+            order = np.argsort(eps[idle])
+            force = force - np.interp(eps, eps[idle][order], force[idle][order])
         used = (p > 0) & (eps >= 0) & (force > 0)
         if used.sum() < 4:
-            raise InputError(f"bench table: {used.sum()} pressurised rows that pull; expected at least 4 for this law")
+            raise InputError(f"bench table: {used.sum()} rows where pressure adds tension; expected at least 4")
         p, eps, force = p[used], eps[used], force[used]
         scale = force.max()
 
@@ -59,7 +67,7 @@ class TonduLopez:
         )
 
     def tension(self, pressure_pa: ArrayLike, contraction: ArrayLike) -> NDArray[np.float64]:
-        """Tension [N] over gauge pressure [Pa] and contraction; the arguments broadcast."""
+        """Tension [N] that pressure adds, over gauge pressure [Pa] and contraction; the arguments broadcast."""
         p, eps = np.asarray(pressure_pa, dtype=float), np.asarray(contraction, dtype=float)
         return _force(self.radius, self.braid_angle, self.end_factor, p, eps)
 
