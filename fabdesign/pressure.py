@@ -5,6 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.design import Design
+from fabdesign.errors import InputError
+
+LARGEST = 1e6  # Pa, for a muscle type that states no maximum
+
 
 @dataclass(frozen=True, eq=False)
 class PressureProgram:
@@ -17,7 +22,47 @@ class PressureProgram:
     pressure: NDArray[np.float64]
     duration: float
 
+    @classmethod
+    def of_rows(cls, time: NDArray[np.float64], pressure: NDArray[np.float64], *, duration: float) -> "PressureProgram":
+        """The program of these rows; a row that repeats the one before it is dropped."""
+        changed = np.concatenate([[True], (pressure[1:] != pressure[:-1]).any(axis=1)])
+        return cls(time[changed], pressure[changed], duration)
+
     def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, channels) Pa in force just after each of `times` [s]."""
         row = np.searchsorted(self.time, np.asarray(times) + 1e-9, side="right") - 1
         return self.pressure[np.clip(row, 0, None)]
+
+
+def limits(design: Design) -> NDArray[np.float64]:
+    """(channels,) Pa: the lowest maximum of the muscle types on each channel, 1,000 kPa where none is stated."""
+    most = np.full(design.channels, LARGEST)
+    for muscle in design.muscles:
+        stated = design.muscle_types[muscle.type].max_pressure
+        if stated is not None:
+            most[muscle.channel] = min(most[muscle.channel], stated)
+    return most
+
+
+def require_pressures(program: PressureProgram, design: Design, where: str) -> None:
+    """Raise InputError unless the program has one pressure for each channel of the design, all of them from 0 Pa to
+    the muscles' maximum."""
+    given = program.pressure.shape[1]
+    if given < design.channels:
+        raise InputError(
+            f"{where}: channel {given} has no pressure; expected {design.channels} channels for design {design.name}"
+        )
+    if given > design.channels:
+        raise InputError(
+            f"{where}: pressures for {given} channels; expected {design.channels} channels for design {design.name}"
+        )
+    for channel, most in enumerate(limits(design)):
+        values = program.pressure[:, channel]
+        if np.isnan(values).any() or (values < 0).any():
+            worst = "NaN" if np.isnan(values).any() else f"{values.min() / 1e3:g} kPa"
+            raise InputError(f"{where}: channel {channel} has pressure {worst}; expected kPa from 0")
+        if (values > most).any():
+            raise InputError(
+                f"{where}: channel {channel} has pressure {values.max() / 1e3:g} kPa; "
+                f"expected at most {most / 1e3:g} kPa, the muscle's maximum"
+            )

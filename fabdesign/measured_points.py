@@ -1,0 +1,28 @@
+"""What every measured cloud must satisfy before anything computes with it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError
+
+_FAR = 10.0  # cloth sizes; a cloud so far off is in another unit, not badly placed
+
+
+def require_cloud(points: NDArray[np.float64], where: str, *, size: float | None = None) -> None:
+    """Raise InputError unless `points` is an (n, 3) cloud in m with n > 0 and finite coordinates.
+
+    size: the cloth's longer side [m], 1 m where it is not known; a cloud ten times as far away is taken to be in
+    millimetres.
+    """
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"{where}: points of shape {points.shape}; expected (n, 3)")
+    if len(points) == 0:
+        raise InputError(f"{where}: the cloud is empty; expected points")
+    bad = ~np.isfinite(points).all(axis=1)
+    if bad.any():
+        raise InputError(f"{where}: {int(bad.sum())} of {len(points)} points are not finite; expected metres")
+    distance = float(np.median(np.linalg.norm(points, axis=1)))
+    if distance > _FAR * (size or 1.0):
+        raise InputError(
+            f"{where}: points lie {distance:.0f} m from the cloth's top edge; expected metres (is it in millimetres?)"
+        )

@@ -1,0 +1,99 @@
+"""Measurement sets: a folder with `set.toml`, `fabdesign.measurement-set/1`."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import tomlkit
+
+from fabdesign.design import Design
+from fabdesign.design_file import read_design, write_design
+from fabdesign.errors import InputError
+from fabdesign.output import new_folder
+from fabdesign.table import load_toml, nearest
+from fabdesign.trial import MeasurementSet, Role, Trial
+from fabdesign.trial_file import TrialData, write_trial
+
+__all__ = ["MeasurementSet", "NewTrial", "Trial", "TrialData", "read_set", "write_set"]
+
+FORMAT = "fabdesign.measurement-set/1"
+
+
+def read_set(path: Path | str) -> MeasurementSet:
+    """Read a set: its folder or its `set.toml`. Designs are read now, trials when asked for, but must be there.
+
+    Raises InputError.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / "set.toml"
+    root = load_toml(path, FORMAT)
+    name = root.text("name", path.resolve().parent.name)
+    description = root.text("description", "")
+    frame_rate = root.number("frame_rate", None, above=0)
+    files = root.table("designs")
+    designs = {key: read_design(path.parent / files.text(key)) for key in files.names()}
+    trials = []
+    for table in root.tables("trials"):
+        design_name = table.text("design")
+        if design_name not in designs:
+            raise table.bad("design", f"one of [designs], {', '.join(designs)}{nearest(design_name, [*designs])}")
+        file = path.parent / table.text("file")
+        if not file.is_file():
+            raise InputError(f"{table.where}: file {file} is not there")
+        role: Role = table.text("role", choices=("fit", "test"))
+        trials.append(Trial(file, design_name, designs[design_name], table.integer("order"), role))
+        table.finish()
+    root.finish()
+    if not trials:
+        raise InputError(f"{path}: no [[trials]]")
+    return MeasurementSet(name, designs, tuple(trials), description, frame_rate)
+
+
+@dataclass(frozen=True)
+class NewTrial:
+    """A trial to be written."""
+
+    name: str  # of its file, without .npz
+    design_name: str
+    order: int
+    role: Role
+    data: TrialData
+
+
+def write_set(
+    folder: Path | str,
+    designs: Mapping[str, Design],
+    trials: Iterable[NewTrial],
+    *,
+    name: str,
+    description: str = "",
+    frame_rate: float | None = None,
+    scale: float = 1e-4,
+) -> None:
+    """Write a set, whole or not at all; `trials` may be a generator, one is held at a time.
+
+    Points are stored in units of `scale` [m]. Raises InputError where the folder cannot be written.
+    """
+    document = tomlkit.document()
+    document["format"] = FORMAT
+    document["name"] = name
+    if description:
+        document["description"] = description
+    if frame_rate is not None:
+        rate = tomlkit.float_(repr(float(frame_rate)))
+        rate.comment("Hz")
+        document["frame_rate"] = rate
+    document["designs"] = {key: f"{key}.toml" for key in designs}
+    listed = tomlkit.aot()
+    with new_folder(Path(folder)) as unfinished:
+        for key, design in designs.items():
+            write_design(design, unfinished / f"{key}.toml")
+        for trial in trials:
+            file = f"trials/{trial.name}.npz"
+            write_trial(trial.data, unfinished / file, scale=scale)
+            entry = tomlkit.table()
+            entry.update({"file": file, "design": trial.design_name, "order": trial.order, "role": trial.role})
+            listed.append(entry)
+        document["trials"] = listed
+        (unfinished / "set.toml").write_text(tomlkit.dumps(document), encoding="utf-8", newline="\n")

@@ -1,0 +1,55 @@
+"""A fitted model: everything that a prediction needs beyond the design."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A factor on one declared value (`forward.PARAMETERS`), with its 90 % interval."""
+
+    factor: float
+    interval90: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One parameter of an effect."""
+
+    value: float
+    unit: str
+    interval95: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class EffectTerm:
+    """An effect that the model switches on."""
+
+    name: str
+    parameters: Mapping[str, Quantity] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a model comes from. Trials are named SET/TRIAL."""
+
+    sets: tuple[str, ...] = ()
+    fitted: tuple[str, ...] = ()
+    held_out: tuple[str, ...] = ()
+    versions: Mapping[str, str] = field(default_factory=dict)  # package -> version
+    hashes: Mapping[str, str] = field(default_factory=dict)  # file -> sha256 of its content
+    seed: int | None = None
+
+
+@dataclass(frozen=True)
+class Model:
+    parameters: Mapping[str, Parameter] = field(default_factory=dict)  # what is absent stays as declared
+    effects: tuple[EffectTerm, ...] = ()
+    corrector: Path | None = None  # safetensors
+    provenance: Provenance = Provenance()
+
+    @property
+    def factors(self) -> dict[str, float]:
+        """What `forward.Case` takes."""
+        return {name: parameter.factor for name, parameter in self.parameters.items()}

@@ -1,0 +1,60 @@
+"""Trials: one measured motion each, and the sets they come in."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.design import Design
+from fabdesign.pressure import PressureProgram, require_pressures
+from fabdesign.trial_file import TrialData, program_of, read_trial, read_trial_pressures
+
+Role = Literal["fit", "test"]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One motion of a set. Its file is opened when its content is asked for; that raises InputError."""
+
+    file: Path  # the npz
+    design_name: str
+    design: Design
+    order: int  # place in the specimen's session
+    role: Role  # nothing may be fitted or chosen on "test"
+
+    @property
+    def name(self) -> str:
+        return self.file.stem
+
+    @cached_property
+    def times(self) -> NDArray[np.float64]:
+        """(T,) s after rest."""
+        return read_trial_pressures(self.file)[0]
+
+    @cached_property
+    def program(self) -> PressureProgram:
+        """The set points, checked against the design's channels and the muscles' limits."""
+        program = program_of(*read_trial_pressures(self.file))
+        require_pressures(program, self.design, str(self.file))
+        return program
+
+    def load(self) -> TrialData:
+        """All arrays, checked; the clouds are not kept by the trial."""
+        data = read_trial(self.file, size=max(self.design.fabric.width, self.design.fabric.height))
+        require_pressures(data.program, self.design, str(self.file))
+        return data
+
+
+@dataclass(frozen=True)
+class MeasurementSet:
+    """Motions measured on one specimen or more."""
+
+    name: str
+    designs: Mapping[str, Design]
+    trials: tuple[Trial, ...]
+    description: str = ""
+    frame_rate: float | None = None  # Hz, nominal; a trial's own times rule

@@ -1,0 +1,131 @@
+"""A trial's npz: the arrays of `fabdesign.measurement-set/1`."""
+
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError
+from fabdesign.measured_points import require_cloud
+from fabdesign.output import new_file
+from fabdesign.pressure import PressureProgram
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TrialData:
+    """What was measured in one motion."""
+
+    time: Floats  # (T,) s after rest
+    pressure: Floats  # (T, channels) Pa, set point during the interval that ends at that frame
+    frames: tuple[Floats, ...]  # T clouds (n_t, 3) m, unordered, both faces
+
+    @cached_property
+    def program(self) -> PressureProgram:
+        return program_of(self.time, self.pressure)
+
+
+def read_trial(path: Path, *, size: float | None = None) -> TrialData:
+    """All arrays of a trial. size: the cloth's longer side [m], for the check that the clouds are in metres.
+
+    Raises InputError for a damaged file, a missing array, one of another shape or type, and an empty or odd cloud.
+    """
+    with _arrays(path) as arrays:
+        time, pressure = _time_and_pressure(arrays, path)
+        points, scale, offsets = (arrays.get(name) for name in ("points", "scale", "offsets"))
+    if scale.shape != () or scale.dtype.kind not in "fiu" or not (np.isfinite(scale) and scale > 0):
+        raise InputError(f"{path}: scale has shape {scale.shape}; expected one number above 0, metres per unit")
+    if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
+        raise InputError(f"{path}: points is {_shape(points)}; expected (n, 3) int16 or float")
+    if offsets.shape != (len(time) + 1,) or offsets.dtype.kind not in "iu":
+        raise InputError(f"{path}: offsets is {_shape(offsets)}; expected ({len(time) + 1},) int64, frames and one")
+    if offsets[0] != 0 or offsets[-1] != len(points) or (np.diff(offsets.astype(np.int64)) < 0).any():
+        raise InputError(f"{path}: offsets do not rise from 0 to the number of points, {len(points)}")
+    metres = points.astype(np.float64) * float(scale)
+    frames = tuple(metres[a:b] for a, b in pairwise(offsets))
+    for t, frame in enumerate(frames):
+        require_cloud(frame, f"{path} frame {t}", size=size)
+    return TrialData(time, pressure, frames)
+
+
+def read_trial_pressures(path: Path) -> tuple[Floats, Floats]:
+    """`time` (T,) s and `pressure` (T, channels) Pa of a trial, without its clouds. Raises InputError."""
+    with _arrays(path) as arrays:
+        return _time_and_pressure(arrays, path)
+
+
+def program_of(time: Floats, pressure: Floats) -> PressureProgram:
+    """The program of a trial's arrays: row k holds until time[k], the first from 0."""
+    start = np.concatenate([[0.0], time[:-1]])
+    if len(time) > 1 and time[0] == 0:  # a frame at rest: its row holds for no time
+        start, pressure = start[1:], pressure[1:]
+    return PressureProgram.of_rows(start, pressure, duration=float(time[-1]))
+
+
+def write_trial(data: TrialData, path: Path, *, scale: float = 1e-4) -> None:
+    """Write a trial, its points as int16 in units of `scale` [m]. Raises InputError where they do not fit."""
+    units = np.rint(np.concatenate(data.frames) / scale)
+    if np.abs(units).max() > np.iinfo(np.int16).max:
+        raise InputError(f"{path}: points beyond {np.iinfo(np.int16).max * scale:.3g} m do not fit; take another scale")
+    with new_file(path) as temporary, temporary.open("wb") as stream:
+        np.savez_compressed(
+            stream,
+            time=data.time.astype(np.float64),
+            pressure=(data.pressure / 1e3).astype(np.float32),
+            points=units.astype(np.int16),
+            scale=np.float64(scale),
+            offsets=np.cumsum([0, *(len(frame) for frame in data.frames)], dtype=np.int64),
+        )
+
+
+class _Arrays:
+    def __init__(self, archive: np.lib.npyio.NpzFile, path: Path) -> None:
+        self._archive = archive
+        self._path = path
+
+    def get(self, name: str) -> NDArray[np.generic]:
+        if name not in self._archive.files:
+            raise InputError(f"{self._path}: no array {name}; it has {', '.join(self._archive.files) or 'none'}")
+        return np.asarray(self._archive[name])
+
+
+@contextmanager
+def _arrays(path: Path) -> Iterator[_Arrays]:
+    try:
+        with path.open("rb") as stream:
+            archive = np.load(stream, allow_pickle=False)
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise InputError(f"{path}: holds one array; expected an npz with a trial's arrays")
+            yield _Arrays(archive, path)
+    except InputError:
+        raise
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except (OSError, ValueError, EOFError, KeyError, NotImplementedError, zipfile.BadZipFile, zlib.error):
+        raise InputError(f"{path}: is damaged or cut short; expected an npz with a trial's arrays") from None
+
+
+def _time_and_pressure(arrays: _Arrays, path: Path) -> tuple[Floats, Floats]:
+    time, kilopascal = arrays.get("time"), arrays.get("pressure")
+    if time.ndim != 1 or len(time) == 0 or time.dtype.kind not in "fiu":
+        raise InputError(f"{path}: time is {_shape(time)}; expected (T,) float64")
+    seconds = time.astype(np.float64)
+    if not np.isfinite(seconds).all() or seconds[0] < 0 or (np.diff(seconds) <= 0).any():
+        raise InputError(f"{path}: time does not rise from 0 s or later, frame by frame")
+    if kilopascal.ndim != 2 or len(kilopascal) != len(time) or kilopascal.dtype.kind not in "fiu":
+        raise InputError(f"{path}: pressure is {_shape(kilopascal)}; expected ({len(time)}, channels) float32, kPa")
+    # a tenth of a pascal, a thousandth of the regulator's step: takes off what float32 adds
+    pressure = np.round(kilopascal.astype(np.float64) * 1e3, 1)
+    return seconds, pressure
+
+
+def _shape(array: NDArray[np.generic]) -> str:
+    return f"{array.shape} {array.dtype}"
