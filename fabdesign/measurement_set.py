@@ -33,7 +33,7 @@ def read_set(path: Path | str) -> MeasurementSet:
     frame_rate = root.number("frame_rate", None, above=0)
     files = root.table("designs")
     designs = {key: read_design(path.parent / files.text(key)) for key in files.names()}
-    trials = []
+    trials: list[Trial] = []
     for table in root.tables("trials"):
         design_name = table.text("design")
         if design_name not in designs:
@@ -41,6 +41,8 @@ def read_set(path: Path | str) -> MeasurementSet:
         file = path.parent / table.text("file")
         if not file.is_file():
             raise InputError(f"{table.where}: file {file} is not there")
+        if any(file.name == trial.file.name for trial in trials):
+            raise InputError(f"{table.where}: file name {file.name} is taken by another trial")
         role: Role = table.text("role", choices=("fit", "test"))
         trials.append(Trial(file, design_name, designs[design_name], table.integer("order"), role))
         table.finish()

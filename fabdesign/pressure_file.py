@@ -62,7 +62,7 @@ def _read(spec: str | Path) -> PressureProgram:
         return program_of(*read_trial_pressures(path))
     if isinstance(spec, str) and path.suffix != ".csv" and not path.exists() and _CONSTANT.fullmatch(spec):
         return _read_constant(spec)
-    return _read_csv(path)
+    return read_csv(path)
 
 
 def _read_constant(spec: str) -> PressureProgram:
@@ -73,7 +73,8 @@ def _read_constant(spec: str) -> PressureProgram:
     return constant_program(row)
 
 
-def _read_csv(path: Path) -> PressureProgram:
+def read_csv(path: Path) -> PressureProgram:
+    """The program of a pressure CSV, not yet checked against a design. Raises InputError."""
     header, rows = read_rows(path)
     expected = ["time_s", *(f"channel_{i}" for i in range(len(header) - 1))]
     if header != expected:
@@ -83,6 +84,8 @@ def _read_csv(path: Path) -> PressureProgram:
         cells = [decimal(cell, path, line, name) for cell, name in zip(row, header, strict=True)]
         time.append(float(cells[0]))
         pressure.append([pascals(cell) for cell in cells[1:]])
+        if min(pressure[-1], default=0.0) < 0:
+            raise InputError(f"{path} line {line}: a pressure below 0; expected kPa from 0")
         if len(time) == 1 and time[0] != 0:
             raise InputError(f"{path} line {line}: time_s = {time[0]:g}; expected the first row at 0")
         if len(time) > 1 and time[-1] <= time[-2]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +92,7 @@ class _Arrays:
         self._archive = archive
         self._path = path
 
-    def get(self, name: str) -> NDArray[np.generic]:
+    def get(self, name: str) -> NDArray[Any]:
         if name not in self._archive.files:
             raise InputError(f"{self._path}: no array {name}; it has {', '.join(self._archive.files) or 'none'}")
         return np.asarray(self._archive[name])

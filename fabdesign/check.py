@@ -1,0 +1,67 @@
+"""Is a file, set or recording sound? Every problem in one line."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+from fabdesign.bench_table_file import read_bench_table
+from fabdesign.design_file import read_design
+from fabdesign.errors import InputError
+from fabdesign.measurement_set import read_set
+from fabdesign.model_file import read_model
+from fabdesign.pressure_file import read_csv
+from fabdesign.table import format_of, nearest, read_text
+from fabdesign.trial_file import read_trial
+
+_SETS = "fabdesign.measurement-set/1"
+# by the `format` line of a TOML file; what has none goes by its name
+_READERS: Mapping[str, Callable[[Path], object]] = {
+    "fabdesign.design/1": read_design,
+    "fabdesign.model/1": read_model,
+    _SETS: read_set,
+    "trial": read_trial,
+    "pressures": read_csv,
+    "bench table": read_bench_table,
+}
+_FOLDERS = ("set.toml", "model.toml")
+
+
+def problems(path: Path) -> list[str]:
+    """What is wrong with a file or folder, a line each; empty where it is sound. Of a set every trial is read."""
+    try:
+        if path.is_dir():
+            path = _main_file(path)
+        kind = _kind(path)
+        _READERS[kind](path)
+        return _unsound_trials(path) if kind == _SETS else []
+    except InputError as error:
+        return [str(error)]
+
+
+def _main_file(folder: Path) -> Path:
+    for name in _FOLDERS:
+        if (folder / name).is_file():
+            return folder / name
+    raise InputError(f"{folder}: a folder without {' or '.join(_FOLDERS)}")
+
+
+def _kind(path: Path) -> str:
+    if path.suffix == ".npz":
+        return "trial"
+    if path.suffix == ".csv":
+        return "bench table" if read_text(path).startswith("pressure_kpa") else "pressures"
+    form = format_of(path)
+    known = [kind for kind in _READERS if "/" in kind]
+    if form not in known:
+        shown = "no format line" if form is None else f'format is "{form}"'
+        raise InputError(f"{path}: {shown}; expected one of {', '.join(known)}{nearest(form or '', known)}")
+    return form
+
+
+def _unsound_trials(path: Path) -> list[str]:
+    found = []
+    for trial in read_set(path).trials:
+        try:
+            trial.load()
+        except InputError as error:
+            found.append(str(error))
+    return found

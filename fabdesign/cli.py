@@ -1,0 +1,183 @@
+"""The command line. Each command parses, calls one function and prints; heavy imports stay inside the commands."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from fabdesign.errors import InputError, SimulationError
+
+_FILE = click.Path(path_type=Path)
+_as_json = click.option("--json", "as_json", is_flag=True, help="Print a machine-readable result.")
+
+
+def main() -> None:
+    """Run the command line: exit 0 on success, 2 on bad input and 1 on other failures, each with one line."""
+    try:
+        commands.main(prog_name="fabdesign", standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        error.show()
+        sys.exit(2)
+    except click.ClickException as error:
+        _fail(error.format_message(), error.exit_code)
+    except InputError as error:
+        _fail(str(error), 2)
+    except SimulationError as error:
+        _fail(str(error), 1)
+    except click.exceptions.Abort:
+        _fail("interrupted", 130)
+
+
+def _fail(message: str, code: int) -> None:
+    click.echo(f"fabdesign: {' '.join(message.split())}", err=True)
+    sys.exit(code)
+
+
+def _report(result: dict[str, Any], text: str, as_json: bool) -> None:
+    click.echo(json.dumps(result) if as_json else text)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="fabdesign")
+def commands() -> None:
+    """Design fabric actuators: a cloth with McKibben muscles laced through it.
+
+    Files and options are in metres, seconds, newtons and kPa; errors are shown in millimetres.
+    """
+
+
+@commands.command()
+@click.argument("layout")
+@click.option("-o", "--output", type=_FILE, required=True, help="The design file to write (TOML).")
+@click.option("--name", help="The design's name; the layout's by default.")
+@click.option("--width", type=float, help="Of the cloth, m.")
+@click.option("--height", type=float, help="Of the cloth, m.")
+@click.option("--muscles", type=int, help="How many.")
+@click.option("--pitch", type=float, default=0.02, show_default=True, help="Of the fixed points, m.")
+@_as_json
+def new(
+    layout: str,
+    output: Path,
+    name: str | None,
+    width: float | None,
+    height: float | None,
+    muscles: int | None,
+    pitch: float,
+    as_json: bool,
+) -> None:
+    """Write a catalogue LAYOUT (basic, side, cross, vertical) as a design file."""
+    from fabdesign.catalogue import build
+    from fabdesign.design_file import write_design
+
+    design = build(layout, width=width, height=height, muscles=muscles, fixed_point_pitch=pitch, name=name)
+    write_design(design, output)
+    result = {"design": str(output), "muscles": len(design.muscles), "channels": design.channels}
+    _report(result, f"{output}: {layout}, {len(design.muscles)} muscles on {design.channels} channels", as_json)
+
+
+@commands.command()
+@click.argument("files", nargs=-1, required=True, type=_FILE)
+@_as_json
+def check(files: tuple[Path, ...], as_json: bool) -> None:
+    """Say whether FILES are sound: designs, trials, sets, pressures, bench tables, models."""
+    from fabdesign.check import problems
+
+    found = {str(file): problems(file) for file in files}
+    if as_json:
+        click.echo(
+            json.dumps({"files": {name: {"sound": not lines, "problems": lines} for name, lines in found.items()}})
+        )
+    for name, lines in found.items():
+        for line in lines:
+            click.echo(f"fabdesign: {line}", err=True)
+        if not lines and not as_json:
+            click.echo(f"{name}: sound")
+    if any(found.values()):
+        sys.exit(2)
+
+
+@commands.command()
+@click.argument("design", type=_FILE)
+@click.option("-o", "--output", type=_FILE, required=True, help="The folder to write to.")
+@_as_json
+def export(design: Path, output: Path, as_json: bool) -> None:
+    """Write 1:1 sewing templates of a DESIGN (SVG, one a face) and its cut list (CSV)."""
+    from fabdesign.cut_list import write_cut_list
+    from fabdesign.design_file import read_design
+    from fabdesign.output import new_folder
+    from fabdesign.template import write_template
+
+    loaded = read_design(design)
+    names = [f"{design.stem}_front.svg", f"{design.stem}_back.svg", f"{design.stem}_cut_list.csv"]
+    with new_folder(output) as unfinished:
+        write_template(loaded, "front", unfinished / names[0])
+        write_template(loaded, "back", unfinished / names[1])
+        write_cut_list(loaded, unfinished / names[2])
+    _report({"files": [str(output / name) for name in names]}, "\n".join(str(output / name) for name in names), as_json)
+
+
+@commands.command()
+@click.argument("design", type=_FILE)
+@click.option("--pressures", help='kPa: a CSV, a trial\'s npz, or one constant row such as "400,0,200".')
+@click.option("--model", type=_FILE, help="A model file; the data sheet holds without one.")
+@click.option("--duration", type=float, help="Of the motion, s; the pressures' by default.")
+@click.option("--frame-rate", type=float, default=60.0, show_default=True, help="Hz.")
+@click.option("-o", "--output", type=_FILE, required=True, help="The npz to write: time, points.")
+@_as_json
+def simulate(
+    design: Path,
+    pressures: str | None,
+    model: Path | None,
+    duration: float | None,
+    frame_rate: float,
+    output: Path,
+    as_json: bool,
+) -> None:
+    """Simulate the motion of a DESIGN under given pressures, from rest."""
+    from fabdesign.design_file import read_design
+    from fabdesign.model_file import read_model
+    from fabdesign.output import new_file
+    from fabdesign.pressure_file import constant_program, read_pressures
+    from studies.predict import frame_times, save_motion
+    from studies.predict import simulate as simulate_motion
+
+    loaded = read_design(design)
+    if pressures is None and loaded.channels:
+        raise InputError(f"{design}: has {loaded.channels} channels; expected --pressures for them")
+    program = constant_program([]) if pressures is None else read_pressures(pressures, loaded)
+    times = frame_times(program, duration=duration, frame_rate=frame_rate)
+    fitted = None if model is None else read_model(model)
+    with new_file(output) as unfinished:
+        from sim import Simulator
+
+        points = simulate_motion(Simulator(), loaded, program, times, model=fitted)
+        save_motion(unfinished, times, points)
+    result = {"motion": str(output), "frames": len(times), "points": points.shape[1]}
+    _report(result, f"{output}: {len(times)} frames of {points.shape[1]} points", as_json)
+
+
+@commands.command()
+@click.argument("source", type=_FILE)
+@click.option("--model", type=_FILE, required=True, help="A model file.")
+@click.option("--design", type=_FILE, help="Of a lone trial; a set names its own.")
+@click.option("-o", "--output", type=_FILE, required=True, help="The folder to write to.")
+@_as_json
+def predict(source: Path, model: Path, design: Path | None, output: Path, as_json: bool) -> None:
+    """Predict every trial of a set, or a lone TRIAL.npz, at its own times, as OUTPUT/trials/NAME.npz."""
+    from fabdesign.design_file import read_design
+    from fabdesign.model_file import read_model
+    from studies.predict import predict as predict_trials
+    from studies.predict import trials_of
+
+    fitted = read_model(model)
+    trials = trials_of(source, None if design is None else read_design(design))
+    from sim import Simulator
+
+    def show(done: int) -> None:
+        click.echo(f"predicted {done} of {len(trials)}", err=True)
+
+    predict_trials(Simulator(), fitted, trials, output, progress=show)
+    files = [str(output / "trials" / trial.file.name) for trial in trials]
+    _report({"motions": files}, f"{output / 'trials'}: {len(files)} motions", as_json)

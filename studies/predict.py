@@ -1,0 +1,107 @@
+"""Motions on demand: one design under given pressures, or every trial of a set, as npz files."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.design import Design
+from fabdesign.errors import InputError, SimulationError
+from fabdesign.forward import Case, ForwardModel
+from fabdesign.measurement_set import Trial, read_set
+from fabdesign.model import Model
+from fabdesign.output import new_folder
+from fabdesign.pressure import PressureProgram
+
+FRAME_RATE = 60.0  # Hz, of the paper's cameras
+_AT_ONCE = 32  # motions in memory
+
+
+def frame_times(
+    program: PressureProgram, *, duration: float | None = None, frame_rate: float = FRAME_RATE
+) -> NDArray[np.float64]:
+    """(T,) s: k / frame_rate from rest (k = 0) to `duration` s, by default the program's."""
+    last = program.duration if duration is None else duration
+    if not (frame_rate > 0 and last >= 0):
+        raise InputError(f"duration = {last:g} s at frame rate {frame_rate:g} Hz; expected numbers above 0")
+    return np.arange(int(last * frame_rate + 1e-6) + 1) / frame_rate
+
+
+def simulate(
+    forward: ForwardModel,
+    design: Design,
+    program: PressureProgram,
+    times: NDArray[np.float64],
+    *,
+    model: Model | None = None,
+) -> NDArray[np.float32]:
+    """(T, 2 n, 3) points [m] of one motion (order: `ForwardModel.motions`), without sensing effects.
+
+    Raises InputError for a model that needs what `forward` does not have, SimulationError where the motion diverges.
+    """
+    case = Case(design, program, _factors(model))
+    points = forward.motions([case], [times])[0]
+    _require_finite(points, times, design.name)
+    return points
+
+
+def predict(
+    forward: ForwardModel,
+    model: Model,
+    trials: Sequence[Trial],
+    out: Path,
+    *,
+    progress: Callable[[int], None] = lambda done: None,
+) -> None:
+    """Write `out/trials/NAME.npz` for every trial, at its own times. `progress` is told how many are done.
+
+    Raises InputError and SimulationError; then nothing is written.
+    """
+    factors = _factors(model)
+    with new_folder(out) as unfinished:
+        cases = [Case(trial.design, trial.program, factors) for trial in trials]
+        for first in range(0, len(trials), _AT_ONCE):
+            batch = trials[first : first + _AT_ONCE]
+            times = [trial.times for trial in batch]
+            motions = forward.motions(cases[first : first + _AT_ONCE], times)
+            for trial, at, points in zip(batch, times, motions, strict=True):
+                _require_finite(points, at, str(trial.file))
+                file = unfinished / "trials" / trial.file.name
+                file.parent.mkdir(exist_ok=True)
+                save_motion(file, at, points)
+            progress(first + len(batch))
+
+
+def trials_of(source: Path, design: Design | None) -> tuple[Trial, ...]:
+    """The trials of a set, or the one trial of an npz, which needs its `design`. Raises InputError."""
+    if source.suffix == ".npz":
+        if design is None:
+            raise InputError(f"{source}: a lone trial; expected --design with its design file")
+        return (Trial(source, design.name, design, order=0, role="fit"),)
+    if design is not None:
+        raise InputError(f"{source}: a set names its own designs; expected no --design")
+    return read_set(source).trials
+
+
+def save_motion(path: Path, times: NDArray[np.float64], points: NDArray[np.float32]) -> None:
+    """Write `time` (T,) float64 s and `points` (T, 2 n, 3) float32 m."""
+    with path.open("wb") as stream:
+        np.savez_compressed(stream, time=times.astype(np.float64), points=points.astype(np.float32))
+
+
+def _factors(model: Model | None) -> dict[str, float]:
+    if model is None:
+        return {}
+    if model.effects:
+        names = ", ".join(effect.name for effect in model.effects)
+        raise InputError(f"model: effects {names}; this version simulates models without effects")
+    if model.corrector is not None:
+        raise InputError(f"model: corrector {model.corrector}; this version predicts without a corrector")
+    return model.factors
+
+
+def _require_finite(points: NDArray[np.float32], times: NDArray[np.float64], what: str) -> None:
+    lost = ~np.isfinite(points).all(axis=(1, 2))
+    if lost.any():
+        raise SimulationError(f"{what}: the motion diverged at {times[int(np.argmax(lost))]:.3f} s; nothing written")
