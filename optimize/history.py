@@ -1,0 +1,88 @@
+"""What a search has evaluated, and where it stands, on disk: an interrupted search goes on from its last round."""
+
+import json
+import sqlite3
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+_SCHEMA = """
+create table if not exists study (key text);
+create table if not exists evaluations
+    (number integer primary key, seconds real, stage text, objective real, diverged integer, x text);
+create table if not exists checkpoint
+    (id integer primary key check (id = 0), evaluations integer, seconds real, state text);
+"""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One evaluation: after `seconds` of search, `objective` in m (a penalty where it diverged)."""
+
+    seconds: float
+    stage: str
+    objective: float
+    diverged: bool
+    x: tuple[float, ...]
+
+
+class History:
+    """A SQLite file of one study's evaluations. `key` says which study: another key's content is dropped.
+
+    Opening drops what came after the last checkpoint, so that a search resumed there repeats it identically.
+    """
+
+    def __init__(self, path: Path | str, key: str) -> None:
+        self._file = sqlite3.connect(path)
+        self._file.execute("pragma journal_mode = wal")
+        self._file.executescript(_SCHEMA)
+        if self._file.execute("select key from study").fetchall() != [(key,)]:
+            for table in ("study", "evaluations", "checkpoint"):
+                self._file.execute(f"delete from {table}")
+            self._file.execute("insert into study values (?)", (key,))
+        kept = self._file.execute("select evaluations, seconds from checkpoint").fetchone() or (0, 0.0)
+        self._file.execute("delete from evaluations where number > ?", kept[:1])
+        self._file.commit()
+        self.evaluations: int = kept[0]
+        self.seconds: float = kept[1]
+
+    def add(self, entries: Iterable[Entry]) -> None:
+        rows = []
+        for entry in entries:
+            self.evaluations += 1
+            self.seconds = entry.seconds
+            x = json.dumps(entry.x)
+            rows.append((self.evaluations, entry.seconds, entry.stage, entry.objective, entry.diverged, x))
+        with self._file:
+            self._file.executemany("insert into evaluations values (?, ?, ?, ?, ?, ?)", rows)
+
+    def entries(self) -> list[Entry]:
+        rows = self._file.execute("select seconds, stage, objective, diverged, x from evaluations order by number")
+        return [Entry(s, stage, f, bool(d), tuple(json.loads(x))) for s, stage, f, d, x in rows]
+
+    @property
+    def worst(self) -> float:
+        """Largest objective [m] seen; 0 before the first."""
+        return float(self._file.execute("select max(objective) from evaluations").fetchone()[0] or 0.0)
+
+    def save(self, state: Any, seconds: float) -> None:
+        """Checkpoint: a state that JSON holds exactly."""
+        with self._file:
+            self._file.execute(
+                "insert or replace into checkpoint values (0, ?, ?, ?)", (self.evaluations, seconds, json.dumps(state))
+            )
+
+    def load(self) -> Any:
+        """The last checkpoint's state; None where there is none."""
+        row = self._file.execute("select state from checkpoint").fetchone()
+        return json.loads(row[0]) if row else None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()

@@ -1,0 +1,264 @@
+"""The search: screen many starts, follow the best side by side, finish the best of those on the full model.
+
+Every forward evaluation is part of a batch: the screening, the finite differences of all searches of a round, all
+their trial steps. A round of a search is a linear model of the shape, NLopt's best step on it, and that step tried at
+several lengths at once. Nothing depends on time or order, so that a seed gives one result.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fabdesign.forward import ForwardModel
+from optimize.design_space import DesignSpace, Vector
+from optimize.history import Entry, History
+from optimize.objective import Objective, Shape
+from optimize.step import LinearShape, best_step
+
+Point = tuple[int, Vector]  # the number of the start, for its space, and the vector
+
+BATCH = 32  # designs a forward call: twice the simulator's lanes
+PENALTY = 1.0  # m, for a diverged design, or twice the worst seen: worse than all others, and finite
+STEP_LENGTHS = (1.0, 0.5, 1.6)  # of the proposed step
+FIRST_RADIUS = 0.25
+LEAST_RADIUS = 0.01
+LEAST_GAIN = 5e-6  # m, what the linear model must promise for another round
+DISTINCT = 0.1  # reaches that two searches in one space lie apart, at their widest, if both are followed
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The best `keep` of what came before go on for up to `rounds` rounds each, on this forward model."""
+
+    name: str
+    forward: ForwardModel
+    keep: int
+    rounds: int
+    vary_positions: bool = False
+
+
+@dataclass
+class LocalSearch:
+    """A trust region that moves. `model` is None until its slopes are found."""
+
+    start: int
+    space: DesignSpace
+    x: Vector
+    value: float  # m
+    radius: float = FIRST_RADIUS
+    rounds: int = 0
+    done: bool = False
+    shape: Shape | None = None
+    model: LinearShape | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Best:
+    start: int
+    x: Vector
+    value: float  # m, on the forward model of the stage
+    stage: int
+
+
+class Stop(Exception):
+    """A limit is reached; the text says which."""
+
+
+class Search:
+    """Runs the stages within limits and keeps the best so far in `best`, whatever ends it.
+
+    The first stage screens the starts, (space, vector) each. `seconds` includes the earlier sessions of `history`: the
+    same search on the same history goes on after the last round that was finished, and ends where it would have ended.
+    """
+
+    def __init__(
+        self,
+        objective: Objective,
+        starts: Sequence[tuple[DesignSpace, Vector]],
+        stages: Sequence[Stage],
+        history: History,
+        *,
+        seconds: float,
+        evaluations: int,
+        on_progress: Callable[["Search"], None] = lambda _: None,
+    ) -> None:
+        self.stages, self.history = stages, history
+        self.best: Best | None = None
+        self._objective, self._starts, self._on_progress = objective, starts, on_progress
+        self._seconds, self._evaluations = seconds, evaluations
+        self._began = time.monotonic() - history.seconds
+
+    @property
+    def elapsed(self) -> float:
+        """s spent, earlier sessions of this history included."""
+        return time.monotonic() - self._began
+
+    def best_space(self) -> DesignSpace:
+        """The space of the best vector."""
+        assert self.best is not None
+        return self._space(self.best.start, self.stages[self.best.stage])
+
+    def run(self) -> str:
+        """Why it ended, as a sentence."""
+        try:
+            at, searches = self._load()
+            for number in range(at, len(self.stages)):
+                if number > at or not searches:
+                    searches = self._enter(number, searches or self._screen())
+                    self._save(number, searches)
+                while going := [s for s in searches if not s.done]:
+                    self._round(number, going)
+                    self._save(number, searches)
+        except Stop as stop:
+            return str(stop)
+        except KeyboardInterrupt:
+            return "interrupted; the same command goes on from here"
+        return "converged: no search promises a further gain"
+
+    def _space(self, start: int, stage: Stage) -> DesignSpace:
+        return replace(self._starts[start][0], vary_positions=stage.vary_positions)
+
+    def _screen(self) -> list[LocalSearch]:
+        stage = self.stages[0]
+        spaces = [self._space(i, stage) for i in range(len(self._starts))]
+        xs = [own.encode(*space.decode(x)) for own, (space, x) in zip(spaces, self._starts, strict=True)]
+        values = self._evaluate(0, list(enumerate(xs)))
+        return [LocalSearch(i, spaces[i], xs[i], value, shape=shape) for i, (value, shape) in enumerate(values)]
+
+    def _enter(self, number: int, searches: list[LocalSearch]) -> list[LocalSearch]:
+        """The best go on in the stage's space, valued by its forward model.
+
+        They are distinct, and at most half of them have one count of muscles where there are several: few muscles
+        come near a target soon, more come nearer later.
+        """
+        stage = self.stages[number]
+        kept: list[LocalSearch] = []
+        counts = [len(s.space.design.muscles) for s in searches]
+        most = stage.keep if len(set(counts)) == 1 else (stage.keep + 1) // 2
+        for search in sorted(searches, key=lambda s: s.value):
+            alike = sum(len(k.space.design.muscles) == len(search.space.design.muscles) for k in kept)
+            if len(kept) < stage.keep and alike < most and all(_distinct(search, other) for other in kept):
+                kept.append(search)
+        spaces = [self._space(s.start, stage) for s in kept]
+        xs = [space.encode(*s.space.decode(s.x)) for space, s in zip(spaces, kept, strict=True)]
+        values = self._evaluate(number, [(s.start, x) for s, x in zip(kept, xs, strict=True)])
+        return [
+            LocalSearch(s.start, space, x, value, radius=s.radius, shape=shape, done=stage.rounds == 0)
+            for s, space, x, (value, shape) in zip(kept, spaces, xs, values, strict=True)
+        ]
+
+    def _round(self, number: int, searches: list[LocalSearch]) -> None:
+        self._find_slopes(number, [s for s in searches if s.model is None])
+        trials = [self._trials(search) for search in searches]
+        flat = [(s.start, x) for s, xs in zip(searches, trials, strict=True) for x in xs]
+        results = iter(self._evaluate(number, flat))
+        for search, xs in zip(searches, trials, strict=True):
+            self._accept(search, xs, [next(results) for _ in xs])
+            search.rounds += 1
+            search.done = search.done or search.rounds >= self.stages[number].rounds
+
+    def _find_slopes(self, number: int, searches: list[LocalSearch]) -> None:
+        """Linear models from one-sided finite differences, towards the inside of the box."""
+        lost = [s for s in searches if s.shape is None]  # resumed: a checkpoint holds no shapes
+        for search, (_, shape) in zip(lost, self._evaluate(number, [(s.start, s.x) for s in lost]), strict=True):
+            search.shape = shape
+        steps = [np.where(s.x + s.space.step <= 1.0, s.space.step, -s.space.step) for s in searches]
+        moved = [(s.start, s.x + h * e) for s, h in zip(searches, steps, strict=True) for e in np.eye(len(h))]
+        shapes = iter([shape for _, shape in self._evaluate(number, moved)])
+        for search, step in zip(searches, steps, strict=True):
+            assert search.shape is not None
+            slopes = np.array([(next(shapes) - search.shape) / h for h in step])
+            slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0  # a diverged neighbour says nothing
+            search.model = LinearShape(search.x, search.shape, slopes)
+
+    def _trials(self, search: LocalSearch) -> list[Vector]:
+        """NLopt's best step at several lengths; none where it does not move."""
+        assert search.model is not None
+        step = best_step(search.model, self._objective, search.space, search.radius) - search.x
+        if not np.any(step):
+            return []
+        xs = [np.clip(search.x + length * step, 0.0, 1.0) for length in STEP_LENGTHS]
+        return [xs[0], *(x for x in xs[1:] if search.space.feasible(x))]
+
+    def _accept(self, search: LocalSearch, xs: list[Vector], results: list[tuple[float, Shape]]) -> None:
+        """Move to the best trial if it gains, and widen or narrow the trust region by what the model promised."""
+        if not xs:
+            search.done = True
+            return
+        assert search.model is not None
+        promised = search.value - self._objective.value(search.model.at(xs[0]))
+        value, shape = min(results, key=lambda result: result[0])
+        x = xs[[v for v, _ in results].index(value)]
+        gain = search.value - value
+        if gain > 0:
+            grown = 2.0 if gain > promised / 2 else 1.0
+            search.radius = float(np.clip(grown * _length(x - search.x, search.space), LEAST_RADIUS, 1.0))
+            search.done = gain < LEAST_GAIN
+            search.x, search.value, search.shape, search.model = x, value, shape, None
+        else:
+            search.radius = min(search.radius, _length(xs[0] - search.x, search.space)) / 4
+            search.done = promised < LEAST_GAIN or search.radius < LEAST_RADIUS
+
+    def _evaluate(self, number: int, points: Sequence[Point]) -> list[tuple[float, Shape]]:
+        """Value [m] and shape of every point; each is recorded, and becomes `best` where it is."""
+        results: list[tuple[float, Shape]] = []
+        while len(results) < len(points):
+            left = self._evaluations - self.history.evaluations
+            if left <= 0:
+                raise Stop(f"the limit of {self._evaluations} evaluations is reached")
+            if self.elapsed > self._seconds:
+                raise Stop(f"the limit of {self._seconds:g} s is reached")
+            batch = points[len(results) : len(results) + min(BATCH, left)]
+            results += self._evaluate_batch(number, batch)
+            self._on_progress(self)
+        return results
+
+    def _evaluate_batch(self, number: int, batch: Sequence[Point]) -> list[tuple[float, Shape]]:
+        stage = self.stages[number]
+        spaces = [self._space(start, stage) for start, _ in batch]
+        shapes = self._objective.shapes(stage.forward, [(s, x) for s, (_, x) in zip(spaces, batch, strict=True)])
+        found = [self._objective.value(shape) for shape in shapes]
+        penalty = max(PENALTY, 2 * max([self.history.worst, *(v for v in found if np.isfinite(v))]))
+        values = [v if np.isfinite(v) else penalty for v in found]
+        seconds = self.elapsed
+        self.history.add(
+            Entry(seconds, stage.name, value, not np.isfinite(raw), tuple(map(float, x)))
+            for value, raw, (_, x) in zip(values, found, batch, strict=True)
+        )
+        for value, space, (start, x) in zip(values, spaces, batch, strict=True):
+            known = self.best is not None and self.stages[self.best.stage].forward is stage.forward
+            if space.feasible(x) and not (known and self.best is not None and self.best.value <= value):
+                self.best = Best(start, x.copy(), value, number)
+        return list(zip(values, shapes, strict=True))
+
+    def _save(self, number: int, searches: list[LocalSearch]) -> None:
+        assert self.best is not None
+        best = [self.best.start, self.best.x.tolist(), self.best.value, self.best.stage]
+        rows = [[s.start, s.x.tolist(), s.value, s.radius, s.rounds, s.done] for s in searches]
+        self.history.save({"stage": number, "best": best, "searches": rows}, self.elapsed)
+
+    def _load(self) -> tuple[int, list[LocalSearch]]:
+        state: Any = self.history.load()
+        if state is None:
+            return 0, []
+        start, x, value, at = state["best"]
+        self.best = Best(start, np.array(x), value, at)
+        stage = self.stages[state["stage"]]
+        searches = [
+            LocalSearch(start, self._space(start, stage), np.array(x), value, radius, rounds, done)
+            for start, x, value, radius, rounds, done in state["searches"]
+        ]
+        return state["stage"], searches
+
+
+def _length(step: Vector, space: DesignSpace) -> float:
+    """The step's largest part, in reaches."""
+    return float(np.max(np.abs(step) / space.reach))
+
+
+def _distinct(a: LocalSearch, b: LocalSearch) -> bool:
+    same_layout = a.space.design.muscles == b.space.design.muscles
+    return not same_layout or _length(a.x - b.x, a.space) > DISTINCT

@@ -1,0 +1,99 @@
+"""Where searches begin: pressures that fill their space, and layouts as a designer would draw them."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from fabdesign.design import Design
+from fabdesign.muscle import Muscle
+from optimize.design_space import DesignSpace, Limits, Vector
+
+Side = Literal["front", "back"]
+Start = tuple[DesignSpace, Vector]
+
+TRIES = 200  # draws of a layout before a muscle count counts as too many for the cloth
+PITCH = 0.02  # m, between fixed points, where the design has no muscle to copy it from
+ANGLES = (0.0, np.pi / 2, np.pi / 4, -np.pi / 4)  # of parallel muscles against the v axis; and any angle
+
+
+def pressure_starts(space: DesignSpace, count: int, seed: int) -> list[Start]:
+    """The space's start, and `count` vectors with pressures from a scrambled Sobol sequence, positions unchanged."""
+    first = space.encode(space.design, space.start_pressures)
+    pressures = space.dimension - space.position_count
+    sequence = qmc.Sobol(pressures, rng=np.random.default_rng(seed)).random(count)
+    return [(space, first), *((space, np.concatenate([first[: space.position_count], row])) for row in sequence)]
+
+
+def layout_starts(
+    design: Design, limits: Limits, poses: int, *, counts: range, sides: Sequence[Side], number: int, seed: int
+) -> list[Start]:
+    """Up to `number` layouts on the design's cloth, each with pressures and a channel of its own for every muscle.
+
+    A count comes as often as it is large: there is more to draw. Half are parallel lines (upright, level, diagonal or
+    at any angle), half loose lines; all keep the limits, so that counts that do not fit the cloth are absent.
+    """
+    rng = np.random.default_rng(seed)
+    turns = [n for lowest in range(max(counts), 0, -1) for n in counts if n >= lowest]
+    drawn = [_draw(design, limits, poses, turns[i % len(turns)], sides, rng) for i in range(number)]
+    return [start for start in drawn if start is not None]
+
+
+def _draw(
+    design: Design, limits: Limits, poses: int, count: int, sides: Sequence[Side], rng: Generator
+) -> Start | None:
+    pitch = design.muscles[0].fixed_point_pitch if design.muscles else PITCH
+    for _ in range(TRIES):
+        lines = _parallel(design, limits, count, rng) if rng.random() < 0.5 else _loose(design, limits, count, rng)
+        muscles = tuple(
+            Muscle(
+                type=str(rng.choice(list(design.muscle_types))),
+                side=sides[int(rng.integers(len(sides)))],
+                channel=channel,
+                path=((float(a[0]), float(a[1])), (float(b[0]), float(b[1]))),
+                fixed_point_pitch=pitch,
+            )
+            for channel, (a, b) in enumerate(lines)
+        )
+        pressures = rng.uniform(*limits.pressure, (poses, count))
+        space = DesignSpace(replace(design, muscles=muscles), limits, pressures, vary_positions=True)
+        x = space.encode(space.design, pressures)
+        if space.feasible(x):
+            return space, x
+    return None
+
+
+def _parallel(design: Design, limits: Limits, count: int, rng: Generator) -> NDArray[np.float64]:
+    """(count, 2, 2) even lines through the cloth, shortened by up to half."""
+    angle = rng.choice(ANGLES) if rng.random() < 0.7 else rng.uniform(-np.pi / 2, np.pi / 2)
+    along, across = np.array([np.sin(angle), np.cos(angle)]), np.array([np.cos(angle), -np.sin(angle)])
+    low, high = _box(design, limits)
+    middle, extent = (low + high) / 2, float(np.abs(across) @ (high - low))
+    gaps = (np.arange(count) + rng.uniform(0.2, 0.8, count)) / count - 0.5
+    lines = [_clipped(middle + gap * extent * across, along, low, high) for gap in gaps]
+    kept = rng.uniform(0.5, 1.0)
+    shift = rng.uniform(0.0, 1.0 - kept)
+    return np.array([[a + shift * (b - a), a + (shift + kept) * (b - a)] for a, b in lines])
+
+
+def _loose(design: Design, limits: Limits, count: int, rng: Generator) -> NDArray[np.float64]:
+    """(count, 2, 2) lines between points drawn evenly over the cloth."""
+    return rng.uniform(*_box(design, limits), (count, 2, 2))
+
+
+def _box(design: Design, limits: Limits) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    high = np.array([design.fabric.width, design.fabric.height]) - limits.edge
+    return np.full(2, limits.edge), high
+
+
+def _clipped(
+    point: NDArray[np.float64], along: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The ends of the line through a point of the box, clipped to the box (Liang and Barsky 1984)."""
+    safe = np.where(np.abs(along) < 1e-12, 1e-12, along)
+    borders = np.sort([(low - point) / safe, (high - point) / safe], axis=0)
+    return point + np.max(borders[0]) * along, point + np.min(borders[1]) * along
