@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +13,13 @@ from scipy.spatial import KDTree
 from fabdesign.distances import chamfer
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.pressure import PressureProgram
+from fabdesign.surface import Surface, capped_rms
 from optimize.design_space import DesignSpace, Vector
 
+Measure = Literal["chamfer", "surface_rms"]
 Shape = NDArray[np.float64]  # (poses, 2 n, 3) m: one design under each pose's pressures
-THIN = 2  # a step is chosen on every second point of target and model: a quarter of the cost, the same step
+THIN = 2  # a step is chosen on every second point of a target, and of the model for Chamfer: cheaper, the same step
+CAP = 0.010  # m, of the surface RMS: strays beyond it have no slope
 POINTS_PER_SIDE = 41  # a coarser forward model's faces are interpolated to this many before they are compared
 
 
@@ -29,13 +33,14 @@ class Target:
 
 @dataclass(frozen=True, eq=False)
 class Objective:
-    """Mean over the poses' targets of the Chamfer distance [m]: unsquared, both directions summed.
+    """Mean over the poses' targets of the Chamfer distance [m] (unsquared, both directions summed) or surface RMS [m].
 
     `factors` multiply declared values (fabdesign.forward.PARAMETERS), as a calibrated model has them.
     """
 
     targets: Sequence[Target]
     factors: Mapping[str, float] = field(default_factory=dict)
+    measure: Measure = "chamfer"
 
     def shapes(self, forward: ForwardModel, points: Sequence[tuple[DesignSpace, Vector]]) -> list[Shape]:
         """The shape of each point; a diverged one holds NaN."""
@@ -59,18 +64,19 @@ class Objective:
         """m; NaN where the shape is not finite."""
         if not np.all(np.isfinite(shape)):
             return float("nan")
-        return float(np.mean([chamfer(t.points, pose) for t, pose in zip(self.targets, shape, strict=True)]))
+        distance = chamfer if self.measure == "chamfer" else _surface_rms
+        return float(np.mean([distance(t.points, pose) for t, pose in zip(self.targets, shape, strict=True)]))
+
+    @property
+    def thin(self) -> int:
+        """Stride through a shape's points that `gradient` may be given."""
+        return THIN if self.measure == "chamfer" else 1
 
     def gradient(self, shape: Shape) -> tuple[float, Shape]:
         """Value [m] against every THIN-th target point, and its derivative by each coordinate (neighbours held)."""
-        values, slopes = zip(
-            *(_chamfer_gradient(t, pose) for t, pose in zip(self._trees, shape, strict=True)), strict=True
-        )
-        return float(np.mean(values)), np.array(slopes) / len(values)
-
-    @property
-    def _trees(self) -> list[KDTree]:
-        return [_tree(t) for t in self.targets]
+        slope = _chamfer_gradient if self.measure == "chamfer" else _surface_gradient
+        found = [slope(_tree(t), pose) for t, pose in zip(self.targets, shape, strict=True)]
+        return float(np.mean([value for value, _ in found])), np.array([s for _, s in found]) / len(found)
 
 
 @lru_cache(maxsize=64)
@@ -87,6 +93,22 @@ def _chamfer_gradient(target: KDTree, model: NDArray[np.float64]) -> tuple[float
     for axis in range(3):
         slope[:, axis] += np.bincount(nearest_model, pull[:, axis], len(model))
     return float(to_target.mean() + to_model.mean()), slope
+
+
+def _surface_rms(measured: NDArray[np.float64], model: NDArray[np.float64]) -> float:
+    return capped_rms(Surface.of_faces(model).nearest(measured).distance)
+
+
+def _surface_gradient(target: KDTree, model: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    measured, surface = np.asarray(target.data), Surface.of_faces(model)
+    near = surface.nearest(measured)
+    value = capped_rms(near.distance)
+    corners = surface.triangles[near.triangle]  # (n, 3)
+    pull = np.einsum("nk,nkd->nd", near.weights, model[corners]) - measured
+    pull[near.distance >= CAP] = 0.0
+    shares = (near.weights[:, :, None] * pull[:, None, :] / (len(measured) * max(value, 1e-12))).reshape(-1, 3)
+    columns = [np.bincount(corners.ravel(), shares[:, axis], len(model)) for axis in range(3)]
+    return value, np.stack(columns, axis=1)
 
 
 def _refined(cloud: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optimize.design_space import DesignSpace, Vector
-from optimize.objective import THIN, Objective, Shape
+from optimize.objective import Objective, Shape
 
 EVALUATIONS = 60  # of the linear model; the objective there is kinked, so that the last digits are not worth more
 LEAST_GAIN = 1e-6  # m
@@ -36,7 +36,7 @@ def best_step(model: LinearShape, objective: Objective, space: DesignSpace, radi
     """The best feasible point of the linear model within `radius` reaches of its centre (the centre, if none is)."""
     reach = radius * space.reach
     lower, upper = np.maximum(0.0, model.centre - reach), np.minimum(1.0, model.centre + reach)
-    thin = LinearShape(model.centre, model.shape[:, ::THIN], model.slopes[:, :, ::THIN])
+    thin = LinearShape(model.centre, model.shape[:, :: objective.thin], model.slopes[:, :, :: objective.thin])
     best_x, best_value = model.centre, np.inf
     if space.feasible(model.centre):
         best_value = objective.gradient(thin.shape)[0]

@@ -1,0 +1,180 @@
+"""Study files: `fabdesign.study/1`, what a person asks of a search."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.design import Design
+from fabdesign.design_file import read_design
+from fabdesign.errors import InputError
+from fabdesign.model import Model
+from fabdesign.model_file import read_model
+from fabdesign.pressure import LARGEST, limits
+from fabdesign.table import Table, load_toml, pascals
+
+FORMAT = "fabdesign.study/1"
+KINDS = ("optimize", "sensitivity", "layouts", "unseen")
+Side = Literal["front", "back"]
+Measure = Literal["chamfer", "surface_rms"]
+HIGHEST = 400e3  # Pa, of the pressures searched where the study does not say
+
+
+@dataclass(frozen=True)
+class TargetFile:
+    """A trial's npz with the frame that counts, or a PLY cloud or mesh (its frame is not used)."""
+
+    file: Path
+    frame: int = -1
+
+
+@dataclass(frozen=True)
+class MuscleChoice:
+    """How many muscles a layout may have, and on which faces."""
+
+    least: int
+    most: int
+    sides: tuple[Side, ...] = ("front", "back")
+
+
+@dataclass(frozen=True)
+class StudyLimits:
+    pressure: tuple[float, float] = (0.0, HIGHEST)  # Pa
+    spacing: float = 0.006  # m, between muscles on one face
+    edge: float = 0.005  # m, between a muscle's corner points and the cloth's edge
+    seconds: float = 600.0  # of search
+    evaluations: int = 20_000
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A search for the design and pressures that come closest to one target, or to several with one layout.
+
+    `start_pressures` (channels,) Pa is where the search begins, and what holds where pressures do not vary; None: the
+    middle of the limits.
+    """
+
+    name: str
+    design: Design
+    targets: tuple[TargetFile, ...]
+    model: Model | None = None
+    seed: int = 1
+    pressures: bool = True
+    positions: bool = False
+    muscles: MuscleChoice | None = None
+    limits: StudyLimits = StudyLimits()
+    objective: Measure = "chamfer"
+    start_pressures: NDArray[np.float64] | None = None
+
+
+def read_study(path: Path | str) -> Study:
+    """Read a study of kind "optimize" with the design and model that it names; targets are opened when it runs.
+
+    Beyond formats.md: `objective = "chamfer"` or `"surface_rms"`; `start_pressures = [kPa, ...]`; `edge` in [limits],
+    m. `positions` is true by default where `muscles` is there. Paths are relative to the file. Raises InputError.
+    """
+    path = Path(path)
+    root = load_toml(path, FORMAT, partial=True)
+    kind = root.text("kind", choices=KINDS)
+    if kind != "optimize":
+        raise root.bad("kind", '"optimize", the kind that this command runs')
+    design = read_design(path.parent / root.text("design"))
+    model_name = root.text("model", None)
+    model = None if model_name is None else read_model(path.parent / model_name)
+    targets = _targets(root, path)
+    variables = root.table("variables", None) or Table({}, f"{path}: variables")
+    choice = _choice(variables)
+    pressures, positions = variables.flag("pressures", True), variables.flag("positions", choice is not None)
+    variables.finish()
+    study = Study(
+        name=root.text("name", path.stem),
+        design=design,
+        targets=targets,
+        model=model,
+        seed=root.integer("seed", 1, least=0),
+        pressures=pressures,
+        positions=positions,
+        muscles=choice,
+        limits=_limits(root, path, design),
+        objective=root.text("objective", "chamfer", choices=("chamfer", "surface_rms")),
+        start_pressures=_start_pressures(root, design),
+    )
+    root.finish()
+    require_searchable(study, str(path))
+    return study
+
+
+def require_searchable(study: Study, where: str) -> None:
+    """Raise InputError unless there is something to vary."""
+    name = study.design.name
+    if study.muscles is None and not study.design.muscles:
+        raise InputError(f"{where}: design {name} has no muscles; expected some, or muscles = {{ max = N }}")
+    if study.muscles is not None and not study.design.muscle_types:
+        raise InputError(f"{where}: design {name} has no muscle types; expected one to lay out")
+    if study.muscles is not None and not study.pressures:
+        raise InputError(f"{where}: variables: muscles without pressures; expected pressures = true")
+    if not (study.pressures or study.positions or study.muscles):
+        raise InputError(f"{where}: variables: nothing may change; expected pressures, positions or muscles")
+
+
+def _targets(root: Table, path: Path) -> tuple[TargetFile, ...]:
+    single = root.table("target", None)
+    tables = root.tables("targets")
+    if (single is None) == (not tables):
+        raise InputError(f"{path}: expected one [target], or [[targets]] that share one layout")
+    targets = []
+    for table in [single] if single is not None else tables:
+        target = TargetFile(path.parent / table.text("file"), table.integer("frame", -1))
+        table.finish()
+        if not target.file.is_file():
+            raise InputError(f"{table.where}: file {target.file} is not there")
+        targets.append(target)
+    return tuple(targets)
+
+
+def _choice(variables: Table) -> MuscleChoice | None:
+    table = variables.table("muscles", None)
+    if table is None:
+        return None
+    least = table.integer("min", 1, least=1)
+    choice = MuscleChoice(least, table.integer("max", least=least), table.texts("sides", ("front", "back")))
+    if not choice.sides or not set(choice.sides) <= {"front", "back"}:
+        raise table.bad("sides", '"front", "back" or both')
+    table.finish()
+    return choice
+
+
+def _limits(root: Table, path: Path, design: Design) -> StudyLimits:
+    table = root.table("limits", None) or Table({}, f"{path}: limits")
+    default = StudyLimits()
+    most = min([*limits(design), *(t.max_pressure or LARGEST for t in design.muscle_types.values())], default=LARGEST)
+    pressure = (0.0, min(HIGHEST, float(most)))
+    if "pressure" in table:
+        low, high = table.numbers("pressure", count=2)
+        if not 0 <= low < high:
+            raise table.bad("pressure", "[lowest, highest] in kPa, from 0")
+        pressure = (pascals(str(low)), pascals(str(high)))
+        if pressure[1] > most:
+            raise table.bad("pressure", f"at most {most / 1e3:g} kPa, the muscles' maximum")
+    found = StudyLimits(
+        pressure=pressure,
+        spacing=table.number("spacing", default.spacing, least=0),
+        edge=table.number("edge", default.edge, least=0),
+        seconds=table.number("seconds", default.seconds, above=0),
+        evaluations=table.integer("evaluations", default.evaluations, least=1),
+    )
+    if 2 * found.edge >= min(design.fabric.width, design.fabric.height):
+        raise table.bad("edge", "less than half the cloth, in m")
+    table.finish()
+    return found
+
+
+def _start_pressures(root: Table, design: Design) -> NDArray[np.float64] | None:
+    values = root.numbers("start_pressures", None)
+    if values is None:
+        return None
+    if len(values) != design.channels or min(values) < 0:
+        raise root.bad("start_pressures", f"{design.channels} pressures in kPa, from 0")
+    return np.array([pascals(str(value)) for value in values])
