@@ -103,19 +103,12 @@ def check(files: tuple[Path, ...], as_json: bool) -> None:
 @click.option("-o", "--output", type=_FILE, required=True, help="The folder to write to.")
 @_as_json
 def export(design: Path, output: Path, as_json: bool) -> None:
-    """Write 1:1 sewing templates of a DESIGN (SVG, one a face) and its cut list (CSV)."""
-    from fabdesign.cut_list import write_cut_list
+    """Write 1:1 sewing templates of a DESIGN (SVG, one a face; DXF with the extra dxf) and its cut list (CSV)."""
     from fabdesign.design_file import read_design
-    from fabdesign.output import new_folder
-    from fabdesign.template import write_template
+    from fabdesign.export import export_design
 
-    loaded = read_design(design)
-    names = [f"{design.stem}_front.svg", f"{design.stem}_back.svg", f"{design.stem}_cut_list.csv"]
-    with new_folder(output) as unfinished:
-        write_template(loaded, "front", unfinished / names[0])
-        write_template(loaded, "back", unfinished / names[1])
-        write_cut_list(loaded, unfinished / names[2])
-    _report({"files": [str(output / name) for name in names]}, "\n".join(str(output / name) for name in names), as_json)
+    files = [str(file) for file in export_design(read_design(design), output, stem=design.stem)]
+    _report({"files": files}, "\n".join(files), as_json)
 
 
 @commands.command()

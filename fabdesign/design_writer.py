@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import tomlkit
-from tomlkit.items import Array, Item, Table
+from tomlkit.items import Array, Float, Item, Table, Trivia
 
 from fabdesign.bench_table_file import read_bench_table, write_bench_table
 from fabdesign.curve_file import write_membrane_curve
@@ -110,8 +110,8 @@ def _item(value: Any) -> Item:
         array: Array = tomlkit.array()
         array.extend(_item(entry) for entry in value)
         return array
-    text = f"{value:f}" if not isinstance(value, float) else repr(value)
-    return tomlkit.float_(text if "." in text or "e" in text else text + ".0")
+    text = repr(value) if isinstance(value, float) else f"{value:f}"
+    return Float(float(value), Trivia(), text if "." in text or "e" in text else text + ".0")  # with all its digits
 
 
 def _bench_paths(path: Path, name: str, index: int) -> tuple[Path, ...]:

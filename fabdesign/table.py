@@ -37,7 +37,8 @@ class Table:
         if key in self._values:
             return self._values[key]
         if default is _REQUIRED:
-            raise InputError(f"{self.where}: {key} is missing")
+            similar = get_close_matches(key, set(self._values) - self._known, n=1, cutoff=0.85)
+            raise InputError(f"{self.where}: {key} is missing" + "".join(f" (is {word} meant?)" for word in similar))
         return default
 
     def bad(self, key: str, expected: str) -> InputError:

@@ -76,8 +76,11 @@ def _outline(group: ET.Element, design: Design, side: str, width: float, height:
     if edge in ends:
         x1, y1, x2, y2 = ends[edge]
         _line(group, x1, y1, x2, y2, "black", 1.4)
-        at = {"bottom": (width / 2, height + 4), "left": (2.0, 4.0), "right": (width - 20, 4.0)}
-        _text(group, *at.get(edge, (width / 2, 4.0)), "hung edge", 2.8)
+        label = _text(group, 0, 0, "hung edge", 2.8)
+        label.set("text-anchor", "middle")
+        turn = {"bottom": "translate({0} {2})", "left": "translate(-2 {1}) rotate(-90)"}
+        turn |= {"top": "translate({0} -1.5)", "right": "translate({3} {1}) rotate(90)"}
+        label.set("transform", turn[edge].format(width / 2, height / 2, height + 4, width + 2))
 
 
 def _muscle(group: ET.Element, muscle: Muscle, number: int, width: float) -> None:
@@ -100,7 +103,9 @@ def _muscle(group: ET.Element, muscle: Muscle, number: int, width: float) -> Non
         _line(group, x - 0.6, y, x + 0.6, y, colour, 0.2)
         _line(group, x, y - 0.6, x, y + 0.6, colour, 0.2)
     x, y = corners[0]
-    _text(group, x + 2, y + 4.5, f"{number}: {muscle.type}, channel {muscle.channel}", 2.6, colour=colour)
+    x = min(max(x, 10.0), max(width * 1e3 - 10.0, 10.0))  # the label stays on the cloth
+    label = _text(group, x, y - 2.2, f"{number} (channel {muscle.channel})", 2.6, colour=colour)
+    label.set("text-anchor", "middle")
 
 
 def _calibration_bar(svg: ET.Element, x: float, y: float) -> None:
@@ -118,6 +123,8 @@ def _line(parent: ET.Element, x1: float, y1: float, x2: float, y2: float, colour
 
 def _text(
     parent: ET.Element, x: float, y: float, words: str, size: float, *, bold: bool = False, colour: str = "black"
-) -> None:
+) -> ET.Element:
     style = {"x": f"{x:.3f}", "y": f"{y:.3f}", "font-size": f"{size:g}", "fill": colour}
-    ET.SubElement(parent, "text", {**style, **({"font-weight": "bold"} if bold else {})}).text = words
+    element = ET.SubElement(parent, "text", {**style, **({"font-weight": "bold"} if bold else {})})
+    element.text = words
+    return element

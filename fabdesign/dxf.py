@@ -1,0 +1,34 @@
+"""The layout as a DXF drawing in millimetres, a layer a face, as seen from the front."""
+
+from pathlib import Path
+
+from fabdesign.design import Design
+from fabdesign.output import new_file
+
+
+def write_dxf(design: Design, path: Path) -> None:
+    """Write outline (layer CLOTH), muscle lines, fixed points and channel labels (layers FRONT and BACK).
+
+    x right, y up, origin at the cloth's top left corner. Needs the extra `dxf` (ezdxf).
+    """
+    import ezdxf
+    from ezdxf import units
+
+    drawing = ezdxf.new(setup=True)
+    drawing.units = units.MM
+    for layer, colour in (("CLOTH", 7), ("FRONT", 5), ("BACK", 1)):
+        drawing.layers.add(layer, color=colour)
+    space = drawing.modelspace()
+    width, height = design.fabric.width * 1e3, design.fabric.height * 1e3
+    corners = [(0, 0), (width, 0), (width, -height), (0, -height)]
+    space.add_lwpolyline(corners, close=True, dxfattribs={"layer": "CLOTH"})
+    for number, muscle in enumerate(design.muscles, start=1):
+        layer = {"layer": muscle.side.upper()}
+        space.add_lwpolyline([(u * 1e3, -v * 1e3) for u, v in muscle.path], dxfattribs=layer)
+        for u, v in muscle.fixed_points():
+            space.add_circle((u * 1e3, -v * 1e3), radius=1.2, dxfattribs=layer)
+        u, v = muscle.path[0]
+        label = space.add_text(f"{number} (channel {muscle.channel})", height=2.5, dxfattribs=layer)
+        label.set_placement((u * 1e3, -v * 1e3 + 2))
+    with new_file(path) as unfinished:
+        drawing.saveas(unfinished)

@@ -1,0 +1,71 @@
+"""Model files: what is written is what is read, and bad input."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fabdesign.errors import InputError
+from fabdesign.forward import PARAMETERS
+from fabdesign.model import EffectTerm, Model, Parameter, Provenance, Quantity
+from fabdesign.model_file import read_model, write_model
+
+words = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1, max_size=10)
+numbers = st.floats(-1e6, 1e6)
+intervals = st.tuples(numbers, numbers).map(lambda pair: (min(pair), max(pair)))
+texts = st.dictionaries(words, words, max_size=3)
+lists = st.lists(words, max_size=3).map(tuple)
+
+models = st.builds(
+    Model,
+    parameters=st.dictionaries(
+        st.sampled_from(PARAMETERS), st.builds(Parameter, st.floats(1e-3, 1e3), intervals), max_size=7
+    ),
+    effects=st.lists(
+        st.builds(
+            EffectTerm,
+            name=words,
+            parameters=st.dictionaries(words, st.builds(Quantity, numbers, words, st.none() | intervals), max_size=2),
+        ),
+        max_size=2,
+    ).map(tuple),
+    corrector=st.none(),
+    provenance=st.builds(Provenance, lists, lists, lists, texts, texts, st.none() | st.integers(0, 2**31)),
+)
+
+
+@settings(deadline=None)
+@given(model=models)
+def test_written_model_reads_the_same(model: Model, tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.mktemp("model") / "model.toml"
+    write_model(model, path)
+    assert read_model(path) == model
+
+
+def test_weights_move_with_the_model(tmp_path: Path) -> None:
+    folder = tmp_path / "m"
+    folder.mkdir()
+    (folder / "w.safetensors").write_bytes(b"weights")
+    write_model(Model(corrector=folder / "w.safetensors"), folder / "model.toml")
+    folder.rename(tmp_path / "moved")
+    assert read_model(tmp_path / "moved").corrector == tmp_path / "moved" / "w.safetensors"
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ('format = "fabdesign.model/2"', "fabdesign.model/2"),
+        ('format = "fabdesign.model/1"\n[parameters.bendin]\nfactor = 1', "did you mean bending"),
+        ('format = "fabdesign.model/1"\n[parameters.bending]\nfactor = 0.0', "above 0"),
+        ('format = "fabdesign.model/1"\n[parameters.bending]\nfactor = 1.0', "interval90 is missing"),
+        ('format = "fabdesign.model/1"\n[parameters.bending]\nfactor = 1.0\ninterval90 = [2, 1]', "low, high"),
+        ('format = "fabdesign.model/1"\n[corrector]\nweights = "none"', "is not there"),
+        ('format = "fabdesign.model/1"\n[[effects]]\nname = 3', "a text"),
+        ('format = "fabdesign.model/1"\neffects = 3', r"\[\[effects\]\] tables"),
+    ],
+)
+def test_bad_model_is_one_line(text: str, problem: str, tmp_path: Path) -> None:
+    (tmp_path / "model.toml").write_text(text)
+    with pytest.raises(InputError, match=problem):
+        read_model(tmp_path / "model.toml")

@@ -1,0 +1,127 @@
+"""Pressure programs: the meaning of rows, what is written is what is read, and bad input."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fabdesign.catalogue import build, standard
+from fabdesign.errors import InputError
+from fabdesign.pressure import PressureProgram
+from fabdesign.pressure_file import read_pressures, write_pressures
+from fabdesign.trial_file import program_of
+from studies.predict import frame_times
+
+CROSS = build("cross")
+
+
+@st.composite
+def programs(draw: st.DrawFn) -> PressureProgram:
+    steps = draw(st.lists(st.floats(0.01, 2.0), min_size=0, max_size=5))
+    time = np.concatenate([[0.0], np.cumsum(steps)])
+    row = st.tuples(st.floats(0, 1e6), st.floats(0, 1e6))
+    pressure = np.array([draw(row) for _ in time])
+    return PressureProgram.of_rows(time, pressure, duration=round(float(time[-1]) + draw(st.floats(0.01, 2.0)), 6))
+
+
+@settings(deadline=None)
+@given(program=programs())
+def test_written_program_reads_the_same(program: PressureProgram, tmp_path_factory: pytest.TempPathFactory) -> None:
+    path = tmp_path_factory.mktemp("pressures") / "p.csv"
+    write_pressures(program, path)
+    read = read_pressures(path, CROSS)
+    assert np.array_equal(read.time, program.time)
+    assert np.array_equal(read.pressure, program.pressure)
+    assert read.duration == pytest.approx(program.duration, abs=2e-9)
+
+
+def test_rows_hold_to_the_next_and_the_last_for_one_interval(tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text("time_s,channel_0,channel_1\n0,100,0\n0.5,200,50.5\n0.75,0,0\n")
+    program = read_pressures(tmp_path / "p.csv", CROSS)
+    assert program.duration == 1.0
+    expected = [[1e5, 0], [1e5, 0], [2e5, 50500], [0, 0], [0, 0]]
+    assert program.at(np.array([0, 0.49, 0.5, 0.75, 5])).tolist() == expected
+    assert frame_times(program).tolist() == [k / 60 for k in range(61)]
+    assert frame_times(program, duration=0.5, frame_rate=10).tolist() == [k / 10 for k in range(6)]
+
+
+def test_constant_row_lasts_a_second_and_a_half() -> None:
+    program = read_pressures("400, 0", CROSS)
+    assert program.pressure.tolist() == [[4e5, 0]]
+    assert len(frame_times(program)) == 91
+
+
+def test_row_of_a_trial_holds_until_its_own_time() -> None:
+    time = np.array([0.1, 0.2, 0.3, 0.4])
+    pressure = np.array([[1.0], [1.0], [2.0], [3.0]])
+    program = program_of(time, pressure)
+    # (0, 0.2] 1; (0.2, 0.3] 2; (0.3, 0.4] 3
+    assert program.at(np.array([0.05, 0.15, 0.25, 0.35])).ravel().tolist() == [1, 1, 2, 3]
+    assert program.duration == 0.4
+    assert len(program.time) == 3
+
+
+def test_trial_with_a_frame_at_rest() -> None:
+    program = program_of(np.array([0.0, 0.1, 0.2]), np.array([[9.0], [1.0], [2.0]]))
+    assert program.time.tolist() == [0.0, 0.1]
+    assert program.pressure.ravel().tolist() == [1, 2]
+
+
+def test_trial_as_pressures(data: Path) -> None:
+    program = read_pressures(str(data / "rig_a" / "trials" / "000.npz"), build("basic"))
+    assert program.pressure.tolist() == [[4e5, 3e5, 3e5, 4e5, 2e5, 3e5, 4e5, 1e5]]
+    assert program.duration == 1.5
+
+
+def test_limit_of_a_muscle_type() -> None:
+    kind = replace(CROSS.muscle_types["EM20"], max_pressure=3e5)
+    with pytest.raises(InputError, match="350 kPa; expected at most 300 kPa"):
+        read_pressures("300,350", replace(CROSS, muscle_types={"EM20": kind}))
+
+
+BAD_ROWS = [
+    ("400", "channel 1 has no pressure"),
+    ("400,0,0", "pressures for 3 channels"),
+    ("nan,0", "channel 0 has pressure NaN"),
+    ("0,-1", "channel 1 has pressure -1 kPa"),
+    ("0,1001", "at most 1000 kPa"),
+    ("inf,0", "at most 1000 kPa"),
+    ("400;0", "no such file"),
+    ("400,zero", "no such file, and no row"),
+    ("none.csv", "none.csv: no such file"),
+    ("none.npz", "none.npz: no such file"),
+]
+
+
+@pytest.mark.parametrize(("spec", "problem"), BAD_ROWS)
+def test_bad_row_is_one_line(spec: str, problem: str) -> None:
+    with pytest.raises(InputError, match=problem) as caught:
+        read_pressures(spec, CROSS)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("time_s,channel_0,channel_2\n0,1,2\n", "expected time_s,channel_0,channel_1"),
+        ("time_s,channel_0,channel_1\n0.1,1,2\n", "first row at 0"),
+        ("time_s,channel_0,channel_1\n0,1,2\n0,1,2\n", "does not rise"),
+        ("time_s,channel_0,channel_1\n0,1\n", "line 2: 2 values"),
+        ("time_s,channel_0,channel_1\n0,1,nan\n", "finite"),
+        ("time_s,channel_0,channel_1\n0,1,-2\n", "from 0"),
+        ("time_s,channel_0\n0,1\n", "channel 1 has no pressure"),
+        ("", "is empty"),
+    ],
+)
+def test_bad_csv_is_one_line(text: str, problem: str, tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text(text)
+    with pytest.raises(InputError, match=problem):
+        read_pressures(tmp_path / "p.csv", CROSS)
+
+
+def test_design_without_muscles_has_no_channels() -> None:
+    with pytest.raises(InputError, match="expected 0 channels"):
+        read_pressures("100", standard())

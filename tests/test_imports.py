@@ -1,0 +1,59 @@
+"""Imports go one way, and heavy libraries stay in their places."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT
+
+PACKAGES = ("fabdesign", "sim", "corrector", "optimize", "studies")
+ALLOWED = {
+    "fabdesign": {"fabdesign"},
+    "sim": {"fabdesign", "sim"},
+    "corrector": {"fabdesign", "corrector"},
+    "optimize": {"fabdesign", "optimize"},
+    "studies": set(PACKAGES),
+}
+FILES = [file for package in PACKAGES for file in sorted((ROOT / package).rglob("*.py"))]
+
+
+def imports(file: Path) -> set[str]:
+    """Top-level names of all modules that a file imports, anywhere in it."""
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
+            found.add(node.module.split(".")[0])
+    return found
+
+
+@pytest.mark.parametrize("file", FILES, ids=lambda file: file.relative_to(ROOT).as_posix())
+def test_packages_import_one_way(file: Path) -> None:
+    if file == ROOT / "fabdesign" / "cli.py":
+        return  # the command line may import all, inside its commands
+    package = file.relative_to(ROOT).parts[0]
+    assert imports(file) & set(PACKAGES) <= ALLOWED[package]
+
+
+@pytest.mark.parametrize(("library", "package"), [("taichi", "sim"), ("torch", "corrector"), ("nlopt", "optimize")])
+def test_heavy_libraries_stay_in_one_package(library: str, package: str) -> None:
+    users = {file.relative_to(ROOT).parts[0] for file in FILES if library in imports(file)}
+    assert users <= {package}
+
+
+def test_nlopt_is_imported_by_one_file() -> None:
+    assert len([file for file in FILES if "nlopt" in imports(file)]) <= 1
+
+
+@pytest.mark.parametrize("module", ["fabdesign", "fabdesign.cli", "fabdesign.catalogue", "fabdesign.measurement_set"])
+def test_nouns_load_nothing_heavy(module: str) -> None:
+    script = (
+        f"import sys, {module}; print([m for m in ('taichi', 'torch', 'open3d', 'nlopt', 'scipy.optimize', "
+        "'matplotlib') if m in sys.modules])"
+    )
+    loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert loaded.stdout.strip() == "[]"
