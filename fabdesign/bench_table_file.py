@@ -22,7 +22,7 @@ def read_bench_table(path: Path) -> BenchTable:
         if kpa < 0:
             raise InputError(f"{path} line {line}: pressure_kpa = {kpa}; expected a gauge pressure from 0")
         if shortening >= 1:
-            raise InputError(f"{path} line {line}: contraction = {shortening}; expected 1 - l/l0, below 1 (not percent)")
+            raise InputError(f"{path} line {line}: contraction = {shortening}; expected 1 - l/l0, no percentage")
         pressure.append(pascals(kpa))
         contraction.append(float(shortening))
         force.append(float(tension))

@@ -100,8 +100,11 @@ def build(
     if count < 1:
         raise InputError(f"layout {layout}: muscles = {count}; expected at least 1")
     cloth = fabric or standard().fabric
-    sizes = {"width": width, "height": height}
-    cloth = replace(cloth, **{key: size for key, size in sizes.items() if size is not None})
+    cloth = replace(
+        cloth,
+        width=cloth.width if width is None else width,
+        height=cloth.height if height is None else height,
+    )
     if not (0 < cloth.width <= 10 and 0 < cloth.height <= 10):
         raise InputError(f"layout {layout}: a cloth of {cloth.width:g} by {cloth.height:g} m; expected 0 to 10 m")
     kind = muscle_type or standard().muscle_types["EM20"]

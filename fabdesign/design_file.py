@@ -154,8 +154,7 @@ def _muscle_type(name: str, table: Table, path: Path) -> MuscleType:
 def _muscle(table: Table, fabric: Fabric, types: dict[str, MuscleType]) -> Muscle:
     kind = table.text("type")
     if kind not in types:
-        known = ", ".join(types) or "none"
-        raise InputError(f"{table.where}: type {kind} is not a muscle type here; known: {known}{nearest(kind, [*types])}")
+        raise table.bad("type", f"one of {', '.join(types) or 'none'}{nearest(kind, [*types])}")
     path = table.points("path")
     if len(path) < 2:
         raise table.bad("path", "at least two [u, v] points")
