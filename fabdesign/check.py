@@ -9,14 +9,17 @@ from fabdesign.errors import InputError
 from fabdesign.measurement_set import read_set
 from fabdesign.model_file import read_model
 from fabdesign.pressure_file import read_csv
-from fabdesign.table import format_of, nearest, read_text
+from fabdesign.study_file import read_study
+from fabdesign.table import nearest, parse_toml, read_text
 from fabdesign.trial_file import read_trial
 
+_STUDY = "fabdesign.study/1"  # whose file may leave the line out
 _SETS = "fabdesign.measurement-set/1"
 # by the `format` line of a TOML file; what has none goes by its name
 _READERS: Mapping[str, Callable[[Path], object]] = {
     "fabdesign.design/1": read_design,
     "fabdesign.model/1": read_model,
+    _STUDY: read_study,
     _SETS: read_set,
     "trial": read_trial,
     "pressures": read_csv,
@@ -49,12 +52,13 @@ def _kind(path: Path) -> str:
         return "trial"
     if path.suffix == ".csv":
         return "bench table" if read_text(path).startswith("pressure_kpa") else "pressures"
-    form = format_of(path)
+    root = parse_toml(path)
+    form = root.get("format", _STUDY if "kind" in root else None)
     known = [kind for kind in _READERS if "/" in kind]
     if form not in known:
         shown = "no format line" if form is None else f'format is "{form}"'
-        raise InputError(f"{path}: {shown}; expected one of {', '.join(known)}{nearest(form or '', known)}")
-    return form
+        raise InputError(f"{path}: {shown}; expected one of {', '.join(known)}{nearest(str(form), known)}")
+    return str(form)
 
 
 def _unsound_trials(path: Path) -> list[str]:

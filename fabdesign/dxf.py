@@ -23,12 +23,12 @@ def write_dxf(design: Design, path: Path) -> None:
     corners = [(0, 0), (width, 0), (width, -height), (0, -height)]
     space.add_lwpolyline(corners, close=True, dxfattribs={"layer": "CLOTH"})
     for number, muscle in enumerate(design.muscles, start=1):
-        layer = {"layer": muscle.side.upper()}
-        space.add_lwpolyline([(u * 1e3, -v * 1e3) for u, v in muscle.path], dxfattribs=layer)
+        face = {"layer": muscle.side.upper()}
+        space.add_lwpolyline([(u * 1e3, -v * 1e3) for u, v in muscle.path], dxfattribs=face)
         for u, v in muscle.fixed_points():
-            space.add_circle((u * 1e3, -v * 1e3), radius=1.2, dxfattribs=layer)
+            space.add_circle((u * 1e3, -v * 1e3), radius=1.2, dxfattribs=face)
         u, v = muscle.path[0]
-        label = space.add_text(f"{number} (channel {muscle.channel})", height=2.5, dxfattribs=layer)
+        label = space.add_text(f"{number} (channel {muscle.channel})", height=2.5, dxfattribs=face)
         label.set_placement((u * 1e3, -v * 1e3 + 2))
     with new_file(path) as unfinished:
         drawing.saveas(unfinished)

@@ -162,7 +162,7 @@ class Table:
 
 def load_toml(path: Path, form: str, *, partial: bool = False) -> Table:
     """The root table of a file whose `format` is `form`; with `partial` (an included file) `format` may be absent."""
-    root = Table(_parse(path), str(path))
+    root = Table(parse_toml(path), str(path))
     found = root.text("format", None)
     if found is None and not partial:
         raise InputError(f'{path}: no format line; expected format = "{form}"')
@@ -171,10 +171,12 @@ def load_toml(path: Path, form: str, *, partial: bool = False) -> Table:
     return root
 
 
-def format_of(path: Path) -> str | None:
-    """The `format` line of a TOML file, or None."""
-    found = _parse(path).get("format")
-    return found if isinstance(found, str) else None
+def parse_toml(path: Path) -> dict[str, Any]:
+    """The file as plain values, floats as Decimal; InputError where it is not TOML."""
+    try:
+        return tomllib.loads(read_text(path), parse_float=Decimal)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: is not sound TOML: {' '.join(str(error).split())}") from None
 
 
 def nearest(word: str, known: Sequence[str]) -> str:
@@ -203,13 +205,6 @@ def pascals(kilopascals: Decimal | int | str) -> float:
 def kilopascals(pressure: float) -> Decimal:
     """kPa from Pa, exactly the digits that `pascals` turns back into the same float."""
     return Decimal(repr(float(pressure))).scaleb(-3)
-
-
-def _parse(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(read_text(path), parse_float=Decimal)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: is not sound TOML: {' '.join(str(error).split())}") from None
 
 
 def _number(value: Any) -> float | None:
