@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from fabdesign import __version__
 from fabdesign.errors import InputError, SimulationError
 
 _FILE = click.Path(path_type=Path)
@@ -40,7 +41,7 @@ def _report(result: dict[str, Any], text: str, as_json: bool) -> None:
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="fabdesign")
+@click.version_option(__version__)
 def commands() -> None:
     """Design fabric actuators: a cloth with McKibben muscles laced through it.
 
@@ -174,3 +175,21 @@ def predict(source: Path, model: Path, design: Path | None, output: Path, as_jso
     predict_trials(Simulator(), fitted, trials, output, progress=show)
     files = [str(output / "trials" / trial.file.name) for trial in trials]
     _report({"motions": files}, f"{output / 'trials'}: {len(files)} motions", as_json)
+
+
+@commands.command()
+@click.argument("study", type=_FILE)
+@click.option("-o", "--output", type=_FILE, required=True, help="The folder to write to; an interrupted search goes on.")
+@_as_json
+def optimize(study: Path, output: Path, as_json: bool) -> None:
+    """Find the layout and pressures that come closest to the target of a STUDY (TOML). Ctrl-C ends with the best."""
+    from studies.layouts import run_study
+    from studies.progress import LiveLine
+
+    with LiveLine(study.stem) as line:
+        result = run_study(study, output, progress=line.show).as_json()
+    text = (
+        f"{output}: {result['objective_mm']:.3f} mm (Chamfer {result['chamfer']:.3f}, floor "
+        f"{result['chamfer_floor']:.3f}) after {result['evaluations']} evaluations; {result['stop_reason']}"
+    )
+    _report(result, text, as_json)
