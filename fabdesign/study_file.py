@@ -28,6 +28,7 @@ class TargetFile:
 
     file: Path
     frame: int = -1
+    description: str = ""  # where it comes from; by default what its measurement set says
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,8 @@ def read_study(path: Path | str) -> Study:
     """Read a study of kind "optimize" with the design and model that it names; targets are opened when it runs.
 
     Beyond formats.md: `objective = "chamfer"` or `"surface_rms"`; `start_pressures = [kPa, ...]`; `edge` in [limits],
-    m. `positions` is true by default where `muscles` is there. Paths are relative to the file. Raises InputError.
+    m; `description` of a target. `positions` is true by default where `muscles` is there.
+    Paths are relative to the file. Raises InputError.
     """
     path = Path(path)
     root = load_toml(path, FORMAT, partial=True)
@@ -126,7 +128,7 @@ def _targets(root: Table, path: Path) -> tuple[TargetFile, ...]:
         raise InputError(f"{path}: expected one [target], or [[targets]] that share one layout")
     targets = []
     for table in [single] if single is not None else tables:
-        target = TargetFile(path.parent / table.text("file"), table.integer("frame", -1))
+        target = TargetFile(path.parent / table.text("file"), table.integer("frame", -1), table.text("description", ""))
         table.finish()
         if not target.file.is_file():
             raise InputError(f"{table.where}: file {target.file} is not there")

@@ -96,10 +96,11 @@ class Search:
         """s spent, earlier sessions of this history included."""
         return time.monotonic() - self._began
 
-    def best_space(self) -> DesignSpace:
-        """The space of the best vector."""
-        assert self.best is not None
-        return self._space(self.best.start, self.stages[self.best.stage])
+    def best_point(self) -> tuple[DesignSpace, Vector]:
+        """The best so far; before the first evaluation, the first start."""
+        if self.best is None:
+            return self._starts[0]
+        return self._space(self.best.start, self.stages[self.best.stage]), self.best.x
 
     def run(self) -> str:
         """Why it ended, as a sentence."""

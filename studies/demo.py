@@ -1,0 +1,82 @@
+"""The main job on embedded data: a measured cloud becomes pressures for *basic*, then a layout of few muscles."""
+
+from collections.abc import Callable, Sequence
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Any
+
+from fabdesign.catalogue import build
+from fabdesign.forward import ForwardModel
+from fabdesign.output import write_text
+from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
+from optimize.search import Search
+from studies.layouts import forward_models, run_study
+from studies.report import Section, render_report
+from studies.study_result import StudyResult
+
+TARGET = "demo_target.npz"
+SOURCE = "last frame, 1.5 s after rest, of trial 078 of set rig_a, a basic motion measured on a synthetic rig"
+MOST_MUSCLES = 4
+SECONDS = {"basic": 70.0, "free": 130.0}  # of search at most, so that a slow machine ends in five minutes too
+TITLES = {"basic": "basic: pressures of eight muscles", "free": "free: a layout of at most four muscles"}
+
+
+def run_demo(
+    out: Path,
+    *,
+    forward: ForwardModel | None = None,
+    coarse: ForwardModel | None = None,
+    progress: Callable[[str, Search], None] = lambda name, search: None,
+) -> list[StudyResult]:
+    """Run both studies, `basic` and `free`, into folders of these names in `out`, and write `out/report.html`.
+
+    The target's cloth differs from its data sheet, which the simulator uses; the pressures found make up for it.
+    Raises InputError where `out` cannot be written.
+    """
+    fine, quick = forward_models(forward, coarse)
+    results = []
+    with as_file(files("fabdesign") / "data" / TARGET) as target:
+        for study in demo_studies(target):
+            show = _named(progress, study.name)
+            results.append(run_study(study, out / study.name, forward=fine, coarse=quick, progress=show))
+    sections = [Section(TITLES[result.study.name], result) for result in results]
+    write_text(out / "report.html", render_report("A measured shape becomes a layout", sections))
+    return results
+
+
+def demo_studies(target: Path) -> list[Study]:
+    """Pressures for the catalogue's *basic* layout, and layout and pressures of at most four muscles."""
+    cloud = (TargetFile(target, description=SOURCE),)
+    basic = build("basic")
+    return [
+        Study("basic", basic, cloud, limits=StudyLimits(seconds=SECONDS["basic"])),
+        Study(
+            "free",
+            basic,
+            cloud,
+            positions=True,
+            muscles=MuscleChoice(1, MOST_MUSCLES),
+            limits=StudyLimits(seconds=SECONDS["free"]),
+        ),
+    ]
+
+
+def as_json(results: Sequence[StudyResult]) -> dict[str, Any]:
+    """What `demo --json` prints; distances in mm."""
+    keys = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor", "evaluations", "wall_s")
+    found = [(result.study.name, result.as_json()) for result in results]
+    return {"runs": [{"name": name, **{key: values[key] for key in keys}} for name, values in found]}
+
+
+def as_text(results: Sequence[StudyResult]) -> str:
+    """A table for people; distances in mm."""
+    head = f"{'mm':8}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'evaluations':>13}{'seconds':>9}"
+    rows = [f"target: {SOURCE}", head]
+    for run in as_json(results)["runs"]:
+        distances = f"{run['chamfer']:9.2f}{run['chamfer_floor']:8.2f}{run['surface_rms']:13.2f}"
+        rows.append(f"{run['name']:8}{distances}{run['evaluations']:13}{run['wall_s']:9.0f}")
+    return "\n".join(rows)
+
+
+def _named(progress: Callable[[str, Search], None], name: str) -> Callable[[Search], None]:
+    return lambda search: progress(name, search)

@@ -1,0 +1,145 @@
+"""Figures of a study's result as plotly's JSON: the overlay in 3D and the convergence curve."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.distances import nearest_distances
+from fabdesign.muscle import Muscle
+from fabdesign.surface import face_triangles
+from studies.study_result import StudyResult
+
+SHOWN = 2000  # target points drawn: enough to see the shape through
+FAR = 8.0  # mm, end of the colour scale
+SCALE = [[0.0, "#dbe7f3"], [0.3, "#dbe7f3"], [0.6, "#fdae61"], [1.0, "#b40426"]]  # up to 2.4 mm is sampling alone
+TICKS = [1, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 50, 100, 200, 500, 1000]  # mm
+LEGEND = {"orientation": "h", "x": 0, "y": 0, "yanchor": "top", "font": {"size": 11}}
+FRONT, BACK, TARGET = "#b2182b", "#2166ac", "#222222"
+
+
+def scene_figure(result: StudyResult, pose: int) -> dict[str, Any]:
+    """Target cloud over the result's faces, coloured by their distance to the cloud, with the muscles on them."""
+    points, target = result.points[pose], result.targets[pose].points
+    far = 1e3 * nearest_distances(points, target)
+    traces = [
+        {
+            "type": "scatter3d",
+            "mode": "markers",
+            "name": "target",
+            "marker": {"size": 1.6, "color": TARGET},
+            "hoverinfo": "skip",
+            **_axes(target[:: max(1, len(target) // SHOWN)]),
+        },
+        {
+            **_mesh(points),
+            "name": "result",
+            "intensity": _rounded(far, 2),
+            "colorscale": SCALE,
+            "cmin": 0,
+            "cmax": FAR,
+            "opacity": 0.85,
+            "colorbar": {"title": {"text": "mm to the nearest<br>target point"}, "thickness": 12, "len": 0.5, "x": 1.0},
+            "hovertemplate": "%{intensity:.1f} mm<extra>result</extra>",
+        },
+        {**_mesh(result.rest), "name": "cloth at rest", "color": "#b8c2cc", "opacity": 0.35, "visible": "legendonly"},
+    ]
+    for number, muscle in enumerate(result.design.muscles, start=1):
+        pressure = result.pressures[pose][muscle.channel] / 1e3
+        traces.append(
+            {
+                "type": "scatter3d",
+                "mode": "lines",
+                "name": f"muscle {number}, {muscle.side}: {pressure:.0f} kPa",
+                "line": {"width": 7, "color": FRONT if muscle.side == "front" else BACK},
+                "hoverinfo": "name",
+                **_axes(_on_cloth(muscle, points, result)),
+            }
+        )
+    axis = {"title": {"text": ""}, "showbackground": False, "gridcolor": "#e3e7ec", "tickformat": ".2f"}
+    scene = {
+        "aspectmode": "data",
+        **{f"{a}axis": {**axis, "title": {"text": f"{a}, m"}} for a in "xyz"},
+        "camera": {"up": {"x": 0, "y": 1, "z": 0}, "eye": {"x": 1.5, "y": 0.45, "z": 1.65}},
+    }
+    return {
+        "data": traces,
+        "layout": {"scene": scene, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}, "legend": LEGEND},
+    }
+
+
+def convergence_figure(result: StudyResult) -> dict[str, Any]:
+    """Every evaluation and the best so far, by stage, with the floor."""
+    entries = result.history
+    if not entries:
+        return {"data": [], "layout": {}}
+    values = 1e3 * np.array([entry.objective for entry in entries])
+    numbers = np.arange(1, len(entries) + 1)
+    shown = np.array([not entry.diverged for entry in entries])
+    stages = list(dict.fromkeys(entry.stage for entry in entries))
+    traces: list[dict[str, Any]] = [
+        {
+            "mode": "markers",
+            "name": "evaluations",
+            "marker": {"size": 3, "color": "#9aa5b1"},
+            "x": numbers[shown].tolist(),
+            "y": _rounded(values[shown], 3),
+        }
+    ]
+    for stage in stages:
+        own = np.array([entry.stage == stage for entry in entries])
+        best = np.minimum.accumulate(values[own])
+        traces.append({"mode": "lines", "name": stage, "x": numbers[own].tolist(), "y": _rounded(best, 3)})
+    chamfer = result.study.objective == "chamfer"
+    floor = 1e3 * (result.errors.chamfer_floor if chamfer else result.errors.surface_floor)
+    traces.append(
+        {
+            "mode": "lines",
+            "name": "floor",
+            "line": {"dash": "dash", "color": "#1c2430"},
+            "x": [1, len(entries)],
+            "y": [floor, floor],
+        }
+    )
+    layout = {
+        "xaxis": {"title": {"text": "evaluation"}},
+        "yaxis": {
+            "title": {"text": f"{'Chamfer' if chamfer else 'surface RMS'}, mm"},
+            "type": "log",
+            "tickvals": TICKS,
+        },
+        "margin": {"l": 55, "r": 10, "t": 10, "b": 0},
+        "legend": LEGEND | {"y": -0.2},
+    }
+    return {"data": traces, "layout": layout}
+
+
+def _mesh(points: NDArray[np.float64]) -> dict[str, Any]:
+    side = round(np.sqrt(len(points) / 2))
+    corners = face_triangles(side, side)
+    ends = {name: corners[:, k].tolist() for k, name in enumerate("ijk")}
+    return {"type": "mesh3d", **_axes(points), **ends, "showlegend": True, "flatshading": False}
+
+
+def _axes(points: NDArray[np.float64]) -> dict[str, list[float]]:
+    return {axis: _rounded(points[:, k], 5) for k, axis in enumerate("xyz")}
+
+
+def _rounded(values: NDArray[np.float64], digits: int) -> list[float]:
+    return [round(float(value), digits) for value in values]
+
+
+def _on_cloth(muscle: Muscle, points: NDArray[np.float64], result: StudyResult) -> NDArray[np.float64]:
+    """(n, 3) m: the muscle's fixed points on its face of the deformed cloth, by bilinear interpolation."""
+    side = round(np.sqrt(len(points) / 2))
+    faces = points.reshape(2, side, side, 3)
+    fabric = result.design.fabric
+    places = muscle.fixed_points() / [fabric.width, fabric.height] * (side - 1)
+    low = np.clip(places.astype(int), 0, side - 2)
+    (s, t), (i, j) = (places - low).T[..., None], low.T
+    outer = faces[0 if muscle.side == "front" else 1]
+    upper = outer[j, i] * (1 - s) + outer[j, i + 1] * s
+    lower = outer[j + 1, i] * (1 - s) + outer[j + 1, i + 1] * s
+    lifted = upper * (1 - t) + lower * t
+    middle = faces.mean(axis=0)[j, i]
+    return np.asarray(lifted + 0.6 * (lifted - middle))  # off the face, where the eye sees it

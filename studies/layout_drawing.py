@@ -1,0 +1,49 @@
+"""A layout drawn flat, one face beside the other, as SVG."""
+
+from html import escape
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.design import Design
+
+SCALE = 1000.0  # drawing units a metre
+GAP, TOP = 30.0, 26.0
+LEAST, MOST = np.array([198, 219, 239]), np.array([203, 24, 29])  # colours of no pressure and of the highest
+
+
+def pressure_colour(share: float) -> str:
+    """CSS colour of a share of the highest pressure, through a middle that is neither."""
+    middle = np.array([253, 174, 97])
+    a, b, t = (LEAST, middle, 2 * share) if share < 0.5 else (middle, MOST, 2 * share - 1)
+    r, g, b_ = (a + np.clip(t, 0, 1) * (b - a)).astype(int)
+    return f"rgb({r},{g},{b_})"
+
+
+def layout_svg(design: Design, pressures: NDArray[np.float64], highest: float) -> str:
+    """Both faces as seen from the front. pressures (channels,) Pa; `highest` Pa has the strongest colour."""
+    width, height = design.fabric.width * SCALE, design.fabric.height * SCALE
+    parts = []
+    for panel, side in enumerate(("front", "back")):
+        parts.append(f'<g transform="translate({panel * (width + GAP)},{TOP})">')
+        parts.append(f'<text x="0" y="-8" class="face">{side}{", seen through the cloth" if panel else ""}</text>')
+        parts.append(f'<rect width="{width:.1f}" height="{height:.1f}" class="cloth"/>')
+        parts.append(f'<line x1="0" y1="0" x2="{width:.1f}" y2="0" class="hung"/>')
+        for number, muscle in enumerate(design.muscles, start=1):
+            if muscle.side == side:
+                parts += _muscle(number, np.array(muscle.path) * SCALE, pressures[muscle.channel], highest)
+        parts.append("</g>")
+    box = f"-4 0 {2 * width + GAP + 8:.1f} {height + TOP + 6:.1f}"
+    return f'<svg viewBox="{box}" class="layout" role="img" aria-label="{escape(design.name)}">{"".join(parts)}</svg>'
+
+
+def _muscle(number: int, path: NDArray[np.float64], pressure: float, highest: float) -> list[str]:
+    points = " ".join(f"{u:.1f},{v:.1f}" for u, v in path)
+    u, v = path[0] + (path[-1] - path[0]) * (0.3 + 0.4 * (number % 2))
+    text = f"{number}: {pressure / 1e3:.0f}"
+    half = 3.4 * len(text)
+    return [
+        f'<polyline points="{points}" class="muscle" stroke="{pressure_colour(pressure / highest)}"/>',
+        f'<rect x="{u - half:.1f}" y="{v - 8:.1f}" width="{2 * half:.1f}" height="15" rx="4" class="label"/>',
+        f'<text x="{u:.1f}" y="{v + 3.5:.1f}" class="pressure">{text}</text>',
+    ]

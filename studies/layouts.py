@@ -1,0 +1,196 @@
+"""A target cloud becomes a layout with pressures: one study from its file to its report."""
+
+import hashlib
+import sqlite3
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from fabdesign.errors import InputError
+from fabdesign.forward import ForwardModel
+from fabdesign.output import write_text
+from fabdesign.study_file import Study, read_study, require_searchable
+from optimize.design_space import DesignSpace, Limits, constraint_margins
+from optimize.history import History
+from optimize.objective import Objective, Target
+from optimize.search import Search, Stage
+from optimize.starts import Start, layout_starts, pressure_starts
+from studies.report import Section, render_report
+from studies.study_result import StudyResult, pressures_kpa, write_best
+from studies.target import LoadedTarget, load_target, target_errors
+
+PRESSURE_STARTS = 32  # screened before pressures are searched
+LAYOUT_STARTS = 96  # screened before layouts are searched
+HISTORY = "history.sqlite"
+
+
+def run_study(
+    study: Study | Path | str,
+    out: Path | str,
+    *,
+    forward: ForwardModel | None = None,
+    coarse: ForwardModel | None = None,
+    progress: Callable[[Search], None] = lambda _: None,
+) -> StudyResult:
+    """Search, and write `result.json`, `design.toml`, `pressures.csv` and `report.html` into `out`.
+
+    The search runs on `coarse` and ends on `forward` (by default the simulator with 21 and with 41 points a side;
+    `forward` alone serves for both). While it runs, `out` always has the best so far; the same call on the same
+    folder goes on after an interruption, and does not search again what is finished. Further poses' pressures are
+    `pressures_2.csv` and so on. Ctrl-C ends the search with a result. Raises InputError before anything is computed.
+    """
+    out = Path(out)
+    study = study if isinstance(study, Study) else read_study(study)
+    require_searchable(study, study.name)
+    factors = _factors(study)
+    targets = tuple(load_target(target, study.design) for target in study.targets)
+    objective = Objective([Target(t.points, t.time) for t in targets], factors, study.objective)
+    starts = _starts(study)
+    with _open_history(out, _key(study, targets)) as history:
+        fine, quick = forward_models(forward, coarse)
+        search = Search(
+            objective,
+            starts,
+            _stages(study, quick, fine),
+            history,
+            seconds=study.limits.seconds,
+            evaluations=study.limits.evaluations,
+            on_progress=_keeping_best(out, targets, progress),
+        )
+        stop_reason = search.run()
+        result = _result(study, targets, objective, search, fine, stop_reason)
+    result.write(out)
+    write_text(out / "report.html", render_report(study.name, [Section(study.name, result)]))
+    return result
+
+
+def _factors(study: Study) -> dict[str, float]:
+    model = study.model
+    if model is None:
+        return {}
+    if model.effects or model.corrector is not None:
+        raise InputError(f"{study.name}: model has effects or a corrector; this version searches with parameters alone")
+    return model.factors
+
+
+def forward_models(fine: ForwardModel | None, coarse: ForwardModel | None) -> tuple[ForwardModel, ForwardModel]:
+    """The models given, or the simulator; a single one given serves for both."""
+    if fine is not None:
+        return fine, coarse or fine
+    from sim import Simulator  # here: it loads and starts taichi
+
+    return Simulator(points_per_side=41), coarse or Simulator(points_per_side=21)
+
+
+def _limits(study: Study) -> Limits:
+    return Limits(study.limits.pressure, study.limits.spacing, study.limits.edge)
+
+
+def _starts(study: Study) -> list[Start]:
+    limits, poses, middle = _limits(study), len(study.targets), np.mean(study.limits.pressure)
+    own = np.full(study.design.channels, middle) if study.start_pressures is None else study.start_pressures
+    space = DesignSpace(study.design, limits, np.tile(own, (poses, 1)), vary_pressures=study.pressures)
+    if study.muscles is None:
+        return pressure_starts(space, PRESSURE_STARTS if study.pressures else 0, study.seed)
+    choice = study.muscles
+    counts = range(choice.least, choice.most + 1)
+    drawn = layout_starts(
+        study.design, limits, poses, counts=counts, sides=choice.sides, number=LAYOUT_STARTS, seed=study.seed
+    )
+    sides = {muscle.side for muscle in study.design.muscles}
+    if len(study.design.muscles) in counts and sides <= set(choice.sides):
+        drawn.insert(0, (space, space.encode(study.design, space.start_pressures)))
+    if not drawn:
+        raise InputError(f"{study.name}: no layout of {choice.least} muscles keeps the limits; expected wider ones")
+    return drawn
+
+
+def _stages(study: Study, coarse: ForwardModel, fine: ForwardModel) -> list[Stage]:
+    if study.muscles is not None:
+        return [
+            Stage("pressures of drawn layouts", coarse, keep=16, rounds=2),
+            Stage("layouts", coarse, keep=6, rounds=6, vary_positions=study.positions),
+            Stage("best layouts", coarse, keep=2, rounds=10, vary_positions=study.positions),
+            Stage("full model", fine, keep=1, rounds=6, vary_positions=study.positions),
+        ]
+    return [
+        Stage("first", coarse, keep=4, rounds=12, vary_positions=study.positions),
+        Stage("full model", fine, keep=1, rounds=6, vary_positions=study.positions),
+    ]
+
+
+def _key(study: Study, targets: tuple[LoadedTarget, ...]) -> str:
+    """A hash of all that the search depends on, its limits of time and evaluations left out: those may be raised."""
+    limits = {k: v for k, v in asdict(study.limits).items() if k not in ("seconds", "evaluations")}
+    content = [study.design, study.model, study.seed, study.pressures, study.positions, study.muscles, limits]
+    pressures = None if study.start_pressures is None else study.start_pressures.tolist()
+    digest = hashlib.sha256(repr([*content, study.objective, pressures]).encode())
+    for target in targets:
+        digest.update(repr(target.time).encode() + target.points.tobytes())
+    return digest.hexdigest()
+
+
+def _open_history(out: Path, key: str) -> History:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        return History(out / HISTORY, key)
+    except FileExistsError:
+        raise InputError(f"{out}: is a file; expected a folder to write to") from None
+    except (OSError, sqlite3.Error) as error:
+        raise InputError(f"{out}: cannot be written ({error})") from None
+
+
+def _keeping_best(
+    out: Path, targets: tuple[LoadedTarget, ...], progress: Callable[[Search], None]
+) -> Callable[[Search], None]:
+    """Progress that also writes the best so far, as often as it changes."""
+    written: list[float] = []
+
+    def report(search: Search) -> None:
+        if search.best is not None and written[-1:] != [search.best.value]:
+            written.append(search.best.value)
+            space, x = search.best_point()
+            design, pressures = space.decode(x)
+            unfinished = {
+                "objective_mm": 1e3 * search.best.value,
+                "evaluations": search.history.evaluations,
+                "wall_s": search.elapsed,
+                "muscles": [asdict(muscle) for muscle in design.muscles],
+                "pressures_kpa": pressures_kpa(pressures),
+                "stop_reason": f"unfinished: the best so far, in stage {search.stages[search.best.stage].name}",
+            }
+            write_best(out, design, pressures, unfinished, [target.time for target in targets])
+        progress(search)
+
+    return report
+
+
+def _result(
+    study: Study,
+    targets: tuple[LoadedTarget, ...],
+    objective: Objective,
+    search: Search,
+    forward: ForwardModel,
+    stop_reason: str,
+) -> StudyResult:
+    """The best, valued once more on the full model, and the resting cloth beside it."""
+    space, x = search.best_point()
+    design, pressures = space.decode(x)
+    still = DesignSpace(design, _limits(study), np.zeros_like(pressures), vary_pressures=False)
+    shape, rest = objective.shapes(forward, [(space, x), (still, np.empty(0))])
+    return StudyResult(
+        study=study,
+        design=design,
+        pressures=pressures,
+        targets=targets,
+        points=shape,
+        rest=rest[0],
+        errors=target_errors(targets, shape, study.seed),
+        rest_errors=target_errors(targets, rest, study.seed),
+        constraints=constraint_margins(design, pressures, _limits(study)),
+        history=tuple(search.history.entries()),
+        wall_s=search.elapsed,
+        stop_reason=stop_reason,
+    )

@@ -1,0 +1,84 @@
+"""The page that shows what a study found: self-contained, for any browser, without a network."""
+
+import json
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from studies.figures import convergence_figure, scene_figure
+from studies.layout_drawing import layout_svg
+from studies.study_result import StudyResult
+from studies.target import TargetErrors
+
+PACKAGES = ("fabdesign", "taichi", "nlopt", "numpy", "scipy")
+
+
+@dataclass(frozen=True)
+class Section:
+    """One study of the page."""
+
+    title: str
+    result: StudyResult
+
+
+def render_report(title: str, sections: Sequence[Section]) -> str:
+    """HTML of one or several studies of the same targets: errors, 3D overlay, layout, convergence, provenance."""
+    figures: dict[str, Any] = {}
+    for s, section in enumerate(sections):
+        for pose in range(len(section.result.targets)):
+            figures[f"scene-{s}-{pose}"] = scene_figure(section.result, pose)
+        figures[f"curve-{s}"] = convergence_figure(section.result)
+    first = sections[0].result
+    template = Environment(autoescape=True).from_string(
+        files("studies").joinpath("data/report.html.j2").read_text(encoding="utf-8")
+    )
+    return template.render(
+        title=title,
+        sections=sections,
+        targets=first.targets,
+        synthetic=any(target.synthetic for target in first.targets),
+        points_per_side=round(np.sqrt(first.points.shape[1] / 2)),
+        errors=_error_cells,
+        failed=lambda result: sum(entry.diverged for entry in result.history),
+        layout=_layout,
+        place=lambda point: ", ".join(f"{1e3 * x:.0f}" for x in point),
+        provenance=_provenance(sections),
+        figures=Markup(json.dumps(figures, separators=(",", ":")).replace("</", "<\\/")),
+        plotly=Markup(get_plotlyjs()),
+    )
+
+
+def _error_cells(errors: TargetErrors) -> Markup:
+    values = (errors.chamfer, errors.chamfer_floor, errors.surface_rms, errors.surface_floor)
+    return Markup("".join(f"<td>{1e3 * value:.2f}</td>" for value in values))
+
+
+def _layout(result: StudyResult, pose: int) -> Markup:
+    return Markup(layout_svg(result.design, result.pressures[pose], result.study.limits.pressure[1]))
+
+
+def _provenance(sections: Sequence[Section]) -> dict[str, str]:
+    study = sections[0].result.study
+    hashes = ", ".join(target.sha256[:12] for target in sections[0].result.targets)
+    return {
+        "target clouds, sha256": hashes,
+        "parameters": "data sheet" if study.model is None else "calibrated model",
+        "search": "prox-linear local searches over NLopt (SLSQP), finite differences in batches",
+        "versions": ", ".join(f"{name} {_version(name)}" for name in PACKAGES),
+        "Python": f"{platform.python_version()} on {platform.system()}",
+    }
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "from its source tree"

@@ -1,0 +1,81 @@
+"""What a study found, and its files."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.design import Design
+from fabdesign.design_file import write_design
+from fabdesign.output import write_text
+from fabdesign.pressure_file import SINGLE_ROW_DURATION, constant_program, write_pressures
+from fabdesign.study_file import Study
+from optimize.history import Entry
+from studies.target import LoadedTarget, TargetErrors
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResult:
+    """Distances in m, pressures in Pa. Poses are the study's targets, in their order."""
+
+    study: Study
+    design: Design
+    pressures: NDArray[np.float64]  # (poses, channels) Pa
+    targets: tuple[LoadedTarget, ...]
+    points: NDArray[np.float64]  # (poses, 2 n, 3) m, the result's shapes: front face, then back face
+    rest: NDArray[np.float64]  # (2 n, 3) m, the same cloth without pressure
+    errors: TargetErrors  # mean over the poses
+    rest_errors: TargetErrors
+    constraints: dict[str, float]  # least margin of every limit, m (Pa for pressure)
+    history: tuple[Entry, ...]
+    wall_s: float  # of the search, earlier sessions included
+    stop_reason: str
+
+    @property
+    def objective(self) -> float:
+        """m, of the measure that was searched."""
+        return self.errors.chamfer if self.study.objective == "chamfer" else self.errors.surface_rms
+
+    def as_json(self) -> dict[str, Any]:
+        """What result.json holds: distances in mm, pressures in kPa, margins in m (kPa for pressure)."""
+        return {
+            "objective_mm": 1e3 * self.objective,
+            **{name: 1e3 * value for name, value in asdict(self.errors).items()},
+            "evaluations": len(self.history),
+            "diverged": sum(entry.diverged for entry in self.history),
+            "wall_s": self.wall_s,
+            "muscles": [asdict(muscle) for muscle in self.design.muscles],
+            "pressures_kpa": pressures_kpa(self.pressures),
+            "constraints": {k: v / 1e3 if k == "pressure" else v for k, v in self.constraints.items()},
+            "stop_reason": self.stop_reason,
+            "seed": self.study.seed,
+            "targets": [target.description for target in self.targets],
+        }
+
+    def write(self, out: Path) -> None:
+        """`design.toml` with its bench tables, `pressures.csv` (`pressures_2.csv` of a second pose), `result.json`."""
+        write_best(out, self.design, self.pressures, self.as_json(), [t.time for t in self.targets])
+
+
+def pressures_kpa(pressures: NDArray[np.float64]) -> list[Any]:
+    """One list of kPa for a single pose, else a list a pose."""
+    kpa = (pressures / 1e3).tolist()
+    return kpa[0] if len(kpa) == 1 else kpa
+
+
+def write_best(
+    out: Path,
+    design: Design,
+    pressures: NDArray[np.float64],
+    result: dict[str, Any],
+    times: list[float | None],
+) -> None:
+    """Write a design, each pose's pressures [Pa], held until its time [s], and result.json, each file whole."""
+    write_design(design, out / "design.toml")
+    for pose, (row, time) in enumerate(zip(pressures, times, strict=True), start=1):
+        file = "pressures.csv" if pose == 1 else f"pressures_{pose}.csv"
+        write_pressures(constant_program(row, time or SINGLE_ROW_DURATION), out / file)
+    write_text(out / "result.json", json.dumps(result, indent=2) + "\n")
