@@ -1,0 +1,29 @@
+"""Distances between two clouds.
+
+Chamfer here is always: mean nearest distance from each cloud to the other, both ways, *summed*. Two samples of one
+surface are not at distance zero (`metrics.chamfer_floor`), and the measure is nearly blind in the plane.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+Floats = NDArray[np.floating[Any]]
+
+
+def nearest_distances(points: Floats, others: Floats) -> NDArray[np.float64]:
+    """(n,) m: distance of each of `points` (n, 3) to the nearest of `others` (m, 3)."""
+    distance, _ = cKDTree(others).query(points)
+    return np.asarray(distance)
+
+
+def chamfer(a: Floats, b: Floats) -> float:
+    """Chamfer distance [m] of clouds (n, 3) and (m, 3): unsquared, each way the mean, both ways summed."""
+    return float(nearest_distances(a, b).mean() + nearest_distances(b, a).mean())
+
+
+def chamfer_squared(a: Floats, b: Floats) -> float:
+    """Chamfer distance [m^2] of squared nearest distances, each way the mean, both ways summed."""
+    return float(np.square(nearest_distances(a, b)).mean() + np.square(nearest_distances(b, a)).mean())
