@@ -50,6 +50,20 @@ def commands() -> None:
 
 
 @commands.command()
+@click.option("-o", "--output", type=_FILE, default=Path("demo"), show_default=True, help="The folder to write to.")
+@_as_json
+def demo(output: Path, as_json: bool) -> None:
+    """Do the main job on embedded data: a measured cloud becomes a layout, pressures and a report."""
+    from studies.demo import as_json as json_of
+    from studies.demo import as_text, run_demo
+    from studies.progress import LiveLine
+
+    with LiveLine("demo") as line:
+        results = run_demo(output, progress=lambda name, search: line.show(search))
+    _report(json_of(results), f"{as_text(results)}\nreport: {output / 'report.html'}", as_json)
+
+
+@commands.command()
 @click.argument("layout")
 @click.option("-o", "--output", type=_FILE, required=True, help="The design file to write (TOML).")
 @click.option("--name", help="The design's name; the layout's by default.")
@@ -179,7 +193,7 @@ def predict(source: Path, model: Path, design: Path | None, output: Path, as_jso
 
 @commands.command()
 @click.argument("study", type=_FILE)
-@click.option("-o", "--output", type=_FILE, required=True, help="The folder to write to; an interrupted search goes on.")
+@click.option("-o", "--output", type=_FILE, required=True, help="The folder to write to, or to go on in.")
 @_as_json
 def optimize(study: Path, output: Path, as_json: bool) -> None:
     """Find the layout and pressures that come closest to the target of a STUDY (TOML). Ctrl-C ends with the best."""
