@@ -10,6 +10,7 @@ from fabdesign.errors import InputError
 from fabdesign.forward import PARAMETERS
 from fabdesign.model import EffectTerm, Model, Parameter, Provenance, Quantity
 from fabdesign.model_file import read_model, write_model
+from tests.conftest import ROOT
 
 words = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1, max_size=10)
 numbers = st.floats(-1e6, 1e6)
@@ -41,6 +42,15 @@ def test_written_model_reads_the_same(model: Model, tmp_path_factory: pytest.Tem
     path = tmp_path_factory.mktemp("model") / "model.toml"
     write_model(model, path)
     assert read_model(path) == model
+
+
+def test_documented_example_is_sound(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "files.md").read_text(encoding="utf-8")
+    (tmp_path / "model.toml").write_text(page.split("```toml\n")[1].split("```")[0])
+    (tmp_path / "corrector.safetensors").touch()
+    model = read_model(tmp_path)
+    assert model.factors == {"bending": 1.08}
+    assert model.effects[0].parameters["tau"] == Quantity(0.05, "s", (0.04, 0.06))
 
 
 def test_weights_move_with_the_model(tmp_path: Path) -> None:
