@@ -1,0 +1,184 @@
+"""Muscles as cables: straight between fixed points that stand off the cloth along its normal.
+
+A fixed point is a loop of finite size: its position and its normal are means over a square of `LOOP_SIZE`.
+A force at a mathematical point would pull infinitely far into an elastic sheet (displacement ~ F / (2 pi k) ln r).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from fabdesign.design import Design
+from studies.rig.spline import Patch
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+LOOP_SIZE = 0.005  # m, half the width of the cloth's tape
+LOOP_GAUSS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Cables:
+    """Geometry of every muscle: points j and the intervals between them."""
+
+    nodes: Ints  # (points, m) control points that a fixed point touches
+    basis: Array  # (points, gauss, 3, m): value, d/du, d/dv, weighted to mean values
+    offset: Array  # (points,) m along the front normal
+    first: Ints  # (intervals,) index of an interval's upper point; the next one ends it
+    rest: Array  # (intervals,) m
+    muscle: Ints  # (intervals,) which muscle
+    along: Array  # (intervals,) middle's distance from the muscle's first end over its length
+    uv: Array  # (points, 2) m
+
+
+def lace(design: Design, patch: Patch, offset_factor: float) -> Cables:
+    """Fixed points of all muscles on the patch."""
+    width, height = design.fabric.width, design.fabric.height
+    uv: list[Array] = []
+    offset, first, rest, muscle, along = [], [], [], [], []
+    for m, mus in enumerate(design.muscles):
+        points = mus.fixed_points()
+        d = design.muscle_types[mus.type].axis_offset * offset_factor * (1 if mus.side == "front" else -1)
+        length = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        start = sum(map(len, uv))
+        uv.append(points)
+        offset.append(np.full(len(points), d))
+        first.append(start + np.arange(len(length)))
+        rest.append(length)
+        muscle.append(np.full(len(length), m))
+        along.append((np.cumsum(length) - length / 2) / length.sum())
+    points = np.concatenate(uv) if uv else np.zeros((0, 2))
+    nodes, basis = _loops(points, patch, width, height)
+    return Cables(
+        nodes,
+        basis,
+        np.concatenate(offset) if uv else np.zeros(0),
+        np.concatenate(first).astype(np.int64) if uv else np.zeros(0, np.int64),
+        np.concatenate(rest) if uv else np.zeros(0),
+        np.concatenate(muscle).astype(np.int64) if uv else np.zeros(0, np.int64),
+        np.concatenate(along) if uv else np.zeros(0),
+        points,
+    )
+
+
+def _loops(points: Array, patch: Patch, width: float, height: float) -> tuple[Ints, Array]:
+    """Control points and weighted basis of each loop, padded to the largest loop's node count."""
+    g, w = np.polynomial.legendre.leggauss(LOOP_GAUSS)
+    gu, gv = np.meshgrid(g, g, indexing="ij")
+    weight = np.outer(w, w).ravel() / 4.0
+    nodes_of, basis_of = [], []
+    for u, v in points:
+        half_u = min(LOOP_SIZE / 2, max(u, 1e-6), max(width - u, 1e-6))  # a loop at the hem is narrower
+        half_v = min(LOOP_SIZE / 2, max(v, 1e-6), max(height - v, 1e-6))
+        uv = np.stack([u + half_u * gu.ravel(), v + half_v * gv.ravel()], axis=1)
+        local, values = patch.local(uv, ((0, 0), (1, 0), (0, 1)))
+        nodes, place = np.unique(local, return_inverse=True)
+        basis = np.zeros((len(uv), 3, len(nodes)))
+        for q, row in enumerate(place.reshape(local.shape)):
+            basis[q][:, row] += values[q] * weight[q]
+        nodes_of.append(nodes)
+        basis_of.append(basis)
+    m = max((len(n) for n in nodes_of), default=0)
+    nodes_out = np.zeros((len(points), m), np.int64)
+    basis_out = np.zeros((len(points), LOOP_GAUSS**2, 3, m))
+    for j, (n, b) in enumerate(zip(nodes_of, basis_of, strict=True)):
+        nodes_out[j, : len(n)] = n
+        nodes_out[j, len(n) :] = n[0]  # padding has zero weight
+        basis_out[j, :, :, : len(n)] = b
+    return nodes_out, basis_out
+
+
+@njit(cache=True, fastmath=True)
+def positions(x: Array, nodes: Ints, basis: Array, offset: Array, y: Array, jac: Array) -> None:
+    """Fixed points y (points, 3) m and their Jacobians jac (points, m, 3, 3), dy_a / dx_b."""
+    m = nodes.shape[1]
+    a0, a1, a2, n, d1, d2 = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    weight = np.empty(basis.shape[1])
+    for j in range(nodes.shape[0]):
+        y[j] = 0.0
+        jac[j] = 0.0
+        for q in range(basis.shape[1]):
+            a0[:] = 0.0
+            a1[:] = 0.0
+            a2[:] = 0.0
+            weight[q] = 0.0
+            for i in range(m):
+                weight[q] += basis[j, q, 0, i]
+                for c in range(3):
+                    xi = x[nodes[j, i], c]
+                    a0[c] += basis[j, q, 0, i] * xi
+                    a1[c] += basis[j, q, 1, i] * xi
+                    a2[c] += basis[j, q, 2, i] * xi
+            n[0] = a2[1] * a1[2] - a2[2] * a1[1]
+            n[1] = a2[2] * a1[0] - a2[0] * a1[2]
+            n[2] = a2[0] * a1[1] - a2[1] * a1[0]
+            jj = n[0] ** 2 + n[1] ** 2 + n[2] ** 2
+            n /= np.sqrt(jj)
+            m11 = a1[0] ** 2 + a1[1] ** 2 + a1[2] ** 2
+            m22 = a2[0] ** 2 + a2[1] ** 2 + a2[2] ** 2
+            m12 = a1[0] * a2[0] + a1[1] * a2[1] + a1[2] * a2[2]
+            d = offset[j] * weight[q]
+            for c in range(3):
+                d1[c] = (m22 * a1[c] - m12 * a2[c]) / jj * d
+                d2[c] = (m11 * a2[c] - m12 * a1[c]) / jj * d
+                y[j, c] += a0[c] + d * n[c]
+            for i in range(m):
+                for c in range(3):
+                    jac[j, i, c, c] += basis[j, q, 0, i]
+                    t = d1[c] * basis[j, q, 1, i] + d2[c] * basis[j, q, 2, i]
+                    for b in range(3):
+                        jac[j, i, c, b] -= t * n[b]
+
+
+@njit(cache=True, fastmath=True)
+def forces(y: Array, jac: Array, nodes: Ints, first: Ints, tension: Array, out: Array) -> None:
+    """Adds the cables' internal force (minus what they pull) to out (n, 3)."""
+    for k in range(first.shape[0]):
+        j = first[k]
+        t = y[j + 1] - y[j]
+        t *= tension[k] / np.sqrt(t[0] ** 2 + t[1] ** 2 + t[2] ** 2)
+        for side in range(2):
+            sign = -1.0 if side == 0 else 1.0
+            for i in range(nodes.shape[1]):
+                for b in range(3):
+                    out[nodes[j + side, i], b] += sign * (
+                        jac[j + side, i, 0, b] * t[0] + jac[j + side, i, 1, b] * t[1] + jac[j + side, i, 2, b] * t[2]
+                    )
+
+
+@njit(cache=True, fastmath=True)
+def stiffness(
+    y: Array, jac: Array, nodes: Ints, first: Ints, tension: Array, axial: Array, exact: bool, band: Array
+) -> None:
+    """Adds J^T (axial t t^T + T / l (1 - t t^T)) J of every interval; axial [N/m] is dT / dl.
+
+    Without `exact`, compression (T < 0) is left out.
+    """
+    m = nodes.shape[1]
+    dofs, rows = np.empty(6 * m, np.int64), np.empty((3, 6 * m))
+    h = np.empty((3, 3))
+    for k in range(first.shape[0]):
+        j = first[k]
+        t = y[j + 1] - y[j]
+        length = np.sqrt(t[0] ** 2 + t[1] ** 2 + t[2] ** 2)
+        t /= length
+        geo = (tension[k] if exact else max(tension[k], 0.0)) / length
+        for a in range(3):
+            for b in range(3):
+                h[a, b] = (axial[k] - geo) * t[a] * t[b] + (geo if a == b else 0.0)
+        for side in range(2):
+            sign = -1.0 if side == 0 else 1.0
+            for i in range(m):
+                for b in range(3):
+                    p = 3 * (side * m + i) + b
+                    dofs[p] = 3 * nodes[j + side, i] + b
+                    for a in range(3):
+                        rows[a, p] = sign * jac[j + side, i, a, b]
+        hr = h @ rows
+        for p in range(6 * m):
+            for r in range(6 * m):
+                if dofs[r] <= dofs[p]:
+                    v = rows[0, p] * hr[0, r] + rows[1, p] * hr[1, r] + rows[2, p] * hr[2, r]
+                    band[dofs[p] - dofs[r], dofs[r]] += v

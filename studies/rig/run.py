@@ -1,0 +1,114 @@
+"""The rig's one public way in: designs and pressure programs become a measurement set, and a recording."""
+
+import multiprocessing
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.design import Design
+from fabdesign.design_file import read_design
+from fabdesign.errors import InputError
+from fabdesign.measurement_set import NewTrial, write_set
+from fabdesign.pressure import PressureProgram, require_pressures
+from fabdesign.pressure_file import read_pressures
+from fabdesign.trial import Role
+from fabdesign.trial_file import TrialData, program_of
+from studies.rig.key import Key, read_key
+from studies.rig.scene import DEFAULT, Resolution
+from studies.rig.sensor import measure
+from studies.rig.specimen import Task, control_points, prepare
+
+Array = NDArray[np.float64]
+THREAD_SETTINGS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def run_rig(
+    design: Path | str | Design,
+    pressures: Sequence[Path | str | PressureProgram],
+    *,
+    out: Path | str,
+    key: Path | str | Key | None = None,
+    recording: Path | str | None = None,
+    test_trials: int = 0,
+    resolution: Resolution = DEFAULT,
+    workers: int | None = None,
+    progress: Callable[[int, int], None] = lambda done, of: None,
+) -> None:
+    """Measure a design on the virtual rig: one trial a pressure program, in session order, into the set `out`.
+
+    The last `test_trials` trials get role "test". `recording`: a folder for the raw clouds of four virtual depth
+    cameras of the first program; their true poses go beside it, to RECORDING.truth.toml. progress(done, of) is called
+    after each trial. Raises InputError; studies.rig.solver.RigDiverged where a motion has no solution.
+    """
+    design = design if isinstance(design, Design) else read_design(design)
+    key = key if isinstance(key, Key) else Key() if key is None else read_key(key)
+    if not pressures:
+        raise InputError(f"design {design.name}: no pressures; expected at least one program")
+    if not 0 <= test_trials <= len(pressures):
+        raise InputError(f"{test_trials} test trials of {len(pressures)} in all")
+    programs = [p if isinstance(p, PressureProgram) else read_pressures(p, design) for p in pressures]
+    tasks = [_task(design, p, order, key, resolution) for order, p in enumerate(programs)]
+    first_test = len(tasks) - test_trials
+
+    def trials() -> Iterator[NewTrial]:
+        for task, shapes in zip(tasks, _shapes(tasks, workers), strict=True):
+            role: Role = "test" if task.order >= first_test else "fit"
+            yield NewTrial(f"{task.order:03d}", design.name, task.order, role, _sense(task, shapes))
+            progress(task.order + 1, len(tasks))
+
+    name = Path(out).resolve().name
+    rate = key.sensing.frame_rate
+    write_set(out, {design.name: design}, trials(), name=name, description="virtual rig; synthetic", frame_rate=rate)
+    if recording is not None:
+        from studies.rig.cameras import record
+
+        record(tasks[0], Path(recording))
+
+
+def _task(design: Design, program: PressureProgram, order: int, key: Key, resolution: Resolution) -> Task:
+    """The trial's frames, and the program as the trial's file will state it: a set point a frame interval."""
+    require_pressures(program, design, f"program {order}")
+    rate = key.sensing.frame_rate
+    times = np.arange(1, max(1, round(program.duration * rate)) + 1) / rate
+    rows = program.at(times - 1e-6)
+    return Task(design, program_of(times, rows), times, order, key, resolution)
+
+
+def _sense(task: Task, shapes: Array) -> TrialData:
+    scene = prepare(task)
+    rng = np.random.default_rng([task.key.seed, task.order, 1])
+    clouds = tuple(measure(scene, x, task.key.sensing, rng) for x in shapes)
+    return TrialData(task.times, task.program.at(task.times - 1e-6), clouds)
+
+
+def _shapes(tasks: Sequence[Task], workers: int | None) -> Iterator[Array]:
+    """Control points of every task, in order; on several cores where there are several tasks."""
+    count = min(workers or os.cpu_count() or 1, len(tasks))
+    if count == 1:
+        yield from map(control_points, tasks)
+        return
+    with (
+        _single_threaded_children(),
+        ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn")) as pool,
+    ):
+        yield from pool.map(control_points, tasks)
+
+
+@contextmanager
+def _single_threaded_children() -> Iterator[None]:
+    """A process a core: linear algebra threads of their own would only get in each other's way."""
+    before = {name: os.environ.get(name) for name in THREAD_SETTINGS}
+    os.environ.update(dict.fromkeys(THREAD_SETTINGS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

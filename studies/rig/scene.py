@@ -1,0 +1,235 @@
+"""Everything a motion needs, as arrays: built from a design, then changed by effects, then run.
+
+All values are SI. An effect edits these fields (or adds to the lists of hooks) before the run; with none, the scene
+is the declared design times the parameter factors.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+
+from fabdesign.design import Design
+from fabdesign.muscle_law import MuscleLaw
+from studies.rig.cables import Cables, lace
+from studies.rig.shell import DERIVATIVES
+from studies.rig.spline import Axis, Patch
+
+Array = NDArray[np.float64]
+
+IMPERFECTION = 2e-3  # 1/m, rest curvature by the seed: 0.04 mm over 0.2 m, decides which way a symmetric cloth buckles
+CONTRACTIONS = np.linspace(-0.4, 0.6, 501)  # of the tabulated law; 0, the kink, is one of them
+PRESSURE_STEP = 4e3  # Pa
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """Mesh and time step. The default's distance from the limit stands in docs/results/rig.md."""
+
+    element: float = 0.2 / 15  # m
+    degree: int = 2
+    step: float = 1 / 480  # s
+
+
+DEFAULT = Resolution()
+
+
+@dataclass
+class MuscleState:
+    """Per interval of the cables (n,) or per channel; scalars where marked. The values here switch effects off."""
+
+    gain: Array  # factor on the active tension
+    pressure_factor: Array  # of the channel's pressure that reaches the interval
+    threshold: float = 0.0  # Pa
+    threshold_width: float = 0.0  # Pa
+    viscosity: Array = field(default_factory=lambda: np.zeros(0))  # N s, while contracting
+    viscosity_out: Array = field(default_factory=lambda: np.zeros(0))  # N s, while lengthening
+    creep: Array = field(default_factory=lambda: np.zeros(0))  # contraction that the law does not see
+    friction_per_pressure: float = 0.0  # N/Pa, Coulomb limit of the braid
+    friction_at_zero: float = 0.0  # N
+    friction_slip: float = 0.01  # contraction over which the friction builds up
+    friction: Array = field(default_factory=lambda: np.zeros(0))  # N, its present value
+    contraction_before: Array = field(default_factory=lambda: np.zeros(0))  # at the last step
+
+
+@dataclass
+class Scene:
+    design: Design
+    patch: Patch
+    uv: Array  # (q, 2) m, quadrature points
+    weight: Array  # (q,) m^2
+    nodes: NDArray[np.int64]
+    basis: Array
+    stiffness: Array  # (q, 8): membrane 11, 12, 22, shear; bending 11, 12, 22, twist
+    rest_strain: Array  # (q, 6)
+    viscosity: Array  # (q,) N s/m
+    mass: sp.csr_matrix  # (n, n) kg
+    drag: sp.csr_matrix  # (n, n) N s/m
+    gravity: Array  # (3,)
+    cables: Cables
+    muscle_state: MuscleState
+    tables: list[Array]  # per muscle: tension over (pressure, CONTRACTIONS)
+    channel: NDArray[np.int64]  # (intervals,)
+    held: NDArray[np.bool_]  # (n, 3) control values that do not move
+    held_points: sp.csr_matrix | None  # rows: points of the cloth that are pinned by springs
+    hung_at: Array  # (points, 3) m
+    prony: float = 0.0  # share of the cloth's stress that relaxes
+    prony_time: float = 1.0  # s
+    pressure_hooks: list[Callable[[Array, float], Array]] = field(default_factory=list)  # (steps, channels), h -> same
+    loads: list[Callable[[float, Array, Array], Array]] = field(default_factory=list)  # t, x, v -> force (n, 3)
+    sensed: list[Callable[[Array], Array]] = field(default_factory=list)  # (n, 3) m -> what the sensor says
+    time_shift: float = 0.0  # s that the sensor's clock is late
+    after_step: list[Callable[["Scene", "StepReport"], None]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """What a hook learns of a finished step."""
+
+    time: float  # s
+    step: float  # s
+    pressure: Array  # (intervals,) Pa
+    contraction: Array  # (intervals,)
+    tension: Array  # (intervals,) N
+    strain: Array  # (q, 6)
+
+
+def build_scene(
+    design: Design, factors: Mapping[str, float], resolution: Resolution, *, max_pressure: float, seed: int = 0
+) -> Scene:
+    """The declared design. `factors` by the names of fabdesign.forward.PARAMETERS; max_pressure [Pa] sizes tables."""
+    f = {name: factors.get(name, 1.0) for name in _FACTORS}
+    cloth = design.fabric
+    patch = _patch(design, resolution)
+    uv, weight = patch.quadrature()
+    nodes, basis = patch.local(uv, DERIVATIVES)
+    n = len(uv)
+    unit = patch.matrix(uv)
+    area = (unit.T @ sp.diags(weight) @ unit).tocsr()
+    cables = lace(design, patch, f["axis_offset"])
+    intervals = len(cables.rest)
+    types = [design.muscle_types[m.type] for m in design.muscles]
+    viscosity = np.array([types[m].viscosity * f["damping"] for m in cables.muscle])
+    held, held_points, hung_at = _support(design, patch)
+    rest = np.zeros((n, 6))
+    rest[:, 3:] = _imperfection(uv, cloth.width, cloth.height, seed)
+    pressures = np.arange(0.0, max_pressure + 2 * PRESSURE_STEP, PRESSURE_STEP)
+    laws = {name: MuscleLaw.fit(kind.bench) for name, kind in design.muscle_types.items()}
+    tables = {name: law.tension(pressures[:, None], CONTRACTIONS) for name, law in laws.items()}
+    return Scene(
+        design=design,
+        patch=patch,
+        uv=uv,
+        weight=weight,
+        nodes=nodes,
+        basis=basis,
+        stiffness=np.tile(_moduli(design, f["membrane"], f["shear"], f["bending"]), (n, 1)),
+        rest_strain=rest,
+        viscosity=np.full(n, cloth.viscosity * f["damping"]),
+        mass=(cloth.areal_density * f["areal_density"] * area + _muscle_mass(design, patch)).tocsr(),
+        drag=(cloth.air_damping * f["damping"] * area).tocsr(),
+        gravity=np.array(cloth.gravity, dtype=float),
+        cables=cables,
+        muscle_state=MuscleState(
+            gain=np.full(intervals, f["muscle_gain"]),
+            pressure_factor=np.ones(intervals),
+            viscosity=viscosity,
+            viscosity_out=viscosity.copy(),
+            creep=np.zeros(intervals),
+            friction=np.zeros(intervals),
+        ),
+        tables=[np.ascontiguousarray(tables[m.type]) for m in design.muscles],
+        channel=np.array([design.muscles[m].channel for m in cables.muscle], dtype=np.int64),
+        held=held,
+        held_points=held_points,
+        hung_at=hung_at,
+    )
+
+
+_FACTORS = ("membrane", "shear", "bending", "areal_density", "damping", "muscle_gain", "axis_offset")
+
+
+def _patch(design: Design, resolution: Resolution) -> Patch:
+    axes = []
+    for length in (design.fabric.width, design.fabric.height):
+        elements = max(3, round(length / resolution.element))
+        axes.append(Axis(np.linspace(0.0, length, elements + 1), resolution.degree))
+    spans = [np.abs(np.diff(m.fixed_points(), axis=0)).max(axis=0) for m in design.muscles]
+    reach_u, reach_v = np.max(spans, axis=0) if spans else (0.0, 0.0)
+    return Patch(axes[0], axes[1], u_slow=bool(reach_u <= reach_v))  # muscles stay within a block: a narrow band
+
+
+def _moduli(design: Design, membrane: float, shear: float, bending: float) -> Array:
+    """Plane-stress plate of formats.md: k / (1 - nu12 nu21) and nu12 / k1 = nu21 / k2, the same for B."""
+    cloth = design.fabric
+    k1, k2 = (membrane * k for k in cloth.membrane_stiffness)
+    b1, b2 = (bending * b for b in cloth.bending_stiffness)
+    nu2 = cloth.poisson**2 * k2 / k1  # nu12 nu21
+    q = 1.0 - nu2
+    twist = cloth.twist_stiffness
+    twist = (b1 * b2) ** 0.5 / (1.0 + nu2**0.5) if twist is None else twist * bending
+    nu = np.sign(cloth.poisson) * nu2**0.5
+    return np.array(
+        [
+            k1 / q,
+            nu * (k1 * k2) ** 0.5 / q,
+            k2 / q,
+            shear * cloth.shear_stiffness,
+            b1 / q,
+            nu * (b1 * b2) ** 0.5 / q,
+            b2 / q,
+            twist,
+        ]
+    )
+
+
+def line_mass(patch: Patch, path: Array, per_length: float) -> sp.csr_matrix:
+    """Mass matrix of a thread along a polyline (n, 2) m."""
+    g, w = np.polynomial.legendre.leggauss(3)
+    total = sp.csr_matrix((patch.count, patch.count))
+    for a, b in pairwise(path):
+        pieces = max(1, round(float(np.linalg.norm(b - a)) / 0.004))
+        ends = np.linspace(0.0, 1.0, pieces + 1)
+        s = (ends[:-1, None] + (g + 1) / 2 / pieces).ravel()
+        basis = patch.matrix(a + (b - a) * s[:, None])
+        weight = np.tile(w / 2 / pieces, pieces) * np.linalg.norm(b - a) * per_length
+        total = total + basis.T @ sp.diags(weight) @ basis
+    return total.tocsr()
+
+
+def _muscle_mass(design: Design, patch: Patch) -> sp.csr_matrix:
+    total = sp.csr_matrix((patch.count, patch.count))
+    for m in design.muscles:
+        total = total + line_mass(patch, np.array(m.path), design.muscle_types[m.type].mass_per_length)
+    return total
+
+
+def _support(design: Design, patch: Patch) -> tuple[NDArray[np.bool_], sp.csr_matrix | None, Array]:
+    """Control values on a hung edge are held; hung points are held by stiff springs (see motion)."""
+    held = np.zeros((patch.count, 3), dtype=bool)
+    hung = design.fabric.hung
+    none: Array = np.zeros((0, 3))
+    if isinstance(hung, tuple):
+        uv = np.array(hung)
+        at = np.stack([uv[:, 0] - design.fabric.width / 2, -uv[:, 1], np.zeros(len(uv))], axis=1)
+        return held, patch.matrix(uv), at
+    if hung == "none":
+        return held, None, none
+    gu, gv = np.meshgrid(np.arange(patch.u.count), np.arange(patch.v.count), indexing="ij")
+    index = patch.index(gu, gv)
+    rows = {"top": index[:, :2], "bottom": index[:, :-3:-1], "left": index[:2].T, "right": index[:-3:-1].T}[hung]
+    held[rows[:, 0]] = True
+    if design.fabric.support == "clamped":  # the next row stays in the plane: the tangent plane, so the normal, holds
+        held[rows[:, 1], 2] = True
+    return held, None, none
+
+
+def _imperfection(uv: Array, width: float, height: float, seed: int) -> Array:
+    """(n, 3) rest curvatures [1/m]: a few long waves with amplitudes by the seed."""
+    rng = np.random.default_rng([seed, 7])
+    s, t = uv[:, 0] / width, uv[:, 1] / height
+    waves = np.stack([np.ones_like(s), np.cos(np.pi * s), np.cos(np.pi * t), np.cos(np.pi * s) * np.cos(np.pi * t)])
+    return IMPERFECTION * (rng.normal(size=(3, 4)) @ waves).T / 2

@@ -1,0 +1,101 @@
+"""One specimen's motion: a design, its true key and a pressure program give the cloth's shape at every frame."""
+
+import hashlib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign import muscle_law
+from fabdesign.design import Design
+from fabdesign.output import new_file
+from fabdesign.pressure import PressureProgram
+from studies.rig.effects import EFFECTS
+from studies.rig.key import Key
+from studies.rig.motion import run
+from studies.rig.scene import DEFAULT, Resolution, Scene, build_scene
+from studies.rig.solver import RigDiverged
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """One trial to run."""
+
+    design: Design
+    program: PressureProgram
+    times: Array  # (T,) s, the frames
+    order: int
+    key: Key
+    resolution: Resolution = DEFAULT
+
+
+def prepare(task: Task, resolution: Resolution | None = None) -> Scene:
+    """The scene with the key's factors and effects in it."""
+    scene = build_scene(
+        task.design,
+        task.key.parameters,
+        resolution or task.resolution,
+        max_pressure=float(task.program.pressure.max(initial=0.0)),
+        seed=1000 * task.key.seed + task.order,
+    )
+    for setting in task.key.effects:
+        effect = EFFECTS[setting.name]
+        values = {name: default for name, (default, _) in effect.parameters.items()}
+        effect.apply(scene, task.order, values | dict(setting.parameters))
+    return scene
+
+
+def control_points(task: Task) -> Array:
+    """(T, n, 3) control points [m] at the frames. From the cache where the same task has run before.
+
+    Raises RigDiverged where even a quarter of the time step finds no solution.
+    """
+    file = cache_folder() / f"{_digest(task)}.npy"
+    if file.is_file():
+        return np.asarray(np.load(file))
+    result = _run(task)
+    with new_file(file) as temporary, temporary.open("wb") as stream:
+        np.save(stream, result)
+    return result
+
+
+def cache_folder() -> Path:
+    """Where motions are kept: FABDESIGN_CACHE, else the user's cache folder."""
+    base = os.environ.get("FABDESIGN_CACHE") or os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "fabdesign" / "rig"
+
+
+def _run(task: Task) -> Array:
+    step = task.resolution.step
+    for refinement in (1, 2, 4):
+        scene = prepare(task)
+        h = step / refinement
+        end = float(task.times[-1]) + max(scene.time_shift, 0.0)
+        steps = max(2, int(np.ceil(end / h - 1e-9)))
+        pressures = task.program.at(np.maximum(np.arange(steps + 1) * h - 1e-6, 0.0))
+        try:
+            motion = run(scene, pressures, h)
+        except RigDiverged:
+            if refinement == 4:
+                raise
+            continue
+        return np.array([motion.at(max(t + scene.time_shift, 0.0)) for t in task.times])
+    raise AssertionError  # the loop returns or raises
+
+
+def _digest(task: Task) -> str:
+    """Hash of everything that a motion depends on, this package's code included; not of the point sensor."""
+    h = hashlib.sha256()
+    for part in (task.design, task.order, task.key.seed, sorted(task.key.parameters.items()), task.resolution):
+        h.update(repr(part).encode())
+    for effect in task.key.effects:
+        h.update(repr((effect.name, sorted(effect.parameters.items()))).encode())
+    for array in (task.program.time, task.program.pressure, task.times):
+        h.update(np.ascontiguousarray(array, dtype=np.float64).tobytes())
+    for source in (*sorted(Path(__file__).parent.rglob("*.py")), Path(str(muscle_law.__file__))):
+        h.update(source.read_bytes())
+    return h.hexdigest()[:32]
