@@ -65,22 +65,22 @@ class Surface:
         A triangle lies within `reach` of its centroid, so none whose centroid is further than a distance already found
         plus `reach` can be nearer. Points whose last candidate is not that far get all centroids up to there.
         """
-        points = points.astype(np.float64)
+        at: Array = np.asarray(points, dtype=np.float64)
         count = min(_CANDIDATES, len(self.triangles))
         a, ab, ac = self._corners
         centroids = a + (ab + ac) / 3
         reach = np.sqrt(np.max([np.square(p - centroids).sum(axis=1) for p in (a, a + ab, a + ac)]))
         tree = cKDTree(centroids)
-        spread, candidates = tree.query(points, k=np.arange(1, count + 1))
-        found, *_ = self._best(points, np.ones(len(points), dtype=np.intp), candidates[:, 0])
+        spread, candidates = tree.query(at, k=np.arange(1, count + 1))
+        found, *_ = self._best(at, np.ones(len(at), dtype=np.intp), candidates[:, 0])
         tried = spread <= found[:, None] + reach + _ROUNDING
-        found, triangle, weights = self._best(points, tried.sum(axis=1), candidates[tried])
+        found, triangle, weights = self._best(at, tried.sum(axis=1), candidates[tried])
         doubtful = np.flatnonzero(found + reach + _ROUNDING > spread[:, -1]) if count < len(centroids) else np.arange(0)
         if len(doubtful):
-            within = tree.query_ball_point(points[doubtful], found[doubtful] + reach + _ROUNDING)
+            within = tree.query_ball_point(at[doubtful], found[doubtful] + reach + _ROUNDING)
             counts = np.array([len(some) for some in within])
-            _, triangle[doubtful], weights[doubtful] = self._best(points[doubtful], counts, np.concatenate(within))
-        offset = points - np.einsum("nc,ncd->nd", weights, self.vertices[self.triangles[triangle]])
+            _, triangle[doubtful], weights[doubtful] = self._best(at[doubtful], counts, np.concatenate(within))
+        offset = at - np.einsum("nc,ncd->nd", weights, self.vertices[self.triangles[triangle]])
         distance = np.linalg.norm(offset, axis=1)
         outside = np.einsum("nd,nd->n", offset, self._normals[triangle]) >= 0
         return Nearest(distance, np.where(outside, distance, -distance), triangle, weights)

@@ -1,0 +1,129 @@
+"""The errors of formats.md: Chamfer and surface RMS, their floors, and what share of a gap is closed.
+
+With `fabdesign.splits`, the only place where these are computed. Chamfer: unsquared, each way the mean, both ways
+summed. Everything in m; people are shown mm.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import astuple, dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.distances import chamfer
+from fabdesign.sensor_noise import SensorNoise
+from fabdesign.surface import Surface, capped_rms
+
+Floats = NDArray[np.floating[Any]]
+
+DRAWS = 20  # of a floor
+SMALL_GAP = 0.0005  # m: under it, Chamfer's gap says too little, and the surface RMS decides
+
+
+@dataclass(frozen=True)
+class Errors:
+    """m. A frame's, or the means over the frames of a trial."""
+
+    chamfer: float
+    chamfer_floor: float
+    surface_rms: float
+    surface_floor: float
+
+
+def surface_rms(measured: Floats, model: Floats) -> float:
+    """Root mean square [m] of the distances of measured points (n, 3) to the faces of a model frame (2 rows cols, 3).
+
+    Each distance, to the nearest triangle, is capped at 10 mm.
+    """
+    return capped_rms(Surface.of_faces(model).nearest(measured).distance)
+
+
+def chamfer_floor(model: Floats, count: int, noise: SensorNoise, *, seed: int = 0) -> float:
+    """Chamfer [m] of `count` noisy points drawn on the model's surface against the model's points, mean of 20 draws."""
+    return float(np.mean([chamfer(points, model) for points in _draws(model, count, noise, seed)]))
+
+
+def surface_floor(model: Floats, count: int, noise: SensorNoise, *, seed: int = 0) -> float:
+    """Surface RMS [m] of `count` noisy points drawn on the model's surface, mean of 20 draws."""
+    surface = Surface.of_faces(model)
+    return float(np.mean([capped_rms(surface.nearest(p).distance) for p in _draws(model, count, noise, seed)]))
+
+
+def _draws(model: Floats, count: int, noise: SensorNoise, seed: int) -> Iterator[NDArray[np.float64]]:
+    surface, rng = Surface.of_faces(model), np.random.default_rng(seed)
+    return (noise.draw(surface, count, rng) for _ in range(DRAWS))
+
+
+def trial_errors(
+    measured: Sequence[Floats], predicted: Floats, noise: SensorNoise, *, seed: int = 0, draws: int = DRAWS
+) -> Errors:
+    """Means over the frames of a trial: T measured clouds (n_t, 3) m against a motion (T, 2 rows cols, 3) m.
+
+    The floors' draws are spread evenly over the frames. A motion that diverged (NaN) has NaN errors.
+    """
+    if len(measured) != len(predicted):
+        raise ValueError(f"{len(measured)} measured frames, {len(predicted)} predicted")
+    if not np.isfinite(predicted).all():
+        return Errors(np.nan, np.nan, np.nan, np.nan)
+    rng = np.random.default_rng(seed)
+    per_frame = np.bincount(np.arange(draws) * len(measured) // draws, minlength=len(measured))
+    distances, floors = [], []
+    for cloud, model, repeats in zip(measured, predicted, per_frame, strict=True):
+        surface = Surface.of_faces(model)
+        distances.append((chamfer(cloud, model), capped_rms(surface.nearest(cloud).distance)))
+        for _ in range(repeats):
+            drawn = noise.draw(surface, len(cloud), rng)
+            floors.append((chamfer(drawn, model), capped_rms(surface.nearest(drawn).distance)))
+    (c, s), (c_floor, s_floor) = np.mean(distances, axis=0), np.mean(floors, axis=0)
+    return Errors(float(c), float(c_floor), float(s), float(s_floor))
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Of one error over trials, m. std: that of the trials themselves (ddof 0)."""
+
+    mean: float
+    max: float
+    min: float
+    std: float
+
+
+def statistics(trials: Sequence[Errors]) -> dict[str, Statistics]:
+    """Each error's statistics over trials; those that diverged are left out. At least one must be left."""
+    table = np.array([astuple(errors) for errors in trials])
+    table = table[np.isfinite(table).all(axis=1)]
+    names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
+    columns = zip(names, table.T, strict=True)
+    return {name: Statistics(float(x.mean()), float(x.max()), float(x.min()), float(x.std())) for name, x in columns}
+
+
+@dataclass(frozen=True)
+class Closed:
+    """Share of the gap to the floor that a better model closes; None where there is no gap."""
+
+    chamfer: float | None
+    surface: float | None
+    counts: Literal["chamfer", "surface"]
+
+    @property
+    def value(self) -> float | None:
+        """The one that counts."""
+        return self.chamfer if self.counts == "chamfer" else self.surface
+
+
+def closed(before: Errors, after: Errors) -> Closed:
+    """(before - after) / (before - floor): for Chamfer, and for surface RMS with the noise taken off in quadrature.
+
+    The floors are those of `after`, the surface closer to the truth. Where Chamfer's gap is under 0.5 mm, the
+    surface's share counts.
+    """
+    gap = before.chamfer - after.chamfer_floor
+    excess_before, excess_after = (
+        float(np.sqrt(max(errors.surface_rms**2 - after.surface_floor**2, 0.0))) for errors in (before, after)
+    )
+    return Closed(
+        chamfer=(before.chamfer - after.chamfer) / gap if gap > 0 else None,
+        surface=(excess_before - excess_after) / excess_before if excess_before > 0 else None,
+        counts="chamfer" if gap >= SMALL_GAP else "surface",
+    )
