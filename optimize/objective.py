@@ -18,7 +18,8 @@ from optimize.design_space import DesignSpace, Vector
 
 Measure = Literal["chamfer", "surface_rms"]
 Shape = NDArray[np.float64]  # (poses, 2 n, 3) m: one design under each pose's pressures
-THIN = 2  # a step is chosen on every second point of a target, and of the model for Chamfer: cheaper, the same step
+THIN = 2  # a step is chosen on every second point of target and model: cheaper, the same step
+SURFACE_THIN = 6  # the same for surface RMS, of the target alone: triangles cost more, and blur less, than points
 CAP = 0.010  # m, of the surface RMS: strays beyond it have no slope
 POINTS_PER_SIDE = 41  # a coarser forward model's faces are interpolated to this many before they are compared
 
@@ -69,13 +70,16 @@ class Objective:
 
     @property
     def thin(self) -> int:
-        """Stride through a shape's points that `gradient` may be given."""
+        """Stride through a shape's points that `gradient` can do with."""
         return THIN if self.measure == "chamfer" else 1
 
     def gradient(self, shape: Shape) -> tuple[float, Shape]:
-        """Value [m] against every THIN-th target point, and its derivative by each coordinate (neighbours held)."""
-        slope = _chamfer_gradient if self.measure == "chamfer" else _surface_gradient
-        found = [slope(_tree(t), pose) for t, pose in zip(self.targets, shape, strict=True)]
+        """Value [m] against the thinned targets, and its derivative by each coordinate (nearest neighbours held)."""
+        if self.measure == "chamfer":
+            found = [_chamfer_gradient(_tree(t), pose) for t, pose in zip(self.targets, shape, strict=True)]
+        else:
+            measured = [t.points[::SURFACE_THIN] for t in self.targets]
+            found = [_surface_gradient(points, pose) for points, pose in zip(measured, shape, strict=True)]
         return float(np.mean([value for value, _ in found])), np.array([s for _, s in found]) / len(found)
 
 
@@ -99,8 +103,8 @@ def _surface_rms(measured: NDArray[np.float64], model: NDArray[np.float64]) -> f
     return capped_rms(Surface.of_faces(model).nearest(measured).distance)
 
 
-def _surface_gradient(target: KDTree, model: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-    measured, surface = np.asarray(target.data), Surface.of_faces(model)
+def _surface_gradient(measured: NDArray[np.float64], model: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    surface = Surface.of_faces(model)
     near = surface.nearest(measured)
     value = capped_rms(near.distance)
     corners = surface.triangles[near.triangle]  # (n, 3)
@@ -113,7 +117,7 @@ def _surface_gradient(target: KDTree, model: NDArray[np.float64]) -> tuple[float
 
 def _refined(cloud: NDArray[np.float64]) -> NDArray[np.float64]:
     side = round(np.sqrt(len(cloud) / 2))
-    if side >= POINTS_PER_SIDE or not np.all(np.isfinite(cloud)):
+    if side >= POINTS_PER_SIDE:
         return cloud
     weights = _spline_weights(side)
     faces = np.einsum("ai,bj,fijc->fabc", weights, weights, cloud.reshape(2, side, side, 3), optimize=True)

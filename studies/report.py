@@ -4,7 +4,7 @@ import json
 import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
 
@@ -13,12 +13,13 @@ from jinja2 import Environment
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
+from fabdesign import __version__
 from studies.figures import convergence_figure, scene_figure
 from studies.layout_drawing import layout_svg
 from studies.study_result import StudyResult
 from studies.target import TargetErrors
 
-PACKAGES = ("fabdesign", "taichi", "nlopt", "numpy", "scipy")
+PACKAGES = ("taichi", "nlopt", "numpy", "scipy")
 
 
 @dataclass(frozen=True)
@@ -72,13 +73,6 @@ def _provenance(sections: Sequence[Section]) -> dict[str, str]:
         "target clouds, sha256": hashes,
         "parameters": "data sheet" if study.model is None else "calibrated model",
         "search": "prox-linear local searches over NLopt (SLSQP), finite differences in batches",
-        "versions": ", ".join(f"{name} {_version(name)}" for name in PACKAGES),
+        "versions": ", ".join([f"fabdesign {__version__}", *(f"{name} {version(name)}" for name in PACKAGES)]),
         "Python": f"{platform.python_version()} on {platform.system()}",
     }
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "from its source tree"

@@ -4,12 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from analytic_cloth import AnalyticCloth
 
 from fabdesign.catalogue import build
 from fabdesign.forward import Case
 from optimize.design_space import DesignSpace, Limits
 from optimize.objective import Measure, Objective, Target
+from tests.analytic_cloth import AnalyticCloth
 
 PRESSURES = np.array([[300e3, 100e3, 0.0, 200e3, 0.0, 50e3, 250e3, 0.0]])
 
@@ -63,7 +63,10 @@ class Wave:
     def equilibria(self, cases: Sequence[Case]) -> list[np.ndarray]:
         u, v = np.meshgrid(*[np.linspace(0, 0.2, self.side)] * 2)
         face = np.stack([u - 0.1, -v, 0.02 * np.sin(20 * u + 10 * v)], axis=-1).reshape(-1, 3)
-        return [np.concatenate([face + [0, 0, 1e-3], face - [0, 0, 1e-3]]).astype(np.float32) for _ in cases]
+        return [
+            np.concatenate([np.add(face, (0, 0, 1e-3)), np.subtract(face, (0, 0, 1e-3))]).astype(np.float32)
+            for _ in cases
+        ]
 
 
 def test_a_coarse_grid_is_interpolated(space: DesignSpace) -> None:
