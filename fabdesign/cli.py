@@ -11,6 +11,7 @@ from fabdesign import __version__
 from fabdesign.errors import InputError, SimulationError
 
 _FILE = click.Path(path_type=Path)
+_EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "numba": "rig", "ezdxf": "dxf"}
 _as_json = click.option("--json", "as_json", is_flag=True, help="Print a machine-readable result.")
 
 
@@ -27,6 +28,10 @@ def main() -> None:
         _fail(str(error), 2)
     except SimulationError as error:
         _fail(str(error), 1)
+    except ModuleNotFoundError as error:
+        if error.name not in _EXTRAS:
+            raise
+        _fail(f"needs {error.name}; install it with: pip install 'fabdesign[{_EXTRAS[error.name]}]'", 1)
     except click.exceptions.Abort:
         _fail("interrupted", 130)
 
@@ -207,3 +212,40 @@ def optimize(study: Path, output: Path, as_json: bool) -> None:
         f"{result['chamfer_floor']:.3f}) after {result['evaluations']} evaluations; {result['stop_reason']}"
     )
     _report(result, text, as_json)
+
+
+@commands.command()
+@click.argument("design", type=_FILE)
+@click.argument("more", nargs=-1, metavar="[P.csv]...")
+@click.option("--pressures", multiple=True, required=True, help="A trial each; further ones may just follow.")
+@click.option("--key", type=_FILE, help="What the specimen really is; not written into the set.")
+@click.option("--recording", type=_FILE, help="A folder for four depth cameras' raw clouds of the first trial.")
+@click.option("--test-trials", type=int, default=0, show_default=True, help="How many of the last have role test.")
+@click.option("-o", "--output", type=_FILE, required=True, help="The measurement set to write.")
+@_as_json
+def rig(
+    design: Path,
+    more: tuple[str, ...],
+    pressures: tuple[str, ...],
+    key: Path | None,
+    recording: Path | None,
+    test_trials: int,
+    output: Path,
+    as_json: bool,
+) -> None:
+    """Measure a DESIGN on a virtual rig, another engine than `simulate`'s, as a measurement set."""
+    from studies.rig import run_rig
+
+    programs = [*pressures, *more]
+    run_rig(
+        design,
+        programs,
+        out=output,
+        key=key,
+        recording=recording,
+        test_trials=test_trials,
+        progress=lambda done, of: click.echo(f"measured {done} of {of} trials", err=True),
+    )
+    recorded = None if recording is None else str(recording)
+    result = {"set": str(output), "trials": len(programs), "recording": recorded}
+    _report(result, f"{output}: {len(programs)} trials of a synthetic rig", as_json)

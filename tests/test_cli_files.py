@@ -45,6 +45,9 @@ class Hanging:
 
     asked: list[Case] = []  # noqa: RUF012
 
+    def __init__(self, points_per_side: int = 41) -> None:
+        self.side = points_per_side
+
     def motions(self, cases: Sequence[Case], times: Sequence[np.ndarray]) -> list[np.ndarray]:
         Hanging.asked = list(cases)
         return [np.zeros((len(t), 3362, 3), np.float32) for t in times]
@@ -256,15 +259,24 @@ BAD = [
     ("export none.toml -o OUT", "no such file"),
     ("export cross.toml -o file", "expected a folder"),
     ("export cross.toml -o file/OUT", "cannot be written"),
+    ("optimize none.toml -o OUT", "none.toml: no such file"),
+    ("optimize bare_study.toml -o OUT", "has no muscles"),
+    ("optimize empty_study.toml -o OUT", "empty.npz frame 0: the cloud is empty"),
+    ("optimize mm_study.toml -o OUT", "in millimetres?"),
+    ("optimize ply_study.toml -o OUT", "cut.ply"),
+    ("optimize good_study.toml -o file/OUT", "cannot be written"),
+    ("rig none.toml --pressures 1,2 -o OUT", "none.toml: no such file"),
+    ("rig cross.toml --pressures 1,2 3 -o OUT", "3: channel 1 has no pressure"),
+    ("rig cross.toml --pressures 1,2 --key cross.toml -o OUT", 'this version reads "fabdesign.key/1"'),
+    ("rig cross.toml --pressures 1,2 -o file/OUT", "cannot be written"),
+    ("demo -o file/OUT", "cannot be written"),
     ("exprt cross.toml", "No such command"),
 ]
 
 
-@pytest.mark.parametrize(("line", "problem"), BAD)
-@pytest.mark.usefixtures("hanging")
-def test_bad_input_is_one_line_and_leaves_nothing(
-    line: str, problem: str, run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture
+def damaged(folder: Path) -> Path:
+    """Files that are not sound, beside those that are."""
     design = (folder / "cross.toml").read_text()
     (folder / "newer.toml").write_text(design.replace("design/1", "design/7"))
     (folder / "outside.toml").write_text(design.replace("0.185", "0.385"))
@@ -273,10 +285,35 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     (folder / "file").write_text("in the way")
     (folder / "picture.png").write_bytes(b"\x89PNG\r\n")
     write_model(Model(effects=(EffectTerm("filling_lag"),)), folder / "effects.toml")
-    before = sorted(folder.rglob("*"))
-    monkeypatch.chdir(folder)
+    with np.load(folder / "set" / "trials" / "000.npz") as archive:
+        arrays = dict(archive)
+    np.savez(folder / "mm.npz", **{**arrays, "scale": np.float64(0.1)})
+    np.savez(folder / "empty.npz", **{**arrays, "points": np.zeros((0, 3)), "offsets": np.zeros(3, int)})
+    header = (
+        "ply\nformat ascii 1.0\nelement vertex 9\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+    )
+    (folder / "cut.ply").write_text(header + "0 0 0\n0 0 0.1\n")
+    for name, start, target in (
+        ("good", "cross.toml", "set/trials/000.npz"),
+        ("bare", "bare.toml", "set/trials/000.npz"),
+        ("empty", "cross.toml", "empty.npz"),
+        ("mm", "cross.toml", "mm.npz"),
+        ("ply", "cross.toml", "cut.ply"),
+    ):
+        lines = ['kind = "optimize"', f'design = "{start}"', "[target]", f'file = "{target}"']
+        (folder / f"{name}_study.toml").write_text("\n".join(lines))
+    return folder
+
+
+@pytest.mark.parametrize(("line", "problem"), BAD)
+@pytest.mark.usefixtures("hanging")
+def test_bad_input_is_one_line_and_leaves_nothing(
+    line: str, problem: str, run: Run, damaged: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = sorted(damaged.rglob("*"))
+    monkeypatch.chdir(damaged)
     one_line(run(*line.split()), problem)
-    assert sorted(folder.rglob("*")) == before
+    assert sorted(damaged.rglob("*")) == before
 
 
 def test_installed_program_prints_no_traceback(tmp_path: Path) -> None:
