@@ -45,7 +45,7 @@ def run_study(
     study = study if isinstance(study, Study) else read_study(study)
     require_searchable(study, study.name)
     factors = _factors(study)
-    targets = tuple(load_target(target, study.design) for target in study.targets)
+    targets = tuple(load_target(target, study.design, seed=study.seed) for target in study.targets)
     objective = Objective([Target(t.points, t.time) for t in targets], factors, study.objective)
     starts = _starts(study)
     with _open_history(out, _key(study, targets)) as history:
@@ -187,8 +187,8 @@ def _result(
         targets=targets,
         points=shape,
         rest=rest[0],
-        errors=target_errors(targets, shape, study.seed),
-        rest_errors=target_errors(targets, rest, study.seed),
+        errors=target_errors(targets, shape, design, seed=study.seed),
+        rest_errors=target_errors(targets, rest, design, seed=study.seed),
         constraints=constraint_margins(design, pressures, _limits(study)),
         history=tuple(search.history.entries()),
         wall_s=search.elapsed,

@@ -14,10 +14,10 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from fabdesign import __version__
+from fabdesign.metrics import Errors
 from studies.figures import convergence_figure, scene_figure
 from studies.layout_drawing import layout_svg
 from studies.study_result import StudyResult
-from studies.target import TargetErrors
 
 PACKAGES = ("taichi", "nlopt", "numpy", "scipy")
 
@@ -57,7 +57,7 @@ def render_report(title: str, sections: Sequence[Section]) -> str:
     )
 
 
-def _error_cells(errors: TargetErrors) -> Markup:
+def _error_cells(errors: Errors) -> Markup:
     values = (errors.chamfer, errors.chamfer_floor, errors.surface_rms, errors.surface_floor)
     return Markup("".join(f"<td>{1e3 * value:.2f}</td>" for value in values))
 

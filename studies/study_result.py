@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.design_file import write_design
+from fabdesign.metrics import Errors
 from fabdesign.output import write_text
 from fabdesign.pressure_file import SINGLE_ROW_DURATION, constant_program, write_pressures
 from fabdesign.study_file import Study
 from optimize.history import Entry
-from studies.target import LoadedTarget, TargetErrors
+from studies.target import LoadedTarget
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,8 +28,8 @@ class StudyResult:
     targets: tuple[LoadedTarget, ...]
     points: NDArray[np.float64]  # (poses, 2 n, 3) m, the result's shapes: front face, then back face
     rest: NDArray[np.float64]  # (2 n, 3) m, the same cloth without pressure
-    errors: TargetErrors  # mean over the poses
-    rest_errors: TargetErrors
+    errors: Errors  # mean over the poses
+    rest_errors: Errors
     constraints: dict[str, float]  # least margin of every limit, m (Pa for pressure)
     history: tuple[Entry, ...]
     wall_s: float  # of the search, earlier sessions included

@@ -1,8 +1,9 @@
 """Targets: the clouds that studies come close to, and how close a result came."""
 
 import hashlib
+import zipfile
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,14 @@ from numpy.typing import NDArray
 
 from fabdesign.cloud_file import read_cloud
 from fabdesign.design import Design
-from fabdesign.distances import chamfer
 from fabdesign.errors import InputError
-from fabdesign.metrics import chamfer_floor, surface_floor, surface_rms
+from fabdesign.metrics import Errors, trial_errors
 from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.study_file import TargetFile
 from fabdesign.table import load_toml
 from fabdesign.trial_file import read_trial
+
+FEWEST = 200  # points from which noise can be told from shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,60 +28,48 @@ class LoadedTarget:
     points: NDArray[np.float64]  # (n, 3) m
     time: float | None
     description: str
-    synthetic: bool  # measured by a synthetic rig
-    noise: SensorNoise
+
+    @property
+    def synthetic(self) -> bool:
+        """Measured by a synthetic rig, as its description says."""
+        return "synthetic rig" in self.description
 
     @property
     def sha256(self) -> str:
         return hashlib.sha256(self.points.tobytes()).hexdigest()
 
 
-@dataclass(frozen=True)
-class TargetErrors:
-    """m, as formats.md defines them."""
-
-    chamfer: float
-    chamfer_floor: float
-    surface_rms: float
-    surface_floor: float
-
-
-def load_target(target: TargetFile, design: Design) -> LoadedTarget:
-    """Read a trial's frame (.npz), a PLY or npz cloud, or a mesh. Raises InputError."""
-    fabric = design.fabric
-    if target.file.suffix != ".npz":
-        points = read_cloud(target.file, size=max(fabric.width, fabric.height))
-        return make_target(points, None, target.description or target.file.name, design)
-    trial = read_trial(target.file, size=max(fabric.width, fabric.height))
+def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedTarget:
+    """Read a trial's frame (.npz), a cloud (.ply, .npz) or a mesh, sampled with `seed`. Raises InputError."""
+    size = max(design.fabric.width, design.fabric.height)
+    if not _is_trial(target.file):
+        points = read_cloud(target.file, seed=seed, size=size)
+        return LoadedTarget(points, None, target.description or target.file.name)
+    trial = read_trial(target.file, size=size)
     count = len(trial.frames)
     if not -count <= target.frame < count:
         raise InputError(f"{target.file}: frame {target.frame}; expected -{count} to {count - 1}")
     time = float(trial.time[target.frame])
     where = f"frame {target.frame % count} of {target.file.stem}, {time:.3g} s after rest"
-    text = ", ".join(filter(None, [target.description or where, _set_description(target.file)]))
-    return make_target(trial.frames[target.frame], time, text, design)
+    description = ", ".join(filter(None, [target.description or where, _set_description(target.file)]))
+    return LoadedTarget(trial.frames[target.frame], time, description)
 
 
-def make_target(points: NDArray[np.float64], time: float | None, description: str, design: Design) -> LoadedTarget:
-    """A target from points (n, 3) m in memory; its sensor noise is estimated."""
-    noise = estimate_noise([points], design.fabric.thickness)
-    return LoadedTarget(points, time, description, "synthetic rig" in description, noise)
+def target_errors(
+    targets: Sequence[LoadedTarget], shapes: NDArray[np.float64], design: Design, *, seed: int = 0
+) -> Errors:
+    """Mean over the targets, of shapes (poses, 2 n, 3) m. The floors take the noise that the targets show."""
+    clouds = [target.points for target in targets]
+    enough = [cloud for cloud in clouds if len(cloud) >= FEWEST]
+    noise = estimate_noise(enough, design.fabric.thickness) if enough else SensorNoise(0.0, 0.0, 0.0)
+    return trial_errors(clouds, shapes, noise, seed=seed)
 
 
-def target_errors(targets: Sequence[LoadedTarget], shapes: NDArray[np.float64], seed: int) -> TargetErrors:
-    """Mean over the targets, with shapes (poses, 2 n, 3) m; the floors are drawn with `seed`."""
-    rows = []
-    for target, shape in zip(targets, shapes, strict=True):
-        count = len(target.points)
-        rows.append(
-            TargetErrors(
-                chamfer(target.points, shape),
-                chamfer_floor(shape, count, target.noise, seed=seed),
-                surface_rms(target.points, shape),
-                surface_floor(shape, count, target.noise, seed=seed),
-            )
-        )
-    return TargetErrors(*np.mean([astuple(row) for row in rows], axis=0).tolist())
+def _is_trial(path: Path) -> bool:
+    if path.suffix.lower() != ".npz" or not zipfile.is_zipfile(path):
+        return False
+    with zipfile.ZipFile(path) as archive:
+        return "offsets.npy" in archive.namelist()
 
 
 def _set_description(trial: Path) -> str:
