@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from fabdesign.bench_table_file import read_bench_table
+from fabdesign.cloud_file import read_cloud
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
 from fabdesign.measurement_set import read_set
@@ -22,6 +23,7 @@ _READERS: Mapping[str, Callable[[Path], object]] = {
     _STUDY: read_study,
     _SETS: read_set,
     "trial": read_trial,
+    "cloud": read_cloud,
     "pressures": read_csv,
     "bench table": read_bench_table,
 }
@@ -50,6 +52,8 @@ def _main_file(folder: Path) -> Path:
 def _kind(path: Path) -> str:
     if path.suffix == ".npz":
         return "trial"
+    if path.suffix == ".ply":
+        return "cloud"
     if path.suffix == ".csv":
         return "bench table" if read_text(path).startswith("pressure_kpa") else "pressures"
     root = parse_toml(path)

@@ -250,6 +250,7 @@ BAD = [
     ("predict set --model model.toml -o file", "expected a folder"),
     ("check none.toml", "no such file"),
     ("check cut.npz", "cut short"),
+    ("check cut.ply", "cut.ply"),
     ("check newer.toml", "fabdesign.design/7"),
     ("check set/trials", "a folder without"),
     ("check picture.png", "is not a text file"),
