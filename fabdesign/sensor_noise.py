@@ -16,7 +16,8 @@ Floats = NDArray[np.floating[Any]]
 
 _NEIGHBOURS = 64  # in a patch: enough that its six coefficients and the faces do not absorb the noise
 _PATCHES = 9_000  # at most, spread over the frames: 27 strays at a share of 0.3 %
-_ROUNDS = 20
+_ROUNDS = 40  # at most
+_CONVERGED = 1e-3  # of sigma, in a round
 _SIGMA0 = 0.001  # m, start
 _STRAY_REACH0 = 0.015  # m, how far off the surface strays are looked for
 
@@ -65,8 +66,10 @@ def estimate_noise(frames: Sequence[Floats], thickness: float) -> SensorNoise:
         weight = density / (density + strays / (2 * _STRAY_REACH0))
         face = (front - back) / np.maximum(front + back, 1e-300)
         squared = weight * (np.square(residual) - 2 * half * face * residual + half**2)
-        sigma = float(np.sqrt(squared[flat].sum() / (weight[flat].sum() - basis.shape[2] * flat.sum())))
+        last, sigma = sigma, float(np.sqrt(squared[flat].sum() / (weight[flat].sum() - basis.shape[2] * flat.sum())))
         strays = float(np.clip(1 - weight[:, 0].mean(), 1e-6, 0.5))
+        if abs(sigma - last) < _CONVERGED * sigma:
+            break
     off = np.abs(np.abs(residual[:, 0]) - half)[weight[:, 0] < 0.5]
     # the mean distance of even strays is half their reach; those lost among the noise lie below three sigma
     reach = 2 * float(off.mean()) - 3 * sigma if len(off) else 0.0

@@ -1,0 +1,174 @@
+"""How well a model predicts measured motions: errors before and after, per trial and per design."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from fabdesign.errors import InputError, SimulationError
+from fabdesign.forward import Case, ForwardModel
+from fabdesign.metrics import Closed, Errors, Statistics, closed, statistics, trial_errors
+from fabdesign.model import Model
+from fabdesign.sensor_noise import SensorNoise, estimate_noise
+from fabdesign.trial import MeasurementSet, Trial
+
+_AT_ONCE = 32  # motions in memory
+_NOISE_FRAMES = 12  # clouds that the sensor noise of a design is estimated from
+ERRORS = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """Errors of one trial, m; NaN where the motion diverged."""
+
+    set_name: str
+    trial: str
+    order: int
+    role: str
+    before: Errors
+    after: Errors
+
+
+@dataclass(frozen=True)
+class DesignResult:
+    """All trials of one design; the statistics leave out trials that diverged."""
+
+    source: str  # name and description of the set
+    noise: SensorNoise
+    trials: tuple[TrialResult, ...]
+    before: Mapping[str, Statistics]
+    after: Mapping[str, Statistics]
+    closed: Closed
+
+    @property
+    def diverged(self) -> list[str]:
+        return [t.trial for t in self.trials if np.isnan(t.before.chamfer) or np.isnan(t.after.chamfer)]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """designs: trials of role `test`; others: the rest, where they were asked for."""
+
+    designs: Mapping[str, DesignResult]
+    others: Mapping[str, DesignResult]
+
+    def as_json(self) -> dict[str, Any]:
+        """What `evaluate --json` prints: mm."""
+        result: dict[str, Any] = {"designs": {name: _as_json(design) for name, design in self.designs.items()}}
+        if self.others:
+            result["others"] = {name: _as_json(design) for name, design in self.others.items()}
+        return result | {"metric": list(ERRORS), "unit": "mm"}
+
+
+def evaluate_sets(
+    model: Model,
+    sets: Sequence[MeasurementSet],
+    forward: ForwardModel,
+    *,
+    full: ForwardModel | None = None,
+    all_trials: bool = False,
+    seed: int = 0,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Evaluation:
+    """Errors of `model` on the trials of role `test`, with `all_trials` of the others too, in a table of their own.
+
+    forward: the simulator, without effects or corrector. full: with all of the model's; needed where it has any.
+    Before and after are those of formats.md: the model's parameters without effects and corrector against all of it,
+    or, where it has neither, the data sheet against its parameters. `progress` is told trials done and trials in all.
+    Raises InputError where no trial is left, SimulationError where every motion of a design diverges.
+    """
+    extended = bool(model.effects) or model.corrector is not None
+    if extended and full is None:
+        raise ValueError("a model with effects or a corrector needs its full forward model")
+    before = (forward, model.factors if extended else {})
+    after = (full if extended and full is not None else forward, model.factors)
+    shared = Counter(name for found in sets for name in {trial.design_name for trial in found.trials})
+    jobs = []
+    for found in sets:
+        for role in ("test", "fit") if all_trials else ("test",):
+            for name in sorted({trial.design_name for trial in found.trials}):
+                trials = [t for t in found.trials if t.design_name == name and t.role == role]
+                if trials:
+                    jobs.append((found, role, name if shared[name] == 1 else f"{found.name}/{name}", trials))
+    if not jobs:
+        raise InputError(f"{', '.join(s.name for s in sets)}: no trial of role test; --all takes the others too")
+    total, done = sum(len(trials) for *_, trials in jobs), 0
+    tables: dict[str, dict[str, DesignResult]] = {"test": {}, "fit": {}}
+    for found, role, title, trials in jobs:
+        noise = _noise(trials)
+        results: list[TrialResult] = []
+        for first in range(0, len(trials), _AT_ONCE):
+            batch = trials[first : first + _AT_ONCE]
+            motions = [_motions(batch, *way) for way in (before, after)]
+            for trial, *predicted in zip(batch, *motions, strict=True):
+                clouds = trial.load().frames
+                errors = [trial_errors(clouds, motion, noise, seed=seed + trial.order) for motion in predicted]
+                results.append(TrialResult(found.name, trial.name, trial.order, trial.role, errors[0], errors[1]))
+                done += 1
+                progress(done, total)
+        tables[role][title] = _summarise(title, found, noise, results)
+    return Evaluation(tables["test"], tables["fit"])
+
+
+def _noise(trials: Sequence[Trial]) -> SensorNoise:
+    """From frames spread over the trials, the first of each among them: the cloth is flattest there."""
+    chosen = [trials[i] for i in np.linspace(0, len(trials) - 1, min(len(trials), _NOISE_FRAMES)).astype(int)]
+    each = -(-_NOISE_FRAMES // len(chosen))
+    frames = []
+    for trial in chosen:
+        clouds = trial.load().frames
+        frames += [clouds[i] for i in np.linspace(0, len(clouds) - 1, min(each, len(clouds))).astype(int)]
+    return estimate_noise(frames, trials[0].design.fabric.thickness)
+
+
+def _motions(trials: Sequence[Trial], forward: ForwardModel, factors: Mapping[str, float]) -> list[Any]:
+    return forward.motions([Case(t.design, t.program, factors) for t in trials], [t.times for t in trials])
+
+
+def _summarise(title: str, found: MeasurementSet, noise: SensorNoise, results: Sequence[TrialResult]) -> DesignResult:
+    # a trial that either way diverges on is left out of both, so that the two compare
+    sound = [r for r in results if np.isfinite(r.before.chamfer) and np.isfinite(r.after.chamfer)]
+    if not sound:
+        raise SimulationError(f"{found.name}: every motion of {title} diverged")
+    before, after = statistics([r.before for r in sound]), statistics([r.after for r in sound])
+    means = [Errors(**{name: table[name].mean for name in ERRORS}) for table in (before, after)]
+    source = f"{found.name}: {found.description}" if found.description else found.name
+    return DesignResult(source, noise, tuple(results), before, after, closed(*means))
+
+
+def _as_json(design: DesignResult) -> dict[str, Any]:
+    def millimetres(table: Mapping[str, Statistics]) -> dict[str, dict[str, float]]:
+        return {name: {key: 1e3 * x for key, x in asdict(values).items()} for name, values in table.items()}
+
+    def errors(values: Errors) -> dict[str, float | None]:
+        return {name: None if np.isnan(x) else 1e3 * x for name, x in asdict(values).items()}
+
+    return {
+        "before": millimetres(design.before),
+        "after": millimetres(design.after),
+        "closed": asdict(design.closed) | {"value": design.closed.value},
+        "noise": {"sigma_mm": 1e3 * design.noise.sigma, "strays": design.noise.strays},
+        "histogram": {error: histogram(design, error) for error in ("chamfer", "surface_rms")},
+        "source": design.source,
+        "trials": {
+            result.trial: {"before": errors(result.before), "after": errors(result.after)} for result in design.trials
+        },
+        "diverged": design.diverged,
+    }
+
+
+def _values(design: DesignResult, error: str) -> tuple[np.ndarray, np.ndarray]:
+    """(trials,) mm before and after, of those that did not diverge."""
+    pairs = np.array([(getattr(r.before, error), getattr(r.after, error)) for r in design.trials])
+    pairs = 1e3 * pairs[np.isfinite(pairs).all(axis=1)]
+    return pairs[:, 0], pairs[:, 1]
+
+
+def histogram(design: DesignResult, error: str) -> dict[str, list[float]]:
+    """Trials per bin of one error: `edges` in mm, counts `before` and `after`."""
+    before, after = _values(design, error)
+    edges = np.histogram_bin_edges(np.concatenate([before, after]), bins="sturges")
+    counts = {way: np.histogram(x, edges)[0].tolist() for way, x in (("before", before), ("after", after))}
+    return {"edges": edges.tolist()} | counts

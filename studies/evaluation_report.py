@@ -1,0 +1,85 @@
+"""What an evaluation leaves in a folder: numbers, tables and a picture."""
+
+import json
+from pathlib import Path
+
+from fabdesign.csv_table import write_rows
+from fabdesign.metrics import Statistics
+from fabdesign.output import new_folder
+from studies.evaluate import ERRORS, Evaluation, histogram
+
+
+def write_evaluation(evaluation: Evaluation, out: Path) -> None:
+    """Write `evaluation.json`, `trials.csv`, `evaluation.md` and `histogram.png` into the folder `out`, all or none."""
+    with new_folder(out) as unfinished:
+        text = json.dumps(evaluation.as_json(), indent=1)
+        (unfinished / "evaluation.json").write_text(text + "\n", encoding="utf-8")
+        (unfinished / "evaluation.md").write_text(tables_markdown(evaluation), encoding="utf-8")
+        _write_trials(evaluation, unfinished / "trials.csv")
+        _write_histogram(evaluation, unfinished / "histogram.png")
+
+
+def tables_markdown(evaluation: Evaluation) -> str:
+    """Both tables for people: mm, mean (min to max, std) over trials."""
+    parts = [
+        "Chamfer: unsquared, both directions summed. Surface RMS: measured points to the model's faces, capped at "
+        "10 mm. mm, mean (min to max, standard deviation) over trials; closed: share of the gap to the floor.\n"
+    ]
+    for heading, table in (("Trials of role test", evaluation.designs), ("Other trials", evaluation.others)):
+        if table:
+            parts.append(f"## {heading}\n\n| design | trials | error | floor | before | after | closed |")
+            parts.append("|---|---|---|---|---|---|---|")
+        for name, design in table.items():
+            for error, floor in (("chamfer", "chamfer_floor"), ("surface_rms", "surface_floor")):
+                share = design.closed.chamfer if error == "chamfer" else design.closed.surface
+                mark = " (counts)" if error.startswith(design.closed.counts) else ""
+                parts.append(
+                    f"| {name} | {len(design.trials)} | {error} | {1e3 * design.after[floor].mean:.2f} "
+                    f"| {_shown(design.before[error])} | {_shown(design.after[error])} "
+                    f"| {'no gap' if share is None else f'{share:.0%}'}{mark} |"
+                )
+        parts.append("")
+        parts += [
+            f"{name}: {design.source}; noise {1e3 * design.noise.sigma:.2f} mm an axis, "
+            + f"{design.noise.strays:.1%} strays"
+            + (f"; diverged and left out: {', '.join(design.diverged)}" if design.diverged else "")
+            for name, design in table.items()
+        ]
+        parts.append("")
+    return "\n".join(parts).rstrip() + "\n"
+
+
+def _shown(values: Statistics) -> str:
+    mean, most, least, std = (1e3 * x for x in (values.mean, values.max, values.min, values.std))
+    return f"{mean:.2f} ({least:.2f} to {most:.2f}, {std:.2f})"
+
+
+def _write_trials(evaluation: Evaluation, path: Path) -> None:
+    header = ["set", "design", "trial", "order", "role"]
+    header += [f"{name}_{way}_mm" for way in ("before", "after") for name in ERRORS]
+    rows = []
+    for table in (evaluation.designs, evaluation.others):
+        for name, design in table.items():
+            for r in design.trials:
+                numbers = [f"{1e3 * getattr(errors, error):.6g}" for errors in (r.before, r.after) for error in ERRORS]
+                rows.append([r.set_name, name, r.trial, r.order, r.role, *numbers])
+    write_rows(path, header, rows)
+
+
+def _write_histogram(evaluation: Evaluation, path: Path) -> None:
+    from matplotlib.figure import Figure
+
+    panels = [("test", *item) for item in evaluation.designs.items()]
+    panels += [("other", *item) for item in evaluation.others.items()]
+    figure = Figure(figsize=(9, 2.6 * len(panels)), layout="constrained")
+    axes = figure.subplots(len(panels), 2, squeeze=False)
+    for row, (kind, name, design) in zip(axes, panels, strict=True):
+        for axis, error, floor in zip(row, ("chamfer", "surface_rms"), ("chamfer_floor", "surface_floor"), strict=True):
+            shown = histogram(design, error)
+            for way, colour in (("before", "tab:gray"), ("after", "tab:blue")):
+                axis.stairs(shown[way], shown["edges"], fill=True, alpha=0.6, color=colour, label=way)
+            axis.axvline(1e3 * design.after[floor].mean, color="black", linestyle="--", label="floor")
+            axis.set(xlabel=f"{error} [mm]", ylabel="trials", title=f"{name}, {kind} trials")
+            axis.legend(fontsize="small")
+    figure.suptitle("; ".join(sorted({design.source for *_, design in panels})), fontsize="small")
+    figure.savefig(path, dpi=120)

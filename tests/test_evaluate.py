@@ -1,0 +1,121 @@
+"""Evaluation with a forward model whose errors are known."""
+
+import csv
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from sheets import rolled_sheet
+
+from fabdesign.catalogue import build
+from fabdesign.errors import InputError, SimulationError
+from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.model import EffectTerm, Model, Parameter
+from fabdesign.sensor_noise import SensorNoise
+from fabdesign.surface import Surface
+from studies.evaluate import evaluate_sets
+from studies.evaluation_report import tables_markdown, write_evaluation
+
+NOISE = SensorNoise(0.0006, 0.003, 0.012)
+TIMES = np.array([0.1, 0.2, 0.3])
+SOFT = Model(parameters={"bending": Parameter(0.5, (0.4, 0.6))})
+
+
+def motion(kilopascals, bending):
+    """Curls with pressure over bending stiffness."""
+    return np.stack([rolled_sheet(kilopascals / 50 * t / 0.3 / bending) for t in TIMES]).astype(np.float32)
+
+
+class Curler:
+    """A forward model; what it is short of the truth, `rest` makes up as an effect would."""
+
+    def __init__(self, rest=1.0):
+        self.rest = rest
+
+    def motions(self, cases, times):
+        result = [motion(c.program.pressure.max() / 1e3 * self.rest, c.factors.get("bending", 1.0)) for c in cases]
+        for case, points in zip(cases, result, strict=True):
+            if case.program.pressure.max() > 390e3:
+                points[1:] = np.nan
+        return result
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory):
+    """Truth: half the declared bending stiffness and 1.2 of the pressure."""
+    design = build("cross")
+    rng = np.random.default_rng(0)
+    trials = []
+    for order, (kilopascals, role) in enumerate([(100, "fit"), (200, "test"), (300, "test"), (395, "fit")]):
+        truth = motion(1.2 * kilopascals, 0.5)
+        clouds = tuple(NOISE.draw(Surface.of_faces(frame), 600, rng) for frame in truth)
+        pressure = np.full((3, design.channels), kilopascals * 1e3)
+        trials.append(NewTrial(f"{order:03d}", "cross", order, role, TrialData(TIMES, pressure, clouds)))
+    folder = tmp_path_factory.mktemp("set")
+    write_set(folder, {"cross": design}, trials, name="curled", description="synthetic")
+    return read_set(folder)
+
+
+def test_data_sheet_against_parameters_on_test_trials_only(measured):
+    seen = []
+    evaluation = evaluate_sets(SOFT, [measured], Curler(rest=1.2), progress=lambda *done: seen.append(done))
+    assert seen == [(1, 2), (2, 2)]
+    assert not evaluation.others
+    design = evaluation.designs["cross"]
+    assert [t.trial for t in design.trials] == ["001", "002"]
+    assert design.after["chamfer"].mean == pytest.approx(design.after["chamfer_floor"].mean, rel=0.02)
+    assert design.after["surface_rms"].mean == pytest.approx(design.after["surface_floor"].mean, rel=0.1)
+    assert design.before["chamfer"].min > 2 * design.after["chamfer"].max
+    assert design.closed.value == pytest.approx(1, abs=0.05)
+    assert design.noise.sigma == pytest.approx(0.0006, rel=0.1)
+    printed = json.loads(json.dumps(evaluation.as_json()))
+    assert printed["unit"] == "mm"
+    values = printed["designs"]["cross"]["before"]["chamfer"]
+    trials = [t["before"]["chamfer"] for t in printed["designs"]["cross"]["trials"].values()]
+    assert values == pytest.approx(
+        {"mean": np.mean(trials), "max": max(trials), "min": min(trials), "std": np.std(trials)}
+    )
+
+
+def test_effects_are_what_after_adds(measured):
+    model = dataclasses.replace(SOFT, effects=(EffectTerm("odd_muscle"),))
+    design = evaluate_sets(model, [measured], Curler(), full=Curler(rest=1.2)).designs["cross"]
+    # before: the parameters alone are short of a sixth of the pressure; after: nothing is missing
+    assert design.after["surface_rms"].mean == pytest.approx(design.after["surface_floor"].mean, rel=0.1)
+    assert design.closed.value == pytest.approx(1, abs=0.05)
+    assert design.before["surface_rms"].mean > 3 * design.after["surface_rms"].mean
+    with pytest.raises(ValueError, match="full forward model"):
+        evaluate_sets(model, [measured], Curler())
+
+
+def test_other_trials_have_a_table_of_their_own_and_diverged_ones_are_named(measured, tmp_path):
+    evaluation = evaluate_sets(SOFT, [measured], Curler(), all_trials=True)
+    assert [t.role for t in evaluation.designs["cross"].trials] == ["test", "test"]
+    assert evaluation.others["cross"].diverged == ["003"]
+    assert len(evaluation.others["cross"].trials) == 2
+    text = tables_markdown(evaluation)
+    assert "## Other trials" in text
+    assert "diverged and left out: 003" in text
+    assert "curled: synthetic" in text
+    write_evaluation(evaluation, tmp_path / "out")
+    with (tmp_path / "out/trials.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert [row["trial"] for row in rows] == ["001", "002", "000", "003"]
+    written = json.loads((tmp_path / "out/evaluation.json").read_text())
+    assert written["others"]["cross"]["trials"]["003"]["after"]["chamfer"] is None
+    assert float(rows[0]["chamfer_after_mm"]) == pytest.approx(
+        written["designs"]["cross"]["trials"]["001"]["after"]["chamfer"], rel=1e-5
+    )
+    assert (tmp_path / "out/histogram.png").stat().st_size > 5000
+
+
+def test_two_sets_with_one_design_and_sets_without_test_trials(measured):
+    both = evaluate_sets(SOFT, [measured, dataclasses.replace(measured, name="again")], Curler())
+    assert sorted(both.designs) == ["again/cross", "curled/cross"]
+    untested = dataclasses.replace(measured, trials=measured.trials[:1])
+    with pytest.raises(InputError, match="curled: no trial of role test"):
+        evaluate_sets(SOFT, [untested], Curler())
+    lost = dataclasses.replace(measured, trials=measured.trials[3:])
+    with pytest.raises(SimulationError, match="every motion of cross diverged"):
+        evaluate_sets(SOFT, [lost], Curler(), all_trials=True)
