@@ -40,7 +40,7 @@ def simulate(
 
     Raises InputError for a model that needs what `forward` does not have, SimulationError where the motion diverges.
     """
-    case = Case(design, program, _factors(model))
+    case = Case(design, program, factors_of(model))
     points = forward.motions([case], [times])[0]
     _require_finite(points, times, design.name)
     return points
@@ -58,7 +58,7 @@ def predict(
 
     Raises InputError and SimulationError; then nothing is written.
     """
-    factors = _factors(model)
+    factors = factors_of(model)
     with new_folder(out) as unfinished:
         cases = [Case(trial.design, trial.program, factors) for trial in trials]
         for first in range(0, len(trials), _AT_ONCE):
@@ -71,6 +71,18 @@ def predict(
                 file.parent.mkdir(exist_ok=True)
                 save_motion(file, at, points)
             progress(first + len(batch))
+
+
+def factors_of(model: Model | None) -> dict[str, float]:
+    """The model's factors on the declared values; InputError for a model that has more than those."""
+    if model is None:
+        return {}
+    if model.effects:
+        names = ", ".join(effect.name for effect in model.effects)
+        raise InputError(f"model: effects {names}; this version simulates models without effects")
+    if model.corrector is not None:
+        raise InputError(f"model: corrector {model.corrector}; this version predicts without a corrector")
+    return model.factors
 
 
 def trials_of(source: Path, design: Design | None) -> tuple[Trial, ...]:
@@ -88,17 +100,6 @@ def save_motion(path: Path, times: NDArray[np.float64], points: NDArray[np.float
     """Write `time` (T,) float64 s and `points` (T, 2 n, 3) float32 m."""
     with path.open("wb") as stream:
         np.savez_compressed(stream, time=times.astype(np.float64), points=points.astype(np.float32))
-
-
-def _factors(model: Model | None) -> dict[str, float]:
-    if model is None:
-        return {}
-    if model.effects:
-        names = ", ".join(effect.name for effect in model.effects)
-        raise InputError(f"model: effects {names}; this version simulates models without effects")
-    if model.corrector is not None:
-        raise InputError(f"model: corrector {model.corrector}; this version predicts without a corrector")
-    return model.factors
 
 
 def _require_finite(points: NDArray[np.float32], times: NDArray[np.float64], what: str) -> None:
