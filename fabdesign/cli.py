@@ -2,6 +2,8 @@
 
 import json
 import sys
+from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +41,10 @@ def main() -> None:
 def _fail(message: str, code: int) -> None:
     click.echo(f"fabdesign: {' '.join(message.split())}", err=True)
     sys.exit(code)
+
+
+def _progress(verb: str) -> Callable[[int, int], None]:
+    return lambda done, total: click.echo(f"{verb} {done} of {total} trials", err=True)
 
 
 def _report(result: dict[str, Any], text: str, as_json: bool) -> None:
@@ -188,12 +194,37 @@ def predict(source: Path, model: Path, design: Path | None, output: Path, as_jso
     trials = trials_of(source, None if design is None else read_design(design))
     from sim import Simulator
 
-    def show(done: int) -> None:
-        click.echo(f"predicted {done} of {len(trials)}", err=True)
-
-    predict_trials(Simulator(), fitted, trials, output, progress=show)
+    predict_trials(Simulator(), fitted, trials, output, progress=_progress("predicted"))
     files = [str(output / "trials" / trial.file.name) for trial in trials]
     _report({"motions": files}, f"{output / 'trials'}: {len(files)} motions", as_json)
+
+
+@commands.command()
+@click.argument("sets", nargs=-1, required=True, type=_FILE)
+@click.option("--model", type=_FILE, required=True, help="A model file.")
+@click.option("--all", "all_trials", is_flag=True, help="Trials of role fit too, in a table of their own.")
+@click.option("-o", "--output", type=_FILE, help="A folder for tables, a picture and the whole result.")
+@_as_json
+def evaluate(sets: tuple[Path, ...], model: Path, all_trials: bool, output: Path | None, as_json: bool) -> None:
+    """Say how far a model's motions are from the measured ones of SETS, before and after, in mm."""
+    from fabdesign.measurement_set import read_set
+    from fabdesign.model_file import read_model
+    from fabdesign.output import new_folder
+    from studies.evaluate import evaluate_sets
+    from studies.evaluation_report import tables_markdown, write_evaluation
+    from studies.predict import factors_of
+
+    fitted, measured = read_model(model), [read_set(path) for path in sets]
+    factors_of(fitted)
+    with nullcontext() if output is None else new_folder(output) as unfinished:
+        from sim import Simulator
+
+        evaluation = evaluate_sets(
+            fitted, measured, Simulator(), all_trials=all_trials, progress=_progress("evaluated")
+        )
+        if unfinished is not None:
+            write_evaluation(evaluation, unfinished)
+    _report(evaluation.as_json(), tables_markdown(evaluation), as_json)
 
 
 @commands.command()
@@ -244,7 +275,7 @@ def rig(
         key=key,
         recording=recording,
         test_trials=test_trials,
-        progress=lambda done, of: click.echo(f"measured {done} of {of} trials", err=True),
+        progress=_progress("measured"),
     )
     recorded = None if recording is None else str(recording)
     result = {"set": str(output), "trials": len(programs), "recording": recorded}

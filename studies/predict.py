@@ -52,9 +52,10 @@ def predict(
     trials: Sequence[Trial],
     out: Path,
     *,
-    progress: Callable[[int], None] = lambda done: None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
-    """Write `out/trials/NAME.npz` for every trial, at its own times. `progress` is told how many are done.
+    """Write `out/trials/NAME.npz` for every trial, at its own times. `progress` is told trials done and
+    in all.
 
     Raises InputError and SimulationError; then nothing is written.
     """
@@ -70,7 +71,7 @@ def predict(
                 file = unfinished / "trials" / trial.file.name
                 file.parent.mkdir(exist_ok=True)
                 save_motion(file, at, points)
-            progress(first + len(batch))
+            progress(first + len(batch), len(trials))
 
 
 def factors_of(model: Model | None) -> dict[str, float]:

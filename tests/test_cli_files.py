@@ -50,7 +50,9 @@ class Hanging:
 
     def motions(self, cases: Sequence[Case], times: Sequence[np.ndarray]) -> list[np.ndarray]:
         Hanging.asked = list(cases)
-        return [np.zeros((len(t), 3362, 3), np.float32) for t in times]
+        u, v = np.meshgrid(np.linspace(-0.1, 0.1, 41), np.linspace(0, -0.2, 41))
+        faces = [np.stack([u, v, np.full_like(u, z)], axis=-1).reshape(-1, 3) for z in (1e-3, -1e-3)]
+        return [np.tile(np.concatenate(faces).astype(np.float32), (len(t), 1, 1)) for t in times]
 
 
 class Diverging(Hanging):
@@ -73,7 +75,8 @@ def folder(tmp_path: Path) -> Path:
     write_design(standard(), tmp_path / "bare.toml")
     write_model(Model({"membrane": Parameter(1.1, (1.0, 1.2))}), tmp_path / "model.toml")
     (tmp_path / "p.csv").write_text("time_s,channel_0,channel_1\n0,100,0\n0.5,200,50\n")
-    cloud = np.random.default_rng(1).integers([-1000, -2000, 0], [1000, 0, 100], (50, 3)) * 1e-4
+    cloud = np.random.default_rng(1).integers([-1000, -2000, 0], [1001, 1, 2], (400, 3)) * 1e-4
+    cloud[:, 2] = np.where(cloud[:, 2] > 0, 1e-3, -1e-3)  # on one of the faces of the cloth at rest
     trials = [
         NewTrial(
             f"{i:03}", "cross", i, "fit", TrialData(np.array([0.1, 0.2]), np.full((2, 2), 1e5 * i), (cloud, cloud))
@@ -189,6 +192,17 @@ def test_predict_a_set_and_a_trial(run: Run, hanging: type[Hanging], folder: Pat
     assert [file.name for file in (folder / "b" / "trials").iterdir()] == ["002.npz"]
 
 
+@pytest.mark.usefixtures("hanging")
+def test_evaluate(run: Run, folder: Path) -> None:
+    arguments = ("evaluate", folder / "set", "--model", folder / "model.toml", "--all")
+    code, out, err = run(*arguments, "-o", folder / "out", "--json")
+    result = json.loads(out)
+    assert (code, result["unit"], result["designs"]) == (0, "mm", {})
+    assert result["others"]["cross"]["after"]["surface_rms"]["max"] < 1e-3  # mm: the measured points lie on the cloth
+    assert len(err.splitlines()) == 3
+    assert (folder / "out" / "evaluation.json").is_file()
+
+
 def test_diverged_motion_exits_with_1_and_writes_nothing(
     run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -270,6 +284,11 @@ BAD = [
     ("rig cross.toml --pressures 1,2 3 -o OUT", "3: channel 1 has no pressure"),
     ("rig cross.toml --pressures 1,2 --key cross.toml -o OUT", 'this version reads "fabdesign.key/1"'),
     ("rig cross.toml --pressures 1,2 -o file/OUT", "cannot be written"),
+    ("evaluate none --model model.toml", "none: no such file"),
+    ("evaluate set --model none.toml", "none.toml: no such file"),
+    ("evaluate set --model effects.toml", "effects filling_lag"),
+    ("evaluate set --model model.toml -o OUT", "no trial of role test"),
+    ("evaluate set --model model.toml -o file/OUT", "cannot be written"),
     ("demo -o file/OUT", "cannot be written"),
     ("exprt cross.toml", "No such command"),
 ]
