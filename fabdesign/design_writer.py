@@ -14,7 +14,7 @@ from fabdesign.design import Design
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.muscle import BenchTable, Muscle, MuscleType
-from fabdesign.output import write_text
+from fabdesign.output import new_file
 from fabdesign.table import kilopascals
 
 
@@ -25,6 +25,12 @@ def write_design(design: Design, path: Path | str) -> None:
     a membrane curve as `STEM_membrane.csv`. Raises InputError where `path` cannot be written.
     """
     path = Path(path)
+    with new_file(path) as unfinished:  # first, so that nothing lies beside a file that cannot be written
+        unfinished.write_text(_document(design, path), encoding="utf-8", newline="\n")
+
+
+def _document(design: Design, path: Path) -> str:
+    """The TOML text; the tables that it names are written beside `path`."""
     document = tomlkit.document()
     document["format"] = "fabdesign.design/1"
     document["name"] = design.name
@@ -42,7 +48,7 @@ def write_design(design: Design, path: Path | str) -> None:
         document["muscles"] = muscles
     if design.fabric.membrane_curve is not None:
         write_membrane_curve(design.fabric.membrane_curve, _curve_path(path))
-    write_text(path, tomlkit.dumps(document))
+    return tomlkit.dumps(document)
 
 
 def _fabric(fabric: Fabric, path: Path) -> Table:

@@ -1,11 +1,10 @@
 """Output that is whole or not there: write beside the goal, then rename."""
 
-import os
 import shutil
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from uuid import uuid4
 
 from fabdesign.errors import InputError
 
@@ -21,16 +20,14 @@ def new_file(path: Path) -> Iterator[Path]:
     if path.is_dir():
         raise InputError(f"{path}: is a folder; expected a file name to write to")
     made = _make_folders(path.parent)
+    temporary = path.with_name(f".unfinished-{uuid4().hex}{path.suffix}")
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
+        temporary.touch(exist_ok=False)
     except OSError as error:
         _unmake(made)
         raise _cannot_write(path, error) from None
-    os.close(handle)
-    temporary = Path(name)
     try:
         yield temporary
-        temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)
@@ -40,7 +37,7 @@ def new_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder beside `path`; its files move into `path` when the block ends well.
+    """A temporary folder in `path`; its files move into `path` when the block ends well.
 
     Files that `path` already has under the same names are replaced, others stay. Raises InputError like `new_file`.
     """
@@ -48,8 +45,9 @@ def new_folder(path: Path) -> Iterator[Path]:
     if path.exists() and not path.is_dir():
         raise InputError(f"{path}: is a file; expected a folder to write to")
     made = _make_folders(path)
+    temporary = path / f".unfinished-{uuid4().hex}"
     try:
-        temporary = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=path))
+        temporary.mkdir()
     except OSError as error:
         _unmake(made)
         raise _cannot_write(path, error) from None
@@ -97,9 +95,3 @@ def _unmake(folders: list[Path]) -> None:
 
 def _cannot_write(path: Path, error: OSError) -> InputError:
     return InputError(f"{path}: cannot be written ({error.strerror})")
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

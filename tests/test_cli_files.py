@@ -270,6 +270,7 @@ BAD = [
     ("check picture.png", "is not a text file"),
     ("new basik -o OUT", "did you mean basic"),
     ("new basic --muscles none -o OUT", "valid integer"),
+    ("new basic -o set", "is a folder"),
     ("new basic -o file/OUT", "cannot be written"),
     ("export none.toml -o OUT", "no such file"),
     ("export cross.toml -o file", "expected a folder"),
