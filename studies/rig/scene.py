@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 IMPERFECTION = 2e-3  # 1/m, rest curvature by the seed: 0.04 mm over 0.2 m, decides which way a symmetric cloth buckles
 CONTRACTIONS = np.linspace(-0.4, 0.6, 501)  # of the tabulated law; 0, the kink, is one of them
 PRESSURE_STEP = 4e3  # Pa
+PIN_STIFFNESS = 2e5  # N/m, of a hung point's spring: 0.01 mm under the cloth's weight
 
 
 @dataclass(frozen=True)
@@ -74,8 +75,9 @@ class Scene:
     tables: list[Array]  # per muscle: tension over (pressure, CONTRACTIONS)
     channel: NDArray[np.int64]  # (intervals,)
     held: NDArray[np.bool_]  # (n, 3) control values that do not move
-    held_points: sp.csr_matrix | None  # rows: points of the cloth that are pinned by springs
-    hung_at: Array  # (points, 3) m
+    ties: sp.csr_matrix  # (points, n) points of the cloth that are tied by springs of no length
+    tie_stiffness: Array  # (points,) N/m
+    tied_to: Array  # (points, 3) m
     prony: float = 0.0  # share of the cloth's stress that relaxes
     prony_time: float = 1.0  # s
     pressure_hooks: list[Callable[[Array, float], Array]] = field(default_factory=list)  # (steps, channels), h -> same
@@ -113,7 +115,7 @@ def build_scene(
     intervals = len(cables.rest)
     types = [design.muscle_types[m.type] for m in design.muscles]
     viscosity = np.array([types[m].viscosity * f["damping"] for m in cables.muscle])
-    held, held_points, hung_at = _support(design, patch)
+    held, hung_uv = _support(design, patch)
     rest = np.zeros((n, 6))
     rest[:, 3:] = _imperfection(uv, cloth.width, cloth.height, seed)
     pressures = np.arange(0.0, max_pressure + 2 * PRESSURE_STEP, PRESSURE_STEP)
@@ -144,8 +146,9 @@ def build_scene(
         tables=[np.ascontiguousarray(tables[m.type]) for m in design.muscles],
         channel=np.array([design.muscles[m].channel for m in cables.muscle], dtype=np.int64),
         held=held,
-        held_points=held_points,
-        hung_at=hung_at,
+        ties=patch.matrix(hung_uv),
+        tie_stiffness=np.full(len(hung_uv), PIN_STIFFNESS),
+        tied_to=np.stack([hung_uv[:, 0] - cloth.width / 2, -hung_uv[:, 1], np.zeros(len(hung_uv))], axis=1),
     )
 
 
@@ -207,24 +210,20 @@ def _muscle_mass(design: Design, patch: Patch) -> sp.csr_matrix:
     return total
 
 
-def _support(design: Design, patch: Patch) -> tuple[NDArray[np.bool_], sp.csr_matrix | None, Array]:
-    """Control values on a hung edge are held; hung points are held by stiff springs (see motion)."""
+def _support(design: Design, patch: Patch) -> tuple[NDArray[np.bool_], Array]:
+    """Control values that are held, for a hung edge; (points, 2) m to be tied, where the cloth hangs by points."""
     held = np.zeros((patch.count, 3), dtype=bool)
     hung = design.fabric.hung
-    none: Array = np.zeros((0, 3))
     if isinstance(hung, tuple):
-        uv = np.array(hung)
-        at = np.stack([uv[:, 0] - design.fabric.width / 2, -uv[:, 1], np.zeros(len(uv))], axis=1)
-        return held, patch.matrix(uv), at
-    if hung == "none":
-        return held, None, none
-    gu, gv = np.meshgrid(np.arange(patch.u.count), np.arange(patch.v.count), indexing="ij")
-    index = patch.index(gu, gv)
-    rows = {"top": index[:, :2], "bottom": index[:, :-3:-1], "left": index[:2].T, "right": index[:-3:-1].T}[hung]
-    held[rows[:, 0]] = True
-    if design.fabric.support == "clamped":  # the next row stays in the plane: the tangent plane, so the normal, holds
-        held[rows[:, 1], 2] = True
-    return held, None, none
+        return held, np.array(hung)
+    if hung != "none":
+        gu, gv = np.meshgrid(np.arange(patch.u.count), np.arange(patch.v.count), indexing="ij")
+        index = patch.index(gu, gv)
+        rows = {"top": index[:, :2], "bottom": index[:, :-3:-1], "left": index[:2].T, "right": index[:-3:-1].T}[hung]
+        held[rows[:, 0]] = True
+        if design.fabric.support == "clamped":  # the next row stays in the plane: the tangent plane holds
+            held[rows[:, 1], 2] = True
+    return held, np.zeros((0, 2))
 
 
 def _imperfection(uv: Array, width: float, height: float, seed: int) -> Array:

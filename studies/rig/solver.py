@@ -14,7 +14,6 @@ from studies.rig.scene import Scene
 
 Array = NDArray[np.float64]
 TOLERANCE = 1e-7  # m, largest Newton correction of a control point that ends a step
-PIN_STIFFNESS = 2e5  # N/m, of a hung point's spring: 0.01 mm under the cloth's weight
 HELD = 1e15  # N/m, on the diagonal of a held value
 MAX_ITERATIONS = 60
 KEEP = 0.35  # a factor that shrinks corrections at least so is kept
@@ -61,8 +60,8 @@ class Solver:
             cable_kernels.forces(self.y, self.jac, c.nodes, c.first, self.tension, out)
         else:
             self.contraction = self.tension = self.axial = np.zeros(0)
-        if s.held_points is not None:
-            out += PIN_STIFFNESS * (s.held_points.T @ (s.held_points @ x - s.hung_at))
+        if len(s.tied_to):
+            out += s.ties.T @ (s.tie_stiffness[:, None] * (s.ties @ x - s.tied_to))
         return out
 
     def refactor(
@@ -82,8 +81,8 @@ class Solver:
             cable_kernels.stiffness(
                 self.y, self.jac, c.nodes, c.first, self.tension, np.maximum(self.axial, 0.0), exact, band
             )
-        if s.held_points is not None:
-            band += _to_band(PIN_STIFFNESS * (s.held_points.T @ s.held_points), self.band_width)
+        if len(s.tied_to):
+            band += _to_band(s.ties.T @ sp.diags(s.tie_stiffness) @ s.ties, self.band_width)
         band[0, np.flatnonzero(s.held.ravel())] += HELD
         self.factor, info = dpbtrf(band, lower=1, overwrite_ab=1)
         if info and exact:

@@ -77,6 +77,8 @@ class Patch:
     def matrix(self, uv: Array, du: int = 0, dv: int = 0) -> sp.csr_matrix:
         """(len(uv), count) sparse matrix that takes control points to the derivative (du, dv) at `uv` [m]."""
         uv = np.asarray(uv, dtype=float)
+        if not len(uv):
+            return sp.csr_matrix((0, self.count))
         nodes, values = self.local(uv, ((du, dv),))
         rows = np.repeat(np.arange(len(uv)), nodes.shape[1])
         return sp.csr_matrix((values[:, 0].ravel(), (rows, nodes.ravel())), shape=(len(uv), self.count))

@@ -1,5 +1,9 @@
 """Effects of the virtual rig by name: the table of formats.md, and some that are not in it."""
 
+from studies.rig.effects import environment, fabric, interface, muscle, pneumatics, sensing, unlisted
 from studies.rig.effects.declaration import Effect
 
-EFFECTS: dict[str, Effect] = {}
+LISTED: dict[str, Effect] = (
+    muscle.EFFECTS | pneumatics.EFFECTS | fabric.EFFECTS | interface.EFFECTS | environment.EFFECTS | sensing.EFFECTS
+)
+EFFECTS: dict[str, Effect] = LISTED | unlisted.EFFECTS

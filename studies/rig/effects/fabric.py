@@ -1,0 +1,47 @@
+"""In the cloth."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from studies.rig.effects.declaration import Effect
+from studies.rig.scene import Scene
+
+PATCH_EDGE = 0.004  # m, over which a stiff patch fades out
+
+
+def orthotropy(scene: Scene, order: int, values: Mapping[str, float]) -> None:
+    """k_1 / k_2 and B_1 / B_2 times `ratio`, their products unchanged."""
+    root = values["ratio"] ** 0.5
+    scene.stiffness[:, [0, 4]] *= root
+    scene.stiffness[:, [2, 6]] /= root
+
+
+def local_stiffening(scene: Scene, order: int, values: Mapping[str, float]) -> None:
+    """Membrane and bending times `factor` in a disc."""
+    distance = np.hypot(scene.uv[:, 0] - values["u"], scene.uv[:, 1] - values["v"])
+    inside = 1.0 / (1.0 + np.exp((distance - values["radius"]) / (PATCH_EDGE / 4)))
+    scene.stiffness *= (1.0 + (values["factor"] - 1.0) * inside)[:, None]
+
+
+def stress_relaxation(scene: Scene, order: int, values: Mapping[str, float]) -> None:
+    """One Prony term: `share` of the cloth's stress relaxes; declared values are the instantaneous ones."""
+    scene.prony, scene.prony_time = values["share"], values["time"]
+
+
+def rest_curvature(scene: Scene, order: int, values: Mapping[str, float]) -> None:
+    """The free cloth is curved; positive curvature bends the hem towards the viewer."""
+    scene.rest_strain[:, 3] += values["across"]
+    scene.rest_strain[:, 4] += values["down"]
+
+
+EFFECTS = {
+    "orthotropy": Effect("fabric", {"ratio": (2.0, "1")}, orthotropy),
+    "local_stiffening": Effect(
+        "fabric",
+        {"u": (0.1, "m"), "v": (0.1, "m"), "radius": (0.03, "m"), "factor": (4.0, "1")},
+        local_stiffening,
+    ),
+    "stress_relaxation": Effect("fabric", {"share": (0.3, "1"), "time": (0.7, "s")}, stress_relaxation),
+    "rest_curvature": Effect("fabric", {"across": (0.0, "1/m"), "down": (1.5, "1/m")}, rest_curvature),
+}
