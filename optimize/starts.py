@@ -16,7 +16,7 @@ from optimize.design_space import DesignSpace, Limits, Vector
 Side = Literal["front", "back"]
 Start = tuple[DesignSpace, Vector]
 
-TRIES = 200  # draws of a layout before a muscle count counts as too many for the cloth
+TRIES = 60  # draws of a layout before a muscle count counts as too many for the cloth
 PITCH = 0.02  # m, between fixed points, where the design has no muscle to copy it from
 ANGLES = (0.0, np.pi / 2, np.pi / 4, -np.pi / 4)  # of parallel muscles against the v axis; and any angle
 
@@ -39,8 +39,16 @@ def layout_starts(
     """
     rng = np.random.default_rng(seed)
     turns = [n for lowest in range(max(counts), 0, -1) for n in counts if n >= lowest]
-    drawn = [_draw(design, limits, poses, turns[i % len(turns)], sides, rng) for i in range(number)]
-    return [start for start in drawn if start is not None]
+    starts: list[Start] = []
+    crowded = set()
+    for i in range(number):
+        count = turns[i % len(turns)]
+        start = None if count in crowded else _draw(design, limits, poses, count, sides, rng)
+        if start is None:
+            crowded.add(count)
+        else:
+            starts.append(start)
+    return starts
 
 
 def _draw(

@@ -17,6 +17,7 @@ from optimize.history import History
 from optimize.objective import Objective, Target
 from optimize.search import Search, Stage
 from optimize.starts import Start, layout_starts, pressure_starts
+from studies.predict import factors_of
 from studies.report import Section, render_report
 from studies.study_result import StudyResult, pressures_kpa, write_best
 from studies.target import LoadedTarget, load_target, target_errors
@@ -44,7 +45,7 @@ def run_study(
     out = Path(out)
     study = study if isinstance(study, Study) else read_study(study)
     require_searchable(study, study.name)
-    factors = _factors(study)
+    factors = factors_of(study.model)
     targets = tuple(load_target(target, study.design, seed=study.seed) for target in study.targets)
     objective = Objective([Target(t.points, t.time) for t in targets], factors, study.objective)
     starts = _starts(study)
@@ -64,15 +65,6 @@ def run_study(
     result.write(out)
     write_text(out / "report.html", render_report(study.name, [Section(study.name, result)]))
     return result
-
-
-def _factors(study: Study) -> dict[str, float]:
-    model = study.model
-    if model is None:
-        return {}
-    if model.effects or model.corrector is not None:
-        raise InputError(f"{study.name}: model has effects or a corrector; this version searches with parameters alone")
-    return model.factors
 
 
 def forward_models(fine: ForwardModel | None, coarse: ForwardModel | None) -> tuple[ForwardModel, ForwardModel]:
@@ -188,7 +180,7 @@ def _result(
         points=shape,
         rest=rest[0],
         errors=target_errors(targets, shape, design, seed=study.seed),
-        rest_errors=target_errors(targets, rest, design, seed=study.seed),
+        rest_errors=target_errors(targets, rest, design, seed=study.seed, draws=1),
         constraints=constraint_margins(design, pressures, _limits(study)),
         history=tuple(search.history.entries()),
         wall_s=search.elapsed,

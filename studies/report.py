@@ -57,9 +57,10 @@ def render_report(title: str, sections: Sequence[Section]) -> str:
     )
 
 
-def _error_cells(errors: Errors) -> Markup:
-    values = (errors.chamfer, errors.chamfer_floor, errors.surface_rms, errors.surface_floor)
-    return Markup("".join(f"<td>{1e3 * value:.2f}</td>" for value in values))
+def _error_cells(errors: Errors, floors: bool = True) -> Markup:
+    pairs = ((errors.chamfer, errors.chamfer_floor), (errors.surface_rms, errors.surface_floor))
+    cells = [f"<td>{1e3 * found:.2f}</td><td>{f'{1e3 * floor:.2f}' if floors else ''}</td>" for found, floor in pairs]
+    return Markup("".join(cells))
 
 
 def _layout(result: StudyResult, pose: int) -> Markup:

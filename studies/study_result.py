@@ -29,7 +29,7 @@ class StudyResult:
     points: NDArray[np.float64]  # (poses, 2 n, 3) m, the result's shapes: front face, then back face
     rest: NDArray[np.float64]  # (2 n, 3) m, the same cloth without pressure
     errors: Errors  # mean over the poses
-    rest_errors: Errors
+    rest_errors: Errors  # its floors from a single draw
     constraints: dict[str, float]  # least margin of every limit, m (Pa for pressure)
     history: tuple[Entry, ...]
     wall_s: float  # of the search, earlier sessions included

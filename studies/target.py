@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from fabdesign.cloud_file import read_cloud
 from fabdesign.design import Design
 from fabdesign.errors import InputError
-from fabdesign.metrics import Errors, trial_errors
+from fabdesign.metrics import DRAWS, Errors, trial_errors
 from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.study_file import TargetFile
 from fabdesign.table import load_toml
@@ -56,13 +56,13 @@ def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedT
 
 
 def target_errors(
-    targets: Sequence[LoadedTarget], shapes: NDArray[np.float64], design: Design, *, seed: int = 0
+    targets: Sequence[LoadedTarget], shapes: NDArray[np.float64], design: Design, *, seed: int = 0, draws: int = DRAWS
 ) -> Errors:
     """Mean over the targets, of shapes (poses, 2 n, 3) m. The floors take the noise that the targets show."""
     clouds = [target.points for target in targets]
     enough = [cloud for cloud in clouds if len(cloud) >= FEWEST]
     noise = estimate_noise(enough, design.fabric.thickness) if enough else SensorNoise(0.0, 0.0, 0.0)
-    return trial_errors(clouds, shapes, noise, seed=seed)
+    return trial_errors(clouds, shapes, noise, seed=seed, draws=draws)
 
 
 def _is_trial(path: Path) -> bool:

@@ -1,0 +1,171 @@
+"""A study from its file to its report, on a cloth in closed form; and the demo's plumbing."""
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fabdesign.catalogue import build
+from fabdesign.design_file import read_design
+from fabdesign.errors import InputError
+from fabdesign.forward import Case
+from fabdesign.pressure_file import constant_program, read_pressures
+from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
+from fabdesign.trial_file import TrialData, read_trial, write_trial
+from studies.demo import as_json, as_text, run_demo
+from studies.layouts import run_study
+from tests.analytic_cloth import AnalyticCloth
+
+TRUTH = np.array([320e3, 60e3, 210e3])
+TIME = 1.2  # s
+
+
+@pytest.fixture
+def trial(tmp_path: Path) -> Path:
+    """A noisy trial of two frames; the last one is what the cloth does at TIME."""
+    design = build("vertical")
+    times = np.array([0.6, TIME])
+    motion = AnalyticCloth().motions([Case(design, constant_program(TRUTH))], [times])[0]
+    frames = motion + np.random.default_rng(3).normal(0, 6e-4, motion.shape)
+    write_trial(TrialData(times, np.tile(TRUTH, (2, 1)), tuple(frames)), tmp_path / "trial.npz")
+    return tmp_path / "trial.npz"
+
+
+def study(trial: Path, **changes: object) -> Study:
+    return replace(Study("pose", build("vertical"), (TargetFile(trial),)), **changes)
+
+
+def test_a_study_writes_what_others_read(trial: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    run_study(study(trial), out, forward=AnalyticCloth())
+    result = json.loads((out / "result.json").read_text())
+    keys = "objective_mm chamfer chamfer_floor evaluations wall_s muscles pressures_kpa constraints stop_reason seed"
+    assert set(keys.split()) <= set(result)
+    np.testing.assert_allclose(result["pressures_kpa"], TRUTH / 1e3, atol=8)
+    assert result["chamfer"] == result["objective_mm"] < result["chamfer_floor"] + 0.2
+    design = read_design(out / "design.toml")
+    assert design.muscles == build("vertical").muscles
+    program = read_pressures(out / "pressures.csv", design)
+    np.testing.assert_allclose(program.pressure[-1] / 1e3, result["pressures_kpa"])
+    assert program.duration == pytest.approx(TIME)
+
+
+def test_the_report_is_one_file_with_everything_in_it(trial: Path, tmp_path: Path) -> None:
+    result = run_study(study(trial), tmp_path / "out", forward=AnalyticCloth())
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert not re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=", page)
+    assert len(page) < 6e6
+    for text in ("Chamfer", f"{1e3 * result.errors.chamfer:.2f}", f"{1e3 * result.errors.chamfer_floor:.2f}"):
+        assert text in page
+    figures = json.loads(re.findall(r'id="figures">(.*?)</script>', page)[0])
+    assert [trace["name"] for trace in figures["scene-0-0"]["data"]][:3] == ["target", "result", "cloth at rest"]
+    assert len(figures["curve-0"]["data"][0]["x"]) == len(result.history)
+    assert page.count("<polyline") == 3
+    assert "synthetic rig" not in page  # this target is no rig's
+
+
+def test_every_pose_has_its_own_pressures(trial: Path, tmp_path: Path) -> None:
+    both = study(trial, targets=(TargetFile(trial, 0), TargetFile(trial, 1)))
+    run_study(both, tmp_path / "out", forward=AnalyticCloth())
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    np.testing.assert_allclose(result["pressures_kpa"], [TRUTH / 1e3] * 2, atol=12)
+    assert (tmp_path / "out" / "pressures_2.csv").is_file()
+
+
+def test_a_layout_keeps_the_limits_and_its_start(trial: Path, tmp_path: Path) -> None:
+    limits = StudyLimits(evaluations=150, spacing=0.02)
+    free = study(trial, muscles=MuscleChoice(1, 2, ("front",)), positions=True, limits=limits)
+    result = run_study(free, tmp_path / "out", forward=AnalyticCloth())
+    assert result.stop_reason == "the limit of 150 evaluations is reached"
+    assert len(result.design.muscles) in (1, 2)
+    assert min(result.constraints.values()) >= -1e-6
+    assert result.errors.chamfer < result.rest_errors.chamfer
+
+
+def test_the_best_so_far_is_there_before_the_end(trial: Path, tmp_path: Path) -> None:
+    class PowerCut(AnalyticCloth):
+        def motions(self, cases, times):  # type: ignore[no-untyped-def]
+            if self.calls == 4:
+                raise SystemExit
+            return super().motions(cases, times)
+
+    with pytest.raises(SystemExit):
+        run_study(study(trial), tmp_path / "out", forward=PowerCut())
+    early = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert early["stop_reason"].startswith("unfinished")
+    assert read_design(tmp_path / "out" / "design.toml").channels == 3
+    late = run_study(study(trial), tmp_path / "out", forward=AnalyticCloth())
+    straight = run_study(study(trial), tmp_path / "straight", forward=AnalyticCloth())
+    assert 1e3 * late.objective <= early["objective_mm"]
+    np.testing.assert_array_equal(late.pressures, straight.pressures)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"targets": (TargetFile(Path("none.npz")),)}, "none.npz: no such file"),
+        ({"muscles": MuscleChoice(40, 40), "limits": StudyLimits(spacing=0.05)}, "no layout of 40 muscles"),
+        ({"design": replace(build("vertical"), muscles=())}, "has no muscles"),
+    ],
+)
+def test_bad_studies_are_refused_before_anything_is_written(
+    trial: Path, tmp_path: Path, change: dict[str, object], message: str
+) -> None:
+    model = AnalyticCloth()
+    with pytest.raises(InputError, match=message):
+        run_study(study(trial, **change), tmp_path / "out", forward=model)
+    assert model.calls == 0
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_frame_that_is_not_there_is_refused(trial: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="frame 2; expected -2 to 1"):
+        run_study(study(trial, targets=(TargetFile(trial, 2),)), tmp_path / "out", forward=AnalyticCloth())
+
+
+def test_a_place_that_cannot_be_written_is_refused_first(trial: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    model = AnalyticCloth()
+    for out in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(InputError, match="file"):
+            run_study(study(trial), out, forward=model)
+    assert model.calls == 0
+
+
+def test_a_ply_is_compared_with_the_equilibrium(tmp_path: Path) -> None:
+    cloud = AnalyticCloth().equilibria([Case(build("vertical"), constant_program(TRUTH))])[0]
+    header = (
+        "ply\nformat ascii 1.0\nelement vertex {}\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+    )
+    rows = "".join("{} {} {}\n".format(*point) for point in cloud)
+    (tmp_path / "cloud.ply").write_text(header.format(len(cloud)) + rows)
+    result = run_study(study(tmp_path / "cloud.ply"), tmp_path / "out", forward=AnalyticCloth())
+    assert result.targets[0].time is None
+    np.testing.assert_allclose(result.pressures[0], TRUTH, atol=8e3)
+
+
+def test_the_demo_runs_both_searches_on_embedded_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("studies.demo.SECONDS", {"basic": 2.0, "free": 2.0})
+    results = run_demo(tmp_path, forward=AnalyticCloth(), coarse=AnalyticCloth(21))
+    runs = as_json(results)["runs"]
+    assert [run["name"] for run in runs] == ["basic", "free"]
+    assert all(run["chamfer_floor"] < run["chamfer"] < 23 for run in runs)
+    assert [len(results[0].design.muscles), len(results[1].design.muscles) <= 4] == [8, True]
+    assert "synthetic rig" in as_text(results)
+    page = (tmp_path / "report.html").read_text()
+    assert "synthetic rig" in page
+    assert "not hardware" in page.replace("\n", " ")
+
+
+def test_the_demo_target_is_the_measured_one(data: Path) -> None:
+    from importlib.resources import as_file, files
+
+    with as_file(files("fabdesign") / "data" / "demo_target.npz") as path:
+        embedded = read_trial(path)
+        assert path.stat().st_size < 1e6
+    measured = read_trial(data / "rig_a" / "trials" / "078.npz")
+    assert embedded.time.tolist() == measured.time[-1:].tolist()
+    np.testing.assert_allclose(embedded.frames[0], measured.frames[-1], atol=1e-9)
