@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fabdesign.bspline import design_matrix, weights
 from fabdesign.errors import InputError
 from fabdesign.least_squares import least_squares_with_inequalities
 
@@ -48,7 +49,7 @@ class MuscleLaw:
     def fit(table: "BenchTable") -> "MuscleLaw":
         """The law of a bench table in any order and layout.
 
-        Raises InputError for a table with fewer than two pressures, three contractions or eight rows.
+        Raises InputError for a table with fewer than two pressures, two contractions or four rows.
         """
         p, eps, force = (np.asarray(x, dtype=float) for x in (table.pressure, table.contraction, table.force))
         _check(p, eps, force)
@@ -59,7 +60,7 @@ class MuscleLaw:
         m, n = p_spans + 3, _CONTRACTION_SPANS + 3
 
         scale = np.abs(force).max() or 1.0
-        basis_p, basis_e = _design(p / p_step, m), _design((eps - start) / e_step, n)
+        basis_p, basis_e = design_matrix(p / p_step, m), design_matrix((eps - start) / e_step, n)
         smooth = (basis_p[:, :, None] * basis_e[:, None, :]).reshape(len(p), m * n)
         stretch = basis_p * (np.maximum(-eps, 0.0) / e_step)[:, None]
         a, b = np.hstack([smooth, stretch]), force / scale
@@ -108,8 +109,8 @@ class MuscleLaw:
     def _evaluate(self, pressure_pa: ArrayLike, contraction: ArrayLike, order: int) -> Array:
         p, eps = np.broadcast_arrays(np.asarray(pressure_pa, dtype=float), np.asarray(contraction, dtype=float))
         m, n = self.coefficients.shape
-        i, wp = _weights(np.maximum(p, 0.0) / self.pressure_step, m, 0)
-        j, we = _weights((eps - self.contraction_start) / self.contraction_step, n, order)
+        i, wp = weights(np.maximum(p, 0.0) / self.pressure_step, m, 0)
+        j, we = weights((eps - self.contraction_start) / self.contraction_step, n, order)
         force = np.zeros(p.shape)
         kink = np.zeros(p.shape)
         for a in range(4):
@@ -127,38 +128,11 @@ def _check(p: Array, eps: Array, force: Array) -> None:
     if (p < 0).any():
         raise InputError(f"bench table: pressure {p.min() / 1e3:g} kPa; expected gauge pressures of at least 0")
     pressures, contractions = len(np.unique(p)), len(np.unique(eps))
-    if pressures < 2 or contractions < 3 or len(p) < 8:
+    if pressures < 2 or contractions < 2 or len(p) < 4:
         raise InputError(
             f"bench table: {len(p)} rows at {pressures} pressures and {contractions} contractions; "
-            "expected at least 8 rows, 2 pressures and 3 contractions"
+            "expected at least 4 rows, 2 pressures and 2 contractions"
         )
-
-
-def _weights(x: Array, count: int, order: int) -> tuple[NDArray[np.int64], tuple[Array, Array, Array, Array]]:
-    """First index and the four cubic B-spline weights (or their derivatives) at x, in knot spans from the first knot.
-
-    Outside the knots the weights continue linearly.
-    """
-    inside = np.clip(x, 0.0, count - 3)
-    i = np.minimum(inside.astype(np.int64), count - 4)
-    t = inside - i
-    s = 1.0 - t
-    slope = (-s * s / 2, (3 * t * t - 4 * t) / 2, (3 * s * s - 4 * s) / -2, t * t / 2)
-    if order == 1:
-        return i, slope
-    value = (s**3 / 6, (3 * t**3 - 6 * t**2 + 4) / 6, (3 * s**3 - 6 * s**2 + 4) / 6, t**3 / 6)
-    beyond = x - inside
-    w = [v + beyond * d for v, d in zip(value, slope, strict=True)]
-    return i, (w[0], w[1], w[2], w[3])
-
-
-def _design(x: Array, count: int) -> Array:
-    """(rows, count) values of every B-spline at x."""
-    i, w = _weights(x, count, 0)
-    out = np.zeros((len(x), count))
-    for a in range(4):
-        out[np.arange(len(x)), i + a] = w[a]
-    return out
 
 
 def _penalties(m: int, n: int) -> tuple[Array, Array, Array]:

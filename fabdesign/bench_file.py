@@ -1,0 +1,84 @@
+"""Bench records: `bench.toml`, `fabdesign.bench/1`, with a CSV a record beside it."""
+
+from decimal import Decimal
+from pathlib import Path
+
+import numpy as np
+
+from fabdesign.bench import Array, Bench, BenchRecord
+from fabdesign.csv_table import decimal, read_rows
+from fabdesign.errors import InputError
+from fabdesign.table import Table, load_toml
+
+FORMAT = "fabdesign.bench/1"
+SPECIMENS = ("muscle", "strip", "cylinder", "actuator")
+_UNITS = {"kpa": 3, "s": 0, "m": 0, "n": 0}  # suffix of a column -> power of ten to SI
+
+
+def read_bench(path: Path | str) -> Bench:
+    """Read a bench: its folder or its `bench.toml`, and all its records.
+
+    The specimen's constants are the numbers at top level or in [constants], SI. Raises InputError for an unknown
+    format or specimen, a missing file or column, a time that does not rise and a value that is no finite number.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / "bench.toml"
+    root = load_toml(path, FORMAT)
+    name = root.text("name", path.resolve().parent.name)
+    specimen = root.text("specimen", choices=SPECIMENS)
+    inputs, output = root.texts("input"), root.text("output")
+    if not inputs:
+        raise root.bad("input", "at least one column name")
+    description, source = root.text("description", ""), root.text("source", "")
+    constants = _numbers(root) | _numbers(root.table("constants", Table({}, str(path))))
+    records = tuple(_record(table, path, (*inputs, output)) for table in root.tables("records"))
+    root.finish()
+    if not records:
+        raise InputError(f"{path}: no [[records]]")
+    names = [record.name for record in records]
+    for twice in {name for name in names if names.count(name) > 1}:
+        raise InputError(f"{path}: two records are called {twice}")
+    bare = tuple(_bare(column)[0] for column in inputs)
+    return Bench(name, specimen, bare, _bare(output)[0], constants, records, description, source, path)
+
+
+def _record(table: Table, path: Path, needed: tuple[str, ...]) -> BenchRecord:
+    file = path.parent / table.text("file")
+    role = table.text("role", "fit", choices=("fit", "test"))
+    labels = _numbers(table)
+    table.finish()
+    header, rows = read_rows(file)
+    for column in needed:
+        if column not in header:
+            raise InputError(f"{file}: no column {column}; it has {', '.join(header)}")
+    columns: dict[str, Array] = {}
+    for i, column in enumerate(header):
+        bare, power = _bare(column)
+        if bare in columns:
+            raise InputError(f"{file}: two columns hold {bare}")
+        columns[bare] = np.array([float(decimal(row[i], file, line, column).scaleb(power)) for line, row in rows])
+    if "time" in columns and (np.diff(columns["time"]) <= 0).any():
+        late = int(np.argmax(np.diff(columns["time"]) <= 0)) + 1
+        raise InputError(f"{file} line {rows[late][0]}: time_s = {columns['time'][late]:g} does not rise")
+    return BenchRecord(file.stem, columns, labels, role)
+
+
+def _numbers(table: Table) -> dict[str, float]:
+    """All finite numbers of a table."""
+    values = {}
+    for key in table.names():
+        value = table.take(key)
+        if isinstance(value, int | Decimal) and not isinstance(value, bool):
+            values[key] = table.number(key)
+        elif isinstance(value, list | dict | str) and key in ("input", "records", "constants"):
+            continue
+        elif not isinstance(value, str):
+            raise table.bad(key, "a number or a text")
+    return values
+
+
+def _bare(column: str) -> tuple[str, int]:
+    """A column's name without its unit, and the power of ten that takes its values to SI."""
+    bare, _, unit = column.rpartition("_")
+    return (bare, _UNITS[unit]) if bare and unit in _UNITS else (column, 0)

@@ -1,0 +1,157 @@
+"""What a bench gives: a law of its specimen, and a muscle type or a cloth that a design can include."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import tomlkit
+
+from fabdesign.bench import Bench, BenchRecord
+from fabdesign.bench_file import read_bench
+from fabdesign.bench_table_file import write_bench_table
+from fabdesign.csv_table import write_rows
+from fabdesign.curve_file import write_membrane_curve
+from fabdesign.errors import InputError
+from fabdesign.model import Quantity
+from fabdesign.output import new_folder
+from studies.bench_actuator import StaticCurve, hold_of
+from studies.bench_cylinder import CylinderLaw
+from studies.bench_muscle import BenchMuscle
+from studies.bench_strip import StripLaw
+
+Law = BenchMuscle | StripLaw | CylinderLaw | StaticCurve
+
+
+@dataclass(frozen=True, eq=False)
+class BenchCalibration:
+    """A specimen's quasi-static law and how well it holds. Errors are root mean squares in `unit`."""
+
+    bench: Bench
+    law: Law
+    unit: str  # of the bench's output: N or m
+    error_fit: float
+    error_left_out: float | None  # mean over fitted records, each predicted from the others; None: one record alone
+    error_test: float | None  # on records of role test
+    constants: Mapping[str, Quantity]
+
+
+def calibrate_bench(path: Path | str, *, fit: Sequence[str] | None = None) -> BenchCalibration:
+    """Fit a bench's records of role `fit`, or those among them whose names (files without .csv) are given.
+
+    Raises InputError for an unsound bench, an unknown name and records that do not suffice.
+    """
+    bench = read_bench(path)
+    chosen = [record for record in bench.records if record.role == "fit"]
+    if fit is not None:
+        for name in fit:
+            if name not in {record.name for record in chosen}:
+                known = ", ".join(record.name for record in chosen)
+                raise InputError(f"{bench.file}: no record {name} to fit; it has {known}")
+        chosen = [record for record in chosen if record.name in fit]
+    if not chosen:
+        raise InputError(f"{bench.file}: no record of role fit; expected at least one")
+    law = _fit(bench, chosen)
+    left_out = []
+    for i in range(len(chosen) if len(chosen) > 2 else 0):
+        others = chosen[:i] + chosen[i + 1 :]
+        left_out.append(_rms(_fit(bench, others), [chosen[i]]))
+    tests = [record for record in bench.records if record.role == "test"]
+    return BenchCalibration(
+        bench=bench,
+        law=law,
+        unit="m" if bench.specimen == "actuator" else "N",
+        error_fit=_rms(law, chosen),
+        error_left_out=float(np.mean(left_out)) if left_out else None,
+        error_test=_rms(law, tests) if tests else None,
+        constants=_constants(law),
+    )
+
+
+def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
+    """Write `output` (TYPE.toml) and the table it names beside it; the files written.
+
+    A muscle becomes [muscle_types.NAME], with the sizes that the bench states as constants (outer_diameter,
+    mass_per_length, axis_offset); a strip whose width is stated a [fabric] with its membrane_curve, in the
+    `direction` (1 across, 2 down) that is stated or both. A design takes either by `include`. Anything else becomes a
+    file of the law alone, [law]. Raises InputError for a missing size and where `output` cannot be written.
+    """
+    bench, law = calibration.bench, calibration.law
+    document = tomlkit.document()
+    document.add(tomlkit.comment(f"fitted to the bench {bench.name}: {bench.source or bench.description}"))
+    with new_folder(output.parent) as folder:
+        table = folder / f"{output.stem}_{'bench' if isinstance(law, BenchMuscle) else 'law'}.csv"
+        if isinstance(law, BenchMuscle):
+            document["format"] = "fabdesign.design/1"
+            entry = tomlkit.table()
+            for key in ("outer_diameter", "mass_per_length", "axis_offset"):
+                entry[key] = bench.constant(key)
+            if law.viscosity is not None:
+                entry["viscosity"] = law.viscosity
+            entry["bench"] = table.name
+            document["muscle_types"] = {bench.name: entry}
+            write_bench_table(law.table(), table)
+        elif isinstance(law, StripLaw) and "width" in bench.constants:
+            document["format"] = "fabdesign.design/1"
+            document["fabric"] = {"membrane_curve": table.name}
+            direction = bench.constants.get("direction")
+            curve = law.membrane_curve(bench.constant("width"), across=direction != 2, down=direction != 1)
+            write_membrane_curve(curve, table)
+        else:
+            document["law"] = {"specimen": bench.specimen, "output": bench.output} | _law_entries(calibration, table)
+        (folder / output.name).write_text(tomlkit.dumps(document), encoding="utf-8", newline="\n")
+    return [output, output.parent / table.name]
+
+
+def _fit(bench: Bench, records: Sequence[BenchRecord]) -> Law:
+    if bench.specimen == "muscle":
+        return BenchMuscle.fit(records)
+    if bench.specimen == "strip":
+        return StripLaw.fit(records)
+    if bench.specimen == "cylinder":
+        return CylinderLaw.fit(records)
+    return StaticCurve.fit(records)
+
+
+def _rms(law: Law, records: Sequence[BenchRecord]) -> float:
+    if isinstance(law, StaticCurve):
+        holds = [hold_of(record) for record in records]
+        errors = [np.array([float(law.displacement(hold.pressure)) - hold.level]) for hold in holds]
+    elif isinstance(law, BenchMuscle):
+        errors = [law.predict(r) - r.columns["force" if "force" in r.columns else "load"] for r in records]
+    else:
+        errors = [law.predict(r) - r.columns["force"] for r in records]
+    return float(np.sqrt(np.mean(np.square(np.concatenate(errors)))))
+
+
+def _constants(law: Law) -> dict[str, Quantity]:
+    """What a record has to say beyond the quasi-static law."""
+    if isinstance(law, BenchMuscle):
+        found = {"viscosity": (law.viscosity, "N s"), "hysteresis": (law.hysteresis, "N")}
+        return {name: Quantity(value, unit) for name, (value, unit) in found.items() if value is not None}
+    if isinstance(law, StaticCurve):
+        return {"creep_per_decade": Quantity(law.creep_per_decade, "1")}
+    if isinstance(law, CylinderLaw):
+        return {"presliding": Quantity(law.presliding, "m")}
+    return {}
+
+
+def _law_entries(calibration: BenchCalibration, table: Path) -> dict[str, object]:
+    """Keys of [law], and its table written."""
+    law = calibration.law
+    if isinstance(law, CylinderLaw):
+        # p: pressure / 100 kPa, x: displacement / 10 mm, s: state of friction
+        header = ["term", "coefficient_n", "low90_n", "high90_n"]
+        rows = zip(law.terms, law.coefficients.tolist(), *law.interval90.T.tolist(), strict=True)
+        write_rows(table, header, list(rows))
+        return {"form": law.form, "presliding": law.presliding, "table": table.name}
+    if isinstance(law, StaticCurve):
+        rows = zip((law.pressure / 1e3).tolist(), law.level.tolist(), strict=True)
+        write_rows(table, ["pressure_kpa", "displacement_m"], list(rows))
+        return {"table": table.name}
+    assert isinstance(law, StripLaw)
+    strain, force = law.samples()
+    low, high = law.interval90(1 + strain)
+    rows = zip(strain.tolist(), force.tolist(), low.tolist(), high.tolist(), strict=True)
+    write_rows(table, ["strain", "force_n", "low90_n", "high90_n"], list(rows))
+    return {"table": table.name}

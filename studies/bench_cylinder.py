@@ -1,0 +1,118 @@
+"""The force law of a pneumatic cylinder: area times pressure, and friction that grows with pressure."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.bench import BenchRecord
+from fabdesign.errors import InputError
+
+Array = NDArray[np.float64]
+T = TypeVar("T")
+
+# Terms of the law, N. p: pressure over 100 kPa, x: displacement over 10 mm, s: state of friction in [-1, 1].
+FORMS: dict[str, tuple[str, ...]] = {
+    "area": ("p",),
+    "friction": ("p", "s", "s p"),
+    "stroke": ("p", "x p", "s", "s p"),
+    "curved stroke": ("p", "x p", "x x p", "s", "s p"),
+    "preload": ("1", "x", "p", "x p", "s", "s p"),
+    "saturating friction": ("1", "x", "p", "x p", "s", "s p", "s p p"),
+}
+PRESLIDINGS = (0.0001, 0.0002, 0.0003, 0.0005, 0.001, 0.002)  # m
+_PRESSURE, _STROKE = 1e5, 0.01  # Pa, m, one unit of p and x
+
+
+@dataclass(frozen=True, eq=False)
+class CylinderLaw:
+    """Force [N] over pressure and displacement, with a branch for each direction of motion.
+
+    The state of friction follows the motion over the presliding distance l as Dahl's: ds = (sign(dx) - s) |dx| / l
+    (Dahl 1968, Aerospace Corp. TOR-0158). It depends on the path, not on the rate.
+    """
+
+    form: str
+    terms: tuple[str, ...]
+    coefficients: Array  # N, one a term
+    interval90: Array  # (terms, 2) N, by leaving out one record at a time (jackknife, Student's t)
+    presliding: float  # m
+    cross_validated: dict[str, float]  # N RMS of each form on records left out of its fit
+
+    @staticmethod
+    def fit(records: Sequence[BenchRecord]) -> "CylinderLaw":
+        """Least squares in the form and presliding distance that predict left-out records best, among these alone.
+
+        Raises InputError for fewer than two records.
+        """
+        if len(records) < 2:
+            raise InputError("cylinder: one record; expected at least two pressures")
+        scores: dict[tuple[str, float], float] = {}
+        for form, terms in FORMS.items():
+            for presliding in PRESLIDINGS if "s" in terms else PRESLIDINGS[:1]:
+                tables = [_terms(record, terms, presliding) for record in records]
+                scores[form, presliding] = float(np.mean([_left_out(tables, records, i) for i in range(len(records))]))
+        form, presliding = min(scores, key=lambda key: scores[key])
+        terms = FORMS[form]
+        tables = [_terms(record, terms, presliding) for record in records]
+        best = _solve(tables, records)
+        alone = np.array([_solve(_without(tables, i), _without(records, i)) for i in range(len(records))])
+        return CylinderLaw(
+            form,
+            terms,
+            best,
+            _jackknife90(best, alone),
+            presliding,
+            {name: min(score for (f, _), score in scores.items() if f == name) for name in FORMS},
+        )
+
+    def predict(self, record: BenchRecord) -> Array:
+        """N at every row of a record, in its order."""
+        return _terms(record, self.terms, self.presliding) @ self.coefficients
+
+
+def area_alone(records: Sequence[BenchRecord], held_out: BenchRecord) -> Array:
+    """N, what area times pressure alone predicts: the law to beat."""
+    tables = [_terms(record, FORMS["area"], 1.0) for record in records]
+    return _terms(held_out, FORMS["area"], 1.0) @ _solve(tables, records)
+
+
+def friction_state(displacement: Array, presliding: float) -> Array:
+    """(n,) s, from 1 (moving out) at the start: exact for steps of even motion."""
+    state = np.ones(len(displacement))
+    for i, step in enumerate(np.diff(displacement)):
+        state[i + 1] = np.sign(step) + (state[i] - np.sign(step)) * np.exp(-abs(step) / presliding)
+    return state
+
+
+def _terms(record: BenchRecord, terms: Sequence[str], presliding: float) -> Array:
+    x, p = record.columns["displacement"] / _STROKE, record.columns["pressure"] / _PRESSURE
+    factors = {"1": np.ones(len(x)), "x": x, "p": p}
+    if any("s" in term for term in terms):
+        factors["s"] = friction_state(record.columns["displacement"], presliding)
+    return np.stack([np.prod([factors[name] for name in term.split()], axis=0) for term in terms], axis=1)
+
+
+def _solve(tables: Sequence[Array], records: Sequence[BenchRecord]) -> Array:
+    force = np.concatenate([record.columns["force"] for record in records])
+    return np.linalg.lstsq(np.concatenate(tables), force, rcond=None)[0]
+
+
+def _left_out(tables: Sequence[Array], records: Sequence[BenchRecord], i: int) -> float:
+    error = tables[i] @ _solve(_without(tables, i), _without(records, i)) - records[i].columns["force"]
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def _without(items: Sequence[T], i: int) -> list[T]:
+    return [item for j, item in enumerate(items) if j != i]
+
+
+def _jackknife90(best: Array, alone: Array) -> Array:
+    from scipy.stats import t
+
+    n = len(alone)
+    error = np.sqrt((n - 1) / n * np.sum((alone - alone.mean(axis=0)) ** 2, axis=0))
+    half = t.ppf(0.95, n - 1) * error
+    return np.stack([best - half, best + half], axis=1)
