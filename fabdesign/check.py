@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+from fabdesign.bench_file import read_bench
 from fabdesign.bench_table_file import read_bench_table
 from fabdesign.cloud_file import read_cloud
 from fabdesign.design_file import read_design
@@ -20,6 +21,7 @@ _SETS = "fabdesign.measurement-set/1"
 _READERS: Mapping[str, Callable[[Path], object]] = {
     "fabdesign.design/1": read_design,
     "fabdesign.model/1": read_model,
+    "fabdesign.bench/1": read_bench,
     _STUDY: read_study,
     _SETS: read_set,
     "trial": read_trial,
@@ -27,7 +29,7 @@ _READERS: Mapping[str, Callable[[Path], object]] = {
     "pressures": read_csv,
     "bench table": read_bench_table,
 }
-_FOLDERS = ("set.toml", "model.toml")
+_FOLDERS = ("set.toml", "bench.toml", "model.toml")
 
 
 def problems(path: Path) -> list[str]:
@@ -46,7 +48,7 @@ def _main_file(folder: Path) -> Path:
     for name in _FOLDERS:
         if (folder / name).is_file():
             return folder / name
-    raise InputError(f"{folder}: a folder without {' or '.join(_FOLDERS)}")
+    raise InputError(f"{folder}: a folder without {', '.join(_FOLDERS)}")
 
 
 def _kind(path: Path) -> str:

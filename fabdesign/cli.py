@@ -200,6 +200,29 @@ def predict(source: Path, model: Path, design: Path | None, output: Path, as_jso
 
 
 @commands.command()
+@click.argument("source", type=_FILE)
+@click.option("--fit", help="The records to fit, by name and comma; all of role fit without it.")
+@click.option("-o", "--output", type=_FILE, required=True, help="The file to write (TOML), for a design to include.")
+@_as_json
+def calibrate(source: Path, fit: str | None, output: Path, as_json: bool) -> None:
+    """Fit the law of a bench (SOURCE, a folder with bench.toml): a muscle type, a cloth, or the law alone."""
+    from studies.bench_calibrate import calibrate_bench, write_bench_type
+
+    fitted = calibrate_bench(source, fit=None if fit is None else fit.split(","))
+    files = [str(file) for file in write_bench_type(fitted, output)]
+    result = {
+        "bench": fitted.bench.name,
+        "unit": fitted.unit,
+        "error_fit": fitted.error_fit,
+        "error_left_out": fitted.error_left_out,
+        "error_test": fitted.error_test,
+        "constants": {name: {"value": c.value, "unit": c.unit} for name, c in fitted.constants.items()},
+        "files": files,
+    }
+    _report(result, f"{files[0]}: {fitted.bench.name}, {fitted.error_fit:.3g} {fitted.unit} RMS on the fit", as_json)
+
+
+@commands.command()
 @click.argument("sets", nargs=-1, required=True, type=_FILE)
 @click.option("--model", type=_FILE, required=True, help="A model file.")
 @click.option("--all", "all_trials", is_flag=True, help="Trials of role fit too, in a table of their own.")

@@ -192,6 +192,28 @@ def test_predict_a_set_and_a_trial(run: Run, hanging: type[Hanging], folder: Pat
     assert [file.name for file in (folder / "b" / "trials").iterdir()] == ["002.npz"]
 
 
+def test_bench_becomes_a_cloth_that_a_design_includes(run: Run, folder: Path) -> None:
+    bench = folder / "strip"
+    bench.mkdir()
+    head = 'format = "fabdesign.bench/1"\nspecimen = "strip"\nwidth = 0.05\ninput = ["stretch"]\noutput = "force_n"\n'
+    for i in range(3):
+        # tension over width: 520 N/m times the strain
+        rows = [f"{1 + 0.004 * k},{520 * 0.05 * 0.004 * k}" for k in range(26)]
+        (bench / f"r{i}.csv").write_text("\n".join(["stretch,force_n", *rows]) + "\n")
+        head += f'[[records]]\nfile = "r{i}.csv"\n'
+    (bench / "bench.toml").write_text(head)
+    code, out, _ = run("calibrate", bench, "--fit", "r0,r1", "-o", folder / "cloth.toml", "--json")
+    assert code == 0
+    assert json.loads(out)["error_fit"] < 0.01  # N
+    bare = (folder / "bare.toml").read_text()
+    (folder / "new.toml").write_text(
+        bare.replace("[fabric]", 'include = ["cloth.toml"]\n[fabric]').replace(
+            "membrane_stiffness = [520.0, 520.0]", ""
+        )
+    )
+    assert read_design(folder / "new.toml").fabric.membrane_stiffness == pytest.approx((520, 520), rel=0.03)
+
+
 @pytest.mark.usefixtures("hanging")
 def test_evaluate(run: Run, folder: Path) -> None:
     arguments = ("evaluate", folder / "set", "--model", folder / "model.toml", "--all")
@@ -290,6 +312,8 @@ BAD = [
     ("evaluate set --model effects.toml", "effects filling_lag"),
     ("evaluate set --model model.toml -o OUT", "no trial of role test"),
     ("evaluate set --model model.toml -o file/OUT", "cannot be written"),
+    ("calibrate none -o OUT", "none: no such file"),
+    ("calibrate set -o OUT", "bench.toml: no such file"),
     ("demo -o file/OUT", "cannot be written"),
     ("exprt cross.toml", "No such command"),
 ]
