@@ -178,6 +178,7 @@ class Search:
     def _trials(self, search: LocalSearch) -> list[Vector]:
         """NLopt's best step at several lengths; none where it does not move."""
         assert search.model is not None
+        self._require_time()
         step = best_step(search.model, self._objective, search.space, search.radius) - search.x
         if not np.any(step):
             return []
@@ -210,12 +211,15 @@ class Search:
             left = self._evaluations - self.history.evaluations
             if left <= 0:
                 raise Stop(f"the limit of {self._evaluations} evaluations is reached")
-            if self.elapsed > self._seconds:
-                raise Stop(f"the limit of {self._seconds:g} s is reached")
+            self._require_time()
             batch = points[len(results) : len(results) + min(BATCH, left)]
             results += self._evaluate_batch(number, batch)
             self._on_progress(self)
         return results
+
+    def _require_time(self) -> None:
+        if self.elapsed > self._seconds:
+            raise Stop(f"the limit of {self._seconds:g} s is reached")
 
     def _evaluate_batch(self, number: int, batch: Sequence[Point]) -> list[tuple[float, Shape]]:
         stage = self.stages[number]

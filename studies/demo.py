@@ -11,6 +11,7 @@ from fabdesign.output import write_text
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
 from optimize.search import Search
 from studies.layouts import forward_models, run_study
+from studies.picture import save_picture
 from studies.report import Section, render_report
 from studies.study_result import StudyResult
 
@@ -28,7 +29,8 @@ def run_demo(
     coarse: ForwardModel | None = None,
     progress: Callable[[str, Search], None] = lambda name, search: None,
 ) -> list[StudyResult]:
-    """Run both studies, `basic` and `free`, into folders of these names in `out`, and write `out/report.html`.
+    """Run both studies, `basic` and `free`, into folders of these names in `out`, and write `out/report.html` and
+    `out/demo.png`.
 
     The target's cloth differs from its data sheet, which the simulator uses; the pressures found make up for it.
     Raises InputError where `out` cannot be written.
@@ -41,6 +43,7 @@ def run_demo(
             results.append(run_study(study, out / study.name, forward=fine, coarse=quick, progress=show))
     sections = [Section(TITLES[result.study.name], result) for result in results]
     write_text(out / "report.html", render_report("A measured shape becomes a layout", sections))
+    save_picture([(section.title, section.result) for section in sections], out / "demo.png")
     return results
 
 

@@ -9,15 +9,15 @@ from fabdesign.design import Design
 
 SCALE = 1000.0  # drawing units a metre
 GAP, TOP = 30.0, 26.0
-LEAST, MOST = np.array([198, 219, 239]), np.array([203, 24, 29])  # colours of no pressure and of the highest
+# colours (RGB) of no pressure, of half and of the highest
+LEAST, MIDDLE, MOST = np.array([198, 219, 239]), np.array([253, 174, 97]), np.array([203, 24, 29])
 
 
 def pressure_colour(share: float) -> str:
-    """CSS colour of a share of the highest pressure, through a middle that is neither."""
-    middle = np.array([253, 174, 97])
-    a, b, t = (LEAST, middle, 2 * share) if share < 0.5 else (middle, MOST, 2 * share - 1)
-    r, g, b_ = (a + np.clip(t, 0, 1) * (b - a)).astype(int)
-    return f"rgb({r},{g},{b_})"
+    """CSS colour of a share of the highest pressure."""
+    low, high, t = (LEAST, MIDDLE, 2 * share) if share < 0.5 else (MIDDLE, MOST, 2 * share - 1)
+    red, green, blue = (low + np.clip(t, 0, 1) * (high - low)).astype(int)
+    return f"rgb({red},{green},{blue})"
 
 
 def layout_svg(design: Design, pressures: NDArray[np.float64], highest: float) -> str:

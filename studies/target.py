@@ -32,7 +32,7 @@ class LoadedTarget:
     @property
     def synthetic(self) -> bool:
         """Measured by a synthetic rig, as its description says."""
-        return "synthetic rig" in self.description
+        return "synthetic" in self.description
 
     @property
     def sha256(self) -> str:

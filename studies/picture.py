@@ -1,0 +1,73 @@
+"""One picture of what studies found: target over result in 3D, and the layout flat beside it (PNG)."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+
+import numpy as np
+from matplotlib import pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from mpl_toolkits.mplot3d import Axes3D
+
+from fabdesign.output import new_file
+from studies.layout_drawing import LEAST, MIDDLE, MOST
+from studies.study_result import StudyResult
+
+SHOWN = 1200  # target points drawn
+COLOURS = LinearSegmentedColormap.from_list("pressure", [tuple(c / 255) for c in (LEAST, MIDDLE, MOST)])
+
+
+def save_picture(results: Sequence[tuple[str, StudyResult]], path: Path) -> None:
+    """Write a PNG with a row for every (title, result), of its first pose. Raises InputError."""
+    figure = plt.figure(figsize=(10.5, 3.9 * len(results)), layout="constrained")
+    grid = figure.add_gridspec(len(results), 3, width_ratios=(1.7, 1, 1))
+    for row, (title, result) in enumerate(results):
+        _draw_scene(figure.add_subplot(grid[row, 0], projection="3d"), title, result)
+        flat = [figure.add_subplot(grid[row, column]) for column in (1, 2)]
+        for axes, side in zip(flat, ("front", "back"), strict=True):
+            _draw_face(axes, side, result)
+        highest = result.study.limits.pressure[1] / 1e3
+        figure.colorbar(ScalarMappable(Normalize(0, highest), COLOURS), ax=flat, label="kPa", shrink=0.7)
+    with new_file(path) as temporary:
+        figure.savefig(temporary, dpi=90, format="png")
+    plt.close(figure)
+
+
+def _draw_scene(axes: Axes3D, title: str, result: StudyResult) -> None:
+    points, target = result.points[0], result.targets[0].points
+    side = round(np.sqrt(len(points) / 2))
+    middle = points.reshape(2, side, side, 3).mean(axis=0) * 1e3
+    shown = target[:: max(1, len(target) // SHOWN)] * 1e3
+    axes.plot_surface(*np.moveaxis(middle, -1, 0), color="#8fb3d9", alpha=0.75, linewidth=0)
+    axes.scatter(*shown.T, s=1.2, c="#222222", depthshade=False)
+    axes.set(xlabel="x, mm", ylabel="y, mm", zlabel="z, mm")
+    errors = result.errors
+    axes.set_title(
+        f"{title}\nChamfer {1e3 * errors.chamfer:.2f} mm, floor {1e3 * errors.chamfer_floor:.2f}", fontsize=11
+    )
+    axes.view_init(elev=18, azim=30, vertical_axis="y")
+    axes.set_aspect("equal")
+    axes.locator_params(nbins=4)
+
+
+def _draw_face(axes: Axes, side: str, result: StudyResult) -> None:
+    fabric, highest = result.design.fabric, result.study.limits.pressure[1]
+    for number, muscle in enumerate(result.design.muscles, start=1):
+        if muscle.side != side:
+            continue
+        pressure = result.pressures[0][muscle.channel]
+        path = np.array(muscle.path) * 1e3
+        axes.plot(*path.T, color=COLOURS(pressure / highest), linewidth=5, solid_capstyle="round")
+        place = path[0] + (path[-1] - path[0]) * (0.3 + 0.4 * (number % 2))
+        box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
+        axes.text(place[0], place[1], f"{pressure / 1e3:.0f}", ha="center", va="center", fontsize=9, bbox=box)
+    axes.axhline(0, color="black", linewidth=4)
+    axes.set(xlim=(0, 1e3 * fabric.width), ylim=(1e3 * fabric.height, 0), xlabel="u, mm", ylabel="v, mm")
+    axes.set_title("front" if side == "front" else "back, seen through the cloth", fontsize=10)
+    axes.set_aspect("equal")
+    axes.set_facecolor("#f5f6f8")
