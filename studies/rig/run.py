@@ -42,7 +42,7 @@ def run_rig(
     """Measure a design on the virtual rig: one trial a pressure program, in session order, into the set `out`.
 
     The last `test_trials` trials get role "test". `recording`: a folder for the raw clouds of four virtual depth
-    cameras of the first program; their true poses go beside it, to RECORDING.truth.toml. progress(done, of) is called
+    cameras of the first program; their true poses go beside it, to RECORDING.truth.json. progress(done, of) is called
     after each trial. Raises InputError; studies.rig.solver.RigDiverged where a motion has no solution.
     """
     design = design if isinstance(design, Design) else read_design(design)

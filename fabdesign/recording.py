@@ -1,0 +1,171 @@
+"""Recordings: raw clouds of several depth sensors, `fabdesign.recording/1`."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import tomlkit
+from numpy.typing import NDArray
+
+from fabdesign.cloud_file import read_cloud
+from fabdesign.design import Design
+from fabdesign.design_file import read_design, write_design
+from fabdesign.errors import InputError
+from fabdesign.measured_points import require_cloud
+from fabdesign.ply import write_ply
+from fabdesign.pressure import PressureProgram, require_pressures
+from fabdesign.pressure_file import read_pressures, write_pressures
+from fabdesign.table import Table, load_toml
+
+Array = NDArray[np.float64]
+Convention = Literal["forward", "backward"]  # z forward and y down; or (x, -y, -z), as RealSense SDKs export
+
+FORMAT = "fabdesign.recording/1"
+_ORTHONORMAL = 1e-3
+_SIZE = 4.0  # m; a cloud ten times as far from its camera is in another unit
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    name: str
+    camera_to_world: Array  # (4, 4) m, nominal
+
+    @property
+    def position(self) -> Array:
+        return self.camera_to_world[:3, 3]
+
+    @property
+    def side(self) -> Literal["front", "back"]:
+        """The face that the sensor looks at."""
+        return "front" if self.position[2] > 0 else "back"
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What a folder holds; clouds are read when asked for."""
+
+    folder: Path
+    name: str
+    design: Design
+    times: Array  # (T,) s after rest
+    sensors: tuple[Sensor, ...]
+    program: PressureProgram
+    convention: Convention = "forward"
+
+    def frame(self, sensor: Sensor, index: int) -> Array:
+        """(n, 3) m, in the camera's own frame, z forward and y down. Raises InputError."""
+        number = f"{index:04d}"
+        frames = self.folder / "frames"
+        return self._cloud((frames / number / sensor.name, frames / sensor.name / number), f"frame {index}", sensor)
+
+    def has_reference(self) -> bool:
+        return (self.folder / "reference").is_dir()
+
+    def reference(self, sensor: Sensor) -> Array:
+        """(n, 3) m: the unloaded cloth as the sensor sees it. Raises InputError."""
+        return self._cloud((self.folder / "reference" / sensor.name,), "reference", sensor)
+
+    def _cloud(self, stems: Sequence[Path], what: str, sensor: Sensor) -> Array:
+        files = [stem.with_name(stem.name + suffix) for stem in stems for suffix in (".ply", ".npz")]
+        file = next((f for f in files if f.is_file()), None)
+        if file is None:
+            raise InputError(f"{what}: sensor {sensor.name} is missing; expected {files[0]} or .npz")
+        cloud = read_cloud(file, size=_SIZE)
+        require_cloud(cloud, str(file), size=_SIZE)
+        if self.convention == "backward":
+            cloud = cloud * [1.0, -1.0, -1.0]
+        if np.median(cloud[:, 2]) <= 0:
+            other = "forward" if self.convention == "backward" else "backward"
+            raise InputError(f"{file}: its points lie behind the camera; expected z ahead (convention {other}?)")
+        return cloud
+
+
+def read_recording(path: Path | str, *, convention: Convention = "forward") -> Recording:
+    """Read a recording: its folder or its `recording.toml`. Raises InputError.
+
+    Clouds lie in frames/NNNN/SENSOR.ply or frames/SENSOR/NNNN.ply, as PLY or as npz with `points`.
+    """
+    path = Path(path)
+    if path.is_dir():
+        path = path / "recording.toml"
+    root = load_toml(path, FORMAT)
+    folder = path.parent
+    name = root.text("name", folder.resolve().name)
+    root.text("description", "")
+    design = read_design(folder / root.text("design"))
+    sensors = tuple(_sensor(table) for table in root.tables("sensors"))
+    if not sensors:
+        raise InputError(f"{path}: no [[sensors]]")
+    names = [s.name for s in sensors]
+    if len(set(names)) < len(names):
+        raise InputError(f"{path}: two sensors have one name: {', '.join(names)}")
+    times = _times(root, folder, names)
+    root.finish()
+    program = read_pressures(folder / "pressure.csv", design)
+    require_pressures(program, design, str(folder / "pressure.csv"))
+    return Recording(folder, name, design, times, sensors, program, convention)
+
+
+def write_recording(
+    folder: Path,
+    design: Design,
+    program: PressureProgram,
+    times: Array,
+    sensors: Sequence[Sensor],
+    frames: Sequence[Mapping[str, Array]],
+    reference: Mapping[str, Array],
+) -> None:
+    """Write a recording into `folder`: clouds (n, 3) m by sensor name, in each camera's own frame."""
+    document = tomlkit.document()
+    document["format"] = FORMAT
+    document["name"] = folder.name
+    document["design"] = f"{design.name}.toml"
+    document["times"] = [round(float(t), 6) for t in times]
+    listed = tomlkit.aot()
+    for sensor in sensors:
+        entry = tomlkit.table()
+        pose = [[round(float(x), 6) for x in row] for row in sensor.camera_to_world]
+        entry.update({"name": sensor.name, "camera_to_world": pose})
+        listed.append(entry)
+    document["sensors"] = listed
+    write_design(design, folder / f"{design.name}.toml")
+    write_pressures(program, folder / "pressure.csv")
+    for name, cloud in reference.items():
+        write_ply(folder / "reference" / f"{name}.ply", cloud)
+    for index, clouds in enumerate(frames):
+        for name, cloud in clouds.items():
+            write_ply(folder / "frames" / f"{index:04d}" / f"{name}.ply", cloud)
+    (folder / "recording.toml").write_text(tomlkit.dumps(document), encoding="utf-8", newline="\n")
+
+
+def _sensor(table: Table) -> Sensor:
+    rows = table.take("camera_to_world")
+    try:
+        pose = np.array(rows, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise table.bad("camera_to_world", "4 rows of 4 numbers") from None
+    turn = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
+    if np.abs(turn @ turn.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(turn) < 0:
+        raise table.bad("camera_to_world", "a 4x4 matrix of a turn and a shift, metres")
+    sensor = Sensor(table.text("name"), pose)
+    table.finish()
+    return sensor
+
+
+def _times(root: Table, folder: Path, names: Sequence[str]) -> Array:
+    """The frames' times; with a `frame_rate` as many as there are frame folders (or files of the first sensor)."""
+    if "times" in root:
+        times = np.array(root.numbers("times"))
+        root.take("frame_rate", None)
+        if len(times) == 0 or times[0] < 0 or (np.diff(times) <= 0).any():
+            raise root.bad("times", "seconds after rest that rise")
+        return times
+    rate = root.number("frame_rate", above=0)
+    frames = folder / "frames"
+    by_sensor = frames / names[0]
+    numbers = [p.stem for p in (by_sensor if by_sensor.is_dir() else frames).glob("[0-9]*")]
+    if not numbers:
+        raise InputError(f"{frames}: no frames; expected NNNN/SENSOR.ply or SENSOR/NNNN.ply")
+    return np.arange(1, max(int(n) for n in numbers) + 2) / rate

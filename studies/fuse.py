@@ -1,0 +1,204 @@
+"""`fabdesign fuse`: raw clouds of several depth sensors become a measurement set.
+
+Every sensor is registered to the cloth at rest, all of them jointly to one another over all frames; then each frame is
+thinned on a grid, face by face, and sampled. docs/results/fuse.md has the figures.
+"""
+
+import json
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError
+from fabdesign.measurement_set import NewTrial, TrialData, write_set
+from fabdesign.output import new_folder
+from fabdesign.recording import Convention, Recording, read_recording
+
+if TYPE_CHECKING:
+    from studies.fuse_input import Anchored
+    from studies.fuse_joint import View
+
+Array = NDArray[np.float64]
+POINTS = 3362  # a frame, as many as 41 x 41 points on two faces
+JUST_BEFORE = 1e-6  # s: a frame's set point is that of the interval it ends
+
+
+@dataclass(frozen=True)
+class SensorReport:
+    name: str
+    camera_to_world: list[list[float]]  # m
+    moved_mm: float  # from the nominal pose
+    turned_deg: float
+    residual_mm: float  # root mean square distance of its cleaned points to the fused face
+    points: int  # cleaned, over all frames
+    dropped: int  # strays, flying pixels and edge ribbons
+
+
+@dataclass(frozen=True)
+class FusionReport:
+    """What was done; in SET/fusion.json, with the picture SET/fusion.png."""
+
+    recording: str
+    frames: int
+    sensors: tuple[SensorReport, ...]
+    thickness_mm: float  # between the fused faces: median over points and frames
+    declared_thickness_mm: float
+    skipped: tuple[str, ...]
+    wall_s: float
+    frame_poses: dict[str, list[list[list[float]]]] | None = None  # by sensor, where they were asked for frame by frame
+
+
+def fuse(
+    recording: Path | str | Recording,
+    out: Path | str,
+    *,
+    points: int = POINTS,
+    per_frame: bool = False,
+    convention: Convention = "forward",
+    skip_bad: bool = False,
+    seed: int = 0,
+    progress: Callable[[int, int], None] = lambda done, of: None,
+) -> FusionReport:
+    """Fuse a recording into the measurement set `out`: one trial, role fit, `points` points a frame.
+
+    per_frame: refine the poses for each frame on its own, from the shared ones. convention: of the clouds' axes (see
+    read_recording). skip_bad: leave out what is unsound and list it, instead of raising. Raises InputError.
+    """
+    started = time.monotonic()
+    if points < 2:
+        raise InputError(f"points = {points}; expected at least 2")
+    _require_open3d()
+    from studies import fuse_input
+
+    given = recording if isinstance(recording, Recording) else read_recording(recording, convention=convention)
+    tolerance = fuse_input.Tolerance(skip_bad)
+    with new_folder(Path(out)) as unfinished:
+        anchored = fuse_input.anchor_sensors(given, tolerance)
+        views = fuse_input.read_views(given, anchored, tolerance)
+        views, poses = fuse_input.consistent(given, anchored, views, tolerance)
+        fusion = _Fusion(given, anchored, poses, points, per_frame, np.random.default_rng(seed))
+        indices = sorted({v.frame for v in views})
+        for done, index in enumerate(indices):
+            with tolerance.forgiving():
+                fusion.add(index, [v for v in views if v.frame == index])
+            progress(done + 1, len(indices))
+        if not fusion.frames:
+            raise InputError(f"recording {given.name}: no sound frame is left")
+        _write_set(given, fusion, unfinished, Path(out).resolve().name)
+        fusion.draw(unfinished / "fusion.png")
+        report = fusion.report(tuple(tolerance.skipped), time.monotonic() - started)
+        (unfinished / "fusion.json").write_text(json.dumps(asdict(report), indent=1), encoding="utf-8")
+    return report
+
+
+class _Fusion:
+    """Frames as they are fused, and what the report says of them."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        anchored: "Anchored",
+        poses: Sequence[Array],
+        points: int,
+        per_frame: bool,
+        rng: np.random.Generator,
+    ) -> None:
+        self._recording, self._anchored, self._poses = recording, anchored, list(poses)
+        self._points, self._per_frame, self._rng = points, per_frame, rng
+        cameras = range(len(anchored.sensors))
+        self._squares: list[list[Array]] = [[] for _ in cameras]
+        self._dropped = [0 for _ in cameras]
+        self._frame_poses: list[list[Array]] = []
+        self._thickness: list[float] = []
+        self._last: list[View] = []
+        self.times: list[float] = []
+        self.frames: list[Array] = []
+
+    def add(self, index: int, views: "list[View]") -> None:
+        """Fuse one frame. Raises InputError."""
+        from studies import fuse_surface as surface
+        from studies.fuse_joint import align_frame
+
+        fabric, sides = self._recording.design.fabric, self._anchored.sides
+        poses = align_frame(views, self._poses, sides, fabric.thickness) if self._per_frame else self._poses
+        placed = {v.camera: v.placed(poses[v.camera])[0] for v in views}
+        faces = {side: [placed[c] for c in placed if sides[c] == side] for side in ("front", "back")}
+        try:
+            thinned = surface.thin(faces, self._points, fabric.width * fabric.height)
+        except InputError as error:
+            raise InputError(f"frame {index}: {error}") from None
+        normals = {side: surface.normals(face) for side, face in thinned.items()}
+        for view in views:
+            side = sides[view.camera]
+            self._squares[view.camera].append(surface.distances(placed[view.camera], thinned[side], normals[side]) ** 2)
+            self._dropped[view.camera] += view.cloud.dropped
+        self._thickness.append(surface.thickness(thinned["front"], thinned["back"], normals["back"]))
+        both = np.concatenate(list(thinned.values()))
+        self.frames.append(both[self._rng.choice(len(both), self._points, replace=False)])
+        self.times.append(float(self._recording.times[index]))
+        self._frame_poses.append(poses)
+        self._last = views
+
+    def report(self, skipped: tuple[str, ...], wall: float) -> FusionReport:
+        from studies.fuse_reference import off
+
+        sensors = []
+        for camera, sensor in enumerate(self._anchored.sensors):
+            moved, turned = off(self._poses[camera], sensor.camera_to_world)
+            squares = np.concatenate([np.zeros(0), *self._squares[camera]])
+            residual = float(np.sqrt(squares.mean())) if len(squares) else float("nan")
+            pose = self._poses[camera].tolist()
+            counts = len(squares), self._dropped[camera]
+            sensors.append(SensorReport(sensor.name, pose, 1e3 * moved, turned, 1e3 * residual, *counts))
+        by_frame = None
+        if self._per_frame:
+            names = [s.name for s in self._anchored.sensors]
+            by_frame = {name: [poses[c].tolist() for poses in self._frame_poses] for c, name in enumerate(names)}
+        return FusionReport(
+            self._recording.name,
+            len(self.frames),
+            tuple(sensors),
+            1e3 * float(np.median(self._thickness)),
+            1e3 * self._recording.design.fabric.thickness,
+            skipped,
+            wall,
+            by_frame,
+        )
+
+    def draw(self, path: Path) -> None:
+        """The last frame before and after."""
+        from studies.fuse_picture import draw
+
+        index = int(np.searchsorted(self._recording.times, self.times[-1]))
+        before, after = {}, {}
+        for view in self._last:
+            sensor = self._anchored.sensors[view.camera]
+            cloud = self._recording.frame(sensor, index)
+            before[sensor.name] = cloud @ sensor.camera_to_world[:3, :3].T + sensor.position
+            after[sensor.name] = view.placed(self._frame_poses[-1][view.camera])[0]
+        draw(before, after, path, title=f"{self._recording.name}, {self.times[-1]:.3f} s")
+
+
+def _write_set(recording: Recording, fusion: _Fusion, folder: Path, name: str) -> None:
+    times = np.array(fusion.times)
+    pressure = recording.program.at(np.maximum(times - JUST_BEFORE, 0.0))
+    trial = NewTrial("000", recording.design.name, 0, "fit", TrialData(times, pressure, tuple(fusion.frames)))
+    description = f"fused from the recording {recording.name}"
+    write_set(folder, {recording.design.name: recording.design}, [trial], name=name, description=description)
+
+
+def _require_open3d() -> None:
+    try:
+        import_module("open3d")
+    except ImportError:
+        raise InputError("fuse needs the package open3d; pip install fabdesign[clouds]") from None
+    except OSError as error:
+        raise InputError(
+            f"open3d does not load ({error}); on Debian: apt install libx11-6 libgl1 libegl1 libusb-1.0-0"
+        ) from None

@@ -1,0 +1,67 @@
+"""What goes wrong at a rig, found in the clouds themselves: swapped sensors, clocks that differ."""
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from studies.fuse_joint import View, gaps
+
+Array = NDArray[np.float64]
+DISAGREE = 0.003  # m, median distance between sensors that is no noise
+BETTER = 0.5  # what a swap or another frame must leave of it
+LEAST_OVERLAP = 60  # points
+
+
+def disagreement(views: Sequence[View], poses: Sequence[Array], sides: Sequence[str], thickness: float) -> float:
+    """Median distance [m] between the sensors of one frame; points without a partner count as far."""
+    found = [_gap(a, b, poses, sides, thickness) for a, b in combinations(views, 2)]
+    return float(np.median(found)) if found else 0.0
+
+
+def swapped_pair(
+    views: Sequence[View], poses: Sequence[Array], sides: Sequence[str], thickness: float
+) -> tuple[int, int] | None:
+    """The front and back cameras whose clouds must be exchanged for the frame to agree, if that is what is wrong."""
+    now = disagreement(views, poses, sides, thickness)
+    best: tuple[float, tuple[int, int]] | None = None
+    for a, b in combinations([v.camera for v in views], 2):
+        if sides[a] == sides[b]:
+            continue
+        other = {a: b, b: a}
+        exchanged = [View(v.frame, other.get(v.camera, v.camera), v.cloud) for v in views]
+        then = disagreement(exchanged, poses, sides, thickness)
+        if then < BETTER * now and (best is None or then < best[0]):
+            best = then, (a, b)
+    return None if best is None else best[1]
+
+
+def late_sensor(
+    views: Sequence[View], poses: Sequence[Array], sides: Sequence[str], thickness: float
+) -> tuple[int, int] | None:
+    """The camera whose frames fit the others' so many frames later (or earlier), if one does."""
+    cameras = sorted({v.camera for v in views})
+    by_place = {(v.frame, v.camera): v for v in views if v.frame >= 0}
+    best: tuple[float, tuple[int, int]] | None = None
+    for camera in cameras:
+        cost = {}
+        for lag in (-2, -1, 0, 1, 2):
+            found = [
+                _gap(view, by_place[frame + lag, other], poses, sides, thickness)
+                for (frame, mine), view in by_place.items()
+                if mine == camera
+                for other in cameras
+                if other != camera and (frame + lag, other) in by_place
+            ]
+            cost[lag] = float(np.mean(found)) if found else np.inf
+        lag = min(cost, key=lambda k: cost[k])
+        gain = cost[lag] / cost[0] if cost[0] > 0 else 1.0
+        if lag and gain < BETTER and (best is None or gain < best[0]):
+            best = gain, (camera, lag)
+    return None if best is None else best[1]
+
+
+def _gap(one: View, other: View, poses: Sequence[Array], sides: Sequence[str], thickness: float) -> float:
+    distance = gaps(one, other, poses, sides, thickness).distance
+    return float(np.median(np.abs(distance))) if len(distance) >= LEAST_OVERLAP else 2 * DISAGREE

@@ -1,0 +1,157 @@
+"""From a recording's files to cleaned views and anchored poses; what is unsound is refused, or left out and listed."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError
+from fabdesign.recording import Recording, Sensor
+from studies.fuse_checks import DISAGREE, disagreement, late_sensor, swapped_pair
+from studies.fuse_cleaning import clean
+from studies.fuse_joint import View, align
+from studies.fuse_reference import Pose, register_to_rest
+
+Array = NDArray[np.float64]
+REST = -1  # the frame number of the reference
+NOMINAL_ERROR = (np.radians(1.0), 0.005)  # rad and m that poses are taken to be off, where there is no reference
+
+
+@dataclass
+class Tolerance:
+    """Whether bad data end the work or are left out, and the list of what was."""
+
+    skip_bad: bool
+    skipped: list[str] = field(default_factory=list)
+
+    @contextmanager
+    def forgiving(self) -> Iterator[None]:
+        """A block whose InputError is noted and passed over, if bad data may be skipped."""
+        try:
+            yield
+        except InputError as error:
+            self.note(error)
+
+    def note(self, error: InputError) -> None:
+        if not self.skip_bad:
+            raise error
+        self.skipped.append(str(error))
+
+
+@dataclass(frozen=True, eq=False)
+class Anchored:
+    """Sensors that can be used, with what the cloth at rest says of their poses. A camera is an index into them."""
+
+    sensors: tuple[Sensor, ...]
+    anchors: tuple[Pose, ...]
+    rest: tuple[View, ...]  # of the reference
+
+    @property
+    def sides(self) -> list[str]:
+        return [s.side for s in self.sensors]
+
+
+def anchor_sensors(recording: Recording, tolerance: Tolerance) -> Anchored:
+    """Register every sensor to the reference; without one, the nominal pose is the anchor. Raises InputError."""
+    sensors: list[Sensor] = []
+    anchors: list[Pose] = []
+    rest: list[View] = []
+    for sensor in recording.sensors:
+        with tolerance.forgiving():
+            if recording.has_reference():
+                cloud = recording.reference(sensor)
+                anchors.append(_registered(recording, sensor, cloud))
+                rest.append(View(REST, len(sensors), clean(cloud)))
+            else:
+                turn, shift = NOMINAL_ERROR
+                information = np.diag(np.repeat([turn**-2, shift**-2], 3))
+                anchors.append(Pose(sensor.camera_to_world, information))
+            sensors.append(sensor)
+    if {s.side for s in sensors} != {"front", "back"}:
+        names = ", ".join(s.name for s in sensors) or "no sensor"
+        raise InputError(f"recording {recording.name}: {names} left; expected sensors in front and at the back")
+    return Anchored(tuple(sensors), tuple(anchors), tuple(rest))
+
+
+def _registered(recording: Recording, sensor: Sensor, cloud: Array) -> Pose:
+    try:
+        return register_to_rest(sensor, cloud, recording.design.fabric)
+    except InputError:
+        for other in recording.sensors:
+            if other is sensor:
+                continue
+            try:
+                register_to_rest(other, cloud, recording.design.fabric)
+            except InputError:
+                continue
+            raise InputError(
+                f"reference: the cloud of {sensor.name} fits the pose of {other.name}; are the two swapped?"
+            ) from None
+        raise
+
+
+def read_views(recording: Recording, anchored: Anchored, tolerance: Tolerance) -> list[View]:
+    """Every frame's clouds, cleaned. Raises InputError."""
+    views = []
+    for frame in range(len(recording.times)):
+        for camera, sensor in enumerate(anchored.sensors):
+            with tolerance.forgiving():
+                views.append(View(frame, camera, clean(recording.frame(sensor, frame))))
+    return views
+
+
+def consistent(
+    recording: Recording, anchored: Anchored, views: Sequence[View], tolerance: Tolerance
+) -> tuple[list[View], list[Array]]:
+    """The views of sound frames and the poses (4, 4) that all of them share. Raises InputError."""
+    thickness, sides = recording.design.fabric.thickness, anchored.sides
+    poses = [anchor.matrix for anchor in anchored.anchors]
+    kept = list(views)
+    if anchored.rest:
+        kept = _without_swapped(recording, anchored, kept, poses, tolerance)
+        kept = _without_late(anchored, kept, poses, thickness, tolerance)
+    sound = []
+    for frame in sorted({v.frame for v in kept}):
+        mine = [v for v in kept if v.frame == frame]
+        with tolerance.forgiving():
+            if {sides[v.camera] for v in mine} != {"front", "back"}:
+                raise InputError(
+                    f"frame {frame}: no sensor left on one side; expected one in front and one at the back"
+                )
+            sound += mine
+    if not sound:
+        raise InputError(f"recording {recording.name}: no sound frame is left")
+    return sound, align([*anchored.rest, *sound], anchored.anchors, sides, thickness)
+
+
+def _without_swapped(
+    recording: Recording, anchored: Anchored, views: list[View], poses: list[Array], tolerance: Tolerance
+) -> list[View]:
+    thickness, sides = recording.design.fabric.thickness, anchored.sides
+    kept = []
+    for frame in sorted({v.frame for v in views}):
+        mine = [v for v in views if v.frame == frame]
+        with tolerance.forgiving():
+            if disagreement(mine, poses, sides, thickness) > DISAGREE:
+                pair = swapped_pair(mine, poses, sides, thickness)
+                if pair is not None:
+                    a, b = (anchored.sensors[c].name for c in pair)
+                    raise InputError(f"frame {frame}: the clouds of {a} and {b} look swapped")
+            kept += mine
+    return kept
+
+
+def _without_late(
+    anchored: Anchored, views: list[View], poses: list[Array], thickness: float, tolerance: Tolerance
+) -> list[View]:
+    frames = sorted({v.frame for v in views})
+    worst = [disagreement([v for v in views if v.frame == f], poses, anchored.sides, thickness) for f in frames]
+    late = late_sensor(views, poses, anchored.sides, thickness) if max(worst, default=0.0) > DISAGREE / 2 else None
+    if late is None:
+        return views
+    camera, lag = late
+    name, when = anchored.sensors[camera].name, "later" if lag > 0 else "earlier"
+    tolerance.note(InputError(f"sensor {name}: its frames fit the others' {abs(lag)} frames {when}; its clock differs"))
+    return [v for v in views if v.camera != camera]

@@ -1,0 +1,142 @@
+"""Four virtual depth cameras: a z-buffer over both faces, depth noise, holes and flying pixels."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from fabdesign.output import new_folder, write_text
+from fabdesign.recording import Sensor, write_recording
+from studies.rig.motion import equilibrium
+from studies.rig.scene import Scene
+from studies.rig.sensor import faces
+from studies.rig.specimen import Task, control_points, prepare
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+CAMERAS = {"front_left": (-1, 1), "front_right": (1, 1), "back_left": (-1, -1), "back_right": (1, -1)}
+POSITION = (0.42, 0.02, 0.46)  # m: |x|, y, |z|
+LOOKS_AT = (0.0, -0.1, 0.0)  # m
+PIXEL = 0.0045  # of ray slope between pixels
+HALF_IMAGE = 70  # pixels
+NOISE = 0.0018  # 1/m: depth noise is this times Z^2, 0.75 mm at 0.65 m
+HOLES = 0.03  # share of pixels without depth
+FLYING = 0.35  # share of pixels at an edge that report a mixed depth
+FLYING_REACH = 0.025  # m
+POSE_SHIFT, POSE_TURN = 0.010, 2.0  # m and degrees: the most that a nominal pose is off
+MESH = 121  # points a side of the surface that is drawn
+FRAMES = 10
+
+
+def record(task: Task, folder: Path) -> None:
+    """Write the task's motion as FRAMES frames seen by the four cameras; true poses to FOLDER.truth.json beside it."""
+    scene = prepare(task)
+    rng = np.random.default_rng([task.key.seed, task.order, 2])
+    nominal = [Sensor(name, _look(x * POSITION[0], z * POSITION[2])) for name, (x, z) in CAMERAS.items()]
+    truth = [Sensor(s.name, _disturb(s.camera_to_world, rng)) for s in nominal]
+    shown = np.unique(np.linspace(0, len(task.times) - 1, FRAMES).round().astype(int))
+    shapes = control_points(task)[shown]
+    rest = equilibrium(scene, scene.patch.flat(), np.zeros(task.design.channels))
+    frames = [{s.name: view(scene, x, s, rng) for s in truth} for x in shapes]
+    reference = {s.name: view(scene, rest, s, rng) for s in truth}
+    with new_folder(folder) as unfinished:
+        write_recording(unfinished, task.design, task.program, task.times[shown], nominal, frames, reference)
+        text = (unfinished / "recording.toml").read_text(encoding="utf-8")
+        named = text.replace(f'name = "{unfinished.name}"', f'name = "{folder.resolve().name}"')
+        (unfinished / "recording.toml").write_text(named, encoding="utf-8", newline="\n")
+    poses = {s.name: s.camera_to_world.tolist() for s in truth}
+    write_text(folder.with_name(folder.name + ".truth.json"), json.dumps({"camera_to_world": poses}, indent=1))
+
+
+def view(scene: Scene, x: Array, camera: Sensor, rng: np.random.Generator) -> Array:
+    """(n, 3) m in the camera's frame: what it reports of the cloth with control points x."""
+    vertices, triangles = _mesh(scene, x)
+    for distort in scene.sensed:
+        vertices = distort(vertices)
+    turn, position = camera.camera_to_world[:3, :3], camera.position
+    depth = _draw((vertices - position) @ turn, triangles, HALF_IMAGE, PIXEL)
+    seen = np.isfinite(depth)
+    rows, columns = np.nonzero(seen & (rng.random(depth.shape) >= HOLES))
+    z = depth[rows, columns]
+    edge = _at_edge(depth, seen)[rows, columns]
+    flies = edge & (rng.random(len(z)) < FLYING)
+    reported = z + rng.normal(0.0, 1.0, len(z)) * NOISE * z**2 + flies * rng.uniform(0.0, FLYING_REACH, len(z))
+    slope = np.stack([(columns - HALF_IMAGE) * PIXEL, (rows - HALF_IMAGE) * PIXEL, np.ones(len(z))], axis=1)
+    return np.asarray(slope * reported[:, None])
+
+
+def _mesh(scene: Scene, x: Array) -> tuple[Array, Ints]:
+    """Both faces and the hem between them as triangles."""
+    fabric = scene.design.fabric
+    u, v = np.meshgrid(np.linspace(0, fabric.width, MESH), np.linspace(0, fabric.height, MESH))
+    uv = np.stack([u.ravel(), v.ravel()], axis=1)
+    vertices = np.concatenate([faces(scene, x, uv, np.full(len(uv), side)) for side in (1.0, -1.0)])
+    k = np.arange(MESH * MESH).reshape(MESH, MESH)
+    quads = np.stack([k[:-1, :-1], k[1:, :-1], k[1:, 1:], k[:-1, 1:]], axis=-1).reshape(-1, 4)
+    border = np.concatenate([k[0], k[1:, -1], k[-1, -2::-1], k[-2:0:-1, 0]])
+    back = MESH * MESH
+    hem = np.stack([border, np.roll(border, -1), np.roll(border, -1) + back, border + back], axis=1)
+    every = np.concatenate([quads, quads + back, hem])
+    return vertices, np.concatenate([every[:, [0, 1, 2]], every[:, [0, 2, 3]]])
+
+
+@njit(cache=True)
+def _draw(points: Array, triangles: Ints, half: int, pixel: float) -> Array:
+    """Depth (2 half + 1, 2 half + 1) m at every pixel's ray; infinite where it meets nothing."""
+    depth = np.full((2 * half + 1, 2 * half + 1), np.inf)
+    for t in range(triangles.shape[0]):
+        a, b, c = points[triangles[t, 0]], points[triangles[t, 1]], points[triangles[t, 2]]
+        ax, ay = a[0] / a[2] / pixel + half, a[1] / a[2] / pixel + half
+        bx, by = b[0] / b[2] / pixel + half, b[1] / b[2] / pixel + half
+        cx, cy = c[0] / c[2] / pixel + half, c[1] / c[2] / pixel + half
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if area == 0.0:
+            continue
+        for row in range(max(0, int(np.ceil(min(ay, by, cy)))), min(2 * half, int(max(ay, by, cy))) + 1):
+            for col in range(max(0, int(np.ceil(min(ax, bx, cx)))), min(2 * half, int(max(ax, bx, cx))) + 1):
+                wb = ((col - ax) * (cy - ay) - (row - ay) * (cx - ax)) / area
+                wc = ((bx - ax) * (row - ay) - (by - ay) * (col - ax)) / area
+                wa = 1.0 - wb - wc
+                if wa >= 0.0 and wb >= 0.0 and wc >= 0.0:  # 1 / z is linear in the image
+                    z = 1.0 / (wa / a[2] + wb / b[2] + wc / c[2])
+                    depth[row, col] = min(depth[row, col], z)
+    return depth
+
+
+def _at_edge(depth: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Pixels beside the background, or beside something more than FLYING_REACH behind."""
+    far = np.where(seen, depth, np.inf)
+    padded = np.pad(far, 1, constant_values=np.inf)
+    around = [padded[1 + i : padded.shape[0] - 1 + i, 1 + j : padded.shape[1] - 1 + j] for i, j in _NEIGHBOURS]
+    with np.errstate(invalid="ignore"):
+        return np.asarray(seen & np.any([n - far > FLYING_REACH for n in around], axis=0))
+
+
+_NEIGHBOURS = ((0, 1), (0, -1), (1, 0), (-1, 0))
+
+
+def _look(x: float, z: float) -> Array:
+    """camera_to_world of a camera at (x, POSITION y, z) m that looks at LOOKS_AT; its y axis points down."""
+    position = np.array([x, POSITION[1], z])
+    forward = np.array(LOOKS_AT) - position
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 1.0, 0.0])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
+    pose[:3, 3] = position
+    return pose
+
+
+def _disturb(pose: Array, rng: np.random.Generator) -> Array:
+    """A pose up to POSE_SHIFT and POSE_TURN off."""
+    direction, axis = rng.normal(size=(2, 3))
+    wrong = pose.copy()
+    wrong[:3, 3] += direction / np.linalg.norm(direction) * POSE_SHIFT * rng.random()
+    turn = axis / np.linalg.norm(axis) * np.radians(POSE_TURN) * rng.random()
+    wrong[:3, :3] = Rotation.from_rotvec(turn).as_matrix() @ pose[:3, :3]
+    return wrong
