@@ -24,6 +24,7 @@ BATCH = 32  # designs a forward call: twice the simulator's lanes
 PENALTY = 1.0  # m, for a diverged design, or twice the worst seen: worse than all others, and finite
 STEP_LENGTHS = (1.0, 0.5, 1.6)  # of the proposed step
 FIRST_RADIUS = 0.25
+INTERRUPTED = "interrupted; the same command goes on from here"
 LEAST_RADIUS = 0.01
 LEAST_GAIN = 5e-6  # m, what the linear model must promise for another round
 DISTINCT = 0.1  # reaches that two searches in one space lie apart, at their widest, if both are followed
@@ -87,6 +88,7 @@ class Search:
     ) -> None:
         self.stages, self.history = stages, history
         self.best: Best | None = None
+        self.stage = "start"  # under way
         self._objective, self._starts, self._on_progress = objective, starts, on_progress
         self._seconds, self._evaluations = seconds, evaluations
         self._began = time.monotonic() - history.seconds
@@ -116,7 +118,7 @@ class Search:
         except Stop as stop:
             return str(stop)
         except KeyboardInterrupt:
-            return "interrupted; the same command goes on from here"
+            return INTERRUPTED
         return "converged: no search promises a further gain"
 
     def _space(self, start: int, stage: Stage) -> DesignSpace:
@@ -223,6 +225,7 @@ class Search:
 
     def _evaluate_batch(self, number: int, batch: Sequence[Point]) -> list[tuple[float, Shape]]:
         stage = self.stages[number]
+        self.stage = stage.name
         spaces = [self._space(start, stage) for start, _ in batch]
         shapes = self._objective.shapes(stage.forward, [(s, x) for s, (_, x) in zip(spaces, batch, strict=True)])
         found = [self._objective.value(shape) for shape in shapes]

@@ -7,7 +7,7 @@ from typing import Any
 
 from fabdesign.catalogue import build
 from fabdesign.forward import ForwardModel
-from fabdesign.output import write_text
+from fabdesign.output import new_folder, write_text
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
 from optimize.search import Search
 from studies.layouts import forward_models, run_study
@@ -33,14 +33,19 @@ def run_demo(
     `out/demo.png`.
 
     The target's cloth differs from its data sheet, which the simulator uses; the pressures found make up for it.
+    Ctrl-C ends the study under way with its result and leaves out the next.
     Raises InputError where `out` cannot be written.
     """
+    with new_folder(out):
+        pass  # a place that cannot be written is refused before the simulator starts
     fine, quick = forward_models(forward, coarse)
-    results = []
+    results: list[StudyResult] = []
     with as_file(files("fabdesign") / "data" / TARGET) as target:
         for study in demo_studies(target):
             show = _named(progress, study.name)
             results.append(run_study(study, out / study.name, forward=fine, coarse=quick, progress=show))
+            if results[-1].interrupted:
+                break
     sections = [Section(TITLES[result.study.name], result) for result in results]
     write_text(out / "report.html", render_report("A measured shape becomes a layout", sections))
     save_picture([(section.title, section.result) for section in sections], out / "demo.png")

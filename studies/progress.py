@@ -22,7 +22,8 @@ class LiveLine:
 
     def show(self, search: Search) -> None:
         best = "none yet" if search.best is None else f"{1e3 * search.best.value:.3f} mm"
-        line = f"{self._title}: best {best}, {search.history.evaluations} evaluations, {search.elapsed:.0f} s"
+        done = f"{search.history.evaluations} evaluations, {search.elapsed:.0f} s"
+        line = f"{self._title}: {search.stage}: best {best}, {done}"
         if self._status is not None:
             self._status.update(line)
         elif time.monotonic() - self._shown > QUIET_INTERVAL:

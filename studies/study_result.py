@@ -15,6 +15,7 @@ from fabdesign.output import write_text
 from fabdesign.pressure_file import SINGLE_ROW_DURATION, constant_program, write_pressures
 from fabdesign.study_file import Study
 from optimize.history import Entry
+from optimize.search import INTERRUPTED
 from studies.target import LoadedTarget
 
 
@@ -34,6 +35,11 @@ class StudyResult:
     history: tuple[Entry, ...]
     wall_s: float  # of the search, earlier sessions included
     stop_reason: str
+
+    @property
+    def interrupted(self) -> bool:
+        """By Ctrl-C."""
+        return self.stop_reason == INTERRUPTED
 
     @property
     def objective(self) -> float:
