@@ -51,11 +51,11 @@ def calibrate_bench(path: Path | str, *, fit: Sequence[str] | None = None) -> Be
         chosen = [record for record in chosen if record.name in fit]
     if not chosen:
         raise InputError(f"{bench.file}: no record of role fit; expected at least one")
-    law = _fit(bench, chosen)
+    law = _fit(bench, chosen, intervals=True)
     left_out = []
     for i in range(len(chosen) if len(chosen) > 2 else 0):
         others = chosen[:i] + chosen[i + 1 :]
-        left_out.append(_rms(_fit(bench, others), [chosen[i]]))
+        left_out.append(_rms(_fit(bench, others, intervals=False), [chosen[i]]))
     tests = [record for record in bench.records if record.role == "test"]
     return BenchCalibration(
         bench=bench,
@@ -103,9 +103,9 @@ def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
     return [output, output.parent / table.name]
 
 
-def _fit(bench: Bench, records: Sequence[BenchRecord]) -> Law:
+def _fit(bench: Bench, records: Sequence[BenchRecord], *, intervals: bool) -> Law:
     if bench.specimen == "muscle":
-        return BenchMuscle.fit(records)
+        return BenchMuscle.fit(records) if intervals else BenchMuscle.fit(records, refits=0)
     if bench.specimen == "strip":
         return StripLaw.fit(records)
     if bench.specimen == "cylinder":

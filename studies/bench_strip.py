@@ -15,7 +15,7 @@ from fabdesign.least_squares import least_squares_with_inequalities
 Array = NDArray[np.float64]
 
 # A repeat counts half as much as the next one: cloth runs in. Chosen on repeats 1 to 4 of the 16 knits alone,
-# predicting repeats 3 and 4 from those before: 1.00 N RMS on average, 1.05 with equal weights, 1.09 from the last alone.
+# predicting repeats 3 and 4 from those before: 1.00 N RMS on average, 1.05 with equal weights, 1.09 from the last one.
 RECENCY = 0.5
 _SPANS = 16
 _SMOOTHNESS = 0.03  # of second differences, for forces scaled to 1
