@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import tomlkit
@@ -34,6 +35,18 @@ class BenchCalibration:
     error_left_out: float | None  # mean over fitted records, each predicted from the others; None: one record alone
     error_test: float | None  # on records of role test
     constants: Mapping[str, Quantity]
+
+    def as_json(self) -> dict[str, Any]:
+        """What `calibrate BENCH --json` prints."""
+        return {
+            "bench": self.bench.name,
+            "specimen": self.bench.specimen,
+            "source": self.bench.source,
+            "metric": "rms",
+            "unit": self.unit,
+            "error": {"fit": self.error_fit, "left_out": self.error_left_out, "test": self.error_test},
+            "constants": {name: {"value": q.value, "unit": q.unit} for name, q in self.constants.items()},
+        }
 
 
 def calibrate_bench(path: Path | str, *, fit: Sequence[str] | None = None) -> BenchCalibration:
@@ -98,6 +111,7 @@ def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
             curve = law.membrane_curve(bench.constant("width"), across=direction != 2, down=direction != 1)
             write_membrane_curve(curve, table)
         else:
+            document["format"] = "fabdesign.bench-law/1"
             document["law"] = {"specimen": bench.specimen, "output": bench.output} | _law_entries(calibration, table)
         (folder / output.name).write_text(tomlkit.dumps(document), encoding="utf-8", newline="\n")
     return [output, output.parent / table.name]
@@ -150,7 +164,8 @@ def _law_entries(calibration: BenchCalibration, table: Path) -> dict[str, object
         write_rows(table, ["pressure_kpa", "displacement_m"], list(rows))
         return {"table": table.name}
     assert isinstance(law, StripLaw)
-    strain, force = law.samples()
+    strain, _ = law.samples()
+    force = law.force(1 + strain)
     low, high = law.interval90(1 + strain)
     rows = zip(strain.tolist(), force.tolist(), low.tolist(), high.tolist(), strict=True)
     write_rows(table, ["strain", "force_n", "low90_n", "high90_n"], list(rows))

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
@@ -87,11 +88,16 @@ def friction_state(displacement: Array, presliding: float) -> Array:
     return state
 
 
+@lru_cache(maxsize=256)
+def _state(record: BenchRecord, presliding: float) -> Array:
+    return friction_state(record.columns["displacement"], presliding)
+
+
 def _terms(record: BenchRecord, terms: Sequence[str], presliding: float) -> Array:
     x, p = record.columns["displacement"] / _STROKE, record.columns["pressure"] / _PRESSURE
     factors = {"1": np.ones(len(x)), "x": x, "p": p}
     if any("s" in term for term in terms):
-        factors["s"] = friction_state(record.columns["displacement"], presliding)
+        factors["s"] = _state(record, presliding)
     return np.stack([np.prod([factors[name] for name in term.split()], axis=0) for term in terms], axis=1)
 
 

@@ -59,7 +59,7 @@ class Evaluation:
         result: dict[str, Any] = {"designs": {name: _as_json(design) for name, design in self.designs.items()}}
         if self.others:
             result["others"] = {name: _as_json(design) for name, design in self.others.items()}
-        return result | {"metric": list(ERRORS), "unit": "mm"}
+        return result | {"metric": "chamfer, surface_rms", "unit": "mm"}
 
 
 def evaluate_sets(
@@ -169,6 +169,6 @@ def _values(design: DesignResult, error: str) -> tuple[np.ndarray, np.ndarray]:
 def histogram(design: DesignResult, error: str) -> dict[str, list[float]]:
     """Trials per bin of one error: `edges` in mm, counts `before` and `after`."""
     before, after = _values(design, error)
-    edges = np.histogram_bin_edges(np.concatenate([before, after]), bins="sturges")
+    edges = np.histogram_bin_edges(np.concatenate([before, after]), bins=12)
     counts = {way: np.histogram(x, edges)[0].tolist() for way, x in (("before", before), ("after", after))}
     return {"edges": edges.tolist()} | counts
