@@ -1,6 +1,7 @@
 """Is a file, set or recording sound? Every problem in one line."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 
 from fabdesign.bench_file import read_bench
@@ -8,38 +9,44 @@ from fabdesign.bench_table_file import read_bench_table
 from fabdesign.cloud_file import read_cloud
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
-from fabdesign.measurement_set import read_set
+from fabdesign.measurement_set import MeasurementSet, read_set
 from fabdesign.model_file import read_model
 from fabdesign.pressure_file import read_csv
+from fabdesign.recording import Recording, read_recording
 from fabdesign.study_file import read_study
 from fabdesign.table import nearest, parse_toml, read_text
 from fabdesign.trial_file import read_trial
 
 _STUDY = "fabdesign.study/1"  # whose file may leave the line out
-_SETS = "fabdesign.measurement-set/1"
 # by the `format` line of a TOML file; what has none goes by its name
 _READERS: Mapping[str, Callable[[Path], object]] = {
     "fabdesign.design/1": read_design,
     "fabdesign.model/1": read_model,
     "fabdesign.bench/1": read_bench,
+    "fabdesign.recording/1": read_recording,
     _STUDY: read_study,
-    _SETS: read_set,
+    "fabdesign.measurement-set/1": read_set,
     "trial": read_trial,
     "cloud": read_cloud,
     "pressures": read_csv,
     "bench table": read_bench_table,
 }
-_FOLDERS = ("set.toml", "bench.toml", "model.toml")
+_FOLDERS = ("set.toml", "recording.toml", "bench.toml", "model.toml")
 
 
 def problems(path: Path) -> list[str]:
-    """What is wrong with a file or folder, a line each; empty where it is sound. Of a set every trial is read."""
+    """What is wrong with a file or folder, a line each; empty where it is sound. Of a set
+    every trial is read, of a recording every cloud."""
     try:
         if path.is_dir():
             path = _main_file(path)
         kind = _kind(path)
-        _READERS[kind](path)
-        return _unsound_trials(path) if kind == _SETS else []
+        content = _READERS[kind](path)
+        if isinstance(content, MeasurementSet):
+            return _failures(trial.load for trial in content.trials)
+        if isinstance(content, Recording):
+            return _failures(_clouds(content))
+        return []
     except InputError as error:
         return [str(error)]
 
@@ -67,11 +74,19 @@ def _kind(path: Path) -> str:
     return str(form)
 
 
-def _unsound_trials(path: Path) -> list[str]:
+def _clouds(recording: Recording) -> Iterator[Callable[[], object]]:
+    for sensor in recording.sensors:
+        if recording.has_reference():
+            yield partial(recording.reference, sensor)
+        for index in range(len(recording.times)):
+            yield partial(recording.frame, sensor, index)
+
+
+def _failures(reads: Iterable[Callable[[], object]]) -> list[str]:
     found = []
-    for trial in read_set(path).trials:
+    for read in reads:
         try:
-            trial.load()
+            read()
         except InputError as error:
             found.append(str(error))
     return found

@@ -4,8 +4,9 @@ import json
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import click
 
@@ -43,8 +44,8 @@ def _fail(message: str, code: int) -> None:
     sys.exit(code)
 
 
-def _progress(verb: str) -> Callable[[int, int], None]:
-    return lambda done, total: click.echo(f"{verb} {done} of {total} trials", err=True)
+def _progress(verb: str, what: str = "trials") -> Callable[[int, int], None]:
+    return lambda done, total: click.echo(f"{verb} {done} of {total} {what}", err=True)
 
 
 def _report(result: dict[str, Any], text: str, as_json: bool) -> None:
@@ -303,3 +304,46 @@ def rig(
     recorded = None if recording is None else str(recording)
     result = {"set": str(output), "trials": len(programs), "recording": recorded}
     _report(result, f"{output}: {len(programs)} trials of a synthetic rig", as_json)
+
+
+@commands.command()
+@click.argument("recording", type=_FILE)
+@click.option("--points", type=int, default=3362, show_default=True, help="Sampled a frame.")
+@click.option("--per-frame", is_flag=True, help="Refine the sensors' poses for each frame.")
+@click.option(
+    "--convention",
+    type=click.Choice(["forward", "backward"]),
+    default="forward",
+    show_default=True,
+    help="Camera axes of the clouds: z forward and y down, or (x, -y, -z) as RealSense SDKs export.",
+)
+@click.option("--skip-bad", is_flag=True, help="Leave out what is unsound, and list it.")
+@click.option("--seed", type=int, default=0, show_default=True)
+@click.option("-o", "--output", type=_FILE, required=True, help="The measurement set to write.")
+@_as_json
+def fuse(
+    recording: Path,
+    points: int,
+    per_frame: bool,
+    convention: Literal["forward", "backward"],
+    skip_bad: bool,
+    seed: int,
+    output: Path,
+    as_json: bool,
+) -> None:
+    """Register and fuse the depth sensors of a RECORDING into a measurement set."""
+    from studies.fuse import fuse as fuse_recording
+
+    report = fuse_recording(
+        recording,
+        output,
+        points=points,
+        per_frame=per_frame,
+        convention=convention,
+        skip_bad=skip_bad,
+        seed=seed,
+        progress=_progress("fused", "frames"),
+    )
+    worst = max(sensor.residual_mm for sensor in report.sensors)
+    lines = [f"{output}: {report.frames} frames, {len(report.sensors)} sensors within {worst:.2f} mm RMS of the cloth"]
+    _report(asdict(report), "\n".join([*lines, *(f"skipped: {what}" for what in report.skipped)]), as_json)

@@ -314,6 +314,9 @@ BAD = [
     ("evaluate set --model model.toml -o file/OUT", "cannot be written"),
     ("calibrate none -o OUT", "none: no such file"),
     ("calibrate set -o OUT", "bench.toml: no such file"),
+    ("fuse none -o OUT", "none: no such file"),
+    ("fuse set -o OUT", "recording.toml: no such file"),
+    ("fuse set --convention up -o OUT", "'forward', 'backward'"),
     ("demo -o file/OUT", "cannot be written"),
     ("exprt cross.toml", "No such command"),
 ]
