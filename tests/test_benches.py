@@ -111,7 +111,7 @@ def test_friction_does_not_depend_on_the_rate():
 
 
 def test_muscle_recovers_law_viscosity_and_hysteresis():
-    muscle = BenchMuscle.fit([muscle_record(viscosity=6.0, hysteresis=0.4)])
+    muscle = BenchMuscle.fit([muscle_record(viscosity=6.0, hysteresis=0.4)], refits=8)
     assert muscle.viscosity == pytest.approx(6.0, rel=0.05)
     assert muscle.hysteresis == pytest.approx(0.4, rel=0.1)
     assert muscle.viscosity90[0] < 6.05

@@ -111,7 +111,8 @@ def test_other_trials_have_a_table_of_their_own_and_diverged_ones_are_named(meas
 
 
 def test_two_sets_with_one_design_and_sets_without_test_trials(measured):
-    both = evaluate_sets(SOFT, [measured, dataclasses.replace(measured, name="again")], Curler())
+    one = dataclasses.replace(measured, trials=measured.trials[1:2])
+    both = evaluate_sets(SOFT, [one, dataclasses.replace(one, name="again")], Curler())
     assert sorted(both.designs) == ["again/cross", "curled/cross"]
     untested = dataclasses.replace(measured, trials=measured.trials[:1])
     with pytest.raises(InputError, match="curled: no trial of role test"):
