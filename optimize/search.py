@@ -149,7 +149,7 @@ class Search:
         xs = [space.encode(*s.space.decode(s.x)) for space, s in zip(spaces, kept, strict=True)]
         values = self._evaluate(number, [(s.start, x) for s, x in zip(kept, xs, strict=True)])
         return [
-            LocalSearch(s.start, space, x, value, radius=s.radius, shape=shape, done=stage.rounds == 0)
+            _started(LocalSearch(s.start, space, x, value, s.radius, done=stage.rounds == 0, shape=shape))
             for s, space, x, (value, shape) in zip(kept, spaces, xs, values, strict=True)
         ]
 
@@ -243,8 +243,8 @@ class Search:
         return list(zip(values, shapes, strict=True))
 
     def _save(self, number: int, searches: list[LocalSearch]) -> None:
-        assert self.best is not None
-        best = [self.best.start, self.best.x.tolist(), self.best.value, self.best.stage]
+        found = self.best
+        best = None if found is None else [found.start, found.x.tolist(), found.value, found.stage]
         rows = [[s.start, s.x.tolist(), s.value, s.radius, s.rounds, s.done] for s in searches]
         self.history.save({"stage": number, "best": best, "searches": rows}, self.elapsed)
 
@@ -252,14 +252,22 @@ class Search:
         state: Any = self.history.load()
         if state is None:
             return 0, []
-        start, x, value, at = state["best"]
-        self.best = Best(start, np.array(x), value, at)
+        if state["best"] is not None:
+            start, x, value, at = state["best"]
+            self.best = Best(start, np.array(x), value, at)
         stage = self.stages[state["stage"]]
         searches = [
             LocalSearch(start, self._space(start, stage), np.array(x), value, radius, rounds, done)
             for start, x, value, radius, rounds, done in state["searches"]
         ]
         return state["stage"], searches
+
+
+def _started(search: LocalSearch) -> LocalSearch:
+    """The same; one that breaks a limit may go anywhere, and gains by any step to where the limits are kept."""
+    if search.space.feasible(search.x):
+        return search
+    return replace(search, value=np.inf, radius=1.0)
 
 
 def _length(step: Vector, space: DesignSpace) -> float:

@@ -1,6 +1,7 @@
 """The search on a cloth in closed form: known truths, limits, failures, and what survives an interruption."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -86,6 +87,21 @@ def test_a_layout_comes_as_close_as_the_one_that_made_the_target() -> None:
     assert min(values[:40]) > truth + 3e-3  # no start was near
     space, x = searched.best_point()
     assert np.all(space.margins(x) >= -1e-7)
+
+
+def test_a_start_that_breaks_the_spacing_is_led_to_where_it_is_kept() -> None:
+    crossed = build("cross")
+    space = DesignSpace(crossed, Limits(), np.array([[300e3, 100e3]]))
+    x = replace(space, vary_positions=True).encode(crossed, space.start_pressures)
+    assert not replace(space, vary_positions=True).feasible(x)
+    stage = Stage("positions", AnalyticCloth(21), keep=1, rounds=4, vary_positions=True)
+    with History(":memory:", "a") as history:
+        searched = Search(
+            Objective([target_of(TRUTH)]), [(space, x[-2:])], [stage], history, seconds=600, evaluations=200
+        )
+        searched.run()
+    found_space, found = searched.best_point()
+    assert found_space.margins(found).min() >= -1e-7
 
 
 def test_evaluations_are_a_hard_limit() -> None:
