@@ -15,19 +15,14 @@ import numpy as np
 from fabdesign.forward import ForwardModel
 from optimize.design_space import DesignSpace, Vector
 from optimize.history import Entry, History
+from optimize.local_search import LocalSearch
 from optimize.objective import Objective, Shape
-from optimize.step import LinearShape, best_step
 
 Point = tuple[int, Vector]  # the number of the start, for its space, and the vector
 
 BATCH = 32  # designs a forward call: twice the simulator's lanes
 PENALTY = 1.0  # m, for a diverged design, or twice the worst seen: worse than all others, and finite
-STEP_LENGTHS = (1.0, 0.5, 1.6)  # of the proposed step
-FIRST_RADIUS = 0.25
 INTERRUPTED = "interrupted; the same command goes on from here"
-LEAST_RADIUS = 0.01
-LEAST_GAIN = 5e-6  # m, what the linear model must promise for another round
-DISTINCT = 0.1  # reaches that two searches in one space lie apart, at their widest, if both are followed
 
 
 @dataclass(frozen=True)
@@ -39,21 +34,6 @@ class Stage:
     keep: int
     rounds: int
     vary_positions: bool = False
-
-
-@dataclass
-class LocalSearch:
-    """A trust region that moves. `model` is None until its slopes are found."""
-
-    start: int
-    space: DesignSpace
-    x: Vector
-    value: float  # m
-    radius: float = FIRST_RADIUS
-    rounds: int = 0
-    done: bool = False
-    shape: Shape | None = None
-    model: LinearShape | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,68 +123,48 @@ class Search:
         most = stage.keep if len(set(counts)) == 1 else (stage.keep + 1) // 2
         for search in sorted(searches, key=lambda s: s.value):
             alike = sum(len(k.space.design.muscles) == len(search.space.design.muscles) for k in kept)
-            if len(kept) < stage.keep and alike < most and all(_distinct(search, other) for other in kept):
+            if len(kept) < stage.keep and alike < most and all(search.distinct(other) for other in kept):
                 kept.append(search)
         spaces = [self._space(s.start, stage) for s in kept]
         xs = [space.encode(*s.space.decode(s.x)) for space, s in zip(spaces, kept, strict=True)]
         values = self._evaluate(number, [(s.start, x) for s, x in zip(kept, xs, strict=True)])
-        return [
-            _started(LocalSearch(s.start, space, x, value, s.radius, done=stage.rounds == 0, shape=shape))
-            for s, space, x, (value, shape) in zip(kept, spaces, xs, values, strict=True)
+        moved = [
+            search.enter(space, x, value, shape)
+            for search, space, x, (value, shape) in zip(kept, spaces, xs, values, strict=True)
+            if np.all(np.isfinite(shape))
         ]
+        if not moved:
+            raise Stop("every design diverged")
+        for search in moved:
+            search.done = stage.rounds == 0
+        return moved
 
     def _round(self, number: int, searches: list[LocalSearch]) -> None:
         self._find_slopes(number, [s for s in searches if s.model is None])
-        trials = [self._trials(search) for search in searches]
-        flat = [(s.start, x) for s, xs in zip(searches, trials, strict=True) for x in xs]
-        results = iter(self._evaluate(number, flat))
-        for search, xs in zip(searches, trials, strict=True):
-            self._accept(search, xs, [next(results) for _ in xs])
-            search.rounds += 1
+        trials = []
+        for search in searches:
+            self._require_time()
+            trials.append(search.trials(self._objective))
+        results = self._evaluate_all(number, searches, trials)
+        for search, xs, found in zip(searches, trials, results, strict=True):
+            search.accept(self._objective, xs, found)
             search.done = search.done or search.rounds >= self.stages[number].rounds
 
     def _find_slopes(self, number: int, searches: list[LocalSearch]) -> None:
-        """Linear models from one-sided finite differences, towards the inside of the box."""
-        lost = [s for s in searches if s.shape is None]  # resumed: a checkpoint holds no shapes
-        for search, (_, shape) in zip(lost, self._evaluate(number, [(s.start, s.x) for s in lost]), strict=True):
+        lost = [s for s in searches if s.shape is None]
+        for search, [(_, shape)] in zip(lost, self._evaluate_all(number, lost, [[s.x] for s in lost]), strict=True):
             search.shape = shape
-        steps = [np.where(s.x + s.space.step <= 1.0, s.space.step, -s.space.step) for s in searches]
-        moved = [(s.start, s.x + h * e) for s, h in zip(searches, steps, strict=True) for e in np.eye(len(h))]
-        shapes = iter([shape for _, shape in self._evaluate(number, moved)])
-        for search, step in zip(searches, steps, strict=True):
-            assert search.shape is not None
-            slopes = np.array([(next(shapes) - search.shape) / h for h in step])
-            slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0  # a diverged neighbour says nothing
-            search.model = LinearShape(search.x, search.shape, slopes)
+        found = self._evaluate_all(number, searches, [s.differences() for s in searches])
+        for search, results in zip(searches, found, strict=True):
+            search.linearise([shape for _, shape in results])
 
-    def _trials(self, search: LocalSearch) -> list[Vector]:
-        """NLopt's best step at several lengths; none where it does not move."""
-        assert search.model is not None
-        self._require_time()
-        step = best_step(search.model, self._objective, search.space, search.radius) - search.x
-        if not np.any(step):
-            return []
-        xs = [np.clip(search.x + length * step, 0.0, 1.0) for length in STEP_LENGTHS]
-        return [xs[0], *(x for x in xs[1:] if search.space.feasible(x))]
-
-    def _accept(self, search: LocalSearch, xs: list[Vector], results: list[tuple[float, Shape]]) -> None:
-        """Move to the best trial if it gains, and widen or narrow the trust region by what the model promised."""
-        if not xs:
-            search.done = True
-            return
-        assert search.model is not None
-        promised = search.value - self._objective.value(search.model.at(xs[0]))
-        value, shape = min(results, key=lambda result: result[0])
-        x = xs[[v for v, _ in results].index(value)]
-        gain = search.value - value
-        if gain > 0:
-            grown = 2.0 if gain > promised / 2 else 1.0
-            search.radius = float(np.clip(grown * _length(x - search.x, search.space), LEAST_RADIUS, 1.0))
-            search.done = gain < LEAST_GAIN
-            search.x, search.value, search.shape, search.model = x, value, shape, None
-        else:
-            search.radius = min(search.radius, _length(xs[0] - search.x, search.space)) / 4
-            search.done = promised < LEAST_GAIN or search.radius < LEAST_RADIUS
+    def _evaluate_all(
+        self, number: int, searches: list[LocalSearch], xs: list[list[Vector]]
+    ) -> list[list[tuple[float, Shape]]]:
+        """Each search's own vectors, all in common batches."""
+        flat = [(search.start, x) for search, own in zip(searches, xs, strict=True) for x in own]
+        results = iter(self._evaluate(number, flat))
+        return [[next(results) for _ in own] for own in xs]
 
     def _evaluate(self, number: int, points: Sequence[Point]) -> list[tuple[float, Shape]]:
         """Value [m] and shape of every point; each is recorded, and becomes `best` where it is."""
@@ -261,20 +221,3 @@ class Search:
             for start, x, value, radius, rounds, done in state["searches"]
         ]
         return state["stage"], searches
-
-
-def _started(search: LocalSearch) -> LocalSearch:
-    """The same; one that breaks a limit may go anywhere, and gains by any step to where the limits are kept."""
-    if search.space.feasible(search.x):
-        return search
-    return replace(search, value=np.inf, radius=1.0)
-
-
-def _length(step: Vector, space: DesignSpace) -> float:
-    """The step's largest part, in reaches."""
-    return float(np.max(np.abs(step) / space.reach))
-
-
-def _distinct(a: LocalSearch, b: LocalSearch) -> bool:
-    same_layout = a.space.design.muscles == b.space.design.muscles
-    return not same_layout or _length(a.x - b.x, a.space) > DISTINCT

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import ForwardModel
 from fabdesign.output import write_text
 from fabdesign.study_file import Study, read_study, require_searchable
@@ -172,6 +172,8 @@ def _result(
     design, pressures = space.decode(x)
     still = DesignSpace(design, _limits(study), np.zeros_like(pressures), vary_pressures=False)
     shape, rest = objective.shapes(forward, [(space, x), (still, np.empty(0))])
+    if not (np.all(np.isfinite(shape)) and np.all(np.isfinite(rest))):
+        raise SimulationError(f"{study.name}: the best design diverges on the full model; {stop_reason}")
     return StudyResult(
         study=study,
         design=design,

@@ -10,7 +10,7 @@ import pytest
 
 from fabdesign.catalogue import build
 from fabdesign.design_file import read_design
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case
 from fabdesign.pressure_file import constant_program, read_pressures
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
@@ -120,6 +120,11 @@ def test_bad_studies_are_refused_before_anything_is_written(
         run_study(study(trial, **change), tmp_path / "out", forward=model)
     assert model.calls == 0
     assert not (tmp_path / "out").exists()
+
+
+def test_designs_that_all_diverge_are_an_error_and_no_result(trial: Path, tmp_path: Path) -> None:
+    with pytest.raises(SimulationError, match="every design diverged"):
+        run_study(study(trial), tmp_path / "out", forward=AnalyticCloth(fail_above=-1.0))
 
 
 def test_a_frame_that_is_not_there_is_refused(trial: Path, tmp_path: Path) -> None:

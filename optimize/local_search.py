@@ -1,0 +1,91 @@
+"""One trust region that moves: what it wants evaluated, and what it makes of the answers."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from optimize.design_space import DesignSpace, Vector
+from optimize.objective import Objective, Shape
+from optimize.step import LinearShape, best_step
+
+STEP_LENGTHS = (1.0, 0.5, 1.6)  # of the proposed step
+FIRST_RADIUS = 0.25
+LEAST_RADIUS = 0.01
+LEAST_GAIN = 5e-6  # m, what the linear model must promise for another round
+DISTINCT = 0.1  # reaches that two searches in one layout lie apart, at their widest, if both are followed
+
+
+@dataclass
+class LocalSearch:
+    """`start` numbers where it began; value [m] is infinite where a limit is broken, so that to keep it is a gain.
+
+    A round is: `differences` evaluated and given to `linearise`, where `model` is None; then `trials` evaluated and
+    given to `accept`.
+    """
+
+    start: int
+    space: DesignSpace
+    x: Vector
+    value: float  # m
+    radius: float = FIRST_RADIUS  # reaches
+    rounds: int = 0
+    done: bool = False
+    shape: Shape | None = None  # at x; None after a checkpoint, which holds no shapes
+    model: LinearShape | None = field(default=None, repr=False)
+
+    def enter(self, space: DesignSpace, x: Vector, value: float, shape: Shape) -> "LocalSearch":
+        """The search that goes on from here in another space or on another forward model."""
+        if space.feasible(x):
+            return LocalSearch(self.start, space, x, value, self.radius, shape=shape)
+        return LocalSearch(self.start, space, x, np.inf, 1.0, shape=shape)  # it may go anywhere
+
+    def differences(self) -> list[Vector]:
+        """One-sided finite differences, towards the inside of the box."""
+        return [self.x + step for step in np.diag(self._steps())]
+
+    def _steps(self) -> Vector:
+        return np.where(self.x + self.space.step <= 1.0, self.space.step, -self.space.step)
+
+    def linearise(self, shapes: list[Shape]) -> None:
+        """Take the shapes at `differences`. A diverged one says nothing: its variable stays for a round."""
+        assert self.shape is not None
+        slopes = np.array([(shape - self.shape) / h for shape, h in zip(shapes, self._steps(), strict=True)])
+        slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0
+        self.model = LinearShape(self.x, self.shape, slopes)
+
+    def trials(self, objective: Objective) -> list[Vector]:
+        """NLopt's best step at several lengths; none where it does not move."""
+        assert self.model is not None
+        step = best_step(self.model, objective, self.space, self.radius) - self.x
+        if not np.any(step):
+            return []
+        xs = [np.clip(self.x + length * step, 0.0, 1.0) for length in STEP_LENGTHS]
+        return [xs[0], *(x for x in xs[1:] if self.space.feasible(x))]
+
+    def accept(self, objective: Objective, xs: list[Vector], results: list[tuple[float, Shape]]) -> None:
+        """Move to the best trial if it gains, and widen or narrow the trust region by what the model promised."""
+        self.rounds += 1
+        if not xs:
+            self.done = True
+            return
+        assert self.model is not None
+        promised = self.value - objective.value(self.model.at(xs[0]))
+        values = [value for value, _ in results]
+        best = int(np.argmin(values))
+        gain = self.value - values[best]
+        if gain > 0:
+            grown = 2.0 if gain > promised / 2 else 1.0
+            self.radius = float(np.clip(grown * self._length(xs[best]), LEAST_RADIUS, 1.0))
+            self.done = gain < LEAST_GAIN
+            self.x, self.value, self.shape, self.model = xs[best], values[best], results[best][1], None
+        else:
+            self.radius = min(self.radius, self._length(xs[0])) / 4
+            self.done = promised < LEAST_GAIN or self.radius < LEAST_RADIUS
+
+    def _length(self, x: Vector) -> float:
+        """Reaches from here to x, at their widest."""
+        return float(np.max(np.abs(x - self.x) / self.space.reach))
+
+    def distinct(self, other: "LocalSearch") -> bool:
+        """Whether it is worth following both."""
+        return self.space.design.muscles != other.space.design.muscles or self._length(other.x) > DISTINCT
