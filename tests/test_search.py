@@ -26,6 +26,7 @@ def target_of(pressures: np.ndarray) -> Target:
     shape = Objective([Target(np.zeros((1, 3)), 1.5)]).shapes(
         AnalyticCloth(), [(SPACE, SPACE.encode(DESIGN, pressures))]
     )[0][0]
+    shape = shape[::4]  # fewer points make every distance cheaper
     return Target(shape + np.random.default_rng(7).normal(0, NOISE, shape.shape), 1.5)
 
 
@@ -55,7 +56,7 @@ def found_pressures(searched: Search) -> np.ndarray:
     return space.decode(x)[1]
 
 
-@pytest.mark.parametrize(("measure", "share"), [("chamfer", 1), ("surface_rms", 8)])
+@pytest.mark.parametrize(("measure", "share"), [("chamfer", 1), ("surface_rms", 2)])
 def test_pressures_are_recovered_from_a_noisy_cloud(measure: Measure, share: int) -> None:
     target = target_of(TRUTH)
     objective = Objective([Target(target.points[::share], target.time)], measure=measure)
