@@ -1,6 +1,7 @@
 """Cleaning of one depth cloud: flying pixels, edge ribbons and strays go. Open3D is imported here and in fuse_joint."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import open3d as o3d
@@ -9,7 +10,7 @@ from scipy.spatial import cKDTree
 
 Array = NDArray[np.float64]
 NEIGHBOURS = 12  # in the image, for the local plane
-PLANE_ROUNDS = 4
+PLANE_ROUNDS = 3
 OFF_PLANE = 4.0  # noise standard deviations, beyond which a depth is no measurement of the surface
 LEAST_OFF = 0.003  # m
 GRAZING = np.cos(np.radians(82.0))  # a surface seen flatter than this is a ribbon between two surfaces
@@ -24,6 +25,10 @@ class Cleaned:
     points: Array
     normals: Array
     dropped: int
+
+    @cached_property
+    def tree(self) -> cKDTree:
+        return cKDTree(self.points)
 
 
 def clean(cloud: Array) -> Cleaned:
@@ -56,9 +61,9 @@ def _on_local_plane(cloud: Array) -> NDArray[np.bool_]:
     values = inverse[near] - np.median(inverse[near], axis=1, keepdims=True)
     weight = np.ones(near.shape)
     for _ in range(PLANE_ROUNDS):
-        normal = np.einsum("nki,nk,nkj->nij", design, weight, design) + 1e-9 * np.eye(3)
-        fit = np.linalg.solve(normal, np.einsum("nki,nk,nk->ni", design, weight, values)[..., None])[..., 0]
-        residual = values - np.einsum("nki,ni->nk", design, fit)
+        weighted = np.swapaxes(design * weight[..., None], 1, 2)
+        fit = np.linalg.solve(weighted @ design + 1e-9 * np.eye(3), weighted @ values[..., None])
+        residual = values - (design @ fit)[..., 0]
         spread = 1.48 * np.median(np.abs(residual), axis=1, keepdims=True) + 1e-6
         weight = 1.0 / (1.0 + (residual / (2.0 * spread)) ** 2)
     off = np.abs(residual[:, 0]) * cloud[:, 2] ** 2  # m, along the ray; a point is its own nearest neighbour

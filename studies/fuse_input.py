@@ -1,7 +1,7 @@
 """From a recording's files to cleaned views and anchored poses; what is unsound is refused, or left out and listed."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +12,7 @@ from fabdesign.recording import Recording, Sensor
 from studies.fuse_checks import DISAGREE, disagreement, late_sensor, swapped_pair
 from studies.fuse_cleaning import clean
 from studies.fuse_joint import View, align
-from studies.fuse_reference import Pose, register_to_rest
+from studies.fuse_reference import Pose, off, register_to_rest
 
 Array = NDArray[np.float64]
 REST = -1  # the frame number of the reference
@@ -76,20 +76,20 @@ def anchor_sensors(recording: Recording, tolerance: Tolerance) -> Anchored:
 
 
 def _registered(recording: Recording, sensor: Sensor, cloud: Array) -> Pose:
+    fabric = recording.design.fabric
     try:
-        return register_to_rest(sensor, cloud, recording.design.fabric)
+        return register_to_rest(sensor, cloud, fabric)
     except InputError:
+        fits = {}
         for other in recording.sensors:
-            if other is sensor:
-                continue
-            try:
-                register_to_rest(other, cloud, recording.design.fabric)
-            except InputError:
-                continue
-            raise InputError(
-                f"reference: the cloud of {sensor.name} fits the pose of {other.name}; are the two swapped?"
-            ) from None
-        raise
+            with suppress(InputError):
+                fits[other.name] = off(register_to_rest(other, cloud, fabric).matrix, other.camera_to_world)[1]
+        if not fits:
+            raise
+        nearest = min(fits, key=lambda name: fits[name])
+        raise InputError(
+            f"reference: the cloud of {sensor.name} fits the pose of {nearest}; are the two swapped?"
+        ) from None
 
 
 def read_views(recording: Recording, anchored: Anchored, tolerance: Tolerance) -> list[View]:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from studies.fuse_cleaning import Cleaned
 from studies.fuse_reference import Pose, moved
@@ -18,7 +17,7 @@ Array = NDArray[np.float64]
 REACH = 0.006  # m, between corresponding points, and as much more as the faces lie apart
 PAIR_NOISE = 1.0e-3  # m, of one point-to-plane distance: the depth noise of a point and of a plane
 INDEPENDENT = 3.0  # distances that count as one
-ROUNDS = 4
+ROUNDS = 3
 KNOCKED = (np.radians(0.2), 0.001)  # rad and m that a pose may change from frame to frame
 FACING = 0.7  # least cosine between corresponding normals
 SAMPLE = 900  # points of a cloud that are compared
@@ -32,9 +31,10 @@ class View:
     camera: int
     cloud: Cleaned
 
-    def placed(self, matrix: Array) -> tuple[Array, Array]:
-        """Points (n, 3) m and normals in the world."""
-        return self.cloud.points @ matrix[:3, :3].T + matrix[:3, 3], self.cloud.normals @ matrix[:3, :3].T
+    def placed(self, matrix: Array, step: int = 1) -> tuple[Array, Array]:
+        """Every `step`-th point (n, 3) m and its normal, in the world."""
+        turn = matrix[:3, :3].T
+        return self.cloud.points[::step] @ turn + matrix[:3, 3], self.cloud.normals[::step] @ turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,18 +48,19 @@ class Gaps:
 
 def gaps(one: View, other: View, poses: Sequence[Array], sides: Sequence[str], thickness: float) -> Gaps:
     """Distances of `one` from the planes of `other`, placed by `poses` (4, 4)."""
-    points, normals = one.placed(poses[one.camera])
-    planes, plane_normals = other.placed(poses[other.camera])
-    step = max(1, len(points) // SAMPLE)
-    points, normals = points[::step], normals[::step]
+    step = max(1, len(one.cloud.points) // SAMPLE)
+    points, normals = one.placed(poses[one.camera], step)
     same = sides[one.camera] == sides[other.camera]
     expected = 0.0 if same else -thickness  # the other face lies behind the planes
-    distance, nearest = cKDTree(planes).query(points, distance_upper_bound=REACH + abs(expected))
+    to_world = poses[other.camera]
+    seen = (points - to_world[:3, 3]) @ to_world[:3, :3]
+    distance, nearest = other.cloud.tree.query(seen, distance_upper_bound=REACH + abs(expected))
     found = np.isfinite(distance)
     points, nearest = points[found], nearest[found]
-    normal = plane_normals[nearest]
+    planes = other.cloud.points[nearest] @ to_world[:3, :3].T + to_world[:3, 3]
+    normal = other.cloud.normals[nearest] @ to_world[:3, :3].T
     agree = np.einsum("ni,ni->n", normals[found], normal) * (1.0 if same else -1.0) > FACING
-    between = points - planes[nearest]
+    between = points - planes
     along = np.einsum("ni,ni->n", between, normal)
     aside = np.linalg.norm(between - along[:, None] * normal, axis=1)
     keep = agree & (aside < REACH / 2)

@@ -6,6 +6,7 @@ is the declared design times the parameter factors.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -13,6 +14,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from fabdesign.design import Design
+from fabdesign.muscle import BenchTable
 from fabdesign.muscle_law import MuscleLaw
 from studies.rig.cables import Cables, lace
 from studies.rig.shell import DERIVATIVES
@@ -119,7 +121,7 @@ def build_scene(
     rest = np.zeros((n, 6))
     rest[:, 3:] = _imperfection(uv, cloth.width, cloth.height, seed)
     pressures = np.arange(0.0, max_pressure + 2 * PRESSURE_STEP, PRESSURE_STEP)
-    laws = {name: MuscleLaw.fit(kind.bench) for name, kind in design.muscle_types.items()}
+    laws = {name: _law(kind.bench) for name, kind in design.muscle_types.items()}
     tables = {name: law.tension(pressures[:, None], CONTRACTIONS) for name, law in laws.items()}
     return Scene(
         design=design,
@@ -153,6 +155,11 @@ def build_scene(
 
 
 _FACTORS = ("membrane", "shear", "bending", "areal_density", "damping", "muscle_gain", "axis_offset")
+
+
+@lru_cache(maxsize=16)
+def _law(bench: BenchTable) -> MuscleLaw:
+    return MuscleLaw.fit(bench)
 
 
 def _patch(design: Design, resolution: Resolution) -> Patch:

@@ -7,6 +7,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpbtrf, dpbtrs
 
+from fabdesign.errors import SimulationError
 from studies.rig import cables as cable_kernels
 from studies.rig import shell
 from studies.rig.muscle import tension
@@ -19,7 +20,7 @@ MAX_ITERATIONS = 60
 KEEP = 0.35  # a factor that shrinks corrections at least so is kept
 
 
-class RigDiverged(RuntimeError):
+class RigDiverged(SimulationError):
     """Newton found no solution of a step; says when."""
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from studies.rig.effects.declaration import Effect
 from studies.rig.scene import Scene, StepReport
 
-SLIP_DAMPING = 2.5  # of the muscle's viscosity over interval length; less would overshoot in one step
+SLIP_DAMPING = 6.0  # of the muscle's viscosity over interval length; under 3 a step overshoots
 LEAST_VISCOSITY = 2.0  # N s
 
 
