@@ -1,0 +1,114 @@
+"""A batch of cases into the fields."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from fabdesign.errors import InputError
+from fabdesign.forward import Case
+from fabdesign.muscle import MuscleType
+from sim.fields import LANE_CONSTANTS, LANES, TYPES, F, X, allocate, upload
+from sim.model import bench_grid, lace, lane_constants, line_weights, node_arrays
+from sim.transfer import LOADED, load
+
+SIZES = ((43, 96), (43, 256), (83, 96), (163, 96))  # (padded nodes a side, fixed points) that fields are made for
+
+
+def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
+    """Put `cases` on n x n grids into the lanes (spare lanes repeat the last one) and set the preconditioner's basis.
+
+    Returns the largest number of fixed points of any case.
+    """
+    lacings = [lace(case.design, n) for case in cases]
+    points = max(len(lacing.offset) for lacing in lacings)
+    side, room = next(((a, b) for a, b in SIZES if a >= n + 2 and b >= points), (n + 2, points))
+    allocate(side * side, room, side, blocks=blocks)
+    kinds = _types(cases)
+    used = -(-len(cases) // LANES)
+    lane = np.zeros((used, LANE_CONSTANTS, LANES), np.float32)
+    node = np.zeros((used, LOADED, n + 2, n + 2, LANES), np.float32)
+    planes = X.gain // F.points + 1  # those before the kernels' own
+    point = np.zeros((used, planes, F.points, LANES), np.float32)
+    index = np.zeros((used, 3, F.points, LANES), np.int32)
+    for k in range(used * LANES):
+        b, l, i = k // LANES, k % LANES, min(k, len(cases) - 1)
+        design, factors = cases[i].design, cases[i].factors
+        lane[b, :, l] = lane_constants(design, factors, n)
+        rest, mass, free = node_arrays(design, factors, n)
+        node[b, :3, 1:-1, 1:-1, l] = rest.reshape(n, n, 3).transpose(2, 0, 1)
+        node[b, 3, 1:-1, 1:-1, l], node[b, 4, 1:-1, 1:-1, l] = mass.reshape(n, n), free.reshape(n, n)
+        if points:
+            _put_lacing(point[b, ..., l], index[b, ..., l], lacings[i], cases[i], kinds, n)
+    table = np.zeros((TYPES, *F.table.shape[1:]), np.float32)
+    for (_, kind), t in kinds.items():
+        table[t] = bench_grid(kind.bench)
+    if points:
+        upload(F.table, table)
+    _set_basis(n, hung)
+    load(used, n, n, lane, node.reshape(used, LOADED, -1, LANES), point.reshape(used, -1, LANES), index)
+    return points
+
+
+def _types(cases: Sequence[Case]) -> dict[tuple[str, MuscleType], int]:
+    kinds: dict[tuple[str, MuscleType], int] = {}
+    for case in cases:
+        for name, kind in case.design.muscle_types.items():
+            kinds.setdefault((name, kind), len(kinds))
+    if len(kinds) > TYPES:
+        raise InputError(f"batch: {len(kinds)} muscle types; expected at most {TYPES}")
+    return kinds
+
+
+def _put_lacing(
+    point: NDArray[np.float32],
+    index: NDArray[np.int32],
+    lacing: object,
+    case: Case,
+    kinds: dict[tuple[str, MuscleType], int],
+    n: int,
+) -> None:
+    """point (planes, p), index (3, p) of one lane; spare points lie at rest inside the cloth with no interval."""
+    from sim.model import Lacing
+
+    assert isinstance(lacing, Lacing)
+    gain, lever = case.factors.get("muscle_gain", 1.0), case.factors.get("axis_offset", 1.0)
+    damping = case.factors.get("damping", 1.0)
+    count, room = len(lacing.offset), point.shape[1]
+    first, value, slope, moment = line_weights(0.5 * (n - 1), n, 1.0)
+    spare = np.concatenate([value, value, slope, slope, moment, moment])
+    weights = np.concatenate([lacing.weights, np.repeat(spare[None], room - count, axis=0)])
+    base = np.concatenate([lacing.base, np.full((room - count, 2), first, np.int32)])
+    names = {"wu": 0, "wv": 4, "du": 8, "dv": 12, "eu_w": 16, "ev_w": 20}
+    for name, column in names.items():
+        start = getattr(X, name) // F.points  # a group of 4 planes holds quadruples, point by point
+        point[start : start + 4] = weights[:, column : column + 4].reshape(4, room)
+    kind = [case.design.muscle_types[name] for name in lacing.kind]
+    rows = {
+        "offset": lever * lacing.offset,
+        "active": lacing.active,
+        "gain": np.full(count, gain),
+        "viscosity": damping * np.array([k.viscosity for k in kind]),
+    }
+    for name, values in rows.items():
+        point[getattr(X, name) // F.points, :count] = values
+    point[X.rest // F.points] = 1.0
+    point[X.rest // F.points, :count] = lacing.rest
+    index[0] = (base[:, 0] + 1) * (n + 2) + base[:, 1] + 1
+    index[1, :count] = lacing.channel
+    index[2, :count] = [kinds[(name, k)] for name, k in zip(lacing.kind, kind, strict=True)]
+
+
+def _set_basis(n: int, hung: int) -> None:
+    """Eigenvectors across: K phi = lambda W phi of the second difference, free ends, or held at a hung side edge."""
+    stiffness = np.diag(np.r_[1, np.full(n - 2, 2), 1]) - np.diag(np.ones(n - 1), 1) - np.diag(np.ones(n - 1), -1)
+    weight = np.diag(np.r_[0.5, np.ones(n - 2), 0.5])
+    keep = np.arange(n)
+    if hung in (2, 3):
+        keep = keep[1:] if hung == 2 else keep[:-1]
+    values, vectors = eigh(stiffness[np.ix_(keep, keep)], weight[np.ix_(keep, keep)])
+    basis, eigen = np.zeros((n, n)), np.full(n, 4.0)
+    basis[np.ix_(keep, np.arange(len(keep)))], eigen[: len(keep)] = vectors, np.clip(values, 0, None)
+    upload(F.basis, np.concatenate([basis.ravel(), basis.T.ravel()]).astype(np.float32))
+    upload(F.eigen, eigen.astype(np.float32))

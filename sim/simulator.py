@@ -1,0 +1,225 @@
+"""The public way in: a batch of cases becomes motions or equilibrium shapes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError
+from fabdesign.forward import Case
+from fabdesign.pressure import PressureProgram
+from sim import fields
+from sim.faces import faces
+from sim.loading import load_batch
+from sim.model import HUNG
+from sim.step import Batch, Scheme, prepare, step
+from sim.transfer import halt, muscle_state, read
+
+Array = NDArray[np.float64]
+BLOCKS = 4  # of LANES designs in the fields at once
+REACH = 0.020  # m, half width over which the preconditioner's frames are averaged
+# Pseudo-time to rest: (step [s], steps), velocities forgotten after each; long steps are nearly Newton's
+SETTLE = ((1 / 60, 20), (0.05, 20), (0.25, 20))
+HANG = ((0.05, 4), (0.5, 8))
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One simulated motion. Frames after a divergence are NaN."""
+
+    time: Array  # (T,) s after rest
+    middle: NDArray[np.float32]  # (T, n, n, 3) m, mid-surface nodes, rows of rising v
+    contraction: NDArray[np.float32]  # (T, intervals), muscle by muscle along its path
+    tension: NDArray[np.float32]  # (T, intervals) N
+    thickness: float  # m
+    diverged: tuple[float, tuple[int, int]] | None  # time [s] of the first lost frame, and its (row, column)
+
+    @property
+    def points(self) -> NDArray[np.float32]:
+        """(T, 3362, 3) m: front face, then back face, 41 x 41 each by rising v, then rising u."""
+        return faces(self.middle, self.thickness)
+
+
+@dataclass(frozen=True)
+class Simulator:
+    """Extended position-based dynamics of laced cloth (Macklin et al. 2016; docs/model.md), many designs at once.
+
+    Implements fabdesign.forward.ForwardModel. Defaults are chosen in docs/results/simulator.md. Limits: muscles do not slip, the
+    cloth does not touch itself, at most 8 muscle types a batch.
+    """
+
+    points_per_side: int = 41
+    time_step: float = 1 / 240  # s
+    iterations: int = 8
+    tolerance: float = 2e-6  # m, RMS of the last update of a step
+    rho: float = 0.6  # spectral radius at infinity of generalised-alpha
+
+    def __post_init__(self) -> None:
+        if self.points_per_side < 9:
+            raise InputError(f"points_per_side is {self.points_per_side}: expected at least 9")
+
+    def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
+        """(T, 3362, 3) points [m] of each case at its `times` [s after rest, rising]."""
+        return [motion.points for motion in self.run(cases, times)]
+
+    def run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
+        """Motions with mid-surfaces, contractions and tensions; each starts from equilibrium at zero pressure."""
+        results: list[Motion | None] = [None] * len(cases)
+        with fields.lock:
+            for chosen in self._chunks(cases):
+                batch = self._load([cases[i] for i in chosen])
+                self._settle(batch, np.zeros((batch.blocks, _channels(cases, chosen), fields.LANES), np.float32), HANG)
+                for i, motion in zip(chosen, self._roll(batch, cases, times, chosen), strict=True):
+                    results[i] = motion
+        return [motion for motion in results if motion is not None]
+
+    def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
+        """(3362, 3) points [m] at rest under each program's last pressures; NaN where none was found."""
+        results: list[NDArray[np.float32] | None] = [None] * len(cases)
+        with fields.lock:
+            for chosen in self._chunks(cases):
+                batch = self._load([cases[i] for i in chosen])
+                pressure = _stack([cases[i].program.pressure[-1:] for i in chosen], batch.blocks)[0]
+                self._settle(batch, pressure, SETTLE)
+                for lane, i in enumerate(chosen):
+                    middle = self._middle(batch)[lane]
+                    results[i] = faces(middle[None], cases[i].design.fabric.thickness)[0]
+        return [shape for shape in results if shape is not None]
+
+    def _chunks(self, cases: Sequence[Case]) -> list[list[int]]:
+        """Indices in groups that one call can take: one way of hanging, BLOCKS x LANES designs at most."""
+        groups: dict[int, list[int]] = {}
+        for i, case in enumerate(cases):
+            groups.setdefault(_hung(case), []).append(i)
+        size = BLOCKS * fields.LANES
+        return [group[k : k + size] for group in groups.values() for k in range(0, len(group), size)]
+
+    def _load(self, cases: list[Case]) -> Batch:
+        n = self.points_per_side
+        spacing = max(case.design.fabric.height for case in cases) / (n - 1)
+        points = load_batch(cases, n, hung=_hung(cases[0]), blocks=BLOCKS)
+        blocks = -(-len(cases) // fields.LANES)
+        return Batch(blocks, n, n, points, _hung(cases[0]), max(1, round(REACH / spacing)))
+
+    def _settle(self, batch: Batch, pressure: NDArray[np.float32], schedule: tuple[tuple[float, int], ...]) -> None:
+        for h, steps in schedule:
+            scheme = Scheme(h, -1.0)
+            prepare(batch, scheme)
+            for _ in range(steps):
+                step(batch, scheme, pressure, iterations=2 * self.iterations, tolerance=self.tolerance)
+                halt(*batch.grid)
+
+    def _roll(self, batch: Batch, cases: Sequence[Case], times: Sequence[Array], chosen: list[int]) -> list[Motion]:
+        n, h, scheme = self.points_per_side, self.time_step, Scheme(self.time_step, self.rho)
+        prepare(batch, scheme)
+        wanted = [np.asarray(times[i], dtype=float) for i in chosen]
+        steps = max((int(np.ceil(t[-1] / h - 1e-6)) for t in wanted if len(t)), default=0)
+        program = _stack([step_pressures(cases[i].program, h, max(steps, 1)) for i in chosen], batch.blocks)
+        middle = [np.full((len(t), n, n, 3), np.nan, np.float32) for t in wanted]
+        muscle = [np.zeros((len(t), batch.points, 2), np.float32) for t in wanted]
+        due = [np.maximum(np.ceil(t / h - 1e-6).astype(int) - 1, 0) for t in wanted]  # the step that holds each frame
+        places = _frames_by_step(due)
+        theta = np.zeros((batch.blocks, fields.LANES), np.float32)
+        for k in range(max(steps, 1)):
+            step(batch, scheme, program[k], iterations=self.iterations, tolerance=self.tolerance)
+            for frames in _layers(places.get(k, [])):
+                for lane, frame in frames:
+                    theta[divmod(lane, fields.LANES)] = np.clip(wanted[lane][frame] / h - k, 0, 1)
+                positions, state = self._middle(batch, h, theta), _muscle_state(batch)
+                for lane, frame in frames:
+                    middle[lane][frame] = positions[lane]
+                    muscle[lane][frame] = state[lane]
+        return [_motion(cases[i], t, m, s) for i, t, m, s in zip(chosen, wanted, middle, muscle, strict=True)]
+
+    def _middle(self, batch: Batch, h: float = 1.0, theta: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
+        """(lanes, n, n, 3) at the fraction theta of the last step; its end by default."""
+        n = self.points_per_side
+        if theta is None:
+            theta = np.ones((batch.blocks, fields.LANES), np.float32)
+        out = np.empty((batch.blocks, fields.LANES, n * n, 3), np.float32)
+        read(*batch.grid, h, theta, out)
+        return out.reshape(-1, n, n, 3)
+
+
+def step_pressures(program: PressureProgram, h: float, steps: int) -> NDArray[np.float32]:
+    """(steps, channels) Pa: the mean set point of every step of `h` seconds."""
+    edges = np.arange(steps + 1) * h
+    starts = np.asarray(program.time, dtype=float)
+    pressure = np.asarray(program.pressure, dtype=float)
+    # integral of the piecewise constant program from its first row on
+    area = np.concatenate(
+        [np.zeros((1, pressure.shape[1])), np.cumsum(pressure[:-1] * np.diff(starts)[:, None], axis=0)]
+    )
+    row = np.clip(np.searchsorted(starts, edges, side="right") - 1, 0, None)
+    integral = area[row] + pressure[row] * (edges - starts[row])[:, None]
+    return (np.diff(integral, axis=0) / h).astype(np.float32)
+
+
+def _hung(case: Case) -> int:
+    hung = case.design.fabric.hung
+    return HUNG[hung] if isinstance(hung, str) else HUNG["none"]
+
+
+def _channels(cases: Sequence[Case], chosen: list[int]) -> int:
+    return max(max(1, cases[i].program.pressure.shape[1]) for i in chosen)
+
+
+def _stack(programs: list[NDArray], blocks: int) -> NDArray[np.float32]:
+    """(steps, blocks, channels, LANES) Pa; lanes without a design repeat the last one."""
+    steps, channels = programs[0].shape[0], max(max(1, p.shape[1]) for p in programs)
+    out = np.zeros((steps, blocks, channels, fields.LANES), np.float32)
+    for lane in range(blocks * fields.LANES):
+        p = programs[min(lane, len(programs) - 1)]
+        out[:, lane // fields.LANES, : p.shape[1], lane % fields.LANES] = p
+    return out
+
+
+def _frames_by_step(due: list[NDArray[np.int_]]) -> dict[int, list[tuple[int, int]]]:
+    places: dict[int, list[tuple[int, int]]] = {}
+    for lane, steps in enumerate(due):
+        for frame, k in enumerate(steps):
+            places.setdefault(int(k), []).append((lane, frame))
+    return places
+
+
+def _layers(places: list[tuple[int, int]]) -> list[list[tuple[int, int]]]:
+    """Split so that a lane occurs once in each: a step may hold several frames of one motion."""
+    layers: list[list[tuple[int, int]]] = []
+    seen: dict[int, int] = {}
+    for lane, frame in places:
+        layer = seen.get(lane, 0)
+        seen[lane] = layer + 1
+        if layer == len(layers):
+            layers.append([])
+        layers[layer].append((lane, frame))
+    return layers
+
+
+def _muscle_state(batch: Batch) -> NDArray[np.float32]:
+    out = np.zeros((batch.blocks, fields.LANES, max(batch.points, 1), 2), np.float32)
+    if batch.points:
+        muscle_state(batch.blocks, batch.points, out)
+    return out[:, :, : batch.points].reshape(-1, batch.points, 2)
+
+
+def _motion(case: Case, time: Array, middle: NDArray[np.float32], state: NDArray[np.float32]) -> Motion:
+    bad = ~(np.abs(middle) < 10.0)  # m; NaN compares false
+    diverged = None
+    if bad.any():
+        first = int(np.argmax(bad.any(axis=(1, 2, 3))))
+        row, column = np.argwhere(bad[first].any(axis=-1))[0]
+        diverged = (float(time[first]), (int(row), int(column)))
+        middle[first:], state[first:] = np.nan, np.nan
+    own = [k for m in _spans(case) for k in m]
+    return Motion(time, middle, state[:, own, 0], state[:, own, 1], case.design.fabric.thickness, diverged)
+
+
+def _spans(case: Case) -> list[range]:
+    """Indices of each muscle's intervals among all fixed points."""
+    spans, start = [], 0
+    for muscle in case.design.muscles:
+        count = len(muscle.fixed_points())
+        spans.append(range(start, start + count - 1))
+        start += count
+    return spans

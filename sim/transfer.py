@@ -1,0 +1,93 @@
+"""Between numpy and the fields: load a batch, halt it, read frames."""
+
+import taichi as ti
+
+from sim.fields import LANES, F, Timed, X
+
+Lanes = ti.types.vector(LANES, ti.f32)
+LOADED = 5  # planes of the node array that `load` takes: x, y, z, mass, free
+
+
+@ti.kernel
+def _load_kernel(
+    nb: ti.i32, nu: ti.i32, nv: ti.i32,
+    constants: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    node: ti.types.ndarray(dtype=ti.f32, ndim=4),
+    point: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    index: ti.types.ndarray(dtype=ti.i32, ndim=4),
+):  # fmt: skip
+    """Zero every array, then constants (nb, constants, LANES), node (nb, 5, P, LANES), point (nb, first entries, LANES)
+    and index (nb, 3, points, LANES: base node, channel, type) go to their places."""
+    for b in range(nb):
+        P = (nu + 2) * (nv + 2)
+        for k in range(F.mass):
+            F.node[b, k] = Lanes(0.0)
+        for k in range(constants.shape[1]):
+            for lane in range(LANES):
+                F.lane[b, k][lane] = constants[b, k, lane]
+        for c in range(3):
+            for k in range(P):
+                for lane in range(LANES):
+                    F.node[b, F.x0 + c * P + k][lane] = node[b, c, k, lane]
+                    F.node[b, F.q + c * P + k][lane] = node[b, c, k, lane]
+        for k in range(P):
+            for lane in range(LANES):
+                F.node[b, F.mass + k][lane] = node[b, 3, k, lane]
+                F.node[b, F.free + k][lane] = node[b, 4, k, lane]
+        for k in range(point.shape[1]):
+            for lane in range(LANES):
+                F.point[b, k][lane] = point[b, k, lane]
+        for k in range(index.shape[2]):
+            for lane in range(LANES):
+                F.base[b, k][lane] = index[b, 0, k, lane]
+                F.channel[b, k][lane] = index[b, 1, k, lane]
+                F.kind[b, k][lane] = index[b, 2, k, lane]
+
+
+@ti.kernel
+def _halt_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32):
+    """Zero velocity and acceleration."""
+    for b in range(nb):
+        for k in range(3 * (nu + 2) * (nv + 2)):
+            F.node[b, F.v0 + k] = Lanes(0.0)
+            F.node[b, F.a0 + k] = Lanes(0.0)
+
+
+@ti.kernel
+def _read_kernel(
+    nb: ti.i32, nu: ti.i32, nv: ti.i32, h: ti.f32,
+    theta: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    out: ti.types.ndarray(dtype=ti.f32, ndim=4),
+):  # fmt: skip
+    """out (nb, LANES, nu nv, 3): positions at the fraction theta (nb, LANES) of the last step, cubic Hermite."""
+    for b in range(nb):
+        s = nu + 2
+        P = s * (nv + 2)
+        for lane in range(LANES):
+            t = theta[b, lane]
+            b1 = (1 - t) * (1 - t) * t * h
+            b2 = t * t * (3 - 2 * t)
+            b3 = t * t * (t - 1) * h
+            for j in range(nv):
+                for i in range(nu):
+                    for c in range(3):
+                        k = c * P + (j + 1) * s + i + 1
+                        old = F.node[b, F.xp + k][lane]
+                        new = F.node[b, F.x0 + k][lane]
+                        out[b, lane, j * nu + i, c] = (
+                            old + b2 * (new - old) + b1 * F.node[b, F.vp + k][lane] + b3 * F.node[b, F.v0 + k][lane]
+                        )
+
+
+@ti.kernel
+def _muscle_state_kernel(nb: ti.i32, npt: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=4)):
+    """out (nb, LANES, npt, 2): contraction and tension [N] of every interval at the last evaluation point."""
+    for b in range(nb):
+        for lane in range(LANES):
+            for k in range(npt):
+                out[b, lane, k, 0] = F.point[b, X.eps + k][lane]
+                out[b, lane, k, 1] = F.point[b, X.tension + k][lane]
+
+
+load, halt, read = Timed(_load_kernel), Timed(_halt_kernel), Timed(_read_kernel)
+muscle_state = Timed(_muscle_state_kernel)
