@@ -59,7 +59,9 @@ def test_cantilever_bends_by_w_L4_over_8B() -> None:
 
 
 def test_one_sided_muscles_bend_a_strip_as_its_energy_says() -> None:
-    """Per width: k e = -n T / w and B kappa = n T d / w, T at the contraction -(e - d kappa)."""
+    """Least of (k e^2 + B kappa^2) / 2 per rest area and the muscles' work, kappa the angle per rest length times
+    1 + e (x,vv . n): k e = -n T / w and B kappa = n T d / (w (1 + e)), T at the contraction d kappa / (1 + e) - e.
+    """
     kind = DUO.muscle_types["EM20"]
     width, n, pressure = 0.06, 3, 1.5e5
     muscles = tuple(Muscle("EM20", "front", 0, ((u, 0.005), (u, 0.195)), 0.01) for u in (0.01, 0.03, 0.05))
@@ -70,16 +72,16 @@ def test_one_sided_muscles_bend_a_strip_as_its_energy_says() -> None:
 
     def balance(unknown: Array) -> Array:
         e, kappa = unknown
-        tension = float(law.tension(pressure, d * kappa - e))
-        return np.array([cloth.membrane_stiffness[1] * e + n * tension / width, 0.02 * kappa - n * tension * d / width])
+        tension = n * float(law.tension(pressure, d * kappa / (1 + e) - e)) / width
+        return np.array([cloth.membrane_stiffness[1] * e + tension, 0.02 * kappa - tension * d / (1 + e)])
 
-    _, expected = fsolve(balance, np.array([-0.02, 5.0]))
+    e, kappa = fsolve(balance, np.array([-0.02, 5.0]))
     scene, x = at_rest(design, np.array([pressure]), Resolution(element=0.01))
     line = np.stack([np.full(61, 0.03), np.linspace(0.07, 0.13, 61)], axis=1)
     p = scene.patch.matrix(line) @ x
     angle = np.unwrap(np.arctan2(np.gradient(p[:, 2]), -np.gradient(p[:, 1])))
     arc = np.linalg.norm(np.diff(p, axis=0), axis=1).sum()
-    assert (angle[-2] - angle[1]) / arc * 60 / 58 == pytest.approx(expected, rel=0.05)
+    assert (angle[-2] - angle[1]) / arc * 60 / 58 == pytest.approx(kappa / (1 + e) ** 2, rel=0.05)
 
 
 def test_a_hanging_sheet_swings_like_a_hanging_chain() -> None:

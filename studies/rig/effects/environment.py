@@ -19,7 +19,7 @@ def normals(scene: Scene, x: Array, along_u: sp.csr_matrix, along_v: sp.csr_matr
 
 
 def air_drag(scene: Scene, order: int, values: Mapping[str, float]) -> None:
-    """Quadratic drag against the normal velocity: coefficient |v_n| v_n per area."""
+    """Quadratic drag against the normal velocity: coefficient abs(v_n) v_n per area."""
     value, along_u, along_v = (scene.patch.matrix(scene.uv, *d) for d in ((0, 0), (1, 0), (0, 1)))
 
     def drag(time: float, x: Array, v: Array) -> Array:
