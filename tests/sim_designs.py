@@ -1,0 +1,55 @@
+"""Cloths and cases for the tests of the simulator."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fabdesign.catalogue import build
+from fabdesign.design import Design
+from fabdesign.fabric import Fabric
+from fabdesign.forward import Case
+from fabdesign.muscle import BenchTable, Muscle, MuscleType
+from fabdesign.pressure import PressureProgram
+
+CLOTH = Fabric(
+    width=0.2,
+    height=0.2,
+    thickness=0.002,
+    areal_density=0.6,
+    membrane_stiffness=(520.0, 520.0),
+    shear_stiffness=130.0,
+    poisson=0.25,
+    bending_stiffness=(0.006, 0.006),
+    viscosity=6.0,
+    air_damping=0.5,
+)
+
+
+def cloth(*muscles: Muscle, types=None, **changes) -> Design:
+    """A design on CLOTH with changed values."""
+    return Design("test", replace(CLOTH, **changes), types or {}, muscles)
+
+
+def linear_muscle(stiffness: float, pull: float, **changes) -> MuscleType:
+    """A massless type whose law is F = pull p / 100 kPa - stiffness contraction [N]."""
+    rows = [(p, e) for p in (0.0, 100e3, 200e3, 300e3, 400e3) for e in np.linspace(-0.1, 0.3, 9)]
+    table = BenchTable(
+        tuple(p for p, _ in rows), tuple(e for _, e in rows), tuple(pull * p / 100e3 - stiffness * e for p, e in rows)
+    )
+    return replace(MuscleType("linear", 0.002, 0.0, 0.001, table), **changes)
+
+
+def held(design: Design, kpa=(), **factors: float) -> Case:
+    """Constant pressures [kPa] from rest."""
+    pressure = np.array(kpa, float).reshape(1, -1) * 1e3
+    return Case(design, PressureProgram(np.zeros(1), pressure, 1.5), factors)
+
+
+def laced(layout="basic", muscles=4, **changes) -> Design:
+    """A catalogue layout on CLOTH with changed values."""
+    return build(layout, muscles=muscles, fabric=replace(CLOTH, **changes))
+
+
+def middle(points):
+    """(41, 41, 3) mid-surface of one frame's faces (3362, 3)."""
+    return points.astype(float).reshape(2, 41, 41, 3).mean(0)

@@ -1,0 +1,114 @@
+"""Lanes, bits, mirror images, instants, factors and divergence."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sim import Simulator
+from tests.sim_designs import held, laced
+
+SIMULATOR = Simulator(points_per_side=21)
+TIMES = np.array([0.1, 0.15])
+
+
+def run(*cases, times=TIMES):
+    return SIMULATOR.run(cases, [times] * len(cases))
+
+
+@pytest.fixture(scope="module")
+def designs():
+    return laced(), laced("cross", 2), laced("vertical", 3)
+
+
+@pytest.fixture(scope="module")
+def cases(designs):
+    return [held(designs[0], (200, 100, 0, 50)), held(designs[1], (150, 0)), held(designs[2], (0, 100, 50))]
+
+
+@pytest.fixture(scope="module")
+def motions(cases):
+    return run(*cases)
+
+
+def test_same_batch_twice_gives_the_same_bits(cases, motions):
+    for again, motion in zip(run(*cases), motions, strict=True):
+        assert np.array_equal(again.points, motion.points)
+
+
+def test_design_alone_gives_the_bits_it_gives_among_others(cases, motions):
+    assert np.array_equal(run(cases[1])[0].points, motions[1].points)
+
+
+def test_mirror_image_in_the_plane_of_the_cloth(designs, motions):
+    # exchanging front and back turns z around; channels 0, 1 are on the front, 2, 3 behind
+    turned = run(held(designs[0], (0, 50, 200, 100)))[0].middle * (1, 1, -1)
+    assert np.abs(turned - motions[0].middle).max() < 1e-5
+
+
+def test_mirror_image_left_to_right(designs, motions):
+    turned = run(held(designs[0], (100, 200, 50, 0)))[0].middle[:, :, ::-1] * (-1, 1, 1)
+    assert np.abs(turned - motions[0].middle).max() < 1e-5
+
+
+def test_frames_at_any_instants(cases, motions):
+    # a frame does not depend on which others are asked for, and lies between its neighbours
+    times = np.array([0.0, 1e-4, 0.1, 0.1013, 0.1021, 0.15])
+    motion = run(cases[0], times=times)[0]
+    assert np.array_equal(motion.middle[[2, 5]], motions[0].middle)
+    assert np.abs(motion.middle[1] - motion.middle[0]).max() < 1e-6
+    part = (times[3] - times[2]) / (times[4] - times[2])
+    between = (1 - part) * motion.middle[2] + part * motion.middle[4]
+    assert np.abs(motion.middle[3] - between).max() < 0.02 * np.abs(motion.middle[4] - motion.middle[2]).max()
+
+
+def test_cases_of_one_batch_have_times_of_their_own(cases, motions):
+    short, long = SIMULATOR.run([cases[1], cases[0]], [np.array([0.02]), TIMES])
+    assert short.points.shape == (1, 3362, 3)
+    assert np.array_equal(long.points, motions[0].points)
+
+
+def test_diverged_lane_is_marked_alone(cases, motions):
+    broken = held(cases[0].design, (400, 0, 0, 0), muscle_gain=1e7)
+    first, lost, last = run(cases[0], broken, cases[1])
+    assert lost.diverged is not None
+    when, (row, column) = lost.diverged
+    assert when == TIMES[0] and 0 <= row < 21 and 0 <= column < 21
+    assert np.isnan(lost.points).all()
+    assert first.diverged is None and np.array_equal(first.points, motions[0].points)
+    assert last.diverged is None and np.array_equal(last.points, motions[1].points)
+
+
+def test_factors_multiply_the_declared_values(designs):
+    # the motion with a factor is that of a design with the multiplied value
+    design, kpa, f = designs[0], (200, 100, 0, 50), 1.2
+    fabric, kind = design.fabric, design.muscle_types["EM20"]
+    scaled = {
+        "membrane": dict(membrane_stiffness=(f * 520.0, f * 520.0)),
+        "shear": dict(shear_stiffness=f * fabric.shear_stiffness),
+        "bending": dict(bending_stiffness=(f * 0.006, f * 0.006)),
+        "areal_density": dict(areal_density=f * fabric.areal_density),
+    }
+    declared = [held(replace(design, fabric=replace(fabric, **change)), kpa) for change in scaled.values()]
+    types = {
+        "axis_offset": replace(kind, axis_offset=f * kind.axis_offset),
+        "damping": replace(kind, viscosity=f * kind.viscosity),
+    }
+    damped = replace(fabric, viscosity=f * fabric.viscosity, air_damping=f * fabric.air_damping)
+    declared += [
+        held(replace(design, fabric=damped if name == "damping" else fabric, muscle_types={"EM20": changed}), kpa)
+        for name, changed in types.items()
+    ]
+    names = [*scaled, *types]
+    plain, *found = run(held(design, kpa), *(held(design, kpa, **{name: f}) for name in names))
+    for name, motion, expected in zip(names, found, run(*declared), strict=True):
+        assert np.abs(motion.middle - expected.middle).max() < 1e-6, name
+        assert np.abs(motion.middle - plain.middle).max() > 1e-6, name
+
+
+def test_muscle_gain_acts_on_what_pressure_adds(designs):
+    # F = F(0, eps) + gain (F(p, eps) - F(0, eps)): no effect at zero pressure
+    idle, gained_idle = run(held(designs[0], (0,) * 4), held(designs[0], (0,) * 4, muscle_gain=1.5))
+    assert np.array_equal(idle.points, gained_idle.points)
+    plain, gained = run(held(designs[0], (100, 0, 0, 0)), held(designs[0], (100, 0, 0, 0), muscle_gain=1.5))
+    assert np.abs(gained.middle - plain.middle).max() > 1e-3

@@ -1,0 +1,70 @@
+"""The simulator against closed forms, on a coarse grid; the finer ones are in tests/verify."""
+
+import numpy as np
+import pytest
+
+from fabdesign.muscle import Muscle
+from fabdesign.muscle_law import MuscleLaw
+from sim import Simulator
+from tests.sim_designs import cloth, held, laced, linear_muscle, middle
+
+SIMULATOR = Simulator(points_per_side=21)
+G = 9.81
+
+
+def shape(design, kpa=(), **factors):
+    return middle(SIMULATOR.equilibria([held(design, kpa, **factors)])[0])
+
+
+def test_hanging_sheet_sags_by_its_weight():
+    # u(L) = rho g L^2 / 2 k
+    design = cloth(poisson=0.0, membrane_stiffness=(520.0, 100.0), areal_density=1.0)
+    sag = -0.2 - shape(design)[-1, :, 1]
+    assert sag == pytest.approx(1.0 * G * 0.2**2 / (2 * 100.0), rel=0.02)
+
+
+def test_strip_stretches_and_narrows():
+    # e_2 = T / k_2, e_1 = -nu_21 e_2, T of a weight along the lower edge; far from the held edge
+    width, length, tension = 0.05, 0.2, 26.0
+    bar = linear_muscle(1e-3, 0.0, name="bar", mass_per_length=tension / G, axis_offset=0.0)
+    weight = Muscle("bar", "front", 0, ((0.0, length), (width, length)), width)
+    design = cloth(weight, types={"bar": bar}, width=width, areal_density=1e-3)
+    found = shape(design, (0,))
+    stretch = (found[15, 20, 1] - found[25, 20, 1]) / (10 * length / 40) - 1
+    narrow = (found[20, -1, 0] - found[20, 0, 0]) / width - 1
+    assert stretch == pytest.approx(tension / 520, rel=0.01)
+    assert narrow == pytest.approx(-0.25 * tension / 520, rel=0.05)
+
+
+def test_cantilever_bends_under_its_weight():
+    # z(L) = w L^4 / 8 B
+    w = 0.1
+    design = cloth(poisson=0.0, areal_density=w / G, gravity=(0.0, 0.0, -G), support="clamped")
+    tip = -shape(design)[-1, :, 2]
+    assert tip == pytest.approx(w * 0.2**4 / (8 * 0.006), rel=0.03)
+
+
+def test_isometric_muscle_pulls_as_on_the_bench():
+    # both ends held: F = F(p, 0)
+    ends = ((0.1, 0.05), (0.1, 0.15))
+    kind = laced().muscle_types["EM20"]
+    design = cloth(Muscle("EM20", "front", 0, ends, 0.1), types={"EM20": kind}, hung=ends, gravity=(0.0, 0.0, 0.0))
+    law = MuscleLaw.fit(kind.bench)
+    cases = [held(design, (kpa,)) for kpa in (100.0, 200.0, 300.0)]
+    motions = SIMULATOR.run(cases, [np.array([0.5])] * 3)
+    for case, motion in zip(cases, motions, strict=True):
+        assert motion.tension[-1, 0] == pytest.approx(float(law.tension(case.program.pressure[0, 0], 0.0)), rel=0.01)
+
+
+def test_equal_pressures_front_and_back_shorten_without_bending():
+    design = laced(gravity=(0.0, 0.0, 0.0), hung="none")
+    flat = shape(design, (100,) * 4)
+    assert np.abs(flat[..., 2] - flat[..., 2].mean()).max() < 1e-5
+    assert np.ptp(flat[:, 20, 1]) < 0.199
+
+
+def test_bare_sheet_moves():
+    # released from rest: it stays in its equilibrium
+    motion = SIMULATOR.run([held(cloth())], [np.array([0.0, 0.2])])[0]
+    assert np.abs(motion.middle[1] - motion.middle[0]).max() < 1e-5
+    assert motion.tension.shape == (2, 0)

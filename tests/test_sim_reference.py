@@ -1,0 +1,61 @@
+"""The kernels against the slow float64 reference, and the reference against its own energy."""
+
+import numpy as np
+import pytest
+
+from sim import Simulator
+from tests.sim_designs import cloth, held, laced, middle
+from tests.sim_reference import ReferenceSheet
+
+EXACT = Simulator(points_per_side=11, iterations=60, tolerance=1e-8)
+N = EXACT.points_per_side
+
+
+@pytest.mark.parametrize("support", ["pinned", "clamped"])
+def test_reference_force_is_the_gradient_of_its_energy(support):
+    # f . w = -dE/dw, central difference
+    design = cloth(
+        gravity=(0.0, 0.0, 0.0), membrane_stiffness=(500.0, 300.0), bending_stiffness=(0.006, 0.004), support=support
+    )
+    sheet, random = ReferenceSheet(design, 7), np.random.default_rng(0)
+    x = sheet.rest + 0.003 * random.standard_normal(sheet.rest.shape)
+    w = random.standard_normal(x.shape)
+    force, _ = sheet.evaluate(x, 0 * x, [])
+    slope = (sheet.energy(x + 1e-6 * w) - sheet.energy(x - 1e-6 * w)) / 2e-6
+    assert -np.sum(force * w) == pytest.approx(slope, rel=1e-6)
+
+
+def test_muscles_pull_no_whole():
+    # internal forces: no resultant, no moment
+    design = laced(gravity=(0.0, 0.0, 0.0))
+    sheet, random = ReferenceSheet(design, 9), np.random.default_rng(0)
+    x = sheet.rest + 0.002 * random.standard_normal(sheet.rest.shape)
+    force, _ = sheet.evaluate(x, 0 * x, [2e5] * 4)
+    assert np.abs(force.sum(0)).max() < 1e-12 * np.abs(force).sum()
+    assert np.abs(np.cross(x, force).sum(0)).max() < 1e-12 * np.abs(force).sum()
+
+
+def test_equilibrium_and_motion_follow_the_reference():
+    # the same space and time discretisation, solved tightly: rounding is what is left
+    design = laced(membrane_stiffness=(520.0, 400.0), bending_stiffness=(0.006, 0.004))
+    sheet, pressure = ReferenceSheet(design, N), [200.0, 100.0, 0.0, 50.0]
+    rest = sheet.equilibrium(np.zeros(4))
+    steps = np.array([0, 4, 12])
+    h = EXACT.time_step
+    frames = sheet.motion(lambda t: np.array(pressure) * 1e3, h, 12, rho=EXACT.rho, start=rest)[steps]
+    motion = EXACT.run([held(design, pressure)], [steps * h])[0]
+    assert np.abs(frames[-1] - rest).max() > 5e-3
+    assert np.abs(motion.middle.reshape(3, -1, 3) - frames).max() < 1e-5
+    assert motion.contraction[-1] == pytest.approx(sheet.contraction, abs=2e-5)
+    final = sheet.equilibrium(np.array(pressure) * 1e3, start=frames[-1]).reshape(N, N, 3)
+    found = middle(EXACT.equilibria([held(design, pressure)])[0])[:: 40 // (N - 1), :: 40 // (N - 1)]
+    assert np.abs(found - final).max() < 2e-5
+
+
+def test_clamped_edge_follows_the_reference():
+    design = cloth(support="clamped", gravity=(0.0, -7.0, -7.0), bending_stiffness=(0.006, 0.003))
+    sheet = ReferenceSheet(design, N)
+    final = sheet.equilibrium().reshape(N, N, 3)
+    found = middle(EXACT.equilibria([held(design)])[0])[:: 40 // (N - 1), :: 40 // (N - 1)]
+    assert np.abs(final[-1, :, 2]).min() > 0.03
+    assert np.abs(found - final).max() < 2e-5

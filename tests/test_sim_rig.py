@@ -1,0 +1,32 @@
+"""The simulator with data sheet values beside a measured motion of a synthetic rig."""
+
+import numpy as np
+import pytest
+
+from fabdesign.forward import Case
+from fabdesign.measurement_set import read_set
+from sim import Simulator
+
+
+def lower_edge(cloud):
+    """Mean z [m] of the lowest 1 / 41 of the points."""
+    lowest = np.argsort(cloud[:, 1])[: len(cloud) // 41]
+    return cloud[lowest, 2].mean()
+
+
+def top_angle(cloud):
+    """Angle [degrees] against the vertical of the line fitted to the top 20 mm."""
+    top = cloud[cloud[:, 1] > cloud[:, 1].max() - 0.02]
+    return np.degrees(np.arctan(np.polyfit(top[:, 1], top[:, 2], 1)[0]))
+
+
+def test_two_muscles_held_at_300_kpa(data):
+    trial = next(t for t in read_set(data / "rig_c").trials if t.order == 2)
+    measured = trial.load()
+    hold = measured.time > measured.time[-1] - 0.8
+    motion = Simulator(points_per_side=21).motions([Case(trial.design, measured.program)], [measured.time[hold]])[0]
+    frames = [frame for frame, held in zip(measured.frames, hold, strict=True) if held]
+    expected = np.mean([lower_edge(frame) for frame in frames])
+    assert np.mean([lower_edge(frame) for frame in motion]) == pytest.approx(expected, rel=0.15)
+    expected = np.mean([top_angle(frame) for frame in frames])
+    assert np.mean([top_angle(frame) for frame in motion]) == pytest.approx(expected, abs=5.0)
