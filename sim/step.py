@@ -26,7 +26,11 @@ RZ, BETA, ACTIVE, ALPHA = 4, 5, 6, 7  # slots of F.reduce
 
 @dataclass(frozen=True)
 class Scheme:
-    """Coefficients of one generalised-alpha step of `h` seconds."""
+    """Coefficients of one step of `h` seconds.
+
+    rho in [0, 1]: generalised-alpha. rho = 2: the implicit midpoint rule, which needs no acceleration from before and so
+    keeps second order where the pressure jumps. rho < 0: backward Euler.
+    """
 
     h: float
     rho: float
@@ -36,6 +40,8 @@ class Scheme:
         """h, alpha_m, alpha_f, gamma, 1 / (beta h^2), 1 / (1 - alpha_f), 1 / (2 beta) - 1."""
         if self.rho < 0:
             return self.h, 0.0, 0.0, 1.0, 1.0 / self.h**2, 1.0, 0.0
+        if self.rho == 2:
+            return self.h, 0.0, 0.5, 1.0, 2.0 / self.h**2, 2.0, 0.0
         am, af = (2 * self.rho - 1) / (self.rho + 1), self.rho / (self.rho + 1)
         gamma, beta = 0.5 - am + af, 0.25 * (1 - am + af) ** 2
         return self.h, am, af, gamma, 1 / (beta * self.h**2), 1 / (1 - af), 0.5 / beta - 1
