@@ -19,6 +19,7 @@ from studies.rig.scene import DEFAULT, Resolution, Scene, build_scene
 from studies.rig.solver import RigDiverged
 
 Array = NDArray[np.float64]
+MECHANICS = ("spline", "shell", "cables", "muscle", "scene", "solver", "motion", "specimen")  # what a motion depends on
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +89,7 @@ def _run(task: Task) -> Array:
 
 
 def _digest(task: Task) -> str:
-    """Hash of everything that a motion depends on, this package's code included; not of the point sensor."""
+    """Hash of everything that a motion depends on, the code of its mechanics included."""
     h = hashlib.sha256()
     for part in (task.design, task.order, task.key.seed, sorted(task.key.parameters.items()), task.resolution):
         h.update(repr(part).encode())
@@ -96,6 +97,8 @@ def _digest(task: Task) -> str:
         h.update(repr((effect.name, sorted(effect.parameters.items()))).encode())
     for array in (task.program.time, task.program.pressure, task.times):
         h.update(np.ascontiguousarray(array, dtype=np.float64).tobytes())
-    for source in (*sorted(Path(__file__).parent.rglob("*.py")), Path(str(muscle_law.__file__))):
+    here = Path(__file__).parent
+    sources = [here / f"{name}.py" for name in MECHANICS] + sorted((here / "effects").glob("*.py"))
+    for source in (*sources, Path(str(muscle_law.__file__))):
         h.update(source.read_bytes())
     return h.hexdigest()[:32]
