@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optimize.design_space import DesignSpace, Vector
 from optimize.objective import Objective, Shape
@@ -19,8 +20,8 @@ DISTINCT = 0.1  # reaches that two searches in one layout lie apart, at their wi
 class LocalSearch:
     """`start` numbers where it began; value [m] is infinite where a limit is broken, so that to keep it is a gain.
 
-    A round is: `differences` evaluated and given to `linearise`, where `model` is None; then `trials` evaluated and
-    given to `accept`.
+    A round is: `trials`, and the `differences` around the first of them, evaluated together and given to `accept`. A
+    search without a `model` has what it `lacks` evaluated and given to `linearise` first.
     """
 
     start: int
@@ -32,6 +33,7 @@ class LocalSearch:
     done: bool = False
     shape: Shape | None = None  # at x; None after a checkpoint, which holds no shapes
     model: LinearShape | None = field(default=None, repr=False)
+    slopes_at: Vector | None = None  # where the model's slopes are taken: at x (None), or at a trial nearby
 
     def enter(self, space: DesignSpace, x: Vector, value: float, shape: Shape) -> "LocalSearch":
         """The search that goes on from here in another space or on another forward model."""
@@ -39,31 +41,50 @@ class LocalSearch:
             return LocalSearch(self.start, space, x, value, self.radius, shape=shape)
         return LocalSearch(self.start, space, x, np.inf, 1.0, shape=shape)  # it may go anywhere
 
-    def differences(self) -> list[Vector]:
-        """One-sided finite differences, towards the inside of the box."""
-        return [self.x + step for step in np.diag(self._steps())]
+    def differences(self, x: Vector) -> list[Vector]:
+        """One-sided finite differences around x, towards the inside of the box."""
+        return [x + step for step in np.diag(self._steps(x))]
 
-    def _steps(self) -> Vector:
-        return np.where(self.x + self.space.step <= 1.0, self.space.step, -self.space.step)
+    def _steps(self, x: Vector) -> Vector:
+        return np.where(x + self.space.step <= 1.0, self.space.step, -self.space.step)
+
+    def lacks(self) -> list[Vector]:
+        """What a model needs: x, the place of its slopes, and the differences around that."""
+        place = self.x if self.slopes_at is None else self.slopes_at
+        return [self.x, place, *self.differences(place)] if self.shape is None else self.differences(self.x)
 
     def linearise(self, shapes: list[Shape]) -> None:
-        """Take the shapes at `differences`. A diverged one says nothing: its variable stays for a round."""
+        """Take the shapes at what it lacked."""
+        place, around = self.x, self.shape
+        if around is None:
+            place = self.x if self.slopes_at is None else self.slopes_at
+            self.shape, around, *shapes = shapes
         assert self.shape is not None
-        slopes = np.array([(shape - self.shape) / h for shape, h in zip(shapes, self._steps(), strict=True)])
+        self.model = LinearShape(self.x, self.shape, self._slopes(place, around, shapes))
+
+    def _slopes(self, x: Vector, shape: Shape, ahead: list[Shape]) -> NDArray[np.float64]:
+        """By the shapes ahead of x. A diverged one says nothing: its variable stays for a round."""
+        slopes = np.array([(other - shape) / h for other, h in zip(ahead, self._steps(x), strict=True)])
         slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0
-        self.model = LinearShape(self.x, self.shape, slopes)
+        return slopes
 
     def trials(self, objective: Objective) -> list[Vector]:
         """NLopt's best step at several lengths; none where it does not move."""
         assert self.model is not None
         step = best_step(self.model, objective, self.space, self.radius) - self.x
         if not np.any(step):
-            return []
+            return []  # also with borrowed slopes: they promise nothing either way
         xs = [np.clip(self.x + length * step, 0.0, 1.0) for length in STEP_LENGTHS]
         return [xs[0], *(x for x in xs[1:] if self.space.feasible(x))]
 
-    def accept(self, objective: Objective, xs: list[Vector], results: list[tuple[float, Shape]]) -> None:
-        """Move to the best trial if it gains, and widen or narrow the trust region by what the model promised."""
+    def accept(
+        self, objective: Objective, xs: list[Vector], results: list[tuple[float, Shape]], ahead: list[Shape]
+    ) -> None:
+        """Move to the best trial if it gains, and widen or narrow the trust region by what the model promised.
+
+        `ahead` are the shapes at the differences around the first trial (none in a last round): they serve as the
+        slopes of whichever trial is taken, until a step fails with them.
+        """
         self.rounds += 1
         if not xs:
             self.done = True
@@ -76,8 +97,13 @@ class LocalSearch:
         if gain > 0:
             grown = 2.0 if gain > promised / 2 else 1.0
             self.radius = float(np.clip(grown * self._length(xs[best]), LEAST_RADIUS, 1.0))
-            self.done = gain < LEAST_GAIN
+            self.done = gain < LEAST_GAIN and self.slopes_at is None
             self.x, self.value, self.shape, self.model = xs[best], values[best], results[best][1], None
+            if ahead:
+                self.model = LinearShape(self.x, self.shape, self._slopes(xs[0], results[0][1], ahead))
+                self.slopes_at = xs[0] if best > 0 else None
+        elif self.slopes_at is not None:
+            self.model = self.slopes_at = None
         else:
             self.radius = min(self.radius, self._length(xs[0])) / 4
             self.done = promised < LEAST_GAIN or self.radius < LEAST_RADIUS

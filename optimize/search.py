@@ -1,8 +1,8 @@
 """The search: screen many starts, follow the best side by side, finish the best of those on the full model.
 
-Every forward evaluation is part of a batch: the screening, the finite differences of all searches of a round, all
-their trial steps. A round of a search is a linear model of the shape, NLopt's best step on it, and that step tried at
-several lengths at once. Nothing depends on time or order, so that a seed gives one result.
+Every forward evaluation is part of a batch: the screening, and in a round the trial steps of all searches with the
+finite differences around them. A round of a search is a linear model of the shape, NLopt's best step on it, and that
+step tried at several lengths at once. Nothing depends on time or order, so that a seed gives one result.
 """
 
 import time
@@ -141,20 +141,19 @@ class Search:
 
     def _round(self, number: int, searches: list[LocalSearch]) -> None:
         self._find_slopes(number, [s for s in searches if s.model is None])
-        trials = []
+        trials, wanted = [], []
+        last = self.stages[number].rounds - 1
         for search in searches:
             self._require_time()
-            trials.append(search.trials(self._objective))
-        results = self._evaluate_all(number, searches, trials)
-        for search, xs, found in zip(searches, trials, results, strict=True):
-            search.accept(self._objective, xs, found)
-            search.done = search.done or search.rounds >= self.stages[number].rounds
+            xs = search.trials(self._objective)
+            trials.append(xs)
+            wanted.append(xs + (search.differences(xs[0]) if xs and search.rounds < last else []))
+        for search, xs, found in zip(searches, trials, self._evaluate_all(number, searches, wanted), strict=True):
+            search.accept(self._objective, xs, found[: len(xs)], [shape for _, shape in found[len(xs) :]])
+            search.done = search.done or search.rounds > last
 
     def _find_slopes(self, number: int, searches: list[LocalSearch]) -> None:
-        lost = [s for s in searches if s.shape is None]
-        for search, [(_, shape)] in zip(lost, self._evaluate_all(number, lost, [[s.x] for s in lost]), strict=True):
-            search.shape = shape
-        found = self._evaluate_all(number, searches, [s.differences() for s in searches])
+        found = self._evaluate_all(number, searches, [s.lacks() for s in searches])
         for search, results in zip(searches, found, strict=True):
             search.linearise([shape for _, shape in results])
 
@@ -205,7 +204,18 @@ class Search:
     def _save(self, number: int, searches: list[LocalSearch]) -> None:
         found = self.best
         best = None if found is None else [found.start, found.x.tolist(), found.value, found.stage]
-        rows = [[s.start, s.x.tolist(), s.value, s.radius, s.rounds, s.done] for s in searches]
+        rows = [
+            [
+                s.start,
+                s.x.tolist(),
+                s.value,
+                s.radius,
+                s.rounds,
+                s.done,
+                None if s.slopes_at is None else s.slopes_at.tolist(),
+            ]
+            for s in searches
+        ]
         self.history.save({"stage": number, "best": best, "searches": rows}, self.elapsed)
 
     def _load(self) -> tuple[int, list[LocalSearch]]:
@@ -217,7 +227,16 @@ class Search:
             self.best = Best(start, np.array(x), value, at)
         stage = self.stages[state["stage"]]
         searches = [
-            LocalSearch(start, self._space(start, stage), np.array(x), value, radius, rounds, done)
-            for start, x, value, radius, rounds, done in state["searches"]
+            LocalSearch(
+                start,
+                self._space(start, stage),
+                np.array(x),
+                value,
+                radius,
+                rounds,
+                done,
+                slopes_at=None if slopes_at is None else np.array(slopes_at),
+            )
+            for start, x, value, radius, rounds, done, slopes_at in state["searches"]
         ]
         return state["stage"], searches

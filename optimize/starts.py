@@ -25,8 +25,9 @@ def pressure_starts(space: DesignSpace, count: int, seed: int) -> list[Start]:
     """The space's start, and `count` vectors with pressures from a scrambled Sobol sequence, positions unchanged."""
     first = space.encode(space.design, space.start_pressures)
     pressures = space.dimension - space.position_count
-    sequence = qmc.Sobol(pressures, rng=np.random.default_rng(seed)).random(count)
-    return [(space, first), *((space, np.concatenate([first[: space.position_count], row])) for row in sequence)]
+    sequence = qmc.Sobol(pressures, rng=np.random.default_rng(seed)).random_base2(int(np.ceil(np.log2(count + 1))))
+    rows = [np.concatenate([first[: space.position_count], row]) for row in sequence[:count]]
+    return [(space, first), *((space, row) for row in rows)]
 
 
 def layout_starts(

@@ -22,8 +22,8 @@ from studies.report import Section, render_report
 from studies.study_result import StudyResult, pressures_kpa, write_best
 from studies.target import LoadedTarget, load_target, target_errors
 
-PRESSURE_STARTS = 32  # screened before pressures are searched
-LAYOUT_STARTS = 96  # screened before layouts are searched
+PRESSURE_STARTS = 31  # screened before pressures are searched
+LAYOUT_STARTS = 64  # screened before layouts are searched; a multiple of what the simulator takes at once
 HISTORY = "history.sqlite"
 
 
@@ -102,14 +102,14 @@ def _starts(study: Study) -> list[Start]:
 def _stages(study: Study, coarse: ForwardModel, fine: ForwardModel) -> list[Stage]:
     if study.muscles is not None:
         return [
-            Stage("pressures of drawn layouts", coarse, keep=16, rounds=2),
-            Stage("layouts", coarse, keep=6, rounds=6, vary_positions=study.positions),
-            Stage("best layouts", coarse, keep=2, rounds=10, vary_positions=study.positions),
+            Stage("pressures of drawn layouts", coarse, keep=10, rounds=1),
+            Stage("layouts", coarse, keep=4, rounds=4, vary_positions=study.positions),
+            Stage("best layouts", coarse, keep=2, rounds=6, vary_positions=study.positions),
             Stage("full model", fine, keep=1, rounds=6, vary_positions=study.positions),
         ]
     return [
-        Stage("first", coarse, keep=4, rounds=12, vary_positions=study.positions),
-        Stage("full model", fine, keep=1, rounds=6, vary_positions=study.positions),
+        Stage("coarse model", coarse, keep=2, rounds=8, vary_positions=study.positions),
+        Stage("full model", fine, keep=2, rounds=6, vary_positions=study.positions),
     ]
 
 

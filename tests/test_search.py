@@ -153,7 +153,7 @@ def test_interrupting_ends_with_the_best_so_far() -> None:
         assert searched.best.value == min(entry.objective for entry in history.entries())
 
 
-@pytest.mark.parametrize("call", [0, 2, 5])
+@pytest.mark.parametrize("call", [0, 3, 4, 5])
 def test_a_killed_search_goes_on_to_the_same_end(tmp_path: Path, call: int) -> None:
     with History(tmp_path / "whole.sqlite", "a") as history:
         whole = search(history)
@@ -167,7 +167,7 @@ def test_a_killed_search_goes_on_to_the_same_end(tmp_path: Path, call: int) -> N
         repeated = [entry.x for entry in history.entries()]
     np.testing.assert_array_equal(found_pressures(resumed), found_pressures(whole))
     assert set(straight) <= set(repeated)
-    assert len(repeated) <= len(straight) + 3 * 4  # slopes of the searches under way were found anew
+    assert len(repeated) <= len(straight) + 2 * 5 * 2  # what two searches under way had found was found anew
 
 
 def test_a_finished_search_is_not_run_again(tmp_path: Path) -> None:
