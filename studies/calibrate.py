@@ -1,0 +1,151 @@
+"""Calibration: factors on the declared values from measured clouds, with intervals."""
+
+import hashlib
+import importlib.metadata
+import platform
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fabdesign.errors import InputError
+from fabdesign.forward import PARAMETERS, ForwardModel
+from fabdesign.model import Model, Parameter, Provenance
+from fabdesign.sensor_noise import SensorNoise, estimate_noise
+from fabdesign.splits import fit_trials
+from fabdesign.trial import MeasurementSet, Trial
+from studies.calibrate_clouds import Sample, sample_trial
+from studies.calibrate_engine import ENGINE_DIFFERENCE
+from studies.calibrate_fit import Fit, fit
+from studies.calibrate_report import ambiguities
+
+TRIALS = 16  # fitted at most, spread over those allowed
+FRAMES = 30  # of a trial
+POINTS = 300  # of a frame
+QUANTILE = 1.645  # two-sided 90 %
+_NOISE_FRAMES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    model: Model
+    fit: Fit
+    noise: SensorNoise
+    correlation: np.ndarray  # (7, 7), in the order of PARAMETERS, of the logarithms
+    statements: tuple[str, ...]  # what these data cannot tell
+    skipped: tuple[str, ...]  # bad trials left out, a line each
+    engine: bool  # do the intervals carry the difference between engines?
+
+    def as_json(self) -> dict[str, Any]:
+        """What `calibrate --json` prints: factors, mm."""
+        parameters = {
+            name: {"factor": p.factor, "interval90": list(p.interval90)} for name, p in self.model.parameters.items()
+        }
+        lost = [{"trial": trial, "from_s": time} for trial, time in self.fit.lost]
+        return {
+            "parameters": parameters,
+            "correlation": {
+                a: {b: float(self.correlation[i, j]) for j, b in enumerate(PARAMETERS)}
+                for i, a in enumerate(PARAMETERS)
+            },
+            "statements": list(self.statements),
+            "residual": {"before": 1e3 * self.fit.before, "after": 1e3 * self.fit.after, "unit": "mm"},
+            "noise": {"sigma": 1e3 * self.noise.sigma, "strays": self.noise.strays, "unit": "mm"},
+            "fitted": list(self.model.provenance.fitted),
+            "held_out": list(self.model.provenance.held_out),
+            "lost": lost,
+            "skipped": list(self.skipped),
+            "engine_difference": self.engine,
+            "iterations": self.fit.iterations,
+            "converged": self.fit.converged,
+            "motions": self.fit.motions,
+        }
+
+
+def calibrate(
+    measured: MeasurementSet,
+    fine: ForwardModel,
+    coarse: ForwardModel,
+    *,
+    orders: Collection[int] | None = None,
+    skipped: Sequence[str] = (),
+    seed: int = 0,
+    progress: Callable[[str], None] = lambda line: None,
+) -> Calibration:
+    """The seven factors of `fabdesign.forward.PARAMETERS` from the trials of role `fit`, or those of `orders`.
+
+    Of more than 16 trials, 16 spread over the session are fitted; 30 frames of each and 300 points of a frame, by
+    `seed`. `fine` gives residuals, `coarse` their derivatives. skipped: bad trials left out before, for the record.
+    Raises InputError where no trial is left, SimulationError where every motion diverges.
+    """
+    allowed = fit_trials(measured.trials, orders)
+    spread = np.unique(np.linspace(0, len(allowed) - 1, min(TRIALS, len(allowed))).round().astype(int))
+    chosen = [allowed[i] for i in spread]
+    rng = np.random.default_rng(seed)
+    samples: list[Sample] = []
+    at_rest = []
+    for trial in chosen:
+        data = trial.load()
+        samples.append(sample_trial(trial, data, frames=FRAMES, points=POINTS, rng=rng))
+        if len(at_rest) < _NOISE_FRAMES:
+            at_rest.append(data.frames[0])  # flattest there
+    noise = estimate_noise(at_rest, chosen[0].design.fabric.thickness)
+    found = fit(samples, fine, coarse, progress=progress)
+    engine = np.array([ENGINE_DIFFERENCE.get(name, 0.0) for name in PARAMETERS])
+    covariance = found.covariance + np.diag(engine**2)
+    deviation = np.sqrt(np.diag(covariance))
+    model = Model(
+        {
+            name: Parameter(float(np.exp(x)), (float(np.exp(x - QUANTILE * s)), float(np.exp(x + QUANTILE * s))))
+            for name, x, s in zip(PARAMETERS, found.x, deviation, strict=True)
+        },
+        provenance=_provenance(measured, chosen, seed),
+    )
+    return Calibration(
+        model=model,
+        fit=found,
+        noise=noise,
+        correlation=covariance / np.outer(deviation, deviation),
+        statements=ambiguities(found),
+        skipped=tuple(skipped),
+        engine=bool(engine.any()),
+    )
+
+
+def _provenance(measured: MeasurementSet, fitted: Sequence[Trial], seed: int) -> Provenance:
+    """Every trial that was not fitted counts as held out. Hashes are of the files fitted, before anything else."""
+    held_out = [trial for trial in measured.trials if trial not in fitted]
+    return Provenance(
+        sets=(measured.name,),
+        fitted=tuple(f"{measured.name}/{trial.name}" for trial in fitted),
+        held_out=tuple(f"{measured.name}/{trial.name}" for trial in held_out),
+        versions={"python": platform.python_version()}
+        | {name: importlib.metadata.version(name) for name in ("fabdesign", "numpy", "scipy", "taichi")},
+        hashes={
+            f"{measured.name}/{trial.file.name}": hashlib.sha256(trial.file.read_bytes()).hexdigest()
+            for trial in fitted
+        },
+        seed=seed,
+    )
+
+
+def sound_trials(measured: MeasurementSet, *, skip_bad: bool) -> tuple[MeasurementSet, tuple[str, ...]]:
+    """The set without its unsound trials, and a line on each of them. Every trial is read.
+
+    Raises InputError for the first one unless `skip_bad`, and where none is left.
+    """
+    sound, skipped = [], []
+    for trial in measured.trials:
+        try:
+            trial.load()
+        except InputError as error:
+            if not skip_bad:
+                raise
+            skipped.append(str(error))
+        else:
+            sound.append(trial)
+    if not sound:
+        raise InputError(f"{measured.name}: no sound trial; the first: {skipped[0]}")
+    kept = MeasurementSet(measured.name, measured.designs, tuple(sound), measured.description, measured.frame_rate)
+    return kept, tuple(skipped)

@@ -1,0 +1,81 @@
+"""Measured points against a model's surface: distances, and how they change with the model's vertices."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.surface import Surface
+from fabdesign.trial import Trial
+from fabdesign.trial_file import TrialData
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Motion = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Some points of some frames of one trial."""
+
+    trial: Trial
+    times: Array  # (F,) s after rest
+    clouds: tuple[Array, ...]  # F of (n, 3) m
+
+
+def sample_trial(trial: Trial, data: TrialData, *, frames: int, points: int, rng: np.random.Generator) -> Sample:
+    """`frames` frames spread over the trial, its last among them, and up to `points` random points of each."""
+    count = len(data.frames)
+    chosen = np.unique(np.linspace(count - 1, 0, min(frames, count)).round().astype(int))
+    clouds = (data.frames[k] for k in chosen)
+    drawn = tuple(c if len(c) <= points else c[rng.choice(len(c), points, replace=False)] for c in clouds)
+    return Sample(trial, data.time[chosen], drawn)
+
+
+@dataclass(frozen=True, eq=False)
+class Match:
+    """Each measured point (N of them, all samples in a row) with the nearest place on the model's surface."""
+
+    residual: Array  # (N,) m, signed distance, positive off the sheet; NaN in frames that the model has lost
+    normal: Array  # (N, 3) from the surface to the point, outwards
+    vertex: Indices  # (N, 3) of its triangle
+    weights: Array  # (N, 3) barycentric
+    sample: Indices  # (N,)
+    frame: Indices  # (N,) within its sample
+
+
+def match(samples: Sequence[Sample], motions: Sequence[Motion]) -> Match:
+    """motions: (F, 2 n, 3) m a sample, as `ForwardModel.motions` gives them at the sample's times."""
+    parts: list[tuple[Array | Indices, ...]] = []
+    for s, (sample, motion) in enumerate(zip(samples, motions, strict=True)):
+        for f, (cloud, vertices) in enumerate(zip(sample.clouds, motion, strict=True)):
+            where = (np.full(len(cloud), s), np.full(len(cloud), f))
+            if not np.isfinite(vertices).all():
+                zeros = np.zeros((len(cloud), 3))
+                parts.append((np.full(len(cloud), np.nan), zeros, zeros.astype(np.intp), zeros, *where))
+                continue
+            surface = Surface.of_faces(vertices)
+            near = surface.nearest(cloud)
+            corners = surface.triangles[near.triangle]
+            offset = cloud - np.einsum("nc,ncd->nd", near.weights, surface.vertices[corners])
+            normal = offset / np.where(near.signed == 0, 1.0, near.signed)[:, None]
+            parts.append((near.signed, normal, corners, near.weights, *where))
+    return Match(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def derivatives(found: Match, changes: Sequence[Motion]) -> Array:
+    """(N, parameters) m: change of each residual. changes: (parameters, F, 2 n, 3) m a sample, of the vertices.
+
+    To first order the distance changes by the motion of the matched place along the normal: where the nearest place
+    slides to does not matter, as it is the nearest. NaN where a change is not known.
+    """
+    result = np.empty((len(found.residual), len(changes[0])))
+    for s, change in enumerate(changes):
+        rows = np.flatnonzero(found.sample == s)
+        frame, vertex = found.frame[rows], found.vertex[rows]
+        weighted = found.weights[rows, :, None] * found.normal[rows, None, :]
+        for p, moved in enumerate(change):
+            result[rows, p] = -np.einsum("ncd,ncd->n", weighted, moved[frame[:, None], vertex])
+    return result
