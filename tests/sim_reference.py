@@ -214,10 +214,12 @@ class ReferenceSheet:
 
     def tensions(self, contraction, pressure):
         """(intervals,) N of the bench law, its gain on what pressure adds."""
-        out = np.empty(len(contraction))
-        for k, (name, eps) in enumerate(zip(self.kind, contraction, strict=True)):
-            idle, full = self.laws[name].tension(np.array([0.0, pressure[self.channel[k]]]), eps)
-            out[k] = idle + self.factor["muscle_gain"] * (full - idle)
+        out, kinds = np.empty(len(contraction)), np.array(self.kind)
+        for name, law in self.laws.items():
+            own = kinds == name
+            idle = law.tension(0.0, contraction[own])
+            full = law.tension(pressure[self.channel[own]], contraction[own])
+            out[own] = idle + self.factor["muscle_gain"] * (full - idle)
         return out
 
     def muscles(self, x, velocity, pressure, cv):
@@ -276,7 +278,7 @@ class ReferenceSheet:
         )
 
     def _held_weight(self):
-        return self.b[1] * self.area[self.nodes[1]]  * 0.5
+        return self.b[1] * self.area[self.nodes[1]] * 0.5
 
     def evaluate(self, x, velocity, pressure, cv=0.0):
         """Force on the nodes (N, 3) without inertia, and the Gauss-Newton stiffness; cv = d velocity / d x."""
@@ -317,35 +319,37 @@ class ReferenceSheet:
         return force, stiffness
 
     def equilibrium(self, pressure: Sequence[float] = (), *, start=None, residual=1e-8):
-        """Positions at rest: damped Newton with backtracking; `residual` [N] bounds the largest nodal force."""
+        """Positions at rest: Newton with a fading proximal mass and steps of 10 mm at most, which far from rest may
+        raise the residual; from the 30th on they halve until it falls. `residual` [N] bounds the largest nodal force."""
         x = self.rest.copy() if start is None else start.copy()
         still, pull, pressure = np.zeros_like(x), 1e4, np.asarray(pressure, float)
         free = np.repeat(self.free, 3)
         force, stiffness = self.evaluate(x, still, pressure)
-        for _ in range(200):
+        for k in range(200):
             size = np.linalg.norm(force[self.free])
             matrix = (stiffness + sp.diags(np.repeat(pull * self.mass, 3)))[free][:, free]
             update = np.zeros_like(x)
             update[self.free] = spsolve(matrix.tocsc(), force.ravel()[free]).reshape(-1, 3)
             share = min(1.0, 0.01 / np.abs(update).max())
             force, stiffness = self.evaluate(x + share * update, still, pressure)
-            while share > 1 / 64 and np.linalg.norm(force[self.free]) > size * (1 + 1e-9):
+            while k >= 30 and share > 1 / 64 and np.linalg.norm(force[self.free]) > size * (1 + 1e-9):
                 share /= 2
                 force, stiffness = self.evaluate(x + share * update, still, pressure)
             x += share * update
-            pull = max(pull / 2, 1.0)
+            pull = max(pull / 2, 10.0)
             if np.abs(force[self.free]).max() < residual:
                 return x
         raise RuntimeError(f"no equilibrium: {np.abs(force[self.free]).max():.2g} N left")
 
-    def motion(self, pressure: Callable[[float], Sequence[float]], h: float, steps: int, *, rho: float, start):
-        """(steps + 1, N, 3) by generalised-alpha; `pressure(t)` holds during the step around t."""
-        am, af = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
-        gamma, beta = 0.5 - am + af, 0.25 * (1 - am + af) ** 2
+    def motion(self, pressure: Callable[[float], Sequence[float]], h: float, steps: int, *, rho: float, start, jumps=()):
+        """(steps + 1, N, 3) by generalised-alpha, by the midpoint rule in the steps `jumps`; `pressure(t)` holds during
+        the step around t."""
         x, v, a, mass = start.copy(), np.zeros_like(start), np.zeros_like(start), self.mass[:, None]
         free, frames = np.repeat(self.free, 3), [start.copy()]
         for k in range(steps):
             p, y = np.asarray(pressure((k + 0.5) * h), float), x + h * v * self.free[:, None]
+            am, af = (0.0, 0.5) if k in jumps else ((2 * rho - 1) / (rho + 1), rho / (rho + 1))
+            gamma, beta = (1.0, 0.5) if k in jumps else (0.5 - am + af, 0.25 * (1 - am + af) ** 2)
             for _ in range(50):
                 a1 = (y - x - h * v) / (beta * h * h) - (0.5 / beta - 1) * a
                 v1 = v + h * ((1 - gamma) * a + gamma * a1)
