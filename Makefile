@@ -3,18 +3,22 @@
 PYTHON := .venv/bin/python
 SETUP := pyproject.toml constraints.txt scripts/setup.sh
 
-.PHONY: demo test lint clean
+.PHONY: demo test lint clean verify-sim
 
 demo: .venv/.ready-demo
 	.venv/bin/fabdesign demo -o demo
 
 test: lint
-	$(PYTHON) -m pytest --cov --cov-report=term
+	$(PYTHON) -m pytest -m "not verify" --cov --cov-report=term
 
 lint: .venv/.ready-test
 	$(PYTHON) -m ruff check .
 	$(PYTHON) -m ruff format --check .
 	$(PYTHON) -m mypy
+
+# the checks of tests/verify; writes docs/results/simulator_verification.md
+verify-sim: .venv/.ready-test
+	FABDESIGN_VERIFICATION_TABLE=1 $(PYTHON) -m pytest tests/verify
 
 clean:
 	rm -rf .venv demo build *.egg-info

@@ -214,7 +214,7 @@ class ReferenceSheet:
 
     def tensions(self, contraction, pressure):
         """(intervals,) N of the bench law, its gain on what pressure adds."""
-        out, kinds = np.empty(len(contraction)), np.array(self.kind)
+        out, kinds, pressure = np.empty(len(contraction)), np.array(self.kind), np.asarray(pressure, float)
         for name, law in self.laws.items():
             own = kinds == name
             idle = law.tension(0.0, contraction[own])

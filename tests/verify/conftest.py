@@ -1,0 +1,62 @@
+"""Longer checks of the simulator (`make verify-sim`); their figures become docs/results/simulator_verification.md."""
+
+import os
+import platform
+import subprocess
+from pathlib import Path
+
+import pytest
+
+HERE = Path(__file__).parent
+TABLE = HERE.parents[1] / "docs" / "results" / "simulator_verification.md"
+_rows: list[tuple[str, str, str]] = []
+
+
+def pytest_configure(config):
+    config.addinivalue_line("markers", "verify: longer checks of the simulator, run by `make verify-sim`")
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if HERE in item.path.parents:
+            item.add_marker(pytest.mark.verify)
+
+
+@pytest.fixture
+def record():
+    """record(check, bound, measured): one row of the table."""
+
+    def row(check: str, bound: str, measured: str) -> None:
+        _rows.append((check, bound, measured))
+
+    return row
+
+
+def pytest_terminal_summary(terminalreporter, exitstatus):
+    if not _rows:
+        return
+    width = max(len(check) for check, _, _ in _rows)
+    for check, bound, measured in _rows:
+        terminalreporter.write_line(f"{check:<{width}}  {bound:>14}  {measured}")
+    if os.environ.get("FABDESIGN_VERIFICATION_TABLE"):
+        TABLE.write_text(_page(), encoding="utf-8")
+
+
+def _page() -> str:
+    commit = subprocess.run(
+        ["git", "log", "-1", "--format=%h", "--", "sim"], capture_output=True, text=True, cwd=HERE, check=False
+    )
+    lines = [
+        "# Is the simulator right?",
+        "",
+        "`make verify-sim` writes this page: every figure is of one run. The tests in `tests/verify` hold the equations",
+        "behind each row; a row that misses its bound is an expected failure there, with the reason.",
+        "",
+        f"Commit of `sim`: {commit.stdout.strip()}. Machine: {platform.machine()}, {os.cpu_count()} cores, {platform.system()},",
+        f"Python {platform.python_version()}.",
+        "",
+        "| check | bound | measured |",
+        "|---|---|---|",
+        *(f"| {check} | {bound} | {measured} |" for check, bound, measured in _rows),
+    ]
+    return "\n".join(lines) + "\n"

@@ -1,0 +1,191 @@
+"""Closed forms and boundary-value solutions, Poisson 0 where the form has no Poisson ratio."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_bvp
+from scipy.optimize import brentq, fsolve
+
+from fabdesign.muscle import BenchTable, Muscle, MuscleType
+from fabdesign.muscle_law import MuscleLaw
+from sim import Simulator
+from tests.sim_designs import cloth, held, laced, linear_muscle, middle
+
+SIMULATOR = Simulator()
+G, L = 9.81, 0.2
+
+
+def shape(design, kpa=(), **factors):
+    return middle(SIMULATOR.equilibria([held(design, kpa, **factors)])[0])
+
+
+def share(found, expected):
+    return float(np.max(np.abs(np.asarray(found) / expected - 1)))
+
+
+def test_sag(record):
+    # u(L) = rho g L^2 / 2 k
+    sag = -L - shape(cloth(poisson=0.0))[-1, :, 1]
+    miss = share(sag, 0.6 * G * L**2 / (2 * 520))
+    record("hanging sheet, sag", "2 %", f"{miss:.2%}")
+    assert miss < 0.02
+
+
+def test_strip(record):
+    # e_2 = T / k, e_1 = -nu e_2, far from the held edge
+    width, tension = 0.05, 26.0
+    bar = linear_muscle(1e-3, 0.0, name="bar", mass_per_length=tension / G, axis_offset=0.0)
+    weight = Muscle("bar", "front", 0, ((0.0, L), (width, L)), width)
+    found = shape(cloth(weight, types={"bar": bar}, width=width, areal_density=1e-3), (0,))
+    stretch = (found[15, 20, 1] - found[25, 20, 1]) / (10 * L / 40) - 1
+    narrow = (found[20, -1, 0] - found[20, 0, 0]) / width - 1
+    miss = share(stretch, tension / 520), share(narrow, -0.25 * tension / 520)
+    record("strip, traction", "1 %", f"{miss[0]:.2%}")
+    record("strip, lateral contraction", "5 %", f"{miss[1]:.2%}")
+    assert miss[0] < 0.01 and miss[1] < 0.05
+
+
+def test_sheet_pushed_at_45_degrees(record):
+    # uniform tension s along 45 degrees: 1 / k_45 = (1/k_1 + 1/k_2 - 2 nu_12 / k_1 + 1/S) / 4.
+    # Equal struts along the diagonals, F each, sqrt(2) spacing apart, make s = F sqrt(2) / spacing.
+    spacing, push = 0.01, 0.01
+    rows = [(p, e) for p in (0.0, 1e5) for e in (-0.1, 0.0, 0.1, 0.2)]
+    table = BenchTable(*zip(*[(p, e, -push + 1e-8 * p / 1e5 - 1e-5 * e) for p, e in rows], strict=True))
+    law = MuscleLaw.fit(table)
+    force = -float(law.tension(0.0, 0.0))
+    struts = []
+    for k in range(1, 40):
+        c = k * spacing  # the line u + v = c
+        ends = ((min(c, L), max(c - L, 0.0)), (max(c - L, 0.0), min(c, L)))
+        struts.append(Muscle("strut", "front", 0, ends, 1.0))
+    types = {"strut": MuscleType("strut", 0.002, 0.0, 0.0, table)}
+    nothing = dict(gravity=(0.0, 0.0, 0.0), hung="none")
+    found = shape(cloth(*struts, types=types, **nothing), (0,))
+    diagonal = np.linalg.norm(found[10, 30] - found[30, 10]) / (0.1 * np.sqrt(2)) - 1
+    compliance = (1 / 520 + 1 / 520 - 2 * 0.25 / 520 + 1 / 130) / 4
+    expected = force * np.sqrt(2) / spacing * compliance
+    miss = share(diagonal, expected)
+    record("sheet stretched at 45 degrees", "3 %", f"{miss:.2%}")
+    assert miss < 0.03
+
+
+def test_cantilever(record):
+    # z(L) = w L^4 / 8 B
+    w = 0.1
+    found = shape(cloth(poisson=0.0, areal_density=w / G, gravity=(0.0, 0.0, -G), support="clamped"))
+    miss = share(-found[-1, :, 2], w * L**4 / (8 * 0.006))
+    record("cantilever, tip", "3 %", f"{miss:.2%}")
+    assert miss < 0.03
+
+
+def test_fixed_fixed(record):
+    # z(L/2) = w L^4 / 384 B; two held rows at each end clamp it half a spacing inside the second
+    w, h = 0.5, L / 40
+    rows = tuple((u, v) for v in (0.0, h, L - h, L) for u in np.linspace(0, L, 41))
+    found = shape(cloth(poisson=0.0, areal_density=w / G, gravity=(0.0, 0.0, -G), hung=rows))
+    miss = share(-found[20, :, 2], w * (L - h) ** 4 / (384 * 0.006))
+    record("fixed-fixed, middle", "3 %", f"{miss:.2%}")
+    assert miss < 0.03
+
+
+def test_heavy_elastica(record):
+    # B theta'' = -w (L - s) cos(theta), theta(0) = 0, theta'(L) = 0; theta below the horizontal
+    w, b = 0.6 * G, 0.006
+    s = np.linspace(0, L, 400)
+    solved = solve_bvp(
+        lambda s, y: np.array([y[1], -w * (L - s) * np.cos(y[0]) / b]),
+        lambda a, z: np.array([a[0], z[1]]),
+        s,
+        np.array([np.pi / 2 * np.sin(s / L * np.pi / 2), 0 * s]),
+        tol=1e-8,
+    )
+    theta = solved.sol(s)[0]
+    along, down = np.trapezoid(np.cos(theta), s), np.trapezoid(np.sin(theta), s)
+    # the clamp holds the plane z = 0 with v down: gravity along z
+    found = shape(cloth(poisson=0.0, gravity=(0.0, 0.0, -G), support="clamped", membrane_stiffness=(5200.0, 5200.0)))
+    tip = found[-1].mean(0)
+    miss = float(np.hypot(-tip[1] - along, abs(tip[2]) - abs(down)) / L)
+    record("heavy elastica, tip over length", "2.5 %", f"{miss:.2%}")
+    assert solved.success and miss < 0.025
+
+
+def test_isometric_force(record):
+    # both ends held: F = F(p, 0)
+    ends = ((0.1, 0.05), (0.1, 0.15))
+    kind = laced().muscle_types["EM20"]
+    design = cloth(Muscle("EM20", "front", 0, ends, 0.1), types={"EM20": kind}, hung=ends, gravity=(0.0, 0.0, 0.0))
+    pressures = (50.0, 100.0, 200.0, 300.0, 400.0)
+    motions = SIMULATOR.run([held(design, (p,)) for p in pressures], [np.array([0.3])] * 5)
+    expected = MuscleLaw.fit(kind.bench).tension(1e3 * np.array(pressures), 0.0)
+    miss = share([m.tension[-1, 0] for m in motions], expected)
+    record("isometric force, 50-400 kPa", "1 %", f"{miss:.2%}")
+    assert miss < 0.01
+
+
+@pytest.mark.parametrize("load", [0.0, 0.5, 1.0, 3.0])
+def test_contraction_under_load(load, record):
+    # F(p, eps) = load; a dead weight along the lower edge of a sheet that is soft along the muscle and stiff across
+    kind = laced().muscle_types["EM20"]
+    bar = linear_muscle(1e-3, 0.0, name="bar", mass_per_length=load / G / L + 1e-6, axis_offset=0.0)
+    weight = Muscle("bar", "front", 0, ((0.0, L), (L, L)), L)
+    from dataclasses import replace
+
+    bare = replace(kind, axis_offset=0.0, mass_per_length=0.0)
+    pull = Muscle("EM20", "front", 1, ((0.1, 0.0), (0.1, L)), L)
+    design = cloth(
+        pull, weight, types={"EM20": bare, "bar": bar}, poisson=0.0, membrane_stiffness=(500.0, 0.5),
+        shear_stiffness=500.0, areal_density=1e-3,
+    )  # fmt: skip
+    law, worst = MuscleLaw.fit(kind.bench), 0.0
+    for kpa in (50.0, 100.0, 200.0, 300.0, 400.0):
+        found = shape(design, (0, kpa))
+        contraction = 1 - np.linalg.norm(found[-1, 20] - found[0, 20]) / L
+        expected = brentq(lambda e, p=kpa: float(law.tension(1e3 * p, e)) - load, -0.2, 0.4)
+        worst = max(worst, abs(contraction - expected))
+    record(f"contraction under {load:g} N, 50-400 kPa", "0.3 points", f"{100 * worst:.2f} points")
+    assert worst < 0.003
+
+
+def test_one_sided_strip(record):
+    # Minimum of equations 2, 5, 8, 10 for uniform stretch e and curvature kappa of a strip, nu = 0, n muscles, offset d:
+    # k W e = -n F(p, eps), B W kappa = n F d, eps = -e + d kappa; front = back cancels the moment
+    width, count = 0.05, 4
+    kind = laced().muscle_types["EM20"]
+    us = (np.arange(count) + 0.5) * width / count
+    law = MuscleLaw.fit(kind.bench)
+
+    def strip(sides):
+        muscles = [Muscle("EM20", s, c, ((u, 0.0), (u, L)), 0.02) for c, s in enumerate(sides) for u in us]
+        return cloth(
+            *muscles, types={"EM20": kind}, width=width, poisson=0.0, bending_stiffness=(0.06, 0.006), hung="none",
+            gravity=(0.0, 0.0, 0.0),
+        )  # fmt: skip
+
+    worst = 0.0
+    for kpa in (100.0, 200.0, 300.0):
+        def balance(y, p=1e3 * kpa):
+            force = count * float(law.tension(p, -y[0] + kind.axis_offset * y[1]))
+            return [520 * width * y[0] + force, 0.006 * width * y[1] - force * kind.axis_offset]
+
+        _, curvature = fsolve(balance, [-0.02, 1.0])
+        line = shape(strip(["front"]), (kpa,))[10:31, 20]
+        tangent = np.unwrap(np.arctan2(*np.diff(line[:, [2, 1]], axis=0).T))
+        found = abs(tangent[-1] - tangent[0]) / (19 * L / 40)
+        worst = max(worst, share(found, abs(curvature)))
+    record("one-sided strip, curvature", "5 %", f"{worst:.2%}")
+    both = shape(strip(["front", "back"]), (100.0, 100.0))
+    shortened = brentq(lambda e: 520 * width * e + 2 * count * float(law.tension(1e5, -e)), -0.3, 0.1)
+    length = np.linalg.norm(both[10, 20] - both[30, 20]) / (L / 2) - 1
+    normal = np.cross(both[20, 40] - both[20, 0], both[30, 20] - both[10, 20])
+    bow = abs((both[20, 20] - (both[10, 20] + both[30, 20]) / 2) @ normal) / np.linalg.norm(normal)
+    record("front and back alike: bow; shortening", "5 %", f"{bow * 1e6:.2f} um; {share(length, shortened):.2%}")
+    assert worst < 0.05 and bow < 1e-5 and share(length, shortened) < 0.05
+
+
+def test_modes(record):
+    # a hanging chain without bending: f_k = z_k sqrt(g / L) / 4 pi, J_0(z_k) = 0; swing after a sideways load is let go.
+    # Bending 1e-6 N m; the release: a muscle-free sheet needs another start, so the pendulum mode of a stiff plate
+    pytest.skip("every motion starts from rest in its own equilibrium: a mode needs a start that the public call lacks")
+
+
+def test_free_sheet_momentum_and_energy(record):
+    pytest.skip("every motion starts from rest: 1 rad/s and a given energy need a start that the public call lacks")
