@@ -1,7 +1,7 @@
 """A slow, obvious float64 reference of the discrete model of docs/model.md: what the kernels of `sim` must reproduce.
 
-Every elastic term is a list of constraints: the nodes it touches, its value and its gradient. Newton's method with a sparse
-direct solver finds equilibria and the steps of generalised-alpha.
+Every elastic term is a list of constraints: the nodes it touches, its value and its gradient. Newton's method with a
+sparse direct solver finds equilibria and the steps of generalised-alpha.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -13,6 +13,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import spsolve
 
 from fabdesign.design import Design
+from fabdesign.forward import PARAMETERS
 from fabdesign.muscle_law import MuscleLaw
 
 
@@ -48,8 +49,7 @@ class ReferenceSheet:
     """One design on an n x n grid. Node (row j, column i) has index j n + i; positions are (n n, 3) m."""
 
     def __init__(self, design: Design, n: int, factors: Mapping[str, float] | None = None):
-        fabric, factor = design.fabric, {**dict.fromkeys(("membrane", "shear", "bending", "areal_density", "damping",
-                                                          "muscle_gain", "axis_offset"), 1.0), **(factors or {})}  # fmt: skip
+        fabric, factor = design.fabric, dict.fromkeys(PARAMETERS, 1.0) | dict(factors or {})
         self.design, self.n, self.factor = design, n, factor
         self.h = np.array([fabric.width, fabric.height]) / (n - 1)
         nodes = np.arange(n * n).reshape(n, n)
@@ -71,7 +71,9 @@ class ReferenceSheet:
             (nodes[:, :-1].ravel(), nodes[:, 1:].ravel(), self.cell * np.repeat(width, n - 1)),
             (nodes[:-1].ravel(), nodes[1:].ravel(), self.cell * np.tile(width, n - 1)),
         ]
-        self.corners = np.stack([nodes[:-1, :-1], nodes[:-1, 1:], nodes[1:, :-1], nodes[1:, 1:]], axis=-1).reshape(-1, 4)
+        self.corners = np.stack([nodes[:-1, :-1], nodes[:-1, 1:], nodes[1:, :-1], nodes[1:, 1:]], axis=-1).reshape(
+            -1, 4
+        )
         along_u, along_v = np.arange(n * (n - 1)).reshape(n, n - 1), np.arange(n * (n - 1)).reshape(n - 1, n)
         self.cell_edges = [
             np.stack([along_u[:-1], along_u[1:]], axis=-1).reshape(-1, 2),
@@ -129,7 +131,9 @@ class ReferenceSheet:
         mixed = np.einsum("k,mkc->mc", signs, x[self.corners]) / self.cell
         side = across(mixed, normal) / size[:, None]
         gradient = signs[:, None] * normal[:, None] / self.cell
-        gradient = gradient + along_u[:, None] * np.cross(side, b)[:, None] + along_v[:, None] * np.cross(a, side)[:, None]
+        gradient = (
+            gradient + along_u[:, None] * np.cross(side, b)[:, None] + along_v[:, None] * np.cross(a, side)[:, None]
+        )
         return Terms(self.corners, np.sum(normal * mixed, axis=1), gradient)
 
     def curvatures(self, x, direction):
@@ -197,7 +201,12 @@ class ReferenceSheet:
                 kind.append(muscle.type)
             for p, q in pairwise(np.array(muscle.path)):
                 self._add_line_mass(p, q, type_.mass_per_length)
-        self.intervals, self.length, self.channel, self.kind = np.array(intervals), np.array(rest), np.array(channel), kind
+        self.intervals, self.length, self.channel, self.kind = (
+            np.array(intervals),
+            np.array(rest),
+            np.array(channel),
+            kind,
+        )
         if intervals:
             self.at, self.at_u, self.at_v = (sp.csr_matrix(np.array(w)) for w in (position, along_u, along_v))
             self.offset = np.array(offset)[:, None]
@@ -320,7 +329,7 @@ class ReferenceSheet:
 
     def equilibrium(self, pressure: Sequence[float] = (), *, start=None, residual=1e-8):
         """Positions at rest: Newton with a fading proximal mass and steps of 10 mm at most, which far from rest may
-        raise the residual; from the 30th on they halve until it falls. `residual` [N] bounds the largest nodal force."""
+        raise the residual; from the 30th on they halve until it falls. residual: the largest nodal force [N]."""
         x = self.rest.copy() if start is None else start.copy()
         still, pull, pressure = np.zeros_like(x), 1e4, np.asarray(pressure, float)
         free = np.repeat(self.free, 3)
@@ -341,7 +350,9 @@ class ReferenceSheet:
                 return x
         raise RuntimeError(f"no equilibrium: {np.abs(force[self.free]).max():.2g} N left")
 
-    def motion(self, pressure: Callable[[float], Sequence[float]], h: float, steps: int, *, rho: float, start, jumps=()):
+    def motion(
+        self, pressure: Callable[[float], Sequence[float]], h: float, steps: int, *, rho: float, start, jumps=()
+    ):
         """(steps + 1, N, 3) by generalised-alpha, by the midpoint rule in the steps `jumps`; `pressure(t)` holds during
         the step around t."""
         x, v, a, mass = start.copy(), np.zeros_like(start), np.zeros_like(start), self.mass[:, None]

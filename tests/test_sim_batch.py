@@ -56,7 +56,9 @@ def test_frames_at_any_instants(cases, motions):
     times = np.array([0.0, 1e-4, 0.1, 0.1013, 0.1021, 0.15])
     motion = run(cases[0], times=times)[0]
     assert np.array_equal(motion.middle[[2, 5]], motions[0].middle)
-    assert np.abs(motion.middle[1] - motion.middle[0]).max() < 2e-5  # a t^2 / 2 of a node of 0.1 g under a muscle's pull
+    assert (
+        np.abs(motion.middle[1] - motion.middle[0]).max() < 2e-5
+    )  # a t^2 / 2 of a node of 0.1 g under a muscle's pull
     part = (times[3] - times[2]) / (times[4] - times[2])
     between = (1 - part) * motion.middle[2] + part * motion.middle[4]
     assert np.abs(motion.middle[3] - between).max() < 0.02 * np.abs(motion.middle[4] - motion.middle[2]).max()
@@ -84,10 +86,10 @@ def test_factors_multiply_the_declared_values(designs):
     design, kpa, f = designs[0], (200, 100, 0, 50), 1.2
     fabric, kind = design.fabric, design.muscle_types["EM20"]
     scaled = {
-        "membrane": dict(membrane_stiffness=(f * 520.0, f * 520.0)),
-        "shear": dict(shear_stiffness=f * fabric.shear_stiffness),
-        "bending": dict(bending_stiffness=(f * 0.006, f * 0.006)),
-        "areal_density": dict(areal_density=f * fabric.areal_density),
+        "membrane": {"membrane_stiffness": (f * 520.0, f * 520.0)},
+        "shear": {"shear_stiffness": f * fabric.shear_stiffness},
+        "bending": {"bending_stiffness": (f * 0.006, f * 0.006)},
+        "areal_density": {"areal_density": f * fabric.areal_density},
     }
     declared = [held(replace(design, fabric=replace(fabric, **change)), kpa) for change in scaled.values()]
     types = {

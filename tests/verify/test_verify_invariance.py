@@ -1,0 +1,174 @@
+"""What must not change the answer, and how the answer converges."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from fabdesign.catalogue import LAYOUTS
+from fabdesign.design import Design
+from sim import Simulator
+from tests.sim_designs import held, laced, middle
+
+SIMULATOR = Simulator()
+TIMES = np.array([0.25, 0.5])
+KPA = (200, 100, 0, 50)
+
+
+def motion(case, simulator=SIMULATOR, times=TIMES):
+    return simulator.run([case], [times])[0].middle.astype(float)
+
+
+def rms(a, b):
+    return float(np.sqrt(np.mean(np.sum((a - b) ** 2, axis=-1))))
+
+
+def moved(design: Design, place) -> Design:
+    return replace(design, muscles=tuple(replace(m, path=tuple(place(*p) for p in m.path)) for m in design.muscles))
+
+
+def test_mirror_image(record):
+    # z -> -z exchanges front and back; x -> -x exchanges left and right
+    design = laced()
+    plain = motion(held(design, KPA))
+    flipped = motion(held(design, (0, 50, 200, 100))) * (1, 1, -1)
+    worst = np.abs(flipped - plain).max()
+    mirrored = motion(held(moved(design, lambda u, v: (0.2 - u, v)), KPA))[:, :, ::-1] * (-1, 1, 1)
+    worst = float(max(worst, np.abs(mirrored - plain).max()))
+    record("mirror image, default setting", "1e-5 m", f"{worst:.1e} m")
+    assert worst < 1e-5
+
+
+def test_turned_about_the_vertical(record):
+    # half a turn: front is back and left is right
+    design = laced()
+    turned = moved(design, lambda u, v: (0.2 - u, v))
+    turned = replace(
+        turned, muscles=tuple(replace(m, side="back" if m.side == "front" else "front") for m in turned.muscles)
+    )
+    found = motion(held(turned, KPA))[:, :, ::-1] * (-1, 1, -1)
+    worst = float(np.abs(found - motion(held(design, KPA))).max())
+    record("scene turned about the vertical by half a turn", "1e-4 m", f"{worst:.1e} m")
+    assert worst < 1e-4
+
+
+def test_side_is_basic_turned_without_gravity(record):
+    # u <-> v turns the free cloth by a quarter and exchanges front and back; compared by distances within the shape
+    basic = laced("basic", 4, gravity=(0.0, 0.0, 0.0), hung="none")
+    side = moved(basic, lambda u, v: (v, u))
+    a, b = (middle(SIMULATOR.equilibria([held(d, (100, 50, 0, 0))])[0]) for d in (basic, side))
+    b = b.transpose(1, 0, 2)
+    gap = np.abs(_distances(a) - _distances(b)).max()
+    record("side against basic, no gravity: distances", "mesh error", f"{gap:.1e} m")
+    assert gap < 1e-4
+
+
+def _distances(x):
+    points = x[::5, ::5].reshape(-1, 3)
+    return np.linalg.norm(points[:, None] - points[None], axis=-1)
+
+
+@pytest.mark.parametrize("change", ["iterations", "steps"])
+def test_stiffness_does_not_depend_on_the_solver(change, record):
+    # the equilibrium's sag and bend move by less than 1 % when iterations or steps double
+    finer = {
+        "iterations": replace(SIMULATOR, iterations=2 * SIMULATOR.iterations),
+        "steps": replace(SIMULATOR, time_step=SIMULATOR.time_step / 2),
+    }[change]
+    case = held(laced(), (100, 50, 0, 0))
+    late = np.array([3.0])
+    a, b = (motion(case, s, late)[0] for s in (SIMULATOR, finer))
+    flat = motion(held(laced(), (0,) * 4), times=np.array([0.0]))[0]
+    miss = float(np.abs(a - b).max() / np.abs(b - flat).max())
+    record(f"shape held 3 s when {change} double", "1 %", f"{miss:.2%}")
+    assert miss < 0.01
+
+
+def test_refinement_in_time(record):
+    # order from three halvings; the default against the limit (Richardson, second order)
+    case = held(laced(), KPA)
+    h = SIMULATOR.time_step
+    tight = {"iterations": 40, "tolerance": 1e-8, "points_per_side": 21}
+    coarse, middle_, fine, finest = (motion(case, Simulator(time_step=k * h, **tight)) for k in (4, 2, 1, 0.5))
+    order = np.log2(rms(coarse, middle_) / rms(middle_, fine))
+    limit = finest + (finest - fine) / 3
+    off = rms(motion(case, Simulator(points_per_side=21)), limit)
+    record("refinement in time: order", "0.9", f"{order:.2f}")
+    record("default step, iterations and tolerance from the limit", "0.3 mm RMS", f"{1e3 * off:.3f} mm")
+    assert order > 0.9 and off < 3e-4
+
+
+def test_refinement_in_space(record):
+    # 21, 41, 81 points a side under equal solver settings, at the coarse nodes
+    case = held(laced(), KPA)
+    a, b, c = (
+        motion(case, Simulator(points_per_side=n, iterations=20, tolerance=1e-7), TIMES[:1])[
+            :, :: (n - 1) // 20, :: (n - 1) // 20
+        ]
+        for n in (21, 41, 81)
+    )
+    order = np.log2(rms(a, b) / rms(b, c))
+    limit = c + (c - b) / (2**order - 1)
+    record("refinement in space: order", "1.5", f"{order:.2f}")
+    record("41 points a side from the limit", "1 mm RMS", f"{1e3 * rms(b, limit):.3f} mm")
+    assert rms(b, limit) < 1e-3
+    assert order > 1.5
+
+
+def test_bits(record):
+    designs = [laced(name, k) for name in LAYOUTS for k in (2, 3, 4)]
+    cases = [held(d, tuple(50.0 * ((i + c) % 5) for c in range(d.channels))) for i, d in enumerate((designs * 3)[:32])]
+    times = [TIMES] * 32
+    first, again = SIMULATOR.run(cases, times), SIMULATOR.run(cases, times)
+    same = all(np.array_equal(a.points, b.points, equal_nan=True) for a, b in zip(first, again, strict=True))
+    alone = np.array_equal(SIMULATOR.run([cases[5]], [TIMES])[0].points, first[5].points, equal_nan=True)
+    record("same batch twice; alone and among 31 others", "the same bits", f"{same}; {alone}")
+    assert same and alone
+
+
+_outcomes = {"finite": 0, "diverged": 0}
+
+
+@settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(
+    st.lists(
+        st.tuples(st.sampled_from(LAYOUTS), st.integers(1, 4), st.lists(st.floats(0, 600), min_size=4, max_size=4)),
+        min_size=8,
+        max_size=8,
+    )
+)
+def test_200_random_designs(drawn):
+    # finite, or marked with when and where; a calm neighbour keeps its bits
+    simulator = Simulator(points_per_side=21)
+    calm = held(laced(), (0, 50, 0, 0))
+    cases = [calm]
+    for name, count, kpa in drawn:
+        design = laced(name, count if name != "cross" else 2 * ((count + 1) // 2))
+        cases.append(held(design, kpa[: design.channels]))
+    times = np.array([0.1, 0.2])
+    motions = simulator.run(cases, [times] * len(cases))
+    alone = simulator.run([calm], [times])[0]
+    assert np.array_equal(motions[0].points, alone.points)
+    for found in motions:
+        if found.diverged is None:
+            assert np.isfinite(found.points).all() and np.isfinite(found.tension).all()
+        else:
+            when, (row, column) = found.diverged
+            assert when in times and 0 <= row < 21 and 0 <= column < 21
+        _outcomes["finite" if found.diverged is None else "diverged"] += 1
+
+
+def test_random_designs_recorded(record):
+    if not sum(_outcomes.values()):
+        pytest.skip("needs test_200_random_designs in the same run")
+    record(
+        "200 random designs to 600 kPa",
+        "finite or marked",
+        f"{_outcomes['finite']} finite, {_outcomes['diverged']} marked",
+    )
+
+
+def test_self_contact():
+    pytest.skip("self_contact is not built: docs/model.md lists contact as not modelled")
