@@ -4,7 +4,7 @@ Layout (measured, see docs/results/simulator.md): designs ride side by side in l
 of one `Vector.field(16)`, so that LLVM emits vector loads and stores; a block of 16 designs belongs to one thread.
 
 Node arrays are planes of `F.node`: component c of node (row j, column i) of an nv x nu grid is entry
-`F.plane_name + c * P + k`, with P = (nu + 2)(nv + 2) and k = (j + 1)(nu + 2) + i + 1: a ring of zero ghosts lies around.
+`F.plane_name + c * P + k`, with P = (nu + 2)(nv + 2), k = (j + 1)(nu + 2) + i + 1: a ring of zero ghosts lies around.
 Arrays over fixed points are planes of `F.point`, `X.plane_name + c * F.points + index`. An interval of a muscle has the
 index of its first fixed point. Offsets are constants of the compiled kernels; grid size and counts are run-time values.
 """
@@ -55,9 +55,9 @@ _NODE = {
     "fu": 3, "fn": 3, "mass": 1, "free": 1,
 }  # fmt: skip
 _POINT = {
-    "wu": 4, "wv": 4, "du": 4, "dv": 4, "eu_w": 4, "ev_w": 4, "offset": 1, "active": 1, "rest": 1, "viscosity": 1, "gain": 1,
-    "pos": 3, "tan_u": 3, "tan_v": 3, "normal": 3, "inv_area": 1, "vel": 3, "force": 3, "dir": 3, "inv_len": 1,
-    "eps": 1, "rate": 1, "pressure": 1, "tension": 1, "compliance": 1, "lam": 1, "coef": 2 * FUNCTIONALS,
+    "wu": 4, "wv": 4, "du": 4, "dv": 4, "eu_w": 4, "ev_w": 4, "offset": 1, "active": 1, "rest": 1, "viscosity": 1,
+    "gain": 1, "pos": 3, "tan_u": 3, "tan_v": 3, "normal": 3, "inv_area": 1, "vel": 3, "force": 3, "dir": 3,
+    "inv_len": 1, "eps": 1, "rate": 1, "pressure": 1, "tension": 1, "compliance": 1, "lam": 1, "coef": 2 * FUNCTIONALS,
     "resp": FUNCTIONALS, "tmp": 3, "grad_u": 3, "grad_v": 3,
 }  # fmt: skip
 
@@ -91,7 +91,8 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     F.__dict__.update(node, node=vector(total), nodes=nodes, points=points, modes=modes, blocks=blocks)
     point, total = _offsets(_POINT, points)
     X.__dict__.update(point)
-    F.point, F.base, F.channel, F.kind = vector(total), whole(points), whole(points), whole(points)
+    F.point = vector(total)
+    F.base, F.start, F.channel, F.kind = whole(points), whole(points), whole(points), whole(points)
     F.lane, F.reduce, F.patch, F.row = vector(LANE_CONSTANTS), vector(16), vector(48), vector(32)
     F.modal, F.factor = vector(9 * nodes), vector(7 * nodes)
     F.basis, F.eigen = ti.field(ti.f32, shape=2 * modes * modes), ti.field(ti.f32, shape=modes)

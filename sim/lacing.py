@@ -1,4 +1,7 @@
-"""Muscles: fixed points on the cloth, the tension of the intervals between them, and its force on the nodes (docs/model.md, equations 7-10)."""
+"""Muscles: fixed points on the cloth, tension of the intervals between them, its force on the nodes.
+
+Equations 7-10 of docs/model.md.
+"""
 
 import taichi as ti
 

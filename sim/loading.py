@@ -10,7 +10,7 @@ from fabdesign.errors import InputError
 from fabdesign.forward import Case
 from fabdesign.muscle import MuscleType
 from sim.fields import LANE_CONSTANTS, LANES, TYPES, F, X, allocate, upload
-from sim.model import bench_grid, lace, lane_constants, line_weights, node_arrays
+from sim.model import Lacing, bench_grid, lace, lane_constants, line_weights, node_arrays
 from sim.transfer import LOADED, load
 
 SIZES = ((43, 96), (43, 256), (83, 96), (163, 96))  # (padded nodes a side, fixed points) that fields are made for
@@ -31,16 +31,16 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
     node = np.zeros((used, LOADED, n + 2, n + 2, LANES), np.float32)
     planes = X.gain // F.points + 1  # those before the kernels' own
     point = np.zeros((used, planes, F.points, LANES), np.float32)
-    index = np.zeros((used, 3, F.points, LANES), np.int32)
+    index = np.zeros((used, 4, F.points, LANES), np.int32)
     for k in range(used * LANES):
-        b, l, i = k // LANES, k % LANES, min(k, len(cases) - 1)
+        b, at, i = k // LANES, k % LANES, min(k, len(cases) - 1)
         design, factors = cases[i].design, cases[i].factors
-        lane[b, :, l] = lane_constants(design, factors, n)
+        lane[b, :, at] = lane_constants(design, factors, n)
         rest, mass, free = node_arrays(design, factors, n)
-        node[b, :3, 1:-1, 1:-1, l] = rest.reshape(n, n, 3).transpose(2, 0, 1)
-        node[b, 3, 1:-1, 1:-1, l], node[b, 4, 1:-1, 1:-1, l] = mass.reshape(n, n), free.reshape(n, n)
+        node[b, :3, 1:-1, 1:-1, at] = rest.reshape(n, n, 3).transpose(2, 0, 1)
+        node[b, 3, 1:-1, 1:-1, at], node[b, 4, 1:-1, 1:-1, at] = mass.reshape(n, n), free.reshape(n, n)
         if points:
-            _put_lacing(point[b, ..., l], index[b, ..., l], lacings[i], cases[i], kinds, n)
+            _put_lacing(point[b, ..., at], index[b, ..., at], lacings[i], cases[i], kinds, n)
     table = np.zeros((TYPES, *F.table.shape[1:]), np.float32)
     for (_, kind), t in kinds.items():
         table[t] = bench_grid(kind.bench)
@@ -64,15 +64,12 @@ def _types(cases: Sequence[Case]) -> dict[tuple[str, MuscleType], int]:
 def _put_lacing(
     point: NDArray[np.float32],
     index: NDArray[np.int32],
-    lacing: object,
+    lacing: Lacing,
     case: Case,
     kinds: dict[tuple[str, MuscleType], int],
     n: int,
 ) -> None:
-    """point (planes, p), index (3, p) of one lane; spare points lie at rest inside the cloth with no interval."""
-    from sim.model import Lacing
-
-    assert isinstance(lacing, Lacing)
+    """point (planes, p), index (4, p) of one lane; spare points lie at rest inside the cloth with no interval."""
     gain, lever = case.factors.get("muscle_gain", 1.0), case.factors.get("axis_offset", 1.0)
     damping = case.factors.get("damping", 1.0)
     count, room = len(lacing.offset), point.shape[1]
@@ -97,6 +94,7 @@ def _put_lacing(
     point[X.rest // F.points, :count] = lacing.rest
     index[0] = (base[:, 0] + 1) * (n + 2) + base[:, 1] + 1
     index[1, :count] = lacing.channel
+    index[3] = base[:, 0] * n + base[:, 1]
     index[2, :count] = [kinds[(name, k)] for name, k in zip(lacing.kind, kind, strict=True)]
 
 

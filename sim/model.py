@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +91,7 @@ def bending_rigidities(fabric: Fabric) -> tuple[float, float, float, float]:
 
 
 def membrane_polynomial(fabric: Fabric, direction: int) -> tuple[float, float, float]:
-    """k, q, r [N/m] of T = k e + q e^2 + r e^3 for e > 0 (T = k e below): a J-shaped curve by least squares, or linear."""
+    """k, q, r [N/m] of T = k e + q e^2 + r e^3 for e > 0, k e below: linear, or fits a J-shaped curve."""
     curve = fabric.membrane_curve
     if curve is None or not curve.strain[direction]:
         return fabric.membrane_stiffness[direction], 0.0, 0.0
@@ -156,7 +157,7 @@ def node_arrays(design: Design, factors: Mapping[str, float], n: int) -> tuple[A
 
 def _add_line_mass(mass: Array, path: tuple[tuple[float, float], ...], density: float, hu: float, hv: float) -> None:
     corners = np.array(path)
-    for a, b in zip(corners[:-1], corners[1:], strict=True):
+    for a, b in pairwise(corners):
         length = float(np.linalg.norm(b - a))
         samples = max(2, int(np.ceil(4 * length / min(hu, hv))))
         for s in (np.arange(samples) + 0.5) / samples:

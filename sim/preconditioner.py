@@ -289,21 +289,13 @@ def frames(b, nu, nv, reach):
 
 
 @ti.func
-def unpad_base(k, nu):
-    s = nu + 2
-    j = k // s - 1
-    i = k % s - 1
-    return j * nu + i
-
-
-@ti.func
 def functionals(b, nu, nv, pt, src, c0):
     """t[16..22] = u, v, w, (w su), (w sv), w_u, w_v at fixed point pt of the warped field at sp[src]"""
     N = nu * nv
     for r in range(4):
         for m in range(4):
             for lane in range(LANES):
-                k = unpad_base(F.base[b, pt][lane], nu) + r * nu + m
+                k = F.start[b, pt][lane] + r * nu + m
                 for c in range(c0, 3):
                     F.patch[b, (r * 4 + m) * 3 + c][lane] = F.modal[b, src + c * N + k][lane]
     for c in range(c0, 3):
@@ -384,7 +376,7 @@ def green(b, nu, nv, npt):
                 for m in range(4):
                     p = weight(b, pb, f, r, m)
                     for lane in range(LANES):
-                        k = unpad_base(F.base[b, pb][lane], nu) + r * nu + m
+                        k = F.start[b, pb][lane] + r * nu + m
                         for c in range(c0, 3):
                             F.modal[b, c * N + k][lane] = p[lane]
             spectral(b, nu, nv, c0, 3)
@@ -477,9 +469,9 @@ def woodbury(b, nu, nv, npt):
     for k in range(ns):
         F.dual[b, k * F.points + k] = 1.0 / F.dual[b, k * F.points + k]
         for i in range(k + 1, ns):
-            l = F.dual[b, i * F.points + k] * F.dual[b, k * F.points + k]
+            ratio = F.dual[b, i * F.points + k] * F.dual[b, k * F.points + k]
             for j in range(k + 1, i + 1):
-                F.dual[b, i * F.points + j] = F.dual[b, i * F.points + j] - l * F.dual[b, j * F.points + k]
+                F.dual[b, i * F.points + j] = F.dual[b, i * F.points + j] - ratio * F.dual[b, j * F.points + k]
         # column k below the diagonal keeps LANES*D; divide on use
 
 
@@ -535,7 +527,7 @@ def muscle_correct(b, nu, nv, npt):
                     F.patch[b, o + 2] = F.patch[b, o + 2] + weight(b, p, f, r, m) * F.row[b, 18 + f]
                 for c in range(3):
                     for lane in range(LANES):
-                        k = 6 * N + c * N + unpad_base(F.base[b, p][lane], nu) + r * nu + m
+                        k = 6 * N + c * N + F.start[b, p][lane] + r * nu + m
                         F.modal[b, k][lane] = F.modal[b, k][lane] + F.patch[b, (r * 4 + m) * 3 + c][lane]
     for k in range(3 * N):
         F.modal[b, k] = F.modal[b, 6 * N + k]

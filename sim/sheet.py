@@ -1,4 +1,7 @@
-"""Forces of the cloth: membrane, shear, twist and bending constraints on the grid (energy: docs/model.md, equations 1-6)."""
+"""Forces of the cloth: membrane, shear, twist and bending constraints on the grid.
+
+Equations 1-6 of docs/model.md.
+"""
 
 import taichi as ti
 

@@ -47,8 +47,8 @@ class Motion:
 class Simulator:
     """Extended position-based dynamics of laced cloth (Macklin et al. 2016; docs/model.md), many designs at once.
 
-    Implements fabdesign.forward.ForwardModel. Defaults are chosen in docs/results/simulator.md. Limits: muscles do not slip, the
-    cloth does not touch itself, at most 8 muscle types a batch.
+    Implements fabdesign.forward.ForwardModel. Limits: muscles do not slip, the cloth does not touch itself, at most 8
+    muscle types a batch.
     """
 
     points_per_side: int = 41
@@ -128,7 +128,8 @@ class Simulator:
         jumps = set(_jumps(cases[chosen[0]].program, h))
         for k in range(max(steps, 1)):
             now = Scheme(h, MIDPOINT) if k in jumps else scheme
-            step(batch, now, program[k], iterations=self.iterations, tolerance=self.tolerance)
+            refresh = 2 if k in jumps else 1
+            step(batch, now, program[k], iterations=self.iterations, tolerance=self.tolerance, refresh=refresh)
             for frames in _layers(places.get(k, [])):
                 for lane, frame in frames:
                     theta[divmod(lane, fields.LANES)] = np.clip(wanted[lane][frame] / h - k, 0, 1)

@@ -1,11 +1,11 @@
-"""One time step of a batch, in solver order: predict, then repeat (forces, frames, global solve, conjugate step), finish.
+"""One time step of a batch, in solver order: predict, then repeat (forces, frames, global solve, step), finish.
 
-Time: generalised-alpha (Chung and Hulbert 1993, their equations 8-13) with spectral radius rho at infinity; rho < 0 stands
-for backward Euler. The unknown is the position q at the evaluation time; velocity and acceleration there are linear in it,
-v = cv q + hv and a = ca q + ha, and the residual is r(q) = f(q, v) - M a, the XPBD system of all constraints at once.
-Space: every constraint C of compliance alpha gives f = -grad C^T C / alpha (sim/sheet.py, sim/lacing.py).
-Solve: preconditioned conjugate gradients on the nonlinear residual, the step length by the secant (Polak-Ribiere, restarted
-every step), preconditioned by sim/preconditioner.py. A lane whose update is below the tolerance no longer moves, so that a
+Time: generalised-alpha (Chung and Hulbert 1993, their equations 8-13) with spectral radius rho at infinity. The unknown
+is the position q at the evaluation time; velocity and acceleration there are linear in it, v = cv q + hv and
+a = ca q + ha. The residual r(q) = f(q, v) - M a is the XPBD system of all constraints at once.
+Space: a constraint C of compliance alpha gives f = -grad C^T C / alpha (sim/sheet.py, sim/lacing.py).
+Solve: conjugate gradients on the nonlinear residual, the step length by the secant (Polak-Ribiere, restarted every
+step), preconditioned by sim/preconditioner.py. A lane whose update is below the tolerance no longer moves, so that a
 design's result does not depend on its neighbours.
 """
 
@@ -22,14 +22,15 @@ from sim.sheet import fabric_force
 
 Lanes = ti.types.vector(LANES, ti.f32)
 RZ, BETA, ACTIVE, ALPHA = 4, 5, 6, 7  # slots of F.reduce
+FIRST, FULL, SECANT = 0, 1, 2  # what a residual is for: a step's first; one after a full step; the secant along p
 
 
 @dataclass(frozen=True)
 class Scheme:
     """Coefficients of one step of `h` seconds.
 
-    rho in [0, 1]: generalised-alpha. rho = 2: the implicit midpoint rule, which needs no acceleration from before and so
-    keeps second order where the pressure jumps. rho < 0: backward Euler.
+    rho in [0, 1]: generalised-alpha. rho = 2: the implicit midpoint rule, which needs no acceleration from before and
+    so keeps second order where the pressure jumps. rho < 0: backward Euler.
     """
 
     h: float
@@ -82,34 +83,33 @@ def prepare(batch: Batch, scheme: Scheme) -> None:
         _green(*batch.grid, batch.points)
 
 
-def step(batch: Batch, scheme: Scheme, pressure: NDArray[np.float32], *, iterations: int, tolerance: float) -> int:
+def step(
+    batch: Batch, scheme: Scheme, pressure: NDArray[np.float32], *, iterations: int, tolerance: float, refresh: int = 2
+) -> int:
     """Advance all lanes by one step under `pressure` (blocks, channels, LANES) Pa; returns the iterations used.
 
+    refresh: in so many of the first iterations the preconditioner turns with the shape.
     tolerance [m]: a lane has converged when the RMS over nodes of its preconditioned residual falls below it.
     """
-    _predict(*batch.grid, batch.points, pressure, *scheme.coefficients)
-    _forces(batch, scheme)
-    _start(*batch.grid)
+    size = (*batch.grid, batch.points)
+    _predict(*size, pressure, *scheme.coefficients)
+    _residual(batch, scheme, FIRST)
     used = 0
     for i in range(iterations):
-        if i < 2:
-            _frames(*batch.grid, batch.reach)
-            if batch.points:
-                _woodbury(*batch.grid, batch.points)
-        _precondition(*batch.grid, batch.points)
-        if not _direction(*batch.grid, int(i <= 1), tolerance):
+        if i < refresh:
+            _refresh(*size, batch.reach)
+        if not _direction(*size, int(i <= 1), tolerance):
             break
-        _forces(batch, scheme)
-        _secant(*batch.grid, int(i == 0))
+        _residual(batch, scheme, FULL if i == 0 else SECANT)
         used += 1
     _finish(*batch.grid, *scheme.coefficients)
     return used
 
 
-def _forces(batch: Batch, scheme: Scheme) -> None:
+def _residual(batch: Batch, scheme: Scheme, purpose: int) -> None:
+    """r at q, from the forces of cloth and muscles and the inertia."""
     _cloth(*batch.grid, batch.hung, scheme.ca, scheme.cv)
-    if batch.points:
-        _muscles(*batch.grid, batch.points, scheme.cv)
+    _muscles(*batch.grid, batch.points, scheme.cv, purpose)
 
 
 @ti.kernel
@@ -150,6 +150,7 @@ def _predict_kernel(
 
 @ti.kernel
 def _cloth_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, hung: ti.i32, ca: ti.f32, cv: ti.f32):
+    """v = cv q + hv, and f = forces of the cloth - M a."""
     for b in range(nb):
         for k in range(3 * (nu + 2) * (nv + 2)):
             F.node[b, F.v + k] = cv * F.node[b, F.q + k] + F.node[b, F.hv + k]
@@ -157,52 +158,39 @@ def _cloth_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, hung: ti.i32, ca: ti.f32, 
 
 
 @ti.kernel
-def _muscles_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, cv: ti.f32):
+def _muscles_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, cv: ti.f32, purpose: ti.i32):
+    """f += forces of the muscles; then the residual r of the conjugate gradients."""
     for b in range(nb):
-        points_pos(b, nu, nv, npt)
-        points_rate(b, nu, nv, npt, F.v)
-        tension(b, npt, cv)
-        seg_to_points(b, npt, X.tension)
-        back(b, nu, nv, npt, F.f)
+        if npt > 0:
+            points_pos(b, nu, nv, npt)
+            points_rate(b, nu, nv, npt, F.v)
+            tension(b, npt, cv)
+            seg_to_points(b, npt, X.tension)
+            back(b, nu, nv, npt, F.f)
+        if purpose == FIRST:
+            first_residual(b, nu, nv)
+        else:
+            step_length(b, nu, nv, purpose)
 
 
 @ti.kernel
-def _start_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32):
-    for b in range(nb):
-        P = (nu + 2) * (nv + 2)
-        for c in range(3):
-            for k in range(P):
-                F.node[b, F.r + c * P + k] = F.node[b, F.f + c * P + k] * F.node[b, F.free + k]
-                F.node[b, F.p + c * P + k] = Lanes(0.0)
-        F.reduce[b, RZ] = Lanes(0.0)
-        F.reduce[b, ACTIVE] = Lanes(1.0)
-
-
-@ti.kernel
-def _frames_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, reach: ti.i32):
+def _refresh_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, reach: ti.i32):
+    """Turn the preconditioner's frames, and with them the muscles' part."""
     for b in range(nb):
         frames(b, nu, nv, reach)
-
-
-@ti.kernel
-def _woodbury_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32):
-    for b in range(nb):
-        woodbury(b, nu, nv, npt)
-
-
-@ti.kernel
-def _precondition_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32):
-    """y = P^-1 r: solve for the cloth; with muscles, again with what their tensions answer."""
-    for b in range(nb):
-        warp(b, nu, nv, F.r)
-        passes = 1
         if npt > 0:
-            passes = 2
-        for p in range(passes):
-            if p == 1:
-                muscle_correct(b, nu, nv, npt)
-            spectral(b, nu, nv, 0, 3)
-        unwarp(b, nu, nv, F.y, 0)
+            woodbury(b, nu, nv, npt)
+
+
+@ti.func
+def first_residual(b, nu, nv):
+    P = (nu + 2) * (nv + 2)
+    for c in range(3):
+        for k in range(P):
+            F.node[b, F.r + c * P + k] = F.node[b, F.f + c * P + k] * F.node[b, F.free + k]
+            F.node[b, F.p + c * P + k] = Lanes(0.0)
+    F.reduce[b, RZ] = Lanes(0.0)
+    F.reduce[b, ACTIVE] = Lanes(1.0)
 
 
 @ti.func
@@ -223,11 +211,45 @@ def dot_into(b, slot, n3, first, second):
         F.reduce[b, slot] = F.reduce[b, slot] + F.node[b, first + k] * F.node[b, second + k]
 
 
+@ti.func
+def step_length(b, nu, nv, purpose):
+    """f holds the residual at q + p: step alpha = p.r / p.(r - r(q + p)), and the residual there by interpolation."""
+    P = (nu + 2) * (nv + 2)
+    n3 = 3 * P
+    for c in range(3):
+        for k in range(P):
+            F.node[b, F.f + c * P + k] = F.node[b, F.r + c * P + k] - F.node[b, F.f + c * P + k] * F.node[b, F.free + k]
+    dot_into(b, 1, n3, F.p, F.r)
+    dot_into(b, 2, n3, F.p, F.f)
+    for lane in range(LANES):
+        alpha = ti.f32(1.0)
+        if F.reduce[b, 2][lane] > 0 and purpose == SECANT:
+            alpha = ti.min(2.0, ti.max(0.1, F.reduce[b, 1][lane] / F.reduce[b, 2][lane]))
+        F.reduce[b, ALPHA][lane] = alpha * F.reduce[b, ACTIVE][lane]
+    alpha = F.reduce[b, ALPHA]
+    more = alpha - F.reduce[b, ACTIVE]
+    for k in range(n3):
+        r = F.node[b, F.r + k]
+        F.node[b, F.q + k] = F.node[b, F.q + k] + more * F.node[b, F.p + k]
+        F.node[b, F.rp + k] = r
+        F.node[b, F.r + k] = r - alpha * F.node[b, F.f + k]
+
+
 @ti.kernel
-def _direction_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, restart: ti.i32, tolerance: ti.f32) -> ti.i32:
-    """p = y + beta p, q += p in the lanes that have not converged; returns how many those are."""
+def _direction_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, restart: ti.i32, tolerance: ti.f32) -> ti.i32:
+    """y = P^-1 r: solve for the cloth; with muscles, again with what their tensions answer. Then p = y + beta p and
+    q += p in the lanes that have not converged; returns how many those are."""
     active = 0
     for b in range(nb):
+        warp(b, nu, nv, F.r)
+        passes = 1
+        if npt > 0:
+            passes = 2
+        for m in range(passes):
+            if m == 1:
+                muscle_correct(b, nu, nv, npt)
+            spectral(b, nu, nv, 0, 3)
+        unwarp(b, nu, nv, F.y, 0)
         n3 = 3 * (nu + 2) * (nv + 2)
         dot_into(b, 0, n3, F.y, F.y)
         dot_into(b, 1, n3, F.y, F.r)
@@ -252,33 +274,6 @@ def _direction_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, restart: ti.i32, toler
 
 
 @ti.kernel
-def _secant_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, plain: ti.i32):
-    """f holds the residual at q + p: step alpha = p.r / p.(r - r(q + p)), and the residual there by interpolation."""
-    for b in range(nb):
-        P = (nu + 2) * (nv + 2)
-        n3 = 3 * P
-        for c in range(3):
-            for k in range(P):
-                F.node[b, F.f + c * P + k] = (
-                    F.node[b, F.r + c * P + k] - F.node[b, F.f + c * P + k] * F.node[b, F.free + k]
-                )
-        dot_into(b, 1, n3, F.p, F.r)
-        dot_into(b, 2, n3, F.p, F.f)
-        for lane in range(LANES):
-            alpha = ti.f32(1.0)
-            if F.reduce[b, 2][lane] > 0 and plain == 0:
-                alpha = ti.min(2.0, ti.max(0.1, F.reduce[b, 1][lane] / F.reduce[b, 2][lane]))
-            F.reduce[b, ALPHA][lane] = alpha * F.reduce[b, ACTIVE][lane]
-        alpha = F.reduce[b, ALPHA]
-        more = alpha - F.reduce[b, ACTIVE]
-        for k in range(n3):
-            r = F.node[b, F.r + k]
-            F.node[b, F.q + k] = F.node[b, F.q + k] + more * F.node[b, F.p + k]
-            F.node[b, F.rp + k] = r
-            F.node[b, F.r + k] = r - alpha * F.node[b, F.f + k]
-
-
-@ti.kernel
 def _finish_kernel(
     nb: ti.i32, nu: ti.i32, nv: ti.i32,
     h: ti.f32, am: ti.f32, af: ti.f32, ga: ti.f32, ia: ti.f32, ry: ti.f32, ba: ti.f32,
@@ -299,8 +294,6 @@ def _finish_kernel(
                 F.node[b, F.a0 + k] = a1
 
 
-_factor, _green = Timed(_factor_kernel), Timed(_green_kernel)
-_predict, _cloth, _muscles = Timed(_predict_kernel), Timed(_cloth_kernel), Timed(_muscles_kernel)
-_start, _frames, _woodbury = Timed(_start_kernel), Timed(_frames_kernel), Timed(_woodbury_kernel)
-_precondition, _direction = Timed(_precondition_kernel), Timed(_direction_kernel)
-_secant, _finish = Timed(_secant_kernel), Timed(_finish_kernel)
+_factor, _green, _predict = Timed(_factor_kernel), Timed(_green_kernel), Timed(_predict_kernel)
+_cloth, _muscles, _refresh = Timed(_cloth_kernel), Timed(_muscles_kernel), Timed(_refresh_kernel)
+_direction, _finish = Timed(_direction_kernel), Timed(_finish_kernel)

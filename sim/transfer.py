@@ -17,7 +17,7 @@ def _load_kernel(
     index: ti.types.ndarray(dtype=ti.i32, ndim=4),
 ):  # fmt: skip
     """Zero every array, then constants (nb, constants, LANES), node (nb, 5, P, LANES), point (nb, first entries, LANES)
-    and index (nb, 3, points, LANES: base node, channel, type) go to their places."""
+    and index (nb, 4, points, LANES: base node, channel, type, base node without padding) go to their places."""
     for b in range(nb):
         P = (nu + 2) * (nv + 2)
         for k in range(F.mass):
@@ -41,6 +41,7 @@ def _load_kernel(
             for lane in range(LANES):
                 F.base[b, k][lane] = index[b, 0, k, lane]
                 F.channel[b, k][lane] = index[b, 1, k, lane]
+                F.start[b, k][lane] = index[b, 3, k, lane]
                 F.kind[b, k][lane] = index[b, 2, k, lane]
 
 
