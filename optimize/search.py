@@ -27,13 +27,17 @@ INTERRUPTED = "interrupted; the same command goes on from here"
 
 @dataclass(frozen=True)
 class Stage:
-    """The best `keep` of what came before go on for up to `rounds` rounds each, on this forward model."""
+    """The best `keep` of what came before go on for up to `rounds` rounds each, on this forward model.
+
+    No round begins after the share `until` of the search's seconds, so that a slow machine gets to the last stage too.
+    """
 
     name: str
     forward: ForwardModel
     keep: int
     rounds: int
     vary_positions: bool = False
+    until: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +96,8 @@ class Search:
                 if number > at or not searches:
                     searches = self._enter(number, searches or self._screen())
                     self._save(number, searches)
-                while going := [s for s in searches if not s.done]:
+                end = self.stages[number].until * self._seconds
+                while (going := [s for s in searches if not s.done]) and (self.elapsed < end or end == self._seconds):
                     self._round(number, going)
                     self._save(number, searches)
         except Stop as stop:

@@ -102,13 +102,13 @@ def _starts(study: Study) -> list[Start]:
 def _stages(study: Study, coarse: ForwardModel, fine: ForwardModel) -> list[Stage]:
     if study.muscles is not None:
         return [
-            Stage("pressures of drawn layouts", coarse, keep=10, rounds=1),
-            Stage("layouts", coarse, keep=4, rounds=4, vary_positions=study.positions),
-            Stage("best layouts", coarse, keep=2, rounds=6, vary_positions=study.positions),
+            Stage("pressures of drawn layouts", coarse, keep=10, rounds=1, until=0.4),
+            Stage("layouts", coarse, keep=4, rounds=4, vary_positions=study.positions, until=0.5),
+            Stage("best layouts", coarse, keep=2, rounds=6, vary_positions=study.positions, until=0.6),
             Stage("full model", fine, keep=1, rounds=6, vary_positions=study.positions),
         ]
     return [
-        Stage("coarse model", coarse, keep=2, rounds=8, vary_positions=study.positions),
+        Stage("coarse model", coarse, keep=2, rounds=8, vary_positions=study.positions, until=0.5),
         Stage("full model", fine, keep=2, rounds=6, vary_positions=study.positions),
     ]
 
