@@ -202,11 +202,41 @@ def predict(source: Path, model: Path, design: Path | None, output: Path, as_jso
 
 @commands.command()
 @click.argument("source", type=_FILE)
-@click.option("--fit", help="The records to fit, by name and comma; all of role fit without it.")
-@click.option("-o", "--output", type=_FILE, required=True, help="The file to write (TOML), for a design to include.")
+@click.option("--fit", help="What to fit, by comma: orders of trials, names of records; all of role fit without it.")
+@click.option("--skip-bad", is_flag=True, help="Leave out a set's unsound trials, and list them.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the points and frames drawn.")
+@click.option("-o", "--output", type=_FILE, required=True, help="The model, or of a bench the type, to write (TOML).")
 @_as_json
-def calibrate(source: Path, fit: str | None, output: Path, as_json: bool) -> None:
-    """Fit the law of a bench (SOURCE, a folder with bench.toml): a muscle type, a cloth, or the law alone."""
+def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, output: Path, as_json: bool) -> None:
+    """Fit the declared parameters to SOURCE, a measurement set; or the law of a bench (a folder with bench.toml)."""
+    if source.name == "bench.toml" or (source / "bench.toml").is_file():
+        _calibrate_bench(source, fit, output, as_json)
+        return
+    from fabdesign.measurement_set import read_set
+    from fabdesign.model_file import write_model
+    from fabdesign.output import new_file
+    from studies.calibrate import calibrate as calibrate_set
+    from studies.calibrate import orders_of, sound_trials
+    from studies.calibrate_report import as_text
+
+    measured, skipped = sound_trials(read_set(source), skip_bad=skip_bad)
+    orders = None if fit is None else orders_of(fit)
+    with new_file(output) as unfinished:
+        from sim import Simulator
+
+        found = calibrate_set(
+            measured,
+            Simulator(points_per_side=21),
+            orders=orders,
+            skipped=skipped,
+            seed=seed,
+            progress=lambda line: click.echo(line, err=True),
+        )
+        write_model(found.model, unfinished)
+    _report(found.as_json() | {"model": str(output)}, f"{output}: {as_text(found)}", as_json)
+
+
+def _calibrate_bench(source: Path, fit: str | None, output: Path, as_json: bool) -> None:
     from studies.bench_calibrate import calibrate_bench, write_bench_type
 
     fitted = calibrate_bench(source, fit=None if fit is None else fit.split(","))
@@ -227,19 +257,25 @@ def calibrate(source: Path, fit: str | None, output: Path, as_json: bool) -> Non
 @click.argument("sets", nargs=-1, required=True, type=_FILE)
 @click.option("--model", type=_FILE, required=True, help="A model file.")
 @click.option("--all", "all_trials", is_flag=True, help="Trials of role fit too, in a table of their own.")
+@click.option("--skip-bad", is_flag=True, help="Leave out a set's unsound trials, and list them.")
 @click.option("-o", "--output", type=_FILE, help="A folder for tables, a picture and the whole result.")
 @_as_json
-def evaluate(sets: tuple[Path, ...], model: Path, all_trials: bool, output: Path | None, as_json: bool) -> None:
+def evaluate(
+    sets: tuple[Path, ...], model: Path, all_trials: bool, skip_bad: bool, output: Path | None, as_json: bool
+) -> None:
     """Say how far a model's motions are from the measured ones of SETS, before and after, in mm."""
     from fabdesign.measurement_set import read_set
     from fabdesign.model_file import read_model
     from fabdesign.output import new_folder
+    from studies.calibrate import sound_trials
     from studies.evaluate import evaluate_sets
     from studies.evaluation_report import tables_markdown, write_evaluation
     from studies.predict import factors_of
 
-    fitted, measured = read_model(model), [read_set(path) for path in sets]
+    fitted = read_model(model)
     factors_of(fitted)
+    checked = [sound_trials(read_set(path), skip_bad=skip_bad) for path in sets]
+    measured, skipped = [found for found, _ in checked], [line for _, lines in checked for line in lines]
     with nullcontext() if output is None else new_folder(output) as unfinished:
         from sim import Simulator
 
@@ -248,7 +284,8 @@ def evaluate(sets: tuple[Path, ...], model: Path, all_trials: bool, output: Path
         )
         if unfinished is not None:
             write_evaluation(evaluation, unfinished)
-    _report(evaluation.as_json(), tables_markdown(evaluation), as_json)
+    text = "\n".join([tables_markdown(evaluation), *(f"skipped: {line}" for line in skipped)])
+    _report(evaluation.as_json() | {"skipped": skipped}, text, as_json)
 
 
 @commands.command()

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from fabdesign import __version__
 from fabdesign.errors import InputError
 from fabdesign.forward import PARAMETERS, ForwardModel
 from fabdesign.model import Model, Parameter, Provenance
@@ -21,6 +22,7 @@ from studies.calibrate_fit import Fit, fit
 from studies.calibrate_report import ambiguities
 
 TRIALS = 16  # fitted at most, spread over those allowed
+UNTIL = 1.5  # s of a trial
 FRAMES = 30  # of a trial
 POINTS = 300  # of a frame
 QUANTILE = 1.645  # two-sided 90 %
@@ -59,14 +61,13 @@ class Calibration:
             "engine_difference": self.engine,
             "iterations": self.fit.iterations,
             "converged": self.fit.converged,
-            "motions": self.fit.motions,
         }
 
 
 def calibrate(
     measured: MeasurementSet,
-    fine: ForwardModel,
     coarse: ForwardModel,
+    fine: ForwardModel | None = None,
     *,
     orders: Collection[int] | None = None,
     skipped: Sequence[str] = (),
@@ -75,8 +76,8 @@ def calibrate(
 ) -> Calibration:
     """The seven factors of `fabdesign.forward.PARAMETERS` from the trials of role `fit`, or those of `orders`.
 
-    Of more than 16 trials, 16 spread over the session are fitted; 30 frames of each and 300 points of a frame, by
-    `seed`. `fine` gives residuals, `coarse` their derivatives. skipped: bad trials left out before, for the record.
+    Of more than 16 trials, 16 spread over the session are fitted: 30 frames of the first 1.5 s of each, and 300 points
+    of a frame, by `seed`. `coarse` and `fine`: see `calibrate_fit.fit`. skipped: lines on bad trials left out before.
     Raises InputError where no trial is left, SimulationError where every motion diverges.
     """
     allowed = fit_trials(measured.trials, orders)
@@ -84,14 +85,14 @@ def calibrate(
     chosen = [allowed[i] for i in spread]
     rng = np.random.default_rng(seed)
     samples: list[Sample] = []
-    at_rest = []
+    at_rest: list[np.ndarray] = []
     for trial in chosen:
         data = trial.load()
-        samples.append(sample_trial(trial, data, frames=FRAMES, points=POINTS, rng=rng))
+        samples.append(sample_trial(trial, data, until=UNTIL, frames=FRAMES, points=POINTS, rng=rng))
         if len(at_rest) < _NOISE_FRAMES:
             at_rest.append(data.frames[0])  # flattest there
     noise = estimate_noise(at_rest, chosen[0].design.fabric.thickness)
-    found = fit(samples, fine, coarse, progress=progress)
+    found = fit(samples, coarse, fine, progress=progress)
     engine = np.array([ENGINE_DIFFERENCE.get(name, 0.0) for name in PARAMETERS])
     covariance = found.covariance + np.diag(engine**2)
     deviation = np.sqrt(np.diag(covariance))
@@ -120,14 +121,22 @@ def _provenance(measured: MeasurementSet, fitted: Sequence[Trial], seed: int) ->
         sets=(measured.name,),
         fitted=tuple(f"{measured.name}/{trial.name}" for trial in fitted),
         held_out=tuple(f"{measured.name}/{trial.name}" for trial in held_out),
-        versions={"python": platform.python_version()}
-        | {name: importlib.metadata.version(name) for name in ("fabdesign", "numpy", "scipy", "taichi")},
+        versions={"python": platform.python_version(), "fabdesign": __version__}
+        | {name: importlib.metadata.version(name) for name in ("numpy", "scipy", "taichi")},
         hashes={
             f"{measured.name}/{trial.file.name}": hashlib.sha256(trial.file.read_bytes()).hexdigest()
             for trial in fitted
         },
         seed=seed,
     )
+
+
+def orders_of(text: str) -> list[int]:
+    """ "0,2,5" as numbers. Raises InputError."""
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"--fit {text}: expected orders of trials by comma, such as 0,2,5") from None
 
 
 def sound_trials(measured: MeasurementSet, *, skip_bad: bool) -> tuple[MeasurementSet, tuple[str, ...]]:

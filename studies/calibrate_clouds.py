@@ -25,9 +25,11 @@ class Sample:
     clouds: tuple[Array, ...]  # F of (n, 3) m
 
 
-def sample_trial(trial: Trial, data: TrialData, *, frames: int, points: int, rng: np.random.Generator) -> Sample:
-    """`frames` frames spread over the trial, its last among them, and up to `points` random points of each."""
-    count = len(data.frames)
+def sample_trial(
+    trial: Trial, data: TrialData, *, until: float, frames: int, points: int, rng: np.random.Generator
+) -> Sample:
+    """Up to `frames` frames spread over the trial's first `until` seconds, and up to `points` random points of each."""
+    count = max(int(np.searchsorted(data.time, until + 1e-6)), 1)
     chosen = np.unique(np.linspace(count - 1, 0, min(frames, count)).round().astype(int))
     clouds = (data.frames[k] for k in chosen)
     drawn = tuple(c if len(c) <= points else c[rng.choice(len(c), points, replace=False)] for c in clouds)

@@ -1,7 +1,7 @@
 """Levenberg-Marquardt in the logarithms of the factors, with a data-sheet prior and honest covariances."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +11,15 @@ from fabdesign.forward import PARAMETERS, Case, ForwardModel
 from studies.calibrate_clouds import Array, Match, Motion, Sample, derivatives, match
 
 # Standard deviations of the logarithms: data sheets are good to tens of percent, their damping to 30 %.
-PRIOR = {name: 0.15 for name in PARAMETERS} | {"damping": 0.30}
+PRIOR = dict.fromkeys(PARAMETERS, 0.15) | {"damping": 0.30}
 HUBER = 1.345  # of the scale: 95 % efficient on normal noise (Huber 1981)
 BLOCK = 0.5  # s: residuals of one trial within it count as one observation, about half a swing of the cloth
 _STEP = 0.03  # of a logarithm, in finite differences
 _LARGEST = 0.4  # of a logarithm, in one iteration
-_JACOBIANS = 2  # at the data sheet and after the first step; later steps are too small to change them
-_ITERATIONS = 6
-_CONVERGED = 0.004  # of a logarithm
-_DAMPING = (0.0, 0.3)  # Levenberg-Marquardt's, tried side by side; times 10 after a failure
+_ITERATIONS = 10
+_REWEIGHTED = 6  # times, in one iteration
+_CONVERGED = 0.01  # of a logarithm
+_DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
 _SMALLEST_SCALE = 1e-6  # m, for clouds without noise
 
 
@@ -35,7 +35,6 @@ class Fit:
     before: float  # m, RMS of the residuals capped at 10 mm, at the data sheet
     after: float  # m, the same at the minimum
     lost: tuple[tuple[str, float], ...]  # trials whose motion diverged, and from when on [s] they were left out
-    motions: int  # simulated
     iterations: int
     converged: bool
 
@@ -44,7 +43,7 @@ class Fit:
 class _State:
     x: Array
     found: Match
-    motions: list[Motion]
+    jacobian: Array  # (N, 7) m
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,13 +60,15 @@ class _Normal:
 
 def fit(
     samples: Sequence[Sample],
-    fine: ForwardModel,
     coarse: ForwardModel,
+    fine: ForwardModel | None = None,
     *,
     prior: Mapping[str, float] = PRIOR,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Fit:
-    """Most probable factors given the samples. `fine` gives the residuals, `coarse` their derivatives.
+    """Most probable factors given the samples, by `coarse`, each of whose batches has a motion and its differences.
+
+    `fine` makes the data sheet's motions only; how far they are from the coarse ones is added to all others.
 
     All points of a block of 0.5 s share the model's error, so their likelihood is tempered: raised to the power that
     makes its curvature agree with the scatter of the blocks' scores (Pauli, Racugno and Ventura 2011). The covariance
@@ -75,31 +76,22 @@ def fit(
     left because every motion diverges.
     """
     weight = np.diag([1 / prior[name] ** 2 for name in PARAMETERS])
-    state = _states(samples, fine, [np.zeros(len(PARAMETERS))])[0]
-    runs, first, converged, iteration = len(samples), state.found, False, 0
-    changes: list[Motion] = []
-    damping = 1.0
+    start = np.zeros(len(PARAMETERS))
+    correction = _correction(samples, fine, coarse) if fine is not None else None
+    state = _state(samples, coarse, start, correction)
+    first, converged, iteration, damping = state.found, False, 0, 0.0
     for iteration in range(1, _ITERATIONS + 1):
-        if iteration <= _JACOBIANS:
-            changes = _changes(samples, coarse, state.x)
-            runs += len(samples) * (1 + len(PARAMETERS))
-        normal = _normal(samples, state.found, derivatives(state.found, changes), weight)
-        steps = [_step(normal, weight, state.x, damping * d) for d in _DAMPING]
-        candidates = _states(samples, fine, [state.x + step for step in steps])
-        runs += len(steps) * len(samples)
-        losses = [_loss(samples, state, other, normal, weight) for other in candidates]
-        best = int(np.argmin(losses))
         progress(f"iteration {iteration}: {1e3 * _capped(state.found.residual):.3f} mm RMS")
-        largest = float(np.abs(steps[best]).max())
-        if losses[best] < 0:
-            state = candidates[best]
-            damping = max(damping / 3, 1e-2)
-        else:
-            damping *= 10
-        if largest < _CONVERGED or (losses[best] >= 0 and largest < 5 * _CONVERGED):
-            converged = True
+        step, normal = _step(samples, state, weight, damping)
+        if float(np.abs(step).max()) < _CONVERGED:
+            converged, state = True, replace(state, x=state.x + step)  # too small to look at again
             break
-    normal = _normal(samples, state.found, derivatives(state.found, changes), weight)
+        candidate = _state(samples, coarse, state.x + step, correction)
+        if _loss(state, candidate, normal, weight) < 0:
+            state, damping = candidate, damping / 10
+        else:
+            damping = max(10 * damping, _DAMPING)
+    _, normal = _step(samples, state, weight, 0.0)
     information = normal.tempering * normal.hessian
     bread = np.linalg.inv(information + weight)
     meat = normal.tempering**2 * _scatter(normal.scores, information, weight) + weight
@@ -112,7 +104,6 @@ def fit(
         before=_capped(first.residual),
         after=_capped(state.found.residual),
         lost=_lost(samples, state.found),
-        motions=runs,
         iterations=iteration,
         converged=converged,
     )
@@ -122,9 +113,21 @@ def _factors(x: Array) -> dict[str, float]:
     return {name: float(value) for name, value in zip(PARAMETERS, np.exp(x), strict=True)}
 
 
-def _states(samples: Sequence[Sample], forward: ForwardModel, xs: Sequence[Array]) -> list[_State]:
-    motions = _motions(samples, forward, xs)
-    return [_State(x, match(samples, found), found) for x, found in zip(xs, motions, strict=True)]
+def _state(samples: Sequence[Sample], forward: ForwardModel, x: Array, correction: list[Motion] | None) -> _State:
+    """Motions at x and, by forward differences, their changes: all in one batch."""
+    base, *moved = _motions(samples, forward, [x, *(x + _STEP * e for e in np.eye(len(x)))])
+    changes = [np.stack([(other[s] - base[s]) / _STEP for other in moved]) for s in range(len(samples))]
+    if correction is not None:
+        base = [motion + extra for motion, extra in zip(base, correction, strict=True)]
+    found = match(samples, base)
+    return _State(x, found, derivatives(found, changes))
+
+
+def _correction(samples: Sequence[Sample], fine: ForwardModel, coarse: ForwardModel) -> list[Motion]:
+    """(F, 2 n, 3) m a sample, fine less coarse; nothing where either is lost."""
+    start = np.zeros(len(PARAMETERS))
+    pairs = zip(*(_motions(samples, forward, [start])[0] for forward in (fine, coarse)), strict=True)
+    return [np.nan_to_num(one - other, nan=0.0) for one, other in pairs]
 
 
 def _motions(samples: Sequence[Sample], forward: ForwardModel, xs: Sequence[Array]) -> list[list[Motion]]:
@@ -134,28 +137,25 @@ def _motions(samples: Sequence[Sample], forward: ForwardModel, xs: Sequence[Arra
     return [list(motions[k : k + len(samples)]) for k in range(0, len(motions), len(samples))]
 
 
-def _changes(samples: Sequence[Sample], coarse: ForwardModel, x: Array) -> list[Motion]:
-    """(7, F, 2 n, 3) m per unit logarithm, a sample: forward differences, all in one batch."""
-    base, *moved = _motions(samples, coarse, [x, *(x + _STEP * e for e in np.eye(len(x)))])
-    return [np.stack([(other[s] - base[s]) / _STEP for other in moved]) for s in range(len(samples))]
-
-
-def _normal(samples: Sequence[Sample], found: Match, jacobian: Array, weight: Array) -> _Normal:
+def _normal(samples: Sequence[Sample], state: _State, weight: Array, step: Array) -> _Normal:
+    """Weights, scores and tempering are those of the residuals that `step` is expected to leave."""
+    found, jacobian = state.found, state.jacobian
     sound = np.isfinite(found.residual) & np.isfinite(jacobian).all(axis=1)
     if not sound.any():
         raise SimulationError("every motion of the trials to fit diverged")
     r, j = found.residual[sound], jacobian[sound]
-    scale = _scale(r)
-    w = _weights(found, sound, scale) / scale**2
+    left = r + j @ step
+    scale = _scale(left)
+    w = _weights(found, sound, left, scale) / scale**2
     cluster = _clusters(samples, found)[sound]
     _, cluster = np.unique(cluster, return_inverse=True)
     scores = np.zeros((cluster.max() + 1, len(weight)))
-    np.add.at(scores, cluster, j * (w * r)[:, None])
+    np.add.at(scores, cluster, j * (w * left)[:, None])
     hessian = (j * w[:, None]).T @ j
     inverse = np.linalg.inv(hessian + weight)
     # weights above one would trust points more than their number allows
     tempering = min(1.0, float(np.trace(inverse @ hessian) / np.trace(inverse @ _scatter(scores, hessian, weight))))
-    return _Normal(scores.sum(axis=0), hessian, scores, tempering, scale, j.T @ j / len(j))
+    return _Normal(j.T @ (w * r), hessian, scores, tempering, scale, j.T @ j / len(j))
 
 
 def _scatter(scores: Array, information: Array, weight: Array) -> Array:
@@ -170,10 +170,10 @@ def _scale(residual: Array) -> float:
     return max(1.4826 * float(np.median(np.abs(residual))), _SMALLEST_SCALE)
 
 
-def _weights(found: Match, sound: NDArray[np.bool_], scale: float) -> Array:
+def _weights(found: Match, sound: NDArray[np.bool_], residual: Array, scale: float) -> Array:
     """Huber's, of points by their own residual and of frames by their median one: a cloth that the model buckles to
     the other side must not decide."""
-    size = np.abs(found.residual[sound])
+    size = np.abs(residual)
     _, frame = np.unique(found.sample[sound] * 100_000 + found.frame[sound], return_inverse=True)
     order = np.argsort(frame, kind="stable")
     medians = np.array([np.median(part) for part in np.split(size[order], np.flatnonzero(np.diff(frame[order])) + 1)])
@@ -191,23 +191,25 @@ def _clusters(samples: Sequence[Sample], found: Match) -> NDArray[np.intp]:
     return result
 
 
-def _step(normal: _Normal, weight: Array, x: Array, damping: float) -> Array:
-    information = normal.tempering * normal.hessian
-    gradient = normal.tempering * normal.gradient + weight @ x
-    step = -np.linalg.solve(information + weight + damping * np.diag(np.diag(information)), gradient)
-    return np.asarray(step * min(1.0, _LARGEST / max(float(np.abs(step).max()), 1e-12)))
+def _step(samples: Sequence[Sample], state: _State, weight: Array, damping: float) -> tuple[Array, _Normal]:
+    """The step to the minimum of the linearised residuals, reweighted until it stands; and its normal equations."""
+    step: Array = np.zeros(len(weight))
+    for _ in range(_REWEIGHTED):
+        normal = _normal(samples, state, weight, step)
+        information = normal.tempering * normal.hessian
+        gradient = normal.tempering * normal.gradient + weight @ state.x
+        step = np.asarray(-np.linalg.solve(information + weight + damping * np.diag(np.diag(information)), gradient))
+        step = step * min(1.0, _LARGEST / max(float(np.abs(step).max()), 1e-12))
+    return step, normal
 
 
-def _loss(samples: Sequence[Sample], old: _State, new: _State, normal: _Normal, weight: Array) -> float:
+def _loss(old: _State, new: _State, normal: _Normal, weight: Array) -> float:
     """How much worse `new` is than `old`, over the points that both have; infinite where `new` loses over a tenth."""
     both = np.isfinite(old.found.residual) & np.isfinite(new.found.residual)
     if both.sum() < 0.9 * np.isfinite(old.found.residual).sum():
         return float("inf")
-    w = _weights(old.found, both, normal.scale) / np.minimum(
-        1.0, HUBER * normal.scale / np.maximum(np.abs(old.found.residual[both]), 1e-12)
-    )  # of frames alone
     rho = [_huber(state.found.residual[both] / normal.scale) for state in (new, old)]
-    data = normal.tempering * float((w * (rho[0] - rho[1])).sum())
+    data = normal.tempering * float((rho[0] - rho[1]).sum())
     return data + 0.5 * float(new.x @ weight @ new.x - old.x @ weight @ old.x)
 
 

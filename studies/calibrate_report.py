@@ -49,7 +49,7 @@ def _combination(fit: Fit, direction: np.ndarray) -> str:
         f"{PARAMETERS[k]} {100 * (np.exp(direction[k]) - 1):+.0f} %"
         for k in sorted(named, key=lambda k: -abs(direction[k]))
     )
-    seen = 1e3 * float(np.sqrt(direction @ fit.sensitivity @ direction))
+    seen = 1e3 * float(np.sqrt(max(direction @ fit.sensitivity @ direction, 0.0)))
     return f"together, {moves}: moves the surface by {seen:.2f} mm RMS only; these data cannot tell"
 
 
@@ -64,7 +64,7 @@ def as_text(calibration: "Calibration") -> str:
         "factors on the declared values:",
         *rows,
         f"residual {1e3 * fit.before:.2f} -> {1e3 * fit.after:.2f} mm RMS; sensor noise {1e3 * noise.sigma:.2f} mm, "
-        f"{100 * noise.strays:.1f} % strays; {fit.iterations} iterations, {fit.motions} motions",
+        f"{100 * noise.strays:.1f} % strays; {fit.iterations} iterations",
         *calibration.statements,
     ]
     if not fit.converged:
