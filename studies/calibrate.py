@@ -17,7 +17,6 @@ from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.splits import fit_trials
 from fabdesign.trial import MeasurementSet, Trial
 from studies.calibrate_clouds import Sample, sample_trial
-from studies.calibrate_engine import ENGINE_DIFFERENCE
 from studies.calibrate_fit import Fit, fit
 from studies.calibrate_report import ambiguities
 
@@ -37,7 +36,6 @@ class Calibration:
     correlation: np.ndarray  # (7, 7), in the order of PARAMETERS, of the logarithms
     statements: tuple[str, ...]  # what these data cannot tell
     skipped: tuple[str, ...]  # bad trials left out, a line each
-    engine: bool  # do the intervals carry the difference between engines?
 
     def as_json(self) -> dict[str, Any]:
         """What `calibrate --json` prints: factors, mm."""
@@ -58,7 +56,7 @@ class Calibration:
             "held_out": list(self.model.provenance.held_out),
             "lost": lost,
             "skipped": list(self.skipped),
-            "engine_difference": self.engine,
+            "engine_difference": False,  # the intervals leave it out
             "iterations": self.fit.iterations,
             "converged": self.fit.converged,
         }
@@ -93,9 +91,7 @@ def calibrate(
             at_rest.append(data.frames[0])  # flattest there
     noise = estimate_noise(at_rest, chosen[0].design.fabric.thickness)
     found = fit(samples, coarse, fine, progress=progress)
-    engine = np.array([ENGINE_DIFFERENCE.get(name, 0.0) for name in PARAMETERS])
-    covariance = found.covariance + np.diag(engine**2)
-    deviation = np.sqrt(np.diag(covariance))
+    deviation = np.sqrt(np.diag(found.covariance))
     model = Model(
         {
             name: Parameter(float(np.exp(x)), (float(np.exp(x - QUANTILE * s)), float(np.exp(x + QUANTILE * s))))
@@ -107,10 +103,9 @@ def calibrate(
         model=model,
         fit=found,
         noise=noise,
-        correlation=covariance / np.outer(deviation, deviation),
+        correlation=found.covariance / np.outer(deviation, deviation),
         statements=ambiguities(found),
         skipped=tuple(skipped),
-        engine=bool(engine.any()),
     )
 
 

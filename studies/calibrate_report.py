@@ -69,7 +69,6 @@ def as_text(calibration: "Calibration") -> str:
     ]
     if not fit.converged:
         lines.append("not converged: the last step was still large")
-    if not calibration.engine:
-        lines.append("the intervals leave out the difference between this engine and the real cloth")
+    lines.append("the intervals leave out the difference between this engine and the real cloth")
     lines += [f"{trial}: the motion diverged; left out from {time:.2f} s on" for trial, time in fit.lost]
     return "\n".join([*lines, *(f"skipped: {line}" for line in calibration.skipped)])
