@@ -20,6 +20,7 @@ _ITERATIONS = 10
 _REWEIGHTED = 6  # times, in one iteration
 _CONVERGED = 0.01  # of a logarithm
 _DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
+_LINEAR = 0.005  # m: frames that the prior moves by more count less
 _SMALLEST_SCALE = 1e-6  # m, for clouds without noise
 
 
@@ -56,6 +57,7 @@ class _Normal:
     tempering: float
     scale: float
     sensitivity: Array
+    frames: Array  # (N,) weight of each point's frame; 0 where it is not used
 
 
 def fit(
@@ -81,8 +83,8 @@ def fit(
     state = _state(samples, coarse, start, correction)
     first, converged, iteration, damping = state.found, False, 0, 0.0
     for iteration in range(1, _ITERATIONS + 1):
-        progress(f"iteration {iteration}: {1e3 * _capped(state.found.residual):.3f} mm RMS")
         step, normal = _step(samples, state, weight, damping)
+        progress(f"iteration {iteration}: {1e3 * _capped(state.found.residual):.3f} mm RMS")
         if float(np.abs(step).max()) < _CONVERGED:
             converged, state = True, replace(state, x=state.x + step)  # too small to look at again
             break
@@ -146,16 +148,19 @@ def _normal(samples: Sequence[Sample], state: _State, weight: Array, step: Array
     r, j = found.residual[sound], jacobian[sound]
     left = r + j @ step
     scale = _scale(left)
-    w = _weights(found, sound, left, scale) / scale**2
+    frames = _frame_weights(found, sound, left, j)
+    w = frames * np.minimum(1.0, HUBER * scale / np.maximum(np.abs(left), 1e-12)) / scale**2
     cluster = _clusters(samples, found)[sound]
     _, cluster = np.unique(cluster, return_inverse=True)
     scores = np.zeros((cluster.max() + 1, len(weight)))
     np.add.at(scores, cluster, j * (w * left)[:, None])
     hessian = (j * w[:, None]).T @ j
     inverse = np.linalg.inv(hessian + weight)
+    everywhere = np.zeros(len(sound))
+    everywhere[sound] = frames
     # weights above one would trust points more than their number allows
     tempering = min(1.0, float(np.trace(inverse @ hessian) / np.trace(inverse @ _scatter(scores, hessian, weight))))
-    return _Normal(j.T @ (w * r), hessian, scores, tempering, scale, j.T @ j / len(j))
+    return _Normal(j.T @ (w * r), hessian, scores, tempering, scale, j.T @ j / len(j), everywhere)
 
 
 def _scatter(scores: Array, information: Array, weight: Array) -> Array:
@@ -170,16 +175,17 @@ def _scale(residual: Array) -> float:
     return max(1.4826 * float(np.median(np.abs(residual))), _SMALLEST_SCALE)
 
 
-def _weights(found: Match, sound: NDArray[np.bool_], residual: Array, scale: float) -> Array:
-    """Huber's, of points by their own residual and of frames by their median one: a cloth that the model buckles to
-    the other side must not decide."""
-    size = np.abs(residual)
+def _frame_weights(found: Match, sound: NDArray[np.bool_], residual: Array, jacobian: Array) -> Array:
+    """Of each point, by its frame: less where the median residual is over twice the usual one, and where the prior
+    moves the surface by more than can be linearised, as where the cloth is about to buckle to one side or the other."""
     _, frame = np.unique(found.sample[sound] * 100_000 + found.frame[sound], return_inverse=True)
     order = np.argsort(frame, kind="stable")
-    medians = np.array([np.median(part) for part in np.split(size[order], np.flatnonzero(np.diff(frame[order])) + 1)])
-    relative = medians / np.median(medians)
-    frames = np.minimum(1.0, 2.0 / np.maximum(relative, 1e-9))
-    return np.asarray(frames[frame] * np.minimum(1.0, HUBER * scale / np.maximum(size, 1e-12)))
+    borders = np.flatnonzero(np.diff(frame[order])) + 1
+    medians = np.array([np.median(part) for part in np.split(np.abs(residual)[order], borders)])
+    far = medians / (2.0 * max(float(np.median(medians)), _SMALLEST_SCALE))
+    moved = np.square(jacobian * [PRIOR[name] for name in PARAMETERS]).sum(axis=1)
+    unsure = np.sqrt(np.array([part.mean() for part in np.split(moved[order], borders)])) / _LINEAR
+    return np.asarray(np.square(1 / np.maximum(1.0, np.maximum(far, unsure)))[frame])
 
 
 def _clusters(samples: Sequence[Sample], found: Match) -> NDArray[np.intp]:
@@ -209,7 +215,7 @@ def _loss(old: _State, new: _State, normal: _Normal, weight: Array) -> float:
     if both.sum() < 0.9 * np.isfinite(old.found.residual).sum():
         return float("inf")
     rho = [_huber(state.found.residual[both] / normal.scale) for state in (new, old)]
-    data = normal.tempering * float((rho[0] - rho[1]).sum())
+    data = normal.tempering * float((normal.frames[both] * (rho[0] - rho[1])).sum())
     return data + 0.5 * float(new.x @ weight @ new.x - old.x @ weight @ old.x)
 
 
