@@ -1,7 +1,8 @@
 """The public way in: a batch of cases becomes motions or equilibrium shapes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +20,16 @@ from sim.transfer import halt, muscle_state, read
 Array = NDArray[np.float64]
 BLOCKS = 4  # of LANES designs in the fields at once
 REACH = 0.020  # m, half width over which the preconditioner's frames are averaged
+FREE = HUNG["none"]
 MIDPOINT = 2.0  # Scheme's mark of the implicit midpoint rule
+TRANSIENT = 64  # ticks after a large jump in which every tick is a step
+LARGE = 50e3  # Pa, a jump that needs them
 JUMP = 1e3  # Pa between one step and the next
-# Pseudo-time to rest: (step [s], steps), velocities forgotten after each; long steps are nearly Newton's
-SETTLE = ((1 / 60, 20), (0.05, 20), (0.25, 20))
+# To rest: (step [s], steps) with backward Euler and so much air damping that a swing of SWING rad/s just dies out
+SETTLE = ((1 / 960, 64), (1 / 480, 48), (1 / 240, 300))
+RAMP = 64  # first steps in which the pressures rise to their values
+SWING = 8.0  # rad/s
+# To the shape without pressure, from the flat cloth: velocities are forgotten after each long step
 HANG = ((0.05, 4), (0.5, 8))
 
 
@@ -52,9 +59,10 @@ class Simulator:
     """
 
     points_per_side: int = 41
-    time_step: float = 1 / 960  # s
+    time_step: float = 1 / 960  # s, after a jump of pressure
+    calm_steps: int = 2  # time steps in one, later on
     iterations: int = 6  # at most, in a step
-    tolerance: float = 1e-6  # m, RMS of the last update of a step
+    tolerance: float = 4e-7  # m, RMS of the last update of a step
     rho: float = 0.6  # spectral radius at infinity of generalised-alpha
 
     def __post_init__(self) -> None:
@@ -69,10 +77,13 @@ class Simulator:
         """Motions with mid-surfaces, contractions and tensions; each starts from equilibrium at zero pressure."""
         results: list[Motion | None] = [None] * len(cases)
         with fields.lock:
-            jumps = [_jumps(case.program, self.time_step) for case in cases]
+            jumps = [
+                (_jumps(case.program, self.time_step, JUMP), _jumps(case.program, self.time_step, LARGE))
+                for case in cases
+            ]
             for chosen in self._chunks(cases, jumps):
                 batch = self._load([cases[i] for i in chosen])
-                self._settle(batch, np.zeros((batch.blocks, _channels(cases, chosen), fields.LANES), np.float32), HANG)
+                self._hang(batch, _channels(cases, chosen))
                 for i, motion in zip(chosen, self._roll(batch, cases, times, chosen), strict=True):
                     results[i] = motion
         return [motion for motion in results if motion is not None]
@@ -82,18 +93,18 @@ class Simulator:
         results: list[NDArray[np.float32] | None] = [None] * len(cases)
         with fields.lock:
             for chosen in self._chunks(cases, [()] * len(cases)):
-                batch = self._load([cases[i] for i in chosen])
+                batch = self._load([_damped(cases[i]) for i in chosen])
                 pressure = _stack([cases[i].program.pressure[-1:] for i in chosen], batch.blocks)[0]
-                self._settle(batch, pressure, SETTLE)
+                self._settle(batch, pressure)
                 for lane, i in enumerate(chosen):
                     middle = self._middle(batch)[lane]
                     results[i] = faces(middle[None], cases[i].design.fabric.thickness)[0]
         return [shape for shape in results if shape is not None]
 
-    def _chunks(self, cases: Sequence[Case], jumps: Sequence[tuple[int, ...]]) -> list[list[int]]:
+    def _chunks(self, cases: Sequence[Case], jumps: Sequence[object]) -> list[list[int]]:
         """Indices in groups that one call can take: hung alike, pressures jumping in the same steps, so that a design's
         result does not depend on its neighbours, and BLOCKS x LANES designs at most."""
-        groups: dict[tuple[int, tuple[int, ...]], list[int]] = {}
+        groups: dict[tuple[int, object], list[int]] = {}
         for i, case in enumerate(cases):
             groups.setdefault((_hung(case), jumps[i]), []).append(i)
         size = BLOCKS * fields.LANES
@@ -106,33 +117,52 @@ class Simulator:
         blocks = -(-len(cases) // fields.LANES)
         return Batch(blocks, n, n, points, _hung(cases[0]), max(1, round(REACH / spacing)))
 
-    def _settle(self, batch: Batch, pressure: NDArray[np.float32], schedule: tuple[tuple[float, int], ...]) -> None:
-        for h, steps in schedule:
-            scheme = Scheme(h, -1.0)
-            prepare(batch, scheme)
+    def _hang(self, batch: Batch, channels: int) -> None:
+        """Equilibrium at zero pressure."""
+        pressure = np.zeros((batch.blocks, channels, fields.LANES), np.float32)
+        for h, steps in HANG:
+            if batch.hung == FREE:  # nothing but inertia holds the rigid motions: float32 wants a share of it
+                h = min(h, 1 / 30)
+            prepare(batch, Scheme(h, -1.0))
             for _ in range(steps):
-                step(batch, scheme, pressure, iterations=2 * self.iterations, tolerance=self.tolerance)
+                step(batch, Scheme(h, -1.0), pressure, iterations=2 * self.iterations, tolerance=self.tolerance)
                 halt(*batch.grid)
 
+    def _settle(self, batch: Batch, pressure: NDArray[np.float32]) -> None:
+        """A damped motion to rest under `pressure`, which rises over the first RAMP steps."""
+        taken = 0
+        for h, steps in SETTLE:
+            prepare(batch, Scheme(h, -1.0))
+            for _ in range(steps):
+                taken += 1
+                share = np.float32(min(1.0, taken / RAMP))
+                step(batch, Scheme(h, -1.0), share * pressure, iterations=self.iterations, tolerance=self.tolerance)
+
     def _roll(self, batch: Batch, cases: Sequence[Case], times: Sequence[Array], chosen: list[int]) -> list[Motion]:
-        n, h, scheme = self.points_per_side, self.time_step, Scheme(self.time_step, self.rho)
-        prepare(batch, scheme)
+        n, tick = self.points_per_side, self.time_step
         wanted = [np.asarray(times[i], dtype=float) for i in chosen]
-        steps = max((int(np.ceil(t[-1] / h - 1e-6)) for t in wanted if len(t)), default=0)
-        program = _stack([step_pressures(cases[i].program, h, max(steps, 1)) for i in chosen], batch.blocks)
+        ticks = max((int(np.ceil(t[-1] / tick - 1e-6)) for t in wanted if len(t)), default=1)
+        jumps = set(_jumps(cases[chosen[0]].program, tick, JUMP))
+        edges = step_edges(ticks, _jumps(cases[chosen[0]].program, tick, LARGE), calm=self.calm_steps)
+        program = _stack([step_pressures(cases[i].program, tick * edges) for i in chosen], batch.blocks)
         middle = [np.full((len(t), n, n, 3), np.nan, np.float32) for t in wanted]
         muscle = [np.zeros((len(t), batch.points, 2), np.float32) for t in wanted]
-        due = [np.maximum(np.ceil(t / h - 1e-6).astype(int) - 1, 0) for t in wanted]  # the step that holds each frame
+        due = [np.clip(np.searchsorted(tick * edges, t - 1e-9) - 1, 0, len(edges) - 2) for t in wanted]
         places = _frames_by_step(due)
         theta = np.zeros((batch.blocks, fields.LANES), np.float32)
-        jumps = set(_jumps(cases[chosen[0]].program, h))
-        for k in range(max(steps, 1)):
-            now = Scheme(h, MIDPOINT) if k in jumps else scheme
-            refresh = 2 if k in jumps else 1
-            step(batch, now, program[k], iterations=self.iterations, tolerance=self.tolerance, refresh=refresh)
+        h = 0.0
+        for k, (begin, end) in enumerate(pairwise(edges)):
+            if (end - begin) * tick != h:
+                h = (end - begin) * tick
+                prepare(batch, Scheme(h, self.rho))
+            jump = any(m in jumps for m in range(begin, end))
+            step(
+                batch, Scheme(h, MIDPOINT if jump else self.rho), program[k],
+                iterations=self.iterations, tolerance=self.tolerance, refresh=2 if jump else 1,
+            )  # fmt: skip
             for frames in _layers(places.get(k, [])):
                 for lane, frame in frames:
-                    theta[divmod(lane, fields.LANES)] = np.clip(wanted[lane][frame] / h - k, 0, 1)
+                    theta[divmod(lane, fields.LANES)] = np.clip((wanted[lane][frame] - begin * tick) / h, 0, 1)
                 positions, state = self._middle(batch, h, theta), _muscle_state(batch)
                 for lane, frame in frames:
                     middle[lane][frame] = positions[lane]
@@ -149,9 +179,20 @@ class Simulator:
         return out.reshape(-1, n, n, 3)
 
 
-def step_pressures(program: PressureProgram, h: float, steps: int) -> NDArray[np.float32]:
-    """(steps, channels) Pa: the mean set point of every step of `h` seconds."""
-    edges = np.arange(steps + 1) * h
+def step_edges(ticks: int, jumps: Sequence[int], *, calm: int) -> NDArray[np.int_]:
+    """(steps + 1,) ticks between which steps lie: one tick for TRANSIENT ticks after each jump, `calm` ticks else."""
+    short = np.zeros(ticks + calm, dtype=bool)
+    for jump in jumps:
+        short[jump : jump + TRANSIENT] = True
+    edges = [0]
+    while edges[-1] < ticks:
+        k = edges[-1]
+        edges.append(k + (1 if short[k : k + calm].any() else calm))
+    return np.array(edges)
+
+
+def step_pressures(program: PressureProgram, edges: Array) -> NDArray[np.float32]:
+    """(steps, channels) Pa: the mean set point between every two of the instants `edges` (steps + 1,) s."""
     starts = np.asarray(program.time, dtype=float)
     pressure = np.asarray(program.pressure, dtype=float)
     # integral of the piecewise constant program from its first row on
@@ -160,17 +201,24 @@ def step_pressures(program: PressureProgram, h: float, steps: int) -> NDArray[np
     )
     row = np.clip(np.searchsorted(starts, edges, side="right") - 1, 0, None)
     integral = area[row] + pressure[row] * (edges - starts[row])[:, None]
-    return (np.diff(integral, axis=0) / h).astype(np.float32)
+    return (np.diff(integral, axis=0) / np.diff(edges)[:, None]).astype(np.float32)
 
 
-def _jumps(program: PressureProgram, h: float) -> tuple[int, ...]:
-    """Steps whose mean pressure differs from the step before by more than JUMP; rest is at zero."""
-    last = int(np.ceil(program.time[-1] / h)) + 2
-    pressure = step_pressures(program, h, last)
+def _jumps(program: PressureProgram, tick: float, least: float) -> tuple[int, ...]:
+    """Ticks in which a set point moves by more than `least` Pa; rest is at zero."""
+    last = int(np.ceil(program.time[-1] / tick)) + 2
+    pressure = step_pressures(program, tick * np.arange(last + 1))
     change = np.abs(np.diff(np.concatenate([np.zeros((1, pressure.shape[1])), pressure]), axis=0)).max(
         axis=1, initial=0
     )
-    return tuple(int(k) for k in np.flatnonzero(change > JUMP))
+    return tuple(int(k) for k in np.flatnonzero(change > least))
+
+
+def _damped(case: Case) -> Case:
+    """The same equilibrium with critical air damping of a swing."""
+    fabric = case.design.fabric
+    drag = max(fabric.air_damping, 2 * SWING * fabric.areal_density)
+    return replace(case, design=replace(case.design, fabric=replace(fabric, air_damping=drag)))
 
 
 def _hung(case: Case) -> int:
@@ -217,7 +265,7 @@ def _muscle_state(batch: Batch) -> NDArray[np.float32]:
     out = np.zeros((batch.blocks, fields.LANES, max(batch.points, 1), 2), np.float32)
     if batch.points:
         muscle_state(batch.blocks, batch.points, out)
-    return out[:, :, : batch.points].reshape(-1, batch.points, 2)
+    return out[:, :, : batch.points].reshape(batch.blocks * fields.LANES, batch.points, 2)
 
 
 def _motion(case: Case, time: Array, middle: NDArray[np.float32], state: NDArray[np.float32]) -> Motion:

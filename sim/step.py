@@ -98,7 +98,7 @@ def step(
     for i in range(iterations):
         if i < refresh:
             _refresh(*size, batch.reach)
-        if not _direction(*size, int(i <= 1), tolerance):
+        if not _direction(*size, int(i <= 1), tolerance if i else 0.0):  # a step is never left as it was guessed
             break
         _residual(batch, scheme, FULL if i == 0 else SECANT)
         used += 1
