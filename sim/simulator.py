@@ -144,10 +144,11 @@ class Simulator:
         ticks = max((int(np.ceil(t[-1] / tick - 1e-6)) for t in wanted if len(t)), default=1)
         jumps = set(_jumps(cases[chosen[0]].program, tick, JUMP))
         edges = step_edges(ticks, _jumps(cases[chosen[0]].program, tick, LARGE), calm=self.calm_steps)
-        program = _stack([step_pressures(cases[i].program, tick * edges) for i in chosen], batch.blocks)
+        instants = np.asarray(tick * edges, dtype=np.float64)
+        program = _stack([step_pressures(cases[i].program, instants) for i in chosen], batch.blocks)
         middle = [np.full((len(t), n, n, 3), np.nan, np.float32) for t in wanted]
         muscle = [np.zeros((len(t), batch.points, 2), np.float32) for t in wanted]
-        due = [np.clip(np.searchsorted(tick * edges, t - 1e-9) - 1, 0, len(edges) - 2) for t in wanted]
+        due = [np.clip(np.searchsorted(instants, t - 1e-9) - 1, 0, len(edges) - 2) for t in wanted]
         places = _frames_by_step(due)
         theta = np.zeros((batch.blocks, fields.LANES), np.float32)
         h = 0.0
@@ -207,7 +208,7 @@ def step_pressures(program: PressureProgram, edges: Array) -> NDArray[np.float32
 def _jumps(program: PressureProgram, tick: float, least: float) -> tuple[int, ...]:
     """Ticks in which a set point moves by more than `least` Pa; rest is at zero."""
     last = int(np.ceil(program.time[-1] / tick)) + 2
-    pressure = step_pressures(program, tick * np.arange(last + 1))
+    pressure = step_pressures(program, np.linspace(0.0, tick * last, last + 1))
     change = np.abs(np.diff(np.concatenate([np.zeros((1, pressure.shape[1])), pressure]), axis=0)).max(
         axis=1, initial=0
     )
