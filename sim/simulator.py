@@ -61,8 +61,8 @@ class Simulator:
     points_per_side: int = 41
     time_step: float = 1 / 960  # s, after a jump of pressure
     calm_steps: int = 2  # time steps in one, later on
-    iterations: int = 6  # at most, in a step
-    tolerance: float = 4e-7  # m, RMS of the last update of a step
+    iterations: int = 8  # at most, in a step
+    tolerance: float = 5e-8  # m, RMS of the last update of a step
     rho: float = 0.6  # spectral radius at infinity of generalised-alpha
 
     def __post_init__(self) -> None:

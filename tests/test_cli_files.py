@@ -313,7 +313,6 @@ BAD = [
     ("evaluate set --model model.toml -o OUT", "no trial of role test"),
     ("evaluate set --model model.toml -o file/OUT", "cannot be written"),
     ("calibrate none -o OUT", "none: no such file"),
-    ("calibrate set -o OUT", "bench.toml: no such file"),
     ("fuse none -o OUT", "none: no such file"),
     ("fuse set -o OUT", "recording.toml: no such file"),
     ("fuse set --convention up -o OUT", "'forward', 'backward'"),

@@ -15,7 +15,9 @@ from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.muscle import BenchTable, Muscle, MuscleType
 
-ROUND_TRIPS = settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+ROUND_TRIPS = settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
 
 positive = st.floats(1e-6, 9.9, allow_subnormal=False)
 names = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1, max_size=12)
