@@ -1,6 +1,7 @@
 """Designs: what is written is what is read, the catalogue, and every kind of bad input."""
 
 import math
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -15,16 +16,17 @@ from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.muscle import BenchTable, Muscle, MuscleType
 
+floats = partial(st.floats, allow_subnormal=False)  # the simulator's kernels flush those to zero
 ROUND_TRIPS = settings(
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 )
 
-positive = st.floats(1e-6, 9.9, allow_subnormal=False)
+positive = floats(1e-6, 9.9)
 names = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1, max_size=12)
 
 
 def rising(n: int) -> st.SearchStrategy[tuple[float, ...]]:
-    return st.lists(st.floats(-0.5, 5.0), min_size=n, max_size=n, unique=True).map(lambda x: tuple(sorted(x)))
+    return st.lists(floats(-0.5, 5.0), min_size=n, max_size=n, unique=True).map(lambda x: tuple(sorted(x)))
 
 
 @st.composite
@@ -38,17 +40,17 @@ def curves(draw: st.DrawFn) -> MembraneCurve | None:
 
 @st.composite
 def benches(draw: st.DrawFn) -> BenchTable:
-    pressure = draw(st.lists(st.floats(0, 9e5), min_size=2, max_size=3, unique=True))
-    contraction = draw(st.lists(st.floats(-0.1, 0.5), min_size=2, max_size=3, unique=True))
-    rows = [(p, c, draw(st.floats(-10, 100))) for p in pressure for c in contraction]
+    pressure = draw(st.lists(floats(0, 9e5), min_size=2, max_size=3, unique=True))
+    contraction = draw(st.lists(floats(-0.1, 0.5), min_size=2, max_size=3, unique=True))
+    rows = [(p, c, draw(floats(-10, 100))) for p in pressure for c in contraction]
     return BenchTable(*map(tuple, zip(*rows, strict=True)))
 
 
 @st.composite
 def designs(draw: st.DrawFn) -> Design:
     width, height = draw(positive), draw(positive)
-    points = st.tuples(st.floats(0, width), st.floats(0, height))
-    k1, k2 = draw(st.floats(1, 1e4)), draw(st.floats(1, 1e4))
+    points = st.tuples(floats(0, width), floats(0, height))
+    k1, k2 = draw(floats(1, 1e4)), draw(floats(1, 1e4))
     optional = st.none() | positive
     fabric = Fabric(
         width=width,
@@ -57,14 +59,14 @@ def designs(draw: st.DrawFn) -> Design:
         areal_density=draw(positive),
         membrane_stiffness=(k1, k2),
         shear_stiffness=draw(positive),
-        poisson=draw(st.floats(0, 0.99)) * math.sqrt(k1 / k2),
+        poisson=draw(floats(0, 0.99)) * math.sqrt(k1 / k2),
         bending_stiffness=(draw(positive), draw(positive)),
         twist_stiffness=draw(optional),
         viscosity=draw(positive),
         air_damping=draw(positive),
         support=draw(st.sampled_from(["pinned", "clamped"])),
         hung=draw(st.sampled_from(["top", "left", "none"]) | st.lists(points, min_size=1, max_size=3).map(tuple)),
-        gravity=draw(st.tuples(*[st.floats(-20, 20)] * 3)),
+        gravity=draw(st.tuples(*[floats(-20, 20)] * 3)),
         membrane_curve=draw(curves()),
     )
     types = {
@@ -75,7 +77,7 @@ def designs(draw: st.DrawFn) -> Design:
             axis_offset=draw(positive),
             bench=draw(benches()),
             viscosity=draw(positive),
-            max_pressure=draw(st.none() | st.floats(1, 1e6)),
+            max_pressure=draw(st.none() | floats(1, 1e6)),
             stock_length=draw(optional),
             min_bend_radius=draw(optional),
             tail_length=draw(optional),
