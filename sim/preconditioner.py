@@ -234,8 +234,8 @@ def warp(b, nu, nv, src: ti.template()):
 
 
 @ti.func
-def unwarp(b, nu, nv, dst: ti.template(), old: ti.template()):
-    """dst = old (if any) minus/plus: world components of sp"""
+def unwarp(b, nu, nv, dst: ti.template()):
+    """dst = world components of the warped field in F.modal"""
     s = nu + 2
     P = s * (nv + 2)
     N = nu * nv

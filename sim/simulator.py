@@ -96,9 +96,9 @@ class Simulator:
                 batch = self._load([_damped(cases[i]) for i in chosen])
                 pressure = _stack([cases[i].program.pressure[-1:] for i in chosen], batch.blocks)[0]
                 self._settle(batch, pressure)
+                middle = self._middle(batch)
                 for lane, i in enumerate(chosen):
-                    middle = self._middle(batch)[lane]
-                    results[i] = faces(middle[None], cases[i].design.fabric.thickness)[0]
+                    results[i] = faces(middle[lane : lane + 1], cases[i].design.fabric.thickness)[0]
         return [shape for shape in results if shape is not None]
 
     def _chunks(self, cases: Sequence[Case], jumps: Sequence[object]) -> list[list[int]]:

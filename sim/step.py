@@ -249,7 +249,7 @@ def _direction_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, restart: 
             if m == 1:
                 muscle_correct(b, nu, nv, npt)
             spectral(b, nu, nv, 0, 3)
-        unwarp(b, nu, nv, F.y, 0)
+        unwarp(b, nu, nv, F.y)
         n3 = 3 * (nu + 2) * (nv + 2)
         dot_into(b, 0, n3, F.y, F.y)
         dot_into(b, 1, n3, F.y, F.r)
