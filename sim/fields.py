@@ -29,6 +29,7 @@ except ImportError as error:  # a bare machine lacks libX11
     raise InputError(f"cannot load taichi ({error}); on Debian: apt install libx11-6") from error
 
 LANES = 16
+SPREAD = 512  # iterations of an outer loop that Taichi gives a thread at least: block b is iteration SPREAD b
 FUNCTIONALS = 7  # of the warped displacement at a fixed point: u, v, w, (w s_u), (w s_v), w_u, w_v
 GREEN = 27  # numbers kept for each pair of fixed points: uu, vv, and 5 x 5 of the normal component
 TYPES = 8  # muscle types in one batch
@@ -98,6 +99,9 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     F.basis, F.eigen = ti.field(ti.f32, shape=2 * modes * modes), ti.field(ti.f32, shape=modes)
     F.green, F.dual = vector(points * points * GREEN), vector(points * points)
     F.table = ti.field(ti.f32, shape=(TYPES, *TABLE))
+    F.count = ti.field(ti.i32, shape=blocks)
+    F.index = ti.field(ti.i32, shape=3 * nodes)
+    F.index.from_numpy(np.arange(3 * nodes, dtype=np.int32))
     F.ready = True
 
 

@@ -59,7 +59,8 @@ def factor(b, nu, nv, ca, cv):
             bj = ti.f32(5.0)
         if j == 1 or j == nv - 1:
             b1 = ti.f32(-2.0)
-        for k in range(nu):
+        for k_ in range(nu):
+            k = F.index[k_]
             lam = F.eigen[k]
             o = j * nu + k
             fm = Lanes(1.0)
@@ -125,23 +126,28 @@ def transform(b, nu, nv, src, dst, C, c0, c1):
     for c in range(c0, c1):
         for j in range(nv):
             o = c * N + j * nu
-            for k in range(nu):
+            for k_ in range(nu):
+                k = F.index[k_]
                 F.modal[b, dst + o + k] = Lanes(0.0)
-            for i4 in range(nu // 4):
+            for i4_ in range(nu // 4):
+                i4 = F.index[i4_]
                 i = i4 * 4
                 g0 = F.modal[b, src + o + i]
                 g1 = F.modal[b, src + o + i + 1]
                 g2 = F.modal[b, src + o + i + 2]
                 g3 = F.modal[b, src + o + i + 3]
-                for k in range(nu):
+                for k_ in range(nu):
+                    k = F.index[k_]
                     F.modal[b, dst + o + k] = (
                         F.modal[b, dst + o + k]
                         + (F.basis[C + i * nu + k] * g0 + F.basis[C + (i + 1) * nu + k] * g1)
                         + (F.basis[C + (i + 2) * nu + k] * g2 + F.basis[C + (i + 3) * nu + k] * g3)
                     )
-            for i in range((nu // 4) * 4, nu):
+            for i_ in range((nu // 4) * 4, nu):
+                i = F.index[i_]
                 g = F.modal[b, src + o + i]
-                for k in range(nu):
+                for k_ in range(nu):
+                    k = F.index[k_]
                     F.modal[b, dst + o + k] = F.modal[b, dst + o + k] + F.basis[C + i * nu + k] * g
 
 
@@ -150,54 +156,63 @@ def spectral(b, nu, nv, c0, c1):
     """sp <- K0^-1 sp for components c0..c1 (u, v, normal)"""
     N = nu * nv
     for c in range(c0, c1):
-        for k in range(nu):
+        for k_ in range(nu):
+            k = F.index[k_]
             F.modal[b, c * N + k] = F.modal[b, c * N + k] * (1.0 - F.lane[b, DTOP])
             F.modal[b, c * N + N - nu + k] = F.modal[b, c * N + N - nu + k] * (1.0 - F.lane[b, DBOT])
     transform(b, nu, nv, 0, 3 * N, 0, c0, c1)
     for c in range(c0, ti.min(c1, 2)):
         o = c * N
         for j in range(1, nv):
-            for k in range(nu):
+            for k_ in range(nu):
+                k = F.index[k_]
                 F.modal[b, 3 * N + o + j * nu + k] = (
                     F.modal[b, 3 * N + o + j * nu + k]
                     - F.factor[b, 2 * c * N + j * nu + k] * F.modal[b, 3 * N + o + j * nu - nu + k]
                 )
-        for k in range(nu):
+        for k_ in range(nu):
+            k = F.index[k_]
             F.modal[b, 3 * N + o + (nv - 1) * nu + k] = (
                 F.modal[b, 3 * N + o + (nv - 1) * nu + k] * F.factor[b, 2 * c * N + N + (nv - 1) * nu + k]
             )
         for jj in range(1, nv):
             j = nv - 1 - jj
-            for k in range(nu):
+            for k_ in range(nu):
+                k = F.index[k_]
                 F.modal[b, 3 * N + o + j * nu + k] = (
                     F.modal[b, 3 * N + o + j * nu + k] * F.factor[b, 2 * c * N + N + j * nu + k]
                     - F.factor[b, 2 * c * N + j * nu + nu + k] * F.modal[b, 3 * N + o + j * nu + nu + k]
                 )
     if c1 == 3:
         o = 2 * N
-        for k in range(nu):
+        for k_ in range(nu):
+            k = F.index[k_]
             F.modal[b, 3 * N + o + nu + k] = (
                 F.modal[b, 3 * N + o + nu + k] - F.factor[b, 4 * N + nu + k] * F.modal[b, 3 * N + o + k]
             )
         for j in range(2, nv):
-            for k in range(nu):
+            for k_ in range(nu):
+                k = F.index[k_]
                 F.modal[b, 3 * N + o + j * nu + k] = (
                     F.modal[b, 3 * N + o + j * nu + k]
                     - F.factor[b, 4 * N + j * nu + k] * F.modal[b, 3 * N + o + j * nu - nu + k]
                     - F.factor[b, 5 * N + j * nu + k] * F.modal[b, 3 * N + o + j * nu - 2 * nu + k]
                 )
-        for k in range(nu):
+        for k_ in range(nu):
+            k = F.index[k_]
             F.modal[b, 3 * N + o + (nv - 1) * nu + k] = (
                 F.modal[b, 3 * N + o + (nv - 1) * nu + k] * F.factor[b, 6 * N + (nv - 1) * nu + k]
             )
-        for k in range(nu):
+        for k_ in range(nu):
+            k = F.index[k_]
             F.modal[b, 3 * N + o + (nv - 2) * nu + k] = (
                 F.modal[b, 3 * N + o + (nv - 2) * nu + k] * F.factor[b, 6 * N + (nv - 2) * nu + k]
                 - F.factor[b, 4 * N + (nv - 1) * nu + k] * F.modal[b, 3 * N + o + (nv - 1) * nu + k]
             )
         for jj in range(2, nv):
             j = nv - 1 - jj
-            for k in range(nu):
+            for k_ in range(nu):
+                k = F.index[k_]
                 F.modal[b, 3 * N + o + j * nu + k] = (
                     F.modal[b, 3 * N + o + j * nu + k] * F.factor[b, 6 * N + j * nu + k]
                     - F.factor[b, 4 * N + j * nu + nu + k] * F.modal[b, 3 * N + o + j * nu + nu + k]
@@ -213,8 +228,8 @@ def warp(b, nu, nv, src: ti.template()):
     N = nu * nv
     for j in range(nv):
         for i in range(nu):
-            k = (j + 1) * s + i + 1
-            o = j * nu + i
+            k = F.index[(j + 1) * s + i + 1]
+            o = F.index[j * nu + i]
             m = F.node[b, F.free + k]
             x = F.node[b, src + k] * m
             y = F.node[b, src + P + k] * m
@@ -241,8 +256,8 @@ def unwarp(b, nu, nv, dst: ti.template()):
     N = nu * nv
     for j in range(nv):
         for i in range(nu):
-            k = (j + 1) * s + i + 1
-            o = j * nu + i
+            k = F.index[(j + 1) * s + i + 1]
+            o = F.index[j * nu + i]
             m = F.node[b, F.free + k]
             a = F.modal[b, o] * m
             v = F.modal[b, N + o] * m
@@ -264,7 +279,7 @@ def frames(b, nu, nv, reach):
     P = s * (nv + 2)
     for j in range(nv):
         for i in range(nu):
-            k = (j + 1) * s + i + 1
+            k = F.index[(j + 1) * s + i + 1]
             w = k - ti.min(reach, i)
             e = k + ti.min(reach, nu - 1 - i)
             n = k - s * ti.min(reach, j)
@@ -292,14 +307,16 @@ def frames(b, nu, nv, reach):
 def functionals(b, nu, nv, pt, src, c0):
     """t[16..22] = u, v, w, (w su), (w sv), w_u, w_v at fixed point pt of the warped field at sp[src]"""
     N = nu * nv
-    for r in range(4):
+    for r_ in range(4):
+        r = F.index[r_]
         for m in range(4):
             for lane in range(LANES):
                 k = F.start[b, pt][lane] + r * nu + m
                 for c in range(c0, 3):
                     F.patch[b, (r * 4 + m) * 3 + c][lane] = F.modal[b, src + c * N + k][lane]
     for c in range(c0, 3):
-        for r in range(4):
+        for r_ in range(4):
+            r = F.index[r_]
             x0 = F.patch[b, r * 12 + c]
             x1 = F.patch[b, r * 12 + 3 + c]
             x2 = F.patch[b, r * 12 + 6 + c]
@@ -365,14 +382,17 @@ def weight(b, pt, f, r, m):
 def green(b, nu, nv, npt):
     """G[a,b] = response of the functionals of point a to those of point b: 0 uu, 1 vv, 2.. 5x5 normal"""
     N = nu * nv
-    for pb in range(npt):
+    for pb_ in range(npt):
+        pb = F.index[pb_]
         for f in range(5):
             c0 = 0
             if f > 0:
                 c0 = 2
-            for k in range(c0 * N, 3 * N):
+            for k_ in range(c0 * N, 3 * N):
+                k = F.index[k_]
                 F.modal[b, k] = Lanes(0.0)
-            for r in range(4):
+            for r_ in range(4):
+                r = F.index[r_]
                 for m in range(4):
                     p = weight(b, pb, f, r, m)
                     for lane in range(LANES):
@@ -380,7 +400,8 @@ def green(b, nu, nv, npt):
                         for c in range(c0, 3):
                             F.modal[b, c * N + k][lane] = p[lane]
             spectral(b, nu, nv, c0, 3)
-            for pa in range(npt):
+            for pa_ in range(npt):
+                pa = F.index[pa_]
                 o = (pa * F.points + pb) * GREEN
                 functionals(b, nu, nv, pa, 0, c0)
                 if c0 == 0:
@@ -394,12 +415,14 @@ def green(b, nu, nv, npt):
 def woodbury(b, nu, nv, npt):
     """S = 1/km + J K0^-1 J^T in the current frames, and its LDL^T"""
     ns = npt - 1
-    for pt in range(npt):
+    for pt_ in range(npt):
+        pt = F.index[pt_]
         gather(b, nu, nv, pt, F.fu)
         interp(b, pt, X.grad_u, X.tmp, X.force)
         gather(b, nu, nv, pt, F.fn)
         interp(b, pt, X.grad_v, X.tmp, X.force)
-    for k in range(ns):
+    for k_ in range(ns):
+        k = F.index[k_]
         dx = F.point[b, X.dir + k]
         dy = F.point[b, X.dir + F.points + k]
         dz = F.point[b, X.dir + 2 * F.points + k]
@@ -430,9 +453,11 @@ def woodbury(b, nu, nv, npt):
             ) * sg
             F.point[b, o + 5 * F.points] = -F.point[b, X.offset + p] * du
             F.point[b, o + 6 * F.points] = -F.point[b, X.offset + p] * dv
-    for s in range(ns):
+    for s_ in range(ns):
+        s = F.index[s_]
         for a in range(s, npt):  # h_a = sum over both ends of s of G[a,b] c_b
-            for i in range(7):
+            for i_ in range(7):
+                i = F.index[i_]
                 F.point[b, X.resp + i * F.points + a] = Lanes(0.0)
             for e in range(2):
                 o = (a * F.points + s + e) * GREEN
@@ -454,7 +479,8 @@ def woodbury(b, nu, nv, npt):
                         + (F.green[b, og] * c2 + F.green[b, og + 1] * c3 + F.green[b, og + 2] * c4)
                         + (F.green[b, og + 3] * c5 + F.green[b, og + 4] * c6)
                     )
-        for r in range(s, ns):
+        for r_ in range(s, ns):
+            r = F.index[r_]
             x = F.point[b, X.coef + r] * F.point[b, X.resp + r]
             for e in ti.static(range(2)):
                 for i in ti.static(range(7)):
@@ -466,9 +492,11 @@ def woodbury(b, nu, nv, npt):
                         )
             F.dual[b, r * F.points + s] = x
         F.dual[b, s * F.points + s] = F.dual[b, s * F.points + s] * 1.00001 + F.point[b, X.compliance + s]
-    for k in range(ns):
+    for k_ in range(ns):
+        k = F.index[k_]
         F.dual[b, k * F.points + k] = 1.0 / F.dual[b, k * F.points + k]
-        for i in range(k + 1, ns):
+        for i_ in range(k + 1, ns):
+            i = F.index[i_]
             ratio = F.dual[b, i * F.points + k] * F.dual[b, k * F.points + k]
             for j in range(k + 1, i + 1):
                 F.dual[b, i * F.points + j] = F.dual[b, i * F.points + j] - ratio * F.dual[b, j * F.points + k]
@@ -479,15 +507,18 @@ def woodbury(b, nu, nv, npt):
 def wood_solve(b, npt):
     """LAM <- S^-1 LAM (S[k,k] holds 1/d, S[i,k] holds l d)"""
     ns = npt - 1
-    for k in range(ns):
+    for k_ in range(ns):
+        k = F.index[k_]
         t = F.point[b, X.lam + k] * F.dual[b, k * F.points + k]
-        for i in range(k + 1, ns):
+        for i_ in range(k + 1, ns):
+            i = F.index[i_]
             F.point[b, X.lam + i] = F.point[b, X.lam + i] - F.dual[b, i * F.points + k] * t
     for kk in range(ns):
         k = ns - 1 - kk
         F.point[b, X.lam + k] = F.point[b, X.lam + k] * F.dual[b, k * F.points + k]
         t = F.point[b, X.lam + k]
-        for i in range(k):
+        for i_ in range(k):
+            i = F.index[i_]
             F.point[b, X.lam + i] = F.point[b, X.lam + i] - F.dual[b, k * F.points + i] * t
 
 
@@ -495,11 +526,14 @@ def wood_solve(b, npt):
 def muscle_correct(b, nu, nv, npt):
     """sp[0] <- sp[R] - Jhat^T S^-1 Jhat sp[0]; R = 6N buffer"""
     N = nu * nv
-    for k in range(npt):
+    for k_ in range(npt):
+        k = F.index[k_]
         F.point[b, X.lam + k] = Lanes(0.0)
-    for p in range(npt):
+    for p_ in range(npt):
+        p = F.index[p_]
         functionals(b, nu, nv, p, 0, 0)
-        for i in range(7):
+        for i_ in range(7):
+            i = F.index[i_]
             if p < npt - 1:
                 F.point[b, X.lam + p] = F.point[b, X.lam + p] + F.point[b, X.coef + i * F.points + p] * F.row[b, 16 + i]
             if p > 0:
@@ -507,8 +541,10 @@ def muscle_correct(b, nu, nv, npt):
                     F.point[b, X.lam + p - 1] + F.point[b, X.coef + (7 + i) * F.points + p - 1] * F.row[b, 16 + i]
                 )
     wood_solve(b, npt)
-    for p in range(npt):
-        for i in range(7):
+    for p_ in range(npt):
+        p = F.index[p_]
+        for i_ in range(7):
+            i = F.index[i_]
             F.row[b, 16 + i] = Lanes(0.0)
             if p < npt - 1:
                 F.row[b, 16 + i] = F.row[b, 16 + i] - F.point[b, X.coef + i * F.points + p] * F.point[b, X.lam + p]
@@ -516,7 +552,8 @@ def muscle_correct(b, nu, nv, npt):
                 F.row[b, 16 + i] = (
                     F.row[b, 16 + i] - F.point[b, X.coef + (7 + i) * F.points + p - 1] * F.point[b, X.lam + p - 1]
                 )
-        for r in range(4):
+        for r_ in range(4):
+            r = F.index[r_]
             for m in range(4):
                 o = (r * 4 + m) * 3
                 w = F.point[b, X.wv + 4 * p + r] * F.point[b, X.wu + 4 * p + m]
@@ -529,5 +566,6 @@ def muscle_correct(b, nu, nv, npt):
                     for lane in range(LANES):
                         k = 6 * N + c * N + F.start[b, p][lane] + r * nu + m
                         F.modal[b, k][lane] = F.modal[b, k][lane] + F.patch[b, (r * 4 + m) * 3 + c][lane]
-    for k in range(3 * N):
+    for k_ in range(3 * N):
+        k = F.index[k_]
         F.modal[b, k] = F.modal[b, 6 * N + k]

@@ -56,7 +56,7 @@ def edge_pass(
     P = s * (nv + 2)
     for j in range(nj):
         for i in range(ni):
-            k = (j + 1) * s + i + 1
+            k = F.index[(j + 1) * s + i + 1]
             e = k + st
             dx = F.node[b, q + e] - F.node[b, q + k]
             dy = F.node[b, q + P + e] - F.node[b, q + P + k]
@@ -75,7 +75,7 @@ def edge_pass(
     vA = F.lane[b, VISC] * A * ih
     for j in range(nj):
         for i in range(ni):
-            k = (j + 1) * s + i + 1
+            k = F.index[(j + 1) * s + i + 1]
             e = k + st
             w = ti.f32(1.0)
             if ti.static(along_u):
@@ -105,7 +105,7 @@ def cell_pass(b, nu, nv, q: ti.template(), v: ti.template()):
     TA = 2.0 * F.lane[b, TW] * F.lane[b, AREA] * ihh * ihh
     for j in range(nv - 1):
         for i in range(nu - 1):
-            k = (j + 1) * s + i + 1
+            k = F.index[(j + 1) * s + i + 1]
             ku = k + 1
             kv = k + s
             kw = kv + 1
@@ -134,7 +134,7 @@ def cell_pass(b, nu, nv, q: ti.template(), v: ti.template()):
             F.node[b, F.i2 + k] = i2
     for j in range(nv - 1):
         for i in range(nu - 1):
-            k = (j + 1) * s + i + 1
+            k = F.index[(j + 1) * s + i + 1]
             ku = k + 1
             kv = k + s
             kw = kv + 1
@@ -164,7 +164,7 @@ def cell_pass(b, nu, nv, q: ti.template(), v: ti.template()):
             F.node[b, F.lv + k] = il
     for j in range(nv - 1):
         for i in range(nu - 1):
-            k = (j + 1) * s + i + 1
+            k = F.index[(j + 1) * s + i + 1]
             ku = k + 1
             kv = k + s
             kw = kv + 1
@@ -198,7 +198,7 @@ def cell_pass(b, nu, nv, q: ti.template(), v: ti.template()):
             F.node[b, F.nb + 2 * P + k] = TA * nd * (dz - nd * F.node[b, F.na + 2 * P + k])
     for j in range(nv - 1):
         for i in range(nu - 1):
-            k = (j + 1) * s + i + 1
+            k = F.index[(j + 1) * s + i + 1]
             cx = F.node[b, F.nb + k]
             cy = F.node[b, F.nb + P + k]
             cz = F.node[b, F.nb + 2 * P + k]
@@ -230,7 +230,7 @@ def star_pass(b, nu, nv, q: ti.template()):
     P = s * (nv + 2)
     for j in range(nv):
         for i in range(nu):
-            k = (j + 1) * s + i + 1
+            k = F.index[(j + 1) * s + i + 1]
             w = k - 1
             e = k + 1
             n = k - s
@@ -265,7 +265,7 @@ def star_pass(b, nu, nv, q: ti.template()):
             F.node[b, F.nb + 2 * P + k] = bz
     for j in range(nv):
         for i in range(nu):
-            k = (j + 1) * s + i + 1
+            k = F.index[(j + 1) * s + i + 1]
             w = k - 1
             n = k - s
             has1 = ti.f32(1.0)
@@ -303,7 +303,7 @@ def star_pass(b, nu, nv, q: ti.template()):
             F.node[b, F.pu + 2 * P + k] = (M1 * uz + M2 * vz) * F.node[b, F.i1 + k]
     for j in range(nv):
         for i in range(nu):
-            k = (j + 1) * s + i + 1
+            k = F.index[(j + 1) * s + i + 1]
             nx = F.node[b, F.n + k]
             ny = F.node[b, F.n + P + k]
             nz = F.node[b, F.n + 2 * P + k]
@@ -348,7 +348,7 @@ def edge_force(
     kc = 0.25 * F.lane[b, K12] * F.lane[b, AREA]
     for j in range(nj):
         for i in range(ni):
-            k = (j + 1) * s + i + 1
+            k = F.index[(j + 1) * s + i + 1]
             e = k + st
             tx = F.node[b, t + k]
             ty = F.node[b, t + P + k]
@@ -380,7 +380,7 @@ def gather_pass(b, nu, nv, ca):
         aA = F.lane[b, AIR] * F.lane[b, AREA]
         for j in range(nv):
             for i in range(nu):
-                kk = (j + 1) * s + i + 1
+                kk = F.index[(j + 1) * s + i + 1]
                 k = c * P + kk
                 s1 = ti.f32(0.0)
                 s2 = ti.f32(0.0)
@@ -435,7 +435,8 @@ def clamp_pass(b, nu, nv, hung, q):
         h = F.lane[b, HU]
         width = F.lane[b, HV]
         stiffness = F.lane[b, B1]
-    for i in range(count):
+    for i_ in range(count):
+        i = F.index[i_]
         k = s + i + 1
         e = k + s
         if hung == 1:
@@ -474,7 +475,8 @@ def fabric_force(b, nu, nv, hung, ca):
     for j in range(nv):
         for c in range(3):
             F.node[b, F.pu + c * s * (nv + 2) + (j + 1) * s + nu] = Lanes(0.0)
-    for i in range(nu):
+    for i_ in range(nu):
+        i = F.index[i_]
         for c in range(3):
             F.node[b, F.pv + c * s * (nv + 2) + nv * s + i + 1] = Lanes(0.0)
     gather_pass(b, nu, nv, ca)

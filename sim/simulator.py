@@ -14,7 +14,7 @@ from sim import fields
 from sim.faces import faces
 from sim.loading import load_batch
 from sim.model import HUNG
-from sim.step import Batch, Scheme, prepare, step
+from sim.step import Batch, Scheme, march, prepare
 from sim.transfer import halt, muscle_state, read
 
 Array = NDArray[np.float64]
@@ -125,7 +125,7 @@ class Simulator:
                 h = min(h, 1 / 30)
             prepare(batch, Scheme(h, -1.0))
             for _ in range(steps):
-                step(batch, Scheme(h, -1.0), pressure, iterations=2 * self.iterations, tolerance=self.tolerance)
+                march(batch, [Scheme(h, -1.0)], pressure[None], iterations=2 * self.iterations, tolerance=self.tolerance)
                 halt(*batch.grid)
 
     def _settle(self, batch: Batch, pressure: NDArray[np.float32]) -> None:
@@ -133,10 +133,12 @@ class Simulator:
         taken = 0
         for h, steps in SETTLE:
             prepare(batch, Scheme(h, -1.0))
-            for _ in range(steps):
-                taken += 1
-                share = np.float32(min(1.0, taken / RAMP))
-                step(batch, Scheme(h, -1.0), share * pressure, iterations=self.iterations, tolerance=self.tolerance)
+            share = np.minimum(1.0, (taken + 1 + np.arange(steps)) / RAMP).astype(np.float32)
+            taken += steps
+            march(
+                batch, [Scheme(h, -1.0)] * steps, share[:, None, None, None] * pressure,
+                iterations=self.iterations, tolerance=self.tolerance,
+            )  # fmt: skip
 
     def _roll(self, batch: Batch, cases: Sequence[Case], times: Sequence[Array], chosen: list[int]) -> list[Motion]:
         n, tick = self.points_per_side, self.time_step
@@ -151,16 +153,19 @@ class Simulator:
         due = [np.clip(np.searchsorted(instants, t - 1e-9) - 1, 0, len(edges) - 2) for t in wanted]
         places = _frames_by_step(due)
         theta = np.zeros((batch.blocks, fields.LANES), np.float32)
-        h = 0.0
+        waiting: list[int] = []
+        schemes = self._schemes(edges, jumps)
         for k, (begin, end) in enumerate(pairwise(edges)):
-            if (end - begin) * tick != h:
-                h = (end - begin) * tick
-                prepare(batch, Scheme(h, self.rho))
-            jump = any(m in jumps for m in range(begin, end))
-            step(
-                batch, Scheme(h, MIDPOINT if jump else self.rho), program[k],
-                iterations=self.iterations, tolerance=self.tolerance, refresh=2 if jump else 1,
-            )  # fmt: skip
+            h = schemes[k].h
+            if k == 0 or h != schemes[k - 1].h:
+                prepare(batch, schemes[k])
+            waiting.append(k)
+            if k in places or k + 1 == len(schemes) or schemes[k + 1].h != h:
+                first, waiting = waiting[0], []
+                march(
+                    batch, schemes[first : k + 1], program[first : k + 1], iterations=self.iterations,
+                    tolerance=self.tolerance, refresh=[2 if s.rho == MIDPOINT else 1 for s in schemes[first : k + 1]],
+                )  # fmt: skip
             for frames in _layers(places.get(k, [])):
                 for lane, frame in frames:
                     theta[divmod(lane, fields.LANES)] = np.clip((wanted[lane][frame] - begin * tick) / h, 0, 1)
@@ -169,6 +174,13 @@ class Simulator:
                     middle[lane][frame] = positions[lane]
                     muscle[lane][frame] = state[lane]
         return [_motion(cases[i], t, m, s) for i, t, m, s in zip(chosen, wanted, middle, muscle, strict=True)]
+
+    def _schemes(self, edges: NDArray[np.int_], jumps: set[int]) -> list[Scheme]:
+        """The scheme of every step: the midpoint rule where a pressure jumps."""
+        return [
+            Scheme(float(end - begin) * self.time_step, MIDPOINT if jumps & set(range(begin, end)) else self.rho)
+            for begin, end in pairwise(edges)
+        ]
 
     def _middle(self, batch: Batch, h: float = 1.0, theta: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
         """(lanes, n, n, 3) at the fraction theta of the last step; its end by default."""
