@@ -48,7 +48,7 @@ _NODE = {
     # state: positions, velocities, accelerations, and those of the step before; q and v at the evaluation point
     "x0": 3, "v0": 3, "a0": 3, "xp": 3, "vp": 3, "q": 3, "v": 3, "hv": 3, "ha": 3,
     # residual f; conjugate gradients: residual r, its predecessor rp, preconditioned y, direction p
-    "f": 3, "r": 3, "rp": 3, "y": 3, "p": 3,
+    "f": 3, "carry": 3, "r": 3, "rp": 3, "y": 3, "p": 3,
     # unit tangents of edges, inverse lengths, strains, tensions; node normals; scratch and forces
     "tu": 3, "tv": 3, "lu": 1, "lv": 1, "eu": 1, "ev": 1, "su": 1, "sv": 1, "n": 3, "i1": 1, "i2": 1, "s1": 1, "s2": 1,
     "na": 3, "nb": 3, "ca": 3, "cb": 3, "cd": 3, "pu": 3, "pv": 3,
@@ -97,11 +97,12 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     F.lane, F.reduce, F.patch, F.row = vector(LANE_CONSTANTS), vector(16), vector(48), vector(32)
     F.modal, F.factor = vector(9 * nodes), vector(7 * nodes)
     F.basis, F.eigen = ti.field(ti.f32, shape=2 * modes * modes), ti.field(ti.f32, shape=modes)
+    F.odd = ti.field(ti.i32, shape=())
     F.green, F.dual = vector(points * points * GREEN), vector(points * points)
     F.table = ti.field(ti.f32, shape=(TYPES, *TABLE))
     F.count = ti.field(ti.i32, shape=blocks)
-    F.index = ti.field(ti.i32, shape=3 * nodes)
-    F.index.from_numpy(np.arange(3 * nodes, dtype=np.int32))
+    F.index = ti.field(ti.i32, shape=9 * nodes)
+    F.index.from_numpy(np.arange(9 * nodes, dtype=np.int32))
     F.ready = True
 
 

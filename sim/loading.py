@@ -108,5 +108,12 @@ def _set_basis(n: int, hung: int) -> None:
     values, vectors = eigh(stiffness[np.ix_(keep, keep)], weight[np.ix_(keep, keep)])
     basis, eigen = np.zeros((n, n)), np.full(n, 4.0)
     basis[np.ix_(keep, np.arange(len(keep)))], eigen[: len(keep)] = vectors, np.clip(values, 0, None)
-    upload(F.basis, np.concatenate([basis.ravel(), basis.T.ravel()]).astype(np.float32))
+    parts = [basis]
+    if len(keep) == n:  # both side edges alike: vectors are even or odd in turn
+        even, odd = np.arange(0, n, 2), np.arange(1, n, 2)
+        mirrored = n - 1 - np.arange(len(even), n)  # the differences lie there, in this order
+        parts = [basis[: len(even), even], basis[np.ix_(mirrored, odd)]]
+        eigen = np.concatenate([eigen[even], eigen[odd]])
+    F.odd[None] = n - len(parts[0])
+    upload(F.basis, np.concatenate([part.ravel() for part in (*parts, *(part.T for part in parts))]).astype(np.float32))
     upload(F.eigen, eigen.astype(np.float32))

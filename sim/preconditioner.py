@@ -121,34 +121,57 @@ def factor(b, nu, nv, ca, cv):
 
 
 @ti.func
-def transform(b, nu, nv, src, dst, C, c0, c1):
-    N = nu * nv
-    for c in range(c0, c1):
-        for j in range(nv):
-            o = c * N + j * nu
-            for k_ in range(nu):
-                k = F.index[k_]
-                F.modal[b, dst + o + k] = Lanes(0.0)
-            for i4_ in range(nu // 4):
-                i4 = F.index[i4_]
-                i = i4 * 4
-                g0 = F.modal[b, src + o + i]
-                g1 = F.modal[b, src + o + i + 1]
-                g2 = F.modal[b, src + o + i + 2]
-                g3 = F.modal[b, src + o + i + 3]
-                for k_ in range(nu):
+def butterfly(b, nu, row):
+    """Entries i and nu - 1 - i of a row of F.modal become their sum and difference, where the basis has odd vectors."""
+    for i_ in range(F.odd[None]):
+        i = F.index[row + i_]
+        k = F.index[row + nu - 1 - i_]
+        x = F.modal[b, i]
+        y = F.modal[b, k]
+        F.modal[b, i] = x + y
+        F.modal[b, k] = x - y
+
+
+@ti.func
+def transform(b, nu, nv, src, dst, inverse, c0, c1):
+    """F.modal[dst] = F.modal[src] by rows times the basis across (its transpose where inverse = 1); even and odd vectors
+    apart. Spends src."""
+    for j in range(c0 * nv, c1 * nv):
+        o = j * nu
+        if inverse == 0:
+            butterfly(b, nu, src + o)
+        for part in range(2):
+            first = 0
+            count = nu - F.odd[None]
+            C = inverse * (count * count + F.odd[None] * F.odd[None])
+            if part == 1:
+                C += count * count
+                first = count
+                count = F.odd[None]
+            for k_ in range(count):
+                k = F.index[dst + o + first + k_]
+                F.modal[b, k] = Lanes(0.0)
+            for i4 in range(count // 4):
+                i = src + o + first + i4 * 4
+                g0 = F.modal[b, i]
+                g1 = F.modal[b, i + 1]
+                g2 = F.modal[b, i + 2]
+                g3 = F.modal[b, i + 3]
+                for k_ in range(count):
                     k = F.index[k_]
-                    F.modal[b, dst + o + k] = (
-                        F.modal[b, dst + o + k]
-                        + (F.basis[C + i * nu + k] * g0 + F.basis[C + (i + 1) * nu + k] * g1)
-                        + (F.basis[C + (i + 2) * nu + k] * g2 + F.basis[C + (i + 3) * nu + k] * g3)
+                    m = C + i4 * 4 * count + k
+                    F.modal[b, dst + o + first + k] = (
+                        F.modal[b, dst + o + first + k]
+                        + (F.basis[m] * g0 + F.basis[m + count] * g1)
+                        + (F.basis[m + 2 * count] * g2 + F.basis[m + 3 * count] * g3)
                     )
-            for i_ in range((nu // 4) * 4, nu):
-                i = F.index[i_]
-                g = F.modal[b, src + o + i]
-                for k_ in range(nu):
+            for i in range((count // 4) * 4, count):
+                g = F.modal[b, src + o + first + i]
+                for k_ in range(count):
                     k = F.index[k_]
-                    F.modal[b, dst + o + k] = F.modal[b, dst + o + k] + F.basis[C + i * nu + k] * g
+                    F.modal[b, dst + o + first + k] = F.modal[b, dst + o + first + k] + F.basis[C + i * count + k] * g
+        if inverse == 1:
+            butterfly(b, nu, dst + o)
 
 
 @ti.func
@@ -218,7 +241,7 @@ def spectral(b, nu, nv, c0, c1):
                     - F.factor[b, 4 * N + j * nu + nu + k] * F.modal[b, 3 * N + o + j * nu + nu + k]
                     - F.factor[b, 5 * N + j * nu + 2 * nu + k] * F.modal[b, 3 * N + o + j * nu + 2 * nu + k]
                 )
-    transform(b, nu, nv, 3 * N, 0, nu * nu, c0, c1)
+    transform(b, nu, nv, 3 * N, 0, 1, c0, c1)
 
 
 @ti.func

@@ -23,7 +23,6 @@ from sim.sheet import fabric_force
 
 Lanes = ti.types.vector(LANES, ti.f32)
 RZ, BETA, ACTIVE, ALPHA = 4, 5, 6, 7  # slots of F.reduce
-FIRST, FULL, SECANT = 0, 1, 2  # what a residual is for: a step's first; one after a full step; the secant along p
 
 
 @dataclass(frozen=True)
@@ -134,13 +133,14 @@ def _march_kernel(
                 predict(b, nu, nv, table[m, 0], table[m, 1], table[m, 2], table[m, 3], table[m, 4], table[m, 5], table[m, 6])
                 i = 0
                 while i <= iterations:
-                    cloth(b, nu, nv, hung, ca, cv)
+                    F.count[b] += 1
+                    fabric_force(b, nu, nv, hung, ca, cv)
                     if npt > 0:
                         muscles(b, nu, nv, npt, cv)
                     if i == 0:
                         first_residual(b, nu, nv)
                     else:
-                        step_length(b, nu, nv, FULL if i == 1 else SECANT)
+                        step_length(b, nu, nv)
                     if i < iterations:
                         if i < turns[m]:
                             frames(b, nu, nv, reach)
@@ -149,7 +149,6 @@ def _march_kernel(
                         if direction(b, nu, nv, npt, i, tolerance) == 0:
                             i = iterations
                     i += 1
-                F.count[b] += i
                 finish(b, nu, nv, table[m, 0], table[m, 1], table[m, 2], table[m, 3], table[m, 4], table[m, 5], table[m, 6])
 
 
@@ -173,15 +172,6 @@ def predict(b, nu, nv, h, am, af, ga, ia, ry, ba):
 
 
 @ti.func
-def cloth(b, nu, nv, hung, ca, cv):
-    """v = cv q + hv, and f = forces of the cloth - M a."""
-    for k_ in range(3 * (nu + 2) * (nv + 2)):
-        k = F.index[k_]
-        F.node[b, F.v + k] = cv * F.node[b, F.q + k] + F.node[b, F.hv + k]
-    fabric_force(b, nu, nv, hung, ca)
-
-
-@ti.func
 def muscles(b, nu, nv, npt, cv):
     """f += forces of the muscles."""
     points_pos(b, nu, nv, npt)
@@ -193,59 +183,64 @@ def muscles(b, nu, nv, npt, cv):
 
 @ti.func
 def first_residual(b, nu, nv):
+    """r = f where nodes are free; p = 0."""
     P = (nu + 2) * (nv + 2)
-    for c in range(3):
-        for k_ in range(P):
-            k = F.index[k_]
-            F.node[b, F.r + c * P + k] = F.node[b, F.f + c * P + k] * F.node[b, F.free + k]
-            F.node[b, F.p + c * P + k] = Lanes(0.0)
+    for k_ in range(P):
+        k = F.index[k_]
+        free = F.node[b, F.free + k]
+        x = F.node[b, F.f + k] * free
+        y = F.node[b, F.f + P + k] * free
+        z = F.node[b, F.f + 2 * P + k] * free
+        F.node[b, F.r + k] = x
+        F.node[b, F.r + P + k] = y
+        F.node[b, F.r + 2 * P + k] = z
+        F.node[b, F.p + k] = Lanes(0.0)
+        F.node[b, F.p + P + k] = Lanes(0.0)
+        F.node[b, F.p + 2 * P + k] = Lanes(0.0)
     F.reduce[b, RZ] = Lanes(0.0)
     F.reduce[b, ACTIVE] = Lanes(1.0)
 
 
 @ti.func
-def dot_into(b, slot, n3, first, second):
-    """F.reduce[slot] = first . second, in one fixed order."""
-    F.reduce[b, slot] = Lanes(0.0)
-    for m in range(n3 // 4):
-        k = 4 * m
-        F.reduce[b, slot] = (
-            F.reduce[b, slot]
-            + (F.node[b, first + k] * F.node[b, second + k] + F.node[b, first + k + 1] * F.node[b, second + k + 1])
-            + (
-                F.node[b, first + k + 2] * F.node[b, second + k + 2]
-                + F.node[b, first + k + 3] * F.node[b, second + k + 3]
-            )
-        )
-    for k_ in range(n3 // 4 * 4, n3):
-        k = F.index[k_]
-        F.reduce[b, slot] = F.reduce[b, slot] + F.node[b, first + k] * F.node[b, second + k]
-
-
-@ti.func
-def step_length(b, nu, nv, purpose):
+def step_length(b, nu, nv):
     """f holds the residual at q + p: step alpha = p.r / p.(r - r(q + p)), and the residual there by interpolation."""
     P = (nu + 2) * (nv + 2)
-    n3 = 3 * P
-    for c in range(3):
-        for k_ in range(P):
-            k = F.index[k_]
-            F.node[b, F.f + c * P + k] = F.node[b, F.r + c * P + k] - F.node[b, F.f + c * P + k] * F.node[b, F.free + k]
-    dot_into(b, 1, n3, F.p, F.r)
-    dot_into(b, 2, n3, F.p, F.f)
+    F.reduce[b, 1] = Lanes(0.0)
+    F.reduce[b, 2] = Lanes(0.0)
+    for k_ in range(P):
+        k = F.index[k_]
+        free = F.node[b, F.free + k]
+        x = F.node[b, F.r + k] - F.node[b, F.f + k] * free
+        y = F.node[b, F.r + P + k] - F.node[b, F.f + P + k] * free
+        z = F.node[b, F.r + 2 * P + k] - F.node[b, F.f + 2 * P + k] * free
+        u = F.node[b, F.p + k]
+        v = F.node[b, F.p + P + k]
+        w = F.node[b, F.p + 2 * P + k]
+        F.node[b, F.f + k] = x
+        F.node[b, F.f + P + k] = y
+        F.node[b, F.f + 2 * P + k] = z
+        F.reduce[b, 1] = F.reduce[b, 1] + (
+            u * F.node[b, F.r + k] + v * F.node[b, F.r + P + k] + w * F.node[b, F.r + 2 * P + k]
+        )
+        F.reduce[b, 2] = F.reduce[b, 2] + (u * x + v * y + w * z)
     for lane in range(LANES):
         alpha = ti.f32(1.0)
-        if F.reduce[b, 2][lane] > 0 and purpose == SECANT:
+        if F.reduce[b, 2][lane] > 0:
             alpha = ti.min(2.0, ti.max(0.1, F.reduce[b, 1][lane] / F.reduce[b, 2][lane]))
         F.reduce[b, ALPHA][lane] = alpha * F.reduce[b, ACTIVE][lane]
     alpha = F.reduce[b, ALPHA]
     more = alpha - F.reduce[b, ACTIVE]
-    for k_ in range(n3):
+    for k_ in range(P):
         k = F.index[k_]
-        r = F.node[b, F.r + k]
-        F.node[b, F.q + k] = F.node[b, F.q + k] + more * F.node[b, F.p + k]
-        F.node[b, F.rp + k] = r
-        F.node[b, F.r + k] = r - alpha * F.node[b, F.f + k]
+        for c in ti.static(range(3)):
+            F.node[b, F.q + c * P + k] = F.node[b, F.q + c * P + k] + more * F.node[b, F.p + c * P + k]
+            F.node[b, F.rp + c * P + k] = F.node[b, F.r + c * P + k]
+        x = F.node[b, F.r + k] - alpha * F.node[b, F.f + k]
+        y = F.node[b, F.r + P + k] - alpha * F.node[b, F.f + P + k]
+        z = F.node[b, F.r + 2 * P + k] - alpha * F.node[b, F.f + 2 * P + k]
+        F.node[b, F.r + k] = x
+        F.node[b, F.r + P + k] = y
+        F.node[b, F.r + 2 * P + k] = z
 
 
 @ti.func
@@ -261,10 +256,21 @@ def direction(b, nu, nv, npt, i, tolerance):
             muscle_correct(b, nu, nv, npt)
         spectral(b, nu, nv, 0, 3)
     unwarp(b, nu, nv, F.y)
-    n3 = 3 * (nu + 2) * (nv + 2)
-    dot_into(b, 0, n3, F.y, F.y)
-    dot_into(b, 1, n3, F.y, F.r)
-    dot_into(b, 2, n3, F.y, F.rp)
+    P = (nu + 2) * (nv + 2)
+    for slot in range(3):
+        F.reduce[b, slot] = Lanes(0.0)
+    for k_ in range(P):
+        k = F.index[k_]
+        x = F.node[b, F.y + k]
+        y = F.node[b, F.y + P + k]
+        z = F.node[b, F.y + 2 * P + k]
+        F.reduce[b, 0] = F.reduce[b, 0] + (x * x + y * y + z * z)
+        F.reduce[b, 1] = F.reduce[b, 1] + (
+            x * F.node[b, F.r + k] + y * F.node[b, F.r + P + k] + z * F.node[b, F.r + 2 * P + k]
+        )
+        F.reduce[b, 2] = F.reduce[b, 2] + (
+            x * F.node[b, F.rp + k] + y * F.node[b, F.rp + P + k] + z * F.node[b, F.rp + 2 * P + k]
+        )
     active = 0
     for lane in range(LANES):
         beta = ti.f32(0.0)
@@ -278,7 +284,7 @@ def direction(b, nu, nv, npt, i, tolerance):
             active += 1
     beta = F.reduce[b, BETA]
     moving = F.reduce[b, ACTIVE]
-    for k_ in range(n3):
+    for k_ in range(3 * P):
         k = F.index[k_]
         d = (F.node[b, F.y + k] + beta * F.node[b, F.p + k]) * moving
         F.node[b, F.p + k] = d
@@ -302,6 +308,7 @@ def finish(b, nu, nv, h, am, af, ga, ia, ry, ba):
             F.node[b, F.x0 + k] = x0 + d
             F.node[b, F.v0 + k] = v0 + h * ((1 - ga) * a0 + ga * a1)
             F.node[b, F.a0 + k] = a1
+            F.node[b, F.carry + k] = F.node[b, F.r + k]
 
 
 _factor, _green, _march = Timed(_factor_kernel), Timed(_green_kernel), Timed(_march_kernel)
