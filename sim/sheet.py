@@ -351,8 +351,7 @@ def edge_force_row(
         ty_ = tx * yx + ty * yy + tz * yz
         T = (
             F.node[b, sig + k]
-            + kc
-            * (F.node[b, other + k] + F.node[b, other + e] + F.node[b, other + k - so] + F.node[b, other + e - so])
+            + kc * (F.node[b, other + k] + F.node[b, other + e] + F.node[b, other + k - so] + F.node[b, other + e - so])
         ) * ih
         il = F.node[b, le + k]
         F.node[b, out + k] = (T - ty_ * il) * tx + il * yx

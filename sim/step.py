@@ -23,6 +23,7 @@ from sim.sheet import fabric_force
 
 Lanes = ti.types.vector(LANES, ti.f32)
 RZ, BETA, ACTIVE, ALPHA = 4, 5, 6, 7  # slots of F.reduce
+DIVERGED = 1e4  # m^2, a squared update that no lane comes back from; others do not wait for it, nor for a NaN
 
 
 @dataclass(frozen=True)
@@ -130,7 +131,9 @@ def _march_kernel(
                     k = F.index[k_]
                     for lane in range(LANES):
                         F.point[b, X.pressure + k][lane] = pressure[m, b, F.channel[b, k][lane], lane]
-                predict(b, nu, nv, table[m, 0], table[m, 1], table[m, 2], table[m, 3], table[m, 4], table[m, 5], table[m, 6])
+                predict(
+                    b, nu, nv, table[m, 0], table[m, 1], table[m, 2], table[m, 3], table[m, 4], table[m, 5], table[m, 6]
+                )
                 i = 0
                 while i <= iterations:
                     F.count[b] += 1
@@ -149,7 +152,9 @@ def _march_kernel(
                         if direction(b, nu, nv, npt, i, tolerance) == 0:
                             i = iterations
                     i += 1
-                finish(b, nu, nv, table[m, 0], table[m, 1], table[m, 2], table[m, 3], table[m, 4], table[m, 5], table[m, 6])
+                finish(
+                    b, nu, nv, table[m, 0], table[m, 1], table[m, 2], table[m, 3], table[m, 4], table[m, 5], table[m, 6]
+                )
 
 
 @ti.func
@@ -280,7 +285,7 @@ def direction(b, nu, nv, npt, i, tolerance):
         F.reduce[b, RZ][lane] = F.reduce[b, 1][lane]
         if i > 0 and F.reduce[b, 0][lane] < tolerance * tolerance * nu * nv:  # a step is never left as it was guessed
             F.reduce[b, ACTIVE][lane] = 0.0
-        if F.reduce[b, ACTIVE][lane] > 0:
+        if F.reduce[b, ACTIVE][lane] > 0 and F.reduce[b, 0][lane] < DIVERGED:
             active += 1
     beta = F.reduce[b, BETA]
     moving = F.reduce[b, ACTIVE]

@@ -40,18 +40,12 @@ def test_design_alone_gives_the_bits_it_gives_among_others(cases, motions):
     assert np.array_equal(run(cases[1])[0].points, motions[1].points)
 
 
-@pytest.mark.xfail(
-    reason="float32 noise grows in the transient: 1.0e-5 to 2.7e-5 m measured against the bound of 1e-5 m"
-)
 def test_mirror_image_in_the_plane_of_the_cloth(designs, motions):
     # exchanging front and back turns z around; channels 0, 1 are on the front, 2, 3 behind
     turned = run(held(designs[0], (0, 50, 200, 100)))[0].middle * (1, 1, -1)
     assert np.abs(turned - motions[0].middle).max() < 1e-5
 
 
-@pytest.mark.xfail(
-    reason="float32 noise grows in the transient: 1.0e-5 to 2.7e-5 m measured against the bound of 1e-5 m"
-)
 def test_mirror_image_left_to_right(designs, motions):
     turned = run(held(designs[0], (100, 200, 50, 0)))[0].middle[:, :, ::-1] * (-1, 1, 1)
     assert np.abs(turned - motions[0].middle).max() < 1e-5
