@@ -14,7 +14,8 @@ from sim import fields
 from sim.faces import faces
 from sim.loading import load_batch
 from sim.model import HUNG
-from sim.step import Batch, Scheme, march, prepare
+from sim.scheme import Batch, Scheme
+from sim.step import march, prepare
 from sim.transfer import halt, muscle_state, read
 
 Array = NDArray[np.float64]
@@ -157,7 +158,7 @@ class Simulator:
         theta = np.zeros((batch.blocks, fields.LANES), np.float32)
         waiting: list[int] = []
         schemes = self._schemes(edges, jumps)
-        for k, (begin, end) in enumerate(pairwise(edges)):
+        for k, begin in enumerate(edges[:-1]):
             h = schemes[k].h
             if k == 0 or h != schemes[k - 1].h:
                 prepare(batch, schemes[k])

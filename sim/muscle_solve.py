@@ -1,0 +1,277 @@
+"""The muscles' part of the global solve: a low-rank (Woodbury) correction of the cloth's."""
+
+import taichi as ti
+
+from sim.fields import GREEN, LANES, F, X
+from sim.lacing import gather, interp
+from sim.sheet_solve import spectral
+
+Lanes = ti.types.vector(LANES, ti.f32)
+
+
+@ti.func
+def functionals(b, nu, nv, pt, src, c0):
+    """t[16..22] = u, v, w, (w su), (w sv), w_u, w_v at fixed point pt of the warped field at sp[src]"""
+    N = nu * nv
+    for r_ in range(4):
+        r = F.index[r_]
+        for m in range(4):
+            for lane in range(LANES):
+                k = F.start[b, pt][lane] + r * nu + m
+                for c in range(c0, 3):
+                    F.patch[b, (r * 4 + m) * 3 + c][lane] = F.modal[b, src + c * N + k][lane]
+    for c in range(c0, 3):
+        for r_ in range(4):
+            r = F.index[r_]
+            x0 = F.patch[b, r * 12 + c]
+            x1 = F.patch[b, r * 12 + 3 + c]
+            x2 = F.patch[b, r * 12 + 6 + c]
+            x3 = F.patch[b, r * 12 + 9 + c]
+            for f in range(3):
+                o = X.wu
+                if f == 1:
+                    o = X.eu_w
+                if f == 2:
+                    o = X.du
+                o += 4 * pt
+                F.row[b, f * 4 + r] = (
+                    F.point[b, o] * x0 + F.point[b, o + 1] * x1 + F.point[b, o + 2] * x2 + F.point[b, o + 3] * x3
+                )
+        F.row[b, 16 + c] = (
+            F.point[b, X.wv + 4 * pt] * F.row[b, 0]
+            + F.point[b, X.wv + 4 * pt + 1] * F.row[b, 1]
+            + F.point[b, X.wv + 4 * pt + 2] * F.row[b, 2]
+            + F.point[b, X.wv + 4 * pt + 3] * F.row[b, 3]
+        )
+    F.row[b, 19] = (
+        F.point[b, X.wv + 4 * pt] * F.row[b, 4]
+        + F.point[b, X.wv + 4 * pt + 1] * F.row[b, 5]
+        + F.point[b, X.wv + 4 * pt + 2] * F.row[b, 6]
+        + F.point[b, X.wv + 4 * pt + 3] * F.row[b, 7]
+    )
+    F.row[b, 20] = (
+        F.point[b, X.ev_w + 4 * pt] * F.row[b, 0]
+        + F.point[b, X.ev_w + 4 * pt + 1] * F.row[b, 1]
+        + F.point[b, X.ev_w + 4 * pt + 2] * F.row[b, 2]
+        + F.point[b, X.ev_w + 4 * pt + 3] * F.row[b, 3]
+    )
+    F.row[b, 21] = (
+        F.point[b, X.wv + 4 * pt] * F.row[b, 8]
+        + F.point[b, X.wv + 4 * pt + 1] * F.row[b, 9]
+        + F.point[b, X.wv + 4 * pt + 2] * F.row[b, 10]
+        + F.point[b, X.wv + 4 * pt + 3] * F.row[b, 11]
+    )
+    F.row[b, 22] = (
+        F.point[b, X.dv + 4 * pt] * F.row[b, 0]
+        + F.point[b, X.dv + 4 * pt + 1] * F.row[b, 1]
+        + F.point[b, X.dv + 4 * pt + 2] * F.row[b, 2]
+        + F.point[b, X.dv + 4 * pt + 3] * F.row[b, 3]
+    )
+
+
+@ti.func
+def weight(b, pt, f, r, m):
+    a = X.wu
+    c = X.wv
+    if f == 1:
+        a = X.eu_w
+    if f == 2:
+        c = X.ev_w
+    if f == 3:
+        a = X.du
+    if f == 4:
+        c = X.dv
+    return F.point[b, a + 4 * pt + m] * F.point[b, c + 4 * pt + r]
+
+
+@ti.func
+def green(b, nu, nv, npt):
+    """G[a,b] = response of the functionals of point a to those of point b: 0 uu, 1 vv, 2.. 5x5 normal"""
+    N = nu * nv
+    for pb_ in range(npt):
+        pb = F.index[pb_]
+        for f in range(5):
+            c0 = 0
+            if f > 0:
+                c0 = 2
+            for k_ in range(c0 * N, 3 * N):
+                k = F.index[k_]
+                F.modal[b, k] = Lanes(0.0)
+            for r_ in range(4):
+                r = F.index[r_]
+                for m in range(4):
+                    p = weight(b, pb, f, r, m)
+                    for lane in range(LANES):
+                        k = F.start[b, pb][lane] + r * nu + m
+                        for c in range(c0, 3):
+                            F.modal[b, c * N + k][lane] = p[lane]
+            spectral(b, nu, nv, c0, 3)
+            for pa_ in range(npt):
+                pa = F.index[pa_]
+                o = (pa * F.points + pb) * GREEN
+                functionals(b, nu, nv, pa, 0, c0)
+                if c0 == 0:
+                    F.green[b, o] = F.row[b, 16]
+                    F.green[b, o + 1] = F.row[b, 17]
+                for g in range(5):
+                    F.green[b, o + 2 + g * 5 + f] = F.row[b, 18 + g]
+
+
+@ti.func
+def woodbury(b, nu, nv, npt):
+    """S = 1/km + J K0^-1 J^T in the current frames, and its LDL^T"""
+    ns = npt - 1
+    for pt_ in range(npt):
+        pt = F.index[pt_]
+        gather(b, nu, nv, pt, F.fu)
+        interp(b, pt, X.grad_u, X.tmp, X.force)
+        gather(b, nu, nv, pt, F.fn)
+        interp(b, pt, X.grad_v, X.tmp, X.force)
+    for k_ in range(ns):
+        k = F.index[k_]
+        dx = F.point[b, X.dir + k]
+        dy = F.point[b, X.dir + F.points + k]
+        dz = F.point[b, X.dir + 2 * F.points + k]
+        for e in range(2):
+            p = k + e
+            sg = F.point[b, X.active + k] * (2.0 * e - 1.0)
+            ax = F.point[b, X.grad_u + p]
+            ay = F.point[b, X.grad_u + F.points + p]
+            az = F.point[b, X.grad_u + 2 * F.points + p]
+            nx = F.point[b, X.grad_v + p]
+            ny = F.point[b, X.grad_v + F.points + p]
+            nz = F.point[b, X.grad_v + 2 * F.points + p]
+            du = (dx * ax + dy * ay + dz * az) * sg
+            dv = ((ay * nz - az * ny) * dx + (az * nx - ax * nz) * dy + (ax * ny - ay * nx) * dz) * sg
+            o = X.coef + e * 7 * F.points + k
+            F.point[b, o] = du
+            F.point[b, o + F.points] = dv
+            F.point[b, o + 2 * F.points] = (dx * nx + dy * ny + dz * nz) * sg
+            F.point[b, o + 3 * F.points] = (
+                dx * F.point[b, X.tmp + p]
+                + dy * F.point[b, X.tmp + F.points + p]
+                + dz * F.point[b, X.tmp + 2 * F.points + p]
+            ) * sg
+            F.point[b, o + 4 * F.points] = (
+                dx * F.point[b, X.force + p]
+                + dy * F.point[b, X.force + F.points + p]
+                + dz * F.point[b, X.force + 2 * F.points + p]
+            ) * sg
+            F.point[b, o + 5 * F.points] = -F.point[b, X.offset + p] * du
+            F.point[b, o + 6 * F.points] = -F.point[b, X.offset + p] * dv
+    for s_ in range(ns):
+        s = F.index[s_]
+        for a in range(s, npt):  # h_a = sum over both ends of s of G[a,b] c_b
+            for i_ in range(7):
+                i = F.index[i_]
+                F.point[b, X.resp + i * F.points + a] = Lanes(0.0)
+            for e in range(2):
+                o = (a * F.points + s + e) * GREEN
+                q = X.coef + e * 7 * F.points + s
+                F.point[b, X.resp + a] = F.point[b, X.resp + a] + F.green[b, o] * F.point[b, q]
+                F.point[b, X.resp + F.points + a] = (
+                    F.point[b, X.resp + F.points + a] + F.green[b, o + 1] * F.point[b, q + F.points]
+                )
+                c2 = F.point[b, q + 2 * F.points]
+                c3 = F.point[b, q + 3 * F.points]
+                c4 = F.point[b, q + 4 * F.points]
+                c5 = F.point[b, q + 5 * F.points]
+                c6 = F.point[b, q + 6 * F.points]
+                for g in range(5):
+                    h = X.resp + (2 + g) * F.points + a
+                    og = o + 2 + 5 * g
+                    F.point[b, h] = (
+                        F.point[b, h]
+                        + (F.green[b, og] * c2 + F.green[b, og + 1] * c3 + F.green[b, og + 2] * c4)
+                        + (F.green[b, og + 3] * c5 + F.green[b, og + 4] * c6)
+                    )
+        for r_ in range(s, ns):
+            r = F.index[r_]
+            x = F.point[b, X.coef + r] * F.point[b, X.resp + r]
+            for e in ti.static(range(2)):
+                for i in ti.static(range(7)):
+                    if ti.static(e + i > 0):
+                        x = (
+                            x
+                            + F.point[b, X.coef + (e * 7 + i) * F.points + r]
+                            * F.point[b, X.resp + i * F.points + r + e]
+                        )
+            F.dual[b, r * F.points + s] = x
+        F.dual[b, s * F.points + s] = F.dual[b, s * F.points + s] * 1.00001 + F.point[b, X.compliance + s]
+    for k_ in range(ns):
+        k = F.index[k_]
+        F.dual[b, k * F.points + k] = 1.0 / F.dual[b, k * F.points + k]
+        for i_ in range(k + 1, ns):
+            i = F.index[i_]
+            ratio = F.dual[b, i * F.points + k] * F.dual[b, k * F.points + k]
+            for j in range(k + 1, i + 1):
+                F.dual[b, i * F.points + j] = F.dual[b, i * F.points + j] - ratio * F.dual[b, j * F.points + k]
+        # column k below the diagonal keeps LANES*D; divide on use
+
+
+@ti.func
+def wood_solve(b, npt):
+    """LAM <- S^-1 LAM (S[k,k] holds 1/d, S[i,k] holds l d)"""
+    ns = npt - 1
+    for k_ in range(ns):
+        k = F.index[k_]
+        t = F.point[b, X.lam + k] * F.dual[b, k * F.points + k]
+        for i_ in range(k + 1, ns):
+            i = F.index[i_]
+            F.point[b, X.lam + i] = F.point[b, X.lam + i] - F.dual[b, i * F.points + k] * t
+    for kk in range(ns):
+        k = ns - 1 - kk
+        F.point[b, X.lam + k] = F.point[b, X.lam + k] * F.dual[b, k * F.points + k]
+        t = F.point[b, X.lam + k]
+        for i_ in range(k):
+            i = F.index[i_]
+            F.point[b, X.lam + i] = F.point[b, X.lam + i] - F.dual[b, k * F.points + i] * t
+
+
+@ti.func
+def muscle_correct(b, nu, nv, npt):
+    """sp[0] <- sp[R] - Jhat^T S^-1 Jhat sp[0]; R = 6N buffer"""
+    N = nu * nv
+    for k_ in range(npt):
+        k = F.index[k_]
+        F.point[b, X.lam + k] = Lanes(0.0)
+    for p_ in range(npt):
+        p = F.index[p_]
+        functionals(b, nu, nv, p, 0, 0)
+        for i_ in range(7):
+            i = F.index[i_]
+            if p < npt - 1:
+                F.point[b, X.lam + p] = F.point[b, X.lam + p] + F.point[b, X.coef + i * F.points + p] * F.row[b, 16 + i]
+            if p > 0:
+                F.point[b, X.lam + p - 1] = (
+                    F.point[b, X.lam + p - 1] + F.point[b, X.coef + (7 + i) * F.points + p - 1] * F.row[b, 16 + i]
+                )
+    wood_solve(b, npt)
+    for p_ in range(npt):
+        p = F.index[p_]
+        for i_ in range(7):
+            i = F.index[i_]
+            F.row[b, 16 + i] = Lanes(0.0)
+            if p < npt - 1:
+                F.row[b, 16 + i] = F.row[b, 16 + i] - F.point[b, X.coef + i * F.points + p] * F.point[b, X.lam + p]
+            if p > 0:
+                F.row[b, 16 + i] = (
+                    F.row[b, 16 + i] - F.point[b, X.coef + (7 + i) * F.points + p - 1] * F.point[b, X.lam + p - 1]
+                )
+        for r_ in range(4):
+            r = F.index[r_]
+            for m in range(4):
+                o = (r * 4 + m) * 3
+                w = F.point[b, X.wv + 4 * p + r] * F.point[b, X.wu + 4 * p + m]
+                F.patch[b, o] = w * F.row[b, 16]
+                F.patch[b, o + 1] = w * F.row[b, 17]
+                F.patch[b, o + 2] = w * F.row[b, 18]
+                for f in range(1, 5):
+                    F.patch[b, o + 2] = F.patch[b, o + 2] + weight(b, p, f, r, m) * F.row[b, 18 + f]
+                for c in range(3):
+                    for lane in range(LANES):
+                        k = 6 * N + c * N + F.start[b, p][lane] + r * nu + m
+                        F.modal[b, k][lane] = F.modal[b, k][lane] + F.patch[b, (r * 4 + m) * 3 + c][lane]
+    for k_ in range(3 * N):
+        k = F.index[k_]
+        F.modal[b, k] = F.modal[b, 6 * N + k]
