@@ -10,8 +10,9 @@ def star_row(b, nu, nv, j, q: ti.template()):
     """node normals, curvatures, bending moments, and what the moments' couple puts on the two tangents"""
     s = nu + 2
     P = s * (nv + 2)
-    for i in range(nu):
-        k = F.index[(j + 1) * s + i + 1]
+    i = 0
+    while i < nu:
+        k = (j + 1) * s + i + 1
         w = k - 1
         e = k + 1
         n = k - s
@@ -44,8 +45,10 @@ def star_row(b, nu, nv, j, q: ti.template()):
         F.node[b, F.nb + k] = bx
         F.node[b, F.nb + P + k] = by
         F.node[b, F.nb + 2 * P + k] = bz
-    for i in range(nu):
-        k = F.index[(j + 1) * s + i + 1]
+        i = F.after[i]
+    i = 0
+    while i < nu:
+        k = (j + 1) * s + i + 1
         w = k - 1
         n = k - s
         has1 = ti.f32(1.0)
@@ -81,8 +84,10 @@ def star_row(b, nu, nv, j, q: ti.template()):
         F.node[b, F.pu + k] = (M1 * ux + M2 * vx) * F.node[b, F.i1 + k]
         F.node[b, F.pu + P + k] = (M1 * uy + M2 * vy) * F.node[b, F.i1 + k]
         F.node[b, F.pu + 2 * P + k] = (M1 * uz + M2 * vz) * F.node[b, F.i1 + k]
-    for i in range(nu):
-        k = F.index[(j + 1) * s + i + 1]
+        i = F.after[i]
+    i = 0
+    while i < nu:
+        k = (j + 1) * s + i + 1
         nx = F.node[b, F.n + k]
         ny = F.node[b, F.n + P + k]
         nz = F.node[b, F.n + 2 * P + k]
@@ -102,6 +107,7 @@ def star_row(b, nu, nv, j, q: ti.template()):
         F.node[b, F.nb + k] = cy * az - cz * ay
         F.node[b, F.nb + P + k] = cz * ax - cx * az
         F.node[b, F.nb + 2 * P + k] = cx * ay - cy * ax
+        i = F.after[i]
 
 
 @ti.func
@@ -118,8 +124,8 @@ def clamp_pass(b, nu, nv, hung, q):
         h = F.lane[b, HU]
         width = F.lane[b, HV]
         stiffness = F.lane[b, B1]
-    for i_ in range(count):
-        i = F.index[i_]
+    i = 0
+    while i < count:
         k = s + i + 1
         e = k + s
         if hung == 1:
@@ -143,3 +149,4 @@ def clamp_pass(b, nu, nv, hung, q):
         F.node[b, F.f + e] = F.node[b, F.f + e] + m * tz * dx * il
         F.node[b, F.f + P + e] = F.node[b, F.f + P + e] + m * tz * dy * il
         F.node[b, F.f + 2 * P + e] = F.node[b, F.f + 2 * P + e] - m * (1.0 - tz * tz)
+        i = F.after[i]

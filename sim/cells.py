@@ -13,8 +13,9 @@ def cell_row(b, nu, nv, j, q: ti.template(), v: ti.template()):
     VA = 0.5 * F.lane[b, VISC] * F.lane[b, AREA]
     ihh = F.lane[b, IHU] * F.lane[b, IHV]
     TA = 2.0 * F.lane[b, TW] * F.lane[b, AREA] * ihh * ihh
-    for i in range(nu - 1):
-        k = F.index[(j + 1) * s + i + 1]
+    i = 0
+    while i < nu - 1:
+        k = (j + 1) * s + i + 1
         ku = k + 1
         kv = k + s
         kw = kv + 1
@@ -41,8 +42,10 @@ def cell_row(b, nu, nv, j, q: ti.template(), v: ti.template()):
         F.node[b, F.cb + 2 * P + k] = bz * i2
         F.node[b, F.i1 + k] = i1
         F.node[b, F.i2 + k] = i2
-    for i in range(nu - 1):
-        k = F.index[(j + 1) * s + i + 1]
+        i = F.after[i]
+    i = 0
+    while i < nu - 1:
+        k = (j + 1) * s + i + 1
         ku = k + 1
         kv = k + s
         kw = kv + 1
@@ -70,8 +73,10 @@ def cell_row(b, nu, nv, j, q: ti.template(), v: ti.template()):
         F.node[b, F.na + 2 * P + k] = nz * il
         F.node[b, F.lu + k] = g
         F.node[b, F.lv + k] = il
-    for i in range(nu - 1):
-        k = F.index[(j + 1) * s + i + 1]
+        i = F.after[i]
+    i = 0
+    while i < nu - 1:
+        k = (j + 1) * s + i + 1
         ku = k + 1
         kv = k + s
         kw = kv + 1
@@ -103,8 +108,10 @@ def cell_row(b, nu, nv, j, q: ti.template(), v: ti.template()):
         F.node[b, F.nb + k] = TA * nd * (dx - nd * F.node[b, F.na + k])
         F.node[b, F.nb + P + k] = TA * nd * (dy - nd * F.node[b, F.na + P + k])
         F.node[b, F.nb + 2 * P + k] = TA * nd * (dz - nd * F.node[b, F.na + 2 * P + k])
-    for i in range(nu - 1):
-        k = F.index[(j + 1) * s + i + 1]
+        i = F.after[i]
+    i = 0
+    while i < nu - 1:
+        k = (j + 1) * s + i + 1
         cx = F.node[b, F.nb + k]
         cy = F.node[b, F.nb + P + k]
         cz = F.node[b, F.nb + 2 * P + k]
@@ -127,3 +134,4 @@ def cell_row(b, nu, nv, j, q: ti.template(), v: ti.template()):
         F.node[b, F.cd + k] = -m * F.node[b, F.na + k]
         F.node[b, F.cd + P + k] = -m * F.node[b, F.na + P + k]
         F.node[b, F.cd + 2 * P + k] = -m * F.node[b, F.na + 2 * P + k]
+        i = F.after[i]

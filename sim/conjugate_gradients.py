@@ -19,8 +19,8 @@ DIVERGED = 1e4  # m^2, a squared update that no lane comes back from; others do 
 def first_residual(b, nu, nv):
     """r = f where nodes are free; p = 0."""
     P = (nu + 2) * (nv + 2)
-    for k_ in range(P):
-        k = F.index[k_]
+    k = 0
+    while k < P:
         free = F.node[b, F.free + k]
         x = F.node[b, F.f + k] * free
         y = F.node[b, F.f + P + k] * free
@@ -31,6 +31,7 @@ def first_residual(b, nu, nv):
         F.node[b, F.p + k] = Lanes(0.0)
         F.node[b, F.p + P + k] = Lanes(0.0)
         F.node[b, F.p + 2 * P + k] = Lanes(0.0)
+        k = F.after[k]
     F.reduce[b, RZ] = Lanes(0.0)
     F.reduce[b, ACTIVE] = Lanes(1.0)
 
@@ -41,8 +42,8 @@ def step_length(b, nu, nv):
     P = (nu + 2) * (nv + 2)
     F.reduce[b, 1] = Lanes(0.0)
     F.reduce[b, 2] = Lanes(0.0)
-    for k_ in range(P):
-        k = F.index[k_]
+    k = 0
+    while k < P:
         free = F.node[b, F.free + k]
         x = F.node[b, F.r + k] - F.node[b, F.f + k] * free
         y = F.node[b, F.r + P + k] - F.node[b, F.f + P + k] * free
@@ -57,6 +58,7 @@ def step_length(b, nu, nv):
             u * F.node[b, F.r + k] + v * F.node[b, F.r + P + k] + w * F.node[b, F.r + 2 * P + k]
         )
         F.reduce[b, 2] = F.reduce[b, 2] + (u * x + v * y + w * z)
+        k = F.after[k]
     for lane in range(LANES):
         alpha = ti.f32(1.0)
         if F.reduce[b, 2][lane] > 0:
@@ -64,8 +66,8 @@ def step_length(b, nu, nv):
         F.reduce[b, ALPHA][lane] = alpha * F.reduce[b, ACTIVE][lane]
     alpha = F.reduce[b, ALPHA]
     more = alpha - F.reduce[b, ACTIVE]
-    for k_ in range(P):
-        k = F.index[k_]
+    k = 0
+    while k < P:
         for c in ti.static(range(3)):
             F.node[b, F.q + c * P + k] = F.node[b, F.q + c * P + k] + more * F.node[b, F.p + c * P + k]
             F.node[b, F.rp + c * P + k] = F.node[b, F.r + c * P + k]
@@ -75,6 +77,7 @@ def step_length(b, nu, nv):
         F.node[b, F.r + k] = x
         F.node[b, F.r + P + k] = y
         F.node[b, F.r + 2 * P + k] = z
+        k = F.after[k]
 
 
 @ti.func
@@ -93,8 +96,8 @@ def direction(b, nu, nv, npt, i, tolerance):
     P = (nu + 2) * (nv + 2)
     for slot in range(3):
         F.reduce[b, slot] = Lanes(0.0)
-    for k_ in range(P):
-        k = F.index[k_]
+    k = 0
+    while k < P:
         x = F.node[b, F.y + k]
         y = F.node[b, F.y + P + k]
         z = F.node[b, F.y + 2 * P + k]
@@ -105,6 +108,7 @@ def direction(b, nu, nv, npt, i, tolerance):
         F.reduce[b, 2] = F.reduce[b, 2] + (
             x * F.node[b, F.rp + k] + y * F.node[b, F.rp + P + k] + z * F.node[b, F.rp + 2 * P + k]
         )
+        k = F.after[k]
     active = 0
     for lane in range(LANES):
         beta = ti.f32(0.0)
@@ -118,9 +122,10 @@ def direction(b, nu, nv, npt, i, tolerance):
             active += 1
     beta = F.reduce[b, BETA]
     moving = F.reduce[b, ACTIVE]
-    for k_ in range(3 * P):
-        k = F.index[k_]
+    k = 0
+    while k < 3 * P:
         d = (F.node[b, F.y + k] + beta * F.node[b, F.p + k]) * moving
         F.node[b, F.p + k] = d
         F.node[b, F.q + k] = F.node[b, F.q + k] + d
+        k = F.after[k]
     return active

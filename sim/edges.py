@@ -10,9 +10,11 @@ Lanes = ti.types.vector(LANES, ti.f32)
 @ti.func
 def velocity_row(b, nu, nv, j, cv):
     for c in range(3):
-        for i in range(nu):
-            k = F.index[(c * (nv + 2) + j + 1) * (nu + 2) + i + 1]
+        i = 0
+        while i < nu:
+            k = (c * (nv + 2) + j + 1) * (nu + 2) + i + 1
             F.node[b, F.v + k] = cv * F.node[b, F.q + k] + F.node[b, F.hv + k]
+            i = F.after[i]
 
 
 @ti.func
@@ -33,8 +35,9 @@ def edge_row(
 ):
     s = nu + 2
     P = s * (nv + 2)
-    for i in range(ni):
-        k = F.index[(j + 1) * s + i + 1]
+    i = 0
+    while i < ni:
+        k = (j + 1) * s + i + 1
         e = k + st
         dx = F.node[b, q + e] - F.node[b, q + k]
         dy = F.node[b, q + P + e] - F.node[b, q + P + k]
@@ -44,6 +47,7 @@ def edge_row(
         F.node[b, t + P + k] = dy * il
         F.node[b, t + 2 * P + k] = dz * il
         F.node[b, le + k] = il
+        i = F.after[i]
     ih = F.lane[b, IHU] if ti.static(along_u) else F.lane[b, IHV]
     kh = F.lane[b, KH1] if ti.static(along_u) else F.lane[b, KH2]
     A = F.lane[b, AREA]
@@ -51,8 +55,9 @@ def edge_row(
     quadratic = F.lane[b, Q1] if ti.static(along_u) else F.lane[b, Q2]
     cubic = F.lane[b, R1] if ti.static(along_u) else F.lane[b, R2]
     vA = F.lane[b, VISC] * A * ih
-    for i in range(ni):
-        k = F.index[(j + 1) * s + i + 1]
+    i = 0
+    while i < ni:
+        k = (j + 1) * s + i + 1
         e = k + st
         w = ti.f32(1.0)
         if ti.static(along_u):
@@ -70,6 +75,7 @@ def edge_row(
         )
         F.node[b, eps + k] = ep
         F.node[b, sig + k] = w * (kA * ep + A * up * up * (quadratic + cubic * up) + vA * r)
+        i = F.after[i]
 
 
 @ti.func
@@ -93,8 +99,9 @@ def edge_force_row(
     P = s * (nv + 2)
     ih = F.lane[b, IHU] if ti.static(along_u) else F.lane[b, IHV]
     kc = 0.25 * F.lane[b, K12] * F.lane[b, AREA]
-    for i in range(ni):
-        k = F.index[(j + 1) * s + i + 1]
+    i = 0
+    while i < ni:
+        k = (j + 1) * s + i + 1
         e = k + st
         tx = F.node[b, t + k]
         ty = F.node[b, t + P + k]
@@ -113,6 +120,7 @@ def edge_force_row(
         F.node[b, out + k] = (T - ty_ * il) * tx + il * yx
         F.node[b, out + P + k] = (T - ty_ * il) * ty + il * yy
         F.node[b, out + 2 * P + k] = (T - ty_ * il) * tz + il * yz
+        i = F.after[i]
     if ti.static(along_u):  # the last column carries no edge, and was scratch
         for c in range(3):
             F.node[b, out + c * P + (j + 1) * s + nu] = Lanes(0.0)

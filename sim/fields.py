@@ -101,8 +101,8 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     F.green, F.dual = vector(points * points * GREEN), vector(points * points)
     F.table = ti.field(ti.f32, shape=(TYPES, *TABLE))
     F.count = ti.field(ti.i32, shape=blocks)
-    F.index = ti.field(ti.i32, shape=9 * nodes)
-    F.index.from_numpy(np.arange(9 * nodes, dtype=np.int32))
+    F.after = ti.field(ti.i32, shape=9 * nodes)
+    F.after.from_numpy(np.arange(1, 9 * nodes + 1, dtype=np.int32))
     F.ready = True
 
 

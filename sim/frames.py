@@ -10,8 +10,9 @@ def frames(b, nu, nv, reach):
     s = nu + 2
     P = s * (nv + 2)
     for j in range(nv):
-        for i in range(nu):
-            k = F.index[(j + 1) * s + i + 1]
+        i = 0
+        while i < nu:
+            k = (j + 1) * s + i + 1
             w = k - ti.min(reach, i)
             e = k + ti.min(reach, nu - 1 - i)
             n = k - s * ti.min(reach, j)
@@ -33,6 +34,7 @@ def frames(b, nu, nv, reach):
             F.node[b, F.fu + k] = ax * ia
             F.node[b, F.fu + P + k] = ay * ia
             F.node[b, F.fu + 2 * P + k] = az * ia
+            i = F.after[i]
 
 
 @ti.func
@@ -41,9 +43,10 @@ def warp(b, nu, nv, src: ti.template()):
     P = s * (nv + 2)
     N = nu * nv
     for j in range(nv):
-        for i in range(nu):
-            k = F.index[(j + 1) * s + i + 1]
-            o = F.index[j * nu + i]
+        i = 0
+        while i < nu:
+            k = (j + 1) * s + i + 1
+            o = j * nu + i
             m = F.node[b, F.free + k]
             x = F.node[b, src + k] * m
             y = F.node[b, src + P + k] * m
@@ -60,6 +63,7 @@ def warp(b, nu, nv, src: ti.template()):
             F.modal[b, 6 * N + o] = F.modal[b, o]
             F.modal[b, 7 * N + o] = F.modal[b, N + o]
             F.modal[b, 8 * N + o] = F.modal[b, 2 * N + o]
+            i = F.after[i]
 
 
 @ti.func
@@ -69,9 +73,10 @@ def unwarp(b, nu, nv, dst: ti.template()):
     P = s * (nv + 2)
     N = nu * nv
     for j in range(nv):
-        for i in range(nu):
-            k = F.index[(j + 1) * s + i + 1]
-            o = F.index[j * nu + i]
+        i = 0
+        while i < nu:
+            k = (j + 1) * s + i + 1
+            o = j * nu + i
             m = F.node[b, F.free + k]
             a = F.modal[b, o] * m
             v = F.modal[b, N + o] * m
@@ -85,3 +90,4 @@ def unwarp(b, nu, nv, dst: ti.template()):
             F.node[b, dst + k] = a * ux + v * (uy * nz - uz * ny) + n * nx
             F.node[b, dst + P + k] = a * uy + v * (uz * nx - ux * nz) + n * ny
             F.node[b, dst + 2 * P + k] = a * uz + v * (ux * ny - uy * nx) + n * nz
+            i = F.after[i]

@@ -14,21 +14,22 @@ Lanes = ti.types.vector(LANES, ti.f32)
 def gather(b, nu, nv, pt, src: ti.template()):
     s = nu + 2
     P = s * (nv + 2)
-    for r_ in range(4):
-        r = F.index[r_]
+    r = 0
+    while r < 4:
         for m in range(4):
             for c in range(3):
                 for lane in range(LANES):
                     F.patch[b, (r * 4 + m) * 3 + c][lane] = F.node[b, src + c * P + F.base[b, pt][lane] + r * s + m][
                         lane
                     ]
+        r = F.after[r]
 
 
 @ti.func
 def interp(b, pt, p: ti.template(), pa: ti.template(), pb: ti.template()):
     for c in range(3):
-        for r_ in range(4):
-            r = F.index[r_]
+        r = 0
+        while r < 4:
             x0 = F.patch[b, r * 12 + c]
             x1 = F.patch[b, r * 12 + 3 + c]
             x2 = F.patch[b, r * 12 + 6 + c]
@@ -45,6 +46,7 @@ def interp(b, pt, p: ti.template(), pa: ti.template(), pb: ti.template()):
                 + F.point[b, X.du + 4 * pt + 2] * x2
                 + F.point[b, X.du + 4 * pt + 3] * x3
             )
+            r = F.after[r]
         F.point[b, p + c * F.points + pt] = (
             F.point[b, X.wv + 4 * pt] * F.row[b, 0]
             + F.point[b, X.wv + 4 * pt + 1] * F.row[b, 1]
@@ -67,12 +69,13 @@ def interp(b, pt, p: ti.template(), pa: ti.template(), pb: ti.template()):
 
 @ti.func
 def points_pos(b, nu, nv, npt):
-    for pt_ in range(npt):
-        pt = F.index[pt_]
+    pt = 0
+    while pt < npt:
         gather(b, nu, nv, pt, F.q)
         interp(b, pt, X.pos, X.tan_u, X.tan_v)
-    for pt_ in range(npt):
-        pt = F.index[pt_]
+        pt = F.after[pt]
+    pt = 0
+    while pt < npt:
         ax = F.point[b, X.tan_u + pt]
         ay = F.point[b, X.tan_u + F.points + pt]
         az = F.point[b, X.tan_u + 2 * F.points + pt]
@@ -87,24 +90,27 @@ def points_pos(b, nu, nv, npt):
         F.point[b, X.normal + pt] = cx * il
         F.point[b, X.normal + F.points + pt] = cy * il
         F.point[b, X.normal + 2 * F.points + pt] = cz * il
-    for pt_ in range(npt):
-        pt = F.index[pt_]
+        pt = F.after[pt]
+    pt = 0
+    while pt < npt:
         for c in range(3):
             F.point[b, X.pos + c * F.points + pt] = (
                 F.point[b, X.pos + c * F.points + pt]
                 + F.point[b, X.offset + pt] * F.point[b, X.normal + c * F.points + pt]
             )
+        pt = F.after[pt]
 
 
 @ti.func
 def points_rate(b, nu, nv, npt, src: ti.template()):
     """DP = linearised motion of the fixed points under the nodal motion in src; uses X.force, DD as scratch"""
-    for pt_ in range(npt):
-        pt = F.index[pt_]
+    pt = 0
+    while pt < npt:
         gather(b, nu, nv, pt, src)
         interp(b, pt, X.vel, X.force, X.tmp)
-    for pt_ in range(npt):
-        pt = F.index[pt_]
+        pt = F.after[pt]
+    pt = 0
+    while pt < npt:
         ax = F.point[b, X.tan_u + pt]
         ay = F.point[b, X.tan_u + F.points + pt]
         az = F.point[b, X.tan_u + 2 * F.points + pt]
@@ -121,8 +127,9 @@ def points_rate(b, nu, nv, npt, src: ti.template()):
         F.point[b, X.force + pt] = ((gy * az - gz * ay) + (by * ez - bz * ey)) * il
         F.point[b, X.force + F.points + pt] = ((gz * ax - gx * az) + (bz * ex - bx * ez)) * il
         F.point[b, X.force + 2 * F.points + pt] = ((gx * ay - gy * ax) + (bx * ey - by * ex)) * il
-    for pt_ in range(npt):
-        pt = F.index[pt_]
+        pt = F.after[pt]
+    pt = 0
+    while pt < npt:
         nx = F.point[b, X.normal + pt]
         ny = F.point[b, X.normal + F.points + pt]
         nz = F.point[b, X.normal + 2 * F.points + pt]
@@ -134,6 +141,7 @@ def points_rate(b, nu, nv, npt, src: ti.template()):
         F.point[b, X.vel + pt] = F.point[b, X.vel + pt] + so * (x - nd * nx)
         F.point[b, X.vel + F.points + pt] = F.point[b, X.vel + F.points + pt] + so * (y - nd * ny)
         F.point[b, X.vel + 2 * F.points + pt] = F.point[b, X.vel + 2 * F.points + pt] + so * (z - nd * nz)
+        pt = F.after[pt]
 
 
 @ti.func
@@ -141,8 +149,8 @@ def back(b, nu, nv, npt, dst: ti.template()):
     """adds the fixed points' forces FP to the nodes"""
     s = nu + 2
     P = s * (nv + 2)
-    for pt_ in range(npt):
-        pt = F.index[pt_]
+    pt = 0
+    while pt < npt:
         nx = F.point[b, X.normal + pt]
         ny = F.point[b, X.normal + F.points + pt]
         nz = F.point[b, X.normal + 2 * F.points + pt]
@@ -154,8 +162,9 @@ def back(b, nu, nv, npt, dst: ti.template()):
         F.point[b, X.tmp + pt] = w * (x - nd * nx)
         F.point[b, X.tmp + F.points + pt] = w * (y - nd * ny)
         F.point[b, X.tmp + 2 * F.points + pt] = w * (z - nd * nz)
-    for pt_ in range(npt):
-        pt = F.index[pt_]
+        pt = F.after[pt]
+    pt = 0
+    while pt < npt:
         tx = F.point[b, X.tmp + pt]
         ty = F.point[b, X.tmp + F.points + pt]
         tz = F.point[b, X.tmp + 2 * F.points + pt]
@@ -171,10 +180,11 @@ def back(b, nu, nv, npt, dst: ti.template()):
         F.point[b, X.grad_v + pt] = ay * tz - az * ty
         F.point[b, X.grad_v + F.points + pt] = az * tx - ax * tz
         F.point[b, X.grad_v + 2 * F.points + pt] = ax * ty - ay * tx
-    for pt_ in range(npt):
-        pt = F.index[pt_]
-        for r_ in range(4):
-            r = F.index[r_]
+        pt = F.after[pt]
+    pt = 0
+    while pt < npt:
+        r = 0
+        while r < 4:
             for c in range(3):
                 w0 = (
                     F.point[b, X.wv + 4 * pt + r] * F.point[b, X.force + c * F.points + pt]
@@ -185,20 +195,23 @@ def back(b, nu, nv, npt, dst: ti.template()):
                     F.patch[b, (r * 4 + m) * 3 + c] = (
                         F.point[b, X.wu + 4 * pt + m] * w0 + F.point[b, X.du + 4 * pt + m] * w1
                     )
-        for r_ in range(4):
-            r = F.index[r_]
+            r = F.after[r]
+        r = 0
+        while r < 4:
             for m in range(4):
                 for c in range(3):
                     for lane in range(LANES):
                         k = dst + c * P + F.base[b, pt][lane] + r * s + m
                         F.node[b, k][lane] = F.node[b, k][lane] + F.patch[b, (r * 4 + m) * 3 + c][lane]
+            r = F.after[r]
+        pt = F.after[pt]
 
 
 @ti.func
 def tension(b, npt, cv):
     """DD, LEN, EPS, TEN and the inverse stiffness KI of every interval; DP must hold the points' velocity"""
-    for k_ in range(npt - 1):
-        k = F.index[k_]
+    k = 0
+    while k < npt - 1:
         x = F.point[b, X.pos + k + 1] - F.point[b, X.pos + k]
         y = F.point[b, X.pos + F.points + k + 1] - F.point[b, X.pos + F.points + k]
         z = F.point[b, X.pos + 2 * F.points + k + 1] - F.point[b, X.pos + 2 * F.points + k]
@@ -207,8 +220,9 @@ def tension(b, npt, cv):
         F.point[b, X.dir + F.points + k] = y * il
         F.point[b, X.dir + 2 * F.points + k] = z * il
         F.point[b, X.inv_len + k] = il
-    for k_ in range(npt - 1):
-        k = F.index[k_]
+        k = F.after[k]
+    k = 0
+    while k < npt - 1:
         F.point[b, X.eps + k] = 1.0 - 1.0 / (F.point[b, X.inv_len + k] * F.point[b, X.rest + k])
         F.point[b, X.rate + k] = (
             -(
@@ -220,8 +234,9 @@ def tension(b, npt, cv):
             )
             / F.point[b, X.rest + k]
         )
-    for k_ in range(npt - 1):
-        k = F.index[k_]
+        k = F.after[k]
+    k = 0
+    while k < npt - 1:
         for lane in range(LANES):
             x = (F.point[b, X.eps + k][lane] - FIRST_CONTRACTION) / CONTRACTION_STEP
             i = ti.min(ti.max(int(x), 0), TABLE[1] - 2)
@@ -238,26 +253,29 @@ def tension(b, npt, cv):
             h1 = f1 + F.point[b, X.gain + k][lane] * (e1 - f1)
             F.point[b, X.tension + k][lane] = h0 + f * (h1 - h0)
             F.point[b, X.compliance + k][lane] = (h0 - h1) / CONTRACTION_STEP
-    for k_ in range(npt - 1):
-        k = F.index[k_]
+        k = F.after[k]
+    k = 0
+    while k < npt - 1:
         F.point[b, X.tension + k] = F.point[b, X.active + k] * (
             F.point[b, X.tension + k] - F.point[b, X.viscosity + k] * F.point[b, X.rate + k]
         )
         F.point[b, X.compliance + k] = F.point[b, X.rest + k] / (
             F.point[b, X.compliance + k] + F.point[b, X.viscosity + k] * cv
         )
+        k = F.after[k]
 
 
 @ti.func
 def seg_to_points(b, npt, src: ti.template()):
     for c in range(3):
         F.point[b, X.force + c * F.points] = F.point[b, src] * F.point[b, X.dir + c * F.points]
-        for k_ in range(1, npt - 1):
-            k = F.index[k_]
+        k = 1
+        while k < npt - 1:
             F.point[b, X.force + c * F.points + k] = (
                 F.point[b, src + k] * F.point[b, X.dir + c * F.points + k]
                 - F.point[b, src + k - 1] * F.point[b, X.dir + c * F.points + k - 1]
             )
+            k = F.after[k]
         F.point[b, X.force + c * F.points + npt - 1] = (
             -F.point[b, src + npt - 2] * F.point[b, X.dir + c * F.points + npt - 2]
         )

@@ -13,16 +13,17 @@ Lanes = ti.types.vector(LANES, ti.f32)
 def functionals(b, nu, nv, pt, src, c0):
     """t[16..22] = u, v, w, (w su), (w sv), w_u, w_v at fixed point pt of the warped field at sp[src]"""
     N = nu * nv
-    for r_ in range(4):
-        r = F.index[r_]
+    r = 0
+    while r < 4:
         for m in range(4):
             for lane in range(LANES):
                 k = F.start[b, pt][lane] + r * nu + m
                 for c in range(c0, 3):
                     F.patch[b, (r * 4 + m) * 3 + c][lane] = F.modal[b, src + c * N + k][lane]
+        r = F.after[r]
     for c in range(c0, 3):
-        for r_ in range(4):
-            r = F.index[r_]
+        r = 0
+        while r < 4:
             x0 = F.patch[b, r * 12 + c]
             x1 = F.patch[b, r * 12 + 3 + c]
             x2 = F.patch[b, r * 12 + 6 + c]
@@ -37,6 +38,7 @@ def functionals(b, nu, nv, pt, src, c0):
                 F.row[b, f * 4 + r] = (
                     F.point[b, o] * x0 + F.point[b, o + 1] * x1 + F.point[b, o + 2] * x2 + F.point[b, o + 3] * x3
                 )
+            r = F.after[r]
         F.row[b, 16 + c] = (
             F.point[b, X.wv + 4 * pt] * F.row[b, 0]
             + F.point[b, X.wv + 4 * pt + 1] * F.row[b, 1]
@@ -88,26 +90,28 @@ def weight(b, pt, f, r, m):
 def green(b, nu, nv, npt):
     """G[a,b] = response of the functionals of point a to those of point b: 0 uu, 1 vv, 2.. 5x5 normal"""
     N = nu * nv
-    for pb_ in range(npt):
-        pb = F.index[pb_]
+    pb = 0
+    while pb < npt:
         for f in range(5):
             c0 = 0
             if f > 0:
                 c0 = 2
-            for k_ in range(c0 * N, 3 * N):
-                k = F.index[k_]
+            k = c0 * N
+            while k < 3 * N:
                 F.modal[b, k] = Lanes(0.0)
-            for r_ in range(4):
-                r = F.index[r_]
+                k = F.after[k]
+            r = 0
+            while r < 4:
                 for m in range(4):
                     p = weight(b, pb, f, r, m)
                     for lane in range(LANES):
                         k = F.start[b, pb][lane] + r * nu + m
                         for c in range(c0, 3):
                             F.modal[b, c * N + k][lane] = p[lane]
+                r = F.after[r]
             spectral(b, nu, nv, c0, 3)
-            for pa_ in range(npt):
-                pa = F.index[pa_]
+            pa = 0
+            while pa < npt:
                 o = (pa * F.points + pb) * GREEN
                 functionals(b, nu, nv, pa, 0, c0)
                 if c0 == 0:
@@ -115,20 +119,23 @@ def green(b, nu, nv, npt):
                     F.green[b, o + 1] = F.row[b, 17]
                 for g in range(5):
                     F.green[b, o + 2 + g * 5 + f] = F.row[b, 18 + g]
+                pa = F.after[pa]
+        pb = F.after[pb]
 
 
 @ti.func
 def woodbury(b, nu, nv, npt):
     """S = 1/km + J K0^-1 J^T in the current frames, and its LDL^T"""
     ns = npt - 1
-    for pt_ in range(npt):
-        pt = F.index[pt_]
+    pt = 0
+    while pt < npt:
         gather(b, nu, nv, pt, F.fu)
         interp(b, pt, X.grad_u, X.tmp, X.force)
         gather(b, nu, nv, pt, F.fn)
         interp(b, pt, X.grad_v, X.tmp, X.force)
-    for k_ in range(ns):
-        k = F.index[k_]
+        pt = F.after[pt]
+    k = 0
+    while k < ns:
         dx = F.point[b, X.dir + k]
         dy = F.point[b, X.dir + F.points + k]
         dz = F.point[b, X.dir + 2 * F.points + k]
@@ -159,12 +166,14 @@ def woodbury(b, nu, nv, npt):
             ) * sg
             F.point[b, o + 5 * F.points] = -F.point[b, X.offset + p] * du
             F.point[b, o + 6 * F.points] = -F.point[b, X.offset + p] * dv
-    for s_ in range(ns):
-        s = F.index[s_]
+        k = F.after[k]
+    s = 0
+    while s < ns:
         for a in range(s, npt):  # h_a = sum over both ends of s of G[a,b] c_b
-            for i_ in range(7):
-                i = F.index[i_]
+            i = 0
+            while i < 7:
                 F.point[b, X.resp + i * F.points + a] = Lanes(0.0)
+                i = F.after[i]
             for e in range(2):
                 o = (a * F.points + s + e) * GREEN
                 q = X.coef + e * 7 * F.points + s
@@ -185,8 +194,8 @@ def woodbury(b, nu, nv, npt):
                         + (F.green[b, og] * c2 + F.green[b, og + 1] * c3 + F.green[b, og + 2] * c4)
                         + (F.green[b, og + 3] * c5 + F.green[b, og + 4] * c6)
                     )
-        for r_ in range(s, ns):
-            r = F.index[r_]
+        r = s
+        while r < ns:
             x = F.point[b, X.coef + r] * F.point[b, X.resp + r]
             for e in ti.static(range(2)):
                 for i in ti.static(range(7)):
@@ -197,60 +206,70 @@ def woodbury(b, nu, nv, npt):
                             * F.point[b, X.resp + i * F.points + r + e]
                         )
             F.dual[b, r * F.points + s] = x
+            r = F.after[r]
         F.dual[b, s * F.points + s] = F.dual[b, s * F.points + s] * 1.00001 + F.point[b, X.compliance + s]
-    for k_ in range(ns):
-        k = F.index[k_]
+        s = F.after[s]
+    k = 0
+    while k < ns:
         F.dual[b, k * F.points + k] = 1.0 / F.dual[b, k * F.points + k]
-        for i_ in range(k + 1, ns):
-            i = F.index[i_]
+        i = k + 1
+        while i < ns:
             ratio = F.dual[b, i * F.points + k] * F.dual[b, k * F.points + k]
             for j in range(k + 1, i + 1):
                 F.dual[b, i * F.points + j] = F.dual[b, i * F.points + j] - ratio * F.dual[b, j * F.points + k]
+            i = F.after[i]
         # column k below the diagonal keeps LANES*D; divide on use
+        k = F.after[k]
 
 
 @ti.func
 def wood_solve(b, npt):
     """LAM <- S^-1 LAM (S[k,k] holds 1/d, S[i,k] holds l d)"""
     ns = npt - 1
-    for k_ in range(ns):
-        k = F.index[k_]
+    k = 0
+    while k < ns:
         t = F.point[b, X.lam + k] * F.dual[b, k * F.points + k]
-        for i_ in range(k + 1, ns):
-            i = F.index[i_]
+        i = k + 1
+        while i < ns:
             F.point[b, X.lam + i] = F.point[b, X.lam + i] - F.dual[b, i * F.points + k] * t
+            i = F.after[i]
+        k = F.after[k]
     for kk in range(ns):
         k = ns - 1 - kk
         F.point[b, X.lam + k] = F.point[b, X.lam + k] * F.dual[b, k * F.points + k]
         t = F.point[b, X.lam + k]
-        for i_ in range(k):
-            i = F.index[i_]
+        i = 0
+        while i < k:
             F.point[b, X.lam + i] = F.point[b, X.lam + i] - F.dual[b, k * F.points + i] * t
+            i = F.after[i]
 
 
 @ti.func
 def muscle_correct(b, nu, nv, npt):
     """sp[0] <- sp[R] - Jhat^T S^-1 Jhat sp[0]; R = 6N buffer"""
     N = nu * nv
-    for k_ in range(npt):
-        k = F.index[k_]
+    k = 0
+    while k < npt:
         F.point[b, X.lam + k] = Lanes(0.0)
-    for p_ in range(npt):
-        p = F.index[p_]
+        k = F.after[k]
+    p = 0
+    while p < npt:
         functionals(b, nu, nv, p, 0, 0)
-        for i_ in range(7):
-            i = F.index[i_]
+        i = 0
+        while i < 7:
             if p < npt - 1:
                 F.point[b, X.lam + p] = F.point[b, X.lam + p] + F.point[b, X.coef + i * F.points + p] * F.row[b, 16 + i]
             if p > 0:
                 F.point[b, X.lam + p - 1] = (
                     F.point[b, X.lam + p - 1] + F.point[b, X.coef + (7 + i) * F.points + p - 1] * F.row[b, 16 + i]
                 )
+            i = F.after[i]
+        p = F.after[p]
     wood_solve(b, npt)
-    for p_ in range(npt):
-        p = F.index[p_]
-        for i_ in range(7):
-            i = F.index[i_]
+    p = 0
+    while p < npt:
+        i = 0
+        while i < 7:
             F.row[b, 16 + i] = Lanes(0.0)
             if p < npt - 1:
                 F.row[b, 16 + i] = F.row[b, 16 + i] - F.point[b, X.coef + i * F.points + p] * F.point[b, X.lam + p]
@@ -258,8 +277,9 @@ def muscle_correct(b, nu, nv, npt):
                 F.row[b, 16 + i] = (
                     F.row[b, 16 + i] - F.point[b, X.coef + (7 + i) * F.points + p - 1] * F.point[b, X.lam + p - 1]
                 )
-        for r_ in range(4):
-            r = F.index[r_]
+            i = F.after[i]
+        r = 0
+        while r < 4:
             for m in range(4):
                 o = (r * 4 + m) * 3
                 w = F.point[b, X.wv + 4 * p + r] * F.point[b, X.wu + 4 * p + m]
@@ -272,6 +292,9 @@ def muscle_correct(b, nu, nv, npt):
                     for lane in range(LANES):
                         k = 6 * N + c * N + F.start[b, p][lane] + r * nu + m
                         F.modal[b, k][lane] = F.modal[b, k][lane] + F.patch[b, (r * 4 + m) * 3 + c][lane]
-    for k_ in range(3 * N):
-        k = F.index[k_]
+            r = F.after[r]
+        p = F.after[p]
+    k = 0
+    while k < 3 * N:
         F.modal[b, k] = F.modal[b, 6 * N + k]
+        k = F.after[k]

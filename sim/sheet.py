@@ -43,8 +43,9 @@ def gather_row(b, nu, nv, j, ca):
     for c in range(3):
         g = F.lane[b, GX + c]
         aA = F.lane[b, AIR] * F.lane[b, AREA]
-        for i in range(nu):
-            kk = F.index[(j + 1) * s + i + 1]
+        i = 0
+        while i < nu:
+            kk = (j + 1) * s + i + 1
             k = c * P + kk
             s1 = ti.f32(0.0)
             s2 = ti.f32(0.0)
@@ -84,3 +85,4 @@ def gather_row(b, nu, nv, j, ca):
                 - wt * aA * F.node[b, F.v + k]
                 + F.node[b, F.carry + k]
             )
+            i = F.after[i]

@@ -56,8 +56,8 @@ def factor(b, nu, nv, ca, cv):
             bj = ti.f32(5.0)
         if j == 1 or j == nv - 1:
             b1 = ti.f32(-2.0)
-        for k_ in range(nu):
-            k = F.index[k_]
+        k = 0
+        while k < nu:
             lam = F.eigen[k]
             o = j * nu + k
             fm = Lanes(1.0)
@@ -115,18 +115,21 @@ def factor(b, nu, nv, ca, cv):
                     F.factor[b, 4 * N + o] = l1
                     F.factor[b, 5 * N + o] = l2
                     F.factor[b, 6 * N + o] = 1.0 / (an - l1 * g1 - l2 * e2)
+            k = F.after[k]
 
 
 @ti.func
 def butterfly(b, nu, row):
     """Entries i and nu - 1 - i of a row of F.modal become their sum and difference, where the basis has odd vectors."""
-    for i_ in range(F.odd[None]):
-        i = F.index[row + i_]
-        k = F.index[row + nu - 1 - i_]
+    w = 0
+    while w < F.odd[None]:
+        i = row + w
+        k = row + nu - 1 - w
         x = F.modal[b, i]
         y = F.modal[b, k]
         F.modal[b, i] = x + y
         F.modal[b, k] = x - y
+        w = F.after[w]
 
 
 @ti.func
@@ -145,28 +148,32 @@ def transform(b, nu, nv, src, dst, inverse, c0, c1):
                 C += count * count
                 first = count
                 count = F.odd[None]
-            for k_ in range(count):
-                k = F.index[dst + o + first + k_]
+            i = 0
+            while i < count:
+                k = dst + o + first + i
                 F.modal[b, k] = Lanes(0.0)
+                i = F.after[i]
             for i4 in range(count // 4):
                 i = src + o + first + i4 * 4
                 g0 = F.modal[b, i]
                 g1 = F.modal[b, i + 1]
                 g2 = F.modal[b, i + 2]
                 g3 = F.modal[b, i + 3]
-                for k_ in range(count):
-                    k = F.index[k_]
+                k = 0
+                while k < count:
                     m = C + i4 * 4 * count + k
                     F.modal[b, dst + o + first + k] = (
                         F.modal[b, dst + o + first + k]
                         + (F.basis[m] * g0 + F.basis[m + count] * g1)
                         + (F.basis[m + 2 * count] * g2 + F.basis[m + 3 * count] * g3)
                     )
-            for i in range((count // 4) * 4, count):
-                g = F.modal[b, src + o + first + i]
-                for k_ in range(count):
-                    k = F.index[k_]
-                    F.modal[b, dst + o + first + k] = F.modal[b, dst + o + first + k] + F.basis[C + i * count + k] * g
+                    k = F.after[k]
+            for left in range((count // 4) * 4, count):
+                g = F.modal[b, src + o + first + left]
+                k = 0
+                while k < count:
+                    F.modal[b, dst + o + first + k] = F.modal[b, dst + o + first + k] + F.basis[C + left * count + k] * g
+                    k = F.after[k]
         if inverse == 1:
             butterfly(b, nu, dst + o)
 
@@ -176,66 +183,75 @@ def spectral(b, nu, nv, c0, c1):
     """sp <- K0^-1 sp for components c0..c1 (u, v, normal)"""
     N = nu * nv
     for c in range(c0, c1):
-        for k_ in range(nu):
-            k = F.index[k_]
+        k = 0
+        while k < nu:
             F.modal[b, c * N + k] = F.modal[b, c * N + k] * (1.0 - F.lane[b, DTOP])
             F.modal[b, c * N + N - nu + k] = F.modal[b, c * N + N - nu + k] * (1.0 - F.lane[b, DBOT])
+            k = F.after[k]
     transform(b, nu, nv, 0, 3 * N, 0, c0, c1)
     for c in range(c0, ti.min(c1, 2)):
         o = c * N
         for j in range(1, nv):
-            for k_ in range(nu):
-                k = F.index[k_]
+            k = 0
+            while k < nu:
                 F.modal[b, 3 * N + o + j * nu + k] = (
                     F.modal[b, 3 * N + o + j * nu + k]
                     - F.factor[b, 2 * c * N + j * nu + k] * F.modal[b, 3 * N + o + j * nu - nu + k]
                 )
-        for k_ in range(nu):
-            k = F.index[k_]
+                k = F.after[k]
+        k = 0
+        while k < nu:
             F.modal[b, 3 * N + o + (nv - 1) * nu + k] = (
                 F.modal[b, 3 * N + o + (nv - 1) * nu + k] * F.factor[b, 2 * c * N + N + (nv - 1) * nu + k]
             )
+            k = F.after[k]
         for jj in range(1, nv):
             j = nv - 1 - jj
-            for k_ in range(nu):
-                k = F.index[k_]
+            k = 0
+            while k < nu:
                 F.modal[b, 3 * N + o + j * nu + k] = (
                     F.modal[b, 3 * N + o + j * nu + k] * F.factor[b, 2 * c * N + N + j * nu + k]
                     - F.factor[b, 2 * c * N + j * nu + nu + k] * F.modal[b, 3 * N + o + j * nu + nu + k]
                 )
+                k = F.after[k]
     if c1 == 3:
         o = 2 * N
-        for k_ in range(nu):
-            k = F.index[k_]
+        k = 0
+        while k < nu:
             F.modal[b, 3 * N + o + nu + k] = (
                 F.modal[b, 3 * N + o + nu + k] - F.factor[b, 4 * N + nu + k] * F.modal[b, 3 * N + o + k]
             )
+            k = F.after[k]
         for j in range(2, nv):
-            for k_ in range(nu):
-                k = F.index[k_]
+            k = 0
+            while k < nu:
                 F.modal[b, 3 * N + o + j * nu + k] = (
                     F.modal[b, 3 * N + o + j * nu + k]
                     - F.factor[b, 4 * N + j * nu + k] * F.modal[b, 3 * N + o + j * nu - nu + k]
                     - F.factor[b, 5 * N + j * nu + k] * F.modal[b, 3 * N + o + j * nu - 2 * nu + k]
                 )
-        for k_ in range(nu):
-            k = F.index[k_]
+                k = F.after[k]
+        k = 0
+        while k < nu:
             F.modal[b, 3 * N + o + (nv - 1) * nu + k] = (
                 F.modal[b, 3 * N + o + (nv - 1) * nu + k] * F.factor[b, 6 * N + (nv - 1) * nu + k]
             )
-        for k_ in range(nu):
-            k = F.index[k_]
+            k = F.after[k]
+        k = 0
+        while k < nu:
             F.modal[b, 3 * N + o + (nv - 2) * nu + k] = (
                 F.modal[b, 3 * N + o + (nv - 2) * nu + k] * F.factor[b, 6 * N + (nv - 2) * nu + k]
                 - F.factor[b, 4 * N + (nv - 1) * nu + k] * F.modal[b, 3 * N + o + (nv - 1) * nu + k]
             )
+            k = F.after[k]
         for jj in range(2, nv):
             j = nv - 1 - jj
-            for k_ in range(nu):
-                k = F.index[k_]
+            k = 0
+            while k < nu:
                 F.modal[b, 3 * N + o + j * nu + k] = (
                     F.modal[b, 3 * N + o + j * nu + k] * F.factor[b, 6 * N + j * nu + k]
                     - F.factor[b, 4 * N + j * nu + nu + k] * F.modal[b, 3 * N + o + j * nu + nu + k]
                     - F.factor[b, 5 * N + j * nu + 2 * nu + k] * F.modal[b, 3 * N + o + j * nu + 2 * nu + k]
                 )
+                k = F.after[k]
     transform(b, nu, nv, 3 * N, 0, 1, c0, c1)

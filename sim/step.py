@@ -62,10 +62,11 @@ def _march_kernel(
             for m in range(table.shape[0]):
                 ca = table[m, 7]
                 cv = table[m, 8]
-                for k_ in range(npt):
-                    k = F.index[k_]
+                k = 0
+                while k < npt:
                     for lane in range(LANES):
                         F.point[b, X.pressure + k][lane] = pressure[m, b, F.channel[b, k][lane], lane]
+                    k = F.after[k]
                 predict(
                     b, nu, nv, table[m, 0], table[m, 1], table[m, 2], table[m, 3], table[m, 4], table[m, 5], table[m, 6]
                 )
@@ -96,8 +97,8 @@ def _march_kernel(
 def predict(b, nu, nv, h, am, af, ga, ia, ry, ba):
     """Histories hv, ha, and the first guess: the velocity goes on, so that viscous forces do."""
     n3 = 3 * (nu + 2) * (nv + 2)
-    for k_ in range(n3):
-        k = F.index[k_]
+    k = 0
+    while k < n3:
         x0 = F.node[b, F.x0 + k]
         v0 = F.node[b, F.v0 + k]
         a0 = F.node[b, F.a0 + k]
@@ -106,9 +107,11 @@ def predict(b, nu, nv, h, am, af, ga, ia, ry, ba):
         F.node[b, F.vp + k] = v0
         F.node[b, F.ha + k] = (1 - am) * a1 + am * a0
         F.node[b, F.hv + k] = (1 - af) * (v0 + h * (1 - ga) * a0 + h * ga * a1) + af * v0
-    for k_ in range(n3):
-        k = F.index[k_]
+        k = F.after[k]
+    k = 0
+    while k < n3:
         F.node[b, F.q + k] = (F.node[b, F.v0 + k] - F.node[b, F.hv + k]) / (h * ga * ia)
+        k = F.after[k]
 
 
 @ti.func
@@ -126,8 +129,8 @@ def finish(b, nu, nv, h, am, af, ga, ia, ry, ba):
     """From the evaluation point to the end of the step."""
     P = (nu + 2) * (nv + 2)
     for c in range(3):
-        for i_ in range(P):
-            i = F.index[i_]
+        i = 0
+        while i < P:
             k = c * P + i
             x0 = F.node[b, F.x0 + k]
             v0 = F.node[b, F.v0 + k]
@@ -138,6 +141,7 @@ def finish(b, nu, nv, h, am, af, ga, ia, ry, ba):
             F.node[b, F.v0 + k] = v0 + h * ((1 - ga) * a0 + ga * a1)
             F.node[b, F.a0 + k] = a1
             F.node[b, F.carry + k] = F.node[b, F.r + k]
+            i = F.after[i]
 
 
 @ti.kernel
