@@ -76,6 +76,7 @@ class Search:
         self._objective, self._starts, self._on_progress = objective, starts, on_progress
         self._seconds, self._evaluations = seconds, evaluations
         self._began = time.monotonic() - history.seconds
+        self._pace: dict[tuple[int, int], float] = {}  # s that a batch of a size took last in a stage
 
     @property
     def elapsed(self) -> float:
@@ -177,14 +178,16 @@ class Search:
             left = self._evaluations - self.history.evaluations
             if left <= 0:
                 raise Stop(f"the limit of {self._evaluations} evaluations is reached")
-            self._require_time()
             batch = points[len(results) : len(results) + min(BATCH, left)]
+            self._require_time(self._pace.get((number, len(batch)), 0.0))
+            begin = self.elapsed
             results += self._evaluate_batch(number, batch)
+            self._pace[number, len(batch)] = self.elapsed - begin
             self._on_progress(self)
         return results
 
-    def _require_time(self) -> None:
-        if self.elapsed > self._seconds:
+    def _require_time(self, needed: float = 0.0) -> None:
+        if self.elapsed + needed > self._seconds:
             raise Stop(f"the limit of {self._seconds:g} s is reached")
 
     def _evaluate_batch(self, number: int, batch: Sequence[Point]) -> list[tuple[float, Shape]]:

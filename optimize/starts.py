@@ -35,14 +35,15 @@ def layout_starts(
 ) -> list[Start]:
     """Up to `number` layouts on the design's cloth, each with pressures and a channel of its own for every muscle.
 
-    A count comes as often as it is large: there is more to draw. Half are parallel lines (upright, level, diagonal or
+    The first are even lines through the whole cloth, upright and level, the most muscles on each side. Of the others a
+    count comes as often as it is large: there is more to draw. Half are parallel lines (upright, level, diagonal or
     at any angle), half loose lines; all keep the limits, so that counts that do not fit the cloth are absent.
     """
     rng = np.random.default_rng(seed)
     turns = [n for lowest in range(max(counts), 0, -1) for n in counts if n >= lowest]
-    starts: list[Start] = []
+    starts = _even(design, limits, poses, max(counts), sides)[:number]
     crowded = set()
-    for i in range(number):
+    for i in range(number - len(starts)):
         count = turns[i % len(turns)]
         start = None if count in crowded else _draw(design, limits, poses, count, sides, rng)
         if start is None:
@@ -52,41 +53,71 @@ def layout_starts(
     return starts
 
 
+def _even(design: Design, limits: Limits, poses: int, count: int, sides: Sequence[Side]) -> list[Start]:
+    kind, pressures = next(iter(design.muscle_types)), np.full((poses, count), np.mean(limits.pressure))
+    gaps = (np.arange(count) + 0.5) / count - 0.5
+    found = [
+        _start(design, limits, _lines(design, limits, gaps, angle), [kind] * count, [side] * count, pressures)
+        for side in sides
+        for angle in (0.0, np.pi / 2)
+    ]
+    return [start for start in found if start is not None]
+
+
 def _draw(
     design: Design, limits: Limits, poses: int, count: int, sides: Sequence[Side], rng: Generator
 ) -> Start | None:
-    pitch = design.muscles[0].fixed_point_pitch if design.muscles else PITCH
     for _ in range(TRIES):
         lines = _parallel(design, limits, count, rng) if rng.random() < 0.5 else _loose(design, limits, count, rng)
-        muscles = tuple(
-            Muscle(
-                type=str(rng.choice(list(design.muscle_types))),
-                side=sides[int(rng.integers(len(sides)))],
-                channel=channel,
-                path=((float(a[0]), float(a[1])), (float(b[0]), float(b[1]))),
-                fixed_point_pitch=pitch,
-            )
-            for channel, (a, b) in enumerate(lines)
-        )
-        pressures = rng.uniform(*limits.pressure, (poses, count))
-        space = DesignSpace(replace(design, muscles=muscles), limits, pressures, vary_positions=True)
-        x = space.encode(space.design, pressures)
-        if space.feasible(x):
-            return space, x
+        kinds = [str(rng.choice(list(design.muscle_types))) for _ in range(count)]
+        drawn = [sides[int(rng.integers(len(sides)))] for _ in range(count)]
+        start = _start(design, limits, lines, kinds, drawn, rng.uniform(*limits.pressure, (poses, count)))
+        if start is not None:
+            return start
     return None
+
+
+def _start(
+    design: Design,
+    limits: Limits,
+    lines: NDArray[np.float64],
+    kinds: Sequence[str],
+    sides: Sequence[Side],
+    pressures: NDArray[np.float64],
+) -> Start | None:
+    """Straight muscles with a channel each; None where they break a limit."""
+    pitch = design.muscles[0].fixed_point_pitch if design.muscles else PITCH
+    muscles = tuple(
+        Muscle(
+            type=kind,
+            side=side,
+            channel=channel,
+            path=((float(a[0]), float(a[1])), (float(b[0]), float(b[1]))),
+            fixed_point_pitch=pitch,
+        )
+        for channel, (kind, side, (a, b)) in enumerate(zip(kinds, sides, lines, strict=True))
+    )
+    space = DesignSpace(replace(design, muscles=muscles), limits, pressures, vary_positions=True)
+    x = space.encode(space.design, pressures)
+    return (space, x) if space.feasible(x) else None
 
 
 def _parallel(design: Design, limits: Limits, count: int, rng: Generator) -> NDArray[np.float64]:
     """(count, 2, 2) even lines through the cloth, shortened by up to half."""
     angle = rng.choice(ANGLES) if rng.random() < 0.7 else rng.uniform(-np.pi / 2, np.pi / 2)
-    along, across = np.array([np.sin(angle), np.cos(angle)]), np.array([np.cos(angle), -np.sin(angle)])
-    low, high = _box(design, limits)
-    middle, extent = (low + high) / 2, float(np.abs(across) @ (high - low))
     gaps = (np.arange(count) + rng.uniform(0.2, 0.8, count)) / count - 0.5
-    lines = [_clipped(middle + gap * extent * across, along, low, high) for gap in gaps]
+    lines = _lines(design, limits, gaps, angle)
     kept = rng.uniform(0.5, 1.0)
     shift = rng.uniform(0.0, 1.0 - kept)
     return np.array([[a + shift * (b - a), a + (shift + kept) * (b - a)] for a, b in lines])
+
+
+def _lines(design: Design, limits: Limits, gaps: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
+    """(count, 2, 2) lines at `angle` [rad] against the v axis through the whole box, `gaps` of its extent apart."""
+    along, across = np.array([np.sin(angle), np.cos(angle)]), np.array([np.cos(angle), -np.sin(angle)])
+    low, high = _box(design, limits)
+    middle, extent = (low + high) / 2, float(np.abs(across) @ (high - low))
+    return np.array([_clipped(middle + gap * extent * across, along, low, high) for gap in gaps])
 
 
 def _loose(design: Design, limits: Limits, count: int, rng: Generator) -> NDArray[np.float64]:

@@ -28,7 +28,7 @@ except ImportError as error:  # a bare machine lacks libX11
 
     raise InputError(f"cannot load taichi ({error}); on Debian: apt install libx11-6") from error
 
-LANES = 16
+LANES = 8
 SPREAD = 512  # iterations of an outer loop that Taichi gives a thread at least: block b is iteration SPREAD b
 FUNCTIONALS = 7  # of the warped displacement at a fixed point: u, v, w, (w s_u), (w s_v), w_u, w_v
 GREEN = 27  # numbers kept for each pair of fixed points: uu, vv, and 5 x 5 of the normal component

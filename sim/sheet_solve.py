@@ -135,47 +135,61 @@ def butterfly(b, nu, row):
 @ti.func
 def transform(b, nu, nv, src, dst, inverse, c0, c1):
     """Rows of F.modal[src] times the basis across (its transpose where inverse = 1) into F.modal[dst]; even and odd
-    vectors apart. Spends src."""
-    for j in range(c0 * nv, c1 * nv):
-        o = j * nu
+    vectors apart. Spends src. Three rows at a time, so that an entry of the basis is read once for them: with one
+    component alone, up to two rows of what lies behind are spent too."""
+    for triple in range(((c1 - c0) * nv + 2) // 3):
+        x = src + (c0 * nv + 3 * triple) * nu
+        y = dst + (c0 * nv + 3 * triple) * nu
         if inverse == 0:
-            butterfly(b, nu, src + o)
+            for row in range(3):
+                butterfly(b, nu, x + row * nu)
         for part in range(2):
-            first = 0
             count = nu - F.odd[None]
             C = inverse * (count * count + F.odd[None] * F.odd[None])
+            first = 0
             if part == 1:
                 C += count * count
                 first = count
                 count = F.odd[None]
-            i = 0
-            while i < count:
-                k = dst + o + first + i
-                F.modal[b, k] = Lanes(0.0)
-                i = F.after[i]
-            for i4 in range(count // 4):
-                i = src + o + first + i4 * 4
-                g0 = F.modal[b, i]
-                g1 = F.modal[b, i + 1]
-                g2 = F.modal[b, i + 2]
-                g3 = F.modal[b, i + 3]
-                k = 0
-                while k < count:
-                    m = C + i4 * 4 * count + k
-                    F.modal[b, dst + o + first + k] = (
-                        F.modal[b, dst + o + first + k]
-                        + (F.basis[m] * g0 + F.basis[m + count] * g1)
-                        + (F.basis[m + 2 * count] * g2 + F.basis[m + 3 * count] * g3)
-                    )
-                    k = F.after[k]
-            for left in range((count // 4) * 4, count):
-                g = F.modal[b, src + o + first + left]
-                k = 0
-                while k < count:
-                    F.modal[b, dst + o + first + k] = F.modal[b, dst + o + first + k] + F.basis[C + left * count + k] * g
-                    k = F.after[k]
+            multiply_rows(b, nu, x + first, y + first, C, count)
         if inverse == 1:
-            butterfly(b, nu, dst + o)
+            for row in range(3):
+                butterfly(b, nu, y + row * nu)
+
+
+@ti.func
+def multiply_rows(b, nu, x, y, C, count):
+    """Three rows of F.modal at y = those at x times the count x count matrix at C of F.basis."""
+    k = 0
+    while k < count:
+        for row in ti.static(range(3)):
+            F.modal[b, y + row * nu + k] = Lanes(0.0)
+        k = F.after[k]
+    for pair in range(count // 2):
+        m = C + 2 * pair * count
+        i = x + 2 * pair
+        a0 = F.modal[b, i]
+        a1 = F.modal[b, i + 1]
+        b0 = F.modal[b, i + nu]
+        b1 = F.modal[b, i + nu + 1]
+        c0 = F.modal[b, i + 2 * nu]
+        c1 = F.modal[b, i + 2 * nu + 1]
+        k = 0
+        while k < count:
+            p = F.basis[m + k]
+            q = F.basis[m + count + k]
+            F.modal[b, y + k] = F.modal[b, y + k] + (p * a0 + q * a1)
+            F.modal[b, y + nu + k] = F.modal[b, y + nu + k] + (p * b0 + q * b1)
+            F.modal[b, y + 2 * nu + k] = F.modal[b, y + 2 * nu + k] + (p * c0 + q * c1)
+            k = F.after[k]
+    if count % 2 == 1:
+        last = count - 1
+        k = 0
+        while k < count:
+            p = F.basis[C + last * count + k]
+            for row in ti.static(range(3)):
+                F.modal[b, y + row * nu + k] = F.modal[b, y + row * nu + k] + p * F.modal[b, x + row * nu + last]
+            k = F.after[k]
 
 
 @ti.func

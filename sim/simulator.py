@@ -19,7 +19,7 @@ from sim.step import march, prepare
 from sim.transfer import halt, muscle_state, read
 
 Array = NDArray[np.float64]
-BLOCKS = 4  # of LANES designs in the fields at once
+BLOCKS = 8  # of LANES designs in the fields at once
 REACH = 0.020  # m, half width over which the preconditioner's frames are averaged
 FREE = HUNG["none"]
 MIDPOINT = 2.0  # Scheme's mark of the implicit midpoint rule

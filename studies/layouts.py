@@ -73,7 +73,7 @@ def forward_models(fine: ForwardModel | None, coarse: ForwardModel | None) -> tu
         return fine, coarse or fine
     from sim import Simulator  # here: it loads and starts taichi
 
-    return Simulator(points_per_side=41), coarse or Simulator(points_per_side=21)
+    return Simulator(points_per_side=41), coarse or Simulator(points_per_side=21, tolerance=1e-6)
 
 
 def _limits(study: Study) -> Limits:
