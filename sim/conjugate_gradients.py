@@ -7,11 +7,13 @@ import taichi as ti
 
 from sim.fields import LANES, F
 from sim.frames import unwarp, warp
+from sim.model import HUNG
 from sim.muscle_solve import muscle_correct
 from sim.sheet_solve import spectral
 
 Lanes = ti.types.vector(LANES, ti.f32)
 RZ, BETA, ACTIVE, ALPHA = 4, 5, 6, 7  # slots of F.reduce
+FREE = HUNG["none"]  # also: held at points
 DIVERGED = 1e4  # m^2, a squared update that no lane comes back from; others do not wait for it, nor for a NaN
 
 
@@ -37,7 +39,7 @@ def first_residual(b, nu, nv):
 
 
 @ti.func
-def step_length(b, nu, nv):
+def step_length(b, nu, nv, hung):
     """f holds the residual at q + p: step alpha = p.r / p.(r - r(q + p)), and the residual there by interpolation."""
     P = (nu + 2) * (nv + 2)
     F.reduce[b, 1] = Lanes(0.0)
@@ -59,10 +61,13 @@ def step_length(b, nu, nv):
         )
         F.reduce[b, 2] = F.reduce[b, 2] + (u * x + v * y + w * z)
         k = F.after[k]
+    least = ti.f32(0.1)
+    if hung == FREE:  # nodes held one by one are not in the preconditioner: what they hold is stiffer by far than there
+        least = ti.f32(1e-6)
     for lane in range(LANES):
         alpha = ti.f32(1.0)
         if F.reduce[b, 2][lane] > 0:
-            alpha = ti.min(2.0, ti.max(0.1, F.reduce[b, 1][lane] / F.reduce[b, 2][lane]))
+            alpha = ti.min(2.0, ti.max(least, F.reduce[b, 1][lane] / F.reduce[b, 2][lane]))
         F.reduce[b, ALPHA][lane] = alpha * F.reduce[b, ACTIVE][lane]
     alpha = F.reduce[b, ALPHA]
     more = alpha - F.reduce[b, ACTIVE]

@@ -20,10 +20,13 @@ from sim.conjugate_gradients import direction, first_residual, step_length
 from sim.fields import LANES, SPREAD, F, Timed, X
 from sim.frames import frames
 from sim.lacing import back, points_pos, points_rate, seg_to_points, tension
+from sim.model import HUNG
 from sim.muscle_solve import green, woodbury
 from sim.scheme import Batch, Scheme
 from sim.sheet import fabric_force
 from sim.sheet_solve import factor
+
+FREE = HUNG["none"]  # also: held at points
 
 
 def prepare(batch: Batch, scheme: Scheme) -> None:
@@ -42,7 +45,9 @@ def march(
     refresh: in so many of the first iterations the preconditioner turns with the shape.
     tolerance [m]: a lane has converged when the RMS over nodes of its preconditioned residual falls below it.
     """
-    table = np.array([(*s.coefficients, s.ca, s.cv) for s in schemes], np.float32)
+    # where nodes are held one by one, long steps to rest do not converge in a few iterations: there is nothing to carry
+    carried = [0.0 if batch.hung == FREE and scheme.rho < 0 else 1.0 for scheme in schemes]
+    table = np.array([(*s.coefficients, s.ca, s.cv, c) for s, c in zip(schemes, carried, strict=True)], np.float32)
     turns = np.broadcast_to(np.asarray(refresh, np.int32), len(schemes)).copy()
     _march(
         *batch.grid, batch.points, batch.hung, batch.reach, iterations, tolerance, table, turns,
@@ -79,7 +84,7 @@ def _march_kernel(
                     if i == 0:
                         first_residual(b, nu, nv)
                     else:
-                        step_length(b, nu, nv)
+                        step_length(b, nu, nv, hung)
                     if i < iterations:
                         if i < turns[m]:
                             frames(b, nu, nv, reach)
@@ -89,8 +94,9 @@ def _march_kernel(
                             i = iterations
                     i += 1
                 finish(
-                    b, nu, nv, table[m, 0], table[m, 1], table[m, 2], table[m, 3], table[m, 4], table[m, 5], table[m, 6]
-                )
+                    b, nu, nv, table[m, 0], table[m, 1], table[m, 2], table[m, 3], table[m, 4], table[m, 5],
+                    table[m, 6], table[m, 9],
+                )  # fmt: skip
 
 
 @ti.func
@@ -125,7 +131,7 @@ def muscles(b, nu, nv, npt, cv):
 
 
 @ti.func
-def finish(b, nu, nv, h, am, af, ga, ia, ry, ba):
+def finish(b, nu, nv, h, am, af, ga, ia, ry, ba, carried):
     """From the evaluation point to the end of the step."""
     P = (nu + 2) * (nv + 2)
     for c in range(3):
@@ -140,7 +146,7 @@ def finish(b, nu, nv, h, am, af, ga, ia, ry, ba):
             F.node[b, F.x0 + k] = x0 + d
             F.node[b, F.v0 + k] = v0 + h * ((1 - ga) * a0 + ga * a1)
             F.node[b, F.a0 + k] = a1
-            F.node[b, F.carry + k] = F.node[b, F.r + k]
+            F.node[b, F.carry + k] = carried * F.node[b, F.r + k]
             i = F.after[i]
 
 
