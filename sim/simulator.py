@@ -146,7 +146,7 @@ class Simulator:
     def _roll(self, batch: Batch, cases: Sequence[Case], times: Sequence[Array], chosen: list[int]) -> list[Motion]:
         n, tick = self.points_per_side, self.time_step
         wanted = [np.asarray(times[i], dtype=float) for i in chosen]
-        ticks = max((int(np.ceil(t[-1] / tick - 1e-6)) for t in wanted if len(t)), default=1)
+        ticks = max([1, *(int(np.ceil(t[-1] / tick - 1e-6)) for t in wanted if len(t))])
         jumps = set(_jumps(cases[chosen[0]].program, tick, JUMP))
         edges = step_edges(ticks, _jumps(cases[chosen[0]].program, tick, LARGE), calm=self.calm_steps)
         instants = np.asarray(tick * edges, dtype=np.float64)

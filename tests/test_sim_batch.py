@@ -64,6 +64,12 @@ def test_frames_at_any_instants(cases, motions):
     assert np.abs(motion.middle[3] - between).max() < 0.02 * np.abs(motion.middle[4] - motion.middle[2]).max()
 
 
+def test_frame_at_rest_alone(designs):
+    rest = run(held(designs[0], (200, 100, 0, 50)), times=np.array([0.0]))[0]
+    later = run(held(designs[0], (200, 100, 0, 50)), times=np.array([0.0, 0.1]))[0]
+    assert np.array_equal(rest.middle[0], later.middle[0])
+
+
 def test_cases_of_one_batch_have_times_of_their_own(cases, motions):
     short, long = SIMULATOR.run([cases[1], cases[0]], [np.array([0.02]), TIMES])
     assert short.points.shape == (1, 3362, 3)
