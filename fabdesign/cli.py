@@ -215,8 +215,9 @@ def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, output: 
     from fabdesign.measurement_set import read_set
     from fabdesign.model_file import write_model
     from fabdesign.output import new_file
+    from studies.bad_data import sound_trials
     from studies.calibrate import calibrate as calibrate_set
-    from studies.calibrate import orders_of, sound_trials
+    from studies.calibrate import orders_of
     from studies.calibrate_report import as_text
 
     measured, skipped = sound_trials(read_set(source), skip_bad=skip_bad)
@@ -267,7 +268,7 @@ def evaluate(
     from fabdesign.measurement_set import read_set
     from fabdesign.model_file import read_model
     from fabdesign.output import new_folder
-    from studies.calibrate import sound_trials
+    from studies.bad_data import sound_trials
     from studies.evaluate import evaluate_sets
     from studies.evaluation_report import tables_markdown, write_evaluation
     from studies.predict import factors_of

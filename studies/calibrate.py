@@ -132,24 +132,3 @@ def orders_of(text: str) -> list[int]:
         return [int(part) for part in text.split(",")]
     except ValueError:
         raise InputError(f"--fit {text}: expected orders of trials by comma, such as 0,2,5") from None
-
-
-def sound_trials(measured: MeasurementSet, *, skip_bad: bool) -> tuple[MeasurementSet, tuple[str, ...]]:
-    """The set without its unsound trials, and a line on each of them. Every trial is read.
-
-    Raises InputError for the first one unless `skip_bad`, and where none is left.
-    """
-    sound, skipped = [], []
-    for trial in measured.trials:
-        try:
-            trial.load()
-        except InputError as error:
-            if not skip_bad:
-                raise
-            skipped.append(str(error))
-        else:
-            sound.append(trial)
-    if not sound:
-        raise InputError(f"{measured.name}: no sound trial; the first: {skipped[0]}")
-    kept = MeasurementSet(measured.name, measured.designs, tuple(sound), measured.description, measured.frame_rate)
-    return kept, tuple(skipped)

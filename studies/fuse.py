@@ -19,6 +19,7 @@ from fabdesign.errors import InputError
 from fabdesign.measurement_set import NewTrial, TrialData, write_set
 from fabdesign.output import new_folder
 from fabdesign.recording import Convention, Recording, read_recording
+from studies.bad_data import Tolerance
 
 if TYPE_CHECKING:
     from studies.fuse_input import Anchored
@@ -77,7 +78,7 @@ def fuse(
     from studies import fuse_input
 
     given = recording if isinstance(recording, Recording) else read_recording(recording, convention=convention)
-    tolerance = fuse_input.Tolerance(skip_bad)
+    tolerance = Tolerance(skip_bad)
     with new_folder(Path(out)) as unfinished:
         anchored = fuse_input.anchor_sensors(given, tolerance)
         views = fuse_input.read_views(given, anchored, tolerance)

@@ -1,14 +1,15 @@
 """From a recording's files to cleaned views and anchored poses; what is unsound is refused, or left out and listed."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.recording import Recording, Sensor
+from studies.bad_data import Tolerance
 from studies.fuse_checks import DISAGREE, disagreement, late_sensor, swapped_pair
 from studies.fuse_cleaning import clean
 from studies.fuse_joint import View, align
@@ -17,27 +18,6 @@ from studies.fuse_reference import Pose, off, register_to_rest
 Array = NDArray[np.float64]
 REST = -1  # the frame number of the reference
 NOMINAL_ERROR = (np.radians(1.0), 0.005)  # rad and m that poses are taken to be off, where there is no reference
-
-
-@dataclass
-class Tolerance:
-    """Whether bad data end the work or are left out, and the list of what was."""
-
-    skip_bad: bool
-    skipped: list[str] = field(default_factory=list)
-
-    @contextmanager
-    def forgiving(self) -> Iterator[None]:
-        """A block whose InputError is noted and passed over, if bad data may be skipped."""
-        try:
-            yield
-        except InputError as error:
-            self.note(error)
-
-    def note(self, error: InputError) -> None:
-        if not self.skip_bad:
-            raise error
-        self.skipped.append(str(error))
 
 
 @dataclass(frozen=True, eq=False)

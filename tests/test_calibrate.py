@@ -13,7 +13,8 @@ from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
 from fabdesign.model_file import read_model, write_model
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.surface import Surface
-from studies.calibrate import calibrate, sound_trials
+from studies.bad_data import sound_trials
+from studies.calibrate import calibrate
 from studies.calibrate_clouds import Sample, derivatives, match
 from studies.calibrate_fit import PRIOR
 from studies.calibrate_report import as_text
