@@ -7,13 +7,12 @@ import taichi as ti
 
 from sim.fields import LANES, F
 from sim.frames import unwarp, warp
-from sim.model import HUNG
+from sim.model import FREE
 from sim.muscle_solve import muscle_correct
 from sim.sheet_solve import spectral
 
 Lanes = ti.types.vector(LANES, ti.f32)
 RZ, BETA, ACTIVE, ALPHA = 4, 5, 6, 7  # slots of F.reduce
-FREE = HUNG["none"]  # also: held at points
 DIVERGED = 1e4  # m^2, a squared update that no lane comes back from; others do not wait for it, nor for a NaN
 
 

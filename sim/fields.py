@@ -1,12 +1,15 @@
 """The one owner of Taichi: starts it, and holds every array that the kernels work on.
 
-Layout (measured, see docs/results/simulator.md): designs ride side by side in lanes of 16, innermost, as the entries
-of one `Vector.field(16)`, so that LLVM emits vector loads and stores; a block of 16 designs belongs to one thread.
+Layout (measured, see docs/results/simulator.md): LANES designs ride side by side, innermost, as the entries
+of one `Vector.field(LANES)`, so that LLVM emits vector loads and stores; a block of them belongs to one thread.
 
 Node arrays are planes of `F.node`: component c of node (row j, column i) of an nv x nu grid is entry
 `F.plane_name + c * P + k`, with P = (nu + 2)(nv + 2), k = (j + 1)(nu + 2) + i + 1: a ring of zero ghosts lies around.
 Arrays over fixed points are planes of `F.point`, `X.plane_name + c * F.points + index`. An interval of a muscle has the
 index of its first fixed point. Offsets are constants of the compiled kernels; grid size and counts are run-time values.
+
+Inner loops are `while` loops that step by `k = F.after[k]`, which is k + 1: where LLVM foresees the next index, it
+spends nine tenths of the compile time on the loop.
 """
 
 import contextlib
@@ -100,7 +103,6 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     F.odd = ti.field(ti.i32, shape=())
     F.green, F.dual = vector(points * points * GREEN), vector(points * points)
     F.table = ti.field(ti.f32, shape=(TYPES, *TABLE))
-    F.count = ti.field(ti.i32, shape=blocks)
     F.after = ti.field(ti.i32, shape=9 * nodes)
     F.after.from_numpy(np.arange(1, 9 * nodes + 1, dtype=np.int32))
     F.ready = True

@@ -16,6 +16,7 @@ from sim import fields as f
 
 Array = NDArray[np.float64]
 HUNG = {"top": 0, "bottom": 1, "left": 2, "right": 3, "none": 4}
+FREE = HUNG["none"]  # also: held at points
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +53,11 @@ def line_weights(t: float, nodes: int, spacing: float) -> tuple[int, Array, Arra
             fold[node - first, k] = 1
     value, slope = fold @ value, fold @ slope
     return first, value, slope, value * ((first + np.arange(4)) * spacing - t)
+
+
+def hung_code(fabric: Fabric) -> int:
+    """Of HUNG; held at points is free to the preconditioner."""
+    return HUNG[fabric.hung] if isinstance(fabric.hung, str) else FREE
 
 
 def lace(design: Design, n: int) -> Lacing:
@@ -114,7 +120,7 @@ def lane_constants(design: Design, factors: Mapping[str, float], n: int) -> Arra
     d1, d2, d12, twist = (bending * d for d in bending_rigidities(fabric))
     laced = sum(design.muscle_types[m.type].mass_per_length * m.length for m in design.muscles)
     mass = density * fabric.areal_density + laced / (fabric.width * fabric.height)
-    hung = HUNG[fabric.hung] if isinstance(fabric.hung, str) else 4
+    hung = hung_code(fabric)
     c = np.zeros(f.LANE_CONSTANTS)
     c[[f.HU, f.HV, f.IHU, f.IHV, f.AREA]] = hu, hv, 1 / hu, 1 / hv, hu * hv
     c[[f.KH1, f.KH2, f.K12, f.SH]] = (

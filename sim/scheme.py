@@ -2,13 +2,15 @@
 
 from dataclasses import dataclass
 
+MIDPOINT = 2.0  # Scheme.rho of the implicit midpoint rule
+
 
 @dataclass(frozen=True)
 class Scheme:
     """Coefficients of one step of `h` seconds.
 
-    rho in [0, 1]: generalised-alpha. rho = 2: the implicit midpoint rule, which needs no acceleration from before and
-    so keeps second order where the pressure jumps. rho < 0: backward Euler.
+    rho in [0, 1]: generalised-alpha. rho = MIDPOINT: the implicit midpoint rule, which needs no acceleration from
+    before and so keeps second order where the pressure jumps. rho < 0: backward Euler.
     """
 
     h: float
@@ -19,7 +21,7 @@ class Scheme:
         """h, alpha_m, alpha_f, gamma, 1 / (beta h^2), 1 / (1 - alpha_f), 1 / (2 beta) - 1."""
         if self.rho < 0:
             return self.h, 0.0, 0.0, 1.0, 1.0 / self.h**2, 1.0, 0.0
-        if self.rho == 2:
+        if self.rho == MIDPOINT:
             return self.h, 0.0, 0.5, 1.0, 2.0 / self.h**2, 2.0, 0.0
         am, af = (2 * self.rho - 1) / (self.rho + 1), self.rho / (self.rho + 1)
         gamma, beta = 0.5 - am + af, 0.25 * (1 - am + af) ** 2
@@ -36,6 +38,12 @@ class Scheme:
         """d v / d q [1/s]."""
         h, _, _, gamma, ia, _, _ = self.coefficients
         return h * gamma * ia
+
+    @property
+    def turns(self) -> int:
+        """In so many of its first iterations the preconditioner turns with the shape: once where the step before was
+        much like it."""
+        return 1 if 0 <= self.rho <= 1 else 2
 
 
 @dataclass(frozen=True)

@@ -13,16 +13,14 @@ from fabdesign.pressure import PressureProgram
 from sim import fields
 from sim.faces import faces
 from sim.loading import load_batch
-from sim.model import HUNG
-from sim.scheme import Batch, Scheme
+from sim.model import FREE, hung_code
+from sim.scheme import MIDPOINT, Batch, Scheme
 from sim.step import march, prepare
 from sim.transfer import halt, muscle_state, read
 
 Array = NDArray[np.float64]
 BLOCKS = 8  # of LANES designs in the fields at once
 REACH = 0.020  # m, half width over which the preconditioner's frames are averaged
-FREE = HUNG["none"]
-MIDPOINT = 2.0  # Scheme's mark of the implicit midpoint rule
 AFTER_JUMP = ((16, 1), (128, 2))  # until so many ticks after a large jump, a step takes at most so many
 LARGE = 50e3  # Pa, a jump that needs them
 JUMP = 1e3  # Pa between one step and the next
@@ -52,6 +50,14 @@ class Motion:
 
 
 @dataclass(frozen=True)
+class Jumps:
+    """Ticks in which a set point of a program moves by more than JUMP, and by more than LARGE; rest is at zero."""
+
+    every: tuple[int, ...]
+    large: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class Simulator:
     """Extended position-based dynamics of laced cloth (Macklin et al. 2016; docs/model.md), many designs at once.
 
@@ -78,14 +84,11 @@ class Simulator:
         """Motions with mid-surfaces, contractions and tensions; each starts from equilibrium at zero pressure."""
         results: list[Motion | None] = [None] * len(cases)
         with fields.lock:
-            jumps = [
-                (_jumps(case.program, self.time_step, JUMP), _jumps(case.program, self.time_step, LARGE))
-                for case in cases
-            ]
+            jumps = [_jumps(case.program, self.time_step) for case in cases]
             for chosen in self._chunks(cases, jumps):
                 batch = self._load([cases[i] for i in chosen])
                 self._hang(batch, _channels(cases, chosen))
-                for i, motion in zip(chosen, self._roll(batch, cases, times, chosen), strict=True):
+                for i, motion in zip(chosen, self._roll(batch, cases, times, chosen, jumps[chosen[0]]), strict=True):
                     results[i] = motion
         return [motion for motion in results if motion is not None]
 
@@ -107,16 +110,17 @@ class Simulator:
         result does not depend on its neighbours, and BLOCKS x LANES designs at most."""
         groups: dict[tuple[int, object], list[int]] = {}
         for i, case in enumerate(cases):
-            groups.setdefault((_hung(case), jumps[i]), []).append(i)
+            groups.setdefault((hung_code(case.design.fabric), jumps[i]), []).append(i)
         size = BLOCKS * fields.LANES
         return [group[k : k + size] for group in groups.values() for k in range(0, len(group), size)]
 
     def _load(self, cases: list[Case]) -> Batch:
         n = self.points_per_side
         spacing = max(case.design.fabric.height for case in cases) / (n - 1)
-        points = load_batch(cases, n, hung=_hung(cases[0]), blocks=BLOCKS)
+        hung = hung_code(cases[0].design.fabric)
+        points = load_batch(cases, n, hung=hung, blocks=BLOCKS)
         blocks = -(-len(cases) // fields.LANES)
-        return Batch(blocks, n, n, points, _hung(cases[0]), max(1, round(REACH / spacing)))
+        return Batch(blocks, n, n, points, hung, max(1, round(REACH / spacing)))
 
     def _hang(self, batch: Batch, channels: int) -> None:
         """Equilibrium at zero pressure."""
@@ -143,12 +147,13 @@ class Simulator:
                 iterations=self.iterations, tolerance=self.tolerance,
             )  # fmt: skip
 
-    def _roll(self, batch: Batch, cases: Sequence[Case], times: Sequence[Array], chosen: list[int]) -> list[Motion]:
+    def _roll(
+        self, batch: Batch, cases: Sequence[Case], times: Sequence[Array], chosen: list[int], jumps: Jumps
+    ) -> list[Motion]:
         n, tick = self.points_per_side, self.time_step
         wanted = [np.asarray(times[i], dtype=float) for i in chosen]
         ticks = max([1, *(int(np.ceil(t[-1] / tick - 1e-6)) for t in wanted if len(t))])
-        jumps = set(_jumps(cases[chosen[0]].program, tick, JUMP))
-        edges = step_edges(ticks, _jumps(cases[chosen[0]].program, tick, LARGE), calm=self.calm_steps)
+        edges = step_edges(ticks, jumps.large, calm=self.calm_steps)
         instants = np.asarray(tick * edges, dtype=np.float64)
         program = _stack([step_pressures(cases[i].program, instants) for i in chosen], batch.blocks)
         middle = [np.full((len(t), n, n, 3), np.nan, np.float32) for t in wanted]
@@ -156,19 +161,18 @@ class Simulator:
         due = [np.clip(np.searchsorted(instants, t - 1e-9) - 1, 0, len(edges) - 2) for t in wanted]
         places = _frames_by_step(due)
         theta = np.zeros((batch.blocks, fields.LANES), np.float32)
-        waiting: list[int] = []
-        schemes = self._schemes(edges, jumps)
+        first = 0  # step that has not been taken
+        schemes = self._schemes(edges, set(jumps.every))
         for k, begin in enumerate(edges[:-1]):
             h = schemes[k].h
             if k == 0 or h != schemes[k - 1].h:
                 prepare(batch, schemes[k])
-            waiting.append(k)
             if k in places or k + 1 == len(schemes) or schemes[k + 1].h != h:
-                first, waiting = waiting[0], []
                 march(
-                    batch, schemes[first : k + 1], program[first : k + 1], iterations=self.iterations,
-                    tolerance=self.tolerance, refresh=[2 if s.rho == MIDPOINT else 1 for s in schemes[first : k + 1]],
+                    batch, schemes[first : k + 1], program[first : k + 1],
+                    iterations=self.iterations, tolerance=self.tolerance,
                 )  # fmt: skip
+                first = k + 1
             for frames in _layers(places.get(k, [])):
                 for lane, frame in frames:
                     theta[divmod(lane, fields.LANES)] = np.clip((wanted[lane][frame] - begin * tick) / h, 0, 1)
@@ -221,14 +225,14 @@ def step_pressures(program: PressureProgram, edges: Array) -> NDArray[np.float32
     return (np.diff(integral, axis=0) / np.diff(edges)[:, None]).astype(np.float32)
 
 
-def _jumps(program: PressureProgram, tick: float, least: float) -> tuple[int, ...]:
-    """Ticks in which a set point moves by more than `least` Pa; rest is at zero."""
+def _jumps(program: PressureProgram, tick: float) -> Jumps:
     last = int(np.ceil(program.time[-1] / tick)) + 2
     pressure = step_pressures(program, np.linspace(0.0, tick * last, last + 1))
     change = np.abs(np.diff(np.concatenate([np.zeros((1, pressure.shape[1])), pressure]), axis=0)).max(
         axis=1, initial=0
     )
-    return tuple(int(k) for k in np.flatnonzero(change > least))
+    every, large = (tuple(int(k) for k in np.flatnonzero(change > least)) for least in (JUMP, LARGE))
+    return Jumps(every, large)
 
 
 def _damped(case: Case) -> Case:
@@ -236,11 +240,6 @@ def _damped(case: Case) -> Case:
     fabric = case.design.fabric
     drag = max(fabric.air_damping, 2 * SWING * fabric.areal_density)
     return replace(case, design=replace(case.design, fabric=replace(fabric, air_damping=drag)))
-
-
-def _hung(case: Case) -> int:
-    hung = case.design.fabric.hung
-    return HUNG[hung] if isinstance(hung, str) else HUNG["none"]
 
 
 def _channels(cases: Sequence[Case], chosen: list[int]) -> int:

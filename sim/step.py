@@ -20,13 +20,11 @@ from sim.conjugate_gradients import direction, first_residual, step_length
 from sim.fields import LANES, SPREAD, F, Timed, X
 from sim.frames import frames
 from sim.lacing import back, points_pos, points_rate, seg_to_points, tension
-from sim.model import HUNG
+from sim.model import FREE
 from sim.muscle_solve import green, woodbury
 from sim.scheme import Batch, Scheme
 from sim.sheet import fabric_force
 from sim.sheet_solve import factor
-
-FREE = HUNG["none"]  # also: held at points
 
 
 def prepare(batch: Batch, scheme: Scheme) -> None:
@@ -37,18 +35,16 @@ def prepare(batch: Batch, scheme: Scheme) -> None:
 
 
 def march(
-    batch: Batch, schemes: Sequence[Scheme], pressure: NDArray[np.float32], *, iterations: int, tolerance: float,
-    refresh: Sequence[int] | int = 2,
-) -> None:  # fmt: skip
+    batch: Batch, schemes: Sequence[Scheme], pressure: NDArray[np.float32], *, iterations: int, tolerance: float
+) -> None:
     """Advance all lanes by len(schemes) steps under `pressure` (steps, blocks, channels, LANES) Pa.
 
-    refresh: in so many of the first iterations the preconditioner turns with the shape.
     tolerance [m]: a lane has converged when the RMS over nodes of its preconditioned residual falls below it.
     """
     # where nodes are held one by one, long steps to rest do not converge in a few iterations: there is nothing to carry
     carried = [0.0 if batch.hung == FREE and scheme.rho < 0 else 1.0 for scheme in schemes]
     table = np.array([(*s.coefficients, s.ca, s.cv, c) for s, c in zip(schemes, carried, strict=True)], np.float32)
-    turns = np.broadcast_to(np.asarray(refresh, np.int32), len(schemes)).copy()
+    turns = np.array([s.turns for s in schemes], np.int32)
     _march(
         *batch.grid, batch.points, batch.hung, batch.reach, iterations, tolerance, table, turns,
         np.ascontiguousarray(pressure),
@@ -77,7 +73,6 @@ def _march_kernel(
                 )
                 i = 0
                 while i <= iterations:
-                    F.count[b] += 1
                     fabric_force(b, nu, nv, hung, ca, cv)
                     if npt > 0:
                         muscles(b, nu, nv, npt, cv)
