@@ -3,10 +3,11 @@
 import taichi as ti
 
 from sim.fields import AREA, B1, B2, D1, D2, D12, DCLAMP, HU, HV, IHU, IHV, F
+from sim.vectors import cross, difference, dot, load, store
 
 
 @ti.func
-def star_row(b, nu, nv, j, q: ti.template()):
+def star_row(b, nu, nv, j):
     """node normals, curvatures, bending moments, and what the moments' couple puts on the two tangents"""
     s = nu + 2
     P = s * (nv + 2)
@@ -25,26 +26,14 @@ def star_row(b, nu, nv, j, q: ti.template()):
             n = k
         if j == nv - 1:
             d = k
-        ax = F.node[b, q + e] - F.node[b, q + w]
-        ay = F.node[b, q + P + e] - F.node[b, q + P + w]
-        az = F.node[b, q + 2 * P + e] - F.node[b, q + 2 * P + w]
-        bx = F.node[b, q + d] - F.node[b, q + n]
-        by = F.node[b, q + P + d] - F.node[b, q + P + n]
-        bz = F.node[b, q + 2 * P + d] - F.node[b, q + 2 * P + n]
-        cx = by * az - bz * ay
-        cy = bz * ax - bx * az
-        cz = bx * ay - by * ax
+        ax, ay, az = difference(b, F.q, P, w, e)
+        bx, by, bz = difference(b, F.q, P, n, d)
+        cx, cy, cz = cross(bx, by, bz, ax, ay, az)
         il = 1.0 / ti.sqrt(cx * cx + cy * cy + cz * cz)
-        F.node[b, F.n + k] = cx * il
-        F.node[b, F.n + P + k] = cy * il
-        F.node[b, F.n + 2 * P + k] = cz * il
+        store(b, F.n, P, k, cx * il, cy * il, cz * il)
         F.node[b, F.i1 + k] = il
-        F.node[b, F.na + k] = ax
-        F.node[b, F.na + P + k] = ay
-        F.node[b, F.na + 2 * P + k] = az
-        F.node[b, F.nb + k] = bx
-        F.node[b, F.nb + P + k] = by
-        F.node[b, F.nb + 2 * P + k] = bz
+        store(b, F.na, P, k, ax, ay, az)
+        store(b, F.nb, P, k, bx, by, bz)
         i = F.after[i]
     i = 0
     while i < nu:
@@ -62,14 +51,11 @@ def star_row(b, nu, nv, j, q: ti.template()):
             wt *= 0.5
         hh = has1 * has2
         # curvature vectors b = t+ - t-
-        ux = F.node[b, F.tu + k] - F.node[b, F.tu + w]
-        uy = F.node[b, F.tu + P + k] - F.node[b, F.tu + P + w]
-        uz = F.node[b, F.tu + 2 * P + k] - F.node[b, F.tu + 2 * P + w]
-        vx = F.node[b, F.tv + k] - F.node[b, F.tv + n]
-        vy = F.node[b, F.tv + P + k] - F.node[b, F.tv + P + n]
-        vz = F.node[b, F.tv + 2 * P + k] - F.node[b, F.tv + 2 * P + n]
-        k1 = F.node[b, F.n + k] * ux + F.node[b, F.n + P + k] * uy + F.node[b, F.n + 2 * P + k] * uz
-        k2 = F.node[b, F.n + k] * vx + F.node[b, F.n + P + k] * vy + F.node[b, F.n + 2 * P + k] * vz
+        ux, uy, uz = difference(b, F.tu, P, w, k)
+        vx, vy, vz = difference(b, F.tv, P, n, k)
+        nx, ny, nz = load(b, F.n, P, k)
+        k1 = dot(nx, ny, nz, ux, uy, uz)
+        k2 = dot(nx, ny, nz, vx, vy, vz)
         A = F.lane[b, AREA] * wt
         M1 = (
             F.lane[b, IHU] * (has1 * F.lane[b, B1] + hh * (F.lane[b, D1] - F.lane[b, B1])) * k1 * F.lane[b, IHU]
@@ -81,37 +67,29 @@ def star_row(b, nu, nv, j, q: ti.template()):
         ) * A
         F.node[b, F.s1 + k] = M1
         F.node[b, F.s2 + k] = M2
-        F.node[b, F.pu + k] = (M1 * ux + M2 * vx) * F.node[b, F.i1 + k]
-        F.node[b, F.pu + P + k] = (M1 * uy + M2 * vy) * F.node[b, F.i1 + k]
-        F.node[b, F.pu + 2 * P + k] = (M1 * uz + M2 * vz) * F.node[b, F.i1 + k]
+        il = F.node[b, F.i1 + k]
+        store(b, F.pu, P, k, (M1 * ux + M2 * vx) * il, (M1 * uy + M2 * vy) * il, (M1 * uz + M2 * vz) * il)
         i = F.after[i]
     i = 0
     while i < nu:
         k = (j + 1) * s + i + 1
-        nx = F.node[b, F.n + k]
-        ny = F.node[b, F.n + P + k]
-        nz = F.node[b, F.n + 2 * P + k]
-        cn = F.node[b, F.pu + k] * nx + F.node[b, F.pu + P + k] * ny + F.node[b, F.pu + 2 * P + k] * nz
-        cx = F.node[b, F.pu + k] - cn * nx
-        cy = F.node[b, F.pu + P + k] - cn * ny
-        cz = F.node[b, F.pu + 2 * P + k] - cn * nz
-        ax = F.node[b, F.na + k]
-        ay = F.node[b, F.na + P + k]
-        az = F.node[b, F.na + 2 * P + k]
-        bx = F.node[b, F.nb + k]
-        by = F.node[b, F.nb + P + k]
-        bz = F.node[b, F.nb + 2 * P + k]
-        F.node[b, F.na + k] = by * cz - bz * cy
-        F.node[b, F.na + P + k] = bz * cx - bx * cz
-        F.node[b, F.na + 2 * P + k] = bx * cy - by * cx
-        F.node[b, F.nb + k] = cy * az - cz * ay
-        F.node[b, F.nb + P + k] = cz * ax - cx * az
-        F.node[b, F.nb + 2 * P + k] = cx * ay - cy * ax
+        nx, ny, nz = load(b, F.n, P, k)
+        mx, my, mz = load(b, F.pu, P, k)
+        cn = dot(mx, my, mz, nx, ny, nz)
+        cx = mx - cn * nx
+        cy = my - cn * ny
+        cz = mz - cn * nz
+        ax, ay, az = load(b, F.na, P, k)
+        bx, by, bz = load(b, F.nb, P, k)
+        ex, ey, ez = cross(bx, by, bz, cx, cy, cz)
+        store(b, F.na, P, k, ex, ey, ez)
+        ex, ey, ez = cross(cx, cy, cz, ax, ay, az)
+        store(b, F.nb, P, k, ex, ey, ez)
         i = F.after[i]
 
 
 @ti.func
-def clamp_pass(b, nu, nv, hung, q):
+def clamp_pass(b, nu, nv, hung):
     """Half a cell of bending between the held normal (0, 0, 1) of a clamped edge and the first edges of the cloth."""
     s = nu + 2
     P = s * (nv + 2)
@@ -140,13 +118,10 @@ def clamp_pass(b, nu, nv, hung, q):
         w = ti.f32(1.0)
         if i == 0 or i == count - 1:
             w = 0.5
-        dx = F.node[b, q + e] - F.node[b, q + k]
-        dy = F.node[b, q + P + e] - F.node[b, q + P + k]
-        dz = F.node[b, q + 2 * P + e] - F.node[b, q + 2 * P + k]
+        dx, dy, dz = difference(b, F.q, P, k, e)
         il = 1.0 / ti.sqrt(dx * dx + dy * dy + dz * dz)
         tz = dz * il
         m = w * F.lane[b, DCLAMP] * stiffness * width * 2.0 / h * tz * il
-        F.node[b, F.f + e] = F.node[b, F.f + e] + m * tz * dx * il
-        F.node[b, F.f + P + e] = F.node[b, F.f + P + e] + m * tz * dy * il
-        F.node[b, F.f + 2 * P + e] = F.node[b, F.f + 2 * P + e] - m * (1.0 - tz * tz)
+        fx, fy, fz = load(b, F.f, P, e)
+        store(b, F.f, P, e, fx + m * tz * dx * il, fy + m * tz * dy * il, fz - m * (1.0 - tz * tz))
         i = F.after[i]

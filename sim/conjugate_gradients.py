@@ -10,6 +10,7 @@ from sim.frames import unwarp, warp
 from sim.model import FREE
 from sim.muscle_solve import muscle_correct
 from sim.sheet_solve import spectral
+from sim.vectors import dot, load, store
 
 Lanes = ti.types.vector(LANES, ti.f32)
 RZ, BETA, ACTIVE, ALPHA = 4, 5, 6, 7  # slots of F.reduce
@@ -23,15 +24,9 @@ def first_residual(b, nu, nv):
     k = 0
     while k < P:
         free = F.node[b, F.free + k]
-        x = F.node[b, F.f + k] * free
-        y = F.node[b, F.f + P + k] * free
-        z = F.node[b, F.f + 2 * P + k] * free
-        F.node[b, F.r + k] = x
-        F.node[b, F.r + P + k] = y
-        F.node[b, F.r + 2 * P + k] = z
-        F.node[b, F.p + k] = Lanes(0.0)
-        F.node[b, F.p + P + k] = Lanes(0.0)
-        F.node[b, F.p + 2 * P + k] = Lanes(0.0)
+        x, y, z = load(b, F.f, P, k)
+        store(b, F.r, P, k, x * free, y * free, z * free)
+        store(b, F.p, P, k, Lanes(0.0), Lanes(0.0), Lanes(0.0))
         k = F.after[k]
     F.reduce[b, RZ] = Lanes(0.0)
     F.reduce[b, ACTIVE] = Lanes(1.0)
@@ -46,19 +41,15 @@ def step_length(b, nu, nv, hung):
     k = 0
     while k < P:
         free = F.node[b, F.free + k]
-        x = F.node[b, F.r + k] - F.node[b, F.f + k] * free
-        y = F.node[b, F.r + P + k] - F.node[b, F.f + P + k] * free
-        z = F.node[b, F.r + 2 * P + k] - F.node[b, F.f + 2 * P + k] * free
-        u = F.node[b, F.p + k]
-        v = F.node[b, F.p + P + k]
-        w = F.node[b, F.p + 2 * P + k]
-        F.node[b, F.f + k] = x
-        F.node[b, F.f + P + k] = y
-        F.node[b, F.f + 2 * P + k] = z
-        F.reduce[b, 1] = F.reduce[b, 1] + (
-            u * F.node[b, F.r + k] + v * F.node[b, F.r + P + k] + w * F.node[b, F.r + 2 * P + k]
-        )
-        F.reduce[b, 2] = F.reduce[b, 2] + (u * x + v * y + w * z)
+        rx, ry, rz = load(b, F.r, P, k)
+        fx, fy, fz = load(b, F.f, P, k)
+        px, py, pz = load(b, F.p, P, k)
+        x = rx - fx * free
+        y = ry - fy * free
+        z = rz - fz * free
+        store(b, F.f, P, k, x, y, z)
+        F.reduce[b, 1] = F.reduce[b, 1] + dot(px, py, pz, rx, ry, rz)
+        F.reduce[b, 2] = F.reduce[b, 2] + dot(px, py, pz, x, y, z)
         k = F.after[k]
     least = ti.f32(0.1)
     if hung == FREE:  # nodes held one by one are not in the preconditioner: what they hold is stiffer by far than there
@@ -73,14 +64,10 @@ def step_length(b, nu, nv, hung):
     k = 0
     while k < P:
         for c in ti.static(range(3)):
+            r = F.node[b, F.r + c * P + k]
             F.node[b, F.q + c * P + k] = F.node[b, F.q + c * P + k] + more * F.node[b, F.p + c * P + k]
-            F.node[b, F.rp + c * P + k] = F.node[b, F.r + c * P + k]
-        x = F.node[b, F.r + k] - alpha * F.node[b, F.f + k]
-        y = F.node[b, F.r + P + k] - alpha * F.node[b, F.f + P + k]
-        z = F.node[b, F.r + 2 * P + k] - alpha * F.node[b, F.f + 2 * P + k]
-        F.node[b, F.r + k] = x
-        F.node[b, F.r + P + k] = y
-        F.node[b, F.r + 2 * P + k] = z
+            F.node[b, F.rp + c * P + k] = r
+            F.node[b, F.r + c * P + k] = r - alpha * F.node[b, F.f + c * P + k]
         k = F.after[k]
 
 
@@ -102,16 +89,12 @@ def direction(b, nu, nv, npt, i, tolerance):
         F.reduce[b, slot] = Lanes(0.0)
     k = 0
     while k < P:
-        x = F.node[b, F.y + k]
-        y = F.node[b, F.y + P + k]
-        z = F.node[b, F.y + 2 * P + k]
-        F.reduce[b, 0] = F.reduce[b, 0] + (x * x + y * y + z * z)
-        F.reduce[b, 1] = F.reduce[b, 1] + (
-            x * F.node[b, F.r + k] + y * F.node[b, F.r + P + k] + z * F.node[b, F.r + 2 * P + k]
-        )
-        F.reduce[b, 2] = F.reduce[b, 2] + (
-            x * F.node[b, F.rp + k] + y * F.node[b, F.rp + P + k] + z * F.node[b, F.rp + 2 * P + k]
-        )
+        x, y, z = load(b, F.y, P, k)
+        rx, ry, rz = load(b, F.r, P, k)
+        ox, oy, oz = load(b, F.rp, P, k)
+        F.reduce[b, 0] = F.reduce[b, 0] + dot(x, y, z, x, y, z)
+        F.reduce[b, 1] = F.reduce[b, 1] + dot(x, y, z, rx, ry, rz)
+        F.reduce[b, 2] = F.reduce[b, 2] + dot(x, y, z, ox, oy, oz)
         k = F.after[k]
     active = 0
     for lane in range(LANES):

@@ -3,6 +3,7 @@
 import taichi as ti
 
 from sim.fields import AREA, IHU, IHV, K12, KH1, KH2, LANES, Q1, Q2, R1, R2, VISC, F
+from sim.vectors import difference, dot, load, store
 
 Lanes = ti.types.vector(LANES, ti.f32)
 
@@ -18,35 +19,24 @@ def velocity_row(b, nu, nv, j, cv):
 
 
 @ti.func
-def edge_row(
-    b,
-    nu,
-    nv,
-    q: ti.template(),
-    v: ti.template(),
-    t: ti.template(),
-    le: ti.template(),
-    eps: ti.template(),
-    sig: ti.template(),
-    st,
-    ni,
-    j,
-    along_u: ti.template(),
-):
+def edge_row(b, nu, nv, j, along_u: ti.template()):
+    """Tangents, strains and tensions of the edges along u or v that begin in row j."""
+    t = ti.static(F.tu if along_u else F.tv)
+    inverse = ti.static(F.lu if along_u else F.lv)
+    strain = ti.static(F.eu if along_u else F.ev)
+    tension = ti.static(F.su if along_u else F.sv)
     s = nu + 2
     P = s * (nv + 2)
+    step = 1 if ti.static(along_u) else s
+    count = nu - 1 if ti.static(along_u) else nu
     i = 0
-    while i < ni:
+    while i < count:
         k = (j + 1) * s + i + 1
-        e = k + st
-        dx = F.node[b, q + e] - F.node[b, q + k]
-        dy = F.node[b, q + P + e] - F.node[b, q + P + k]
-        dz = F.node[b, q + 2 * P + e] - F.node[b, q + 2 * P + k]
+        e = k + step
+        dx, dy, dz = difference(b, F.q, P, k, e)
         il = 1.0 / ti.sqrt(dx * dx + dy * dy + dz * dz)
-        F.node[b, t + k] = dx * il
-        F.node[b, t + P + k] = dy * il
-        F.node[b, t + 2 * P + k] = dz * il
-        F.node[b, le + k] = il
+        store(b, t, P, k, dx * il, dy * il, dz * il)
+        F.node[b, inverse + k] = il
         i = F.after[i]
     ih = F.lane[b, IHU] if ti.static(along_u) else F.lane[b, IHV]
     kh = F.lane[b, KH1] if ti.static(along_u) else F.lane[b, KH2]
@@ -56,9 +46,9 @@ def edge_row(
     cubic = F.lane[b, R1] if ti.static(along_u) else F.lane[b, R2]
     vA = F.lane[b, VISC] * A * ih
     i = 0
-    while i < ni:
+    while i < count:
         k = (j + 1) * s + i + 1
-        e = k + st
+        e = k + step
         w = ti.f32(1.0)
         if ti.static(along_u):
             if j == 0 or j == nv - 1:
@@ -66,60 +56,57 @@ def edge_row(
         else:
             if i == 0 or i == nu - 1:
                 w = ti.f32(0.5)
-        ep = ih / F.node[b, le + k] - 1.0
+        ep = ih / F.node[b, inverse + k] - 1.0
         up = ti.max(ep, 0.0)
-        r = (
-            (F.node[b, v + e] - F.node[b, v + k]) * F.node[b, t + k]
-            + (F.node[b, v + P + e] - F.node[b, v + P + k]) * F.node[b, t + P + k]
-            + (F.node[b, v + 2 * P + e] - F.node[b, v + 2 * P + k]) * F.node[b, t + 2 * P + k]
-        )
-        F.node[b, eps + k] = ep
-        F.node[b, sig + k] = w * (kA * ep + A * up * up * (quadratic + cubic * up) + vA * r)
+        vx, vy, vz = difference(b, F.v, P, k, e)
+        tx, ty, tz = load(b, t, P, k)
+        r = dot(vx, vy, vz, tx, ty, tz)
+        F.node[b, strain + k] = ep
+        F.node[b, tension + k] = w * (kA * ep + A * up * up * (quadratic + cubic * up) + vA * r)
         i = F.after[i]
 
 
 @ti.func
-def edge_force_row(
-    b,
-    nu,
-    nv,
-    t: ti.template(),
-    le: ti.template(),
-    sig: ti.template(),
-    M: ti.template(),
-    other: ti.template(),
-    out: ti.template(),
-    st,
-    so,
-    ni,
-    j,
-    along_u: ti.template(),
-):
+def edge_force_row(b, nu, nv, j, along_u: ti.template()):
+    """What these edges pull their nodes with: tension, and the couple of the bending moments."""
+    t = ti.static(F.tu if along_u else F.tv)
+    inverse = ti.static(F.lu if along_u else F.lv)
+    tension = ti.static(F.su if along_u else F.sv)
+    moment = ti.static(F.s1 if along_u else F.s2)
+    other = ti.static(F.ev if along_u else F.eu)
+    out = ti.static(F.pu if along_u else F.pv)
     s = nu + 2
     P = s * (nv + 2)
+    step = 1 if ti.static(along_u) else s
+    sideways = s if ti.static(along_u) else 1
+    count = nu - 1 if ti.static(along_u) else nu
     ih = F.lane[b, IHU] if ti.static(along_u) else F.lane[b, IHV]
     kc = 0.25 * F.lane[b, K12] * F.lane[b, AREA]
     i = 0
-    while i < ni:
+    while i < count:
         k = (j + 1) * s + i + 1
-        e = k + st
-        tx = F.node[b, t + k]
-        ty = F.node[b, t + P + k]
-        tz = F.node[b, t + 2 * P + k]
-        Mk = F.node[b, M + k]
-        Me = F.node[b, M + e]
-        yx = Mk * F.node[b, F.n + k] - Me * F.node[b, F.n + e]
-        yy = Mk * F.node[b, F.n + P + k] - Me * F.node[b, F.n + P + e]
-        yz = Mk * F.node[b, F.n + 2 * P + k] - Me * F.node[b, F.n + 2 * P + e]
-        ty_ = tx * yx + ty * yy + tz * yz
+        e = k + step
+        tx, ty, tz = load(b, t, P, k)
+        Mk = F.node[b, moment + k]
+        Me = F.node[b, moment + e]
+        ax, ay, az = load(b, F.n, P, k)
+        bx, by, bz = load(b, F.n, P, e)
+        yx = Mk * ax - Me * bx
+        yy = Mk * ay - Me * by
+        yz = Mk * az - Me * bz
         T = (
-            F.node[b, sig + k]
-            + kc * (F.node[b, other + k] + F.node[b, other + e] + F.node[b, other + k - so] + F.node[b, other + e - so])
+            F.node[b, tension + k]
+            + kc
+            * (
+                F.node[b, other + k]
+                + F.node[b, other + e]
+                + F.node[b, other + k - sideways]
+                + F.node[b, other + e - sideways]
+            )
         ) * ih
-        il = F.node[b, le + k]
-        F.node[b, out + k] = (T - ty_ * il) * tx + il * yx
-        F.node[b, out + P + k] = (T - ty_ * il) * ty + il * yy
-        F.node[b, out + 2 * P + k] = (T - ty_ * il) * tz + il * yz
+        il = F.node[b, inverse + k]
+        along = T - dot(tx, ty, tz, yx, yy, yz) * il
+        store(b, out, P, k, along * tx + il * yx, along * ty + il * yy, along * tz + il * yz)
         i = F.after[i]
     if ti.static(along_u):  # the last column carries no edge, and was scratch
         for c in range(3):

@@ -3,6 +3,7 @@
 import taichi as ti
 
 from sim.fields import F
+from sim.vectors import cross, difference, dot, load, store
 
 
 @ti.func
@@ -17,24 +18,23 @@ def frames(b, nu, nv, reach):
             e = k + ti.min(reach, nu - 1 - i)
             n = k - s * ti.min(reach, j)
             d = k + s * ti.min(reach, nv - 1 - j)
-            ax = F.node[b, F.q + e] - F.node[b, F.q + w]
-            ay = F.node[b, F.q + P + e] - F.node[b, F.q + P + w]
-            az = F.node[b, F.q + 2 * P + e] - F.node[b, F.q + 2 * P + w]
-            bx = F.node[b, F.q + d] - F.node[b, F.q + n]
-            by = F.node[b, F.q + P + d] - F.node[b, F.q + P + n]
-            bz = F.node[b, F.q + 2 * P + d] - F.node[b, F.q + 2 * P + n]
-            cx = by * az - bz * ay
-            cy = bz * ax - bx * az
-            cz = bx * ay - by * ax
+            ax, ay, az = difference(b, F.q, P, w, e)
+            bx, by, bz = difference(b, F.q, P, n, d)
+            cx, cy, cz = cross(bx, by, bz, ax, ay, az)
             il = 1.0 / ti.sqrt(cx * cx + cy * cy + cz * cz)
-            F.node[b, F.fn + k] = cx * il
-            F.node[b, F.fn + P + k] = cy * il
-            F.node[b, F.fn + 2 * P + k] = cz * il
+            store(b, F.fn, P, k, cx * il, cy * il, cz * il)
             ia = 1.0 / ti.sqrt(ax * ax + ay * ay + az * az)
-            F.node[b, F.fu + k] = ax * ia
-            F.node[b, F.fu + P + k] = ay * ia
-            F.node[b, F.fu + 2 * P + k] = az * ia
+            store(b, F.fu, P, k, ax * ia, ay * ia, az * ia)
             i = F.after[i]
+
+
+@ti.func
+def axes(b, P, k):
+    """The unit vectors along u, along v and normal."""
+    ux, uy, uz = load(b, F.fu, P, k)
+    nx, ny, nz = load(b, F.fn, P, k)
+    vx, vy, vz = cross(ux, uy, uz, nx, ny, nz)
+    return ux, uy, uz, vx, vy, vz, nx, ny, nz
 
 
 @ti.func
@@ -48,18 +48,14 @@ def warp(b, nu, nv, src: ti.template()):
             k = (j + 1) * s + i + 1
             o = j * nu + i
             m = F.node[b, F.free + k]
-            x = F.node[b, src + k] * m
-            y = F.node[b, src + P + k] * m
-            z = F.node[b, src + 2 * P + k] * m
-            ux = F.node[b, F.fu + k]
-            uy = F.node[b, F.fu + P + k]
-            uz = F.node[b, F.fu + 2 * P + k]
-            nx = F.node[b, F.fn + k]
-            ny = F.node[b, F.fn + P + k]
-            nz = F.node[b, F.fn + 2 * P + k]
-            F.modal[b, o] = ux * x + uy * y + uz * z
-            F.modal[b, N + o] = (uy * nz - uz * ny) * x + (uz * nx - ux * nz) * y + (ux * ny - uy * nx) * z
-            F.modal[b, 2 * N + o] = nx * x + ny * y + nz * z
+            x, y, z = load(b, src, P, k)
+            x *= m
+            y *= m
+            z *= m
+            ux, uy, uz, vx, vy, vz, nx, ny, nz = axes(b, P, k)
+            F.modal[b, o] = dot(ux, uy, uz, x, y, z)
+            F.modal[b, N + o] = dot(vx, vy, vz, x, y, z)
+            F.modal[b, 2 * N + o] = dot(nx, ny, nz, x, y, z)
             F.modal[b, 6 * N + o] = F.modal[b, o]
             F.modal[b, 7 * N + o] = F.modal[b, N + o]
             F.modal[b, 8 * N + o] = F.modal[b, 2 * N + o]
@@ -78,16 +74,9 @@ def unwarp(b, nu, nv, dst: ti.template()):
             k = (j + 1) * s + i + 1
             o = j * nu + i
             m = F.node[b, F.free + k]
-            a = F.modal[b, o] * m
+            u = F.modal[b, o] * m
             v = F.modal[b, N + o] * m
-            n = F.modal[b, 2 * N + o] * m
-            ux = F.node[b, F.fu + k]
-            uy = F.node[b, F.fu + P + k]
-            uz = F.node[b, F.fu + 2 * P + k]
-            nx = F.node[b, F.fn + k]
-            ny = F.node[b, F.fn + P + k]
-            nz = F.node[b, F.fn + 2 * P + k]
-            F.node[b, dst + k] = a * ux + v * (uy * nz - uz * ny) + n * nx
-            F.node[b, dst + P + k] = a * uy + v * (uz * nx - ux * nz) + n * ny
-            F.node[b, dst + 2 * P + k] = a * uz + v * (ux * ny - uy * nx) + n * nz
+            w = F.modal[b, 2 * N + o] * m
+            ux, uy, uz, vx, vy, vz, nx, ny, nz = axes(b, P, k)
+            store(b, dst, P, k, u * ux + v * vx + w * nx, u * uy + v * vy + w * ny, u * uz + v * vz + w * nz)
             i = F.after[i]

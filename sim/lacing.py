@@ -6,6 +6,7 @@ Equations 7-10 of docs/model.md.
 import taichi as ti
 
 from sim.fields import CONTRACTION_STEP, FIRST_CONTRACTION, LANES, PRESSURE_STEP, TABLE, F, X
+from sim.vectors import cross, dot, load_point, store_point
 
 Lanes = ti.types.vector(LANES, ti.f32)
 
@@ -26,6 +27,17 @@ def gather(b, nu, nv, pt, src: ti.template()):
 
 
 @ti.func
+def weigh(b, o, x0, x1, x2, x3):
+    """Sum of four by the weights that lie at o of F.point."""
+    return F.point[b, o] * x0 + F.point[b, o + 1] * x1 + F.point[b, o + 2] * x2 + F.point[b, o + 3] * x3
+
+
+@ti.func
+def weigh_rows(b, o, first):
+    return weigh(b, o, F.row[b, first], F.row[b, first + 1], F.row[b, first + 2], F.row[b, first + 3])
+
+
+@ti.func
 def interp(b, pt, p: ti.template(), pa: ti.template(), pb: ti.template()):
     for c in range(3):
         r = 0
@@ -34,37 +46,12 @@ def interp(b, pt, p: ti.template(), pa: ti.template(), pb: ti.template()):
             x1 = F.patch[b, r * 12 + 3 + c]
             x2 = F.patch[b, r * 12 + 6 + c]
             x3 = F.patch[b, r * 12 + 9 + c]
-            F.row[b, r] = (
-                F.point[b, X.wu + 4 * pt] * x0
-                + F.point[b, X.wu + 4 * pt + 1] * x1
-                + F.point[b, X.wu + 4 * pt + 2] * x2
-                + F.point[b, X.wu + 4 * pt + 3] * x3
-            )
-            F.row[b, 4 + r] = (
-                F.point[b, X.du + 4 * pt] * x0
-                + F.point[b, X.du + 4 * pt + 1] * x1
-                + F.point[b, X.du + 4 * pt + 2] * x2
-                + F.point[b, X.du + 4 * pt + 3] * x3
-            )
+            F.row[b, r] = weigh(b, X.wu + 4 * pt, x0, x1, x2, x3)
+            F.row[b, 4 + r] = weigh(b, X.du + 4 * pt, x0, x1, x2, x3)
             r = F.after[r]
-        F.point[b, p + c * F.points + pt] = (
-            F.point[b, X.wv + 4 * pt] * F.row[b, 0]
-            + F.point[b, X.wv + 4 * pt + 1] * F.row[b, 1]
-            + F.point[b, X.wv + 4 * pt + 2] * F.row[b, 2]
-            + F.point[b, X.wv + 4 * pt + 3] * F.row[b, 3]
-        )
-        F.point[b, pa + c * F.points + pt] = (
-            F.point[b, X.wv + 4 * pt] * F.row[b, 4]
-            + F.point[b, X.wv + 4 * pt + 1] * F.row[b, 5]
-            + F.point[b, X.wv + 4 * pt + 2] * F.row[b, 6]
-            + F.point[b, X.wv + 4 * pt + 3] * F.row[b, 7]
-        )
-        F.point[b, pb + c * F.points + pt] = (
-            F.point[b, X.dv + 4 * pt] * F.row[b, 0]
-            + F.point[b, X.dv + 4 * pt + 1] * F.row[b, 1]
-            + F.point[b, X.dv + 4 * pt + 2] * F.row[b, 2]
-            + F.point[b, X.dv + 4 * pt + 3] * F.row[b, 3]
-        )
+        F.point[b, p + c * F.points + pt] = weigh_rows(b, X.wv + 4 * pt, 0)
+        F.point[b, pa + c * F.points + pt] = weigh_rows(b, X.wv + 4 * pt, 4)
+        F.point[b, pb + c * F.points + pt] = weigh_rows(b, X.dv + 4 * pt, 0)
 
 
 @ti.func
@@ -76,20 +63,12 @@ def points_pos(b, nu, nv, npt):
         pt = F.after[pt]
     pt = 0
     while pt < npt:
-        ax = F.point[b, X.tan_u + pt]
-        ay = F.point[b, X.tan_u + F.points + pt]
-        az = F.point[b, X.tan_u + 2 * F.points + pt]
-        bx = F.point[b, X.tan_v + pt]
-        by = F.point[b, X.tan_v + F.points + pt]
-        bz = F.point[b, X.tan_v + 2 * F.points + pt]
-        cx = by * az - bz * ay
-        cy = bz * ax - bx * az
-        cz = bx * ay - by * ax
+        ax, ay, az = load_point(b, X.tan_u, pt)
+        bx, by, bz = load_point(b, X.tan_v, pt)
+        cx, cy, cz = cross(bx, by, bz, ax, ay, az)
         il = 1.0 / ti.sqrt(cx * cx + cy * cy + cz * cz)
         F.point[b, X.inv_area + pt] = il
-        F.point[b, X.normal + pt] = cx * il
-        F.point[b, X.normal + F.points + pt] = cy * il
-        F.point[b, X.normal + 2 * F.points + pt] = cz * il
+        store_point(b, X.normal, pt, cx * il, cy * il, cz * il)
         pt = F.after[pt]
     pt = 0
     while pt < npt:
@@ -111,36 +90,23 @@ def points_rate(b, nu, nv, npt, src: ti.template()):
         pt = F.after[pt]
     pt = 0
     while pt < npt:
-        ax = F.point[b, X.tan_u + pt]
-        ay = F.point[b, X.tan_u + F.points + pt]
-        az = F.point[b, X.tan_u + 2 * F.points + pt]
-        bx = F.point[b, X.tan_v + pt]
-        by = F.point[b, X.tan_v + F.points + pt]
-        bz = F.point[b, X.tan_v + 2 * F.points + pt]
-        ex = F.point[b, X.force + pt]
-        ey = F.point[b, X.force + F.points + pt]
-        ez = F.point[b, X.force + 2 * F.points + pt]
-        gx = F.point[b, X.tmp + pt]
-        gy = F.point[b, X.tmp + F.points + pt]
-        gz = F.point[b, X.tmp + 2 * F.points + pt]
+        ax, ay, az = load_point(b, X.tan_u, pt)
+        bx, by, bz = load_point(b, X.tan_v, pt)
+        ex, ey, ez = load_point(b, X.force, pt)
+        gx, gy, gz = load_point(b, X.tmp, pt)
         il = F.point[b, X.inv_area + pt]
-        F.point[b, X.force + pt] = ((gy * az - gz * ay) + (by * ez - bz * ey)) * il
-        F.point[b, X.force + F.points + pt] = ((gz * ax - gx * az) + (bz * ex - bx * ez)) * il
-        F.point[b, X.force + 2 * F.points + pt] = ((gx * ay - gy * ax) + (bx * ey - by * ex)) * il
+        cx, cy, cz = cross(gx, gy, gz, ax, ay, az)
+        dx, dy, dz = cross(bx, by, bz, ex, ey, ez)
+        store_point(b, X.force, pt, (cx + dx) * il, (cy + dy) * il, (cz + dz) * il)
         pt = F.after[pt]
     pt = 0
     while pt < npt:
-        nx = F.point[b, X.normal + pt]
-        ny = F.point[b, X.normal + F.points + pt]
-        nz = F.point[b, X.normal + 2 * F.points + pt]
-        x = F.point[b, X.force + pt]
-        y = F.point[b, X.force + F.points + pt]
-        z = F.point[b, X.force + 2 * F.points + pt]
-        nd = nx * x + ny * y + nz * z
+        nx, ny, nz = load_point(b, X.normal, pt)
+        x, y, z = load_point(b, X.force, pt)
+        nd = dot(nx, ny, nz, x, y, z)
         so = F.point[b, X.offset + pt]
-        F.point[b, X.vel + pt] = F.point[b, X.vel + pt] + so * (x - nd * nx)
-        F.point[b, X.vel + F.points + pt] = F.point[b, X.vel + F.points + pt] + so * (y - nd * ny)
-        F.point[b, X.vel + 2 * F.points + pt] = F.point[b, X.vel + 2 * F.points + pt] + so * (z - nd * nz)
+        vx, vy, vz = load_point(b, X.vel, pt)
+        store_point(b, X.vel, pt, vx + so * (x - nd * nx), vy + so * (y - nd * ny), vz + so * (z - nd * nz))
         pt = F.after[pt]
 
 
@@ -151,35 +117,21 @@ def back(b, nu, nv, npt, dst: ti.template()):
     P = s * (nv + 2)
     pt = 0
     while pt < npt:
-        nx = F.point[b, X.normal + pt]
-        ny = F.point[b, X.normal + F.points + pt]
-        nz = F.point[b, X.normal + 2 * F.points + pt]
-        x = F.point[b, X.force + pt]
-        y = F.point[b, X.force + F.points + pt]
-        z = F.point[b, X.force + 2 * F.points + pt]
-        nd = nx * x + ny * y + nz * z
+        nx, ny, nz = load_point(b, X.normal, pt)
+        x, y, z = load_point(b, X.force, pt)
+        nd = dot(nx, ny, nz, x, y, z)
         w = F.point[b, X.offset + pt] * F.point[b, X.inv_area + pt]
-        F.point[b, X.tmp + pt] = w * (x - nd * nx)
-        F.point[b, X.tmp + F.points + pt] = w * (y - nd * ny)
-        F.point[b, X.tmp + 2 * F.points + pt] = w * (z - nd * nz)
+        store_point(b, X.tmp, pt, w * (x - nd * nx), w * (y - nd * ny), w * (z - nd * nz))
         pt = F.after[pt]
     pt = 0
     while pt < npt:
-        tx = F.point[b, X.tmp + pt]
-        ty = F.point[b, X.tmp + F.points + pt]
-        tz = F.point[b, X.tmp + 2 * F.points + pt]
-        ax = F.point[b, X.tan_u + pt]
-        ay = F.point[b, X.tan_u + F.points + pt]
-        az = F.point[b, X.tan_u + 2 * F.points + pt]
-        bx = F.point[b, X.tan_v + pt]
-        by = F.point[b, X.tan_v + F.points + pt]
-        bz = F.point[b, X.tan_v + 2 * F.points + pt]
-        F.point[b, X.grad_u + pt] = ty * bz - tz * by
-        F.point[b, X.grad_u + F.points + pt] = tz * bx - tx * bz
-        F.point[b, X.grad_u + 2 * F.points + pt] = tx * by - ty * bx
-        F.point[b, X.grad_v + pt] = ay * tz - az * ty
-        F.point[b, X.grad_v + F.points + pt] = az * tx - ax * tz
-        F.point[b, X.grad_v + 2 * F.points + pt] = ax * ty - ay * tx
+        tx, ty, tz = load_point(b, X.tmp, pt)
+        ax, ay, az = load_point(b, X.tan_u, pt)
+        bx, by, bz = load_point(b, X.tan_v, pt)
+        cx, cy, cz = cross(tx, ty, tz, bx, by, bz)
+        store_point(b, X.grad_u, pt, cx, cy, cz)
+        cx, cy, cz = cross(ax, ay, az, tx, ty, tz)
+        store_point(b, X.grad_v, pt, cx, cy, cz)
         pt = F.after[pt]
     pt = 0
     while pt < npt:
@@ -212,28 +164,22 @@ def tension(b, npt, cv):
     """DD, LEN, EPS, TEN and the inverse stiffness KI of every interval; DP must hold the points' velocity"""
     k = 0
     while k < npt - 1:
-        x = F.point[b, X.pos + k + 1] - F.point[b, X.pos + k]
-        y = F.point[b, X.pos + F.points + k + 1] - F.point[b, X.pos + F.points + k]
-        z = F.point[b, X.pos + 2 * F.points + k + 1] - F.point[b, X.pos + 2 * F.points + k]
+        ax, ay, az = load_point(b, X.pos, k)
+        bx, by, bz = load_point(b, X.pos, k + 1)
+        x = bx - ax
+        y = by - ay
+        z = bz - az
         il = 1.0 / ti.sqrt(x * x + y * y + z * z + 1e-16)
-        F.point[b, X.dir + k] = x * il
-        F.point[b, X.dir + F.points + k] = y * il
-        F.point[b, X.dir + 2 * F.points + k] = z * il
+        store_point(b, X.dir, k, x * il, y * il, z * il)
         F.point[b, X.inv_len + k] = il
         k = F.after[k]
     k = 0
     while k < npt - 1:
         F.point[b, X.eps + k] = 1.0 - 1.0 / (F.point[b, X.inv_len + k] * F.point[b, X.rest + k])
-        F.point[b, X.rate + k] = (
-            -(
-                F.point[b, X.dir + k] * (F.point[b, X.vel + k + 1] - F.point[b, X.vel + k])
-                + F.point[b, X.dir + F.points + k]
-                * (F.point[b, X.vel + F.points + k + 1] - F.point[b, X.vel + F.points + k])
-                + F.point[b, X.dir + 2 * F.points + k]
-                * (F.point[b, X.vel + 2 * F.points + k + 1] - F.point[b, X.vel + 2 * F.points + k])
-            )
-            / F.point[b, X.rest + k]
-        )
+        dx, dy, dz = load_point(b, X.dir, k)
+        ax, ay, az = load_point(b, X.vel, k)
+        bx, by, bz = load_point(b, X.vel, k + 1)
+        F.point[b, X.rate + k] = -dot(dx, dy, dz, bx - ax, by - ay, bz - az) / F.point[b, X.rest + k]
         k = F.after[k]
     k = 0
     while k < npt - 1:

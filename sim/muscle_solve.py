@@ -3,8 +3,9 @@
 import taichi as ti
 
 from sim.fields import GREEN, LANES, F, X
-from sim.lacing import gather, interp
+from sim.lacing import gather, interp, weigh, weigh_rows
 from sim.sheet_solve import spectral
+from sim.vectors import cross, dot, load_point
 
 Lanes = ti.types.vector(LANES, ti.f32)
 
@@ -35,40 +36,13 @@ def functionals(b, nu, nv, pt, src, c0):
                 if f == 2:
                     o = X.du
                 o += 4 * pt
-                F.row[b, f * 4 + r] = (
-                    F.point[b, o] * x0 + F.point[b, o + 1] * x1 + F.point[b, o + 2] * x2 + F.point[b, o + 3] * x3
-                )
+                F.row[b, f * 4 + r] = weigh(b, o, x0, x1, x2, x3)
             r = F.after[r]
-        F.row[b, 16 + c] = (
-            F.point[b, X.wv + 4 * pt] * F.row[b, 0]
-            + F.point[b, X.wv + 4 * pt + 1] * F.row[b, 1]
-            + F.point[b, X.wv + 4 * pt + 2] * F.row[b, 2]
-            + F.point[b, X.wv + 4 * pt + 3] * F.row[b, 3]
-        )
-    F.row[b, 19] = (
-        F.point[b, X.wv + 4 * pt] * F.row[b, 4]
-        + F.point[b, X.wv + 4 * pt + 1] * F.row[b, 5]
-        + F.point[b, X.wv + 4 * pt + 2] * F.row[b, 6]
-        + F.point[b, X.wv + 4 * pt + 3] * F.row[b, 7]
-    )
-    F.row[b, 20] = (
-        F.point[b, X.ev_w + 4 * pt] * F.row[b, 0]
-        + F.point[b, X.ev_w + 4 * pt + 1] * F.row[b, 1]
-        + F.point[b, X.ev_w + 4 * pt + 2] * F.row[b, 2]
-        + F.point[b, X.ev_w + 4 * pt + 3] * F.row[b, 3]
-    )
-    F.row[b, 21] = (
-        F.point[b, X.wv + 4 * pt] * F.row[b, 8]
-        + F.point[b, X.wv + 4 * pt + 1] * F.row[b, 9]
-        + F.point[b, X.wv + 4 * pt + 2] * F.row[b, 10]
-        + F.point[b, X.wv + 4 * pt + 3] * F.row[b, 11]
-    )
-    F.row[b, 22] = (
-        F.point[b, X.dv + 4 * pt] * F.row[b, 0]
-        + F.point[b, X.dv + 4 * pt + 1] * F.row[b, 1]
-        + F.point[b, X.dv + 4 * pt + 2] * F.row[b, 2]
-        + F.point[b, X.dv + 4 * pt + 3] * F.row[b, 3]
-    )
+        F.row[b, 16 + c] = weigh_rows(b, X.wv + 4 * pt, 0)
+    F.row[b, 19] = weigh_rows(b, X.wv + 4 * pt, 4)
+    F.row[b, 20] = weigh_rows(b, X.ev_w + 4 * pt, 0)
+    F.row[b, 21] = weigh_rows(b, X.wv + 4 * pt, 8)
+    F.row[b, 22] = weigh_rows(b, X.dv + 4 * pt, 0)
 
 
 @ti.func
@@ -136,34 +110,23 @@ def woodbury(b, nu, nv, npt):
         pt = F.after[pt]
     k = 0
     while k < ns:
-        dx = F.point[b, X.dir + k]
-        dy = F.point[b, X.dir + F.points + k]
-        dz = F.point[b, X.dir + 2 * F.points + k]
+        dx, dy, dz = load_point(b, X.dir, k)
         for e in range(2):
             p = k + e
             sg = F.point[b, X.active + k] * (2.0 * e - 1.0)
-            ax = F.point[b, X.grad_u + p]
-            ay = F.point[b, X.grad_u + F.points + p]
-            az = F.point[b, X.grad_u + 2 * F.points + p]
-            nx = F.point[b, X.grad_v + p]
-            ny = F.point[b, X.grad_v + F.points + p]
-            nz = F.point[b, X.grad_v + 2 * F.points + p]
-            du = (dx * ax + dy * ay + dz * az) * sg
-            dv = ((ay * nz - az * ny) * dx + (az * nx - ax * nz) * dy + (ax * ny - ay * nx) * dz) * sg
+            ax, ay, az = load_point(b, X.grad_u, p)
+            nx, ny, nz = load_point(b, X.grad_v, p)
+            vx, vy, vz = cross(ax, ay, az, nx, ny, nz)
+            gx, gy, gz = load_point(b, X.tmp, p)
+            hx, hy, hz = load_point(b, X.force, p)
+            du = dot(dx, dy, dz, ax, ay, az) * sg
+            dv = dot(vx, vy, vz, dx, dy, dz) * sg
             o = X.coef + e * 7 * F.points + k
             F.point[b, o] = du
             F.point[b, o + F.points] = dv
-            F.point[b, o + 2 * F.points] = (dx * nx + dy * ny + dz * nz) * sg
-            F.point[b, o + 3 * F.points] = (
-                dx * F.point[b, X.tmp + p]
-                + dy * F.point[b, X.tmp + F.points + p]
-                + dz * F.point[b, X.tmp + 2 * F.points + p]
-            ) * sg
-            F.point[b, o + 4 * F.points] = (
-                dx * F.point[b, X.force + p]
-                + dy * F.point[b, X.force + F.points + p]
-                + dz * F.point[b, X.force + 2 * F.points + p]
-            ) * sg
+            F.point[b, o + 2 * F.points] = dot(dx, dy, dz, nx, ny, nz) * sg
+            F.point[b, o + 3 * F.points] = dot(dx, dy, dz, gx, gy, gz) * sg
+            F.point[b, o + 4 * F.points] = dot(dx, dy, dz, hx, hy, hz) * sg
             F.point[b, o + 5 * F.points] = -F.point[b, X.offset + p] * du
             F.point[b, o + 6 * F.points] = -F.point[b, X.offset + p] * dv
         k = F.after[k]

@@ -15,24 +15,23 @@ from sim.fields import AIR, AREA, GX, F
 def fabric_force(b, nu, nv, hung, ca, cv):
     """v = cv q + hv, and f = forces of the cloth - M a: row by row, each stage as soon as the rows that it reads are
     there, so that they still lie in the cache."""
-    s = nu + 2
     for j in range(-1, nv + 2):
         if j + 1 < nv:
             velocity_row(b, nu, nv, j + 1, cv)
         if 0 <= j < nv - 1:
-            cell_row(b, nu, nv, j, F.q, F.v)
-            edge_row(b, nu, nv, F.q, F.v, F.tv, F.lv, F.ev, F.sv, s, nu, j, False)
+            cell_row(b, nu, nv, j)
+            edge_row(b, nu, nv, j, False)
         if 0 <= j < nv:
-            edge_row(b, nu, nv, F.q, F.v, F.tu, F.lu, F.eu, F.su, 1, nu - 1, j, True)
+            edge_row(b, nu, nv, j, True)
         if 1 <= j <= nv:
-            star_row(b, nu, nv, j - 1, F.q)
-            edge_force_row(b, nu, nv, F.tu, F.lu, F.su, F.s1, F.ev, F.pu, 1, s, nu - 1, j - 1, True)
+            star_row(b, nu, nv, j - 1)
+            edge_force_row(b, nu, nv, j - 1, True)
         if 2 <= j <= nv:
-            edge_force_row(b, nu, nv, F.tv, F.lv, F.sv, F.s2, F.eu, F.pv, s, 1, nu, j - 2, False)
+            edge_force_row(b, nu, nv, j - 2, False)
         if j >= 2:
             gather_row(b, nu, nv, j - 2, ca)
     if 0 <= hung < 4:
-        clamp_pass(b, nu, nv, hung, F.q)
+        clamp_pass(b, nu, nv, hung)
 
 
 @ti.func
