@@ -10,7 +10,6 @@ from sim.vectors import cross, difference, dot, load, store
 def star_row(b, nu, nv, j):
     """node normals, curvatures, bending moments, and what the moments' couple puts on the two tangents"""
     s = nu + 2
-    P = s * (nv + 2)
     i = 0
     while i < nu:
         k = (j + 1) * s + i + 1
@@ -18,28 +17,6 @@ def star_row(b, nu, nv, j):
         e = k + 1
         n = k - s
         d = k + s
-        if i == 0:
-            w = k
-        if i == nu - 1:
-            e = k
-        if j == 0:
-            n = k
-        if j == nv - 1:
-            d = k
-        ax, ay, az = difference(b, F.q, P, w, e)
-        bx, by, bz = difference(b, F.q, P, n, d)
-        cx, cy, cz = cross(bx, by, bz, ax, ay, az)
-        il = 1.0 / ti.sqrt(cx * cx + cy * cy + cz * cz)
-        store(b, F.n, P, k, cx * il, cy * il, cz * il)
-        F.node[b, F.i1 + k] = il
-        store(b, F.na, P, k, ax, ay, az)
-        store(b, F.nb, P, k, bx, by, bz)
-        i = F.after[i]
-    i = 0
-    while i < nu:
-        k = (j + 1) * s + i + 1
-        w = k - 1
-        n = k - s
         has1 = ti.f32(1.0)
         has2 = ti.f32(1.0)
         wt = ti.f32(1.0)
@@ -49,11 +26,23 @@ def star_row(b, nu, nv, j):
         if j == 0 or j == nv - 1:
             has2 = ti.f32(0.0)
             wt *= 0.5
+        if i == 0:
+            w = k
+        if i == nu - 1:
+            e = k
+        if j == 0:
+            n = k
+        if j == nv - 1:
+            d = k
         hh = has1 * has2
-        # curvature vectors b = t+ - t-
-        ux, uy, uz = difference(b, F.tu, P, w, k)
-        vx, vy, vz = difference(b, F.tv, P, n, k)
-        nx, ny, nz = load(b, F.n, P, k)
+        ax, ay, az = difference(b, F.q + w, F.q + e)
+        bx, by, bz = difference(b, F.q + n, F.q + d)
+        nx, ny, nz = cross(bx, by, bz, ax, ay, az)
+        il = 1.0 / ti.sqrt(dot(nx, ny, nz, nx, ny, nz))
+        nx, ny, nz = nx * il, ny * il, nz * il
+        # curvature vectors t+ - t-
+        ux, uy, uz = difference(b, F.tu + w, F.tu + k)
+        vx, vy, vz = difference(b, F.tv + n, F.tv + k)
         k1 = dot(nx, ny, nz, ux, uy, uz)
         k2 = dot(nx, ny, nz, vx, vy, vz)
         A = F.lane[b, AREA] * wt
@@ -67,24 +56,15 @@ def star_row(b, nu, nv, j):
         ) * A
         F.node[b, F.s1 + k] = M1
         F.node[b, F.s2 + k] = M2
-        il = F.node[b, F.i1 + k]
-        store(b, F.pu, P, k, (M1 * ux + M2 * vx) * il, (M1 * uy + M2 * vy) * il, (M1 * uz + M2 * vz) * il)
-        i = F.after[i]
-    i = 0
-    while i < nu:
-        k = (j + 1) * s + i + 1
-        nx, ny, nz = load(b, F.n, P, k)
-        mx, my, mz = load(b, F.pu, P, k)
+        # couple on the normal, tangential part
+        mx, my, mz = M1 * ux + M2 * vx, M1 * uy + M2 * vy, M1 * uz + M2 * vz
         cn = dot(mx, my, mz, nx, ny, nz)
-        cx = mx - cn * nx
-        cy = my - cn * ny
-        cz = mz - cn * nz
-        ax, ay, az = load(b, F.na, P, k)
-        bx, by, bz = load(b, F.nb, P, k)
+        cx, cy, cz = (mx - cn * nx) * il, (my - cn * ny) * il, (mz - cn * nz) * il
+        store(b, F.n + k, nx, ny, nz)
         ex, ey, ez = cross(bx, by, bz, cx, cy, cz)
-        store(b, F.na, P, k, ex, ey, ez)
+        store(b, F.na + k, ex, ey, ez)
         ex, ey, ez = cross(cx, cy, cz, ax, ay, az)
-        store(b, F.nb, P, k, ex, ey, ez)
+        store(b, F.nb + k, ex, ey, ez)
         i = F.after[i]
 
 
@@ -92,7 +72,6 @@ def star_row(b, nu, nv, j):
 def clamp_pass(b, nu, nv, hung):
     """Half a cell of bending between the held normal (0, 0, 1) of a clamped edge and the first edges of the cloth."""
     s = nu + 2
-    P = s * (nv + 2)
     count = nu
     h = F.lane[b, HV]
     width = F.lane[b, HU]
@@ -118,10 +97,10 @@ def clamp_pass(b, nu, nv, hung):
         w = ti.f32(1.0)
         if i == 0 or i == count - 1:
             w = 0.5
-        dx, dy, dz = difference(b, F.q, P, k, e)
+        dx, dy, dz = difference(b, F.q + k, F.q + e)
         il = 1.0 / ti.sqrt(dx * dx + dy * dy + dz * dz)
         tz = dz * il
         m = w * F.lane[b, DCLAMP] * stiffness * width * 2.0 / h * tz * il
-        fx, fy, fz = load(b, F.f, P, e)
-        store(b, F.f, P, e, fx + m * tz * dx * il, fy + m * tz * dy * il, fz - m * (1.0 - tz * tz))
+        fx, fy, fz = load(b, F.f + e)
+        store(b, F.f + e, fx + m * tz * dx * il, fy + m * tz * dy * il, fz - m * (1.0 - tz * tz))
         i = F.after[i]

@@ -10,9 +10,8 @@ from sim.frames import unwarp, warp
 from sim.model import FREE
 from sim.muscle_solve import muscle_correct
 from sim.sheet_solve import spectral
-from sim.vectors import dot, load, store
+from sim.vectors import Lanes, Wide, sum3, thrice
 
-Lanes = ti.types.vector(LANES, ti.f32)
 RZ, BETA, ACTIVE, ALPHA = 4, 5, 6, 7  # slots of F.reduce
 DIVERGED = 1e4  # m^2, a squared update that no lane comes back from; others do not wait for it, nor for a NaN
 
@@ -20,13 +19,10 @@ DIVERGED = 1e4  # m^2, a squared update that no lane comes back from; others do 
 @ti.func
 def first_residual(b, nu, nv):
     """r = f where nodes are free; p = 0."""
-    P = (nu + 2) * (nv + 2)
     k = 0
-    while k < P:
-        free = F.node[b, F.free + k]
-        x, y, z = load(b, F.f, P, k)
-        store(b, F.r, P, k, x * free, y * free, z * free)
-        store(b, F.p, P, k, Lanes(0.0), Lanes(0.0), Lanes(0.0))
+    while k < (nu + 2) * (nv + 2):
+        F.node3[b, F.r + k] = F.node3[b, F.f + k] * thrice(F.node[b, F.free + k])
+        F.node3[b, F.p + k] = Wide(0.0)
         k = F.after[k]
     F.reduce[b, RZ] = Lanes(0.0)
     F.reduce[b, ACTIVE] = Lanes(1.0)
@@ -40,16 +36,12 @@ def step_length(b, nu, nv, hung):
     F.reduce[b, 2] = Lanes(0.0)
     k = 0
     while k < P:
-        free = F.node[b, F.free + k]
-        rx, ry, rz = load(b, F.r, P, k)
-        fx, fy, fz = load(b, F.f, P, k)
-        px, py, pz = load(b, F.p, P, k)
-        x = rx - fx * free
-        y = ry - fy * free
-        z = rz - fz * free
-        store(b, F.f, P, k, x, y, z)
-        F.reduce[b, 1] = F.reduce[b, 1] + dot(px, py, pz, rx, ry, rz)
-        F.reduce[b, 2] = F.reduce[b, 2] + dot(px, py, pz, x, y, z)
+        r = F.node3[b, F.r + k]
+        p = F.node3[b, F.p + k]
+        change = r - F.node3[b, F.f + k] * thrice(F.node[b, F.free + k])
+        F.node3[b, F.f + k] = change
+        F.reduce[b, 1] = F.reduce[b, 1] + sum3(p * r)
+        F.reduce[b, 2] = F.reduce[b, 2] + sum3(p * change)
         k = F.after[k]
     least = ti.f32(0.1)
     if hung == FREE:  # nodes held one by one are not in the preconditioner: what they hold is stiffer by far than there
@@ -59,15 +51,14 @@ def step_length(b, nu, nv, hung):
         if F.reduce[b, 2][lane] > 0:
             alpha = ti.min(2.0, ti.max(least, F.reduce[b, 1][lane] / F.reduce[b, 2][lane]))
         F.reduce[b, ALPHA][lane] = alpha * F.reduce[b, ACTIVE][lane]
-    alpha = F.reduce[b, ALPHA]
-    more = alpha - F.reduce[b, ACTIVE]
+    alpha = thrice(F.reduce[b, ALPHA])
+    more = thrice(F.reduce[b, ALPHA] - F.reduce[b, ACTIVE])
     k = 0
     while k < P:
-        for c in ti.static(range(3)):
-            r = F.node[b, F.r + c * P + k]
-            F.node[b, F.q + c * P + k] = F.node[b, F.q + c * P + k] + more * F.node[b, F.p + c * P + k]
-            F.node[b, F.rp + c * P + k] = r
-            F.node[b, F.r + c * P + k] = r - alpha * F.node[b, F.f + c * P + k]
+        r = F.node3[b, F.r + k]
+        F.node3[b, F.q + k] = F.node3[b, F.q + k] + more * F.node3[b, F.p + k]
+        F.node3[b, F.rp + k] = r
+        F.node3[b, F.r + k] = r - alpha * F.node3[b, F.f + k]
         k = F.after[k]
 
 
@@ -76,25 +67,20 @@ def direction(b, nu, nv, npt, i, tolerance):
     """y = P^-1 r: solve for the cloth; with muscles, again with what their tensions answer. Then p = y + beta p and
     q += p in the lanes that have not converged; returns how many those are."""
     warp(b, nu, nv, F.r)
-    passes = 1
+    spectral(b, nu, nv)
     if npt > 0:
-        passes = 2
-    for m in range(passes):
-        if m == 1:
-            muscle_correct(b, nu, nv, npt)
-        spectral(b, nu, nv, 0, 3)
+        muscle_correct(b, nu, nv, npt)
+        spectral(b, nu, nv)
     unwarp(b, nu, nv, F.y)
     P = (nu + 2) * (nv + 2)
     for slot in range(3):
         F.reduce[b, slot] = Lanes(0.0)
     k = 0
     while k < P:
-        x, y, z = load(b, F.y, P, k)
-        rx, ry, rz = load(b, F.r, P, k)
-        ox, oy, oz = load(b, F.rp, P, k)
-        F.reduce[b, 0] = F.reduce[b, 0] + dot(x, y, z, x, y, z)
-        F.reduce[b, 1] = F.reduce[b, 1] + dot(x, y, z, rx, ry, rz)
-        F.reduce[b, 2] = F.reduce[b, 2] + dot(x, y, z, ox, oy, oz)
+        y = F.node3[b, F.y + k]
+        F.reduce[b, 0] = F.reduce[b, 0] + sum3(y * y)
+        F.reduce[b, 1] = F.reduce[b, 1] + sum3(y * F.node3[b, F.r + k])
+        F.reduce[b, 2] = F.reduce[b, 2] + sum3(y * F.node3[b, F.rp + k])
         k = F.after[k]
     active = 0
     for lane in range(LANES):
@@ -107,12 +93,12 @@ def direction(b, nu, nv, npt, i, tolerance):
             F.reduce[b, ACTIVE][lane] = 0.0
         if F.reduce[b, ACTIVE][lane] > 0 and F.reduce[b, 0][lane] < DIVERGED:
             active += 1
-    beta = F.reduce[b, BETA]
-    moving = F.reduce[b, ACTIVE]
+    beta = thrice(F.reduce[b, BETA])
+    moving = thrice(F.reduce[b, ACTIVE])
     k = 0
-    while k < 3 * P:
-        d = (F.node[b, F.y + k] + beta * F.node[b, F.p + k]) * moving
-        F.node[b, F.p + k] = d
-        F.node[b, F.q + k] = F.node[b, F.q + k] + d
+    while k < P:
+        d = (F.node3[b, F.y + k] + beta * F.node3[b, F.p + k]) * moving
+        F.node3[b, F.p + k] = d
+        F.node3[b, F.q + k] = F.node3[b, F.q + k] + d
         k = F.after[k]
     return active

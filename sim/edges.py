@@ -2,20 +2,17 @@
 
 import taichi as ti
 
-from sim.fields import AREA, IHU, IHV, K12, KH1, KH2, LANES, Q1, Q2, R1, R2, VISC, F
-from sim.vectors import difference, dot, load, store
-
-Lanes = ti.types.vector(LANES, ti.f32)
+from sim.fields import AREA, IHU, IHV, K12, KH1, KH2, Q1, Q2, R1, R2, VISC, F
+from sim.vectors import Wide, difference, dot, load, store
 
 
 @ti.func
 def velocity_row(b, nu, nv, j, cv):
-    for c in range(3):
-        i = 0
-        while i < nu:
-            k = (c * (nv + 2) + j + 1) * (nu + 2) + i + 1
-            F.node[b, F.v + k] = cv * F.node[b, F.q + k] + F.node[b, F.hv + k]
-            i = F.after[i]
+    i = 0
+    while i < nu:
+        k = (j + 1) * (nu + 2) + i + 1
+        F.node3[b, F.v + k] = cv * F.node3[b, F.q + k] + F.node3[b, F.hv + k]
+        i = F.after[i]
 
 
 @ti.func
@@ -26,18 +23,8 @@ def edge_row(b, nu, nv, j, along_u: ti.template()):
     strain = ti.static(F.eu if along_u else F.ev)
     tension = ti.static(F.su if along_u else F.sv)
     s = nu + 2
-    P = s * (nv + 2)
     step = 1 if ti.static(along_u) else s
     count = nu - 1 if ti.static(along_u) else nu
-    i = 0
-    while i < count:
-        k = (j + 1) * s + i + 1
-        e = k + step
-        dx, dy, dz = difference(b, F.q, P, k, e)
-        il = 1.0 / ti.sqrt(dx * dx + dy * dy + dz * dz)
-        store(b, t, P, k, dx * il, dy * il, dz * il)
-        F.node[b, inverse + k] = il
-        i = F.after[i]
     ih = F.lane[b, IHU] if ti.static(along_u) else F.lane[b, IHV]
     kh = F.lane[b, KH1] if ti.static(along_u) else F.lane[b, KH2]
     A = F.lane[b, AREA]
@@ -56,11 +43,15 @@ def edge_row(b, nu, nv, j, along_u: ti.template()):
         else:
             if i == 0 or i == nu - 1:
                 w = ti.f32(0.5)
-        ep = ih / F.node[b, inverse + k] - 1.0
+        dx, dy, dz = difference(b, F.q + k, F.q + e)
+        il = 1.0 / ti.sqrt(dot(dx, dy, dz, dx, dy, dz))
+        tx, ty, tz = dx * il, dy * il, dz * il
+        ep = ih / il - 1.0
         up = ti.max(ep, 0.0)
-        vx, vy, vz = difference(b, F.v, P, k, e)
-        tx, ty, tz = load(b, t, P, k)
+        vx, vy, vz = difference(b, F.v + k, F.v + e)
         r = dot(vx, vy, vz, tx, ty, tz)
+        store(b, t + k, tx, ty, tz)
+        F.node[b, inverse + k] = il
         F.node[b, strain + k] = ep
         F.node[b, tension + k] = w * (kA * ep + A * up * up * (quadratic + cubic * up) + vA * r)
         i = F.after[i]
@@ -76,7 +67,6 @@ def edge_force_row(b, nu, nv, j, along_u: ti.template()):
     other = ti.static(F.ev if along_u else F.eu)
     out = ti.static(F.pu if along_u else F.pv)
     s = nu + 2
-    P = s * (nv + 2)
     step = 1 if ti.static(along_u) else s
     sideways = s if ti.static(along_u) else 1
     count = nu - 1 if ti.static(along_u) else nu
@@ -86,11 +76,11 @@ def edge_force_row(b, nu, nv, j, along_u: ti.template()):
     while i < count:
         k = (j + 1) * s + i + 1
         e = k + step
-        tx, ty, tz = load(b, t, P, k)
+        tx, ty, tz = load(b, t + k)
         Mk = F.node[b, moment + k]
         Me = F.node[b, moment + e]
-        ax, ay, az = load(b, F.n, P, k)
-        bx, by, bz = load(b, F.n, P, e)
+        ax, ay, az = load(b, F.n + k)
+        bx, by, bz = load(b, F.n + e)
         yx = Mk * ax - Me * bx
         yy = Mk * ay - Me * by
         yz = Mk * az - Me * bz
@@ -106,8 +96,7 @@ def edge_force_row(b, nu, nv, j, along_u: ti.template()):
         ) * ih
         il = F.node[b, inverse + k]
         along = T - dot(tx, ty, tz, yx, yy, yz) * il
-        store(b, out, P, k, along * tx + il * yx, along * ty + il * yy, along * tz + il * yz)
+        store(b, out + k, along * tx + il * yx, along * ty + il * yy, along * tz + il * yz)
         i = F.after[i]
     if ti.static(along_u):  # the last column carries no edge, and was scratch
-        for c in range(3):
-            F.node[b, out + c * P + (j + 1) * s + nu] = Lanes(0.0)
+        F.node3[b, out + (j + 1) * s + nu] = Wide(0.0)

@@ -1,11 +1,12 @@
 """The one owner of Taichi: starts it, and holds every array that the kernels work on.
 
 Layout (measured, see docs/results/simulator.md): LANES designs ride side by side, innermost, as the entries
-of one `Vector.field(LANES)`, so that LLVM emits vector loads and stores; a block of them belongs to one thread.
+of one `Vector.field(LANES)`, so that LLVM emits vector loads and stores; a block of them belongs to one thread. The
+three components of a vector lie in one element of WIDE entries, component by component: one address for three.
 
-Node arrays are planes of `F.node`: component c of node (row j, column i) of an nv x nu grid is entry
-`F.plane_name + c * P + k`, with P = (nu + 2)(nv + 2), k = (j + 1)(nu + 2) + i + 1: a ring of zero ghosts lies around.
-Arrays over fixed points are planes of `F.point`, `X.plane_name + c * F.points + index`. An interval of a muscle has the
+Arrays over nodes are planes of `F.node` (numbers) and `F.node3` (vectors): node (row j, column i) of an nv x nu grid
+is entry `F.plane_name + k`, k = (j + 1)(nu + 2) + i + 1: a ring of zero ghosts lies around.
+Arrays over fixed points are planes of `F.point` and `F.point3`, `X.plane_name + index`. An interval of a muscle has the
 index of its first fixed point. Offsets are constants of the compiled kernels; grid size and counts are run-time values.
 
 Inner loops are `while` loops that step by `k = F.after[k]`, which is k + 1: where LLVM foresees the next index, it
@@ -13,10 +14,12 @@ spends nine tenths of the compile time on the loop.
 """
 
 import contextlib
+import functools
 import io
 import os
 import threading
 import time
+from collections.abc import Iterable, Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -26,12 +29,15 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
 try:
     import taichi as ti
+    from taichi.lang import kernel_impl
+    from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 except ImportError as error:  # a bare machine lacks libX11
     from fabdesign.errors import InputError
 
     raise InputError(f"cannot load taichi ({error}); on Debian: apt install libx11-6") from error
 
 LANES = 8
+WIDE = 3 * LANES
 SPREAD = 512  # iterations of an outer loop that Taichi gives a thread at least: block b is iteration SPREAD b
 FUNCTIONALS = 7  # of the warped displacement at a fixed point: u, v, w, (w s_u), (w s_v), w_u, w_v
 GREEN = 27  # numbers kept for each pair of fixed points: uu, vv, and 5 x 5 of the normal component
@@ -47,22 +53,23 @@ FIRST_CONTRACTION, CONTRACTION_STEP = -0.25, 0.001
 ) = range(29)  # fmt: skip
 LANE_CONSTANTS = 32
 
-_NODE = {
+_NODE3 = (
     # state: positions, velocities, accelerations, and those of the step before; q and v at the evaluation point
-    "x0": 3, "v0": 3, "a0": 3, "xp": 3, "vp": 3, "q": 3, "v": 3, "hv": 3, "ha": 3,
+    "x0", "v0", "a0", "xp", "vp", "q", "v", "hv", "ha",
     # residual f; conjugate gradients: residual r, its predecessor rp, preconditioned y, direction p
-    "f": 3, "carry": 3, "r": 3, "rp": 3, "y": 3, "p": 3,
-    # unit tangents of edges, inverse lengths, strains, tensions; node normals; scratch and forces
-    "tu": 3, "tv": 3, "lu": 1, "lv": 1, "eu": 1, "ev": 1, "su": 1, "sv": 1, "n": 3, "i1": 1, "i2": 1, "s1": 1, "s2": 1,
-    "na": 3, "nb": 3, "ca": 3, "cb": 3, "cd": 3, "pu": 3, "pv": 3,
-    # smooth frames of the preconditioner, lumped mass [kg], 1 where free and 0 where held
-    "fu": 3, "fn": 3, "mass": 1, "free": 1,
-}  # fmt: skip
+    "f", "carry", "r", "rp", "y", "p",
+    # unit tangents of edges; node normals; forces of constraints; smooth frames of the preconditioner
+    "tu", "tv", "n", "na", "nb", "ca", "cb", "cd", "pu", "pv", "fu", "fn",
+)  # fmt: skip
+_NODE = (
+    # of edges: inverse lengths, strains, tensions; bending moments; lumped mass [kg]; 1 where free and 0 where held
+    "lu", "lv", "eu", "ev", "su", "sv", "s1", "s2", "mass", "free",
+)  # fmt: skip
+_POINT3 = ("pos", "tan_u", "tan_v", "normal", "vel", "force", "dir", "tmp", "grad_u", "grad_v")
 _POINT = {
     "wu": 4, "wv": 4, "du": 4, "dv": 4, "eu_w": 4, "ev_w": 4, "offset": 1, "active": 1, "rest": 1, "viscosity": 1,
-    "gain": 1, "pos": 3, "tan_u": 3, "tan_v": 3, "normal": 3, "inv_area": 1, "vel": 3, "force": 3, "dir": 3,
-    "inv_len": 1, "eps": 1, "rate": 1, "pressure": 1, "tension": 1, "compliance": 1, "lam": 1, "coef": 2 * FUNCTIONALS,
-    "resp": FUNCTIONALS, "tmp": 3, "grad_u": 3, "grad_v": 3,
+    "gain": 1, "inv_area": 1, "eps": 1, "rate": 1, "pressure": 1, "tension": 1, "compliance": 1, "lam": 1,
+    "coef": 2 * FUNCTIONALS, "resp": FUNCTIONALS,
 }  # fmt: skip
 
 F: Any = SimpleNamespace(ready=False)
@@ -70,9 +77,9 @@ X: Any = SimpleNamespace()
 lock = threading.RLock()
 
 
-def _offsets(planes: dict[str, int], size: int) -> tuple[dict[str, int], int]:
+def _offsets(planes: Iterable[tuple[str, int]], size: int) -> tuple[dict[str, int], int]:
     offsets, total = {}, 0
-    for name, width in planes.items():
+    for name, width in planes:
         offsets[name] = total
         total += width * size
     return offsets, total
@@ -89,22 +96,34 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     modes = grow(getattr(F, "modes", 0), modes)
     with contextlib.redirect_stdout(io.StringIO()):
         ti.init(arch=ti.cpu, default_fp=ti.f32, offline_cache=True, advanced_optimization=False)
-    vector = lambda n: ti.Vector.field(LANES, ti.f32, shape=(blocks, n))  # noqa: E731
+    vector = lambda n, width=LANES: ti.Vector.field(width, ti.f32, shape=(blocks, n))  # noqa: E731
     whole = lambda n: ti.Vector.field(LANES, ti.i32, shape=(blocks, n))  # noqa: E731
-    node, total = _offsets(_NODE, nodes)
-    F.__dict__.update(node, node=vector(total), nodes=nodes, points=points, modes=modes, blocks=blocks)
-    point, total = _offsets(_POINT, points)
-    X.__dict__.update(point)
-    F.point = vector(total)
+    F.__dict__.update(nodes=nodes, points=points, modes=modes, blocks=blocks)
+    for space, field, planes, size in (
+        (F, "node3", [(name, 1) for name in _NODE3], nodes),
+        (F, "node", [(name, 1) for name in _NODE], nodes),
+        (X, "point3", [(name, 1) for name in _POINT3], points),
+        (X, "point", list(_POINT.items()), points),
+    ):
+        offsets, total = _offsets(planes, size)
+        space.__dict__.update(offsets)
+        setattr(F, field, vector(total, WIDE if field.endswith("3") else LANES))
     F.base, F.start, F.channel, F.kind = whole(points), whole(points), whole(points), whole(points)
-    F.lane, F.reduce, F.patch, F.row = vector(LANE_CONSTANTS), vector(16), vector(48), vector(32)
-    F.modal, F.factor = vector(9 * nodes), vector(7 * nodes)
-    F.basis, F.eigen = ti.field(ti.f32, shape=2 * modes * modes), ti.field(ti.f32, shape=modes)
+    F.lane, F.reduce, F.row, F.row3, F.patch3 = (
+        vector(LANE_CONSTANTS),
+        vector(16),
+        vector(32),
+        vector(12, WIDE),
+        vector(16, WIDE),
+    )
+    F.modal3, F.factor3 = vector(3 * nodes, WIDE), vector(3 * nodes, WIDE)
+    F.basis = ti.Vector.field(4, ti.f32, shape=2 * modes * (modes + 6) // 4)  # rows by four
+    F.eigen = ti.field(ti.f32, shape=modes)
     F.odd = ti.field(ti.i32, shape=())
     F.green, F.dual = vector(points * points * GREEN), vector(points * points)
     F.table = ti.field(ti.f32, shape=(TYPES, *TABLE))
-    F.after = ti.field(ti.i32, shape=9 * nodes)
-    F.after.from_numpy(np.arange(1, 9 * nodes + 1, dtype=np.int32))
+    F.after = ti.field(ti.i32, shape=3 * nodes)
+    F.after.from_numpy(np.arange(1, 3 * nodes + 1, dtype=np.int32))
     F.ready = True
 
 
@@ -114,6 +133,25 @@ _compile_seconds = [0.0]
 def compile_seconds() -> float:
     """Seconds that this process has spent in kernels' first calls (compilation, or loading from the cache)."""
     return _compile_seconds[0]
+
+
+_source = functools.cache(kernel_impl.getsourcelines)
+
+
+def _position(context: Any, node: Any) -> str:
+    return f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}:\n'
+
+
+@contextlib.contextmanager
+def _brief_positions() -> Iterator[None]:
+    """Taichi lays out an excerpt of the source, wrapped to 80 columns, for every node of a kernel in case of an error,
+    and reads the source anew for every call of a function: half of a warm start. Here a file and a line will do."""
+    long, fresh = ASTTransformerContext.get_pos_info, kernel_impl.getsourcelines
+    ASTTransformerContext.get_pos_info, kernel_impl.getsourcelines = _position, _source
+    try:
+        yield
+    finally:
+        ASTTransformerContext.get_pos_info, kernel_impl.getsourcelines = long, fresh
 
 
 class Timed:
@@ -126,14 +164,15 @@ class Timed:
         if self.start is F.node:
             return self.kernel(*arguments)
         begin = time.perf_counter()
-        result = self.kernel(*arguments)
+        with _brief_positions():
+            result = self.kernel(*arguments)
         _compile_seconds[0] += time.perf_counter() - begin
         self.start = F.node
         return result
 
 
 def upload(field: Any, values: np.ndarray) -> None:
-    """Fill the leading entries of a scalar field with `values`."""
-    whole = np.zeros(field.shape, np.float32)
+    """Fill the leading entries of a field (last axis: the entries of a vector) with `values`; the rest becomes zero."""
+    whole = np.zeros((*field.shape, *values.shape[len(field.shape) :]), np.float32)
     whole[tuple(slice(n) for n in values.shape)] = values
     field.from_numpy(whole)

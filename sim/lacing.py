@@ -6,183 +6,151 @@ Equations 7-10 of docs/model.md.
 import taichi as ti
 
 from sim.fields import CONTRACTION_STEP, FIRST_CONTRACTION, LANES, PRESSURE_STEP, TABLE, F, X
-from sim.vectors import cross, dot, load_point, store_point
-
-Lanes = ti.types.vector(LANES, ti.f32)
+from sim.vectors import Wide, cross, dot, load_point, parts, store_point, sum3, thrice
 
 
 @ti.func
-def gather(b, nu, nv, pt, src: ti.template()):
-    s = nu + 2
-    P = s * (nv + 2)
+def gather(b, nu, pt, src):
+    """The 4 x 4 vectors of F.node3 at src around a fixed point into F.patch3."""
     r = 0
     while r < 4:
         for m in range(4):
-            for c in range(3):
-                for lane in range(LANES):
-                    F.patch[b, (r * 4 + m) * 3 + c][lane] = F.node[b, src + c * P + F.base[b, pt][lane] + r * s + m][
-                        lane
-                    ]
+            for lane in range(LANES):
+                k = src + F.base[b, pt][lane] + r * (nu + 2) + m
+                for c in ti.static(range(3)):
+                    F.patch3[b, r * 4 + m][c * LANES + lane] = F.node3[b, k][c * LANES + lane]
         r = F.after[r]
 
 
 @ti.func
 def weigh(b, o, x0, x1, x2, x3):
     """Sum of four by the weights that lie at o of F.point."""
-    return F.point[b, o] * x0 + F.point[b, o + 1] * x1 + F.point[b, o + 2] * x2 + F.point[b, o + 3] * x3
+    return (
+        thrice(F.point[b, o]) * x0
+        + thrice(F.point[b, o + 1]) * x1
+        + thrice(F.point[b, o + 2]) * x2
+        + thrice(F.point[b, o + 3]) * x3
+    )
 
 
 @ti.func
 def weigh_rows(b, o, first):
-    return weigh(b, o, F.row[b, first], F.row[b, first + 1], F.row[b, first + 2], F.row[b, first + 3])
+    return weigh(b, o, F.row3[b, first], F.row3[b, first + 1], F.row3[b, first + 2], F.row3[b, first + 3])
 
 
 @ti.func
-def interp(b, pt, p: ti.template(), pa: ti.template(), pb: ti.template()):
-    for c in range(3):
-        r = 0
-        while r < 4:
-            x0 = F.patch[b, r * 12 + c]
-            x1 = F.patch[b, r * 12 + 3 + c]
-            x2 = F.patch[b, r * 12 + 6 + c]
-            x3 = F.patch[b, r * 12 + 9 + c]
-            F.row[b, r] = weigh(b, X.wu + 4 * pt, x0, x1, x2, x3)
-            F.row[b, 4 + r] = weigh(b, X.du + 4 * pt, x0, x1, x2, x3)
-            r = F.after[r]
-        F.point[b, p + c * F.points + pt] = weigh_rows(b, X.wv + 4 * pt, 0)
-        F.point[b, pa + c * F.points + pt] = weigh_rows(b, X.wv + 4 * pt, 4)
-        F.point[b, pb + c * F.points + pt] = weigh_rows(b, X.dv + 4 * pt, 0)
+def interp(b, pt, p, pa, pb):
+    """Value of the vectors in F.patch3 at a fixed point to F.point3 at p, derivatives along u and v to pa and pb."""
+    r = 0
+    while r < 4:
+        x0 = F.patch3[b, 4 * r]
+        x1 = F.patch3[b, 4 * r + 1]
+        x2 = F.patch3[b, 4 * r + 2]
+        x3 = F.patch3[b, 4 * r + 3]
+        F.row3[b, r] = weigh(b, X.wu + 4 * pt, x0, x1, x2, x3)
+        F.row3[b, 4 + r] = weigh(b, X.du + 4 * pt, x0, x1, x2, x3)
+        r = F.after[r]
+    F.point3[b, p + pt] = weigh_rows(b, X.wv + 4 * pt, 0)
+    F.point3[b, pa + pt] = weigh_rows(b, X.wv + 4 * pt, 4)
+    F.point3[b, pb + pt] = weigh_rows(b, X.dv + 4 * pt, 0)
 
 
 @ti.func
-def points_pos(b, nu, nv, npt):
+def points_pos(b, nu, npt):
+    """Positions, tangents and normals of the fixed points."""
     pt = 0
     while pt < npt:
-        gather(b, nu, nv, pt, F.q)
+        gather(b, nu, pt, F.q)
         interp(b, pt, X.pos, X.tan_u, X.tan_v)
-        pt = F.after[pt]
-    pt = 0
-    while pt < npt:
-        ax, ay, az = load_point(b, X.tan_u, pt)
-        bx, by, bz = load_point(b, X.tan_v, pt)
+        ax, ay, az = load_point(b, X.tan_u + pt)
+        bx, by, bz = load_point(b, X.tan_v + pt)
         cx, cy, cz = cross(bx, by, bz, ax, ay, az)
-        il = 1.0 / ti.sqrt(cx * cx + cy * cy + cz * cz)
+        il = 1.0 / ti.sqrt(dot(cx, cy, cz, cx, cy, cz))
+        normal = Wide(cx * il, cy * il, cz * il)
         F.point[b, X.inv_area + pt] = il
-        store_point(b, X.normal, pt, cx * il, cy * il, cz * il)
-        pt = F.after[pt]
-    pt = 0
-    while pt < npt:
-        for c in range(3):
-            F.point[b, X.pos + c * F.points + pt] = (
-                F.point[b, X.pos + c * F.points + pt]
-                + F.point[b, X.offset + pt] * F.point[b, X.normal + c * F.points + pt]
-            )
+        F.point3[b, X.normal + pt] = normal
+        F.point3[b, X.pos + pt] = F.point3[b, X.pos + pt] + thrice(F.point[b, X.offset + pt]) * normal
         pt = F.after[pt]
 
 
 @ti.func
-def points_rate(b, nu, nv, npt, src: ti.template()):
-    """DP = linearised motion of the fixed points under the nodal motion in src; uses X.force, DD as scratch"""
+def points_rate(b, nu, npt, src):
+    """X.vel = linearised motion of the fixed points under the nodal motion in src; spends X.force and X.tmp"""
     pt = 0
     while pt < npt:
-        gather(b, nu, nv, pt, src)
+        gather(b, nu, pt, src)
         interp(b, pt, X.vel, X.force, X.tmp)
-        pt = F.after[pt]
-    pt = 0
-    while pt < npt:
-        ax, ay, az = load_point(b, X.tan_u, pt)
-        bx, by, bz = load_point(b, X.tan_v, pt)
-        ex, ey, ez = load_point(b, X.force, pt)
-        gx, gy, gz = load_point(b, X.tmp, pt)
-        il = F.point[b, X.inv_area + pt]
+        ax, ay, az = load_point(b, X.tan_u + pt)
+        bx, by, bz = load_point(b, X.tan_v + pt)
+        ex, ey, ez = load_point(b, X.force + pt)
+        gx, gy, gz = load_point(b, X.tmp + pt)
         cx, cy, cz = cross(gx, gy, gz, ax, ay, az)
         dx, dy, dz = cross(bx, by, bz, ex, ey, ez)
-        store_point(b, X.force, pt, (cx + dx) * il, (cy + dy) * il, (cz + dz) * il)
-        pt = F.after[pt]
-    pt = 0
-    while pt < npt:
-        nx, ny, nz = load_point(b, X.normal, pt)
-        x, y, z = load_point(b, X.force, pt)
-        nd = dot(nx, ny, nz, x, y, z)
-        so = F.point[b, X.offset + pt]
-        vx, vy, vz = load_point(b, X.vel, pt)
-        store_point(b, X.vel, pt, vx + so * (x - nd * nx), vy + so * (y - nd * ny), vz + so * (z - nd * nz))
+        turn = thrice(F.point[b, X.inv_area + pt]) * Wide(cx + dx, cy + dy, cz + dz)
+        normal = F.point3[b, X.normal + pt]
+        tangential = turn - thrice(sum3(turn * normal)) * normal
+        F.point3[b, X.vel + pt] = F.point3[b, X.vel + pt] + thrice(F.point[b, X.offset + pt]) * tangential
         pt = F.after[pt]
 
 
 @ti.func
-def back(b, nu, nv, npt, dst: ti.template()):
-    """adds the fixed points' forces FP to the nodes"""
-    s = nu + 2
-    P = s * (nv + 2)
+def back(b, nu, npt, dst):
+    """adds the fixed points' forces to the nodes"""
     pt = 0
     while pt < npt:
-        nx, ny, nz = load_point(b, X.normal, pt)
-        x, y, z = load_point(b, X.force, pt)
-        nd = dot(nx, ny, nz, x, y, z)
-        w = F.point[b, X.offset + pt] * F.point[b, X.inv_area + pt]
-        store_point(b, X.tmp, pt, w * (x - nd * nx), w * (y - nd * ny), w * (z - nd * nz))
-        pt = F.after[pt]
-    pt = 0
-    while pt < npt:
-        tx, ty, tz = load_point(b, X.tmp, pt)
-        ax, ay, az = load_point(b, X.tan_u, pt)
-        bx, by, bz = load_point(b, X.tan_v, pt)
+        force = F.point3[b, X.force + pt]
+        normal = F.point3[b, X.normal + pt]
+        lever = thrice(F.point[b, X.offset + pt] * F.point[b, X.inv_area + pt])
+        couple = lever * (force - thrice(sum3(force * normal)) * normal)
+        tx, ty, tz = parts(couple)
+        ax, ay, az = load_point(b, X.tan_u + pt)
+        bx, by, bz = load_point(b, X.tan_v + pt)
         cx, cy, cz = cross(tx, ty, tz, bx, by, bz)
-        store_point(b, X.grad_u, pt, cx, cy, cz)
+        store_point(b, X.grad_u + pt, cx, cy, cz)
         cx, cy, cz = cross(ax, ay, az, tx, ty, tz)
-        store_point(b, X.grad_v, pt, cx, cy, cz)
+        store_point(b, X.grad_v + pt, cx, cy, cz)
         pt = F.after[pt]
     pt = 0
     while pt < npt:
+        force = F.point3[b, X.force + pt]
+        along_u = F.point3[b, X.grad_u + pt]
+        along_v = F.point3[b, X.grad_v + pt]
         r = 0
         while r < 4:
-            for c in range(3):
-                w0 = (
-                    F.point[b, X.wv + 4 * pt + r] * F.point[b, X.force + c * F.points + pt]
-                    + F.point[b, X.dv + 4 * pt + r] * F.point[b, X.grad_v + c * F.points + pt]
+            value = thrice(F.point[b, X.wv + 4 * pt + r])
+            w0 = value * force + thrice(F.point[b, X.dv + 4 * pt + r]) * along_v
+            w1 = value * along_u
+            m = 0
+            while m < 4:
+                F.patch3[b, r * 4 + m] = (
+                    thrice(F.point[b, X.wu + 4 * pt + m]) * w0 + thrice(F.point[b, X.du + 4 * pt + m]) * w1
                 )
-                w1 = F.point[b, X.wv + 4 * pt + r] * F.point[b, X.grad_u + c * F.points + pt]
-                for m in range(4):
-                    F.patch[b, (r * 4 + m) * 3 + c] = (
-                        F.point[b, X.wu + 4 * pt + m] * w0 + F.point[b, X.du + 4 * pt + m] * w1
-                    )
+                m = F.after[m]
             r = F.after[r]
         r = 0
         while r < 4:
             for m in range(4):
-                for c in range(3):
-                    for lane in range(LANES):
-                        k = dst + c * P + F.base[b, pt][lane] + r * s + m
-                        F.node[b, k][lane] = F.node[b, k][lane] + F.patch[b, (r * 4 + m) * 3 + c][lane]
+                for lane in range(LANES):
+                    k = dst + F.base[b, pt][lane] + r * (nu + 2) + m
+                    for c in ti.static(range(3)):
+                        e = c * LANES + lane
+                        F.node3[b, k][e] = F.node3[b, k][e] + F.patch3[b, r * 4 + m][e]
             r = F.after[r]
         pt = F.after[pt]
 
 
 @ti.func
 def tension(b, npt, cv):
-    """DD, LEN, EPS, TEN and the inverse stiffness KI of every interval; DP must hold the points' velocity"""
+    """Direction, length, contraction, tension and compliance of every interval; X.vel must hold the points' velocity"""
     k = 0
     while k < npt - 1:
-        ax, ay, az = load_point(b, X.pos, k)
-        bx, by, bz = load_point(b, X.pos, k + 1)
-        x = bx - ax
-        y = by - ay
-        z = bz - az
-        il = 1.0 / ti.sqrt(x * x + y * y + z * z + 1e-16)
-        store_point(b, X.dir, k, x * il, y * il, z * il)
-        F.point[b, X.inv_len + k] = il
-        k = F.after[k]
-    k = 0
-    while k < npt - 1:
-        F.point[b, X.eps + k] = 1.0 - 1.0 / (F.point[b, X.inv_len + k] * F.point[b, X.rest + k])
-        dx, dy, dz = load_point(b, X.dir, k)
-        ax, ay, az = load_point(b, X.vel, k)
-        bx, by, bz = load_point(b, X.vel, k + 1)
-        F.point[b, X.rate + k] = -dot(dx, dy, dz, bx - ax, by - ay, bz - az) / F.point[b, X.rest + k]
-        k = F.after[k]
-    k = 0
-    while k < npt - 1:
+        along = F.point3[b, X.pos + k + 1] - F.point3[b, X.pos + k]
+        il = 1.0 / ti.sqrt(sum3(along * along) + 1e-16)
+        along = along * thrice(il)
+        F.point3[b, X.dir + k] = along
+        F.point[b, X.eps + k] = 1.0 - 1.0 / (il * F.point[b, X.rest + k])
+        stretching = sum3(along * (F.point3[b, X.vel + k + 1] - F.point3[b, X.vel + k]))
+        F.point[b, X.rate + k] = -stretching / F.point[b, X.rest + k]
         for lane in range(LANES):
             x = (F.point[b, X.eps + k][lane] - FIRST_CONTRACTION) / CONTRACTION_STEP
             i = ti.min(ti.max(int(x), 0), TABLE[1] - 2)
@@ -199,9 +167,6 @@ def tension(b, npt, cv):
             h1 = f1 + F.point[b, X.gain + k][lane] * (e1 - f1)
             F.point[b, X.tension + k][lane] = h0 + f * (h1 - h0)
             F.point[b, X.compliance + k][lane] = (h0 - h1) / CONTRACTION_STEP
-        k = F.after[k]
-    k = 0
-    while k < npt - 1:
         F.point[b, X.tension + k] = F.point[b, X.active + k] * (
             F.point[b, X.tension + k] - F.point[b, X.viscosity + k] * F.point[b, X.rate + k]
         )
@@ -212,16 +177,12 @@ def tension(b, npt, cv):
 
 
 @ti.func
-def seg_to_points(b, npt, src: ti.template()):
-    for c in range(3):
-        F.point[b, X.force + c * F.points] = F.point[b, src] * F.point[b, X.dir + c * F.points]
-        k = 1
-        while k < npt - 1:
-            F.point[b, X.force + c * F.points + k] = (
-                F.point[b, src + k] * F.point[b, X.dir + c * F.points + k]
-                - F.point[b, src + k - 1] * F.point[b, X.dir + c * F.points + k - 1]
-            )
-            k = F.after[k]
-        F.point[b, X.force + c * F.points + npt - 1] = (
-            -F.point[b, src + npt - 2] * F.point[b, X.dir + c * F.points + npt - 2]
-        )
+def seg_to_points(b, npt, src):
+    """What tensions pull their fixed points with."""
+    F.point3[b, X.force] = thrice(F.point[b, src]) * F.point3[b, X.dir]
+    k = 1
+    while k < npt:
+        F.point3[b, X.force + k] = -thrice(F.point[b, src + k - 1]) * F.point3[b, X.dir + k - 1]
+        if k < npt - 1:
+            F.point3[b, X.force + k] = F.point3[b, X.force + k] + thrice(F.point[b, src + k]) * F.point3[b, X.dir + k]
+        k = F.after[k]

@@ -115,5 +115,12 @@ def _set_basis(n: int, hung: int) -> None:
         parts = [basis[: len(even), even], basis[np.ix_(mirrored, odd)]]
         eigen = np.concatenate([eigen[even], eigen[odd]])
     F.odd[None] = n - len(parts[0])
-    upload(F.basis, np.concatenate([part.ravel() for part in (*parts, *(part.T for part in parts))]).astype(np.float32))
+    upload(F.basis, np.concatenate([_by_four(part) for part in (*parts, *(part.T for part in parts))]))
     upload(F.eigen, eigen.astype(np.float32))
+
+
+def _by_four(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n/4 rounded up x n, 4): entry [q n + k, r] is row 4 q + r, column k; rows beyond the last are zero."""
+    n = len(matrix)
+    padded = np.pad(matrix, ((0, -n % 4), (0, 0)))
+    return padded.reshape(-1, 4, n).transpose(0, 2, 1).reshape(-1, 4)

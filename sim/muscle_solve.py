@@ -5,44 +5,47 @@ import taichi as ti
 from sim.fields import GREEN, LANES, F, X
 from sim.lacing import gather, interp, weigh, weigh_rows
 from sim.sheet_solve import spectral
-from sim.vectors import cross, dot, load_point
-
-Lanes = ti.types.vector(LANES, ti.f32)
+from sim.vectors import Lanes, Wide, cross, dot, load_point, parts
 
 
 @ti.func
-def functionals(b, nu, nv, pt, src, c0):
-    """t[16..22] = u, v, w, (w su), (w sv), w_u, w_v at fixed point pt of the warped field at sp[src]"""
-    N = nu * nv
+def functionals(b, nu, pt):
+    """F.row[0..6] = u, v, w, (w s_u), (w s_v), w_u, w_v at fixed point pt of the field in F.modal3"""
     r = 0
     while r < 4:
         for m in range(4):
             for lane in range(LANES):
                 k = F.start[b, pt][lane] + r * nu + m
-                for c in range(c0, 3):
-                    F.patch[b, (r * 4 + m) * 3 + c][lane] = F.modal[b, src + c * N + k][lane]
+                for c in ti.static(range(3)):
+                    F.patch3[b, r * 4 + m][c * LANES + lane] = F.modal3[b, k][c * LANES + lane]
         r = F.after[r]
-    for c in range(c0, 3):
-        r = 0
-        while r < 4:
-            x0 = F.patch[b, r * 12 + c]
-            x1 = F.patch[b, r * 12 + 3 + c]
-            x2 = F.patch[b, r * 12 + 6 + c]
-            x3 = F.patch[b, r * 12 + 9 + c]
-            for f in range(3):
-                o = X.wu
-                if f == 1:
-                    o = X.eu_w
-                if f == 2:
-                    o = X.du
-                o += 4 * pt
-                F.row[b, f * 4 + r] = weigh(b, o, x0, x1, x2, x3)
-            r = F.after[r]
-        F.row[b, 16 + c] = weigh_rows(b, X.wv + 4 * pt, 0)
-    F.row[b, 19] = weigh_rows(b, X.wv + 4 * pt, 4)
-    F.row[b, 20] = weigh_rows(b, X.ev_w + 4 * pt, 0)
-    F.row[b, 21] = weigh_rows(b, X.wv + 4 * pt, 8)
-    F.row[b, 22] = weigh_rows(b, X.dv + 4 * pt, 0)
+    r = 0
+    while r < 4:
+        x0 = F.patch3[b, 4 * r]
+        x1 = F.patch3[b, 4 * r + 1]
+        x2 = F.patch3[b, 4 * r + 2]
+        x3 = F.patch3[b, 4 * r + 3]
+        F.row3[b, r] = weigh(b, X.wu + 4 * pt, x0, x1, x2, x3)
+        F.row3[b, 4 + r] = weigh(b, X.eu_w + 4 * pt, x0, x1, x2, x3)
+        F.row3[b, 8 + r] = weigh(b, X.du + 4 * pt, x0, x1, x2, x3)
+        r = F.after[r]
+    value = weigh_rows(b, X.wv + 4 * pt, 0)
+    F.row[b, 0], F.row[b, 1], F.row[b, 2] = parts(value)
+    f = 3
+    while f < 7:
+        weights = X.wv
+        rows = 4
+        if f == 4:
+            weights = X.ev_w
+            rows = 0
+        if f == 5:
+            rows = 8
+        if f == 6:
+            weights = X.dv
+            rows = 0
+        wide = weigh_rows(b, weights + 4 * pt, rows)
+        _, _, F.row[b, f] = parts(wide)
+        f = F.after[f]
 
 
 @ti.func
@@ -63,16 +66,12 @@ def weight(b, pt, f, r, m):
 @ti.func
 def green(b, nu, nv, npt):
     """G[a,b] = response of the functionals of point a to those of point b: 0 uu, 1 vv, 2.. 5x5 normal"""
-    N = nu * nv
     pb = 0
     while pb < npt:
         for f in range(5):
-            c0 = 0
-            if f > 0:
-                c0 = 2
-            k = c0 * N
-            while k < 3 * N:
-                F.modal[b, k] = Lanes(0.0)
+            k = 0
+            while k < nu * nv:
+                F.modal3[b, k] = Wide(0.0)
                 k = F.after[k]
             r = 0
             while r < 4:
@@ -80,45 +79,47 @@ def green(b, nu, nv, npt):
                     p = weight(b, pb, f, r, m)
                     for lane in range(LANES):
                         k = F.start[b, pb][lane] + r * nu + m
-                        for c in range(c0, 3):
-                            F.modal[b, c * N + k][lane] = p[lane]
+                        for c in ti.static(range(3)):
+                            F.modal3[b, k][c * LANES + lane] = p[lane]
                 r = F.after[r]
-            spectral(b, nu, nv, c0, 3)
+            spectral(b, nu, nv)
             pa = 0
             while pa < npt:
                 o = (pa * F.points + pb) * GREEN
-                functionals(b, nu, nv, pa, 0, c0)
-                if c0 == 0:
-                    F.green[b, o] = F.row[b, 16]
-                    F.green[b, o + 1] = F.row[b, 17]
-                for g in range(5):
-                    F.green[b, o + 2 + g * 5 + f] = F.row[b, 18 + g]
+                functionals(b, nu, pa)
+                if f == 0:
+                    F.green[b, o] = F.row[b, 0]
+                    F.green[b, o + 1] = F.row[b, 1]
+                g = 0
+                while g < 5:
+                    F.green[b, o + 2 + g * 5 + f] = F.row[b, 2 + g]
+                    g = F.after[g]
                 pa = F.after[pa]
         pb = F.after[pb]
 
 
 @ti.func
-def woodbury(b, nu, nv, npt):
+def woodbury(b, nu, npt):
     """S = 1/km + J K0^-1 J^T in the current frames, and its LDL^T"""
     ns = npt - 1
     pt = 0
     while pt < npt:
-        gather(b, nu, nv, pt, F.fu)
+        gather(b, nu, pt, F.fu)
         interp(b, pt, X.grad_u, X.tmp, X.force)
-        gather(b, nu, nv, pt, F.fn)
+        gather(b, nu, pt, F.fn)
         interp(b, pt, X.grad_v, X.tmp, X.force)
         pt = F.after[pt]
     k = 0
     while k < ns:
-        dx, dy, dz = load_point(b, X.dir, k)
+        dx, dy, dz = load_point(b, X.dir + k)
         for e in range(2):
             p = k + e
             sg = F.point[b, X.active + k] * (2.0 * e - 1.0)
-            ax, ay, az = load_point(b, X.grad_u, p)
-            nx, ny, nz = load_point(b, X.grad_v, p)
+            ax, ay, az = load_point(b, X.grad_u + p)
+            nx, ny, nz = load_point(b, X.grad_v + p)
             vx, vy, vz = cross(ax, ay, az, nx, ny, nz)
-            gx, gy, gz = load_point(b, X.tmp, p)
-            hx, hy, hz = load_point(b, X.force, p)
+            gx, gy, gz = load_point(b, X.tmp + p)
+            hx, hy, hz = load_point(b, X.force + p)
             du = dot(dx, dy, dz, ax, ay, az) * sg
             dv = dot(vx, vy, vz, dx, dy, dz) * sg
             o = X.coef + e * 7 * F.points + k
@@ -209,7 +210,7 @@ def wood_solve(b, npt):
 
 @ti.func
 def muscle_correct(b, nu, nv, npt):
-    """sp[0] <- sp[R] - Jhat^T S^-1 Jhat sp[0]; R = 6N buffer"""
+    """F.modal3 <- R - J^T S^-1 J F.modal3, where R is the copy that `warp` left in the third plane"""
     N = nu * nv
     k = 0
     while k < npt:
@@ -217,47 +218,47 @@ def muscle_correct(b, nu, nv, npt):
         k = F.after[k]
     p = 0
     while p < npt:
-        functionals(b, nu, nv, p, 0, 0)
+        functionals(b, nu, p)
         i = 0
         while i < 7:
             if p < npt - 1:
-                F.point[b, X.lam + p] = F.point[b, X.lam + p] + F.point[b, X.coef + i * F.points + p] * F.row[b, 16 + i]
+                F.point[b, X.lam + p] = F.point[b, X.lam + p] + F.point[b, X.coef + i * F.points + p] * F.row[b, i]
             if p > 0:
                 F.point[b, X.lam + p - 1] = (
-                    F.point[b, X.lam + p - 1] + F.point[b, X.coef + (7 + i) * F.points + p - 1] * F.row[b, 16 + i]
+                    F.point[b, X.lam + p - 1] + F.point[b, X.coef + (7 + i) * F.points + p - 1] * F.row[b, i]
                 )
             i = F.after[i]
         p = F.after[p]
     wood_solve(b, npt)
+    k = 0
+    while k < N:
+        F.modal3[b, k] = F.modal3[b, 2 * N + k]
+        k = F.after[k]
     p = 0
     while p < npt:
         i = 0
         while i < 7:
-            F.row[b, 16 + i] = Lanes(0.0)
+            F.row[b, i] = Lanes(0.0)
             if p < npt - 1:
-                F.row[b, 16 + i] = F.row[b, 16 + i] - F.point[b, X.coef + i * F.points + p] * F.point[b, X.lam + p]
+                F.row[b, i] = F.row[b, i] - F.point[b, X.coef + i * F.points + p] * F.point[b, X.lam + p]
             if p > 0:
-                F.row[b, 16 + i] = (
-                    F.row[b, 16 + i] - F.point[b, X.coef + (7 + i) * F.points + p - 1] * F.point[b, X.lam + p - 1]
-                )
+                F.row[b, i] = F.row[b, i] - F.point[b, X.coef + (7 + i) * F.points + p - 1] * F.point[b, X.lam + p - 1]
             i = F.after[i]
         r = 0
         while r < 4:
             for m in range(4):
-                o = (r * 4 + m) * 3
-                w = F.point[b, X.wv + 4 * p + r] * F.point[b, X.wu + 4 * p + m]
-                F.patch[b, o] = w * F.row[b, 16]
-                F.patch[b, o + 1] = w * F.row[b, 17]
-                F.patch[b, o + 2] = w * F.row[b, 18]
-                for f in range(1, 5):
-                    F.patch[b, o + 2] = F.patch[b, o + 2] + weight(b, p, f, r, m) * F.row[b, 18 + f]
-                for c in range(3):
-                    for lane in range(LANES):
-                        k = 6 * N + c * N + F.start[b, p][lane] + r * nu + m
-                        F.modal[b, k][lane] = F.modal[b, k][lane] + F.patch[b, (r * 4 + m) * 3 + c][lane]
+                F.row[b, 7] = F.point[b, X.wv + 4 * p + r] * F.point[b, X.wu + 4 * p + m]
+                F.row[b, 8] = F.row[b, 7] * F.row[b, 2]
+                f = 1
+                while f < 5:
+                    F.row[b, 8] = F.row[b, 8] + weight(b, p, f, r, m) * F.row[b, 2 + f]
+                    f = F.after[f]
+                pull = Wide(F.row[b, 7] * F.row[b, 0], F.row[b, 7] * F.row[b, 1], F.row[b, 8])
+                F.patch3[b, 0] = pull
+                for lane in range(LANES):
+                    k = F.start[b, p][lane] + r * nu + m
+                    for c in ti.static(range(3)):
+                        e = c * LANES + lane
+                        F.modal3[b, k][e] = F.modal3[b, k][e] + F.patch3[b, 0][e]
             r = F.after[r]
         p = F.after[p]
-    k = 0
-    while k < 3 * N:
-        F.modal[b, k] = F.modal[b, 6 * N + k]
-        k = F.after[k]

@@ -9,6 +9,7 @@ from sim.bending import clamp_pass, star_row
 from sim.cells import cell_row
 from sim.edges import edge_force_row, edge_row, velocity_row
 from sim.fields import AIR, AREA, GX, F
+from sim.vectors import Wide, thrice
 
 
 @ti.func
@@ -38,50 +39,47 @@ def fabric_force(b, nu, nv, hung, ca, cv):
 def gather_row(b, nu, nv, j, ca):
     """f = internal forces + gravity - air damping - M a"""
     s = nu + 2
-    P = s * (nv + 2)
-    for c in range(3):
-        g = F.lane[b, GX + c]
-        aA = F.lane[b, AIR] * F.lane[b, AREA]
-        i = 0
-        while i < nu:
-            kk = (j + 1) * s + i + 1
-            k = c * P + kk
-            s1 = ti.f32(0.0)
-            s2 = ti.f32(0.0)
-            wt = ti.f32(1.0)
-            if i == 0:
-                s1 = ti.f32(-1.0)
-                wt *= 0.5
-            if i == nu - 1:
-                s1 = ti.f32(1.0)
-                wt *= 0.5
-            if j == 0:
-                s2 = ti.f32(-1.0)
-                wt *= 0.5
-            if j == nv - 1:
-                s2 = ti.f32(1.0)
-                wt *= 0.5
-            e = F.node[b, F.pu + k] - F.node[b, F.pu + k - 1] + F.node[b, F.pv + k] - F.node[b, F.pv + k - s]
-            m = (
-                F.node[b, F.na + k - 1]
-                - F.node[b, F.na + k + 1]
-                + s1 * F.node[b, F.na + k]
-                + F.node[b, F.nb + k - s]
-                - F.node[b, F.nb + k + s]
-                + s2 * F.node[b, F.nb + k]
-            )
-            ce = (
-                (F.node[b, F.cd + k] - F.node[b, F.ca + k] - F.node[b, F.cb + k])
-                + (F.node[b, F.ca + k - 1] - F.node[b, F.cb + k - 1] - F.node[b, F.cd + k - 1])
-                + (F.node[b, F.cb + k - s] - F.node[b, F.ca + k - s] - F.node[b, F.cd + k - s])
-                + (F.node[b, F.ca + k - s - 1] + F.node[b, F.cb + k - s - 1] + F.node[b, F.cd + k - s - 1])
-            )
-            F.node[b, F.f + k] = (
-                e
-                + m
-                + ce
-                + F.node[b, F.mass + kk] * (g - ca * F.node[b, F.q + k] - F.node[b, F.ha + k])
-                - wt * aA * F.node[b, F.v + k]
-                + F.node[b, F.carry + k]
-            )
-            i = F.after[i]
+    g = Wide(F.lane[b, GX], F.lane[b, GX + 1], F.lane[b, GX + 2])
+    drag = thrice(F.lane[b, AIR] * F.lane[b, AREA])
+    i = 0
+    while i < nu:
+        k = (j + 1) * s + i + 1
+        s1 = ti.f32(0.0)
+        s2 = ti.f32(0.0)
+        wt = ti.f32(1.0)
+        if i == 0:
+            s1 = ti.f32(-1.0)
+            wt *= 0.5
+        if i == nu - 1:
+            s1 = ti.f32(1.0)
+            wt *= 0.5
+        if j == 0:
+            s2 = ti.f32(-1.0)
+            wt *= 0.5
+        if j == nv - 1:
+            s2 = ti.f32(1.0)
+            wt *= 0.5
+        e = F.node3[b, F.pu + k] - F.node3[b, F.pu + k - 1] + F.node3[b, F.pv + k] - F.node3[b, F.pv + k - s]
+        m = (
+            F.node3[b, F.na + k - 1]
+            - F.node3[b, F.na + k + 1]
+            + s1 * F.node3[b, F.na + k]
+            + F.node3[b, F.nb + k - s]
+            - F.node3[b, F.nb + k + s]
+            + s2 * F.node3[b, F.nb + k]
+        )
+        ce = (
+            (F.node3[b, F.cd + k] - F.node3[b, F.ca + k] - F.node3[b, F.cb + k])
+            + (F.node3[b, F.ca + k - 1] - F.node3[b, F.cb + k - 1] - F.node3[b, F.cd + k - 1])
+            + (F.node3[b, F.cb + k - s] - F.node3[b, F.ca + k - s] - F.node3[b, F.cd + k - s])
+            + (F.node3[b, F.ca + k - s - 1] + F.node3[b, F.cb + k - s - 1] + F.node3[b, F.cd + k - s - 1])
+        )
+        F.node3[b, F.f + k] = (
+            e
+            + m
+            + ce
+            + thrice(F.node[b, F.mass + k]) * (g - ca * F.node3[b, F.q + k] - F.node3[b, F.ha + k])
+            - wt * drag * F.node3[b, F.v + k]
+            + F.node3[b, F.carry + k]
+        )
+        i = F.after[i]

@@ -25,6 +25,7 @@ from sim.muscle_solve import green, woodbury
 from sim.scheme import Batch, Scheme
 from sim.sheet import fabric_force
 from sim.sheet_solve import factor
+from sim.vectors import thrice
 
 
 def prepare(batch: Batch, scheme: Scheme) -> None:
@@ -75,7 +76,7 @@ def _march_kernel(
                 while i <= iterations:
                     fabric_force(b, nu, nv, hung, ca, cv)
                     if npt > 0:
-                        muscles(b, nu, nv, npt, cv)
+                        muscles(b, nu, npt, cv)
                     if i == 0:
                         first_residual(b, nu, nv)
                     else:
@@ -84,7 +85,7 @@ def _march_kernel(
                         if i < turns[m]:
                             frames(b, nu, nv, reach)
                             if npt > 0:
-                                woodbury(b, nu, nv, npt)
+                                woodbury(b, nu, npt)
                         if direction(b, nu, nv, npt, i, tolerance) == 0:
                             i = iterations
                     i += 1
@@ -97,52 +98,49 @@ def _march_kernel(
 @ti.func
 def predict(b, nu, nv, h, am, af, ga, ia, ry, ba):
     """Histories hv, ha, and the first guess: the velocity goes on, so that viscous forces do."""
-    n3 = 3 * (nu + 2) * (nv + 2)
+    P = (nu + 2) * (nv + 2)
     k = 0
-    while k < n3:
-        x0 = F.node[b, F.x0 + k]
-        v0 = F.node[b, F.v0 + k]
-        a0 = F.node[b, F.a0 + k]
+    while k < P:
+        x0 = F.node3[b, F.x0 + k]
+        v0 = F.node3[b, F.v0 + k]
+        a0 = F.node3[b, F.a0 + k]
         a1 = -ia * (af * ry + 1.0) * x0 - ia * h * v0 - ba * a0
-        F.node[b, F.xp + k] = x0
-        F.node[b, F.vp + k] = v0
-        F.node[b, F.ha + k] = (1 - am) * a1 + am * a0
-        F.node[b, F.hv + k] = (1 - af) * (v0 + h * (1 - ga) * a0 + h * ga * a1) + af * v0
-        k = F.after[k]
-    k = 0
-    while k < n3:
-        F.node[b, F.q + k] = (F.node[b, F.v0 + k] - F.node[b, F.hv + k]) / (h * ga * ia)
+        hv = (1 - af) * (v0 + h * (1 - ga) * a0 + h * ga * a1) + af * v0
+        F.node3[b, F.xp + k] = x0
+        F.node3[b, F.vp + k] = v0
+        F.node3[b, F.ha + k] = (1 - am) * a1 + am * a0
+        F.node3[b, F.hv + k] = hv
+        F.node3[b, F.q + k] = (v0 - hv) / (h * ga * ia)
         k = F.after[k]
 
 
 @ti.func
-def muscles(b, nu, nv, npt, cv):
+def muscles(b, nu, npt, cv):
     """f += forces of the muscles."""
-    points_pos(b, nu, nv, npt)
-    points_rate(b, nu, nv, npt, F.v)
+    points_pos(b, nu, npt)
+    points_rate(b, nu, npt, F.v)
     tension(b, npt, cv)
     seg_to_points(b, npt, X.tension)
-    back(b, nu, nv, npt, F.f)
+    back(b, nu, npt, F.f)
 
 
 @ti.func
 def finish(b, nu, nv, h, am, af, ga, ia, ry, ba, carried):
     """From the evaluation point to the end of the step."""
     P = (nu + 2) * (nv + 2)
-    for c in range(3):
-        i = 0
-        while i < P:
-            k = c * P + i
-            x0 = F.node[b, F.x0 + k]
-            v0 = F.node[b, F.v0 + k]
-            a0 = F.node[b, F.a0 + k]
-            d = ry * (F.node[b, F.q + k] - x0) * F.node[b, F.free + i]
-            a1 = (ia * (d - h * v0) - ba * a0) * F.node[b, F.free + i]
-            F.node[b, F.x0 + k] = x0 + d
-            F.node[b, F.v0 + k] = v0 + h * ((1 - ga) * a0 + ga * a1)
-            F.node[b, F.a0 + k] = a1
-            F.node[b, F.carry + k] = carried * F.node[b, F.r + k]
-            i = F.after[i]
+    k = 0
+    while k < P:
+        x0 = F.node3[b, F.x0 + k]
+        v0 = F.node3[b, F.v0 + k]
+        a0 = F.node3[b, F.a0 + k]
+        free = thrice(F.node[b, F.free + k])
+        d = ry * (F.node3[b, F.q + k] - x0) * free
+        a1 = (ia * (d - h * v0) - ba * a0) * free
+        F.node3[b, F.x0 + k] = x0 + d
+        F.node3[b, F.v0 + k] = v0 + h * ((1 - ga) * a0 + ga * a1)
+        F.node3[b, F.a0 + k] = a1
+        F.node3[b, F.carry + k] = carried * F.node3[b, F.r + k]
+        k = F.after[k]
 
 
 @ti.kernel

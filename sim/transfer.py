@@ -3,8 +3,8 @@
 import taichi as ti
 
 from sim.fields import LANES, F, Timed, X
+from sim.vectors import Lanes, Wide
 
-Lanes = ti.types.vector(LANES, ti.f32)
 LOADED = 5  # planes of the node array that `load` takes: x, y, z, mass, free
 
 
@@ -20,18 +20,20 @@ def _load_kernel(
     and index (nb, 4, points, LANES: base node, channel, type, base node without padding) go to their places."""
     for b in range(nb):
         P = (nu + 2) * (nv + 2)
+        for k in range(F.node3.shape[1]):
+            F.node3[b, k] = Wide(0.0)
+        for k in range(F.modal3.shape[1]):  # a product with a zero entry of the basis must not meet an old NaN
+            F.modal3[b, k] = Wide(0.0)
         for k in range(F.mass):
             F.node[b, k] = Lanes(0.0)
         for k in range(constants.shape[1]):
             for lane in range(LANES):
                 F.lane[b, k][lane] = constants[b, k, lane]
-        for c in range(3):
-            for k in range(P):
-                for lane in range(LANES):
-                    F.node[b, F.x0 + c * P + k][lane] = node[b, c, k, lane]
-                    F.node[b, F.q + c * P + k][lane] = node[b, c, k, lane]
         for k in range(P):
             for lane in range(LANES):
+                for c in range(3):
+                    F.node3[b, F.x0 + k][c * LANES + lane] = node[b, c, k, lane]
+                    F.node3[b, F.q + k][c * LANES + lane] = node[b, c, k, lane]
                 F.node[b, F.mass + k][lane] = node[b, 3, k, lane]
                 F.node[b, F.free + k][lane] = node[b, 4, k, lane]
         for k in range(point.shape[1]):
@@ -49,9 +51,9 @@ def _load_kernel(
 def _halt_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32):
     """Zero velocity and acceleration."""
     for b in range(nb):
-        for k in range(3 * (nu + 2) * (nv + 2)):
-            F.node[b, F.v0 + k] = Lanes(0.0)
-            F.node[b, F.a0 + k] = Lanes(0.0)
+        for k in range((nu + 2) * (nv + 2)):
+            F.node3[b, F.v0 + k] = Wide(0.0)
+            F.node3[b, F.a0 + k] = Wide(0.0)
 
 
 @ti.kernel
@@ -63,7 +65,6 @@ def _read_kernel(
     """out (nb, LANES, nu nv, 3): positions at the fraction theta (nb, LANES) of the last step, cubic Hermite."""
     for b in range(nb):
         s = nu + 2
-        P = s * (nv + 2)
         for lane in range(LANES):
             t = theta[b, lane]
             b1 = (1 - t) * (1 - t) * t * h
@@ -71,12 +72,13 @@ def _read_kernel(
             b3 = t * t * (t - 1) * h
             for j in range(nv):
                 for i in range(nu):
+                    k = (j + 1) * s + i + 1
                     for c in range(3):
-                        k = c * P + (j + 1) * s + i + 1
-                        old = F.node[b, F.xp + k][lane]
-                        new = F.node[b, F.x0 + k][lane]
+                        e = c * LANES + lane
+                        old = F.node3[b, F.xp + k][e]
+                        new = F.node3[b, F.x0 + k][e]
                         out[b, lane, j * nu + i, c] = (
-                            old + b2 * (new - old) + b1 * F.node[b, F.vp + k][lane] + b3 * F.node[b, F.v0 + k][lane]
+                            old + b2 * (new - old) + b1 * F.node3[b, F.vp + k][e] + b3 * F.node3[b, F.v0 + k][e]
                         )
 
 

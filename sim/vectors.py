@@ -1,42 +1,58 @@
-"""Vectors of three components in the planes of F.node and F.point, lanes side by side."""
+"""Vectors of three components over nodes and fixed points: x of all lanes, then y, then z."""
 
 import taichi as ti
 
-from sim.fields import F
+from sim.fields import LANES, WIDE, F
+
+Lanes = ti.types.vector(LANES, ti.f32)
+Wide = ti.types.vector(WIDE, ti.f32)
 
 
 @ti.func
-def load(b, plane: ti.template(), P, k):
-    return F.node[b, plane + k], F.node[b, plane + P + k], F.node[b, plane + 2 * P + k]
+def parts(e):
+    """Components of a vector; Wide(x, y, z) is the inverse."""
+    return e[0:LANES], e[LANES : 2 * LANES], e[2 * LANES : WIDE]
 
 
 @ti.func
-def difference(b, plane: ti.template(), P, k, e):
-    """From node k to node e."""
-    return (
-        F.node[b, plane + e] - F.node[b, plane + k],
-        F.node[b, plane + P + e] - F.node[b, plane + P + k],
-        F.node[b, plane + 2 * P + e] - F.node[b, plane + 2 * P + k],
-    )
+def thrice(a):
+    """One number for all three components."""
+    return Wide(a, a, a)
 
 
 @ti.func
-def store(b, plane: ti.template(), P, k, x, y, z):
-    F.node[b, plane + k] = x
-    F.node[b, plane + P + k] = y
-    F.node[b, plane + 2 * P + k] = z
+def sum3(e):
+    """Sum over the components."""
+    return e[0:LANES] + e[LANES : 2 * LANES] + e[2 * LANES : WIDE]
 
 
 @ti.func
-def load_point(b, plane: ti.template(), k):
-    return F.point[b, plane + k], F.point[b, plane + F.points + k], F.point[b, plane + 2 * F.points + k]
+def load(b, k):
+    e = F.node3[b, k]
+    return parts(e)
 
 
 @ti.func
-def store_point(b, plane: ti.template(), k, x, y, z):
-    F.point[b, plane + k] = x
-    F.point[b, plane + F.points + k] = y
-    F.point[b, plane + 2 * F.points + k] = z
+def difference(b, k, e):
+    """From entry k to entry e."""
+    d = F.node3[b, e] - F.node3[b, k]
+    return parts(d)
+
+
+@ti.func
+def store(b, k, x, y, z):
+    F.node3[b, k] = Wide(x, y, z)
+
+
+@ti.func
+def load_point(b, k):
+    e = F.point3[b, k]
+    return parts(e)
+
+
+@ti.func
+def store_point(b, k, x, y, z):
+    F.point3[b, k] = Wide(x, y, z)
 
 
 @ti.func
