@@ -26,6 +26,8 @@ from sim.fields import (
 )
 from sim.vectors import Lanes, Wide, thrice
 
+CURVATURE = 5.5  # 1/m in both directions: a bent cloth resists normal motion by its membrane, which is flat here
+
 
 @ti.func
 def factor(b, nu, nv, ca, cv):
@@ -41,6 +43,7 @@ def factor(b, nu, nv, ca, cv):
     k2 = F.lane[b, KH2] + vis
     sh = F.lane[b, SH] + 0.5 * vis
     mass = hu * F.lane[b, HV] * mb
+    hoop = hu * F.lane[b, HV] * CURVATURE**2 * (k1 + k2)
     bend = hu * F.lane[b, D2] * ihv * ihv * ihv
     free_top = 1.0 - F.lane[b, DTOP]
     for j in range(nv):
@@ -79,7 +82,10 @@ def factor(b, nu, nv, ca, cv):
             a = Wide(
                 (mass + k1 * F.lane[b, HV] * lam) * wj + hu * sh * kj * ihv,
                 (mass + sh * F.lane[b, HV] * lam) * wj + hu * k2 * kj * ihv,
-                (mass + F.lane[b, D1] * F.lane[b, HV] * lam * lam * ihu) * wj + twist * kj * ihv + bend * bj + extra,
+                (mass + hoop + F.lane[b, D1] * F.lane[b, HV] * lam * lam * ihu) * wj
+                + twist * kj * ihv
+                + bend * bj
+                + extra,
             )
             e1 = thrice(fm) * Wide(-hu * sh * ihv, -hu * k2 * ihv, b1 * bend - twist * ihv)
             e2 = Wide(Lanes(0.0), Lanes(0.0), fm2 * bend)
