@@ -46,11 +46,13 @@ def step_length(b, nu, nv, hung):
     least = ti.f32(0.1)
     if hung == FREE:  # nodes held one by one are not in the preconditioner: what they hold is stiffer by far than there
         least = ti.f32(1e-6)
-    for lane in range(LANES):
+    lane = 0
+    while lane < LANES:
         alpha = ti.f32(1.0)
         if F.reduce[b, 2][lane] > 0:
             alpha = ti.min(2.0, ti.max(least, F.reduce[b, 1][lane] / F.reduce[b, 2][lane]))
         F.reduce[b, ALPHA][lane] = alpha * F.reduce[b, ACTIVE][lane]
+        lane = F.after[lane]
     alpha = thrice(F.reduce[b, ALPHA])
     more = thrice(F.reduce[b, ALPHA] - F.reduce[b, ACTIVE])
     k = 0
@@ -67,9 +69,10 @@ def direction(b, nu, nv, npt, i, tolerance):
     """y = P^-1 r: solve for the cloth; with muscles, again with what their tensions answer. Then p = y + beta p and
     q += p in the lanes that have not converged; returns how many those are."""
     warp(b, nu, nv, F.r)
-    spectral(b, nu, nv)
-    if npt > 0:
-        muscle_correct(b, nu, nv, npt)
+    solves = 2 if npt > 0 else 1
+    for solve in range(solves):
+        if solve == 1:
+            muscle_correct(b, nu, nv, npt)
         spectral(b, nu, nv)
     unwarp(b, nu, nv, F.y)
     P = (nu + 2) * (nv + 2)
@@ -83,7 +86,8 @@ def direction(b, nu, nv, npt, i, tolerance):
         F.reduce[b, 2] = F.reduce[b, 2] + sum3(y * F.node3[b, F.rp + k])
         k = F.after[k]
     active = 0
-    for lane in range(LANES):
+    lane = 0
+    while lane < LANES:
         beta = ti.f32(0.0)
         if i > 1 and F.reduce[b, RZ][lane] > 0:
             beta = ti.max(0.0, (F.reduce[b, 1][lane] - F.reduce[b, 2][lane]) / F.reduce[b, RZ][lane])
@@ -93,6 +97,7 @@ def direction(b, nu, nv, npt, i, tolerance):
             F.reduce[b, ACTIVE][lane] = 0.0
         if F.reduce[b, ACTIVE][lane] > 0 and F.reduce[b, 0][lane] < DIVERGED:
             active += 1
+        lane = F.after[lane]
     beta = thrice(F.reduce[b, BETA])
     moving = thrice(F.reduce[b, ACTIVE])
     k = 0

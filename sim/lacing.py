@@ -14,11 +14,13 @@ def gather(b, nu, pt, src):
     """The 4 x 4 vectors of F.node3 at src around a fixed point into F.patch3."""
     r = 0
     while r < 4:
-        for m in range(4):
+        m = 0
+        while m < 4:
             for lane in range(LANES):
                 k = src + F.base[b, pt][lane] + r * (nu + 2) + m
                 for c in ti.static(range(3)):
                     F.patch3[b, r * 4 + m][c * LANES + lane] = F.node3[b, k][c * LANES + lane]
+            m = F.after[m]
         r = F.after[r]
 
 
@@ -129,12 +131,14 @@ def back(b, nu, npt, dst):
             r = F.after[r]
         r = 0
         while r < 4:
-            for m in range(4):
+            m = 0
+            while m < 4:
                 for lane in range(LANES):
                     k = dst + F.base[b, pt][lane] + r * (nu + 2) + m
                     for c in ti.static(range(3)):
                         e = c * LANES + lane
                         F.node3[b, k][e] = F.node3[b, k][e] + F.patch3[b, r * 4 + m][e]
+                m = F.after[m]
             r = F.after[r]
         pt = F.after[pt]
 
@@ -151,7 +155,8 @@ def tension(b, npt, cv):
         F.point[b, X.eps + k] = 1.0 - 1.0 / (il * F.point[b, X.rest + k])
         stretching = sum3(along * (F.point3[b, X.vel + k + 1] - F.point3[b, X.vel + k]))
         F.point[b, X.rate + k] = -stretching / F.point[b, X.rest + k]
-        for lane in range(LANES):
+        lane = 0
+        while lane < LANES:
             x = (F.point[b, X.eps + k][lane] - FIRST_CONTRACTION) / CONTRACTION_STEP
             i = ti.min(ti.max(int(x), 0), TABLE[1] - 2)
             f = x - i
@@ -167,6 +172,7 @@ def tension(b, npt, cv):
             h1 = f1 + F.point[b, X.gain + k][lane] * (e1 - f1)
             F.point[b, X.tension + k][lane] = h0 + f * (h1 - h0)
             F.point[b, X.compliance + k][lane] = (h0 - h1) / CONTRACTION_STEP
+            lane = F.after[lane]
         F.point[b, X.tension + k] = F.point[b, X.active + k] * (
             F.point[b, X.tension + k] - F.point[b, X.viscosity + k] * F.point[b, X.rate + k]
         )

@@ -13,11 +13,13 @@ def functionals(b, nu, pt):
     """F.row[0..6] = u, v, w, (w s_u), (w s_v), w_u, w_v at fixed point pt of the field in F.modal3"""
     r = 0
     while r < 4:
-        for m in range(4):
+        m = 0
+        while m < 4:
             for lane in range(LANES):
                 k = F.start[b, pt][lane] + r * nu + m
                 for c in ti.static(range(3)):
                     F.patch3[b, r * 4 + m][c * LANES + lane] = F.modal3[b, k][c * LANES + lane]
+            m = F.after[m]
         r = F.after[r]
     r = 0
     while r < 4:
@@ -68,19 +70,24 @@ def green(b, nu, nv, npt):
     """G[a,b] = response of the functionals of point a to those of point b: 0 uu, 1 vv, 2.. 5x5 normal"""
     pb = 0
     while pb < npt:
-        for f in range(5):
+        f = 0
+        while f < 5:
             k = 0
             while k < nu * nv:
                 F.modal3[b, k] = Wide(0.0)
                 k = F.after[k]
             r = 0
             while r < 4:
-                for m in range(4):
+                m = 0
+                while m < 4:
                     p = weight(b, pb, f, r, m)
-                    for lane in range(LANES):
+                    lane = 0
+                    while lane < LANES:
                         k = F.start[b, pb][lane] + r * nu + m
                         for c in ti.static(range(3)):
                             F.modal3[b, k][c * LANES + lane] = p[lane]
+                        lane = F.after[lane]
+                    m = F.after[m]
                 r = F.after[r]
             spectral(b, nu, nv)
             pa = 0
@@ -95,6 +102,7 @@ def green(b, nu, nv, npt):
                     F.green[b, o + 2 + g * 5 + f] = F.row[b, 2 + g]
                     g = F.after[g]
                 pa = F.after[pa]
+            f = F.after[f]
         pb = F.after[pb]
 
 
@@ -112,7 +120,8 @@ def woodbury(b, nu, npt):
     k = 0
     while k < ns:
         dx, dy, dz = load_point(b, X.dir + k)
-        for e in range(2):
+        e = 0
+        while e < 2:
             p = k + e
             sg = F.point[b, X.active + k] * (2.0 * e - 1.0)
             ax, ay, az = load_point(b, X.grad_u + p)
@@ -130,6 +139,7 @@ def woodbury(b, nu, npt):
             F.point[b, o + 4 * F.points] = dot(dx, dy, dz, hx, hy, hz) * sg
             F.point[b, o + 5 * F.points] = -F.point[b, X.offset + p] * du
             F.point[b, o + 6 * F.points] = -F.point[b, X.offset + p] * dv
+            e = F.after[e]
         k = F.after[k]
     s = 0
     while s < ns:
@@ -246,7 +256,8 @@ def muscle_correct(b, nu, nv, npt):
             i = F.after[i]
         r = 0
         while r < 4:
-            for m in range(4):
+            m = 0
+            while m < 4:
                 F.row[b, 7] = F.point[b, X.wv + 4 * p + r] * F.point[b, X.wu + 4 * p + m]
                 F.row[b, 8] = F.row[b, 7] * F.row[b, 2]
                 f = 1
@@ -260,5 +271,6 @@ def muscle_correct(b, nu, nv, npt):
                     for c in ti.static(range(3)):
                         e = c * LANES + lane
                         F.modal3[b, k][e] = F.modal3[b, k][e] + F.patch3[b, 0][e]
+                m = F.after[m]
             r = F.after[r]
         p = F.after[p]

@@ -123,18 +123,20 @@ def transform(b, nu, nv, src, dst, inverse):
     """Rows of F.modal3 at src times the basis across (its transpose where inverse = 1), to dst; even and odd vectors
     apart. Spends src."""
     for j in range(nv):
-        x = src + j * nu
-        y = dst + j * nu
+        row = src + j * nu
         if inverse == 0:
-            butterfly(b, nu, x)
+            butterfly(b, nu, row)
         even = nu - F.odd[None]
-        C = ti.i32(0)
+        C = inverse * (quads(even) * even + quads(F.odd[None]) * F.odd[None])
+        first = 0
+        count = even
+        for _ in range(2):
+            multiply_row(b, row + first, dst + j * nu + first, C, count)
+            C += quads(count) * count
+            first += count
+            count = F.odd[None]
         if inverse == 1:
-            C = quads(even) * even + quads(F.odd[None]) * F.odd[None]
-        multiply_row(b, x, y, C, even)
-        multiply_row(b, x + even, y + even, C + quads(even) * even, F.odd[None])
-        if inverse == 1:
-            butterfly(b, nu, y)
+            butterfly(b, nu, dst + j * nu)
 
 
 @ti.func
@@ -171,7 +173,16 @@ def spectral(b, nu, nv):
         F.modal3[b, k] = F.modal3[b, k] * thrice(1.0 - F.lane[b, DTOP])
         F.modal3[b, N - nu + k] = F.modal3[b, N - nu + k] * thrice(1.0 - F.lane[b, DBOT])
         k = F.after[k]
-    transform(b, nu, nv, 0, N, 0)
+    for inverse in range(2):
+        transform(b, nu, nv, inverse * N, (1 - inverse) * N, inverse)
+        if inverse == 0:
+            solve_modes(b, nu, nv)
+
+
+@ti.func
+def solve_modes(b, nu, nv):
+    """The banded systems along v of all modes across, whose right sides lie in the second plane of F.modal3."""
+    N = nu * nv
     for j in range(1, nv):
         two = nu if j > 1 else 0  # in the second row the factor of the row before the last is zero
         o = j * nu
@@ -193,4 +204,3 @@ def spectral(b, nu, nv):
                 z -= F.factor3[b, N + o + 2 * nu] * F.modal3[b, N + o + one + two]
             F.modal3[b, N + o] = z
             o = F.after[o]
-    transform(b, nu, nv, N, 0, 1)

@@ -66,8 +66,10 @@ def _march_kernel(
                 cv = table[m, 8]
                 k = 0
                 while k < npt:
-                    for lane in range(LANES):
+                    lane = 0
+                    while lane < LANES:
                         F.point[b, X.pressure + k][lane] = pressure[m, b, F.channel[b, k][lane], lane]
+                        lane = F.after[lane]
                     k = F.after[k]
                 predict(
                     b, nu, nv, table[m, 0], table[m, 1], table[m, 2], table[m, 3], table[m, 4], table[m, 5], table[m, 6]

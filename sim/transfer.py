@@ -20,40 +20,55 @@ def _load_kernel(
     and index (nb, 4, points, LANES: base node, channel, type, base node without padding) go to their places."""
     for b in range(nb):
         P = (nu + 2) * (nv + 2)
-        for k in range(F.node3.shape[1]):
-            F.node3[b, k] = Wide(0.0)
-        for k in range(F.modal3.shape[1]):  # a product with a zero entry of the basis must not meet an old NaN
+        for plane in range(F.node3.shape[1] // F.nodes):
+            k = 0
+            while k < P:
+                F.node3[b, plane * F.nodes + k] = Wide(0.0)
+                k = F.after[k]
+        for plane in range(F.mass // F.nodes):
+            k = 0
+            while k < P:
+                F.node[b, plane * F.nodes + k] = Lanes(0.0)
+                k = F.after[k]
+        k = 0
+        while k < F.modal3.shape[1]:  # a product with a zero entry of the basis must not meet an old NaN
             F.modal3[b, k] = Wide(0.0)
-        for k in range(F.mass):
-            F.node[b, k] = Lanes(0.0)
-        for k in range(constants.shape[1]):
-            for lane in range(LANES):
+            k = F.after[k]
+        for lane in range(LANES):
+            k = 0
+            while k < constants.shape[1]:
                 F.lane[b, k][lane] = constants[b, k, lane]
-        for k in range(P):
-            for lane in range(LANES):
+                k = F.after[k]
+            k = 0
+            while k < P:
                 for c in range(3):
                     F.node3[b, F.x0 + k][c * LANES + lane] = node[b, c, k, lane]
                     F.node3[b, F.q + k][c * LANES + lane] = node[b, c, k, lane]
                 F.node[b, F.mass + k][lane] = node[b, 3, k, lane]
                 F.node[b, F.free + k][lane] = node[b, 4, k, lane]
-        for k in range(point.shape[1]):
-            for lane in range(LANES):
+                k = F.after[k]
+            k = 0
+            while k < point.shape[1]:
                 F.point[b, k][lane] = point[b, k, lane]
-        for k in range(index.shape[2]):
-            for lane in range(LANES):
+                k = F.after[k]
+            k = 0
+            while k < index.shape[2]:
                 F.base[b, k][lane] = index[b, 0, k, lane]
                 F.channel[b, k][lane] = index[b, 1, k, lane]
                 F.start[b, k][lane] = index[b, 3, k, lane]
                 F.kind[b, k][lane] = index[b, 2, k, lane]
+                k = F.after[k]
 
 
 @ti.kernel
 def _halt_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32):
     """Zero velocity and acceleration."""
     for b in range(nb):
-        for k in range((nu + 2) * (nv + 2)):
+        k = 0
+        while k < (nu + 2) * (nv + 2):
             F.node3[b, F.v0 + k] = Wide(0.0)
             F.node3[b, F.a0 + k] = Wide(0.0)
+            k = F.after[k]
 
 
 @ti.kernel
@@ -71,7 +86,8 @@ def _read_kernel(
             b2 = t * t * (3 - 2 * t)
             b3 = t * t * (t - 1) * h
             for j in range(nv):
-                for i in range(nu):
+                i = 0
+                while i < nu:
                     k = (j + 1) * s + i + 1
                     for c in range(3):
                         e = c * LANES + lane
@@ -80,16 +96,21 @@ def _read_kernel(
                         out[b, lane, j * nu + i, c] = (
                             old + b2 * (new - old) + b1 * F.node3[b, F.vp + k][e] + b3 * F.node3[b, F.v0 + k][e]
                         )
+                    i = F.after[i]
 
 
 @ti.kernel
 def _muscle_state_kernel(nb: ti.i32, npt: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=4)):
     """out (nb, LANES, npt, 2): contraction and tension [N] of every interval at the last evaluation point."""
     for b in range(nb):
-        for lane in range(LANES):
-            for k in range(npt):
+        lane = 0
+        while lane < LANES:
+            k = 0
+            while k < npt:
                 out[b, lane, k, 0] = F.point[b, X.eps + k][lane]
                 out[b, lane, k, 1] = F.point[b, X.tension + k][lane]
+                k = F.after[k]
+            lane = F.after[lane]
 
 
 load, halt, read = Timed(_load_kernel), Timed(_halt_kernel), Timed(_read_kernel)
