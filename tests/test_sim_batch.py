@@ -87,6 +87,17 @@ def test_diverged_lane_is_marked_alone(cases, motions):
     assert last.diverged is None and np.array_equal(last.points, motions[1].points)
 
 
+def test_diverged_motion_is_tried_again_with_half_the_step():
+    # 400 kPa at once in steps of 1/240 s are too much for this layout; in half of them they are not
+    case = held(laced("cross", 2), (400, 400))
+    times = [np.linspace(0, 0.15, 10)]
+    coarse = Simulator(points_per_side=21, time_step=1 / 240)
+    assert coarse._run([case], times)[0].diverged
+    (found,), (expected,) = coarse.run([case], times), SIMULATOR.run([case], times)
+    assert found.diverged is None
+    assert np.sqrt(np.mean((found.middle - expected.middle) ** 2)) < 2e-3
+
+
 def test_factors_multiply_the_declared_values(designs):
     # the motion with a factor is that of a design with the multiplied value
     design, kpa, f = designs[0], (200, 100, 0, 50), 1.2
