@@ -88,8 +88,8 @@ def test_diverged_lane_is_marked_alone(cases, motions):
 
 
 def test_diverged_motion_is_tried_again_with_half_the_step():
-    # 400 kPa at once in steps of 1/240 s are too much for this layout; in half of them they are not
-    case = held(laced("cross", 2), (400, 400))
+    # 600 kPa at once in steps of 1/240 s are too much for this layout; in half of them they are not
+    case = held(laced("cross", 2), (600, 600))
     times = [np.linspace(0, 0.15, 10)]
     coarse = Simulator(points_per_side=21, time_step=1 / 240)
     assert coarse._run([case], times)[0].diverged
