@@ -21,7 +21,7 @@ class LocalSearch:
     """`start` numbers where it began; value [m] is infinite where a limit is broken, so that to keep it is a gain.
 
     A round is: `trials`, and the `differences` around the first of them, evaluated together and given to `accept`. A
-    search without a `model` has what it `lacks` evaluated and given to `linearise` first.
+    search without a `model` has its `shape` evaluated, and what it `lacks` given to `linearise`, first.
     """
 
     start: int
@@ -48,18 +48,18 @@ class LocalSearch:
     def _steps(self, x: Vector) -> Vector:
         return np.where(x + self.space.step <= 1.0, self.space.step, -self.space.step)
 
-    def lacks(self) -> list[Vector]:
-        """What a model needs: x, the place of its slopes, and the differences around that."""
+    def lacks(self, *, known: bool = True) -> list[Vector]:
+        """What a model needs beside the shape at x: the differences around the place of its slopes, and that place
+        first, unless it is x, whose shape is `known` to the model that slopes are taken on."""
         place = self.x if self.slopes_at is None else self.slopes_at
-        return [self.x, place, *self.differences(place)] if self.shape is None else self.differences(self.x)
+        return [*([] if known and self.slopes_at is None else [place]), *self.differences(place)]
 
     def linearise(self, shapes: list[Shape]) -> None:
         """Take the shapes at what it lacked."""
-        place, around = self.x, self.shape
-        if around is None:
-            place = self.x if self.slopes_at is None else self.slopes_at
-            self.shape, around, *shapes = shapes
-        assert self.shape is not None
+        place, around = self.x if self.slopes_at is None else self.slopes_at, self.shape
+        if len(shapes) > len(place):
+            around, *shapes = shapes
+        assert self.shape is not None and around is not None
         self.model = LinearShape(self.x, self.shape, self._slopes(place, around, shapes))
 
     def _slopes(self, x: Vector, shape: Shape, ahead: list[Shape]) -> NDArray[np.float64]:

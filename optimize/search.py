@@ -30,6 +30,7 @@ class Stage:
     """The best `keep` of what came before go on for up to `rounds` rounds each, on this forward model.
 
     No round begins after the share `until` of the search's seconds, so that a slow machine gets to the last stage too.
+    slopes: a cheaper model of the same shape that finite differences are taken on; `forward` itself by default.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Stage:
     rounds: int
     vary_positions: bool = False
     until: float = 1.0
+    slopes: ForwardModel | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +78,7 @@ class Search:
         self._objective, self._starts, self._on_progress = objective, starts, on_progress
         self._seconds, self._evaluations = seconds, evaluations
         self._began = time.monotonic() - history.seconds
-        self._pace: dict[tuple[int, int], float] = {}  # s that a batch of a size took last in a stage
+        self._pace: dict[tuple[int, int, bool], float] = {}  # s that a batch of a size took last in a stage
 
     @property
     def elapsed(self) -> float:
@@ -148,41 +150,48 @@ class Search:
     def _round(self, number: int, searches: list[LocalSearch]) -> None:
         self._find_slopes(number, [s for s in searches if s.model is None])
         trials, wanted = [], []
-        last = self.stages[number].rounds - 1
+        stage = self.stages[number]
         for search in searches:
             self._require_time()
             xs = search.trials(self._objective)
             trials.append(xs)
-            wanted.append(xs + (search.differences(xs[0]) if xs and search.rounds < last else []))
+            ahead = xs and search.rounds < stage.rounds - 1 and stage.slopes is None
+            wanted.append(xs + (search.differences(xs[0]) if ahead else []))
         for search, xs, found in zip(searches, trials, self._evaluate_all(number, searches, wanted), strict=True):
             search.accept(self._objective, xs, found[: len(xs)], [shape for _, shape in found[len(xs) :]])
-            search.done = search.done or search.rounds > last
+            search.done = search.done or search.rounds >= stage.rounds
 
     def _find_slopes(self, number: int, searches: list[LocalSearch]) -> None:
-        found = self._evaluate_all(number, searches, [s.lacks() for s in searches])
-        for search, results in zip(searches, found, strict=True):
-            search.linearise([shape for _, shape in results])
+        bare = [s for s in searches if s.shape is None]
+        for search, [(_, shape)] in zip(bare, self._evaluate_all(number, bare, [[s.x] for s in bare]), strict=True):
+            search.shape = shape
+        cheap = self.stages[number].slopes
+        wanted = [s.lacks(known=cheap is None) for s in searches]
+        for search, found in zip(searches, self._evaluate_all(number, searches, wanted, cheap), strict=True):
+            search.linearise([shape for _, shape in found])
 
     def _evaluate_all(
-        self, number: int, searches: list[LocalSearch], xs: list[list[Vector]]
+        self, number: int, searches: list[LocalSearch], xs: list[list[Vector]], cheap: ForwardModel | None = None
     ) -> list[list[tuple[float, Shape]]]:
-        """Each search's own vectors, all in common batches."""
+        """Each search's own vectors, all in common batches; on the stage's model, or on `cheap`."""
         flat = [(search.start, x) for search, own in zip(searches, xs, strict=True) for x in own]
-        results = iter(self._evaluate(number, flat))
+        results = iter(self._evaluate(number, flat, cheap))
         return [[next(results) for _ in own] for own in xs]
 
-    def _evaluate(self, number: int, points: Sequence[Point]) -> list[tuple[float, Shape]]:
-        """Value [m] and shape of every point; each is recorded, and becomes `best` where it is."""
+    def _evaluate(
+        self, number: int, points: Sequence[Point], cheap: ForwardModel | None = None
+    ) -> list[tuple[float, Shape]]:
+        """Value [m] and shape of every point; each is recorded, and becomes `best` where it is, unless on `cheap`."""
         results: list[tuple[float, Shape]] = []
         while len(results) < len(points):
             left = self._evaluations - self.history.evaluations
             if left <= 0:
                 raise Stop(f"the limit of {self._evaluations} evaluations is reached")
             batch = points[len(results) : len(results) + min(BATCH, left)]
-            self._require_time(self._pace.get((number, len(batch)), 0.0))
+            self._require_time(self._pace.get((number, len(batch), cheap is None), 0.0))
             begin = self.elapsed
-            results += self._evaluate_batch(number, batch)
-            self._pace[number, len(batch)] = self.elapsed - begin
+            results += self._evaluate_batch(number, batch, cheap)
+            self._pace[number, len(batch), cheap is None] = self.elapsed - begin
             self._on_progress(self)
         return results
 
@@ -190,20 +199,29 @@ class Search:
         if self.elapsed + needed > self._seconds:
             raise Stop(f"the limit of {self._seconds:g} s is reached")
 
-    def _evaluate_batch(self, number: int, batch: Sequence[Point]) -> list[tuple[float, Shape]]:
+    def _evaluate_batch(
+        self, number: int, batch: Sequence[Point], cheap: ForwardModel | None
+    ) -> list[tuple[float, Shape]]:
         stage = self.stages[number]
         self.stage = stage.name
         spaces = [self._space(start, stage) for start, _ in batch]
-        shapes = self._objective.shapes(stage.forward, [(s, x) for s, (_, x) in zip(spaces, batch, strict=True)])
+        points = [(space, x) for space, (_, x) in zip(spaces, batch, strict=True)]
+        shapes = self._objective.shapes(cheap or stage.forward, points)
         found = [self._objective.value(shape) for shape in shapes]
         penalty = max(PENALTY, 2 * max([self.history.worst, *(v for v in found if np.isfinite(v))]))
         values = [v if np.isfinite(v) else penalty for v in found]
         seconds = self.elapsed
         self.history.add(
-            Entry(seconds, stage.name, value, not np.isfinite(raw), tuple(map(float, x)))
+            Entry(
+                seconds,
+                stage.name if cheap is None else f"{stage.name}, slopes",
+                value,
+                not np.isfinite(raw),
+                tuple(map(float, x)),
+            )
             for value, raw, (_, x) in zip(values, found, batch, strict=True)
         )
-        for value, space, (start, x) in zip(values, spaces, batch, strict=True):
+        for value, space, (start, x) in zip(values, spaces, batch, strict=True) if cheap is None else ():
             known = self.best is not None and self.stages[self.best.stage].forward is stage.forward
             if space.feasible(x) and not (known and self.best is not None and self.best.value <= value):
                 self.best = Best(start, x.copy(), value, number)

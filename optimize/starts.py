@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import Literal
 
 import numpy as np
@@ -50,6 +51,27 @@ def layout_starts(
             crowded.add(count)
         else:
             starts.append(start)
+    return starts
+
+
+def thinned_starts(
+    design: Design, limits: Limits, pressures: NDArray[np.float64], count: int, *, number: int, seed: int
+) -> list[Start]:
+    """Layouts of `count` of the design's own muscles, under their `pressures` (poses, channels) Pa, a channel for each:
+    all that there are, or `number` of them drawn by `seed`."""
+    subsets = list(combinations(range(len(design.muscles)), count))
+    if len(subsets) > number:
+        chosen = np.random.default_rng(seed).choice(len(subsets), number, replace=False)
+        subsets = [subsets[i] for i in sorted(chosen)]
+    starts = []
+    for subset in subsets:
+        kept = [design.muscles[i] for i in subset]
+        own = pressures[:, [muscle.channel for muscle in kept]]
+        muscles = tuple(replace(muscle, channel=channel) for channel, muscle in enumerate(kept))
+        space = DesignSpace(replace(design, muscles=muscles), limits, own, vary_positions=True)
+        x = space.encode(space.design, own)
+        if space.feasible(x):
+            starts.append((space, x))
     return starts
 
 

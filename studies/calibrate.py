@@ -19,6 +19,7 @@ from fabdesign.trial import MeasurementSet, Trial
 from studies.calibrate_clouds import Sample, sample_trial
 from studies.calibrate_fit import Fit, fit
 from studies.calibrate_report import ambiguities
+from studies.engine_difference import engine_difference
 
 TRIALS = 16  # fitted at most, spread over those allowed
 UNTIL = 1.5  # s of a trial
@@ -56,7 +57,6 @@ class Calibration:
             "held_out": list(self.model.provenance.held_out),
             "lost": lost,
             "skipped": list(self.skipped),
-            "engine_difference": False,  # the intervals leave it out
             "iterations": self.fit.iterations,
             "converged": self.fit.converged,
         }
@@ -91,7 +91,8 @@ def calibrate(
             at_rest.append(data.frames[0])  # flattest there
     noise = estimate_noise(at_rest, chosen[0].design.fabric.thickness)
     found = fit(samples, coarse, fine, progress=progress)
-    deviation = np.sqrt(np.diag(found.covariance))
+    covariance = found.covariance + np.diag(np.square(engine_difference()))
+    deviation = np.sqrt(np.diag(covariance))
     model = Model(
         {
             name: Parameter(float(np.exp(x)), (float(np.exp(x - QUANTILE * s)), float(np.exp(x + QUANTILE * s))))
@@ -103,8 +104,8 @@ def calibrate(
         model=model,
         fit=found,
         noise=noise,
-        correlation=found.covariance / np.outer(deviation, deviation),
-        statements=ambiguities(found),
+        correlation=covariance / np.outer(deviation, deviation),
+        statements=ambiguities(found, covariance),
         skipped=tuple(skipped),
     )
 

@@ -16,16 +16,18 @@ _WEAK = 1.0  # information in units of the prior's, under which a direction is t
 _SHARE = 0.35  # of the largest component, for a factor to be named in a combination
 
 
-def ambiguities(fit: Fit) -> tuple[str, ...]:
-    """What these data leave open: factors that stay the data sheet's, pairs, and the weakest combination."""
+def ambiguities(fit: Fit, covariance: np.ndarray) -> tuple[str, ...]:
+    """What these data leave open: factors that stay the data sheet's, pairs, and the weakest combination.
+
+    covariance: (7, 7) of the logarithms, whatever the intervals hold included."""
     prior = np.array([PRIOR[name] for name in PARAMETERS])
-    deviation = np.sqrt(np.diag(fit.covariance))
+    deviation = np.sqrt(np.diag(covariance))
     lines = [
         f"{name}: these data say little; the data sheet decides (to {100 * s:.0f} %)"
         for name, s, p in zip(PARAMETERS, deviation, prior, strict=True)
         if s > _LITTLE * p
     ]
-    correlation = fit.covariance / np.outer(deviation, deviation)
+    correlation = covariance / np.outer(deviation, deviation)
     for i, first in enumerate(PARAMETERS):
         for j in range(i):
             if abs(correlation[i, j]) > _ALIKE:

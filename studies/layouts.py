@@ -16,7 +16,7 @@ from optimize.design_space import DesignSpace, Limits, constraint_margins
 from optimize.history import History
 from optimize.objective import Objective, Target
 from optimize.search import Search, Stage
-from optimize.starts import Start, layout_starts, pressure_starts
+from optimize.starts import Start, layout_starts, pressure_starts, thinned_starts
 from studies.predict import factors_of
 from studies.report import Section, render_report
 from studies.study_result import StudyResult, pressures_kpa, write_best
@@ -24,6 +24,7 @@ from studies.target import LoadedTarget, load_target, target_errors
 
 PRESSURE_STARTS = 31  # screened before pressures are searched
 LAYOUT_STARTS = 64  # screened before layouts are searched; a multiple of what the simulator takes at once
+THINNED_STARTS = 72  # of the design's own muscles, where it has more than the layout may
 HISTORY = "history.sqlite"
 
 
@@ -86,14 +87,17 @@ def _starts(study: Study) -> list[Start]:
     space = DesignSpace(study.design, limits, np.tile(own, (poses, 1)), vary_pressures=study.pressures)
     if study.muscles is None:
         return pressure_starts(space, PRESSURE_STARTS if study.pressures else 0, study.seed)
-    choice = study.muscles
+    choice, design = study.muscles, study.design
     counts = range(choice.least, choice.most + 1)
     drawn = layout_starts(
-        study.design, limits, poses, counts=counts, sides=choice.sides, number=LAYOUT_STARTS, seed=study.seed
+        design, limits, poses, counts=counts, sides=choice.sides, number=LAYOUT_STARTS, seed=study.seed
     )
-    sides = {muscle.side for muscle in study.design.muscles}
-    if len(study.design.muscles) in counts and sides <= set(choice.sides):
-        drawn.insert(0, (space, space.encode(study.design, space.start_pressures)))
+    sides = {muscle.side for muscle in design.muscles}
+    if len(design.muscles) in counts and sides <= set(choice.sides):
+        drawn.insert(0, (space, space.encode(design, space.start_pressures)))
+    elif len(design.muscles) > choice.most and sides <= set(choice.sides):
+        given = space.start_pressures
+        drawn += thinned_starts(design, limits, given, choice.most, number=THINNED_STARTS, seed=study.seed)
     if not drawn:
         raise InputError(f"{study.name}: no layout of {choice.least} muscles keeps the limits; expected wider ones")
     return drawn
@@ -105,11 +109,11 @@ def _stages(study: Study, coarse: ForwardModel, fine: ForwardModel) -> list[Stag
             Stage("pressures of drawn layouts", coarse, keep=10, rounds=1, until=0.4),
             Stage("layouts", coarse, keep=4, rounds=4, vary_positions=study.positions, until=0.5),
             Stage("best layouts", coarse, keep=2, rounds=6, vary_positions=study.positions, until=0.6),
-            Stage("full model", fine, keep=1, rounds=6, vary_positions=study.positions),
+            Stage("full model", fine, keep=1, rounds=16, vary_positions=study.positions, slopes=coarse),
         ]
     return [
         Stage("coarse model", coarse, keep=2, rounds=8, vary_positions=study.positions, until=0.5),
-        Stage("full model", fine, keep=2, rounds=6, vary_positions=study.positions),
+        Stage("full model", fine, keep=2, rounds=8, vary_positions=study.positions, slopes=coarse),
     ]
 
 

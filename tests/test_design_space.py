@@ -12,7 +12,7 @@ from fabdesign.design import Design
 from fabdesign.muscle import Muscle
 from optimize.design_space import DesignSpace, Limits, constraint_margins
 from optimize.geometry import bend_radius, clearance
-from optimize.starts import layout_starts, pressure_starts
+from optimize.starts import layout_starts, pressure_starts, thinned_starts
 
 BASIC = build("basic")
 coordinates = st.floats(0.0, 0.2)
@@ -113,3 +113,18 @@ def test_the_same_seed_draws_the_same_starts() -> None:
     one, two, other = (pressure_starts(space, 16, seed) for seed in (3, 3, 4))
     assert all(np.array_equal(a[1], b[1]) for a, b in zip(one, two, strict=True))
     assert not np.array_equal(one[1][1], other[1][1])
+
+
+def test_thinned_starts_are_the_design_s_own_muscles_under_their_pressures():
+    design, pressures = build("basic"), 1e3 * np.arange(1, 9).reshape(1, 8)
+    every = thinned_starts(design, Limits(), pressures, 7, number=10, seed=1)
+    left_out = set()
+    for space, x in every:
+        thinned, own = space.decode(x)
+        assert [muscle.channel for muscle in thinned.muscles] == list(range(7))
+        kept = [int(p / 1e3) - 1 for p in own[0].round()]
+        assert [m.path for m in thinned.muscles] == [design.muscles[k].path for k in kept]
+        left_out |= set(range(8)) - set(kept)
+    assert len(every) == 8 and left_out == set(range(8))
+    some = thinned_starts(design, Limits(), pressures, 4, number=20, seed=1)
+    assert len(some) == 20 and len({tuple(space.decode(x)[1][0].round()) for space, x in some}) == 20

@@ -1,0 +1,152 @@
+"""Do calibration's intervals hold the truth? Effect-free sets of the virtual rig, whose factors are known.
+
+    python -m benchmarks.coverage engine FOLDER       # 12 sets: the term for the difference between engines
+    python -m benchmarks.coverage test FOLDER         # 20 others: how many true factors lie inside the intervals
+
+Each set: a catalogue layout, factors drawn from calibration's prior, four trials of 1.5 s with random pressures to fit
+and one more to hold out. Sets already calibrated, in FOLDER/results.jsonl, are not done again. `engine` writes
+studies/data/engine_difference.csv, `test` docs/results/coverage.md.
+"""
+
+import argparse
+import json
+import platform
+import subprocess
+import time
+from pathlib import Path
+
+import numpy as np
+
+from fabdesign.catalogue import build
+from fabdesign.csv_table import write_rows
+from fabdesign.forward import PARAMETERS
+from fabdesign.measurement_set import read_set
+from fabdesign.output import write_text
+from fabdesign.pressure import PressureProgram
+from sim import Simulator
+from studies.calibrate import QUANTILE, calibrate
+from studies.calibrate_fit import PRIOR
+from studies.engine_difference import FILE, engine_difference
+from studies.evaluate import evaluate_sets
+from studies.rig import run_rig
+from studies.rig.key import Key
+
+LAYOUTS = (("basic", 4), ("side", 4), ("cross", 2), ("vertical", 3))
+FIRST = {"engine": 1000, "test": 0}  # seed of the first set
+COUNT = {"engine": 12, "test": 20}
+
+
+def make(seed: int, folder: Path) -> dict[str, float]:
+    """Write the set; its true factors."""
+    rng = np.random.default_rng(seed)
+    layout, muscles = LAYOUTS[seed % len(LAYOUTS)]
+    design = build(layout, muscles=muscles)
+    factors = {name: float(np.exp(PRIOR[name] * np.clip(rng.standard_normal(), -2, 2))) for name in PARAMETERS}
+    channels = 1 + max(muscle.channel for muscle in design.muscles)
+    programs = [PressureProgram(np.array([0.0, 0.5, 1.0]), rng.uniform(0, 400e3, (3, channels)), 1.5) for _ in range(5)]
+    run_rig(design, programs, out=folder, key=Key(seed, factors), test_trials=1)
+    return factors
+
+
+def calibrated(seed: int, folder: Path) -> dict:
+    """Everything that is kept of one set: logarithms, their standard deviations without the engines' term, mm."""
+    begin = time.perf_counter()
+    factors = make(seed, folder)
+    measured = read_set(folder)
+    found = calibrate(measured, Simulator(points_per_side=21), Simulator())
+    [design] = evaluate_sets(found.model, [measured], Simulator()).designs.values()
+    [trial] = design.trials
+    excess = [float(np.sqrt(max(e.surface_rms**2 - e.surface_floor**2, 0.0))) for e in (trial.before, trial.after)]
+    return {
+        "seed": seed,
+        "layout": LAYOUTS[seed % len(LAYOUTS)][0],
+        "truth": [float(np.log(factors[name])) for name in PARAMETERS],
+        "found": found.fit.x.tolist(),
+        "deviation": np.sqrt(np.diag(found.fit.covariance)).tolist(),
+        "excess": excess,  # m, over the floor in quadrature: data sheet, calibrated
+        "converged": found.fit.converged,
+        "seconds": time.perf_counter() - begin,
+    }
+
+
+def results(kind: str, folder: Path) -> list[dict]:
+    """Of all sets of the kind; those that are missing are made first."""
+    folder.mkdir(parents=True, exist_ok=True)
+    kept = folder / "results.jsonl"
+    done = {
+        r["seed"]: r for line in (kept.read_text().splitlines() if kept.exists() else []) for r in [json.loads(line)]
+    }
+    seeds = range(FIRST[kind], FIRST[kind] + COUNT[kind])
+    for seed in seeds:
+        if seed not in done:
+            done[seed] = calibrated(seed, folder / f"set_{seed}")
+            with kept.open("a") as stream:
+                stream.write(json.dumps(done[seed]) + "\n")
+            print(seed, done[seed]["layout"], f"{done[seed]['seconds']:.0f} s", flush=True)
+    return [done[seed] for seed in seeds]
+
+
+def engine_term(rows: list[dict]) -> np.ndarray:
+    """(7,) what the errors' mean square has over the intervals' own variance, as a standard deviation."""
+    error = np.array([r["found"] for r in rows]) - [r["truth"] for r in rows]
+    own = np.square([r["deviation"] for r in rows]).mean(axis=0)
+    return np.sqrt(np.maximum(np.square(error).mean(axis=0) - own, 0.0))
+
+
+def page(rows: list[dict], extra: np.ndarray) -> str:
+    error = np.array([r["found"] for r in rows]) - [r["truth"] for r in rows]
+    own = np.array([r["deviation"] for r in rows])
+    inside = np.abs(error) <= QUANTILE * np.sqrt(own**2 + extra**2)
+    narrow = np.abs(error) <= QUANTILE * own
+    excess = 1e3 * np.array([r["excess"] for r in rows])
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
+    total = f"{inside.sum()} of {inside.size}"
+    lines = [
+        "# Do calibration's intervals hold the truth?",
+        "",
+        f"`python -m benchmarks.coverage test FOLDER` at commit {commit}, {platform.machine()}, 2 cores.",
+        f"{len(rows)} sets of the virtual rig (synthetic), no effects, factors drawn from the prior, four trials of",
+        "1.5 s fitted, a fifth held out. The term for the difference between engines comes from",
+        f"{COUNT['engine']} other sets.",
+        "",
+        f"True factors inside the 90 % intervals: **{total}** (asked: 119 of 140); without the engines' term",
+        f"{narrow.sum()}. Held-out surface RMS over the noise, in quadrature: median {np.median(excess[:, 1]):.2f} mm,",
+        f"worst {excess[:, 1].max():.2f} mm; {(excess[:, 1] <= 0.5).sum()} of {len(rows)} within 0.5 mm (data sheet:",
+        f"median {np.median(excess[:, 0]):.2f} mm).",
+        f"Seconds a set, median: {np.median([r['seconds'] for r in rows]):.0f}.",
+        f"Converged: {sum(r['converged'] for r in rows)} of {len(rows)}.",
+        "",
+        "| factor | inside | mean error | RMS error | own deviation, RMS | engines' term |",
+        "|---|---|---|---|---|---|",
+    ]
+    for k, name in enumerate(PARAMETERS):
+        values = error[:, k].mean(), np.sqrt(np.mean(error[:, k] ** 2)), np.sqrt(np.mean(own[:, k] ** 2)), extra[k]
+        lines.append(
+            f"| {name} | {inside[:, k].sum()} of {len(rows)} | " + " | ".join(f"{v:.3f}" for v in values) + " |"
+        )
+    lines += [
+        "",
+        "Errors and deviations are of the logarithms.",
+        "",
+        "| set | layout | data sheet, mm | calibrated, mm |",
+        "|---|---|---|---|",
+    ]
+    lines += [f"| {r['seed']} | {r['layout']} | {a:.2f} | {b:.2f} |" for r, (a, b) in zip(rows, excess, strict=True)]
+    return "\n".join(lines) + "\n"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("kind", choices=("engine", "test"))
+    parser.add_argument("folder", type=Path)
+    given = parser.parse_args()
+    rows = results(given.kind, given.folder)
+    if given.kind == "engine":
+        values = [(name, round(float(s), 4)) for name, s in zip(PARAMETERS, engine_term(rows), strict=True)]
+        write_rows(FILE, ("parameter", "standard_deviation_of_log"), values)
+    else:
+        write_text(Path("docs/results/coverage.md"), page(rows, engine_difference()))
+
+
+if __name__ == "__main__":
+    main()
