@@ -21,7 +21,7 @@ from sim.transfer import halt, muscle_state, read
 Array = NDArray[np.float64]
 BLOCKS = 8  # of LANES designs in the fields at once
 REACH = 0.020  # m, half width over which the preconditioner's frames are averaged
-AFTER_JUMP = ((16, 1), (64, 2))  # until so many ticks after a large jump, a step takes at most so many
+AFTER_JUMP = ((16, 1), (128, 2))  # until so many ticks after a large jump, a step takes at most so many
 LARGE = 50e3  # Pa, a jump that needs them
 JUMP = 1e3  # Pa between one step and the next
 # To rest: (step [s], steps) with backward Euler and so much air damping that a swing of SWING rad/s just dies out
@@ -66,7 +66,7 @@ class Simulator:
     """
 
     points_per_side: int = 41
-    time_step: float = 1 / 1920  # s, right after a jump of pressure; 2 in one for 33 ms
+    time_step: float = 1 / 1920  # s, right after a jump of pressure; 2 in one for 67 ms
     calm_steps: int = 4  # time steps in one, later on
     iterations: int = 8  # at most, in a step
     tolerance: float = 1e-7  # m, RMS over nodes of the update that a step may still lack; the next step makes it up
@@ -154,7 +154,7 @@ class Simulator:
             taken += steps
             march(
                 batch, [Scheme(h, -1.0)] * steps, share[:, None, None, None] * pressure,
-                iterations=self.iterations, tolerance=self.tolerance,
+                iterations=2 * self.iterations, tolerance=self.tolerance,
             )  # fmt: skip
 
     def _roll(

@@ -20,6 +20,7 @@ from sim.conjugate_gradients import ACTIVE, direction, first_residual, step_leng
 from sim.fields import LANES, SPREAD, F, Timed, X
 from sim.frames import frames
 from sim.lacing import back, points_pos, points_rate, seg_to_points, tension
+from sim.model import FREE
 from sim.muscle_solve import green, woodbury
 from sim.scheme import Batch, Scheme
 from sim.sheet import fabric_force
@@ -41,7 +42,9 @@ def march(
 
     tolerance [m]: a lane has converged when the RMS over nodes of its preconditioned residual falls below it.
     """
-    table = np.array([(*s.coefficients, s.ca, s.cv) for s in schemes], np.float32)
+    # where nodes are held one by one, long steps to rest have no use for what they carry: it keeps them from resting
+    carried = [0.0 if batch.hung == FREE and scheme.rho < 0 else 1.0 for scheme in schemes]
+    table = np.array([(*s.coefficients, s.ca, s.cv, c) for s, c in zip(schemes, carried, strict=True)], np.float32)
     turns = np.array([s.turns for s in schemes], np.int32)
     _march(
         *batch.grid, batch.points, batch.hung, batch.reach, iterations, tolerance, table, turns,
@@ -90,7 +93,7 @@ def _march_kernel(
                     i += 1
                 finish(
                     b, nu, nv, table[m, 0], table[m, 1], table[m, 2], table[m, 3], table[m, 4], table[m, 5],
-                    table[m, 6],
+                    table[m, 6], table[m, 9],
                 )  # fmt: skip
 
 
@@ -124,9 +127,9 @@ def muscles(b, nu, npt, cv):
 
 
 @ti.func
-def finish(b, nu, nv, h, am, af, ga, ia, ry, ba):
+def finish(b, nu, nv, h, am, af, ga, ia, ry, ba, share):
     """From the evaluation point to the end of the step; what a lane that has converged still lacks is carried over."""
-    carried = thrice(1.0 - F.reduce[b, ACTIVE])
+    carried = thrice(share * (1.0 - F.reduce[b, ACTIVE]))
     P = (nu + 2) * (nv + 2)
     k = 0
     while k < P:
