@@ -3,12 +3,12 @@
 import taichi as ti
 
 from sim.fields import AREA, B1, B2, D1, D2, D12, DCLAMP, HU, HV, IHU, IHV, F
-from sim.vectors import cross, difference, dot, load, store
+from sim.vectors import cross, difference, dot, load, parts, store, thrice
 
 
 @ti.func
 def star_row(b, nu, nv, j):
-    """node normals, curvatures, bending moments, and what the moments' couple puts on the two tangents"""
+    """node normals, curvatures, bending moments, and the moments' couples on the normal"""
     s = nu + 2
     i = 0
     while i < nu:
@@ -40,9 +40,12 @@ def star_row(b, nu, nv, j):
         nx, ny, nz = cross(bx, by, bz, ax, ay, az)
         il = 1.0 / ti.sqrt(dot(nx, ny, nz, nx, ny, nz))
         nx, ny, nz = nx * il, ny * il, nz * il
-        # curvature vectors t+ - t-
-        ux, uy, uz = difference(b, F.tu + w, F.tu + k)
-        vx, vy, vz = difference(b, F.tv + n, F.tv + k)
+        # second differences over h, edge by edge: neighbours lie close, so that their difference is exact
+        x = F.node3[b, F.q + k]
+        turn_u = thrice(F.lane[b, IHU]) * ((F.node3[b, F.q + e] - x) - (x - F.node3[b, F.q + w]))
+        turn_v = thrice(F.lane[b, IHV]) * ((F.node3[b, F.q + d] - x) - (x - F.node3[b, F.q + n]))
+        ux, uy, uz = parts(turn_u)
+        vx, vy, vz = parts(turn_v)
         k1 = dot(nx, ny, nz, ux, uy, uz)
         k2 = dot(nx, ny, nz, vx, vy, vz)
         A = F.lane[b, AREA] * wt

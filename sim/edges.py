@@ -19,7 +19,6 @@ def velocity_row(b, nu, nv, j, cv):
 def edge_row(b, nu, nv, j, along_u: ti.template()):
     """Tangents, strains and tensions of the edges along u or v that begin in row j."""
     t = ti.static(F.tu if along_u else F.tv)
-    inverse = ti.static(F.lu if along_u else F.lv)
     strain = ti.static(F.eu if along_u else F.ev)
     tension = ti.static(F.su if along_u else F.sv)
     s = nu + 2
@@ -51,7 +50,6 @@ def edge_row(b, nu, nv, j, along_u: ti.template()):
         vx, vy, vz = difference(b, F.v + k, F.v + e)
         r = dot(vx, vy, vz, tx, ty, tz)
         store(b, t + k, tx, ty, tz)
-        F.node[b, inverse + k] = il
         F.node[b, strain + k] = ep
         F.node[b, tension + k] = w * (kA * ep + A * up * up * (quadratic + cubic * up) + vA * r)
         i = F.after[i]
@@ -59,9 +57,8 @@ def edge_row(b, nu, nv, j, along_u: ti.template()):
 
 @ti.func
 def edge_force_row(b, nu, nv, j, along_u: ti.template()):
-    """What these edges pull their nodes with: tension, and the couple of the bending moments."""
+    """What these edges pull their nodes with: tension, and the bending moments of both ends."""
     t = ti.static(F.tu if along_u else F.tv)
-    inverse = ti.static(F.lu if along_u else F.lv)
     tension = ti.static(F.su if along_u else F.sv)
     moment = ti.static(F.s1 if along_u else F.s2)
     other = ti.static(F.ev if along_u else F.eu)
@@ -94,9 +91,7 @@ def edge_force_row(b, nu, nv, j, along_u: ti.template()):
                 + F.node[b, other + e - sideways]
             )
         ) * ih
-        il = F.node[b, inverse + k]
-        along = T - dot(tx, ty, tz, yx, yy, yz) * il
-        store(b, out + k, along * tx + il * yx, along * ty + il * yy, along * tz + il * yz)
+        store(b, out + k, T * tx + ih * yx, T * ty + ih * yy, T * tz + ih * yz)
         i = F.after[i]
     if ti.static(along_u):  # the last column carries no edge, and was scratch
         F.node3[b, out + (j + 1) * s + nu] = Wide(0.0)

@@ -62,8 +62,8 @@ _NODE3 = (
     "tu", "tv", "n", "na", "nb", "ca", "cb", "cd", "pu", "pv", "fu", "fn",
 )  # fmt: skip
 _NODE = (
-    # of edges: inverse lengths, strains, tensions; bending moments; lumped mass [kg]; 1 where free and 0 where held
-    "lu", "lv", "eu", "ev", "su", "sv", "s1", "s2", "mass", "free",
+    # of edges: strains, tensions; bending moments; lumped mass [kg]; 1 where free and 0 where held
+    "eu", "ev", "su", "sv", "s1", "s2", "mass", "free",
 )  # fmt: skip
 _POINT3 = ("pos", "tan_u", "tan_v", "normal", "vel", "force", "dir", "tmp", "grad_u", "grad_v")
 _POINT = {

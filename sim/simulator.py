@@ -154,7 +154,7 @@ class Simulator:
             taken += steps
             march(
                 batch, [Scheme(h, -1.0)] * steps, share[:, None, None, None] * pressure,
-                iterations=2 * self.iterations, tolerance=self.tolerance,
+                iterations=2 * self.iterations, tolerance=self.tolerance / 4,
             )  # fmt: skip
 
     def _roll(

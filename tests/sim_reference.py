@@ -143,10 +143,10 @@ class ReferenceSheet:
         normal, size = unit(np.cross(b, a))
         lower, upper = self.neighbours[direction]
         m = np.flatnonzero(self.inner[direction])
-        (after, la), (before, lb) = unit(x[upper[m]] - x[m]), unit(x[m] - x[lower[m]])
-        turning, nm, h = after - before, normal[m], self.h[direction]
+        nm, h = normal[m], self.h[direction]
+        turning = (x[upper[m]] - 2 * x[m] + x[lower[m]]) / h
         side = across(turning, nm) / size[m, None]
-        ga, gb = across(nm, after) / la[:, None], across(nm, before) / lb[:, None]
+        ga = gb = nm / h
         value, gradient = np.zeros(len(x)), np.zeros((len(x), 5, 3))
         value[m] = np.sum(nm * turning, axis=1) / h
         low, high = (1, 2) if direction == 0 else (3, 4)

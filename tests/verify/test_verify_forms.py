@@ -148,7 +148,8 @@ def test_contraction_under_load(load, record):
 
 def test_one_sided_strip(record):
     # Minimum of equations 2, 5, 8, 10 for uniform stretch e and curvature kappa, nu = 0, n muscles of offset d:
-    # k W e = -n F(p, eps), B W kappa = n F d, eps = -e + d kappa; front = back cancels the moment
+    # k W e + B W kappa^2 (1 + e) = -n F(p, eps), B W kappa (1 + e)^2 = n F d, eps = -e + d kappa, kappa the turning per
+    # rest length; front = back cancels the moment
     width, count = 0.05, 4
     kind = laced().muscle_types["EM20"]
     us = (np.arange(count) + 0.5) * width / count
@@ -166,7 +167,8 @@ def test_one_sided_strip(record):
 
         def balance(y, p=1e3 * kpa):
             force = count * float(law.tension(p, -y[0] + kind.axis_offset * y[1]))
-            return [520 * width * y[0] + force, 0.006 * width * y[1] - force * kind.axis_offset]
+            bent = 0.006 * width * y[1] * (1 + y[0])
+            return [520 * width * y[0] + bent * y[1] + force, bent * (1 + y[0]) - force * kind.axis_offset]
 
         _, curvature = fsolve(balance, [-0.02, 1.0])
         line = shape(strip(["front"]), (kpa,))[10:31, 20]
