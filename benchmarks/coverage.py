@@ -26,7 +26,7 @@ from fabdesign.pressure import PressureProgram
 from sim import Simulator
 from studies.calibrate import QUANTILE, calibrate
 from studies.calibrate_fit import PRIOR
-from studies.engine_difference import FILE, engine_difference
+from studies.engine_difference import FILE, data_share, engine_difference
 from studies.evaluate import evaluate_sets
 from studies.rig import run_rig
 from studies.rig.key import Key
@@ -89,14 +89,15 @@ def results(kind: str, folder: Path) -> list[dict]:
 def engine_term(rows: list[dict]) -> np.ndarray:
     """(7,) what the errors' mean square has over the intervals' own variance, as a standard deviation."""
     error = np.array([r["found"] for r in rows]) - [r["truth"] for r in rows]
-    own = np.square([r["deviation"] for r in rows]).mean(axis=0)
-    return np.sqrt(np.maximum(np.square(error).mean(axis=0) - own, 0.0))
+    own = np.array([r["deviation"] for r in rows])
+    beyond = (np.square(error) - np.square(own)).mean(axis=0) / np.square(data_share(own)).mean(axis=0)
+    return np.sqrt(np.maximum(beyond, 0.0))
 
 
 def page(rows: list[dict], extra: np.ndarray) -> str:
     error = np.array([r["found"] for r in rows]) - [r["truth"] for r in rows]
     own = np.array([r["deviation"] for r in rows])
-    inside = np.abs(error) <= QUANTILE * np.sqrt(own**2 + extra**2)
+    inside = np.abs(error) <= QUANTILE * np.sqrt(own**2 + (data_share(own) * extra) ** 2)
     narrow = np.abs(error) <= QUANTILE * own
     excess = 1e3 * np.array([r["excess"] for r in rows])
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()

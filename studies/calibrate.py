@@ -19,7 +19,7 @@ from fabdesign.trial import MeasurementSet, Trial
 from studies.calibrate_clouds import Sample, sample_trial
 from studies.calibrate_fit import Fit, fit
 from studies.calibrate_report import ambiguities
-from studies.engine_difference import engine_difference
+from studies.engine_difference import data_share, engine_difference
 
 TRIALS = 16  # fitted at most, spread over those allowed
 UNTIL = 1.5  # s of a trial
@@ -70,12 +70,15 @@ def calibrate(
     orders: Collection[int] | None = None,
     skipped: Sequence[str] = (),
     seed: int = 0,
+    engines: np.ndarray | None = None,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Calibration:
     """The seven factors of `fabdesign.forward.PARAMETERS` from the trials of role `fit`, or those of `orders`.
 
     Of more than 16 trials, 16 spread over the session are fitted: 30 frames of the first 1.5 s of each, and 300 points
     of a frame, by `seed`. `coarse` and `fine`: see `calibrate_fit.fit`. skipped: lines on bad trials left out before.
+    engines: (7,) standard deviations of the logarithms for the difference between `coarse` and what made the data, by
+    default those of the virtual rig.
     Raises InputError where no trial is left, SimulationError where every motion diverges.
     """
     allowed = fit_trials(measured.trials, orders)
@@ -91,7 +94,9 @@ def calibrate(
             at_rest.append(data.frames[0])  # flattest there
     noise = estimate_noise(at_rest, chosen[0].design.fabric.thickness)
     found = fit(samples, coarse, fine, progress=progress)
-    covariance = found.covariance + np.diag(np.square(engine_difference()))
+    own = np.sqrt(np.diag(found.covariance))
+    between = engine_difference() if engines is None else engines
+    covariance = found.covariance + np.diag(np.square(data_share(own) * between))
     deviation = np.sqrt(np.diag(covariance))
     model = Model(
         {

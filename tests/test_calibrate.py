@@ -18,8 +18,10 @@ from studies.calibrate import calibrate
 from studies.calibrate_clouds import Sample, derivatives, match
 from studies.calibrate_fit import PRIOR
 from studies.calibrate_report import as_text
+from studies.engine_difference import engine_difference
 
 TIMES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 0.9, 1.2])
+ONE_ENGINE = np.zeros(7)  # the clouds are the forward model's own
 NOISE = SensorNoise(0.0006, 0.003, 0.05)
 TRUTH = {"bending": 1.2, "muscle_gain": 0.9, "axis_offset": 1.1, "damping": 1.3, "areal_density": 0.9}
 
@@ -98,7 +100,7 @@ def test_derivatives_are_those_of_moved_surfaces():
 
 def test_known_factors_come_back_and_ambiguities_are_said(measured, tmp_path):
     lines = []
-    found = calibrate(measured, Curler(), progress=lines.append)
+    found = calibrate(measured, Curler(), engines=ONE_ENGINE, progress=lines.append)
     f = found.model.factors
     # the data fix gain x offset / bending and the delay; which of the three it is, only the data sheet could say
     assert f["muscle_gain"] * f["axis_offset"] / f["bending"] == pytest.approx(0.9 * 1.1 / 1.2, rel=0.01)
@@ -129,14 +131,30 @@ def test_intervals_cover_over_repeats(tmp_path):
     for k in range(8):
         truth = {name: float(np.exp(PRIOR[name] * rng.standard_normal())) for name in PARAMETERS}
         measured = write(tmp_path / str(k), [100, 200, 300, 150], truth=truth, seed=k, points=100)
-        parameters = calibrate(measured, Curler()).model.parameters
+        parameters = calibrate(measured, Curler(), engines=ONE_ENGINE).model.parameters
         inside += sum(p.interval90[0] <= truth[name] <= p.interval90[1] for name, p in parameters.items())
     assert inside >= 44  # binomial, 0.9 of 56: fewer once in 100
 
 
+def test_the_difference_between_engines_widens_what_the_data_determine(measured):
+    alone = calibrate(measured, Curler(), engines=ONE_ENGINE)
+    own = np.sqrt(np.diag(alone.fit.covariance))
+    widths = {
+        name: np.log(p.interval90[1] / p.interval90[0]) / 3.29
+        for name, p in calibrate(measured, Curler()).model.parameters.items()
+    }
+    for k, name in enumerate(PARAMETERS):
+        share = 1 - (own[k] / PRIOR[name]) ** 2
+        assert widths[name] == pytest.approx(np.hypot(own[k], share * engine_difference()[k]), rel=1e-3)
+    assert widths["damping"] > 2 * own[PARAMETERS.index("damping")]  # well determined
+    assert widths["shear"] == pytest.approx(PRIOR["shear"], rel=1e-3)  # the data sheet's alone
+
+
 def test_model_error_widens_intervals(measured):
     """A wrong engine's residuals are alike over a whole trial: the intervals must not shrink with the points."""
-    right, wrong = (calibrate(measured, Curler(lag=lag)).model.parameters["damping"] for lag in (0.0, 0.2))
+    right, wrong = (
+        calibrate(measured, Curler(lag=lag), engines=ONE_ENGINE).model.parameters["damping"] for lag in (0.0, 0.2)
+    )
     widths = [np.log(p.interval90[1] / p.interval90[0]) for p in (right, wrong)]
     assert widths[1] > 2 * widths[0]
 
