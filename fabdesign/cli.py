@@ -228,7 +228,6 @@ def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, output: 
         found = calibrate_set(
             measured,
             Simulator(points_per_side=21),
-            Simulator(),
             orders=orders,
             skipped=skipped,
             seed=seed,

@@ -71,6 +71,8 @@ def as_text(calibration: "Calibration") -> str:
     ]
     if not fit.converged:
         lines.append("not converged: the last step was still large")
-    lines.append("the intervals leave out the difference between this engine and the real cloth")
+    lines.append(
+        "the intervals hold the difference between this engine and the virtual rig's; a real cloth may differ by more"
+    )
     lines += [f"{trial}: the motion diverged; left out from {time:.2f} s on" for trial, time in fit.lost]
     return "\n".join([*lines, *(f"skipped: {line}" for line in calibration.skipped)])
