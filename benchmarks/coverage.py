@@ -42,8 +42,9 @@ def make(seed: int, folder: Path) -> dict[str, float]:
     layout, muscles = LAYOUTS[seed % len(LAYOUTS)]
     design = build(layout, muscles=muscles)
     factors = {name: float(np.exp(PRIOR[name] * np.clip(rng.standard_normal(), -2, 2))) for name in PARAMETERS}
-    channels = 1 + max(muscle.channel for muscle in design.muscles)
-    programs = [PressureProgram(np.array([0.0, 0.5, 1.0]), rng.uniform(0, 400e3, (3, channels)), 1.5) for _ in range(5)]
+    programs = [
+        PressureProgram(np.array([0.0, 0.5, 1.0]), rng.uniform(0, 400e3, (3, design.channels)), 1.5) for _ in range(5)
+    ]
     run_rig(design, programs, out=folder, key=Key(seed, factors), test_trials=1)
     return factors
 
@@ -73,9 +74,8 @@ def results(kind: str, folder: Path) -> list[dict]:
     """Of all sets of the kind; those that are missing are made first."""
     folder.mkdir(parents=True, exist_ok=True)
     kept = folder / "results.jsonl"
-    done = {
-        r["seed"]: r for line in (kept.read_text().splitlines() if kept.exists() else []) for r in [json.loads(line)]
-    }
+    lines = kept.read_text().splitlines() if kept.exists() else []
+    done = {row["seed"]: row for row in map(json.loads, lines)}
     seeds = range(FIRST[kind], FIRST[kind] + COUNT[kind])
     for seed in seeds:
         if seed not in done:
@@ -86,17 +86,20 @@ def results(kind: str, folder: Path) -> list[dict]:
     return [done[seed] for seed in seeds]
 
 
+def errors(rows: list[dict]) -> tuple[np.ndarray, np.ndarray]:
+    """(sets, 7) of the logarithms found, and their own standard deviations."""
+    return np.array([r["found"] for r in rows]) - [r["truth"] for r in rows], np.array([r["deviation"] for r in rows])
+
+
 def engine_term(rows: list[dict]) -> np.ndarray:
     """(7,) what the errors' mean square has over the intervals' own variance, as a standard deviation."""
-    error = np.array([r["found"] for r in rows]) - [r["truth"] for r in rows]
-    own = np.array([r["deviation"] for r in rows])
+    error, own = errors(rows)
     beyond = (np.square(error) - np.square(own)).mean(axis=0) / np.square(data_share(own)).mean(axis=0)
     return np.sqrt(np.maximum(beyond, 0.0))
 
 
 def page(rows: list[dict], extra: np.ndarray) -> str:
-    error = np.array([r["found"] for r in rows]) - [r["truth"] for r in rows]
-    own = np.array([r["deviation"] for r in rows])
+    error, own = errors(rows)
     inside = np.abs(error) <= QUANTILE * np.sqrt(own**2 + (data_share(own) * extra) ** 2)
     narrow = np.abs(error) <= QUANTILE * own
     excess = 1e3 * np.array([r["excess"] for r in rows])

@@ -68,11 +68,8 @@ def thinned_starts(
         kept = [design.muscles[i] for i in subset]
         own = pressures[:, [muscle.channel for muscle in kept]]
         muscles = tuple(replace(muscle, channel=channel) for channel, muscle in enumerate(kept))
-        space = DesignSpace(replace(design, muscles=muscles), limits, own, vary_positions=True)
-        x = space.encode(space.design, own)
-        if space.feasible(x):
-            starts.append((space, x))
-    return starts
+        starts.append(_start_with(design, limits, muscles, own))
+    return [start for start in starts if start is not None]
 
 
 def _even(design: Design, limits: Limits, poses: int, count: int, sides: Sequence[Side]) -> list[Start]:
@@ -119,6 +116,13 @@ def _start(
         )
         for channel, (kind, side, (a, b)) in enumerate(zip(kinds, sides, lines, strict=True))
     )
+    return _start_with(design, limits, muscles, pressures)
+
+
+def _start_with(
+    design: Design, limits: Limits, muscles: tuple[Muscle, ...], pressures: NDArray[np.float64]
+) -> Start | None:
+    """None where they break a limit."""
     space = DesignSpace(replace(design, muscles=muscles), limits, pressures, vary_positions=True)
     x = space.encode(space.design, pressures)
     return (space, x) if space.feasible(x) else None

@@ -7,6 +7,18 @@ from sim.vectors import cross, dot, parts, store
 
 
 @ti.func
+def edge_means(b, k, s):
+    """Means of both edges along u, of both along v, and the mixed difference of the cell that begins at entry k."""
+    q0 = F.node3[b, k]
+    q1 = F.node3[b, k + 1]
+    q2 = F.node3[b, k + s]
+    q3 = F.node3[b, k + s + 1]
+    p = q3 - q0
+    m = q1 - q2
+    return 0.5 * (p + m), 0.5 * (p - m), q3 - q1 - q2 + q0
+
+
+@ti.func
 def cell_row(b, nu, nv, j):
     s = nu + 2
     SA = F.lane[b, SH] * F.lane[b, AREA]
@@ -16,15 +28,7 @@ def cell_row(b, nu, nv, j):
     i = 0
     while i < nu - 1:
         k = (j + 1) * s + i + 1
-        # mean edge vectors along u and v from the diagonals
-        q0 = F.node3[b, F.q + k]
-        q1 = F.node3[b, F.q + k + 1]
-        q2 = F.node3[b, F.q + k + s]
-        q3 = F.node3[b, F.q + k + s + 1]
-        p = q3 - q0
-        m = q1 - q2
-        along_u = 0.5 * (p + m)
-        along_v = 0.5 * (p - m)
+        along_u, along_v, mixed = edge_means(b, F.q + k, s)
         ax, ay, az = parts(along_u)
         bx, by, bz = parts(along_v)
         i1 = 1.0 / ti.sqrt(dot(ax, ay, az, ax, ay, az))
@@ -38,19 +42,11 @@ def cell_row(b, nu, nv, j):
         nx, ny, nz = cross(ux, uy, uz, tx, ty, tz)
         il = 1.0 / ti.sqrt(dot(nx, ny, nz, nx, ny, nz))
         nx, ny, nz = nx * il, ny * il, nz * il
-        v0 = F.node3[b, F.v + k]
-        v1 = F.node3[b, F.v + k + 1]
-        v2 = F.node3[b, F.v + k + s]
-        v3 = F.node3[b, F.v + k + s + 1]
-        dp = v3 - v0
-        dm = v1 - v2
-        du = 0.5 * (dp + dm)
-        dv = 0.5 * (dp - dm)
+        du, dv, _ = edge_means(b, F.v + k, s)
         wx, wy, wz = parts(du)
         yx, yy, yz = parts(dv)
         tau = SA * g + VA * (dot(gx, gy, gz, wx, wy, wz) + dot(hx, hy, hz, yx, yy, yz))
-        d = q3 - q1 - q2 + q0
-        dx, dy, dz = parts(d)
+        dx, dy, dz = parts(mixed)
         nd = dot(nx, ny, nz, dx, dy, dz)
         moment = TA * nd
         # twist couple on the normal, tangential part

@@ -19,7 +19,7 @@ import io
 import os
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -53,19 +53,19 @@ FIRST_CONTRACTION, CONTRACTION_STEP = -0.25, 0.001
 ) = range(29)  # fmt: skip
 LANE_CONSTANTS = 32
 
-_NODE3 = (
+_NODE3 = dict.fromkeys((
     # state: positions, velocities, accelerations, and those of the step before; q and v at the evaluation point
     "x0", "v0", "a0", "xp", "vp", "q", "v", "hv", "ha",
     # residual f; conjugate gradients: residual r, its predecessor rp, preconditioned y, direction p
     "f", "carry", "r", "rp", "y", "p",
     # unit tangents of edges; node normals; forces of constraints; smooth frames of the preconditioner
     "tu", "tv", "n", "na", "nb", "ca", "cb", "cd", "pu", "pv", "fu", "fn",
-)  # fmt: skip
-_NODE = (
+), 1)  # fmt: skip
+_NODE = dict.fromkeys((
     # of edges: strains, tensions; bending moments; lumped mass [kg]; 1 where free and 0 where held
     "eu", "ev", "su", "sv", "s1", "s2", "mass", "free",
-)  # fmt: skip
-_POINT3 = ("pos", "tan_u", "tan_v", "normal", "vel", "force", "dir", "tmp", "grad_u", "grad_v")
+), 1)  # fmt: skip
+_POINT3 = dict.fromkeys(("pos", "tan_u", "tan_v", "normal", "vel", "force", "dir", "tmp", "grad_u", "grad_v"), 1)
 _POINT = {
     "wu": 4, "wv": 4, "du": 4, "dv": 4, "eu_w": 4, "ev_w": 4, "offset": 1, "active": 1, "rest": 1, "viscosity": 1,
     "gain": 1, "inv_area": 1, "eps": 1, "rate": 1, "pressure": 1, "tension": 1, "compliance": 1, "lam": 1,
@@ -77,9 +77,9 @@ X: Any = SimpleNamespace()
 lock = threading.RLock()
 
 
-def _offsets(planes: Iterable[tuple[str, int]], size: int) -> tuple[dict[str, int], int]:
+def _offsets(planes: dict[str, int], size: int) -> tuple[dict[str, int], int]:
     offsets, total = {}, 0
-    for name, width in planes:
+    for name, width in planes.items():
         offsets[name] = total
         total += width * size
     return offsets, total
@@ -100,22 +100,17 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     whole = lambda n: ti.Vector.field(LANES, ti.i32, shape=(blocks, n))  # noqa: E731
     F.__dict__.update(nodes=nodes, points=points, modes=modes, blocks=blocks)
     for space, field, planes, size in (
-        (F, "node3", [(name, 1) for name in _NODE3], nodes),
-        (F, "node", [(name, 1) for name in _NODE], nodes),
-        (X, "point3", [(name, 1) for name in _POINT3], points),
-        (X, "point", list(_POINT.items()), points),
+        (F, "node3", _NODE3, nodes),
+        (F, "node", _NODE, nodes),
+        (X, "point3", _POINT3, points),
+        (X, "point", _POINT, points),
     ):
         offsets, total = _offsets(planes, size)
         space.__dict__.update(offsets)
         setattr(F, field, vector(total, WIDE if field.endswith("3") else LANES))
     F.base, F.start, F.channel, F.kind = whole(points), whole(points), whole(points), whole(points)
-    F.lane, F.reduce, F.row, F.row3, F.patch3 = (
-        vector(LANE_CONSTANTS),
-        vector(16),
-        vector(32),
-        vector(12, WIDE),
-        vector(16, WIDE),
-    )
+    F.lane, F.reduce, F.row = vector(LANE_CONSTANTS), vector(8), vector(9)
+    F.row3, F.patch3 = vector(12, WIDE), vector(16, WIDE)
     F.modal3, F.factor3 = vector(3 * nodes, WIDE), vector(3 * nodes, WIDE)
     F.basis = ti.Vector.field(4, ti.f32, shape=2 * modes * (modes + 6) // 4)  # rows by four
     F.eigen = ti.field(ti.f32, shape=modes)

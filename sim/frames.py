@@ -44,11 +44,8 @@ def warp(b, nu, nv, src):
         while i < nu:
             k = (j + 1) * s + i + 1
             o = j * nu + i
-            m = F.node[b, F.free + k]
-            x, y, z = load(b, src + k)
-            x *= m
-            y *= m
-            z *= m
+            free = F.node3[b, src + k] * thrice(F.node[b, F.free + k])
+            x, y, z = parts(free)
             ux, uy, uz, vx, vy, vz, nx, ny, nz = axes(b, k)
             local = Wide(dot(ux, uy, uz, x, y, z), dot(vx, vy, vz, x, y, z), dot(nx, ny, nz, x, y, z))
             F.modal3[b, o] = local

@@ -6,38 +6,8 @@ Equations 7-10 of docs/model.md.
 import taichi as ti
 
 from sim.fields import CONTRACTION_STEP, FIRST_CONTRACTION, LANES, PRESSURE_STEP, TABLE, F, X
+from sim.patch import gather, scatter, weigh_across, weigh_rows
 from sim.vectors import Wide, cross, dot, load_point, parts, store_point, sum3, thrice
-
-
-@ti.func
-def gather(b, nu, pt, src):
-    """The 4 x 4 vectors of F.node3 at src around a fixed point into F.patch3."""
-    r = 0
-    while r < 4:
-        m = 0
-        while m < 4:
-            for lane in range(LANES):
-                k = src + F.base[b, pt][lane] + r * (nu + 2) + m
-                for c in ti.static(range(3)):
-                    F.patch3[b, r * 4 + m][c * LANES + lane] = F.node3[b, k][c * LANES + lane]
-            m = F.after[m]
-        r = F.after[r]
-
-
-@ti.func
-def weigh(b, o, x0, x1, x2, x3):
-    """Sum of four by the weights that lie at o of F.point."""
-    return (
-        thrice(F.point[b, o]) * x0
-        + thrice(F.point[b, o + 1]) * x1
-        + thrice(F.point[b, o + 2]) * x2
-        + thrice(F.point[b, o + 3]) * x3
-    )
-
-
-@ti.func
-def weigh_rows(b, o, first):
-    return weigh(b, o, F.row3[b, first], F.row3[b, first + 1], F.row3[b, first + 2], F.row3[b, first + 3])
 
 
 @ti.func
@@ -45,12 +15,8 @@ def interp(b, pt, p, pa, pb):
     """Value of the vectors in F.patch3 at a fixed point to F.point3 at p, derivatives along u and v to pa and pb."""
     r = 0
     while r < 4:
-        x0 = F.patch3[b, 4 * r]
-        x1 = F.patch3[b, 4 * r + 1]
-        x2 = F.patch3[b, 4 * r + 2]
-        x3 = F.patch3[b, 4 * r + 3]
-        F.row3[b, r] = weigh(b, X.wu + 4 * pt, x0, x1, x2, x3)
-        F.row3[b, 4 + r] = weigh(b, X.du + 4 * pt, x0, x1, x2, x3)
+        F.row3[b, r] = weigh_across(b, X.wu + 4 * pt, r)
+        F.row3[b, 4 + r] = weigh_across(b, X.du + 4 * pt, r)
         r = F.after[r]
     F.point3[b, p + pt] = weigh_rows(b, X.wv + 4 * pt, 0)
     F.point3[b, pa + pt] = weigh_rows(b, X.wv + 4 * pt, 4)
@@ -62,7 +28,7 @@ def points_pos(b, nu, npt):
     """Positions, tangents and normals of the fixed points."""
     pt = 0
     while pt < npt:
-        gather(b, nu, pt, F.q)
+        gather(b, F.node3, F.base, nu + 2, pt, F.q)
         interp(b, pt, X.pos, X.tan_u, X.tan_v)
         ax, ay, az = load_point(b, X.tan_u + pt)
         bx, by, bz = load_point(b, X.tan_v + pt)
@@ -80,7 +46,7 @@ def points_rate(b, nu, npt, src):
     """X.vel = linearised motion of the fixed points under the nodal motion in src; spends X.force and X.tmp"""
     pt = 0
     while pt < npt:
-        gather(b, nu, pt, src)
+        gather(b, F.node3, F.base, nu + 2, pt, src)
         interp(b, pt, X.vel, X.force, X.tmp)
         ax, ay, az = load_point(b, X.tan_u + pt)
         bx, by, bz = load_point(b, X.tan_v + pt)
@@ -129,17 +95,7 @@ def back(b, nu, npt, dst):
                 )
                 m = F.after[m]
             r = F.after[r]
-        r = 0
-        while r < 4:
-            m = 0
-            while m < 4:
-                for lane in range(LANES):
-                    k = dst + F.base[b, pt][lane] + r * (nu + 2) + m
-                    for c in ti.static(range(3)):
-                        e = c * LANES + lane
-                        F.node3[b, k][e] = F.node3[b, k][e] + F.patch3[b, r * 4 + m][e]
-                m = F.after[m]
-            r = F.after[r]
+        scatter(b, F.node3, F.base, nu + 2, pt, dst)
         pt = F.after[pt]
 
 

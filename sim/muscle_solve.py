@@ -2,34 +2,22 @@
 
 import taichi as ti
 
-from sim.fields import GREEN, LANES, F, X
-from sim.lacing import gather, interp, weigh, weigh_rows
+from sim.fields import GREEN, F, X
+from sim.lacing import interp
+from sim.patch import gather, scatter, weigh_across, weigh_rows
 from sim.sheet_solve import spectral
-from sim.vectors import Lanes, Wide, cross, dot, load_point, parts
+from sim.vectors import Lanes, Wide, cross, dot, load_point, parts, thrice
 
 
 @ti.func
 def functionals(b, nu, pt):
     """F.row[0..6] = u, v, w, (w s_u), (w s_v), w_u, w_v at fixed point pt of the field in F.modal3"""
+    gather(b, F.modal3, F.start, nu, pt, 0)
     r = 0
     while r < 4:
-        m = 0
-        while m < 4:
-            for lane in range(LANES):
-                k = F.start[b, pt][lane] + r * nu + m
-                for c in ti.static(range(3)):
-                    F.patch3[b, r * 4 + m][c * LANES + lane] = F.modal3[b, k][c * LANES + lane]
-            m = F.after[m]
-        r = F.after[r]
-    r = 0
-    while r < 4:
-        x0 = F.patch3[b, 4 * r]
-        x1 = F.patch3[b, 4 * r + 1]
-        x2 = F.patch3[b, 4 * r + 2]
-        x3 = F.patch3[b, 4 * r + 3]
-        F.row3[b, r] = weigh(b, X.wu + 4 * pt, x0, x1, x2, x3)
-        F.row3[b, 4 + r] = weigh(b, X.eu_w + 4 * pt, x0, x1, x2, x3)
-        F.row3[b, 8 + r] = weigh(b, X.du + 4 * pt, x0, x1, x2, x3)
+        F.row3[b, r] = weigh_across(b, X.wu + 4 * pt, r)
+        F.row3[b, 4 + r] = weigh_across(b, X.eu_w + 4 * pt, r)
+        F.row3[b, 8 + r] = weigh_across(b, X.du + 4 * pt, r)
         r = F.after[r]
     value = weigh_rows(b, X.wv + 4 * pt, 0)
     F.row[b, 0], F.row[b, 1], F.row[b, 2] = parts(value)
@@ -81,14 +69,10 @@ def green(b, nu, nv, npt):
                 m = 0
                 while m < 4:
                     p = weight(b, pb, f, r, m)
-                    lane = 0
-                    while lane < LANES:
-                        k = F.start[b, pb][lane] + r * nu + m
-                        for c in ti.static(range(3)):
-                            F.modal3[b, k][c * LANES + lane] = p[lane]
-                        lane = F.after[lane]
+                    F.patch3[b, r * 4 + m] = thrice(p)
                     m = F.after[m]
                 r = F.after[r]
+            scatter(b, F.modal3, F.start, nu, pb, 0)
             spectral(b, nu, nv)
             pa = 0
             while pa < npt:
@@ -112,9 +96,9 @@ def woodbury(b, nu, npt):
     ns = npt - 1
     pt = 0
     while pt < npt:
-        gather(b, nu, pt, F.fu)
+        gather(b, F.node3, F.base, nu + 2, pt, F.fu)
         interp(b, pt, X.grad_u, X.tmp, X.force)
-        gather(b, nu, pt, F.fn)
+        gather(b, F.node3, F.base, nu + 2, pt, F.fn)
         interp(b, pt, X.grad_v, X.tmp, X.force)
         pt = F.after[pt]
     k = 0
@@ -264,13 +248,8 @@ def muscle_correct(b, nu, nv, npt):
                 while f < 5:
                     F.row[b, 8] = F.row[b, 8] + weight(b, p, f, r, m) * F.row[b, 2 + f]
                     f = F.after[f]
-                pull = Wide(F.row[b, 7] * F.row[b, 0], F.row[b, 7] * F.row[b, 1], F.row[b, 8])
-                F.patch3[b, 0] = pull
-                for lane in range(LANES):
-                    k = F.start[b, p][lane] + r * nu + m
-                    for c in ti.static(range(3)):
-                        e = c * LANES + lane
-                        F.modal3[b, k][e] = F.modal3[b, k][e] + F.patch3[b, 0][e]
+                F.patch3[b, r * 4 + m] = Wide(F.row[b, 7] * F.row[b, 0], F.row[b, 7] * F.row[b, 1], F.row[b, 8])
                 m = F.after[m]
             r = F.after[r]
+        scatter(b, F.modal3, F.start, nu, p, 0)
         p = F.after[p]

@@ -36,6 +36,20 @@ def fabric_force(b, nu, nv, hung, ca, cv):
 
 
 @ti.func
+def border(i, n):
+    """-1 at the first of n nodes, 1 at the last, 0 between; and the share of a cell that the node stands for."""
+    sign = ti.f32(0.0)
+    share = ti.f32(1.0)
+    if i == 0:
+        sign = ti.f32(-1.0)
+        share = ti.f32(0.5)
+    if i == n - 1:
+        sign = ti.f32(1.0)
+        share = ti.f32(0.5)
+    return sign, share
+
+
+@ti.func
 def gather_row(b, nu, nv, j, ca):
     """f = internal forces + gravity - air damping - M a"""
     s = nu + 2
@@ -44,21 +58,8 @@ def gather_row(b, nu, nv, j, ca):
     i = 0
     while i < nu:
         k = (j + 1) * s + i + 1
-        s1 = ti.f32(0.0)
-        s2 = ti.f32(0.0)
-        wt = ti.f32(1.0)
-        if i == 0:
-            s1 = ti.f32(-1.0)
-            wt *= 0.5
-        if i == nu - 1:
-            s1 = ti.f32(1.0)
-            wt *= 0.5
-        if j == 0:
-            s2 = ti.f32(-1.0)
-            wt *= 0.5
-        if j == nv - 1:
-            s2 = ti.f32(1.0)
-            wt *= 0.5
+        s1, w1 = border(i, nu)
+        s2, w2 = border(j, nv)
         e = F.node3[b, F.pu + k] - F.node3[b, F.pu + k - 1] + F.node3[b, F.pv + k] - F.node3[b, F.pv + k - s]
         m = (
             F.node3[b, F.na + k - 1]
@@ -79,7 +80,7 @@ def gather_row(b, nu, nv, j, ca):
             + m
             + ce
             + thrice(F.node[b, F.mass + k]) * (g - ca * F.node3[b, F.q + k] - F.node3[b, F.ha + k])
-            - wt * drag * F.node3[b, F.v + k]
+            - w1 * w2 * drag * F.node3[b, F.v + k]
             + F.node3[b, F.carry + k]
         )
         i = F.after[i]

@@ -88,7 +88,8 @@ class Simulator:
         if lost:
             finer = replace(self, time_step=self.time_step / 2)
             again = finer._run([cases[i] for i in lost], [times[i] for i in lost])
-            motions = [again[lost.index(i)] if i in lost else motion for i, motion in enumerate(motions)]
+            for i, motion in zip(lost, again, strict=True):
+                motions[i] = motion
         return motions
 
     def _run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
