@@ -1,6 +1,7 @@
 """The command line. Each command parses, calls one function and prints; heavy imports stay inside the commands."""
 
 import json
+import os
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -170,6 +171,7 @@ def simulate(
     times = frame_times(program, duration=duration, frame_rate=frame_rate)
     fitted = None if model is None else read_model(model)
     with new_file(output) as unfinished:
+        os.environ.setdefault("FABDESIGN_LANES", "2")  # kernels for a lone design
         from sim import Simulator
 
         points = simulate_motion(Simulator(), loaded, program, times, model=fitted)

@@ -15,7 +15,7 @@ def edge_means(b, k, s):
     q3 = F.node3[b, k + s + 1]
     p = q3 - q0
     m = q1 - q2
-    return 0.5 * (p + m), 0.5 * (p - m), q3 - q1 - q2 + q0
+    return 0.5 * (p + m), 0.5 * (p - m), (q3 - q1) - (q2 - q0)
 
 
 @ti.func

@@ -2,6 +2,7 @@
 
 Layout (measured, see docs/results/simulator.md): LANES designs ride side by side, innermost, as the entries
 of one `Vector.field(LANES)`, so that LLVM emits vector loads and stores; a block of them belongs to one thread. The
+environment variable FABDESIGN_LANES, read once, sets LANES: 8 for batches; with 2 a lone design takes a third less. The
 three components of a vector lie in one element of WIDE entries, component by component: one address for three.
 
 Arrays over nodes are planes of `F.node` (numbers) and `F.node3` (vectors): node (row j, column i) of an nv x nu grid
@@ -25,6 +26,8 @@ from typing import Any
 
 import numpy as np
 
+from fabdesign.errors import InputError
+
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
 try:
@@ -32,11 +35,17 @@ try:
     from taichi.lang import kernel_impl
     from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 except ImportError as error:  # a bare machine lacks libX11
-    from fabdesign.errors import InputError
-
     raise InputError(f"cannot load taichi ({error}); on Debian: apt install libx11-6") from error
 
-LANES = 8
+
+def _lanes() -> int:
+    given = os.environ.get("FABDESIGN_LANES", "8")
+    if given not in {"1", "2", "4", "8", "16"}:
+        raise InputError(f"FABDESIGN_LANES is {given!r}; expected 1, 2, 4, 8 or 16")
+    return int(given)
+
+
+LANES = _lanes()
 WIDE = 3 * LANES
 SPREAD = 512  # iterations of an outer loop that Taichi gives a thread at least: block b is iteration SPREAD b
 FUNCTIONALS = 7  # of the warped displacement at a fixed point: u, v, w, (w s_u), (w s_v), w_u, w_v

@@ -176,7 +176,7 @@ def woodbury(b, nu, npt):
             for j in range(k + 1, i + 1):
                 F.dual[b, i * F.points + j] = F.dual[b, i * F.points + j] - ratio * F.dual[b, j * F.points + k]
             i = F.after[i]
-        # column k below the diagonal keeps LANES*D; divide on use
+        # column k below the diagonal keeps l d; divide on use
         k = F.after[k]
 
 

@@ -27,6 +27,8 @@ Run = Callable[..., tuple[int, str, str]]
 def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
     """Runs `fabdesign ARGUMENTS...`: exit code, standard output, standard error."""
 
+    monkeypatch.setenv("FABDESIGN_LANES", "8")  # as the simulator of this process has them
+
     def call(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["fabdesign", *map(str, arguments)])
         code = 0

@@ -1,10 +1,15 @@
 """Lanes, bits, mirror images, instants, factors and divergence."""
 
+import os
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from fabdesign.catalogue import build
+from fabdesign.design_file import write_design
 from sim import Simulator
 from tests.sim_designs import held, laced
 
@@ -38,6 +43,23 @@ def test_same_batch_twice_gives_the_same_bits(cases, motions):
 
 def test_design_alone_gives_the_bits_it_gives_among_others(cases, motions):
     assert np.array_equal(run(cases[1])[0].points, motions[1].points)
+
+
+def test_kernel_for_one_design_agrees_with_the_one_for_many(tmp_path):
+    design = build("cross", muscles=2)
+    write_design(design, tmp_path / "cross.toml")
+    many = Simulator().motions([held(design, (150, 50))], [np.arange(4) / 60])[0]
+    command = (sys.executable, "-m", "fabdesign", "simulate", "cross.toml", "--pressures", "150,50", "--duration", "0.05")
+    unset = {name: value for name, value in os.environ.items() if name != "FABDESIGN_LANES"}
+    subprocess.run((*command, "-o", "m.npz"), cwd=tmp_path, env=unset, check=True, timeout=300)
+    assert np.abs(np.load(tmp_path / "m.npz")["points"] - many).max() < 1e-5
+
+
+def test_lanes_must_be_known(tmp_path):
+    said = subprocess.run(
+        (sys.executable, "-c", "import sim"), env={**os.environ, "FABDESIGN_LANES": "3"}, capture_output=True, text=True
+    )
+    assert "FABDESIGN_LANES is '3'; expected 1, 2, 4, 8 or 16" in said.stderr
 
 
 def test_mirror_image_in_the_plane_of_the_cloth(designs, motions):
