@@ -49,7 +49,8 @@ def test_kernel_for_one_design_agrees_with_the_one_for_many(tmp_path):
     design = build("cross", muscles=2)
     write_design(design, tmp_path / "cross.toml")
     many = Simulator().motions([held(design, (150, 50))], [np.arange(4) / 60])[0]
-    command = (sys.executable, "-m", "fabdesign", "simulate", "cross.toml", "--pressures", "150,50", "--duration", "0.05")
+    simulate = (sys.executable, "-m", "fabdesign", "simulate", "cross.toml")
+    command = (*simulate, "--pressures", "150,50", "--duration", "0.05")
     unset = {name: value for name, value in os.environ.items() if name != "FABDESIGN_LANES"}
     subprocess.run((*command, "-o", "m.npz"), cwd=tmp_path, env=unset, check=True, timeout=300)
     assert np.abs(np.load(tmp_path / "m.npz")["points"] - many).max() < 1e-5
