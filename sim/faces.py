@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.model import line_weights
+from sim.loops import interpolation_weights
 
 SIDE = 41  # points a side of every output
 
@@ -11,7 +11,7 @@ SIDE = 41  # points a side of every output
 def faces(middle: NDArray[np.float32], thickness: float) -> NDArray[np.float32]:
     """(T, 2 * 41 * 41, 3) m from mid-surfaces (T, n, n, 3): half the thickness along the normal, front then back.
 
-    Another grid than 41 x 41 is interpolated (cubic, line_weights).
+    Another grid than 41 x 41 is interpolated (cubic, sim.loops).
     """
     rows = _resample(middle.shape[1]).astype(middle.dtype)
     if middle.shape[1] != SIDE:
@@ -37,6 +37,6 @@ def _resample(n: int) -> NDArray[np.float64]:
     """(41, n) weights of the output points on a line of n nodes."""
     rows = np.zeros((SIDE, n))
     for k in range(SIDE):
-        first, value, _, _ = line_weights(k * (n - 1) / (SIDE - 1), n, 1.0)
+        first, value = interpolation_weights(k * (n - 1) / (SIDE - 1), n)
         rows[k, first : first + 4] = value
     return rows

@@ -74,9 +74,11 @@ _NODE = dict.fromkeys((
     # of edges: strains, tensions; bending moments; lumped mass [kg]; 1 where free and 0 where held
     "eu", "ev", "su", "sv", "s1", "s2", "mass", "free",
 ), 1)  # fmt: skip
+PATCH = 0  # planes of F.point that are as many as a patch is wide
 _POINT3 = dict.fromkeys(("pos", "tan_u", "tan_v", "normal", "vel", "force", "dir", "tmp", "grad_u", "grad_v"), 1)
 _POINT = {
-    "wu": 4, "wv": 4, "du": 4, "dv": 4, "eu_w": 4, "ev_w": 4, "offset": 1, "active": 1, "rest": 1, "viscosity": 1,
+    "wu": PATCH, "wv": PATCH, "du": PATCH, "dv": PATCH, "eu_w": PATCH, "ev_w": PATCH,
+    "offset": 1, "active": 1, "rest": 1, "viscosity": 1,
     "gain": 1, "inv_area": 1, "eps": 1, "rate": 1, "pressure": 1, "tension": 1, "compliance": 1, "lam": 1,
     "coef": 2 * FUNCTIONALS, "resp": FUNCTIONALS,
 }  # fmt: skip
@@ -86,40 +88,40 @@ X: Any = SimpleNamespace()
 lock = threading.RLock()
 
 
-def _offsets(planes: dict[str, int], size: int) -> tuple[dict[str, int], int]:
+def _offsets(planes: dict[str, int], size: int, patch: int) -> tuple[dict[str, int], int]:
     offsets, total = {}, 0
     for name, width in planes.items():
         offsets[name] = total
-        total += width * size
+        total += (patch if width == PATCH else width) * size
     return offsets, total
 
 
-def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
+def allocate(nodes: int, points: int, modes: int, patch: int, *, blocks: int) -> None:
     """Start Taichi with room for `blocks` blocks of grids of `nodes` padded nodes (at most `modes` across), `points`
-    fixed points and `steps` x channels program entries. Does nothing where there is room already: a second start
-    would drop all arrays and compile again."""
-    if F.ready and F.nodes >= nodes and F.points >= points and F.modes >= modes:
+    fixed points with patch x patch nodes around each. Does nothing where there is room already: a second start would
+    drop all arrays and compile again."""
+    if F.ready and F.nodes >= nodes and F.points >= points and F.modes >= modes and F.patch >= patch:
         return
     grow = (lambda now, then: max(now, then)) if F.ready else (lambda now, then: then)
     nodes, points = grow(getattr(F, "nodes", 0), nodes), grow(getattr(F, "points", 0), points)
-    modes = grow(getattr(F, "modes", 0), modes)
+    modes, patch = grow(getattr(F, "modes", 0), modes), grow(getattr(F, "patch", 0), patch)
     with contextlib.redirect_stdout(io.StringIO()):
         ti.init(arch=ti.cpu, default_fp=ti.f32, offline_cache=True, advanced_optimization=False)
     vector = lambda n, width=LANES: ti.Vector.field(width, ti.f32, shape=(blocks, n))  # noqa: E731
     whole = lambda n: ti.Vector.field(LANES, ti.i32, shape=(blocks, n))  # noqa: E731
-    F.__dict__.update(nodes=nodes, points=points, modes=modes, blocks=blocks)
+    F.__dict__.update(nodes=nodes, points=points, modes=modes, patch=patch, blocks=blocks)
     for space, field, planes, size in (
         (F, "node3", _NODE3, nodes),
         (F, "node", _NODE, nodes),
         (X, "point3", _POINT3, points),
         (X, "point", _POINT, points),
     ):
-        offsets, total = _offsets(planes, size)
+        offsets, total = _offsets(planes, size, patch)
         space.__dict__.update(offsets)
         setattr(F, field, vector(total, WIDE if field.endswith("3") else LANES))
     F.base, F.start, F.channel, F.kind = whole(points), whole(points), whole(points), whole(points)
     F.lane, F.reduce, F.row = vector(LANE_CONSTANTS), vector(8), vector(9)
-    F.row3, F.patch3 = vector(12, WIDE), vector(16, WIDE)
+    F.row3, F.patch3 = vector(3 * patch, WIDE), vector(patch * patch, WIDE)
     F.modal3, F.factor3 = vector(3 * nodes, WIDE), vector(3 * nodes, WIDE)
     F.basis = ti.Vector.field(4, ti.f32, shape=2 * modes * (modes + 6) // 4)  # rows by four
     F.eigen = ti.field(ti.f32, shape=modes)

@@ -14,13 +14,13 @@ from sim.vectors import Wide, cross, dot, load_point, parts, store_point, sum3, 
 def interp(b, pt, p, pa, pb):
     """Value of the vectors in F.patch3 at a fixed point to F.point3 at p, derivatives along u and v to pa and pb."""
     r = 0
-    while r < 4:
-        F.row3[b, r] = weigh_across(b, X.wu + 4 * pt, r)
-        F.row3[b, 4 + r] = weigh_across(b, X.du + 4 * pt, r)
+    while r < F.patch:
+        F.row3[b, r] = weigh_across(b, X.wu + F.patch * pt, r)
+        F.row3[b, F.patch + r] = weigh_across(b, X.du + F.patch * pt, r)
         r = F.after[r]
-    F.point3[b, p + pt] = weigh_rows(b, X.wv + 4 * pt, 0)
-    F.point3[b, pa + pt] = weigh_rows(b, X.wv + 4 * pt, 4)
-    F.point3[b, pb + pt] = weigh_rows(b, X.dv + 4 * pt, 0)
+    F.point3[b, p + pt] = weigh_rows(b, X.wv + F.patch * pt, 0)
+    F.point3[b, pa + pt] = weigh_rows(b, X.wv + F.patch * pt, F.patch)
+    F.point3[b, pb + pt] = weigh_rows(b, X.dv + F.patch * pt, 0)
 
 
 @ti.func
@@ -84,14 +84,14 @@ def back(b, nu, npt, dst):
         along_u = F.point3[b, X.grad_u + pt]
         along_v = F.point3[b, X.grad_v + pt]
         r = 0
-        while r < 4:
-            value = thrice(F.point[b, X.wv + 4 * pt + r])
-            w0 = value * force + thrice(F.point[b, X.dv + 4 * pt + r]) * along_v
+        while r < F.patch:
+            value = thrice(F.point[b, X.wv + F.patch * pt + r])
+            w0 = value * force + thrice(F.point[b, X.dv + F.patch * pt + r]) * along_v
             w1 = value * along_u
             m = 0
-            while m < 4:
-                F.patch3[b, r * 4 + m] = (
-                    thrice(F.point[b, X.wu + 4 * pt + m]) * w0 + thrice(F.point[b, X.du + 4 * pt + m]) * w1
+            while m < F.patch:
+                F.patch3[b, r * F.patch + m] = (
+                    thrice(F.point[b, X.wu + F.patch * pt + m]) * w0 + thrice(F.point[b, X.du + F.patch * pt + m]) * w1
                 )
                 m = F.after[m]
             r = F.after[r]

@@ -10,7 +10,8 @@ from fabdesign.errors import InputError
 from fabdesign.forward import Case
 from fabdesign.muscle import MuscleType
 from sim.fields import LANE_CONSTANTS, LANES, TYPES, F, X, allocate, upload
-from sim.model import Lacing, bench_grid, lace, lane_constants, line_weights, node_arrays
+from sim.loops import line_weights
+from sim.model import Lacing, bench_grid, lace, lane_constants, node_arrays, patch_of
 from sim.transfer import LOADED, load
 
 SIZES = ((43, 96), (43, 256), (83, 96), (163, 96))  # (padded nodes a side, fixed points) that fields are made for
@@ -21,10 +22,10 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
 
     Returns the largest number of fixed points of any case.
     """
-    lacings = [lace(case.design, n) for case in cases]
-    points = max(len(lacing.offset) for lacing in lacings)
+    points = max(sum(len(m.fixed_points()) for m in case.design.muscles) for case in cases)
     side, room = next(((a, b) for a, b in SIZES if a >= n + 2 and b >= points), (n + 2, points))
-    allocate(side * side, room, side, blocks=blocks)
+    allocate(side * side, room, side, max(patch_of(case.design, n) for case in cases), blocks=blocks)
+    lacings = [lace(case.design, n, F.patch) for case in cases]
     kinds = _types(cases)
     used = -(-len(cases) // LANES)
     lane = np.zeros((used, LANE_CONSTANTS, LANES), np.float32)
@@ -73,14 +74,13 @@ def _put_lacing(
     gain, lever = case.factors.get("muscle_gain", 1.0), case.factors.get("axis_offset", 1.0)
     damping = case.factors.get("damping", 1.0)
     count, room = len(lacing.offset), point.shape[1]
-    first, value, slope, moment = line_weights(0.5 * (n - 1), n, 1.0)
-    spare = np.concatenate([value, value, slope, slope, moment, moment])
-    weights = np.concatenate([lacing.weights, np.repeat(spare[None], room - count, axis=0)])
+    first, value, slope, moment = line_weights(0.5 * (n - 1), n, 1.0, F.patch)
+    spare = np.array([value, value, slope, slope, moment, moment])
+    weights = np.concatenate([lacing.weights, np.repeat(spare[:, None], room - count, axis=1)], axis=1)
     base = np.concatenate([lacing.base, np.full((room - count, 2), first, np.int32)])
-    names = {"wu": 0, "wv": 4, "du": 8, "dv": 12, "eu_w": 16, "ev_w": 20}
-    for name, column in names.items():
-        start = getattr(X, name) // F.points  # a group of 4 planes holds quadruples, point by point
-        point[start : start + 4] = weights[:, column : column + 4].reshape(4, room)
+    for name, group in zip(("wu", "wv", "du", "dv", "eu_w", "ev_w"), weights, strict=True):
+        start = getattr(X, name) // F.points  # a group of planes holds the weights point by point
+        point[start : start + F.patch] = group.reshape(F.patch, room)
     kind = [case.design.muscle_types[name] for name in lacing.kind]
     rows = {
         "offset": lever * lacing.offset,

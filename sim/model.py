@@ -13,6 +13,7 @@ from fabdesign.fabric import Fabric
 from fabdesign.muscle import BenchTable
 from fabdesign.muscle_law import MuscleLaw
 from sim import fields as f
+from sim.loops import line_weights, patch_size
 
 Array = NDArray[np.float64]
 HUNG = {"top": 0, "bottom": 1, "left": 2, "right": 3, "none": 4}
@@ -23,8 +24,8 @@ FREE = HUNG["none"]  # also: held at points
 class Lacing:
     """The fixed points of one design on an n x n grid; interval k runs from point k to k + 1 where `active`."""
 
-    base: NDArray[np.int32]  # (p, 2) row and column of the first of 4 x 4 nodes
-    weights: Array  # (p, 24): wu, wv, du, dv, eu, ev, four each
+    base: NDArray[np.int32]  # (p, 2) row and column of the first of patch x patch nodes
+    weights: Array  # (6, p, patch): wu, wv, du, dv, eu, ev
     offset: Array  # (p,) m, signed: positive on the front
     active: Array  # (p,) 1 where an interval starts
     rest: Array  # (p,) m
@@ -32,35 +33,18 @@ class Lacing:
     kind: tuple[str, ...]  # (p,) muscle type
 
 
-def line_weights(t: float, nodes: int, spacing: float) -> tuple[int, Array, Array, Array]:
-    """First node, weights, their derivatives [1/m] and first moments [m] of cubic interpolation at `t` on a line.
-
-    Catmull-Rom: reproduces quadratics, its derivative is continuous; beyond the ends the quadratic goes on.
-    """
-    x = t / spacing
-    i = min(max(int(np.floor(x)), 0), nodes - 2)
-    s = x - i
-    value = np.array([-s + 2 * s**2 - s**3, 2 - 5 * s**2 + 3 * s**3, s + 4 * s**2 - 3 * s**3, s**3 - s**2]) / 2
-    slope = np.array([-1 + 4 * s - 3 * s**2, -10 * s + 9 * s**2, 1 + 8 * s - 9 * s**2, 3 * s**2 - 2 * s]) / 2 / spacing
-    first = min(max(i - 1, 0), nodes - 4)
-    fold = np.zeros((4, 4))
-    for k, node in enumerate(range(i - 1, i + 3)):
-        if node < 0:
-            fold[:3, k] = 3, -3, 1
-        elif node >= nodes:
-            fold[1:, k] = 1, -3, 3
-        else:
-            fold[node - first, k] = 1
-    value, slope = fold @ value, fold @ slope
-    return first, value, slope, value * ((first + np.arange(4)) * spacing - t)
-
-
 def hung_code(fabric: Fabric) -> int:
     """Of HUNG; held at points is free to the preconditioner."""
     return HUNG[fabric.hung] if isinstance(fabric.hung, str) else FREE
 
 
-def lace(design: Design, n: int) -> Lacing:
+def patch_of(design: Design, n: int) -> int:
+    """How many nodes across and down a loop of this design can touch."""
+    return max(patch_size(n, size / (n - 1)) for size in (design.fabric.width, design.fabric.height))
+
+
+def lace(design: Design, n: int, patch: int) -> Lacing:
+    """The fixed points with the weights of patch x patch nodes around each."""
     hu, hv = design.fabric.width / (n - 1), design.fabric.height / (n - 1)
     base, weights, offset, active, rest, channel, kind = [], [], [], [], [], [], []
     for muscle in design.muscles:
@@ -68,10 +52,10 @@ def lace(design: Design, n: int) -> Lacing:
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         side = 1.0 if muscle.side == "front" else -1.0
         for q, (u, v) in enumerate(points):
-            i, wu, du, eu = line_weights(u, n, hu)
-            j, wv, dv, ev = line_weights(v, n, hv)
+            i, wu, du, eu = line_weights(u, n, hu, patch)
+            j, wv, dv, ev = line_weights(v, n, hv, patch)
             base.append((j, i))
-            weights.append(np.concatenate([wu, wv, du, dv, eu, ev]))
+            weights.append((wu, wv, du, dv, eu, ev))
             offset.append(side * design.muscle_types[muscle.type].axis_offset)
             last = q == len(points) - 1
             active.append(0.0 if last else 1.0)
@@ -79,8 +63,8 @@ def lace(design: Design, n: int) -> Lacing:
             channel.append(muscle.channel)
             kind.append(muscle.type)
     return Lacing(
-        np.array(base, np.int32).reshape(-1, 2), np.array(weights).reshape(-1, 24), np.array(offset), np.array(active),
-        np.array(rest), np.array(channel, np.int32), tuple(kind),
+        np.array(base, np.int32).reshape(-1, 2), np.array(weights).reshape(-1, 6, patch).transpose(1, 0, 2),
+        np.array(offset), np.array(active), np.array(rest), np.array(channel, np.int32), tuple(kind),
     )  # fmt: skip
 
 

@@ -14,26 +14,26 @@ def functionals(b, nu, pt):
     """F.row[0..6] = u, v, w, (w s_u), (w s_v), w_u, w_v at fixed point pt of the field in F.modal3"""
     gather(b, F.modal3, F.start, nu, pt, 0)
     r = 0
-    while r < 4:
-        F.row3[b, r] = weigh_across(b, X.wu + 4 * pt, r)
-        F.row3[b, 4 + r] = weigh_across(b, X.eu_w + 4 * pt, r)
-        F.row3[b, 8 + r] = weigh_across(b, X.du + 4 * pt, r)
+    while r < F.patch:
+        F.row3[b, r] = weigh_across(b, X.wu + F.patch * pt, r)
+        F.row3[b, F.patch + r] = weigh_across(b, X.eu_w + F.patch * pt, r)
+        F.row3[b, 2 * F.patch + r] = weigh_across(b, X.du + F.patch * pt, r)
         r = F.after[r]
-    value = weigh_rows(b, X.wv + 4 * pt, 0)
+    value = weigh_rows(b, X.wv + F.patch * pt, 0)
     F.row[b, 0], F.row[b, 1], F.row[b, 2] = parts(value)
     f = 3
     while f < 7:
         weights = X.wv
-        rows = 4
+        rows = F.patch
         if f == 4:
             weights = X.ev_w
             rows = 0
         if f == 5:
-            rows = 8
+            rows = 2 * F.patch
         if f == 6:
             weights = X.dv
             rows = 0
-        wide = weigh_rows(b, weights + 4 * pt, rows)
+        wide = weigh_rows(b, weights + F.patch * pt, rows)
         _, _, F.row[b, f] = parts(wide)
         f = F.after[f]
 
@@ -50,7 +50,7 @@ def weight(b, pt, f, r, m):
         a = X.du
     if f == 4:
         c = X.dv
-    return F.point[b, a + 4 * pt + m] * F.point[b, c + 4 * pt + r]
+    return F.point[b, a + F.patch * pt + m] * F.point[b, c + F.patch * pt + r]
 
 
 @ti.func
@@ -65,11 +65,11 @@ def green(b, nu, nv, npt):
                 F.modal3[b, k] = Wide(0.0)
                 k = F.after[k]
             r = 0
-            while r < 4:
+            while r < F.patch:
                 m = 0
-                while m < 4:
+                while m < F.patch:
                     p = weight(b, pb, f, r, m)
-                    F.patch3[b, r * 4 + m] = thrice(p)
+                    F.patch3[b, r * F.patch + m] = thrice(p)
                     m = F.after[m]
                 r = F.after[r]
             scatter(b, F.modal3, F.start, nu, pb, 0)
@@ -239,16 +239,16 @@ def muscle_correct(b, nu, nv, npt):
                 F.row[b, i] = F.row[b, i] - F.point[b, X.coef + (7 + i) * F.points + p - 1] * F.point[b, X.lam + p - 1]
             i = F.after[i]
         r = 0
-        while r < 4:
+        while r < F.patch:
             m = 0
-            while m < 4:
-                F.row[b, 7] = F.point[b, X.wv + 4 * p + r] * F.point[b, X.wu + 4 * p + m]
+            while m < F.patch:
+                F.row[b, 7] = F.point[b, X.wv + F.patch * p + r] * F.point[b, X.wu + F.patch * p + m]
                 F.row[b, 8] = F.row[b, 7] * F.row[b, 2]
                 f = 1
                 while f < 5:
                     F.row[b, 8] = F.row[b, 8] + weight(b, p, f, r, m) * F.row[b, 2 + f]
                     f = F.after[f]
-                F.patch3[b, r * 4 + m] = Wide(F.row[b, 7] * F.row[b, 0], F.row[b, 7] * F.row[b, 1], F.row[b, 8])
+                F.patch3[b, r * F.patch + m] = Wide(F.row[b, 7] * F.row[b, 0], F.row[b, 7] * F.row[b, 1], F.row[b, 8])
                 m = F.after[m]
             r = F.after[r]
         scatter(b, F.modal3, F.start, nu, p, 0)

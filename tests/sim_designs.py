@@ -53,3 +53,9 @@ def laced(layout="basic", muscles=4, **changes) -> Design:
 def middle(points):
     """(41, 41, 3) mid-surface of one frame's faces (3362, 3)."""
     return points.astype(float).reshape(2, 41, 41, 3).mean(0)
+
+
+def around(ends, spacing):
+    """The nodes that a loop at each of `ends` touches: 3 x 3, `spacing` apart."""
+    near = (-spacing, 0.0, spacing)
+    return tuple((u + du, v + dv) for u, v in ends for dv in near for du in near)

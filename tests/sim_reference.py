@@ -45,6 +45,31 @@ def across(a, n):
     return a - n * np.sum(n * a, axis=-1, keepdims=True)
 
 
+LOOP = 0.005  # m
+
+
+def bspline(x):
+    """Cubic B-spline with knots at whole numbers."""
+    r = np.abs(x)
+    return np.where(r < 1, 2 / 3 - r**2 + r**3 / 2, np.where(r < 2, (2 - r) ** 3 / 6, 0.0))
+
+
+def bspline_slope(x):
+    """d/dt of bspline(x) for x = node - t."""
+    r = np.abs(x)
+    return -np.sign(x) * np.where(r < 1, -2 * r + 1.5 * r**2, np.where(r < 2, -((2 - r) ** 2) / 2, 0.0))
+
+
+def catmull_rom(x):
+    r = np.abs(x)
+    return np.where(r < 1, 1 - 2.5 * r**2 + 1.5 * r**3, np.where(r < 2, 2 - 4 * r + 2.5 * r**2 - r**3 / 2, 0.0))
+
+
+def catmull_rom_slope(x):
+    r = np.abs(x)
+    return -np.sign(x) * np.where(r < 1, -5 * r + 4.5 * r**2, np.where(r < 2, -4 + 5 * r - 1.5 * r**2, 0.0))
+
+
 class ReferenceSheet:
     """One design on an n x n grid. Node (row j, column i) has index j n + i; positions are (n n, 3) m."""
 
@@ -171,16 +196,23 @@ class ReferenceSheet:
     # --- muscles: equations 7 to 10
 
     def _line(self, t, direction):
-        """(n,) weights and their derivatives of Catmull-Rom interpolation at `t`, with quadratic ghosts."""
-        n, h = self.n, self.h[direction]
-        i = int(np.clip(np.floor(t / h), 0, n - 2))
-        s = t / h - i
-        value = np.array([-s + 2 * s**2 - s**3, 2 - 5 * s**2 + 3 * s**3, s + 4 * s**2 - 3 * s**3, s**3 - s**2]) / 2
-        slope = np.array([-1 + 4 * s - 3 * s**2, -10 * s + 9 * s**2, 1 + 8 * s - 9 * s**2, 3 * s**2 - 2 * s]) / 2 / h
-        ghosts = np.zeros((n + 2, n))  # rows: ghost, nodes, ghost
-        ghosts[1:-1] = np.eye(n)
-        ghosts[0, :3], ghosts[-1, -3:] = (3, -3, 1), (1, -3, 3)
-        return value @ ghosts[i : i + 4], slope @ ghosts[i : i + 4]
+        """(n,) weights and their derivatives of a loop at `t`: a cubic B-spline with knots LOOP apart over the nodes,
+        ghosts included; on a coarser grid, mixed with Catmull-Rom interpolation."""
+        n, h, beyond = self.n, self.h[direction], 8
+        x = (np.arange(-beyond, n + beyond) * h - t) / h
+        s = LOOP / h
+        if s > 1:
+            assert abs(s - round(s)) < 1e-9
+            value, slope = bspline(x / s) / s, bspline_slope(x / s) / s**2
+        else:
+            value = catmull_rom(x) + s**2 * (bspline(x) - catmull_rom(x))
+            slope = catmull_rom_slope(x) + s**2 * (bspline_slope(x) - catmull_rom_slope(x))
+        ghosts = np.zeros((n + 2 * beyond, n))  # the quadratic of the last three nodes goes on
+        ghosts[beyond:-beyond] = np.eye(n)
+        for k in range(1, beyond + 1):
+            ghosts[beyond - k, :3] = np.linalg.solve(np.vander([0, 1, 2], increasing=True).T, (1, -k, k * k))
+        ghosts[-beyond:, -3:] = ghosts[:beyond, :3][::-1, ::-1]
+        return value @ ghosts, slope @ ghosts / h
 
     def _lace(self):
         position, along_u, along_v, offset, intervals, rest, channel, kind = [], [], [], [], [], [], [], []

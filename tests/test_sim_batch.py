@@ -53,7 +53,8 @@ def test_kernel_for_one_design_agrees_with_the_one_for_many(tmp_path):
     command = (*simulate, "--pressures", "150,50", "--duration", "0.05")
     unset = {name: value for name, value in os.environ.items() if name != "FABDESIGN_LANES"}
     subprocess.run((*command, "-o", "m.npz"), cwd=tmp_path, env=unset, check=True, timeout=300)
-    assert np.abs(np.load(tmp_path / "m.npz")["points"] - many).max() < 1e-5
+    apart = np.abs(np.load(tmp_path / "m.npz")["points"] - many)
+    assert apart.max() < 3e-5 and np.sqrt(np.mean(apart**2)) < 1e-5  # what two solves to 1e-7 m a step add up to
 
 
 def test_lanes_must_be_known(tmp_path):

@@ -1,0 +1,84 @@
+"""Where a fixed point holds the cloth: weights of the nodes around it.
+
+A muscle is laced through interstices of tape 10.5 mm wide, so a fixed point holds the cloth by a loop, not by a
+mathematical point, which would pull infinitely far into it: displacement ~ F ln(r) / (2 pi k). The loop's share of the
+cloth is a cubic B-spline with knots LOOP apart in both directions: its variance is that of a square of 2 LOOP.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+LOOP = 0.005  # m; the trials of rig_c (synthetic) that may be fitted like 4 to 5 mm best, 0 or 7 mm less
+
+
+def patch_size(nodes: int, spacing: float) -> int:
+    """How many nodes of a line with `spacing` [m] a loop can touch."""
+    return min(4 * max(1, int(np.ceil(LOOP / spacing - 1e-9))), 4 * (nodes // 4))
+
+
+def line_weights(t: float, nodes: int, spacing: float, count: int) -> tuple[int, Array, Array, Array]:
+    """First node, weights, their derivatives [1/m] and first moments [m] of a loop at `t` [m] on a line of nodes.
+
+    `count`: of weights, patch_size at least. Where the nodes are farther apart than LOOP, B-spline and Catmull-Rom
+    weights are mixed so that the variance stays. Beyond the ends of the line the quadratic of three nodes goes on.
+    """
+    scale = min(max(LOOP, spacing), spacing * count / 4)
+    around = _around(t / spacing, nodes, count)
+    x = np.asarray(around * spacing - t)
+    value, slope = _spline(x, scale)
+    if spacing > LOOP:
+        share = (LOOP / spacing) ** 2
+        sharp, rise = _catmull_rom(np.asarray(x / spacing))
+        value, slope = sharp + share * (value - sharp), rise / spacing + share * (slope - rise / spacing)
+    first, fold = _fold(around, nodes)
+    value, slope = fold @ value, fold @ slope
+    return first, value, slope, value * ((first + np.arange(count)) * spacing - t)
+
+
+def interpolation_weights(t: float, nodes: int) -> tuple[int, Array]:
+    """First of four nodes and their weights at `t` node spacings along a line: Catmull-Rom."""
+    around = _around(t, nodes, 4)
+    first, fold = _fold(around, nodes)
+    return first, fold @ _catmull_rom(np.asarray(around - t))[0]
+
+
+def _around(t: float, nodes: int, count: int) -> NDArray[np.int_]:
+    """(count,) nodes around `t` node spacings along a line; some may lie beyond its ends."""
+    return min(max(int(np.floor(t)), 0), nodes - 2) - count // 2 + 1 + np.arange(count)
+
+
+def _spline(x: Array, scale: float) -> tuple[Array, Array]:
+    """Cubic B-spline weights of nodes at x [m] from the loop's middle, and their derivatives [1/m] when the loop moves
+    up the line; linear functions of x are reproduced for any ratio of scale and spacing."""
+    r = np.abs(x) / scale
+    value = np.where(r < 1, 4 - 6 * r**2 + 3 * r**3, np.clip(2 - r, 0, None) ** 3)
+    slope = np.where(r < 1, 12 * r - 9 * r**2, 3 * np.clip(2 - r, 0, None) ** 2) * np.sign(x)
+    value, slope = value / value.sum(), slope / (slope @ x)
+    mean, variance = value @ x, value @ x**2 - (value @ x) ** 2
+    value = value * (1 - mean * (x - mean) / variance)
+    return value, slope - slope.sum() * value
+
+
+def _catmull_rom(x: Array) -> tuple[Array, Array]:
+    """The same for the interpolation that reproduces quadratics, in node spacings."""
+    r = np.abs(x)
+    value = np.where(r < 1, 2 - 5 * r**2 + 3 * r**3, np.clip(2 - r, 0, None) ** 2 * (1 - r)) / 2
+    slope = np.where(r < 1, 10 * r - 9 * r**2, np.clip(2 - r, 0, None) * (4 - 3 * r)) * np.sign(x) / 2
+    return value, slope
+
+
+def _fold(around: NDArray[np.int_], nodes: int) -> tuple[int, Array]:
+    """The first of as many nodes on the line, and the matrix (count, count) that takes weights of `around` to them."""
+    first = int(np.clip(around[0], 0, nodes - len(around)))
+    fold = np.zeros((len(around), len(around)))
+    for column, node in zip(fold.T, around, strict=True):
+        beyond = max(-node, node - nodes + 1)
+        end = (beyond + 1) * (beyond + 2) / 2, -beyond * (beyond + 2), beyond * (beyond + 1) / 2
+        if node < 0:
+            column[:3] = end
+        elif node >= nodes:
+            column[-3:] = end[::-1]
+        else:
+            column[node - first] = 1
+    return first, fold
