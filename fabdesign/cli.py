@@ -230,6 +230,7 @@ def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, output: 
         found = calibrate_set(
             measured,
             Simulator(points_per_side=21),
+            Simulator(),
             orders=orders,
             skipped=skipped,
             seed=seed,

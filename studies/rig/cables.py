@@ -15,7 +15,7 @@ from studies.rig.spline import Patch
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-LOOP_SIZE = 0.005  # m, half the width of the cloth's tape
+LOOP_SIZE = 0.010  # m, about the width of the cloth's tape
 LOOP_GAUSS = 3
 
 
