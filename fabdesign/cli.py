@@ -233,6 +233,7 @@ def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, output: 
             Simulator(),
             orders=orders,
             skipped=skipped,
+            skip_bad=skip_bad,
             seed=seed,
             progress=lambda line: click.echo(line, err=True),
         )

@@ -16,10 +16,12 @@ from fabdesign.model import Model, Parameter, Provenance
 from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.splits import fit_trials
 from fabdesign.trial import MeasurementSet, Trial
+from studies.bad_data import Tolerance
 from studies.calibrate_clouds import Sample, sample_trial
 from studies.calibrate_fit import Fit, fit
 from studies.calibrate_report import ambiguities
 from studies.engine_difference import data_share, engine_difference
+from studies.trial_checks import doubtful
 
 TRIALS = 16  # fitted at most, spread over those allowed
 UNTIL = 1.5  # s of a trial
@@ -69,6 +71,7 @@ def calibrate(
     *,
     orders: Collection[int] | None = None,
     skipped: Sequence[str] = (),
+    skip_bad: bool = False,
     seed: int = 0,
     engines: np.ndarray | None = None,
     progress: Callable[[str], None] = lambda line: None,
@@ -76,10 +79,11 @@ def calibrate(
     """The seven factors of `fabdesign.forward.PARAMETERS` from the trials of role `fit`, or those of `orders`.
 
     Of more than 16 trials, 16 spread over the session are fitted: 30 frames of the first 1.5 s of each, and 300 points
-    of a frame, by `seed`. `coarse` and `fine`: see `calibrate_fit.fit`. skipped: lines on bad trials left out before.
+    of a frame, by `seed`. `coarse` and `fine`: see `calibrate_fit.fit`. skipped: lines on bad trials left out before;
+    skip_bad: leave out those too that `trial_checks.doubtful` finds.
     engines: (7,) standard deviations of the logarithms for the difference between `coarse` and what made the data, by
     default those of the virtual rig.
-    Raises InputError where no trial is left, SimulationError where every motion diverges.
+    Raises InputError for a doubtful trial and where no trial is left, SimulationError where every motion diverges.
     """
     allowed = fit_trials(measured.trials, orders)
     spread = np.unique(np.linspace(0, len(allowed) - 1, min(TRIALS, len(allowed))).round().astype(int))
@@ -90,10 +94,19 @@ def calibrate(
     for trial in chosen:
         data = trial.load()
         samples.append(sample_trial(trial, data, until=UNTIL, frames=FRAMES, points=POINTS, rng=rng))
-        if len(at_rest) < _NOISE_FRAMES:
-            at_rest.append(data.frames[0])  # flattest there
-    noise = estimate_noise(at_rest, chosen[0].design.fabric.thickness)
+        at_rest.append(data.frames[0])  # flattest there
+    noise = estimate_noise(at_rest[:_NOISE_FRAMES], chosen[0].design.fabric.thickness)
     found = fit(samples, coarse, fine, progress=progress)
+    lines = doubtful(samples, coarse, dict(zip(PARAMETERS, np.exp(found.x), strict=True)))
+    if lines:
+        tolerance = Tolerance(skip_bad, [*skipped])
+        for line in lines.values():
+            tolerance.note(InputError(line))
+        skipped = tolerance.skipped
+        chosen, samples = ([x for k, x in enumerate(xs) if k not in lines] for xs in (chosen, samples))
+        if not samples:
+            raise InputError(f"{measured.name}: no trial to fit is left; the first: {skipped[0]}")
+        found = fit(samples, coarse, fine, progress=progress)
     own = np.sqrt(np.diag(found.covariance))
     between = engine_difference() if engines is None else engines
     covariance = found.covariance + np.diag(np.square(data_share(own) * between))

@@ -13,6 +13,7 @@ from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
 from fabdesign.model_file import read_model, write_model
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.surface import Surface
+from fabdesign.trial_file import write_trial
 from studies.bad_data import sound_trials
 from studies.calibrate import calibrate
 from studies.calibrate_clouds import Sample, derivatives, match
@@ -203,3 +204,35 @@ def test_bad_trials_are_named_and_skipped_on_request(tmp_path):
     alone = dataclasses.replace(measured, trials=measured.trials[1:2])
     with pytest.raises(InputError, match="no sound trial"):
         sound_trials(alone, skip_bad=True)
+
+
+def rewrite(trial, **changes):
+    """Write the trial again with other times or clouds."""
+    write_trial(dataclasses.replace(trial.load(), **changes), trial.file)
+
+
+def test_a_trial_with_its_faces_swapped_is_named_and_skipped_on_request(tmp_path):
+    measured = write(tmp_path / "set", [100, 200, 300, 250, 150])
+    rewrite(measured.trials[2], frames=tuple(c * (1, 1, -1) for c in measured.trials[2].load().frames))
+    with pytest.raises(InputError, match=r"002\.npz: .* with front and back exchanged; expected the front at \+z"):
+        calibrate(measured, Curler())
+    found = calibrate(measured, Curler(), skip_bad=True)
+    assert [t.split("/")[-1] for t in found.model.provenance.fitted] == ["000", "001", "003"]
+    assert len(found.skipped) == 1 and "002.npz" in found.skipped[0] and "skipped: " in as_text(found)
+
+
+@pytest.mark.parametrize("shift, way", [(0.15, "earlier"), (-0.09, "later")])
+def test_a_trial_with_a_clock_of_its_own_is_named_and_skipped_on_request(tmp_path, shift, way):
+    measured = write(tmp_path / "set", [300, 200, 400, 250, 150])
+    rewrite(measured.trials[2], time=TIMES + shift)
+    with pytest.raises(InputError, match=rf"002\.npz: agrees .* s {way} than the other trials do.*its clock differs"):
+        calibrate(measured, Curler())
+    found = calibrate(measured, Curler(), skip_bad=True)
+    assert len(found.skipped) == 1 and "002.npz" in found.skipped[0]
+
+
+def test_a_lag_that_all_trials_share_is_no_clock(tmp_path):
+    measured = write(tmp_path / "set", [300, 200, 400, 250, 150])
+    for trial in measured.trials:
+        rewrite(trial, time=TIMES + 0.15)
+    assert not calibrate(measured, Curler()).skipped
