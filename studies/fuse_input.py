@@ -60,16 +60,28 @@ def _registered(recording: Recording, sensor: Sensor, cloud: Array) -> Pose:
     try:
         return register_to_rest(sensor, cloud, fabric)
     except InputError:
-        fits = {}
+        # seen through a flat sheet, the poses to the left in front and to the right behind look the same: whose own
+        # cloud does not fit either is the other one
+        fits: dict[str, tuple[bool, float]] = {}
         for other in recording.sensors:
             with suppress(InputError):
-                fits[other.name] = off(register_to_rest(other, cloud, fabric).matrix, other.camera_to_world)[1]
+                distance = off(register_to_rest(other, cloud, fabric).matrix, other.camera_to_world)[1]
+                fits[other.name] = _fits(recording, other), distance
         if not fits:
             raise
         nearest = min(fits, key=lambda name: fits[name])
         raise InputError(
             f"reference: the cloud of {sensor.name} fits the pose of {nearest}; are the two swapped?"
         ) from None
+
+
+def _fits(recording: Recording, sensor: Sensor) -> bool:
+    """Whether a sensor's own cloud at rest fits its pose."""
+    try:
+        register_to_rest(sensor, recording.reference(sensor), recording.design.fabric)
+    except InputError:
+        return False
+    return True
 
 
 def read_views(recording: Recording, anchored: Anchored, tolerance: Tolerance) -> list[View]:
