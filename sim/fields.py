@@ -50,6 +50,7 @@ WIDE = 3 * LANES
 SPREAD = 512  # iterations of an outer loop that Taichi gives a thread at least: block b is iteration SPREAD b
 FUNCTIONALS = 7  # of the warped displacement at a fixed point: u, v, w, (w s_u), (w s_v), w_u, w_v
 GREEN = 27  # numbers kept for each pair of fixed points: uu, vv, and 5 x 5 of the normal component
+PATCH = 16  # nodes in a row that a fixed point may touch at most
 TYPES = 8  # muscle types in one batch
 TABLE = (101, 701)  # pressures 0 ... 1000 kPa, contractions -0.25 ... 0.45
 PRESSURE_STEP = 10e3  # Pa
@@ -74,7 +75,6 @@ _NODE = dict.fromkeys((
     # of edges: strains, tensions; bending moments; lumped mass [kg]; 1 where free and 0 where held
     "eu", "ev", "su", "sv", "s1", "s2", "mass", "free",
 ), 1)  # fmt: skip
-PATCH = 0  # planes of F.point that are as many as a patch is wide
 _POINT3 = dict.fromkeys(("pos", "tan_u", "tan_v", "normal", "vel", "force", "dir", "tmp", "grad_u", "grad_v"), 1)
 _POINT = {
     "wu": PATCH, "wv": PATCH, "du": PATCH, "dv": PATCH, "eu_w": PATCH, "ev_w": PATCH,
@@ -88,48 +88,49 @@ X: Any = SimpleNamespace()
 lock = threading.RLock()
 
 
-def _offsets(planes: dict[str, int], size: int, patch: int) -> tuple[dict[str, int], int]:
+def _offsets(planes: dict[str, int], size: int) -> tuple[dict[str, int], int]:
     offsets, total = {}, 0
     for name, width in planes.items():
         offsets[name] = total
-        total += (patch if width == PATCH else width) * size
+        total += width * size
     return offsets, total
 
 
-def allocate(nodes: int, points: int, modes: int, patch: int, *, blocks: int) -> None:
+def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     """Start Taichi with room for `blocks` blocks of grids of `nodes` padded nodes (at most `modes` across), `points`
-    fixed points with patch x patch nodes around each. Does nothing where there is room already: a second start would
-    drop all arrays and compile again."""
-    if F.ready and F.nodes >= nodes and F.points >= points and F.modes >= modes and F.patch >= patch:
+    fixed points. Does nothing where there is room already: a second start would drop all arrays and compile again."""
+    if F.ready and F.nodes >= nodes and F.points >= points and F.modes >= modes:
         return
     grow = (lambda now, then: max(now, then)) if F.ready else (lambda now, then: then)
     nodes, points = grow(getattr(F, "nodes", 0), nodes), grow(getattr(F, "points", 0), points)
-    modes, patch = grow(getattr(F, "modes", 0), modes), grow(getattr(F, "patch", 0), patch)
+    modes = grow(getattr(F, "modes", 0), modes)
     with contextlib.redirect_stdout(io.StringIO()):
         ti.init(arch=ti.cpu, default_fp=ti.f32, offline_cache=True, advanced_optimization=False)
     vector = lambda n, width=LANES: ti.Vector.field(width, ti.f32, shape=(blocks, n))  # noqa: E731
     whole = lambda n: ti.Vector.field(LANES, ti.i32, shape=(blocks, n))  # noqa: E731
-    F.__dict__.update(nodes=nodes, points=points, modes=modes, patch=patch, blocks=blocks)
+    F.__dict__.update(nodes=nodes, points=points, modes=modes, blocks=blocks)
     for space, field, planes, size in (
         (F, "node3", _NODE3, nodes),
         (F, "node", _NODE, nodes),
         (X, "point3", _POINT3, points),
         (X, "point", _POINT, points),
     ):
-        offsets, total = _offsets(planes, size, patch)
+        offsets, total = _offsets(planes, size)
         space.__dict__.update(offsets)
         setattr(F, field, vector(total, WIDE if field.endswith("3") else LANES))
     F.base, F.start, F.channel, F.kind = whole(points), whole(points), whole(points), whole(points)
     F.lane, F.reduce, F.row = vector(LANE_CONSTANTS), vector(8), vector(9)
-    F.row3, F.patch3 = vector(3 * patch, WIDE), vector(patch * patch, WIDE)
+    F.row3, F.patch3 = vector(3 * PATCH + 1, WIDE), vector(PATCH * PATCH, WIDE)
     F.modal3, F.factor3 = vector(3 * nodes, WIDE), vector(3 * nodes, WIDE)
     F.basis = ti.Vector.field(4, ti.f32, shape=2 * modes * (modes + 6) // 4)  # rows by four
     F.eigen = ti.field(ti.f32, shape=modes)
     F.odd = ti.field(ti.i32, shape=())
+    F.touched = ti.field(ti.i32, shape=2)  # nodes across and down that a fixed point may touch
     F.green, F.dual = vector(points * points * GREEN), vector(points * points)
     F.table = ti.field(ti.f32, shape=(TYPES, *TABLE))
-    F.after = ti.field(ti.i32, shape=3 * nodes)
-    F.after.from_numpy(np.arange(1, 3 * nodes + 1, dtype=np.int32))
+    longest = max(3 * nodes, F.point.shape[1])  # of all loops
+    F.after = ti.field(ti.i32, shape=longest)
+    F.after.from_numpy(np.arange(1, longest + 1, dtype=np.int32))
     F.ready = True
 
 

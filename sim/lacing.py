@@ -5,22 +5,22 @@ Equations 7-10 of docs/model.md.
 
 import taichi as ti
 
-from sim.fields import CONTRACTION_STEP, FIRST_CONTRACTION, LANES, PRESSURE_STEP, TABLE, F, X
+from sim.fields import CONTRACTION_STEP, FIRST_CONTRACTION, LANES, PATCH, PRESSURE_STEP, TABLE, F, X
 from sim.patch import gather, scatter, weigh_across, weigh_rows
 from sim.vectors import Wide, cross, dot, load_point, parts, store_point, sum3, thrice
 
 
 @ti.func
 def interp(b, pt, p, pa, pb):
-    """Value of the vectors in F.patch3 at a fixed point to F.point3 at p, derivatives along u and v to pa and pb."""
+    """Value of the vectors in PATCH3 at a fixed point to F.point3 at p, derivatives along u and v to pa and pb."""
     r = 0
-    while r < F.patch:
-        F.row3[b, r] = weigh_across(b, X.wu + F.patch * pt, r)
-        F.row3[b, F.patch + r] = weigh_across(b, X.du + F.patch * pt, r)
+    while r < F.touched[1]:
+        weigh_across(b, X.wu + PATCH * pt, r, r)
+        weigh_across(b, X.du + PATCH * pt, r, PATCH + r)
         r = F.after[r]
-    F.point3[b, p + pt] = weigh_rows(b, X.wv + F.patch * pt, 0)
-    F.point3[b, pa + pt] = weigh_rows(b, X.wv + F.patch * pt, F.patch)
-    F.point3[b, pb + pt] = weigh_rows(b, X.dv + F.patch * pt, 0)
+    F.point3[b, p + pt] = weigh_rows(b, X.wv + PATCH * pt, 0)
+    F.point3[b, pa + pt] = weigh_rows(b, X.wv + PATCH * pt, PATCH)
+    F.point3[b, pb + pt] = weigh_rows(b, X.dv + PATCH * pt, 0)
 
 
 @ti.func
@@ -84,14 +84,14 @@ def back(b, nu, npt, dst):
         along_u = F.point3[b, X.grad_u + pt]
         along_v = F.point3[b, X.grad_v + pt]
         r = 0
-        while r < F.patch:
-            value = thrice(F.point[b, X.wv + F.patch * pt + r])
-            w0 = value * force + thrice(F.point[b, X.dv + F.patch * pt + r]) * along_v
+        while r < F.touched[1]:
+            value = thrice(F.point[b, X.wv + PATCH * pt + r])
+            w0 = value * force + thrice(F.point[b, X.dv + PATCH * pt + r]) * along_v
             w1 = value * along_u
             m = 0
-            while m < F.patch:
-                F.patch3[b, r * F.patch + m] = (
-                    thrice(F.point[b, X.wu + F.patch * pt + m]) * w0 + thrice(F.point[b, X.du + F.patch * pt + m]) * w1
+            while m < F.touched[0]:
+                F.patch3[b, r * PATCH + m] = (
+                    thrice(F.point[b, X.wu + PATCH * pt + m]) * w0 + thrice(F.point[b, X.du + PATCH * pt + m]) * w1
                 )
                 m = F.after[m]
             r = F.after[r]

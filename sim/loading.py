@@ -9,9 +9,8 @@ from scipy.linalg import eigh
 from fabdesign.errors import InputError
 from fabdesign.forward import Case
 from fabdesign.muscle import MuscleType
-from sim.fields import LANE_CONSTANTS, LANES, TYPES, F, X, allocate, upload
-from sim.loops import line_weights
-from sim.model import Lacing, bench_grid, lace, lane_constants, node_arrays, patch_of
+from sim.fields import LANE_CONSTANTS, LANES, PATCH, TYPES, F, X, allocate, upload
+from sim.model import Lacing, bench_grid, lace, lane_constants, node_arrays, touched
 from sim.transfer import LOADED, load
 
 SIZES = ((43, 96), (43, 256), (83, 96), (163, 96))  # (padded nodes a side, fixed points) that fields are made for
@@ -24,8 +23,10 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
     """
     points = max(sum(len(m.fixed_points()) for m in case.design.muscles) for case in cases)
     side, room = next(((a, b) for a, b in SIZES if a >= n + 2 and b >= points), (n + 2, points))
-    allocate(side * side, room, side, max(patch_of(case.design, n) for case in cases), blocks=blocks)
-    lacings = [lace(case.design, n, F.patch) for case in cases]
+    allocate(side * side, room, side, blocks=blocks)
+    across, down = np.max([touched(case.design, n) for case in cases], axis=0).tolist()
+    F.touched[0], F.touched[1] = across, down
+    lacings = [lace(case.design, n, across, down) for case in cases]
     kinds = _types(cases)
     used = -(-len(cases) // LANES)
     lane = np.zeros((used, LANE_CONSTANTS, LANES), np.float32)
@@ -74,13 +75,13 @@ def _put_lacing(
     gain, lever = case.factors.get("muscle_gain", 1.0), case.factors.get("axis_offset", 1.0)
     damping = case.factors.get("damping", 1.0)
     count, room = len(lacing.offset), point.shape[1]
-    first, value, slope, moment = line_weights(0.5 * (n - 1), n, 1.0, F.patch)
-    spare = np.array([value, value, slope, slope, moment, moment])
+    spare, first = np.zeros((6, PATCH)), (n - 1) // 2
+    spare[:2, 0], spare[2:4, 0], spare[2:4, 1] = 1, -1, 1  # at a node, tangents to the next
     weights = np.concatenate([lacing.weights, np.repeat(spare[:, None], room - count, axis=1)], axis=1)
     base = np.concatenate([lacing.base, np.full((room - count, 2), first, np.int32)])
     for name, group in zip(("wu", "wv", "du", "dv", "eu_w", "ev_w"), weights, strict=True):
         start = getattr(X, name) // F.points  # a group of planes holds the weights point by point
-        point[start : start + F.patch] = group.reshape(F.patch, room)
+        point[start : start + PATCH] = group.reshape(PATCH, room)
     kind = [case.design.muscle_types[name] for name in lacing.kind]
     rows = {
         "offset": lever * lacing.offset,

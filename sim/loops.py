@@ -8,13 +8,15 @@ cloth is a cubic B-spline with knots LOOP apart in both directions: its variance
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.fields import PATCH
+
 Array = NDArray[np.float64]
 LOOP = 0.005  # m; the trials of rig_c (synthetic) that may be fitted like 4 to 5 mm best, 0 or 7 mm less
 
 
 def patch_size(nodes: int, spacing: float) -> int:
-    """How many nodes of a line with `spacing` [m] a loop can touch."""
-    return min(4 * max(1, int(np.ceil(LOOP / spacing - 1e-9))), 4 * (nodes // 4))
+    """How many nodes of a line with `spacing` [m] a loop can touch; with spacings under 1.25 mm it is narrower."""
+    return min(4 * max(1, int(np.ceil(LOOP / spacing - 1e-9))), 4 * (nodes // 4), PATCH)
 
 
 def line_weights(t: float, nodes: int, spacing: float, count: int) -> tuple[int, Array, Array, Array]:

@@ -24,8 +24,8 @@ FREE = HUNG["none"]  # also: held at points
 class Lacing:
     """The fixed points of one design on an n x n grid; interval k runs from point k to k + 1 where `active`."""
 
-    base: NDArray[np.int32]  # (p, 2) row and column of the first of patch x patch nodes
-    weights: Array  # (6, p, patch): wu, wv, du, dv, eu, ev
+    base: NDArray[np.int32]  # (p, 2) row and column of the first node
+    weights: Array  # (6, p, PATCH): wu, wv, du, dv, eu, ev, zeros behind
     offset: Array  # (p,) m, signed: positive on the front
     active: Array  # (p,) 1 where an interval starts
     rest: Array  # (p,) m
@@ -38,13 +38,13 @@ def hung_code(fabric: Fabric) -> int:
     return HUNG[fabric.hung] if isinstance(fabric.hung, str) else FREE
 
 
-def patch_of(design: Design, n: int) -> int:
+def touched(design: Design, n: int) -> tuple[int, int]:
     """How many nodes across and down a loop of this design can touch."""
-    return max(patch_size(n, size / (n - 1)) for size in (design.fabric.width, design.fabric.height))
+    return patch_size(n, design.fabric.width / (n - 1)), patch_size(n, design.fabric.height / (n - 1))
 
 
-def lace(design: Design, n: int, patch: int) -> Lacing:
-    """The fixed points with the weights of patch x patch nodes around each."""
+def lace(design: Design, n: int, across: int, down: int) -> Lacing:
+    """The fixed points with the weights of across x down nodes around each."""
     hu, hv = design.fabric.width / (n - 1), design.fabric.height / (n - 1)
     base, weights, offset, active, rest, channel, kind = [], [], [], [], [], [], []
     for muscle in design.muscles:
@@ -52,10 +52,10 @@ def lace(design: Design, n: int, patch: int) -> Lacing:
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         side = 1.0 if muscle.side == "front" else -1.0
         for q, (u, v) in enumerate(points):
-            i, wu, du, eu = line_weights(u, n, hu, patch)
-            j, wv, dv, ev = line_weights(v, n, hv, patch)
+            i, wu, du, eu = line_weights(u, n, hu, across)
+            j, wv, dv, ev = line_weights(v, n, hv, down)
             base.append((j, i))
-            weights.append((wu, wv, du, dv, eu, ev))
+            weights.append([np.pad(w, (0, f.PATCH - len(w))) for w in (wu, wv, du, dv, eu, ev)])
             offset.append(side * design.muscle_types[muscle.type].axis_offset)
             last = q == len(points) - 1
             active.append(0.0 if last else 1.0)
@@ -63,7 +63,7 @@ def lace(design: Design, n: int, patch: int) -> Lacing:
             channel.append(muscle.channel)
             kind.append(muscle.type)
     return Lacing(
-        np.array(base, np.int32).reshape(-1, 2), np.array(weights).reshape(-1, 6, patch).transpose(1, 0, 2),
+        np.array(base, np.int32).reshape(-1, 2), np.array(weights).reshape(-1, 6, f.PATCH).transpose(1, 0, 2),
         np.array(offset), np.array(active), np.array(rest), np.array(channel, np.int32), tuple(kind),
     )  # fmt: skip
 

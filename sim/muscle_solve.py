@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from sim.fields import GREEN, F, X
+from sim.fields import GREEN, PATCH, F, X
 from sim.lacing import interp
 from sim.patch import gather, scatter, weigh_across, weigh_rows
 from sim.sheet_solve import spectral
@@ -14,26 +14,26 @@ def functionals(b, nu, pt):
     """F.row[0..6] = u, v, w, (w s_u), (w s_v), w_u, w_v at fixed point pt of the field in F.modal3"""
     gather(b, F.modal3, F.start, nu, pt, 0)
     r = 0
-    while r < F.patch:
-        F.row3[b, r] = weigh_across(b, X.wu + F.patch * pt, r)
-        F.row3[b, F.patch + r] = weigh_across(b, X.eu_w + F.patch * pt, r)
-        F.row3[b, 2 * F.patch + r] = weigh_across(b, X.du + F.patch * pt, r)
+    while r < F.touched[1]:
+        weigh_across(b, X.wu + PATCH * pt, r, r)
+        weigh_across(b, X.eu_w + PATCH * pt, r, PATCH + r)
+        weigh_across(b, X.du + PATCH * pt, r, 2 * PATCH + r)
         r = F.after[r]
-    value = weigh_rows(b, X.wv + F.patch * pt, 0)
+    value = weigh_rows(b, X.wv + PATCH * pt, 0)
     F.row[b, 0], F.row[b, 1], F.row[b, 2] = parts(value)
     f = 3
     while f < 7:
         weights = X.wv
-        rows = F.patch
+        rows = PATCH
         if f == 4:
             weights = X.ev_w
             rows = 0
         if f == 5:
-            rows = 2 * F.patch
+            rows = 2 * PATCH
         if f == 6:
             weights = X.dv
             rows = 0
-        wide = weigh_rows(b, weights + F.patch * pt, rows)
+        wide = weigh_rows(b, weights + PATCH * pt, rows)
         _, _, F.row[b, f] = parts(wide)
         f = F.after[f]
 
@@ -50,7 +50,7 @@ def weight(b, pt, f, r, m):
         a = X.du
     if f == 4:
         c = X.dv
-    return F.point[b, a + F.patch * pt + m] * F.point[b, c + F.patch * pt + r]
+    return F.point[b, a + PATCH * pt + m] * F.point[b, c + PATCH * pt + r]
 
 
 @ti.func
@@ -65,11 +65,11 @@ def green(b, nu, nv, npt):
                 F.modal3[b, k] = Wide(0.0)
                 k = F.after[k]
             r = 0
-            while r < F.patch:
+            while r < F.touched[1]:
                 m = 0
-                while m < F.patch:
+                while m < F.touched[0]:
                     p = weight(b, pb, f, r, m)
-                    F.patch3[b, r * F.patch + m] = thrice(p)
+                    F.patch3[b, r * PATCH + m] = thrice(p)
                     m = F.after[m]
                 r = F.after[r]
             scatter(b, F.modal3, F.start, nu, pb, 0)
@@ -239,16 +239,16 @@ def muscle_correct(b, nu, nv, npt):
                 F.row[b, i] = F.row[b, i] - F.point[b, X.coef + (7 + i) * F.points + p - 1] * F.point[b, X.lam + p - 1]
             i = F.after[i]
         r = 0
-        while r < F.patch:
+        while r < F.touched[1]:
             m = 0
-            while m < F.patch:
-                F.row[b, 7] = F.point[b, X.wv + F.patch * p + r] * F.point[b, X.wu + F.patch * p + m]
+            while m < F.touched[0]:
+                F.row[b, 7] = F.point[b, X.wv + PATCH * p + r] * F.point[b, X.wu + PATCH * p + m]
                 F.row[b, 8] = F.row[b, 7] * F.row[b, 2]
                 f = 1
                 while f < 5:
                     F.row[b, 8] = F.row[b, 8] + weight(b, p, f, r, m) * F.row[b, 2 + f]
                     f = F.after[f]
-                F.patch3[b, r * F.patch + m] = Wide(F.row[b, 7] * F.row[b, 0], F.row[b, 7] * F.row[b, 1], F.row[b, 8])
+                F.patch3[b, r * PATCH + m] = Wide(F.row[b, 7] * F.row[b, 0], F.row[b, 7] * F.row[b, 1], F.row[b, 8])
                 m = F.after[m]
             r = F.after[r]
         scatter(b, F.modal3, F.start, nu, p, 0)
