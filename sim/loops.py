@@ -6,7 +6,7 @@ cloth is a cubic B-spline with knots LOOP apart in both directions: its variance
 """
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sim.fields import PATCH
 
@@ -19,47 +19,53 @@ def patch_size(nodes: int, spacing: float) -> int:
     return min(4 * max(1, int(np.ceil(LOOP / spacing - 1e-9))), 4 * (nodes // 4), PATCH)
 
 
-def line_weights(t: float, nodes: int, spacing: float, count: int) -> tuple[int, Array, Array, Array]:
-    """First node, weights, their derivatives [1/m] and first moments [m] of a loop at `t` [m] on a line of nodes.
+def line_weights(t: ArrayLike, nodes: int, spacing: float, count: int) -> tuple[NDArray[np.int_], Array, Array, Array]:
+    """Of loops at `t` (...) [m] on a line of nodes: first node (...), weights (..., count), derivatives of these [1/m],
+    first moments [m].
 
     `count`: of weights, patch_size at least. Where the nodes are farther apart than LOOP, B-spline and Catmull-Rom
     weights are mixed so that the variance stays. Beyond the ends of the line the quadratic of three nodes goes on.
     """
-    scale = min(max(LOOP, spacing), spacing * count / 4)
-    around = _around(t / spacing, nodes, count)
-    x = np.asarray(around * spacing - t)
-    value, slope = _spline(x, scale)
+    at = np.asarray(t, dtype=float)[..., None]
+    around = _around(at / spacing, nodes, count)
+    x = np.asarray(around * spacing - at)
+    value, slope = _spline(x, min(max(LOOP, spacing), spacing * count / 4))
     if spacing > LOOP:
         share = (LOOP / spacing) ** 2
         sharp, rise = _catmull_rom(np.asarray(x / spacing))
         value, slope = sharp + share * (value - sharp), rise / spacing + share * (slope - rise / spacing)
     first, fold = _fold(around, nodes)
-    value, slope = fold @ value, fold @ slope
-    return first, value, slope, value * ((first + np.arange(count)) * spacing - t)
+    value, slope = (np.einsum("...nk,...k->...n", fold, w) for w in (value, slope))
+    return first, value, slope, value * ((first[..., None] + np.arange(count)) * spacing - at)
 
 
 def interpolation_weights(t: float, nodes: int) -> tuple[int, Array]:
     """First of four nodes and their weights at `t` node spacings along a line: Catmull-Rom."""
-    around = _around(t, nodes, 4)
+    around = _around(np.array([t]), nodes, 4)
     first, fold = _fold(around, nodes)
-    return first, fold @ _catmull_rom(np.asarray(around - t))[0]
+    return int(first), fold @ _catmull_rom(np.asarray(around - t))[0]
 
 
-def _around(t: float, nodes: int, count: int) -> NDArray[np.int_]:
-    """(count,) nodes around `t` node spacings along a line; some may lie beyond its ends."""
-    return min(max(int(np.floor(t)), 0), nodes - 2) - count // 2 + 1 + np.arange(count)
+def _around(t: Array, nodes: int, count: int) -> NDArray[np.int_]:
+    """(..., count) nodes around `t` (..., 1) node spacings along a line; some may lie beyond its ends."""
+    below = np.clip(np.floor(t).astype(int), 0, nodes - 2)
+    return np.asarray(below - count // 2 + 1 + np.arange(count))
 
 
 def _spline(x: Array, scale: float) -> tuple[Array, Array]:
     """Cubic B-spline weights of nodes at x [m] from the loop's middle, and their derivatives [1/m] when the loop moves
     up the line; linear functions of x are reproduced for any ratio of scale and spacing."""
+
+    def total(values: Array) -> Array:
+        return np.asarray(values.sum(axis=-1, keepdims=True))
+
     r = np.abs(x) / scale
     value = np.where(r < 1, 4 - 6 * r**2 + 3 * r**3, np.clip(2 - r, 0, None) ** 3)
     slope = np.where(r < 1, 12 * r - 9 * r**2, 3 * np.clip(2 - r, 0, None) ** 2) * np.sign(x)
-    value, slope = value / value.sum(), slope / (slope @ x)
-    mean, variance = value @ x, value @ x**2 - (value @ x) ** 2
-    value = value * (1 - mean * (x - mean) / variance)
-    return value, slope - slope.sum() * value
+    value, slope = value / total(value), slope / total(slope * x)
+    mean = total(value * x)
+    value = value * (1 - mean * (x - mean) / (total(value * x**2) - mean**2))
+    return value, slope - total(slope) * value
 
 
 def _catmull_rom(x: Array) -> tuple[Array, Array]:
@@ -70,17 +76,14 @@ def _catmull_rom(x: Array) -> tuple[Array, Array]:
     return value, slope
 
 
-def _fold(around: NDArray[np.int_], nodes: int) -> tuple[int, Array]:
-    """The first of as many nodes on the line, and the matrix (count, count) that takes weights of `around` to them."""
-    first = int(np.clip(around[0], 0, nodes - len(around)))
-    fold = np.zeros((len(around), len(around)))
-    for column, node in zip(fold.T, around, strict=True):
-        beyond = max(-node, node - nodes + 1)
-        end = (beyond + 1) * (beyond + 2) / 2, -beyond * (beyond + 2), beyond * (beyond + 1) / 2
-        if node < 0:
-            column[:3] = end
-        elif node >= nodes:
-            column[-3:] = end[::-1]
-        else:
-            column[node - first] = 1
+def _fold(around: NDArray[np.int_], nodes: int) -> tuple[NDArray[np.int_], Array]:
+    """The first (...) of as many nodes on the line, and the matrices (..., count, count) that take weights of `around`
+    (..., count) to them."""
+    first = np.clip(around[..., 0], 0, nodes - around.shape[-1])
+    held = first[..., None] + np.arange(around.shape[-1])
+    fold = (held[..., :, None] == around[..., None, :]).astype(float)
+    beyond = np.clip(np.maximum(-around, around - nodes + 1), 0, None)
+    end = np.stack([(beyond + 1) * (beyond + 2) / 2, -beyond * (beyond + 2), beyond * (beyond + 1) / 2], axis=-2)
+    fold[..., :3, :] += end * (around < 0)[..., None, :]
+    fold[..., -3:, :] += end[..., ::-1, :] * (around >= nodes)[..., None, :]
     return first, fold

@@ -46,16 +46,20 @@ def touched(design: Design, n: int) -> tuple[int, int]:
 def lace(design: Design, n: int, across: int, down: int) -> Lacing:
     """The fixed points with the weights of across x down nodes around each."""
     hu, hv = design.fabric.width / (n - 1), design.fabric.height / (n - 1)
-    base, weights, offset, active, rest, channel, kind = [], [], [], [], [], [], []
+    weights = [np.zeros((6, 0, f.PATCH))]
+    base: list[tuple[int, int]] = []
+    offset, active, rest, channel, kind = [], [], [], [], []
     for muscle in design.muscles:
         points = muscle.fixed_points()
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
         side = 1.0 if muscle.side == "front" else -1.0
-        for q, (u, v) in enumerate(points):
-            i, wu, du, eu = line_weights(u, n, hu, across)
-            j, wv, dv, ev = line_weights(v, n, hv, down)
-            base.append((j, i))
-            weights.append([np.pad(w, (0, f.PATCH - len(w))) for w in (wu, wv, du, dv, eu, ev)])
+        i, wu, du, eu = line_weights(points[:, 0], n, hu, across)
+        j, wv, dv, ev = line_weights(points[:, 1], n, hv, down)
+        base += zip(j, i, strict=True)
+        touching = np.zeros((6, len(points), f.PATCH))
+        touching[::2, :, :across], touching[1::2, :, :down] = (wu, du, eu), (wv, dv, ev)
+        weights.append(touching)
+        for q in range(len(points)):
             offset.append(side * design.muscle_types[muscle.type].axis_offset)
             last = q == len(points) - 1
             active.append(0.0 if last else 1.0)
@@ -63,7 +67,7 @@ def lace(design: Design, n: int, across: int, down: int) -> Lacing:
             channel.append(muscle.channel)
             kind.append(muscle.type)
     return Lacing(
-        np.array(base, np.int32).reshape(-1, 2), np.array(weights).reshape(-1, 6, f.PATCH).transpose(1, 0, 2),
+        np.array(base, np.int32).reshape(-1, 2), np.concatenate(weights, axis=1),
         np.array(offset), np.array(active), np.array(rest), np.array(channel, np.int32), tuple(kind),
     )  # fmt: skip
 

@@ -17,7 +17,7 @@ from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.splits import fit_trials
 from fabdesign.trial import MeasurementSet, Trial
 from studies.bad_data import Tolerance
-from studies.calibrate_clouds import Sample, sample_trial
+from studies.calibrate_clouds import Sample, evenly, sample_trial
 from studies.calibrate_fit import Fit, fit
 from studies.calibrate_report import ambiguities
 from studies.engine_difference import data_share, engine_difference
@@ -86,16 +86,16 @@ def calibrate(
     Raises InputError for a doubtful trial and where no trial is left, SimulationError where every motion diverges.
     """
     allowed = fit_trials(measured.trials, orders)
-    spread = np.unique(np.linspace(0, len(allowed) - 1, min(TRIALS, len(allowed))).round().astype(int))
-    chosen = [allowed[i] for i in spread]
+    chosen = [allowed[i] for i in evenly(len(allowed), TRIALS)]
     rng = np.random.default_rng(seed)
     samples: list[Sample] = []
     at_rest: list[np.ndarray] = []
     for trial in chosen:
         data = trial.load()
         samples.append(sample_trial(trial, data, until=UNTIL, frames=FRAMES, points=POINTS, rng=rng))
-        at_rest.append(data.frames[0])  # flattest there
-    noise = estimate_noise(at_rest[:_NOISE_FRAMES], chosen[0].design.fabric.thickness)
+        if len(at_rest) < _NOISE_FRAMES:
+            at_rest.append(data.frames[0])  # flattest there
+    noise = estimate_noise(at_rest, chosen[0].design.fabric.thickness)
     found = fit(samples, coarse, fine, progress=progress)
     lines = doubtful(samples, coarse, dict(zip(PARAMETERS, np.exp(found.x), strict=True)))
     if lines:

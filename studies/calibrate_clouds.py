@@ -25,12 +25,17 @@ class Sample:
     clouds: tuple[Array, ...]  # F of (n, 3) m
 
 
+def evenly(count: int, most: int) -> Indices:
+    """Up to `most` of `count` indices, spread over all of them, both ends included."""
+    return np.unique(np.linspace(count - 1, 0, min(most, count)).round().astype(np.intp))
+
+
 def sample_trial(
     trial: Trial, data: TrialData, *, until: float, frames: int, points: int, rng: np.random.Generator
 ) -> Sample:
     """Up to `frames` frames spread over the trial's first `until` seconds, and up to `points` random points of each."""
     count = max(int(np.searchsorted(data.time, until + 1e-6)), 1)
-    chosen = np.unique(np.linspace(count - 1, 0, min(frames, count)).round().astype(int))
+    chosen = evenly(count, frames)
     clouds = (data.frames[k] for k in chosen)
     drawn = tuple(c if len(c) <= points else c[rng.choice(len(c), points, replace=False)] for c in clouds)
     return Sample(trial, data.time[chosen], drawn)

@@ -6,7 +6,7 @@ import numpy as np
 
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.metrics import surface_rms
-from studies.calibrate_clouds import Array, Motion, Sample
+from studies.calibrate_clouds import Array, Motion, Sample, evenly
 
 DISAGREE = 0.003  # m RMS, under which nothing is asked
 BETTER = 0.5  # what another reading must leave of it
@@ -19,7 +19,7 @@ TURNED = {"front and back": (1, 1, -1), "front and back, seen from behind": (-1,
 def doubtful(samples: Sequence[Sample], forward: ForwardModel, factors: Mapping[str, float]) -> dict[int, str]:
     """A line on each sample that cannot be what its file says, by index. A lag that all trials share is not the clock's
     fault but an effect; motions that diverge are not judged."""
-    frames = [np.unique(np.linspace(0, len(s.times) - 1, FRAMES).round().astype(int)) for s in samples]
+    frames = [evenly(len(s.times), FRAMES) for s in samples]
     instants = [np.clip(s.times[chosen] + LAGS[:, None], 0.0, None) for s, chosen in zip(samples, frames, strict=True)]
     motions = forward.motions(
         [Case(s.trial.design, s.trial.program, factors) for s in samples], [np.unique(times) for times in instants]
@@ -33,9 +33,11 @@ def doubtful(samples: Sequence[Sample], forward: ForwardModel, factors: Mapping[
         shapes = motion[np.searchsorted(np.unique(times), times)]  # (lags, frames, 2 n, 3)
         errors[k] = [_rms(clouds, shape) for shape in shapes]
         now = errors[k].min()  # at whatever lag the faces as they are fit best
+        if now <= DISAGREE:
+            continue
         for name, signs in TURNED.items():
             turned = _rms([cloud * signs for cloud in clouds], shapes[len(LAGS) // 2])
-            if now > DISAGREE and turned < BETTER * now:
+            if turned < BETTER * now:
                 lines[k] = (
                     f"{sample.trial.file}: {1e3 * now:.1f} mm RMS off the fitted motion, {1e3 * turned:.1f} with "
                     f"{name} exchanged; expected the front at +z (or did a symmetric cloth buckle to the other side?)"
