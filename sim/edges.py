@@ -11,7 +11,7 @@ def velocity_row(b, nu, nv, j, cv):
     i = 0
     while i < nu:
         k = (j + 1) * (nu + 2) + i + 1
-        F.node3[b, F.v + k] = cv * F.node3[b, F.q + k] + F.node3[b, F.hv + k]
+        F.node3[b, F.v + k] = cv * (F.node3[b, F.q + k] - F.node3[b, F.x0 + k]) + F.node3[b, F.hv + k]
         i = F.after[i]
 
 

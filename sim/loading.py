@@ -29,7 +29,6 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
     lacings = [lace(case.design, n, across, down) for case in cases]
     kinds = _types(cases)
     used = -(-len(cases) // LANES)
-    lane = np.zeros((used, LANE_CONSTANTS, LANES), np.float32)
     node = np.zeros((used, LOADED, n + 2, n + 2, LANES), np.float32)
     planes = X.gain // F.points + 1  # those before the kernels' own
     point = np.zeros((used, planes, F.points, LANES), np.float32)
@@ -37,7 +36,6 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
     for k in range(used * LANES):
         b, at, i = k // LANES, k % LANES, min(k, len(cases) - 1)
         design, factors = cases[i].design, cases[i].factors
-        lane[b, :, at] = lane_constants(design, factors, n)
         rest, mass, free = node_arrays(design, factors, n)
         node[b, :3, 1:-1, 1:-1, at] = rest.reshape(n, n, 3).transpose(2, 0, 1)
         node[b, 3, 1:-1, 1:-1, at], node[b, 4, 1:-1, 1:-1, at] = mass.reshape(n, n), free.reshape(n, n)
@@ -49,8 +47,21 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
     if points:
         upload(F.table, table)
     _set_basis(n, hung)
-    load(used, n, n, lane, node.reshape(used, LOADED, -1, LANES), point.reshape(used, -1, LANES), index)
+    load(used, n, n, _constants(cases, n), node.reshape(used, LOADED, -1, LANES), point.reshape(used, -1, LANES), index)
     return points
+
+
+def load_constants(cases: Sequence[Case], n: int) -> None:
+    """Replace the materials of the batch that lies in the fields by those of `cases`."""
+    upload(F.lane, _constants(cases, n))
+
+
+def _constants(cases: Sequence[Case], n: int) -> NDArray[np.float32]:
+    """(blocks, LANE_CONSTANTS, LANES); spare lanes repeat the last case."""
+    blocks = -(-len(cases) // LANES)
+    rows = [lane_constants(case.design, case.factors, n) for case in cases]
+    rows += [rows[-1]] * (blocks * LANES - len(cases))
+    return np.array(rows, np.float32).reshape(blocks, LANES, LANE_CONSTANTS).transpose(0, 2, 1).copy()
 
 
 def _types(cases: Sequence[Case]) -> dict[tuple[str, MuscleType], int]:

@@ -2,7 +2,8 @@
 
 A muscle is laced through interstices of tape 10.5 mm wide, so a fixed point holds the cloth by a loop, not by a
 mathematical point, which would pull infinitely far into it: displacement ~ F ln(r) / (2 pi k). The loop's share of the
-cloth is a cubic B-spline with knots LOOP apart in both directions: its variance is that of a square of 2 LOOP.
+cloth is a cubic B-spline with knots LOOP apart in both directions: its variance is that of a square of 2 LOOP. Closer
+to a hem than LOOP the knots are as far apart as the hem is away, so that a muscle that ends on a held edge is held.
 """
 
 import numpy as np
@@ -29,9 +30,10 @@ def line_weights(t: ArrayLike, nodes: int, spacing: float, count: int) -> tuple[
     at = np.asarray(t, dtype=float)[..., None]
     around = _around(at / spacing, nodes, count)
     x = np.asarray(around * spacing - at)
-    value, slope = _spline(x, min(max(LOOP, spacing), spacing * count / 4))
-    if spacing > LOOP:
-        share = (LOOP / spacing) ** 2
+    knots = np.clip(np.minimum(at, (nodes - 1) * spacing - at), 0.0, LOOP)
+    value, slope = _spline(x, np.minimum(np.maximum(knots, spacing), spacing * count / 4))
+    share = np.minimum(1.0, (knots / spacing) ** 2)
+    if (share < 1).any():
         sharp, rise = _catmull_rom(np.asarray(x / spacing))
         value, slope = sharp + share * (value - sharp), rise / spacing + share * (slope - rise / spacing)
     first, fold = _fold(around, nodes)
@@ -52,7 +54,7 @@ def _around(t: Array, nodes: int, count: int) -> NDArray[np.int_]:
     return np.asarray(below - count // 2 + 1 + np.arange(count))
 
 
-def _spline(x: Array, scale: float) -> tuple[Array, Array]:
+def _spline(x: Array, scale: Array) -> tuple[Array, Array]:
     """Cubic B-spline weights of nodes at x [m] from the loop's middle, and their derivatives [1/m] when the loop moves
     up the line; linear functions of x are reproduced for any ratio of scale and spacing."""
 

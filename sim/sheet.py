@@ -14,8 +14,8 @@ from sim.vectors import Wide, thrice
 
 @ti.func
 def fabric_force(b, nu, nv, hung, ca, cv):
-    """v = cv q + hv, and f = forces of the cloth - M a: row by row, each stage as soon as the rows that it reads are
-    there, so that they still lie in the cache."""
+    """v = cv (q - x0) + hv, and f = forces of the cloth - M a: row by row, each stage as soon as the rows that it
+    reads are there, so that they still lie in the cache."""
     for j in range(-1, nv + 2):
         if j + 1 < nv:
             velocity_row(b, nu, nv, j + 1, cv)
@@ -79,7 +79,8 @@ def gather_row(b, nu, nv, j, ca):
             e
             + m
             + ce
-            + thrice(F.node[b, F.mass + k]) * (g - ca * F.node3[b, F.q + k] - F.node3[b, F.ha + k])
+            + thrice(F.node[b, F.mass + k])
+            * (g - ca * (F.node3[b, F.q + k] - F.node3[b, F.x0 + k]) - F.node3[b, F.ha + k])
             - w1 * w2 * drag * F.node3[b, F.v + k]
             + F.node3[b, F.carry + k]
         )

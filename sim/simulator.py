@@ -8,53 +8,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
+from fabdesign.fabric import Fabric
 from fabdesign.forward import Case
-from fabdesign.pressure import PressureProgram
 from sim import fields
 from sim.faces import faces
-from sim.loading import load_batch
+from sim.loading import load_batch, load_constants
 from sim.model import FREE, hung_code
+from sim.motion import Motion, frames_by_step, layers, motion_of, read_muscles
 from sim.scheme import MIDPOINT, Batch, Scheme
 from sim.step import march, prepare
-from sim.transfer import halt, muscle_state, read
+from sim.steps import Jumps, jumps_of, stack_pressures, step_edges, step_pressures
+from sim.transfer import halt, read
 
 Array = NDArray[np.float64]
 BLOCKS = 8  # of LANES designs in the fields at once
 REACH = 0.020  # m, half width over which the preconditioner's frames are averaged
-AFTER_JUMP = ((16, 1), (128, 2))  # until so many ticks after a large jump, a step takes at most so many
-LARGE = 50e3  # Pa, a jump that needs them
-JUMP = 1e3  # Pa between one step and the next
 # To rest: (step [s], steps) with backward Euler and so much air damping that a swing of SWING rad/s just dies out
 SETTLE = ((1 / 960, 64), (1 / 480, 48), (1 / 240, 300))
 RAMP = 64  # first steps in which the pressures rise to their values
 SWING = 8.0  # rad/s
 # To the shape without pressure, from the flat cloth: velocities are forgotten after each long step
 HANG = ((0.05, 4), (0.5, 8))
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """One simulated motion. Frames after a divergence are NaN."""
-
-    time: Array  # (T,) s after rest
-    middle: NDArray[np.float32]  # (T, n, n, 3) m, mid-surface nodes, rows of rising v
-    contraction: NDArray[np.float32]  # (T, intervals), muscle by muscle along its path
-    tension: NDArray[np.float32]  # (T, intervals) N
-    thickness: float  # m
-    diverged: tuple[float, tuple[int, int]] | None  # time [s] of the first lost frame, and its (row, column)
-
-    @property
-    def points(self) -> NDArray[np.float32]:
-        """(T, 3362, 3) m: front face, then back face, 41 x 41 each by rising v, then rising u."""
-        return faces(self.middle, self.thickness)
-
-
-@dataclass(frozen=True)
-class Jumps:
-    """Ticks in which a set point of a program moves by more than JUMP, and by more than LARGE; rest is at zero."""
-
-    every: tuple[int, ...]
-    large: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -95,10 +69,9 @@ class Simulator:
     def _run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
         results: list[Motion | None] = [None] * len(cases)
         with fields.lock:
-            jumps = [_jumps(case.program, self.time_step) for case in cases]
+            jumps = [jumps_of(case.program, self.time_step) for case in cases]
             for chosen in self._chunks(cases, jumps):
-                batch = self._load([cases[i] for i in chosen])
-                self._hang(batch, _channels(cases, chosen))
+                batch = self._hung([cases[i] for i in chosen])
                 for i, motion in zip(chosen, self._roll(batch, cases, times, chosen, jumps[chosen[0]]), strict=True):
                     results[i] = motion
         return [motion for motion in results if motion is not None]
@@ -109,7 +82,7 @@ class Simulator:
         with fields.lock:
             for chosen in self._chunks(cases, [()] * len(cases)):
                 batch = self._load([_damped(cases[i]) for i in chosen])
-                pressure = _stack([cases[i].program.pressure[-1:] for i in chosen], batch.blocks)[0]
+                pressure = stack_pressures([cases[i].program.pressure[-1:] for i in chosen], batch.blocks)[0]
                 self._settle(batch, pressure)
                 middle = self._middle(batch)
                 for lane, i in enumerate(chosen):
@@ -119,9 +92,10 @@ class Simulator:
     def _chunks(self, cases: Sequence[Case], jumps: Sequence[object]) -> list[list[int]]:
         """Indices in groups that one call can take: hung alike, pressures jumping in the same steps, so that a design's
         result does not depend on its neighbours, and BLOCKS x LANES designs at most."""
-        groups: dict[tuple[int, object], list[int]] = {}
+        groups: dict[tuple[int, bool, object], list[int]] = {}
         for i, case in enumerate(cases):
-            groups.setdefault((hung_code(case.design.fabric), jumps[i]), []).append(i)
+            fabric = case.design.fabric
+            groups.setdefault((hung_code(fabric), _swings_to_rest(fabric), jumps[i]), []).append(i)
         size = BLOCKS * fields.LANES
         return [group[k : k + size] for group in groups.values() for k in range(0, len(group), size)]
 
@@ -133,9 +107,22 @@ class Simulator:
         blocks = -(-len(cases) // fields.LANES)
         return Batch(blocks, n, n, points, hung, max(1, round(REACH / spacing)))
 
-    def _hang(self, batch: Batch, channels: int) -> None:
-        """Equilibrium at zero pressure."""
-        pressure = np.zeros((batch.blocks, channels, fields.LANES), np.float32)
+    def _hung(self, cases: list[Case]) -> Batch:
+        """Load the cases and bring them to equilibrium at zero pressure."""
+        channels = max(max(1, case.program.pressure.shape[1]) for case in cases)
+        pressure = np.zeros((-(-len(cases) // fields.LANES), channels, fields.LANES), np.float32)
+        if _swings_to_rest(cases[0].design.fabric):
+            batch = self._load([_damped(case) for case in cases])
+            self._settle(batch, pressure)
+            load_constants(cases, self.points_per_side)
+            halt(*batch.grid)
+            return batch
+        batch = self._load(cases)
+        self._hang(batch, pressure)
+        return batch
+
+    def _hang(self, batch: Batch, pressure: NDArray[np.float32]) -> None:
+        """From the flat cloth to equilibrium in its plane."""
         for h, steps in HANG:
             if batch.hung == FREE:  # nothing but inertia holds the rigid motions: float32 wants a share of it
                 h = min(h, 1 / 30)
@@ -166,11 +153,11 @@ class Simulator:
         ticks = max([1, *(int(np.ceil(t[-1] / tick - 1e-6)) for t in wanted if len(t))])
         edges = step_edges(ticks, jumps.large, calm=self.calm_steps)
         instants = np.asarray(tick * edges, dtype=np.float64)
-        program = _stack([step_pressures(cases[i].program, instants) for i in chosen], batch.blocks)
+        program = stack_pressures([step_pressures(cases[i].program, instants) for i in chosen], batch.blocks)
         middle = [np.full((len(t), n, n, 3), np.nan, np.float32) for t in wanted]
         muscle = [np.zeros((len(t), batch.points, 2), np.float32) for t in wanted]
         due = [np.clip(np.searchsorted(instants, t - 1e-9) - 1, 0, len(edges) - 2) for t in wanted]
-        places = _frames_by_step(due)
+        places = frames_by_step(due)
         theta = np.zeros((batch.blocks, fields.LANES), np.float32)
         first = 0  # step that has not been taken
         schemes = self._schemes(edges, set(jumps.every))
@@ -184,14 +171,14 @@ class Simulator:
                     iterations=self.iterations, tolerance=self.tolerance,
                 )  # fmt: skip
                 first = k + 1
-            for frames in _layers(places.get(k, [])):
+            for frames in layers(places.get(k, [])):
                 for lane, frame in frames:
                     theta[divmod(lane, fields.LANES)] = np.clip((wanted[lane][frame] - begin * tick) / h, 0, 1)
-                positions, state = self._middle(batch, h, theta), _muscle_state(batch)
+                positions, state = self._middle(batch, h, theta), read_muscles(batch)
                 for lane, frame in frames:
                     middle[lane][frame] = positions[lane]
                     muscle[lane][frame] = state[lane]
-        return [_motion(cases[i], t, m, s) for i, t, m, s in zip(chosen, wanted, middle, muscle, strict=True)]
+        return [motion_of(cases[i], t, m, s) for i, t, m, s in zip(chosen, wanted, middle, muscle, strict=True)]
 
     def _schemes(self, edges: NDArray[np.int_], jumps: set[int]) -> list[Scheme]:
         """The scheme of every step: the midpoint rule where a pressure jumps."""
@@ -210,40 +197,9 @@ class Simulator:
         return out.reshape(-1, n, n, 3)
 
 
-def step_edges(ticks: int, jumps: Sequence[int], *, calm: int) -> NDArray[np.int_]:
-    """(steps + 1,) ticks between which steps lie: AFTER_JUMP says how long after each jump, `calm` ticks else."""
-    longest = np.full(ticks + calm, calm)
-    for jump in jumps:
-        for until, most in reversed(AFTER_JUMP):
-            longest[jump : jump + until] = np.minimum(longest[jump : jump + until], most)
-    edges = [0]
-    while edges[-1] < ticks:
-        k = edges[-1]
-        edges.append(k + next(c for c in sorted({calm, 2, 1}, reverse=True) if longest[k : k + c].min() >= c))
-    return np.array(edges)
-
-
-def step_pressures(program: PressureProgram, edges: Array) -> NDArray[np.float32]:
-    """(steps, channels) Pa: the mean set point between every two of the instants `edges` (steps + 1,) s."""
-    starts = np.asarray(program.time, dtype=float)
-    pressure = np.asarray(program.pressure, dtype=float)
-    # integral of the piecewise constant program from its first row on
-    area = np.concatenate(
-        [np.zeros((1, pressure.shape[1])), np.cumsum(pressure[:-1] * np.diff(starts)[:, None], axis=0)]
-    )
-    row = np.clip(np.searchsorted(starts, edges, side="right") - 1, 0, None)
-    integral = area[row] + pressure[row] * (edges - starts[row])[:, None]
-    return (np.diff(integral, axis=0) / np.diff(edges)[:, None]).astype(np.float32)
-
-
-def _jumps(program: PressureProgram, tick: float) -> Jumps:
-    last = int(np.ceil(program.time[-1] / tick)) + 2
-    pressure = step_pressures(program, np.linspace(0.0, tick * last, last + 1))
-    change = np.abs(np.diff(np.concatenate([np.zeros((1, pressure.shape[1])), pressure]), axis=0)).max(
-        axis=1, initial=0
-    )
-    every, large = (tuple(int(k) for k in np.flatnonzero(change > least)) for least in (JUMP, LARGE))
-    return Jumps(every, large)
+def _swings_to_rest(fabric: Fabric) -> bool:
+    """Whether the cloth without pressure leaves the plane of the flat cloth, or turns in it."""
+    return fabric.gravity[2] != 0 or (not isinstance(fabric.hung, str) and any(fabric.gravity))
 
 
 def _damped(case: Case) -> Case:
@@ -251,67 +207,3 @@ def _damped(case: Case) -> Case:
     fabric = case.design.fabric
     drag = max(fabric.air_damping, 2 * SWING * fabric.areal_density)
     return replace(case, design=replace(case.design, fabric=replace(fabric, air_damping=drag)))
-
-
-def _channels(cases: Sequence[Case], chosen: list[int]) -> int:
-    return max(max(1, cases[i].program.pressure.shape[1]) for i in chosen)
-
-
-def _stack(programs: list[NDArray], blocks: int) -> NDArray[np.float32]:
-    """(steps, blocks, channels, LANES) Pa; lanes without a design repeat the last one."""
-    steps, channels = programs[0].shape[0], max(max(1, p.shape[1]) for p in programs)
-    out = np.zeros((steps, blocks, channels, fields.LANES), np.float32)
-    for lane in range(blocks * fields.LANES):
-        p = programs[min(lane, len(programs) - 1)]
-        out[:, lane // fields.LANES, : p.shape[1], lane % fields.LANES] = p
-    return out
-
-
-def _frames_by_step(due: list[NDArray[np.int_]]) -> dict[int, list[tuple[int, int]]]:
-    places: dict[int, list[tuple[int, int]]] = {}
-    for lane, steps in enumerate(due):
-        for frame, k in enumerate(steps):
-            places.setdefault(int(k), []).append((lane, frame))
-    return places
-
-
-def _layers(places: list[tuple[int, int]]) -> list[list[tuple[int, int]]]:
-    """Split so that a lane occurs once in each: a step may hold several frames of one motion."""
-    layers: list[list[tuple[int, int]]] = []
-    seen: dict[int, int] = {}
-    for lane, frame in places:
-        layer = seen.get(lane, 0)
-        seen[lane] = layer + 1
-        if layer == len(layers):
-            layers.append([])
-        layers[layer].append((lane, frame))
-    return layers
-
-
-def _muscle_state(batch: Batch) -> NDArray[np.float32]:
-    out = np.zeros((batch.blocks, fields.LANES, max(batch.points, 1), 2), np.float32)
-    if batch.points:
-        muscle_state(batch.blocks, batch.points, out)
-    return out[:, :, : batch.points].reshape(batch.blocks * fields.LANES, batch.points, 2)
-
-
-def _motion(case: Case, time: Array, middle: NDArray[np.float32], state: NDArray[np.float32]) -> Motion:
-    bad = ~(np.abs(middle) < 10.0)  # m; NaN compares false
-    diverged = None
-    if bad.any():
-        first = int(np.argmax(bad.any(axis=(1, 2, 3))))
-        row, column = np.argwhere(bad[first].any(axis=-1))[0]
-        diverged = (float(time[first]), (int(row), int(column)))
-        middle[first:], state[first:] = np.nan, np.nan
-    own = [k for m in _spans(case) for k in m]
-    return Motion(time, middle, state[:, own, 0], state[:, own, 1], case.design.fabric.thickness, diverged)
-
-
-def _spans(case: Case) -> list[range]:
-    """Indices of each muscle's intervals among all fixed points."""
-    spans, start = [], 0
-    for muscle in case.design.muscles:
-        count = len(muscle.fixed_points())
-        spans.append(range(start, start + count - 1))
-        start += count
-    return spans

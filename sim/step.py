@@ -99,20 +99,21 @@ def _march_kernel(
 
 @ti.func
 def predict(b, nu, nv, h, am, af, ga, ia, ry, ba):
-    """Histories hv, ha, and the first guess: the velocity goes on, so that viscous forces do."""
+    """Histories: v = cv (q - x0) + hv and a = ca (q - x0) + ha, and the first guess: the velocity goes on, so that
+    viscous forces do. Of q - x0, not of q: rounded coefficients of far larger terms would push the cloth."""
     P = (nu + 2) * (nv + 2)
     k = 0
     while k < P:
         x0 = F.node3[b, F.x0 + k]
         v0 = F.node3[b, F.v0 + k]
         a0 = F.node3[b, F.a0 + k]
-        a1 = -ia * (af * ry + 1.0) * x0 - ia * h * v0 - ba * a0
+        a1 = -ia * h * v0 - ba * a0
         hv = (1 - af) * (v0 + h * (1 - ga) * a0 + h * ga * a1) + af * v0
         F.node3[b, F.xp + k] = x0
         F.node3[b, F.vp + k] = v0
         F.node3[b, F.ha + k] = (1 - am) * a1 + am * a0
         F.node3[b, F.hv + k] = hv
-        F.node3[b, F.q + k] = (v0 - hv) / (h * ga * ia)
+        F.node3[b, F.q + k] = x0 + (v0 - hv) / (h * ga * ia)
         k = F.after[k]
 
 

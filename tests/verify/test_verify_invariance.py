@@ -11,6 +11,7 @@ from fabdesign.catalogue import LAYOUTS
 from fabdesign.design import Design
 from sim import Simulator
 from tests.sim_designs import held, laced, middle
+from tests.thrown import thrown
 
 SIMULATOR = Simulator()
 TIMES = np.array([0.25, 0.5])
@@ -87,33 +88,46 @@ def test_stiffness_does_not_depend_on_the_solver(change, record):
 
 
 def test_refinement_in_time(record):
-    # order from three halvings; the default against the limit (Richardson, second order)
-    case = held(laced(), KPA)
+    # order from three halvings in the transient; the default against the limit (Richardson, second order)
+    case, times = held(laced(), KPA), np.array([0.02, 0.05, 0.1, 0.25, 0.5])
     h = SIMULATOR.time_step
     tight = {"iterations": 40, "tolerance": 1e-8, "points_per_side": 21}
-    coarse, middle_, fine, finest = (motion(case, Simulator(time_step=k * h, **tight)) for k in (4, 2, 1, 0.5))
-    order = np.log2(rms(coarse, middle_) / rms(middle_, fine))
+    coarse, middle_, fine, finest = (motion(case, Simulator(time_step=k * h, **tight), times) for k in (8, 4, 2, 1))
+    order = np.log2(rms(coarse[:3], middle_[:3]) / rms(middle_[:3], fine[:3]))
     limit = finest + (finest - fine) / 3
-    off = rms(motion(case, Simulator(points_per_side=21)), limit)
+    off = rms(motion(case, Simulator(points_per_side=21), times), limit)
     record("refinement in time: order", "0.9", f"{order:.2f}")
     record("default step, iterations and tolerance from the limit", "0.3 mm RMS", f"{1e3 * off:.3f} mm")
     assert order > 0.9 and off < 3e-4
 
 
 def test_refinement_in_space(record):
-    # 21, 41, 81 points a side under equal solver settings, at the coarse nodes
-    case = held(laced(), KPA)
-    a, b, c = (
-        motion(case, Simulator(points_per_side=n, iterations=20, tolerance=1e-7), TIMES[:1])[
-            :, :: (n - 1) // 20, :: (n - 1) // 20
-        ]
-        for n in (21, 41, 81)
-    )
-    order = np.log2(rms(a, b) / rms(b, c))
-    limit = c + (c - b) / (2**order - 1)
-    record("refinement in space: order", "1.5", f"{order:.2f}")
-    record("41 points a side from the limit", "1 mm RMS", f"{1e3 * rms(b, limit):.3f} mm")
-    assert rms(b, limit) < 1e-3
+    # equal solver settings, at the nodes of 21 points a side; order p of a ~ C h^p from three grids
+    case, times = held(laced(), (400, 300, 0, 100)), np.array([0.1])
+    grids = {
+        n: motion(case, Simulator(points_per_side=n, iterations=20), times)[:, :: (n - 1) // 20, :: (n - 1) // 20]
+        for n in (21, 41, 81, 161)
+    }
+    gaps = [rms(grids[n], grids[2 * n - 1]) for n in (21, 41, 81)]
+    limit = grids[161] + (grids[161] - grids[81]) / 3
+    record("refinement in space, 21, 41, 81 points a side: order", "1.5", f"{np.log2(gaps[0] / gaps[1]):.2f}")
+    record("the same, 41, 81, 161", "1.5", f"{np.log2(gaps[1] / gaps[2]):.2f}")
+    record("41 points a side from the limit", "1 mm RMS", f"{1e3 * rms(grids[41], limit):.3f} mm")
+    assert rms(grids[41], limit) < 1e-3
+    assert np.log2(gaps[1] / gaps[2]) > 1.5
+
+
+def test_refinement_in_space_of_a_bare_sheet(record):
+    # clamped, thrown sideways, without muscles
+    times, shapes = np.array([0.1]), {}
+    for n in (21, 41, 81):
+        start = np.zeros((n, n, 3))
+        start[..., 2] = 0.5 * np.outer(np.linspace(0, 1, n) ** 2, 1 + 0.5 * np.linspace(-1, 1, n))
+        simulator = Simulator(points_per_side=n, iterations=20, tolerance=3e-8)
+        found = thrown(simulator, replace(laced(support="clamped"), muscles=()), start, times)
+        shapes[n] = found[:, :: (n - 1) // 20, :: (n - 1) // 20]
+    order = np.log2(rms(shapes[21], shapes[41]) / rms(shapes[41], shapes[81]))
+    record("refinement in space, bare sheet, 21, 41, 81: order", "1.5", f"{order:.2f}")
     assert order > 1.5
 
 

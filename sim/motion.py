@@ -1,0 +1,81 @@
+"""What is kept of a motion, and which frames a step holds."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.forward import Case
+from sim import fields
+from sim.faces import faces
+from sim.scheme import Batch
+from sim.transfer import muscle_state
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One simulated motion. Frames after a divergence are NaN."""
+
+    time: Array  # (T,) s after rest
+    middle: NDArray[np.float32]  # (T, n, n, 3) m, mid-surface nodes, rows of rising v
+    contraction: NDArray[np.float32]  # (T, intervals), muscle by muscle along its path
+    tension: NDArray[np.float32]  # (T, intervals) N
+    thickness: float  # m
+    diverged: tuple[float, tuple[int, int]] | None  # time [s] of the first lost frame, and its (row, column)
+
+    @property
+    def points(self) -> NDArray[np.float32]:
+        """(T, 3362, 3) m: front face, then back face, 41 x 41 each by rising v, then rising u."""
+        return faces(self.middle, self.thickness)
+
+
+def frames_by_step(due: list[NDArray[np.int_]]) -> dict[int, list[tuple[int, int]]]:
+    places: dict[int, list[tuple[int, int]]] = {}
+    for lane, steps in enumerate(due):
+        for frame, k in enumerate(steps):
+            places.setdefault(int(k), []).append((lane, frame))
+    return places
+
+
+def layers(places: list[tuple[int, int]]) -> list[list[tuple[int, int]]]:
+    """Split so that a lane occurs once in each: a step may hold several frames of one motion."""
+    layers: list[list[tuple[int, int]]] = []
+    seen: dict[int, int] = {}
+    for lane, frame in places:
+        layer = seen.get(lane, 0)
+        seen[lane] = layer + 1
+        if layer == len(layers):
+            layers.append([])
+        layers[layer].append((lane, frame))
+    return layers
+
+
+def read_muscles(batch: Batch) -> NDArray[np.float32]:
+    out = np.zeros((batch.blocks, fields.LANES, max(batch.points, 1), 2), np.float32)
+    if batch.points:
+        muscle_state(batch.blocks, batch.points, out)
+    return out[:, :, : batch.points].reshape(batch.blocks * fields.LANES, batch.points, 2)
+
+
+def motion_of(case: Case, time: Array, middle: NDArray[np.float32], state: NDArray[np.float32]) -> Motion:
+    bad = ~(np.abs(middle) < 10.0)  # m; NaN compares false
+    diverged = None
+    if bad.any():
+        first = int(np.argmax(bad.any(axis=(1, 2, 3))))
+        row, column = np.argwhere(bad[first].any(axis=-1))[0]
+        diverged = (float(time[first]), (int(row), int(column)))
+        middle[first:], state[first:] = np.nan, np.nan
+    own = [k for m in _spans(case) for k in m]
+    return Motion(time, middle, state[:, own, 0], state[:, own, 1], case.design.fabric.thickness, diverged)
+
+
+def _spans(case: Case) -> list[range]:
+    """Indices of each muscle's intervals among all fixed points."""
+    spans, start = [], 0
+    for muscle in case.design.muscles:
+        count = len(muscle.fixed_points())
+        spans.append(range(start, start + count - 1))
+        start += count
+    return spans

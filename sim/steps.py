@@ -1,0 +1,69 @@
+"""When the steps of a motion begin, and which pressures they hold."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.pressure import PressureProgram
+from sim.fields import LANES
+
+Array = NDArray[np.float64]
+AFTER_JUMP = ((16, 1), (128, 2))  # until so many ticks after a large jump, a step takes at most so many
+LARGE = 50e3  # Pa, a jump that needs them
+JUMP = 1e3  # Pa between one step and the next
+
+
+@dataclass(frozen=True)
+class Jumps:
+    """Ticks in which a set point of a program moves by more than JUMP, and by more than LARGE; rest is at zero."""
+
+    every: tuple[int, ...]
+    large: tuple[int, ...]
+
+
+def step_edges(ticks: int, jumps: Sequence[int], *, calm: int) -> NDArray[np.int_]:
+    """(steps + 1,) ticks between which steps lie: AFTER_JUMP says how long after each jump, `calm` ticks else."""
+    longest = np.full(ticks + calm, calm)
+    for jump in jumps:
+        for until, most in reversed(AFTER_JUMP):
+            longest[jump : jump + until] = np.minimum(longest[jump : jump + until], most)
+    edges = [0]
+    while edges[-1] < ticks:
+        k = edges[-1]
+        edges.append(k + next(c for c in sorted({calm, 2, 1}, reverse=True) if longest[k : k + c].min() >= c))
+    return np.array(edges)
+
+
+def step_pressures(program: PressureProgram, edges: Array) -> NDArray[np.float32]:
+    """(steps, channels) Pa: the mean set point between every two of the instants `edges` (steps + 1,) s."""
+    starts = np.asarray(program.time, dtype=float)
+    pressure = np.asarray(program.pressure, dtype=float)
+    # integral of the piecewise constant program from its first row on
+    area = np.concatenate(
+        [np.zeros((1, pressure.shape[1])), np.cumsum(pressure[:-1] * np.diff(starts)[:, None], axis=0)]
+    )
+    row = np.clip(np.searchsorted(starts, edges, side="right") - 1, 0, None)
+    integral = area[row] + pressure[row] * (edges - starts[row])[:, None]
+    return (np.diff(integral, axis=0) / np.diff(edges)[:, None]).astype(np.float32)
+
+
+def jumps_of(program: PressureProgram, tick: float) -> Jumps:
+    last = int(np.ceil(program.time[-1] / tick)) + 2
+    pressure = step_pressures(program, np.linspace(0.0, tick * last, last + 1))
+    change = np.abs(np.diff(np.concatenate([np.zeros((1, pressure.shape[1])), pressure]), axis=0)).max(
+        axis=1, initial=0
+    )
+    every, large = (tuple(int(k) for k in np.flatnonzero(change > least)) for least in (JUMP, LARGE))
+    return Jumps(every, large)
+
+
+def stack_pressures(programs: list[NDArray], blocks: int) -> NDArray[np.float32]:
+    """(steps, blocks, channels, LANES) Pa; lanes without a design repeat the last one."""
+    steps, channels = programs[0].shape[0], max(max(1, p.shape[1]) for p in programs)
+    out = np.zeros((steps, blocks, channels, LANES), np.float32)
+    for lane in range(blocks * LANES):
+        p = programs[min(lane, len(programs) - 1)]
+        out[:, lane // LANES, : p.shape[1], lane % LANES] = p
+    return out

@@ -1,0 +1,24 @@
+"""Motions that start with a velocity, which the public way in has none of."""
+
+import numpy as np
+
+from sim import fields
+from sim.fields import LANES, F
+from sim.simulator import Simulator
+from sim.steps import Jumps
+from tests.sim_designs import held
+
+
+def thrown(simulator: Simulator, design, velocity, times):
+    """(T, n, n, 3) m, mid-surface of the design without pressure, from its equilibrium at `velocity` (n, n, 3) m/s."""
+    case, n = held(design, (0,)), simulator.points_per_side
+    with fields.lock:
+        batch = simulator._hung([case])
+        state = F.node3.to_numpy()
+        plane = np.zeros((n + 2, n + 2, 3))
+        plane[1:-1, 1:-1] = velocity
+        rows = slice(F.v0, F.v0 + (n + 2) ** 2)
+        state[0, rows] = np.repeat(plane.reshape(-1, 3), LANES, axis=1)
+        F.node3.from_numpy(state)
+        [motion] = simulator._roll(batch, [case], [times], [0], Jumps((), ()))
+    return motion.middle.astype(float)
