@@ -1,5 +1,5 @@
-"""The solver's two dominant loops, forces of the cloth and the flat cloth's own solve, by Taichi beside the same loops in C
-with vector intrinsics (kernel.c, kernel_solve.h). One block of 8 designs, one core."""
+"""The solver's two dominant loops, forces of the cloth and the flat cloth's own solve, by Taichi beside the same loops
+in C with vector intrinsics (kernel.c, kernel_solve.h). One block of 8 designs, one core."""
 
 import ctypes
 import shutil
