@@ -1,6 +1,7 @@
 """The motion that all rows are about: *basic* with 4 muscles, 90 frames at 60 Hz, random steps of pressure."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fabdesign.catalogue import build
 from fabdesign.forward import Case
@@ -8,7 +9,7 @@ from fabdesign.pressure import PressureProgram
 
 FRAMES = 90
 FRAME = 1 / 60  # s
-TIMES = FRAME * np.arange(1, FRAMES + 1)  # s
+TIMES: NDArray[np.float64] = FRAME * np.arange(1.0, FRAMES + 1)  # s
 STEPS = (0.0, 0.25, 0.75)  # s
 MOST = 400e3  # Pa
 SEED = 41

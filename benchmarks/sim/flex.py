@@ -5,8 +5,8 @@ cannot give both stiffnesses. Its material is isotropic: shear is k / (2 (1 + nu
 bending has no twist of its own. Nodes have no rotation, so a muscle's fixed point is a small mass at its distance from
 the cloth, held by upright triangles on the four next nodes; it lies at the node next to where it should, and carries
 its share of the muscle's mass. An interval between two of them is a spatial tendon with an actuator whose force is
-linear in contraction and in pressure, fitted to the bench table. There are no contacts, and so no constraints: a step is
-the one linear solve of `integrator="discrete"`, alike with Newton and CG.
+linear in contraction and in pressure, fitted to the bench table. There are no contacts, and so no constraints: a step
+is the one linear solve of `integrator="discrete"`, alike with Newton and CG.
 """
 
 import itertools
@@ -21,6 +21,7 @@ from benchmarks.sim.cases import FRAME
 from fabdesign.forward import Case
 from fabdesign.muscle import BenchTable, MuscleType
 
+version: str = mujoco.__version__
 ARM = 5e3  # N/m, membrane stiffness of the triangles that hold a fixed point: ten times the cloth's
 ARM_DAMPING = 1e-3  # s
 SETTLE = 2.0  # s under weight, in air ten times as thick, before the motion; not timed
@@ -91,13 +92,13 @@ def scene(case: Case, n: int, step: float) -> str:
             length = h * float(np.hypot(*np.subtract(places[k + 1], places[k])))
             actuators.append(_actuator(name, kind, length))
         tips += len(places)
-    k, nu = fabric.membrane_stiffness[0], fabric.poisson
-    t = (12 * fabric.bending_stiffness[0] / k) ** 0.5  # any thickness will do: a modulus goes with each flex
+    stiffness, nu = fabric.membrane_stiffness[0], fabric.poisson
+    t = (12 * fabric.bending_stiffness[0] / stiffness) ** 0.5  # any thickness will do: a modulus goes with each flex
     names, elements = " ".join(f"n{i}" for i in range(n * n)), _triangles(n)
-    damping = fabric.viscosity * (1 - nu**2) / k
+    damping = fabric.viscosity * (1 - nu**2) / stiffness
     flexes = [
-        _flex("stretch", names, elements, young=k / t, poisson=nu, thickness=t, damping=damping),
-        _flex("bend", names, elements, young=k / t * (1 - nu**2), poisson=nu, thickness=t, damping=0.0),
+        _flex("stretch", names, elements, young=stiffness / t, poisson=nu, thickness=t, damping=damping),
+        _flex("bend", names, elements, young=stiffness / t * (1 - nu**2), poisson=nu, thickness=t, damping=0.0),
         *(
             _flex("stretch", arm, _UPRIGHT, young=ARM / t, poisson=0.0, thickness=t, damping=ARM_DAMPING)
             for arm in arms

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from sim.model import FREE
 from sim.scheme import Batch, Scheme
 from sim.sheet import fabric_force
 from sim.sheet_solve import spectral
+from sim.simulator import BLOCKS
 from sim.step import prepare
 
 Array = NDArray[np.float32]
@@ -74,7 +76,9 @@ class ByTaichi:
 
     def __init__(self, n: int) -> None:
         self.n = n
-        load_batch(reference(8), n, hung=0, blocks=1)
+        [case] = reference(1)
+        bare = replace(case, design=replace(case.design, muscle_types={}, muscles=()))  # no bench table to fit
+        load_batch([bare] * fields.LANES, n, hung=0, blocks=BLOCKS)
         prepare(Batch(1, n, n, 0, 0, 1), SCHEME)
         rng = np.random.default_rng(7)
         inside = ((np.arange(n)[:, None] + 1) * (n + 2) + np.arange(n) + 1).ravel()
