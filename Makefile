@@ -20,7 +20,7 @@ lint: .venv/.ready-test
 verify-sim: .venv/.ready-test
 	FABDESIGN_VERIFICATION_TABLE=1 $(PYTHON) -m pytest tests/verify
 
-# what a motion costs, beside bounds and others, a quarter of an hour; writes its part of docs/results/simulator.md
+# what a motion costs, beside bounds and others, 20 minutes; writes its part of docs/results/simulator.md
 bench-sim: .venv/.ready-bench
 	$(PYTHON) -m benchmarks.sim
 

@@ -2,7 +2,7 @@
    (sim/sheet_solve.py: spectral) of one block of 8 designs, by hand with AVX2: the yardstick of benchmarks/sim/kernel.py.
    Same arithmetic, order of rows and data layout as the Taichi kernels; float32.
 
-   Offsets of planes and constants (Q, HV_, ..., L_KH1, ...) come as -D from kernel.py, as they are constants of the
+   Offsets of planes and constants (P_Q, ..., L_KH1, ...) come as -D from kernel.py, as they are constants of the
    compiled Taichi kernels too; sizes of the grid are run-time values there and here. */
 
 #include "kernel_vectors.h"

@@ -92,14 +92,15 @@ def _beside_flex(size: Size, points: int) -> list[str]:
                    [t / one.median for t in row["cpu"]], "", bound, at_least=True)
             for who, one, bound in (("batch", ours[0], 20.0), ("one design", ours[1], None))
         ]  # fmt: skip
-    unfinished = ", ".join(f"{row['unfinished']:.0%}" for row in theirs["rows"].values())
+    unfinished = " and ".join(f"{row['unfinished']:.0%}" for row in theirs["rows"].values())
     return [
         *lines,
         "",
         f"Ours of 8 motions: median {1e3 * np.median(error['rms']):.3f}, worst {1e3 * max(error['rms']):.3f} mm. Nodes "
         f"move {1e3 * error['moved']:.1f} mm RMS from rest in ours, {1e3 * theirs['moved']:.1f} mm in MuJoCo; the two "
-        f"limits are {1e3 * theirs['apart']:.1f} mm RMS apart. Share of MuJoCo's steps whose linear solve "
-        f"runs out of iterations, with 4 and 8 substeps: {unfinished}.",
+        f"limits are {1e3 * theirs['apart']:.1f} mm RMS apart. MuJoCo's linear solves end after 50 iterations, which "
+        f"{unfinished} of the steps with 4 and 8 substeps use up; those of its limit after 500, which "
+        f"{theirs['unfinished']:.0%} use up (`benchmarks/sim/flex.py` says why).",
         "",
         *table(figures),
     ]
