@@ -23,6 +23,8 @@ def main() -> None:
     if unknown:
         parser.error(f"--only {', '.join(unknown)}: expected some of {', '.join(PARTS)}")
     lines = heading("make bench-sim")
+    if given.quick:
+        lines += ["Quick: few frames and designs, which the bounds are not for.", ""]
     for name in chosen:
         lines += PARTS[name](parts.QUICK if given.quick else parts.FULL)
     text = "\n".join(lines)

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import Any
 
 import numpy as np
 
@@ -130,26 +129,32 @@ def kernel(size: Size) -> list[str]:
 
 def scaling(size: Size) -> list[str]:
     """0.1 s, only the last shape kept: by designs at 41 points, by points with 8 designs."""
-    rows, figures = ["| designs | points a side | CPU s | CPU s a design | wall s | peak memory, MB |"], []
-    rows.append("|---|---|---|---|---|---|")
     grid = [(count, 41) for count in size.designs] + [(8, points) for points in size.points if points != 41]
+    lines = [
+        "| designs | points a side | CPU s | CPU s a design | wall s | peak memory, MB |",
+        "|---|---|---|---|---|---|",
+    ]
+    each, figures = {}, []
     for count, points in grid:
         found = work("shapes", count=count, points=points, repeats=1 if count > 100 else size.repeats)
-        rows.append(_scaling_row(count, points, found))
+        cpu, wall = Figure("", found["cpu"], "").median, Figure("", found["wall"], "").median
+        each[count, points] = cpu / count
+        sizes = f"{cpu:.2f} | {cpu / count:.3f} | {wall:.2f} | {found['rss'] / 1e6:.0f}"
+        lines.append(f"| {count} | {points} | {sizes} |")
         if count == 1024:
             figures.append(Figure("1,024 designs of 41 x 41: peak memory", [found["rss"] / GIGABYTE], " GB", 2.0))
+    if (1024, 41) in each:
+        figures.append(Figure("CPU a design, 1,024 designs over 32", [each[1024, 41] / each[32, 41]], ""))
+    largest = max(size.points)
+    share = each[8, largest] / largest**2 / (each[8, 41] / 41**2)
+    figures.append(Figure(f"CPU a point, {largest} points a side over 41", [share], ""))
     return [
         "0.1 s of motion, only the last shape kept, the process's own peak of memory; 128 and 1,024 designs once:",
         "",
-        *rows,
+        *lines,
         "",
-        *(table(figures) if figures else []),
+        *table(figures),
     ]
-
-
-def _scaling_row(count: int, points: int, found: dict[str, Any]) -> str:
-    cpu, wall = Figure("", found["cpu"], "").median, Figure("", found["wall"], "").median
-    return f"| {count} | {points} | {cpu:.2f} | {cpu / count:.3f} | {wall:.2f} | {found['rss'] / 1e6:.0f} |"
 
 
 def start(size: Size) -> list[str]:
