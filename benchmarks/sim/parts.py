@@ -21,7 +21,7 @@ class Size:
 
 
 FULL = Size(FRAMES, 3, 32, (1, 8, 32, 128, 1024), (21, 41, 81, 161))
-QUICK = Size(4, 1, 8, (1, 8), (21, 41))
+QUICK = Size(4, 1, 8, (1, 8), (21, 41, 81))
 GIGABYTE = 1e9
 
 
