@@ -3,7 +3,7 @@
 PYTHON := .venv/bin/python
 SETUP := pyproject.toml constraints.txt scripts/setup.sh
 
-.PHONY: demo test lint clean verify-sim
+.PHONY: demo test lint clean verify-sim bench-sim
 
 demo: .venv/.ready-demo
 	.venv/bin/fabdesign demo -o demo
@@ -20,6 +20,10 @@ lint: .venv/.ready-test
 verify-sim: .venv/.ready-test
 	FABDESIGN_VERIFICATION_TABLE=1 $(PYTHON) -m pytest tests/verify
 
+# what a motion costs, beside bounds and others, 20 minutes; writes its part of docs/results/simulator.md
+bench-sim: .venv/.ready-bench
+	$(PYTHON) -m benchmarks.sim
+
 clean:
 	rm -rf .venv demo build *.egg-info
 
@@ -29,4 +33,8 @@ clean:
 
 .venv/.ready-test: $(SETUP)
 	scripts/setup.sh clouds,dev,dxf,mesh,rig
+	touch $@
+
+.venv/.ready-bench: $(SETUP)
+	scripts/setup.sh bench
 	touch $@

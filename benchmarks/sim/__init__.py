@@ -1,0 +1,1 @@
+"""`make bench-sim`: what a motion costs, beside bounds and others; writes a part of docs/results/simulator.md."""
