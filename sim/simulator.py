@@ -40,9 +40,9 @@ class Simulator:
     """
 
     points_per_side: int = 41
-    time_step: float = 1 / 1920  # s, right after a jump of pressure; 2 in one for 67 ms
-    calm_steps: int = 4  # time steps in one, later on
-    iterations: int = 8  # at most, in a step
+    time_step: float = 1 / 1920  # s, right after a jump of pressure; 2 in one until 33 ms, 4 until 133 ms
+    calm_steps: int = 16  # time steps in one, later on
+    iterations: int = 16  # at most, in a step
     tolerance: float = 1e-7  # m, RMS over nodes of the update that a step may still lack; the next step makes it up
     rho: float = 0.6  # spectral radius at infinity of generalised-alpha
 
@@ -128,9 +128,7 @@ class Simulator:
                 h = min(h, 1 / 30)
             prepare(batch, Scheme(h, -1.0))
             for _ in range(steps):
-                march(
-                    batch, [Scheme(h, -1.0)], pressure[None], iterations=2 * self.iterations, tolerance=self.tolerance
-                )
+                march(batch, [Scheme(h, -1.0)], pressure[None], iterations=self.iterations, tolerance=self.tolerance)
                 halt(*batch.grid)
 
     def _settle(self, batch: Batch, pressure: NDArray[np.float32]) -> None:
@@ -142,7 +140,7 @@ class Simulator:
             taken += steps
             march(
                 batch, [Scheme(h, -1.0)] * steps, share[:, None, None, None] * pressure,
-                iterations=2 * self.iterations, tolerance=self.tolerance / 4,
+                iterations=self.iterations, tolerance=self.tolerance / 4,
             )  # fmt: skip
 
     def _roll(

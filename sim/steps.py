@@ -10,7 +10,7 @@ from fabdesign.pressure import PressureProgram
 from sim.fields import LANES
 
 Array = NDArray[np.float64]
-AFTER_JUMP = ((16, 1), (128, 2))  # until so many ticks after a large jump, a step takes at most so many
+AFTER_JUMP = ((16, 1), (64, 2), (256, 4))  # until so many ticks after a large jump, a step takes at most so many
 LARGE = 50e3  # Pa, a jump that needs them
 JUMP = 1e3  # Pa between one step and the next
 
@@ -29,10 +29,11 @@ def step_edges(ticks: int, jumps: Sequence[int], *, calm: int) -> NDArray[np.int
     for jump in jumps:
         for until, most in reversed(AFTER_JUMP):
             longest[jump : jump + until] = np.minimum(longest[jump : jump + until], most)
+    counts = sorted({calm, *(most for _, most in AFTER_JUMP)}, reverse=True)
     edges = [0]
     while edges[-1] < ticks:
         k = edges[-1]
-        edges.append(k + next(c for c in sorted({calm, 2, 1}, reverse=True) if longest[k : k + c].min() >= c))
+        edges.append(k + next(c for c in counts if longest[k : k + c].min() >= c))
     return np.array(edges)
 
 

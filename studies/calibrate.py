@@ -97,7 +97,8 @@ def calibrate(
             at_rest.append(data.frames[0])  # flattest there
     noise = estimate_noise(at_rest, chosen[0].design.fabric.thickness)
     found = fit(samples, coarse, fine, progress=progress)
-    lines = doubtful(samples, coarse, dict(zip(PARAMETERS, np.exp(found.x), strict=True)))
+    last = coarse if fine is None else fine  # whose factors these are
+    lines = doubtful(samples, last, dict(zip(PARAMETERS, np.exp(found.x), strict=True)))
     if lines:
         tolerance = Tolerance(skip_bad, [*skipped])
         for line in lines.values():

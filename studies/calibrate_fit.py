@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ _LARGEST = 0.4  # of a logarithm, in one iteration
 _ITERATIONS = 10
 _REWEIGHTED = 6  # times, in one iteration
 _CONVERGED = 0.01  # of a logarithm
+_NEAR = 0.05  # of a logarithm: steps under it are left to the fine engine
+_FINE_ITERATIONS = 5  # cheap: without new differences
 _DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
 _LINEAR = 0.005  # m: frames that the prior moves by more count less
 _SMALLEST_SCALE = 1e-6  # m, for clouds without noise
@@ -43,6 +46,7 @@ class Fit:
 @dataclass(frozen=True, eq=False)
 class _State:
     x: Array
+    changes: list[Motion]  # (7, F, 2 n, 3) m a sample, of the vertices
     found: Match
     jacobian: Array  # (N, 7) m
 
@@ -68,9 +72,12 @@ def fit(
     prior: Mapping[str, float] = PRIOR,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Fit:
-    """Most probable factors given the samples, by `coarse`, each of whose batches has a motion and its differences.
+    """Most probable factors given the samples. Each iteration of `coarse` simulates motions and seven differences.
 
-    `fine` makes the data sheet's motions only; how far they are from the coarse ones is added to all others.
+    With `fine`, `coarse` makes the first iterations, its motions corrected by what both are apart at the data sheet.
+    Cloth that buckles multiplies small differences, and that correction, true at the data sheet, is then centimetres
+    off elsewhere; so the last iterations are by `fine` alone, with the differences of their first: they lead not
+    much farther than a difference's own step.
 
     All points of a block of 0.5 s share the model's error, so their likelihood is tempered: raised to the power that
     makes its curvature agree with the scatter of the blocks' scores (Pauli, Racugno and Ventura 2011). The covariance
@@ -80,19 +87,18 @@ def fit(
     weight = np.diag([1 / prior[name] ** 2 for name in PARAMETERS])
     start = np.zeros(len(PARAMETERS))
     correction = _correction(samples, fine, coarse) if fine is not None else None
-    state = _state(samples, coarse, start, correction)
-    first, converged, iteration, damping = state.found, False, 0, 0.0
-    for iteration in range(1, _ITERATIONS + 1):
-        step, normal = _step(samples, state, weight, damping)
-        progress(f"iteration {iteration}: {1e3 * _capped(state.found.residual):.3f} mm RMS")
-        if float(np.abs(step).max()) < _CONVERGED:
-            converged, state = True, replace(state, x=state.x + step)  # too small to look at again
-            break
-        candidate = _state(samples, coarse, state.x + step, correction)
-        if _loss(state, candidate, normal, weight) < 0:
-            state, damping = candidate, damping / 10
-        else:
-            damping = max(10 * damping, _DAMPING)
+    look = partial(_state, samples, coarse, correction=correction)
+    state = look(start)
+    first = state.found
+    near = _CONVERGED if fine is None else _NEAR
+    state, iterations, converged = _descend(samples, state, look, weight, near, _ITERATIONS, progress)
+    if fine is not None:
+        state = _state(samples, fine, state.x)
+        look = partial(_state, samples, fine, changes=state.changes)
+        state, more, converged = _descend(
+            samples, state, look, weight, _CONVERGED, _FINE_ITERATIONS, lambda line: progress(f"fine {line}")
+        )
+        iterations += more
     _, normal = _step(samples, state, weight, 0.0)
     information = normal.tempering * normal.hessian
     bread = np.linalg.inv(information + weight)
@@ -106,23 +112,56 @@ def fit(
         before=_capped(first.residual),
         after=_capped(state.found.residual),
         lost=_lost(samples, state.found),
-        iterations=iteration,
+        iterations=iterations,
         converged=converged,
     )
+
+
+def _descend(
+    samples: Sequence[Sample],
+    state: _State,
+    look: Callable[[Array], _State],
+    weight: Array,
+    close: float,
+    most: int,
+    progress: Callable[[str], None],
+) -> tuple[_State, int, bool]:
+    """From `state` until a step is under `close`, or `most` iterations: where that led, how many, and which of both."""
+    damping = 0.0
+    for iteration in range(1, most + 1):
+        step, normal = _step(samples, state, weight, damping)
+        progress(f"iteration {iteration}: {1e3 * _capped(state.found.residual):.3f} mm RMS")
+        if float(np.abs(step).max()) < close:
+            return replace(state, x=state.x + step), iteration, True  # too small to look at again
+        candidate = look(state.x + step)
+        if _loss(state, candidate, normal, weight) < 0:
+            state, damping = candidate, damping / 10
+        else:
+            damping = max(10 * damping, _DAMPING)
+    return state, most, False
 
 
 def _factors(x: Array) -> dict[str, float]:
     return {name: float(value) for name, value in zip(PARAMETERS, np.exp(x), strict=True)}
 
 
-def _state(samples: Sequence[Sample], forward: ForwardModel, x: Array, correction: list[Motion] | None) -> _State:
-    """Motions at x and, by forward differences, their changes: all in one batch."""
-    base, *moved = _motions(samples, forward, [x, *(x + _STEP * e for e in np.eye(len(x)))])
-    changes = [np.stack([(other[s] - base[s]) / _STEP for other in moved]) for s in range(len(samples))]
+def _state(
+    samples: Sequence[Sample],
+    forward: ForwardModel,
+    x: Array,
+    *,
+    correction: list[Motion] | None = None,
+    changes: list[Motion] | None = None,
+) -> _State:
+    """Motions at x and, by forward differences in the same batch, their changes, where those are not given."""
+    others = [x + _STEP * e for e in np.eye(len(x))] if changes is None else []
+    base, *moved = _motions(samples, forward, [x, *others])
+    if changes is None:
+        changes = [np.stack([(other[s] - base[s]) / _STEP for other in moved]) for s in range(len(samples))]
     if correction is not None:
         base = [motion + extra for motion, extra in zip(base, correction, strict=True)]
     found = match(samples, base)
-    return _State(x, found, derivatives(found, changes))
+    return _State(x, changes, found, derivatives(found, changes))
 
 
 def _correction(samples: Sequence[Sample], fine: ForwardModel, coarse: ForwardModel) -> list[Motion]:

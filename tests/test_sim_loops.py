@@ -32,7 +32,7 @@ def test_a_loop_is_as_broad_on_every_grid(t, nodes):
     x = (first + np.arange(count)) * spacing
     knots = min(LOOP, t, 0.2 - t)
     # with knots that are no multiple of the spacing the sum over nodes is not quite the integral
-    assert value @ (x - t) ** 2 == pytest.approx(knots**2 / 3, rel=1e-6 if knots == LOOP else 5e-3, abs=1e-12)
+    assert value @ (x - t) ** 2 == pytest.approx(knots**2 / 3, rel=1e-6 if knots == LOOP else 1e-2, abs=1e-12)
 
 
 def test_an_end_on_the_hem_holds_the_hem():
