@@ -7,12 +7,12 @@ import taichi as ti
 
 from sim.fields import LANES, F
 from sim.frames import unwarp, warp
-from sim.model import FREE
 from sim.muscle_solve import muscle_correct
 from sim.sheet_solve import spectral
 from sim.vectors import Lanes, Wide, sum3, thrice
 
 RZ, BETA, ACTIVE, ALPHA = 4, 5, 6, 7  # slots of F.reduce
+LEAST = 1e-6  # step length: what hangs at single nodes, or is folded, is stiffer by far than in the preconditioner
 DIVERGED = 1e4  # m^2, a squared update that no lane comes back from; others do not wait for it, nor for a NaN
 
 
@@ -29,7 +29,7 @@ def first_residual(b, nu, nv):
 
 
 @ti.func
-def step_length(b, nu, nv, hung):
+def step_length(b, nu, nv):
     """f holds the residual at q + p: step alpha = p.r / p.(r - r(q + p)), and the residual there by interpolation."""
     P = (nu + 2) * (nv + 2)
     F.reduce[b, 1] = Lanes(0.0)
@@ -43,14 +43,11 @@ def step_length(b, nu, nv, hung):
         F.reduce[b, 1] = F.reduce[b, 1] + sum3(p * r)
         F.reduce[b, 2] = F.reduce[b, 2] + sum3(p * change)
         k = F.after[k]
-    least = ti.f32(0.1)
-    if hung == FREE:  # nodes held one by one are not in the preconditioner: what they hold is stiffer by far than there
-        least = ti.f32(1e-6)
     lane = 0
     while lane < LANES:
         alpha = ti.f32(1.0)
         if F.reduce[b, 2][lane] > 0:
-            alpha = ti.min(2.0, ti.max(least, F.reduce[b, 1][lane] / F.reduce[b, 2][lane]))
+            alpha = ti.min(2.0, ti.max(LEAST, F.reduce[b, 1][lane] / F.reduce[b, 2][lane]))
         F.reduce[b, ALPHA][lane] = alpha * F.reduce[b, ACTIVE][lane]
         lane = F.after[lane]
     alpha = thrice(F.reduce[b, ALPHA])

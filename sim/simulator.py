@@ -23,9 +23,12 @@ from sim.transfer import halt, read
 Array = NDArray[np.float64]
 BLOCKS = 8  # of LANES designs in the fields at once
 REACH = 0.020  # m, half width over which the preconditioner's frames are averaged
-# To rest: (step [s], steps) with backward Euler and so much air damping that a swing of SWING rad/s just dies out
-SETTLE = ((1 / 960, 64), (1 / 480, 48), (1 / 240, 300))
-RAMP = 64  # first steps in which the pressures rise to their values
+# To rest: (step [s], duration [s]) with backward Euler and so much air damping that a swing of SWING rad/s dies out
+SETTLE = ((1 / 480, 1 / 15), (1 / 120, 1 / 5), (1 / 60, 1.0))
+# where only inertia holds the rigid motions, it must show in float32
+SETTLE_FREE = ((1 / 960, 1 / 15), (1 / 480, 1 / 10), (1 / 240, 2.0))
+RESTED = 2e-5  # m, RMS over nodes of what the last of these steps may still move
+RAMP = 1 / 15  # s in which the pressures rise to their values
 SWING = 8.0  # rad/s
 # To the shape without pressure, from the flat cloth: velocities are forgotten after each long step
 HANG = ((0.05, 4), (0.5, 8))
@@ -56,15 +59,18 @@ class Simulator:
 
     def run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
         """Motions with mid-surfaces, contractions and tensions; each starts from equilibrium at zero pressure. One that
-        diverges is tried once more with half the time step."""
+        diverges is tried once more with half the steps and twice the iterations."""
         motions = self._run(cases, times)
         lost = [i for i, motion in enumerate(motions) if motion.diverged]
         if lost:
-            finer = replace(self, time_step=self.time_step / 2)
-            again = finer._run([cases[i] for i in lost], [times[i] for i in lost])
+            again = self._finer()._run([cases[i] for i in lost], [times[i] for i in lost])
             for i, motion in zip(lost, again, strict=True):
                 motions[i] = motion
         return motions
+
+    def _finer(self) -> "Simulator":
+        calm = max(1, self.calm_steps // 2)
+        return replace(self, time_step=self.time_step / 2, calm_steps=calm, iterations=2 * self.iterations)
 
     def _run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
         results: list[Motion | None] = [None] * len(cases)
@@ -77,14 +83,26 @@ class Simulator:
         return [motion for motion in results if motion is not None]
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
-        """(3362, 3) points [m] at rest under each program's last pressures; NaN where none was found."""
+        """(3362, 3) points [m] at rest under each program's last pressures, which the last step of a damped motion
+        moved by less than RESTED; NaN where none was found, with half the steps and 2 s more neither."""
+        shapes = self._equilibria(cases, patient=False)
+        lost = [i for i, shape in enumerate(shapes) if np.isnan(shape).any()]
+        if lost:
+            for i, shape in zip(lost, self._finer()._equilibria([cases[i] for i in lost], patient=True), strict=True):
+                shapes[i] = shape
+        return shapes
+
+    def _equilibria(self, cases: Sequence[Case], *, patient: bool) -> list[NDArray[np.float32]]:
         results: list[NDArray[np.float32] | None] = [None] * len(cases)
         with fields.lock:
             for chosen in self._chunks(cases, [()] * len(cases)):
                 batch = self._load([_damped(cases[i]) for i in chosen])
                 pressure = stack_pressures([cases[i].program.pressure[-1:] for i in chosen], batch.blocks)[0]
-                self._settle(batch, pressure)
+                self._settle(batch, pressure, patient=patient)
                 middle = self._middle(batch)
+                moved = middle - self._middle(batch, theta=np.zeros((batch.blocks, fields.LANES), np.float32))
+                rested = np.sqrt(np.square(moved).sum(axis=-1).mean(axis=(1, 2))) < RESTED  # NaN compares false
+                middle[~rested] = np.nan
                 for lane, i in enumerate(chosen):
                     results[i] = faces(middle[lane : lane + 1], cases[i].design.fabric.thickness)[0]
         return [shape for shape in results if shape is not None]
@@ -113,7 +131,7 @@ class Simulator:
         pressure = np.zeros((-(-len(cases) // fields.LANES), channels, fields.LANES), np.float32)
         if _swings_to_rest(cases[0].design.fabric):
             batch = self._load([_damped(case) for case in cases])
-            self._settle(batch, pressure)
+            self._settle(batch, pressure, patient=True)
             load_constants(cases, self.points_per_side)
             halt(*batch.grid)
             return batch
@@ -131,16 +149,20 @@ class Simulator:
                 march(batch, [Scheme(h, -1.0)], pressure[None], iterations=self.iterations, tolerance=self.tolerance)
                 halt(*batch.grid)
 
-    def _settle(self, batch: Batch, pressure: NDArray[np.float32]) -> None:
-        """A damped motion to rest under `pressure`, which rises over the first RAMP steps."""
-        taken = 0
-        for h, steps in SETTLE:
+    def _settle(self, batch: Batch, pressure: NDArray[np.float32], *, patient: bool) -> None:
+        """A damped motion to rest under `pressure`, which rises over the first RAMP seconds."""
+        begin = 0.0
+        stages: tuple[tuple[float, float], ...] = SETTLE_FREE if batch.hung == FREE else SETTLE
+        if patient:
+            stages = (*((h / 2, duration) for h, duration in stages), (stages[-1][0] / 2, 2.0))
+        for h, duration in stages:
+            steps = round(duration / h)
             prepare(batch, Scheme(h, -1.0))
-            share = np.minimum(1.0, (taken + 1 + np.arange(steps)) / RAMP).astype(np.float32)
-            taken += steps
+            share = np.minimum(1.0, (begin + h * np.arange(1, steps + 1)) / RAMP).astype(np.float32)
+            begin += duration
             march(
                 batch, [Scheme(h, -1.0)] * steps, share[:, None, None, None] * pressure,
-                iterations=self.iterations, tolerance=self.tolerance / 4,
+                iterations=self.iterations, tolerance=self.tolerance,
             )  # fmt: skip
 
     def _roll(

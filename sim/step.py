@@ -82,7 +82,7 @@ def _march_kernel(
                     if i == 0:
                         first_residual(b, nu, nv)
                     else:
-                        step_length(b, nu, nv, hung)
+                        step_length(b, nu, nv)
                     if i < iterations:
                         if i < turns[m]:
                             frames(b, nu, nv, reach)

@@ -110,15 +110,15 @@ def test_diverged_lane_is_marked_alone(cases, motions):
     assert last.diverged is None and np.array_equal(last.points, motions[1].points)
 
 
-def test_diverged_motion_is_tried_again_with_half_the_step():
-    # 600 kPa at once in steps of 1/120 s are too much for this layout; in half of them they are not
-    case = held(laced("cross", 2), (600, 600))
+def test_diverged_motion_is_tried_again_with_half_the_steps():
+    # a cloth of a sixtieth of the bending stiffness, folded between the fixed points, with few iterations
+    case = held(laced(bending_stiffness=(1e-4, 1e-4)), (400, 400, 0, 0))
     times = [np.linspace(0, 0.15, 10)]
-    coarse = Simulator(points_per_side=21, time_step=1 / 120)
+    coarse = Simulator(points_per_side=21, time_step=1 / 480, iterations=8)
+    finer = Simulator(points_per_side=21, time_step=1 / 960, calm_steps=8, iterations=16)
     assert coarse._run([case], times)[0].diverged
-    (found,), (expected,) = coarse.run([case], times), SIMULATOR.run([case], times)
-    assert found.diverged is None
-    assert np.sqrt(np.mean((found.middle - expected.middle) ** 2)) < 2e-3
+    (found,), (expected,) = coarse.run([case], times), finer._run([case], times)
+    assert found.diverged is None and np.array_equal(found.middle, expected.middle)
 
 
 def test_factors_multiply_the_declared_values(designs):

@@ -86,7 +86,7 @@ def test_bare_sheet_moves():
 def test_rest_is_rest_whichever_way_it_hangs(gravity, changes):
     design = laced(gravity=gravity, **changes)
     motion = SIMULATOR.run([held(design, (0,) * 4)], [np.array([0.0, 0.5])])[0]
-    assert np.abs(motion.middle[1] - motion.middle[0]).max() < 5e-5
+    assert np.abs(motion.middle[1] - motion.middle[0]).max() < 1e-4
     if not changes:  # a hinge: along gravity, but for the muscles' bending
         lower = motion.middle[0, -1].mean(axis=0)
         assert lower / np.linalg.norm(lower) == pytest.approx(np.array(gravity) / np.linalg.norm(gravity), abs=3e-3)
