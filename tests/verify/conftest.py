@@ -9,7 +9,8 @@ import pytest
 
 HERE = Path(__file__).parent
 TABLE = HERE.parents[1] / "docs" / "results" / "simulator_verification.md"
-_rows: list[tuple[str, str, str]] = []
+_rows: list[tuple[str, str, str, str]] = []  # check, bound, measured, test
+_failed: set[str] = set()
 
 
 def pytest_configure(config):
@@ -22,12 +23,17 @@ def pytest_collection_modifyitems(items):
             item.add_marker(pytest.mark.verify)
 
 
+def pytest_runtest_logreport(report):
+    if report.failed:
+        _failed.add(report.nodeid)
+
+
 @pytest.fixture
-def record():
+def record(request):
     """record(check, bound, measured): one row of the table."""
 
     def row(check: str, bound: str, measured: str) -> None:
-        _rows.append((check, bound, measured))
+        _rows.append((check, bound, measured, request.node.nodeid))
 
     return row
 
@@ -35,8 +41,8 @@ def record():
 def pytest_terminal_summary(terminalreporter, exitstatus):
     if not _rows:
         return
-    width = max(len(check) for check, _, _ in _rows)
-    for check, bound, measured in _rows:
+    width = max(len(check) for check, *_ in _rows)
+    for check, bound, measured, _ in _rows:
         terminalreporter.write_line(f"{check:<{width}}  {bound:>14}  {measured}")
     if os.environ.get("FABDESIGN_VERIFICATION_TABLE"):
         TABLE.write_text(_page(), encoding="utf-8")
@@ -50,13 +56,20 @@ def _page() -> str:
         "# Is the simulator right?",
         "",
         "`make verify-sim` writes this page: every figure is of one run. The tests in `tests/verify` hold the",
-        "equations behind each row; a row that misses its bound is an expected failure there, with the reason.",
+        "equations behind each row. Rows of a test that failed are bold.",
         "",
         f"Commit of `sim`: {commit.stdout.strip()}. Machine: {platform.machine()}, {os.cpu_count()} cores,",
         f"{platform.system()}, Python {platform.python_version()}.",
         "",
         "| check | bound | measured |",
         "|---|---|---|",
-        *(f"| {check} | {bound} | {measured} |" for check, bound, measured in _rows),
+        *(
+            f"| {check} | {bound} | {f'**{measured}**' if test in _failed else measured} |"
+            for check, bound, measured, test in _rows
+        ),
+        "",
+        "Not built: `self_contact`. Mirror images are apart by what single precision and a step's tolerance leave.",
+        "The order in space of 21, 41 and 81 points is low because loops of 10 mm are narrowed on the grid of 21",
+        "points so that it errs by little; it shows from 41 points on.",
     ]
     return "\n".join(lines) + "\n"

@@ -112,7 +112,8 @@ def test_refinement_in_space(record):
     }
     gaps = [rms(grids[n], grids[2 * n - 1]) for n in (21, 41, 81)]
     limit = grids[161] + (grids[161] - grids[81]) / 3
-    record("refinement in space, 21, 41, 81 points a side: order", "1.5", f"{np.log2(gaps[0] / gaps[1]):.2f}")
+    coarse = np.log2(gaps[0] / gaps[1])
+    record("refinement in space, 21, 41, 81 points a side: order", "1.5", f"{coarse:.2f}{' (missed)' * (coarse < 1.5)}")
     record("the same, 41, 81, 161", "1.5", f"{np.log2(gaps[1] / gaps[2]):.2f}")
     record("41 points a side from the limit", "1 mm RMS", f"{1e3 * rms(grids[41], limit):.3f} mm")
     assert rms(grids[41], limit) < 1e-3
@@ -184,7 +185,3 @@ def test_random_designs_recorded(record):
         "finite or marked",
         f"{_outcomes['finite']} finite, {_outcomes['diverged']} marked",
     )
-
-
-def test_self_contact():
-    pytest.skip("self_contact is not built: docs/model.md lists contact as not modelled")
