@@ -49,9 +49,8 @@ def pytest_terminal_summary(terminalreporter, exitstatus):
 
 
 def _page() -> str:
-    commit = subprocess.run(
-        ["git", "log", "-1", "--format=%h", "--", "sim"], capture_output=True, text=True, cwd=HERE, check=False
-    )
+    log = ["git", "log", "-1", "--format=%h", "--", "sim"]
+    commit = subprocess.run(log, capture_output=True, text=True, cwd=HERE.parents[1], check=False)
     lines = [
         "# Is the simulator right?",
         "",
