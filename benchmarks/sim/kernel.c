@@ -11,7 +11,7 @@ static void velocity_row(int nu, int j, L cv)
 {
     for (int i = 0; i < nu; i++) {
         int k = (j + 1) * (nu + 2) + i + 1;
-        put(P_V + k, add(mul(cv, vec(P_Q + k)), vec(P_HV + k)));
+        put(P_V + k, add(mul(cv, sub(vec(P_Q + k), vec(P_X0 + k))), vec(P_HV + k)));
     }
 }
 
@@ -134,7 +134,7 @@ static void gather_row(int nu, int nv, int j, L ca)
         f = add(f, sub(sub(vec(P_CA + k - 1), vec(P_CB + k - 1)), vec(P_CD + k - 1)));
         f = add(f, sub(sub(vec(P_CB + k - s), vec(P_CA + k - s)), vec(P_CD + k - s)));
         f = add(f, add(add(vec(P_CA + k - s - 1), vec(P_CB + k - s - 1)), vec(P_CD + k - s - 1)));
-        f = add(f, mul(num(P_MASS + k), sub(sub(g, mul(ca, vec(P_Q + k))), vec(P_HA + k))));
+        f = add(f, mul(num(P_MASS + k), sub(sub(g, mul(ca, sub(vec(P_Q + k), vec(P_X0 + k)))), vec(P_HA + k))));
         f = sub(f, mul(all(w1 * w2) * drag, vec(P_V + k)));
         put(P_F + k, add(f, vec(P_CARRY + k)));
     }

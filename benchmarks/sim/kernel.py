@@ -28,7 +28,7 @@ from sim.step import prepare
 Array = NDArray[np.float32]
 SCHEME = Scheme(1 / 480, 0.6)
 REPEATS = 50  # evaluations in one call
-PLANES3 = ("q", "v", "hv", "ha", "f", "carry", "tu", "tv", "n", "na", "nb", "ca", "cb", "cd", "pu", "pv")
+PLANES3 = ("q", "x0", "v", "hv", "ha", "f", "carry", "tu", "tv", "n", "na", "nb", "ca", "cb", "cd", "pu", "pv")
 PLANES = ("eu", "ev", "su", "sv", "s1", "s2", "mass")
 CONSTANTS = (
     "IHU", "IHV", "KH1", "KH2", "K12", "SH", "D1", "D2", "D12", "B1", "B2", "TW", "VISC", "AIR", "GX", "AREA",
@@ -84,11 +84,9 @@ class ByTaichi:
         inside = ((np.arange(n)[:, None] + 1) * (n + 2) + np.arange(n) + 1).ravel()
         state = F.node3.to_numpy()
         state[0, F.q + inside] *= 1.02
+        state[0, F.x0 + inside] = state[0, F.q + inside]
         for plane, size in ((F.q, 1e-4), (F.hv, 0.5), (F.ha, 1.0), (F.carry, 1e-4)):  # m, m/s, m/s^2, N
             state[0, plane + inside] += size * rng.standard_normal((n * n, 3 * fields.LANES)).astype(np.float32)
-        # so that v = cv q + hv and a = ca q + ha are as small as in a motion
-        state[0, F.hv + inside] -= np.float32(SCHEME.cv) * state[0, F.q + inside]
-        state[0, F.ha + inside] -= np.float32(SCHEME.ca) * state[0, F.q + inside]
         F.node3.from_numpy(state)
         right = F.modal3.to_numpy()
         right[0, 2 * n * n : 3 * n * n] = rng.standard_normal((n * n, 3 * fields.LANES))
