@@ -9,13 +9,12 @@ pressure between the smallest and the largest from all others.
 
 import argparse
 import platform
-import subprocess
 import time
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.machine import commit, processor
 from fabdesign.bench_file import read_bench
 from fabdesign.output import write_text
 from studies.bench_actuator import StaticCurve, hold_of
@@ -99,25 +98,12 @@ def arm(folder: Path) -> list[str]:
     return lines
 
 
-def machine() -> str:
-    model = next(
-        (line.split(":", 1)[1].strip() for line in _cpuinfo() if line.startswith("model name")), platform.processor()
-    )
-    return f"{model or platform.machine()}, {platform.system()}, Python {platform.python_version()}"
-
-
-def _cpuinfo() -> Sequence[str]:
-    path = Path("/proc/cpuinfo")
-    return path.read_text().splitlines() if path.exists() else ()
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("data", type=Path)
     parser.add_argument("-o", "--output", type=Path, default=Path("docs/results/benches.md"))
     arguments = parser.parse_args()
     start = time.process_time()
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
     sections = (
         ("Knitted strips", "Singal et al., Nat. Commun. 15, 2622 (2024), MIT", knits, "knit"),
         (
@@ -134,7 +120,8 @@ def main() -> None:
         body += [f"## {title}\n", f"Real specimens: {source}.\n", *section(arguments.data / folder), ""]
     lines += [
         "Command: `python -m benchmarks.benches DATA/bench`. "
-        f"Commit {commit.stdout.strip() or 'unknown'}; {machine()}; {time.process_time() - start:.0f} CPU s.\n",
+        f"Commit {commit()}; {processor()}, {platform.system()}, Python {platform.python_version()}; "
+        f"{time.process_time() - start:.0f} CPU s.\n",
         *body,
     ]
     write_text(arguments.output, "\n".join(lines).rstrip() + "\n")

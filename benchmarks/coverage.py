@@ -11,12 +11,12 @@ studies/data/engine_difference.csv, `test` docs/results/coverage.md.
 import argparse
 import json
 import platform
-import subprocess
 import time
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.machine import commit
 from fabdesign.catalogue import build
 from fabdesign.csv_table import write_rows
 from fabdesign.forward import PARAMETERS
@@ -103,12 +103,11 @@ def page(rows: list[dict], extra: np.ndarray) -> str:
     inside = np.abs(error) <= QUANTILE * np.sqrt(own**2 + (data_share(own) * extra) ** 2)
     narrow = np.abs(error) <= QUANTILE * own
     excess = 1e3 * np.array([r["excess"] for r in rows])
-    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True).stdout.strip()
     total = f"{inside.sum()} of {inside.size}"
     lines = [
         "# Do calibration's intervals hold the truth?",
         "",
-        f"`python -m benchmarks.coverage test FOLDER` at commit {commit}, {platform.machine()}, 2 cores.",
+        f"`python -m benchmarks.coverage test FOLDER` at commit {commit()}, {platform.machine()}, 2 cores.",
         f"{len(rows)} sets of the virtual rig (synthetic), no effects, factors drawn from the prior, four trials of",
         "1.5 s fitted, a fifth held out. The term for the difference between engines comes from",
         f"{COUNT['engine']} other sets.",

@@ -99,11 +99,11 @@ def _offsets(planes: dict[str, int], size: int) -> tuple[dict[str, int], int]:
 def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     """Start Taichi with room for `blocks` blocks of grids of `nodes` padded nodes (at most `modes` across), `points`
     fixed points. Does nothing where there is room already: a second start would drop all arrays and compile again."""
-    if F.ready and F.nodes >= nodes and F.points >= points and F.modes >= modes:
+    if F.ready and F.nodes >= nodes and F.points >= points and F.modes >= modes and F.blocks >= blocks:
         return
     grow = (lambda now, then: max(now, then)) if F.ready else (lambda now, then: then)
     nodes, points = grow(getattr(F, "nodes", 0), nodes), grow(getattr(F, "points", 0), points)
-    modes = grow(getattr(F, "modes", 0), modes)
+    modes, blocks = grow(getattr(F, "modes", 0), modes), grow(getattr(F, "blocks", 0), blocks)
     with contextlib.redirect_stdout(io.StringIO()):
         ti.init(arch=ti.cpu, default_fp=ti.f32, offline_cache=True, advanced_optimization=False)
     vector = lambda n, width=LANES: ti.Vector.field(width, ti.f32, shape=(blocks, n))  # noqa: E731

@@ -24,7 +24,7 @@ def line_weights(t: ArrayLike, nodes: int, spacing: float, count: int) -> tuple[
     """Of loops at `t` (...) [m] on a line of nodes: first node (...), weights (..., count), derivatives of these [1/m],
     first moments [m].
 
-    `count`: of weights, patch_size at least. Where the nodes are farther apart than LOOP, B-spline and Catmull-Rom
+    `count`: of weights, patch_size at least. Where the nodes are farther apart than the knots, B-spline and Catmull-Rom
     weights are mixed so that the variance stays. Beyond the ends of the line the quadratic of three nodes goes on.
     """
     at = np.asarray(t, dtype=float)[..., None]

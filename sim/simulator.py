@@ -77,7 +77,7 @@ class Simulator:
         with fields.lock:
             jumps = [jumps_of(case.program, self.time_step) for case in cases]
             for chosen in self._chunks(cases, jumps):
-                batch = self._hung([cases[i] for i in chosen])
+                batch = self._at_rest([cases[i] for i in chosen])
                 for i, motion in zip(chosen, self._roll(batch, cases, times, chosen, jumps[chosen[0]]), strict=True):
                     results[i] = motion
         return [motion for motion in results if motion is not None]
@@ -125,7 +125,7 @@ class Simulator:
         blocks = -(-len(cases) // fields.LANES)
         return Batch(blocks, n, n, points, hung, max(1, round(REACH / spacing)))
 
-    def _hung(self, cases: list[Case]) -> Batch:
+    def _at_rest(self, cases: list[Case]) -> Batch:
         """Load the cases and bring them to equilibrium at zero pressure."""
         channels = max(max(1, case.program.pressure.shape[1]) for case in cases)
         pressure = np.zeros((-(-len(cases) // fields.LANES), channels, fields.LANES), np.float32)
@@ -171,7 +171,7 @@ class Simulator:
         n, tick = self.points_per_side, self.time_step
         wanted = [np.asarray(times[i], dtype=float) for i in chosen]
         ticks = max([1, *(int(np.ceil(t[-1] / tick - 1e-6)) for t in wanted if len(t))])
-        edges = step_edges(ticks, jumps.large, calm=self.calm_steps)
+        edges = step_edges(ticks, jumps.large, tick=tick, calm=self.calm_steps)
         instants = np.asarray(tick * edges, dtype=np.float64)
         program = stack_pressures([step_pressures(cases[i].program, instants) for i in chosen], batch.blocks)
         middle = [np.full((len(t), n, n, 3), np.nan, np.float32) for t in wanted]

@@ -10,7 +10,7 @@ from fabdesign.pressure import PressureProgram
 from sim.fields import LANES
 
 Array = NDArray[np.float64]
-AFTER_JUMP = ((16, 1), (64, 2), (256, 4))  # until so many ticks after a large jump, a step takes at most so many
+AFTER_JUMP = ((1 / 120, 1), (1 / 30, 2), (2 / 15, 4))  # until so many s after a large jump, a step has so many ticks
 LARGE = 50e3  # Pa, a jump that needs them
 JUMP = 1e3  # Pa between one step and the next
 
@@ -23,12 +23,14 @@ class Jumps:
     large: tuple[int, ...]
 
 
-def step_edges(ticks: int, jumps: Sequence[int], *, calm: int) -> NDArray[np.int_]:
-    """(steps + 1,) ticks between which steps lie: AFTER_JUMP says how long after each jump, `calm` ticks else."""
+def step_edges(ticks: int, jumps: Sequence[int], *, tick: float, calm: int) -> NDArray[np.int_]:
+    """(steps + 1,) ticks (of `tick` s) between which steps lie: AFTER_JUMP says how many a step has after each jump,
+    `calm` else."""
     longest = np.full(ticks + calm, calm)
     for jump in jumps:
-        for until, most in reversed(AFTER_JUMP):
-            longest[jump : jump + until] = np.minimum(longest[jump : jump + until], most)
+        for duration, most in AFTER_JUMP:
+            until = jump + round(duration / tick)
+            longest[jump:until] = np.minimum(longest[jump:until], most)
     counts = sorted({calm, *(most for _, most in AFTER_JUMP)}, reverse=True)
     edges = [0]
     while edges[-1] < ticks:

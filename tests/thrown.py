@@ -13,7 +13,7 @@ def thrown(simulator: Simulator, design, velocity, times):
     """(T, n, n, 3) m, mid-surface of the design without pressure, from its equilibrium at `velocity` (n, n, 3) m/s."""
     case, n = held(design, (0,)), simulator.points_per_side
     with fields.lock:
-        batch = simulator._hung([case])
+        batch = simulator._at_rest([case])
         state = F.node3.to_numpy()
         plane = np.zeros((n + 2, n + 2, 3))
         plane[1:-1, 1:-1] = velocity

@@ -7,7 +7,8 @@ the cloth, held by upright triangles on the four next nodes; it lies at the node
 its share of the muscle's mass. An interval between two of them is a spatial tendon with an actuator whose force is
 linear in contraction and in pressure, fitted to the bench table. There are no contacts, and so no constraints: a step
 is the one linear solve of `integrator="discrete"`, alike with Newton and CG. It converges in some hundred iterations;
-50 leave a motion at 4 and 8 substeps as large an error in half the time (20 leave twice the error): timed runs take 50.
+50 leave a motion at 4 substeps as large an error and at 8 one a tenth larger, in half the time (20 leave twice the
+error): timed runs take 50.
 """
 
 import itertools

@@ -2,10 +2,8 @@
 
 import os
 import platform
-import subprocess
-from pathlib import Path
 
-from benchmarks.sim.measure import ROOT
+from benchmarks.machine import ROOT, commit, processor
 
 PAGE = ROOT / "docs/results/simulator.md"
 BEGIN, END = "<!-- bench-sim -->", "<!-- /bench-sim -->"
@@ -23,28 +21,7 @@ def replaced(text: str, part: str) -> str:
 def heading(command: str) -> list[str]:
     """What was run, of which commit, where."""
     return [
-        f"`{command}`, {_commit()}; {platform.system()} {platform.machine()}, {_processor()}, {os.cpu_count()} cores, "
-        f"Python {platform.python_version()}. Bold: misses its bound.",
+        f"`{command}`, commit {commit(PAGE)}; {platform.system()} {platform.machine()}, {processor()}, "
+        f"{os.cpu_count()} cores, Python {platform.python_version()}. Bold: misses its bound.",
         "",
     ]
-
-
-def _commit() -> str:
-    git = ("git", "-C", str(ROOT))
-    try:
-        commit = subprocess.run((*git, "rev-parse", "--short", "HEAD"), capture_output=True, text=True, check=True)
-        changed = subprocess.run(
-            (*git, "status", "--porcelain", "--untracked-files=no", "--", ".", f":!{PAGE.relative_to(ROOT)}"),
-            capture_output=True, text=True, check=True,
-        )  # fmt: skip
-    except (OSError, subprocess.CalledProcessError):
-        return "commit unknown"
-    return f"commit {commit.stdout.strip()}" + (" with changes" if changed.stdout.strip() else "")
-
-
-def _processor() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor() or "processor unknown"
-    return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "processor unknown")

@@ -57,10 +57,11 @@ def first(given: Given) -> dict[str, Any]:
     return {}
 
 
-def motions(given: Given) -> dict[str, Any]:
-    simulator, cases, times = Simulator(given.points), reference(given.count), TIMES[: given.frames]
-    simulator.motions(cases[:1], [times[:1]])
-    return timed(lambda: simulator.motions(cases, [times] * len(cases)), given.repeats)
+def motions(given: Given, times: NDArray[np.float64] | None = None) -> dict[str, Any]:
+    simulator, cases = Simulator(given.points), reference(given.count)
+    wanted = TIMES[: given.frames] if times is None else times
+    simulator.motions(cases[:1], [wanted[:1]])
+    return timed(lambda: simulator.motions(cases, [wanted] * len(cases)), given.repeats)
 
 
 def equilibria(given: Given) -> dict[str, Any]:
@@ -70,9 +71,7 @@ def equilibria(given: Given) -> dict[str, Any]:
 
 
 def shapes(given: Given) -> dict[str, Any]:
-    simulator, cases, times = Simulator(given.points), reference(given.count), np.array([SHORT])
-    simulator.motions(cases[:1], [times])
-    return timed(lambda: simulator.motions(cases, [times] * len(cases)), given.repeats)
+    return motions(given, np.array([SHORT]))
 
 
 def error(given: Given) -> dict[str, Any]:
