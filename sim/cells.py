@@ -31,31 +31,31 @@ def cell_row(b, nu, nv, j):
         along_u, along_v, mixed = edge_means(b, F.q + k, s)
         ax, ay, az = parts(along_u)
         bx, by, bz = parts(along_v)
-        i1 = 1.0 / ti.sqrt(dot(ax, ay, az, ax, ay, az))
-        i2 = 1.0 / ti.sqrt(dot(bx, by, bz, bx, by, bz))
-        tx, ty, tz = ax * i1, ay * i1, az * i1
-        ux, uy, uz = bx * i2, by * i2, bz * i2
-        # gamma = t . u and its gradients
-        g = dot(tx, ty, tz, ux, uy, uz)
-        gx, gy, gz = (ux - g * tx) * i1, (uy - g * ty) * i1, (uz - g * tz) * i1
-        hx, hy, hz = (tx - g * ux) * i2, (ty - g * uy) * i2, (tz - g * uz) * i2
-        nx, ny, nz = cross(ux, uy, uz, tx, ty, tz)
+        aa = dot(ax, ay, az, ax, ay, az)
+        bb = dot(bx, by, bz, bx, by, bz)
+        ir = 1.0 / ti.sqrt(aa * bb)
+        # gamma = a . b / (|a| |b|) and its gradients
+        g = dot(ax, ay, az, bx, by, bz) * ir
+        ga = g * bb * ir * ir
+        gb = g * aa * ir * ir
+        gx, gy, gz = ir * bx - ga * ax, ir * by - ga * ay, ir * bz - ga * az
+        hx, hy, hz = ir * ax - gb * bx, ir * ay - gb * by, ir * az - gb * bz
+        nx, ny, nz = cross(bx, by, bz, ax, ay, az)
         il = 1.0 / ti.sqrt(dot(nx, ny, nz, nx, ny, nz))
         nx, ny, nz = nx * il, ny * il, nz * il
         du, dv, _ = edge_means(b, F.v + k, s)
         wx, wy, wz = parts(du)
         yx, yy, yz = parts(dv)
-        tau = SA * g + VA * (dot(gx, gy, gz, wx, wy, wz) + dot(hx, hy, hz, yx, yy, yz))
+        tau = -0.5 * (SA * g + VA * (dot(gx, gy, gz, wx, wy, wz) + dot(hx, hy, hz, yx, yy, yz)))
         dx, dy, dz = parts(mixed)
         nd = dot(nx, ny, nz, dx, dy, dz)
         moment = TA * nd
         # twist couple on the normal, tangential part
-        cx, cy, cz = moment * (dx - nd * nx), moment * (dy - nd * ny), moment * (dz - nd * nz)
-        w1 = il * i1
-        w2 = il * i2
-        ex, ey, ez = cross(ux, uy, uz, cx, cy, cz)
-        store(b, F.ca + k, 0.5 * (ex * w1 - tau * gx), 0.5 * (ey * w1 - tau * gy), 0.5 * (ez * w1 - tau * gz))
-        ex, ey, ez = cross(cx, cy, cz, tx, ty, tz)
-        store(b, F.cb + k, 0.5 * (ex * w2 - tau * hx), 0.5 * (ey * w2 - tau * hy), 0.5 * (ez * w2 - tau * hz))
+        mc = 0.5 * moment * il
+        cx, cy, cz = mc * (dx - nd * nx), mc * (dy - nd * ny), mc * (dz - nd * nz)
+        ex, ey, ez = cross(bx, by, bz, cx, cy, cz)
+        store(b, F.ca + k, ex + tau * gx, ey + tau * gy, ez + tau * gz)
+        ex, ey, ez = cross(cx, cy, cz, ax, ay, az)
+        store(b, F.cb + k, ex + tau * hx, ey + tau * hy, ez + tau * hz)
         store(b, F.cd + k, -moment * nx, -moment * ny, -moment * nz)
         i = F.after[i]

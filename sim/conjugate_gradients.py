@@ -7,11 +7,10 @@ import taichi as ti
 
 from sim.fields import LANES, F
 from sim.frames import unwarp, warp
-from sim.muscle_solve import muscle_correct
-from sim.sheet_solve import spectral
+from sim.muscle_solve import solve
 from sim.vectors import Lanes, Wide, sum3, thrice
 
-RZ, BETA, ACTIVE, ALPHA = 4, 5, 6, 7  # slots of F.reduce
+RZ, BETA, ACTIVE, ALPHA, LEFT = 4, 5, 6, 7, 8  # slots of F.reduce; 1 where a lane moves, and will still move after
 LEAST = 1e-6  # step length: what hangs at single nodes, or is folded, is stiffer by far than in the preconditioner
 DIVERGED = 1e4  # m^2, a squared update that no lane comes back from; others do not wait for it, nor for a NaN
 
@@ -25,7 +24,7 @@ def first_residual(b, nu, nv):
         F.node3[b, F.p + k] = Wide(0.0)
         k = F.after[k]
     F.reduce[b, RZ] = Lanes(0.0)
-    F.reduce[b, ACTIVE] = Lanes(1.0)
+    F.reduce[b, LEFT] = Lanes(1.0)
 
 
 @ti.func
@@ -62,15 +61,11 @@ def step_length(b, nu, nv):
 
 
 @ti.func
-def direction(b, nu, nv, npt, i, tolerance):
-    """y = P^-1 r: solve for the cloth; with muscles, again with what their tensions answer. Then p = y + beta p and
-    q += p in the lanes that have not converged; returns how many those are."""
+def direction(b, nu, nv, npt, same, tolerance):
+    """y = P^-1 r, then p = y + beta p and q += p in the lanes that have not converged. Where y is below the tolerance
+    that was the last time; returns how many lanes go on. same: whether P is that of the iteration before."""
     warp(b, nu, nv, F.r)
-    solves = 2 if npt > 0 else 1
-    for solve in range(solves):
-        if solve == 1:
-            muscle_correct(b, nu, nv, npt)
-        spectral(b, nu, nv)
+    solve(b, nu, nv, npt)
     unwarp(b, nu, nv, F.y)
     P = (nu + 2) * (nv + 2)
     for slot in range(3):
@@ -82,18 +77,19 @@ def direction(b, nu, nv, npt, i, tolerance):
         F.reduce[b, 1] = F.reduce[b, 1] + sum3(y * F.node3[b, F.r + k])
         F.reduce[b, 2] = F.reduce[b, 2] + sum3(y * F.node3[b, F.rp + k])
         k = F.after[k]
-    active = 0
+    left = 0
+    F.reduce[b, ACTIVE] = F.reduce[b, LEFT]
     lane = 0
     while lane < LANES:
         beta = ti.f32(0.0)
-        if i > 1 and F.reduce[b, RZ][lane] > 0:
+        if same and F.reduce[b, RZ][lane] > 0:
             beta = ti.max(0.0, (F.reduce[b, 1][lane] - F.reduce[b, 2][lane]) / F.reduce[b, RZ][lane])
         F.reduce[b, BETA][lane] = beta
         F.reduce[b, RZ][lane] = F.reduce[b, 1][lane]
-        if i > 0 and F.reduce[b, 0][lane] < tolerance * tolerance * nu * nv:  # a step is never left as it was guessed
-            F.reduce[b, ACTIVE][lane] = 0.0
-        if F.reduce[b, ACTIVE][lane] > 0 and F.reduce[b, 0][lane] < DIVERGED:
-            active += 1
+        if F.reduce[b, 0][lane] < tolerance * tolerance * nu * nv:
+            F.reduce[b, LEFT][lane] = 0.0
+        if F.reduce[b, LEFT][lane] > 0 and F.reduce[b, 0][lane] < DIVERGED:
+            left += 1
         lane = F.after[lane]
     beta = thrice(F.reduce[b, BETA])
     moving = thrice(F.reduce[b, ACTIVE])
@@ -103,4 +99,4 @@ def direction(b, nu, nv, npt, i, tolerance):
         F.node3[b, F.p + k] = d
         F.node3[b, F.q + k] = F.node3[b, F.q + k] + d
         k = F.after[k]
-    return active
+    return left

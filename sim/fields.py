@@ -77,7 +77,7 @@ _NODE = dict.fromkeys((
 ), 1)  # fmt: skip
 _POINT3 = dict.fromkeys(("pos", "tan_u", "tan_v", "normal", "vel", "force", "dir", "tmp", "grad_u", "grad_v"), 1)
 _POINT = {
-    "wu": PATCH, "wv": PATCH, "du": PATCH, "dv": PATCH, "eu_w": PATCH, "ev_w": PATCH,
+    "wu": PATCH, "wv": PATCH, "du": PATCH, "dv": PATCH,
     "offset": 1, "active": 1, "rest": 1, "viscosity": 1,
     "gain": 1, "inv_area": 1, "eps": 1, "rate": 1, "pressure": 1, "tension": 1, "compliance": 1, "lam": 1,
     "coef": 2 * FUNCTIONALS, "resp": FUNCTIONALS,
@@ -102,6 +102,7 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     if F.ready and F.nodes >= nodes and F.points >= points and F.modes >= modes and F.blocks >= blocks:
         return
     grow = (lambda now, then: max(now, then)) if F.ready else (lambda now, then: then)
+    modes += -modes % 4
     nodes, points = grow(getattr(F, "nodes", 0), nodes), grow(getattr(F, "points", 0), points)
     modes, blocks = grow(getattr(F, "modes", 0), modes), grow(getattr(F, "blocks", 0), blocks)
     with contextlib.redirect_stdout(io.StringIO()):
@@ -118,10 +119,13 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
         offsets, total = _offsets(planes, size)
         space.__dict__.update(offsets)
         setattr(F, field, vector(total, WIDE if field.endswith("3") else LANES))
-    F.base, F.start, F.channel, F.kind = whole(points), whole(points), whole(points), whole(points)
-    F.lane, F.reduce, F.row = vector(LANE_CONSTANTS), vector(8), vector(9)
+    F.base, F.channel, F.kind = whole(points), whole(points), whole(points)
+    F.lane, F.reduce, F.row = vector(LANE_CONSTANTS), vector(9), vector(8)
     F.row3, F.patch3 = vector(3 * PATCH + 1, WIDE), vector(PATCH * PATCH, WIDE)
     F.modal3, F.factor3 = vector(3 * nodes, WIDE), vector(3 * nodes, WIDE)
+    F.across, F.down = vector(3 * points * modes), vector(3 * points * modes)  # fixed points by modes and by rows
+    F.line, F.line3 = vector(3 * modes), vector(modes, WIDE)
+    F.rows = ti.Vector.field(2, ti.i32, shape=(blocks, points))  # of a fixed point: the first, how many times four
     F.basis = ti.Vector.field(4, ti.f32, shape=2 * modes * (modes + 6) // 4)  # rows by four
     F.eigen = ti.field(ti.f32, shape=modes)
     F.odd = ti.field(ti.i32, shape=())

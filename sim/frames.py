@@ -49,7 +49,6 @@ def warp(b, nu, nv, src):
             ux, uy, uz, vx, vy, vz, nx, ny, nz = axes(b, k)
             local = Wide(dot(ux, uy, uz, x, y, z), dot(vx, vy, vz, x, y, z), dot(nx, ny, nz, x, y, z))
             F.modal3[b, o] = local
-            F.modal3[b, 2 * nu * nv + o] = local
             i = F.after[i]
 
 

@@ -26,19 +26,25 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
     allocate(side * side, room, side, blocks=blocks)
     across, down = np.max([touched(case.design, n) for case in cases], axis=0).tolist()
     F.touched[0], F.touched[1] = across, down
-    lacings = [lace(case.design, n, across, down) for case in cases]
+    designs = {id(case.design): case.design for case in cases}
+    laced = {key: lace(design, n, across, down) for key, design in designs.items()}
+    lacings = [laced[id(case.design)] for case in cases]
     kinds = _types(cases)
     used = -(-len(cases) // LANES)
     node = np.zeros((used, LOADED, n + 2, n + 2, LANES), np.float32)
     planes = X.gain // F.points + 1  # those before the kernels' own
     point = np.zeros((used, planes, F.points, LANES), np.float32)
-    index = np.zeros((used, 4, F.points, LANES), np.int32)
+    index = np.zeros((used, 3, F.points, LANES), np.int32)
+    basis = _set_basis(n, hung)
+    modal = {key: _modal_weights(lacing, basis, points) for key, lacing in laced.items()}
+    weight = np.zeros((used, *next(iter(modal.values())).shape, LANES), np.float32)
     for k in range(used * LANES):
         b, at, i = k // LANES, k % LANES, min(k, len(cases) - 1)
         design, factors = cases[i].design, cases[i].factors
         rest, mass, free = node_arrays(design, factors, n)
         node[b, :3, 1:-1, 1:-1, at] = rest.reshape(n, n, 3).transpose(2, 0, 1)
         node[b, 3, 1:-1, 1:-1, at], node[b, 4, 1:-1, 1:-1, at] = mass.reshape(n, n), free.reshape(n, n)
+        weight[b, ..., at] = modal[id(design)]
         if points:
             _put_lacing(point[b, ..., at], index[b, ..., at], lacings[i], cases[i], kinds, n)
     table = np.zeros((TYPES, *F.table.shape[1:]), np.float32)
@@ -46,8 +52,10 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
         table[t] = bench_grid(kind.bench)
     if points:
         upload(F.table, table)
-    _set_basis(n, hung)
-    load(used, n, n, _constants(cases, n), node.reshape(used, LOADED, -1, LANES), point.reshape(used, -1, LANES), index)
+    load(
+        used, n, n, _constants(cases, n), node.reshape(used, LOADED, -1, LANES), point.reshape(used, -1, LANES), index,
+        weight.reshape(used, 2, -1, LANES), _rows(lacings, n, used, points, down),
+    )  # fmt: skip
     return points
 
 
@@ -82,15 +90,15 @@ def _put_lacing(
     kinds: dict[tuple[str, MuscleType], int],
     n: int,
 ) -> None:
-    """point (planes, p), index (4, p) of one lane; spare points lie at rest inside the cloth with no interval."""
+    """point (planes, p), index (3, p) of one lane; spare points lie at rest inside the cloth with no interval."""
     gain, lever = case.factors.get("muscle_gain", 1.0), case.factors.get("axis_offset", 1.0)
     damping = case.factors.get("damping", 1.0)
     count, room = len(lacing.offset), point.shape[1]
-    spare, first = np.zeros((6, PATCH)), (n - 1) // 2
+    spare, first = np.zeros((4, PATCH)), (n - 1) // 2
     spare[:2, 0], spare[2:4, 0], spare[2:4, 1] = 1, -1, 1  # at a node, tangents to the next
-    weights = np.concatenate([lacing.weights, np.repeat(spare[:, None], room - count, axis=1)], axis=1)
+    weights = np.concatenate([lacing.weights[:4], np.repeat(spare[:, None], room - count, axis=1)], axis=1)
     base = np.concatenate([lacing.base, np.full((room - count, 2), first, np.int32)])
-    for name, group in zip(("wu", "wv", "du", "dv", "eu_w", "ev_w"), weights, strict=True):
+    for name, group in zip(("wu", "wv", "du", "dv"), weights, strict=True):
         start = getattr(X, name) // F.points  # a group of planes holds the weights point by point
         point[start : start + PATCH] = group.reshape(PATCH, room)
     kind = [case.design.muscle_types[name] for name in lacing.kind]
@@ -106,12 +114,38 @@ def _put_lacing(
     point[X.rest // F.points, :count] = lacing.rest
     index[0] = (base[:, 0] + 1) * (n + 2) + base[:, 1] + 1
     index[1, :count] = lacing.channel
-    index[3] = base[:, 0] * n + base[:, 1]
     index[2, :count] = [kinds[(name, k)] for name, k in zip(lacing.kind, kind, strict=True)]
 
 
-def _set_basis(n: int, hung: int) -> None:
-    """Eigenvectors across: K phi = lambda W phi of the second difference, free ends, or held at a hung side edge."""
+def _modal_weights(lacing: Lacing, basis: NDArray[np.float64], points: int) -> NDArray[np.float32]:
+    """(2, points, 3, modes): what F.across and F.down hold of one design (means, slopes, moments)."""
+    n, count = len(basis), len(lacing.offset)
+    out = np.zeros((2, points, 3, F.modes), np.float32)
+    touched = np.minimum(lacing.base[:, :, None] + np.arange(PATCH), n - 1)  # row, column; weights beyond are zero
+    out[0, :count, :, :n] = np.einsum("fpm,pmk->pfk", lacing.weights[::2], basis[touched[:, 1]])
+    point, kind = np.arange(count)[:, None, None], np.arange(3)[None, :, None]
+    np.add.at(out[1], (point, kind, touched[:, None, 0]), lacing.weights[1::2].transpose(1, 0, 2))
+    return out
+
+
+def _rows(lacings: Sequence[Lacing], n: int, blocks: int, points: int, down: int) -> NDArray[np.int32]:
+    """(blocks, points, 2): the first row that a fixed point touches in any lane, and how many times four rows."""
+    first, last = np.full((blocks, points), n), np.zeros((blocks, points), int)
+    for lane, lacing in enumerate(lacings):
+        block, row = lane // LANES, lacing.base[:, 0]
+        own = slice(len(row))
+        first[block, own] = np.minimum(first[block, own], row)
+        last[block, own] = np.maximum(last[block, own], np.minimum(row + down, n))
+    begin = first // 4  # at multiples of four: sums are the same whatever the other lanes hold
+    fours = np.clip(-(-last // 4) - begin, 0, None)
+    return np.stack([4 * begin, fours], axis=-1).astype(np.int32)
+
+
+def _set_basis(n: int, hung: int) -> NDArray[np.float64]:
+    """Eigenvectors across: K phi = lambda W phi of the second difference, free ends, or held at a hung side edge.
+
+    Returns them (n, n), a column each, in the order in which the solve keeps its modes.
+    """
     stiffness = np.diag(np.r_[1, np.full(n - 2, 2), 1]) - np.diag(np.ones(n - 1), 1) - np.diag(np.ones(n - 1), -1)
     weight = np.diag(np.r_[0.5, np.ones(n - 2), 0.5])
     keep = np.arange(n)
@@ -120,15 +154,15 @@ def _set_basis(n: int, hung: int) -> None:
     values, vectors = eigh(stiffness[np.ix_(keep, keep)], weight[np.ix_(keep, keep)])
     basis, eigen = np.zeros((n, n)), np.full(n, 4.0)
     basis[np.ix_(keep, np.arange(len(keep)))], eigen[: len(keep)] = vectors, np.clip(values, 0, None)
-    parts = [basis]
+    parts, order = [basis], np.arange(n)
     if len(keep) == n:  # both side edges alike: vectors are even or odd in turn
         even, odd = np.arange(0, n, 2), np.arange(1, n, 2)
         mirrored = n - 1 - np.arange(len(even), n)  # the differences lie there, in this order
-        parts = [basis[: len(even), even], basis[np.ix_(mirrored, odd)]]
-        eigen = np.concatenate([eigen[even], eigen[odd]])
+        parts, order = [basis[: len(even), even], basis[np.ix_(mirrored, odd)]], np.concatenate([even, odd])
     F.odd[None] = n - len(parts[0])
     upload(F.basis, np.concatenate([_by_four(part) for part in (*parts, *(part.T for part in parts))]))
-    upload(F.eigen, eigen.astype(np.float32))
+    upload(F.eigen, eigen[order].astype(np.float32))
+    return np.asarray(basis[:, order])
 
 
 def _by_four(matrix: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -154,11 +154,12 @@ def _add_line_mass(mass: Array, path: tuple[tuple[float, float], ...], density: 
     for a, b in pairwise(corners):
         length = float(np.linalg.norm(b - a))
         samples = max(2, int(np.ceil(4 * length / min(hu, hv))))
-        for s in (np.arange(samples) + 0.5) / samples:
-            x, y = (a + (b - a) * s) / (hu, hv)
-            i, j = min(int(x), mass.shape[1] - 2), min(int(y), mass.shape[0] - 2)
-            corner = np.outer((j + 1 - y, y - j), (i + 1 - x, x - i))
-            mass[j : j + 2, i : i + 2] += density * length / samples * corner
+        share = (np.arange(samples) + 0.5) / samples
+        x, y = ((a + (b - a) * share[:, None]) / (hu, hv)).T
+        i, j = (np.minimum(t.astype(int), n - 2) for t, n in ((x, mass.shape[1]), (y, mass.shape[0])))
+        for row, down in ((j, j + 1 - y), (j + 1, y - j)):
+            for column, across in ((i, i + 1 - x), (i + 1, x - i)):
+                np.add.at(mass, (row, column), down * across * (density * length / samples))
 
 
 @lru_cache(maxsize=64)

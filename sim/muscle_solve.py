@@ -1,93 +1,13 @@
-"""The muscles' part of the global solve: a low-rank (Woodbury) correction of the cloth's."""
+"""The global solve: the cloth's own, with a low-rank (Woodbury) correction for the muscles."""
 
 import taichi as ti
 
-from sim.fields import GREEN, PATCH, F, X
+from sim.fields import GREEN, F, X
 from sim.lacing import interp
-from sim.patch import gather, scatter, weigh_across, weigh_rows
-from sim.sheet_solve import spectral
-from sim.vectors import Lanes, Wide, cross, dot, load_point, parts, thrice
-
-
-@ti.func
-def functionals(b, nu, pt):
-    """F.row[0..6] = u, v, w, (w s_u), (w s_v), w_u, w_v at fixed point pt of the field in F.modal3"""
-    gather(b, F.modal3, F.start, nu, pt, 0)
-    r = 0
-    while r < F.touched[1]:
-        weigh_across(b, X.wu + PATCH * pt, r, r)
-        weigh_across(b, X.eu_w + PATCH * pt, r, PATCH + r)
-        weigh_across(b, X.du + PATCH * pt, r, 2 * PATCH + r)
-        r = F.after[r]
-    value = weigh_rows(b, X.wv + PATCH * pt, 0)
-    F.row[b, 0], F.row[b, 1], F.row[b, 2] = parts(value)
-    f = 3
-    while f < 7:
-        weights = X.wv
-        rows = PATCH
-        if f == 4:
-            weights = X.ev_w
-            rows = 0
-        if f == 5:
-            rows = 2 * PATCH
-        if f == 6:
-            weights = X.dv
-            rows = 0
-        wide = weigh_rows(b, weights + PATCH * pt, rows)
-        _, _, F.row[b, f] = parts(wide)
-        f = F.after[f]
-
-
-@ti.func
-def weight(b, pt, f, r, m):
-    a = X.wu
-    c = X.wv
-    if f == 1:
-        a = X.eu_w
-    if f == 2:
-        c = X.ev_w
-    if f == 3:
-        a = X.du
-    if f == 4:
-        c = X.dv
-    return F.point[b, a + PATCH * pt + m] * F.point[b, c + PATCH * pt + r]
-
-
-@ti.func
-def green(b, nu, nv, npt):
-    """G[a,b] = response of the functionals of point a to those of point b: 0 uu, 1 vv, 2.. 5x5 normal"""
-    pb = 0
-    while pb < npt:
-        f = 0
-        while f < 5:
-            k = 0
-            while k < nu * nv:
-                F.modal3[b, k] = Wide(0.0)
-                k = F.after[k]
-            r = 0
-            while r < F.touched[1]:
-                m = 0
-                while m < F.touched[0]:
-                    p = weight(b, pb, f, r, m)
-                    F.patch3[b, r * PATCH + m] = thrice(p)
-                    m = F.after[m]
-                r = F.after[r]
-            scatter(b, F.modal3, F.start, nu, pb, 0)
-            spectral(b, nu, nv)
-            pa = 0
-            while pa < npt:
-                o = (pa * F.points + pb) * GREEN
-                functionals(b, nu, pa)
-                if f == 0:
-                    F.green[b, o] = F.row[b, 0]
-                    F.green[b, o + 1] = F.row[b, 1]
-                g = 0
-                while g < 5:
-                    F.green[b, o + 2 + g * 5 + f] = F.row[b, 2 + g]
-                    g = F.after[g]
-                pa = F.after[pa]
-            f = F.after[f]
-        pb = F.after[pb]
+from sim.muscle_modes import add_sources, contract_rows, functionals
+from sim.patch import gather
+from sim.sheet_solve import hold_edges, solve_modes, transform
+from sim.vectors import Lanes, cross, dot, load_point
 
 
 @ti.func
@@ -96,9 +16,9 @@ def woodbury(b, nu, npt):
     ns = npt - 1
     pt = 0
     while pt < npt:
-        gather(b, F.node3, F.base, nu + 2, pt, F.fu)
+        gather(b, nu + 2, pt, F.fu)
         interp(b, pt, X.grad_u, X.tmp, X.force)
-        gather(b, F.node3, F.base, nu + 2, pt, F.fn)
+        gather(b, nu + 2, pt, F.fn)
         interp(b, pt, X.grad_v, X.tmp, X.force)
         pt = F.after[pt]
     k = 0
@@ -204,7 +124,7 @@ def wood_solve(b, npt):
 
 @ti.func
 def muscle_correct(b, nu, nv, npt):
-    """F.modal3 <- R - J^T S^-1 J F.modal3, where R is the copy that `warp` left in the third plane"""
+    """The second plane of F.modal3 <- R - J^T S^-1 J (the second plane), where R is its copy in the third."""
     N = nu * nv
     k = 0
     while k < npt:
@@ -212,7 +132,8 @@ def muscle_correct(b, nu, nv, npt):
         k = F.after[k]
     p = 0
     while p < npt:
-        functionals(b, nu, p)
+        contract_rows(b, nu, nv, p)
+        functionals(b, nu, p, False, 0)
         i = 0
         while i < 7:
             if p < npt - 1:
@@ -224,9 +145,9 @@ def muscle_correct(b, nu, nv, npt):
             i = F.after[i]
         p = F.after[p]
     wood_solve(b, npt)
-    k = 0
-    while k < N:
-        F.modal3[b, k] = F.modal3[b, 2 * N + k]
+    k = N
+    while k < 2 * N:
+        F.modal3[b, k] = F.modal3[b, N + k]
         k = F.after[k]
     p = 0
     while p < npt:
@@ -238,18 +159,25 @@ def muscle_correct(b, nu, nv, npt):
             if p > 0:
                 F.row[b, i] = F.row[b, i] - F.point[b, X.coef + (7 + i) * F.points + p - 1] * F.point[b, X.lam + p - 1]
             i = F.after[i]
-        r = 0
-        while r < F.touched[1]:
-            m = 0
-            while m < F.touched[0]:
-                F.row[b, 7] = F.point[b, X.wv + PATCH * p + r] * F.point[b, X.wu + PATCH * p + m]
-                F.row[b, 8] = F.row[b, 7] * F.row[b, 2]
-                f = 1
-                while f < 5:
-                    F.row[b, 8] = F.row[b, 8] + weight(b, p, f, r, m) * F.row[b, 2 + f]
-                    f = F.after[f]
-                F.patch3[b, r * PATCH + m] = Wide(F.row[b, 7] * F.row[b, 0], F.row[b, 7] * F.row[b, 1], F.row[b, 8])
-                m = F.after[m]
-            r = F.after[r]
-        scatter(b, F.modal3, F.start, nu, p, 0)
+        add_sources(b, nu, nv, p)
         p = F.after[p]
+
+
+@ti.func
+def solve(b, nu, nv, npt):
+    """The first plane of F.modal3 <- P^-1 (the first plane): the flat cloth's own solve, with muscles once more with
+    what their tensions answer. Spends the second plane, with muscles the third."""
+    N = nu * nv
+    solves = 2 if npt > 0 else 1
+    for inverse in range(2):
+        transform(b, nu, nv, inverse * N, (1 - inverse) * N, inverse)
+        if inverse == 0:
+            k = N
+            while k < N * solves:
+                F.modal3[b, N + k] = F.modal3[b, k]
+                k = F.after[k]
+            for turn in range(solves):
+                if turn == 1:
+                    muscle_correct(b, nu, nv, npt)
+                hold_edges(b, nu, nv)
+                solve_modes(b, nu, nv)

@@ -7,32 +7,32 @@ from sim.vectors import thrice
 
 
 @ti.func
-def gather(b, field: ti.template(), first: ti.template(), stride, pt, src):
-    """F.patch3 = vectors of `field`, a plane that begins at src with rows of `stride`; first: F.base or F.start."""
+def gather(b, stride, pt, src):
+    """F.patch3 = vectors of a plane of F.node3 that begins at src with rows of `stride`."""
     r = 0
     while r < F.touched[1]:
         m = 0
         while m < F.touched[0]:
             for lane in range(LANES):
-                k = src + first[b, pt][lane] + r * stride + m
+                k = src + F.base[b, pt][lane] + r * stride + m
                 for c in ti.static(range(3)):
-                    F.patch3[b, r * PATCH + m][c * LANES + lane] = field[b, k][c * LANES + lane]
+                    F.patch3[b, r * PATCH + m][c * LANES + lane] = F.node3[b, k][c * LANES + lane]
             m = F.after[m]
         r = F.after[r]
 
 
 @ti.func
-def scatter(b, field: ti.template(), first: ti.template(), stride, pt, dst):
+def scatter(b, stride, pt, dst):
     """Adds F.patch3 to where `gather` takes it from."""
     r = 0
     while r < F.touched[1]:
         m = 0
         while m < F.touched[0]:
             for lane in range(LANES):
-                k = dst + first[b, pt][lane] + r * stride + m
+                k = dst + F.base[b, pt][lane] + r * stride + m
                 for c in ti.static(range(3)):
                     e = c * LANES + lane
-                    field[b, k][e] = field[b, k][e] + F.patch3[b, r * PATCH + m][e]
+                    F.node3[b, k][e] = F.node3[b, k][e] + F.patch3[b, r * PATCH + m][e]
             m = F.after[m]
         r = F.after[r]
 

@@ -26,13 +26,12 @@ from sim.fields import (
 )
 from sim.vectors import Lanes, Wide, thrice
 
-CURVATURE = 5.5  # 1/m in both directions: a bent cloth resists normal motion by its membrane, which is flat here
-
 
 @ti.func
-def factor(b, nu, nv, ca, cv):
+def factor(b, nu, nv, ca, cv, curvature):
     """LDL^T in v of every mode across, for the three components (u, v, normal) at once: planes of F.factor3 hold l of
-    the row before, l of the one before that (zero but for the normal component), and 1 / d."""
+    the row before, l of the one before that (zero but for the normal component), and 1 / d. A bent cloth resists normal
+    motion by its membrane, which is flat here: `curvature` [1/m] in both directions stands for that."""
     N = nu * nv
     vis = F.lane[b, VISC] * cv
     mb = F.lane[b, MBAR] * ca + F.lane[b, AIR] * cv
@@ -43,7 +42,7 @@ def factor(b, nu, nv, ca, cv):
     k2 = F.lane[b, KH2] + vis
     sh = F.lane[b, SH] + 0.5 * vis
     mass = hu * F.lane[b, HV] * mb
-    hoop = hu * F.lane[b, HV] * CURVATURE**2 * (k1 + k2)
+    hoop = hu * F.lane[b, HV] * curvature * curvature * (k1 + k2)
     bend = hu * F.lane[b, D2] * ihv * ihv * ihv
     free_top = 1.0 - F.lane[b, DTOP]
     for j in range(nv):
@@ -165,18 +164,14 @@ def multiply_row(b, x, y, C, count):
 
 
 @ti.func
-def spectral(b, nu, nv):
-    """F.modal3 <- K0^-1 F.modal3; entry j nu + i is the node in row j and column i. Spends the plane behind."""
+def hold_edges(b, nu, nv):
+    """Nothing acts on a held edge: its row in the second plane of F.modal3 becomes zero."""
     N = nu * nv
     k = 0
     while k < nu:
-        F.modal3[b, k] = F.modal3[b, k] * thrice(1.0 - F.lane[b, DTOP])
-        F.modal3[b, N - nu + k] = F.modal3[b, N - nu + k] * thrice(1.0 - F.lane[b, DBOT])
+        F.modal3[b, N + k] = F.modal3[b, N + k] * thrice(1.0 - F.lane[b, DTOP])
+        F.modal3[b, 2 * N - nu + k] = F.modal3[b, 2 * N - nu + k] * thrice(1.0 - F.lane[b, DBOT])
         k = F.after[k]
-    for inverse in range(2):
-        transform(b, nu, nv, inverse * N, (1 - inverse) * N, inverse)
-        if inverse == 0:
-            solve_modes(b, nu, nv)
 
 
 @ti.func

@@ -23,10 +23,11 @@ from sim.transfer import halt, read
 Array = NDArray[np.float64]
 BLOCKS = 8  # of LANES designs in the fields at once
 REACH = 0.020  # m, half width over which the preconditioner's frames are averaged
-# To rest: (step [s], duration [s]) with backward Euler and so much air damping that a swing of SWING rad/s dies out
-SETTLE = ((1 / 480, 1 / 15), (1 / 120, 1 / 5), (1 / 60, 1.0))
+# To rest: (step [s], duration [s], times the tolerance) with backward Euler and so much air damping that a swing of
+# SWING rad/s dies out
+SETTLE = ((1 / 240, 1 / 15, 4), (1 / 120, 1 / 10, 4), (1 / 60, 0.5, 8), (1 / 60, 0.5, 1))
 # where only inertia holds the rigid motions, it must show in float32
-SETTLE_FREE = ((1 / 960, 1 / 15), (1 / 480, 1 / 10), (1 / 240, 2.0))
+SETTLE_FREE = ((1 / 960, 1 / 15, 1), (1 / 480, 1 / 10, 1), (1 / 240, 2.0, 1))
 RESTED = 2e-5  # m, RMS over nodes of what the last of these steps may still move
 RAMP = 1 / 15  # s in which the pressures rise to their values
 SWING = 8.0  # rad/s
@@ -43,10 +44,10 @@ class Simulator:
     """
 
     points_per_side: int = 41
-    time_step: float = 1 / 1920  # s, right after a jump of pressure; 2 in one until 33 ms, 4 until 133 ms
+    time_step: float = 1 / 1920  # s, right after a jump of pressure; more in one as time goes on (sim/steps.py)
     calm_steps: int = 16  # time steps in one, later on
     iterations: int = 16  # at most, in a step
-    tolerance: float = 1e-7  # m, RMS over nodes of the update that a step may still lack; the next step makes it up
+    tolerance: float = 1e-7  # m, RMS over nodes of a step's last update; what it still lacks the next step makes up
     rho: float = 0.6  # spectral radius at infinity of generalised-alpha
 
     def __post_init__(self) -> None:
@@ -152,17 +153,17 @@ class Simulator:
     def _settle(self, batch: Batch, pressure: NDArray[np.float32], *, patient: bool) -> None:
         """A damped motion to rest under `pressure`, which rises over the first RAMP seconds."""
         begin = 0.0
-        stages: tuple[tuple[float, float], ...] = SETTLE_FREE if batch.hung == FREE else SETTLE
+        stages: tuple[tuple[float, float, int], ...] = SETTLE_FREE if batch.hung == FREE else SETTLE
         if patient:
-            stages = (*((h / 2, duration) for h, duration in stages), (stages[-1][0] / 2, 2.0))
-        for h, duration in stages:
-            steps = round(duration / h)
+            stages = (*((h / 2, duration, 1) for h, duration, _ in stages), (stages[-1][0] / 2, 2.0, 1))
+        for h, duration, loose in stages:
+            steps, iterations = round(duration / h), self.iterations if loose == 1 else 3 * self.iterations // 4
             prepare(batch, Scheme(h, -1.0))
             share = np.minimum(1.0, (begin + h * np.arange(1, steps + 1)) / RAMP).astype(np.float32)
             begin += duration
             march(
                 batch, [Scheme(h, -1.0)] * steps, share[:, None, None, None] * pressure,
-                iterations=self.iterations, tolerance=self.tolerance,
+                iterations=iterations, tolerance=loose * self.tolerance,
             )  # fmt: skip
 
     def _roll(

@@ -16,21 +16,24 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from sim.conjugate_gradients import ACTIVE, direction, first_residual, step_length
+from sim.conjugate_gradients import LEFT, direction, first_residual, step_length
 from sim.fields import LANES, SPREAD, F, Timed, X
 from sim.frames import frames
 from sim.lacing import back, points_pos, points_rate, seg_to_points, tension
 from sim.model import FREE
-from sim.muscle_solve import green, woodbury
+from sim.muscle_modes import green
+from sim.muscle_solve import woodbury
 from sim.scheme import Batch, Scheme
 from sim.sheet import fabric_force
 from sim.sheet_solve import factor
 from sim.vectors import thrice
 
+LACED, BARE = 8.0, 4.0  # 1/m, curvatures that the preconditioner expects; where there are less, soft modes wait
+
 
 def prepare(batch: Batch, scheme: Scheme) -> None:
     """Factor the preconditioner for this scheme's step."""
-    _factor(*batch.grid, scheme.ca, scheme.cv)
+    _factor(*batch.grid, scheme.ca, scheme.cv, LACED if batch.points else BARE)
     if batch.points:
         _green(*batch.grid, batch.points)
 
@@ -75,7 +78,8 @@ def _march_kernel(
                     b, nu, nv, table[m, 0], table[m, 1], table[m, 2], table[m, 3], table[m, 4], table[m, 5], table[m, 6]
                 )
                 i = 0
-                while i <= iterations:
+                last = iterations
+                while i <= last:
                     fabric_force(b, nu, nv, hung, ca, cv)
                     if npt > 0:
                         muscles(b, nu, npt, cv)
@@ -83,13 +87,13 @@ def _march_kernel(
                         first_residual(b, nu, nv)
                     else:
                         step_length(b, nu, nv)
-                    if i < iterations:
+                    if i < last:
                         if i < turns[m]:
                             frames(b, nu, nv, reach)
                             if npt > 0:
                                 woodbury(b, nu, npt)
-                        if direction(b, nu, nv, npt, i, tolerance) == 0:
-                            i = iterations
+                        if direction(b, nu, nv, npt, i >= turns[m], tolerance) == 0:
+                            last = i + 1
                     i += 1
                 finish(
                     b, nu, nv, table[m, 0], table[m, 1], table[m, 2], table[m, 3], table[m, 4], table[m, 5],
@@ -130,7 +134,7 @@ def muscles(b, nu, npt, cv):
 @ti.func
 def finish(b, nu, nv, h, am, af, ga, ia, ry, ba, share):
     """From the evaluation point to the end of the step; what a lane that has converged still lacks is carried over."""
-    carried = thrice(share * (1.0 - F.reduce[b, ACTIVE]))
+    carried = thrice(share * (1.0 - F.reduce[b, LEFT]))
     P = (nu + 2) * (nv + 2)
     k = 0
     while k < P:
@@ -148,10 +152,10 @@ def finish(b, nu, nv, h, am, af, ga, ia, ry, ba, share):
 
 
 @ti.kernel
-def _factor_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, ca: ti.f32, cv: ti.f32):
+def _factor_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, ca: ti.f32, cv: ti.f32, curvature: ti.f32):
     for task in range(nb * SPREAD):
         if task % SPREAD == 0:
-            factor(task // SPREAD, nu, nv, ca, cv)
+            factor(task // SPREAD, nu, nv, ca, cv, curvature)
 
 
 @ti.kernel

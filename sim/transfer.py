@@ -15,9 +15,12 @@ def _load_kernel(
     node: ti.types.ndarray(dtype=ti.f32, ndim=4),
     point: ti.types.ndarray(dtype=ti.f32, ndim=3),
     index: ti.types.ndarray(dtype=ti.i32, ndim=4),
+    weight: ti.types.ndarray(dtype=ti.f32, ndim=4),
+    rows: ti.types.ndarray(dtype=ti.i32, ndim=3),
 ):  # fmt: skip
-    """Zero every array, then constants (nb, constants, LANES), node (nb, 5, P, LANES), point (nb, first entries, LANES)
-    and index (nb, 4, points, LANES: base node, channel, type, base node without padding) go to their places."""
+    """Zero every array, then to their places: constants (nb, constants, LANES), node (nb, 5, P, LANES), point (nb,
+    first entries, LANES), index (nb, 3, points, LANES: base node, channel, type), weight (nb, 2, entries, LANES:
+    F.across, F.down), rows (nb, points, 2)."""
     for b in range(nb):
         P = (nu + 2) * (nv + 2)
         for plane in range(F.node3.shape[1] // F.nodes):
@@ -55,9 +58,18 @@ def _load_kernel(
             while k < index.shape[2]:
                 F.base[b, k][lane] = index[b, 0, k, lane]
                 F.channel[b, k][lane] = index[b, 1, k, lane]
-                F.start[b, k][lane] = index[b, 3, k, lane]
                 F.kind[b, k][lane] = index[b, 2, k, lane]
                 k = F.after[k]
+            k = 0
+            while k < weight.shape[2]:
+                F.across[b, k][lane] = weight[b, 0, k, lane]
+                F.down[b, k][lane] = weight[b, 1, k, lane]
+                k = F.after[k]
+        k = 0
+        while k < rows.shape[1]:
+            F.rows[b, k][0] = rows[b, k, 0]
+            F.rows[b, k][1] = rows[b, k, 1]
+            k = F.after[k]
 
 
 @ti.kernel

@@ -1,5 +1,5 @@
 /* The forces of the cloth (sim/sheet.py: fabric_force without a clamp) and the flat cloth's own solve
-   (sim/sheet_solve.py: spectral) of one block of 8 designs, by hand with AVX2: the yardstick of benchmarks/sim/kernel.py.
+   (sim/muscle_solve.py: solve, no muscles) of one block of 8 designs, by hand with AVX2: the yardstick of benchmarks/sim/kernel.py.
    Same arithmetic, order of rows and data layout as the Taichi kernels; float32.
 
    Offsets of planes and constants (P_Q, ..., L_KH1, ...) come as -D from kernel.py, as they are constants of the

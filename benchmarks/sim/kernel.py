@@ -19,9 +19,9 @@ from sim import fields
 from sim.fields import SPREAD, F, Timed
 from sim.loading import load_batch
 from sim.model import FREE
+from sim.muscle_solve import solve
 from sim.scheme import Batch, Scheme
 from sim.sheet import fabric_force
-from sim.sheet_solve import spectral
 from sim.simulator import BLOCKS
 from sim.step import prepare
 
@@ -53,7 +53,7 @@ def _solve_kernel(nu: ti.i32, nv: ti.i32, repeats: ti.i32):
                 while k < nu * nv:
                     F.modal3[0, k] = F.modal3[0, 2 * nu * nv + k]
                     k = F.after[k]
-                spectral(0, nu, nv)
+                solve(0, nu, nv, 0)
 
 
 _forces, _solve = Timed(_forces_kernel), Timed(_solve_kernel)

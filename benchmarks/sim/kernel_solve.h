@@ -1,4 +1,4 @@
-/* The flat cloth's own solve (sim/sheet_solve.py: spectral) by hand: included by kernel.c. */
+/* The flat cloth's own solve (sim/muscle_solve.py: solve, no muscles) by hand: included by kernel.c. */
 
 static float *restrict modal, *restrict factors, *restrict basis;
 
