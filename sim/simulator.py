@@ -11,6 +11,7 @@ from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.forward import Case
 from sim import fields
+from sim.contact_pairs import Touching
 from sim.faces import faces
 from sim.loading import load_batch, load_constants
 from sim.model import FREE, hung_code
@@ -48,6 +49,7 @@ class Simulator:
     iterations: int = 16  # at most, in a step
     tolerance: float = 1e-7  # m, RMS over nodes of the update that a step may still lack; the next step makes it up
     rho: float = 0.6  # spectral radius at infinity of generalised-alpha
+    self_contact: bool = False  # whether layers of the cloth keep a thickness apart
 
     def __post_init__(self) -> None:
         if self.points_per_side < 9:
@@ -123,7 +125,8 @@ class Simulator:
         hung = hung_code(cases[0].design.fabric)
         points = load_batch(cases, n, hung=hung, blocks=BLOCKS)
         blocks = -(-len(cases) // fields.LANES)
-        return Batch(blocks, n, n, points, hung, max(1, round(REACH / spacing)))
+        touching = Touching(cases, n) if self.self_contact else None
+        return Batch(blocks, n, n, points, hung, max(1, round(REACH / spacing)), touching)
 
     def _at_rest(self, cases: list[Case]) -> Batch:
         """Load the cases and bring them to equilibrium at zero pressure."""

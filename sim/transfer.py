@@ -19,6 +19,7 @@ def _load_kernel(
     """Zero every array, then constants (nb, constants, LANES), node (nb, 5, P, LANES), point (nb, first entries, LANES)
     and index (nb, 4, points, LANES: base node, channel, type, base node without padding) go to their places."""
     for b in range(nb):
+        F.pairs[b] = 0
         P = (nu + 2) * (nv + 2)
         for plane in range(F.node3.shape[1] // F.nodes):
             k = 0
