@@ -15,7 +15,7 @@ from sim.transfer import read
 Array = NDArray[np.float64]
 Ints = NDArray[np.int_]
 LAYERS = 2  # a node meets the nearest two: one before it, one behind
-STIFFNESS = 0.01  # of the membrane's, k / t^2 [N/m^3], of each layer's nodes against the other
+STIFFNESS = 0.03  # of the membrane's, k / t^2 [N/m^3], of each layer's nodes against the other
 NEAR_CELLS, NEAR_THICKNESSES = 3, 3  # along the cloth: nearer is the same layer
 SLIP = 0.25  # thicknesses that a node may move before pairs are found anew
 
@@ -32,8 +32,8 @@ class Pairs:
 
     @classmethod
     def none(cls, nodes: int) -> "Pairs":
-        whole, part = np.zeros((nodes, LAYERS), int), np.zeros((nodes, LAYERS))
-        return cls(whole, whole, part, part, part)
+        size = nodes, LAYERS
+        return cls(np.zeros(size, int), np.zeros(size, int), np.zeros(size), np.zeros(size), np.zeros(size))
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,6 @@ def find(x: Array, sheet: Sheet, reach: float, before: Pairs) -> Pairs:
     left = np.flatnonzero(beside & (distance < reach))
     left = left[np.lexsort((distance[left], node[left]))]
     found = Pairs.none(n * n)
-    found = Pairs(*(np.array(a) for a in (found.row, found.column, found.xi, found.eta, found.side)))
     for layer in range(LAYERS):
         nodes, first = np.unique(node[left], return_index=True)
         chosen = left[first]
@@ -112,16 +111,14 @@ def _candidates(x: Array, sheet: Sheet, reach: float) -> tuple[Ints, Ints, Ints]
     pairs = pairs[~_close(rows[:, 0] - rows[:, 1], columns[:, 0] - columns[:, 1], sheet)]
     both = np.concatenate([pairs, pairs[:, ::-1]])
     row, column = np.divmod(both[:, 1], n)
-    around = np.concatenate([
-        np.stack([both[:, 0], row + j, column + i])[:, _inside(row + j, column + i, n)] for j in (-1, 0) for i in (-1, 0)
-    ], axis=1)  # fmt: skip
-    key = np.unique((around[0] * n + around[1]) * n + around[2])
-    node, rest = np.divmod(key, n * n)
-    return node, *np.divmod(rest, n)
-
-
-def _inside(row: Ints, column: Ints, n: int) -> NDArray[np.bool_]:
-    return (row >= 0) & (row < n - 1) & (column >= 0) & (column < n - 1)
+    node, row, column = (
+        np.concatenate(a)
+        for a in zip(*((both[:, 0], row + j, column + i) for j in (-1, 0) for i in (-1, 0)), strict=True)
+    )
+    inside = (row >= 0) & (row < n - 1) & (column >= 0) & (column < n - 1)
+    once = np.unique(((node * n + row) * n + column)[inside])
+    node, cell = np.divmod(once, n * n)
+    return node, *np.divmod(cell, n)
 
 
 def _close(rows: Ints, columns: Ints, sheet: Sheet) -> NDArray[np.bool_]:
@@ -146,7 +143,8 @@ class Touching:
         out = np.empty((blocks, LANES, n * n, 3), np.float32)
         read(blocks, n, n, h, np.ones((blocks, LANES), np.float32), out)
         shapes = out.reshape(-1, n, n, 3)[: len(self.sheets)].astype(float)
-        if any([self._refresh(lane, x, h / self.h) for lane, x in enumerate(shapes)]):
+        anew = [self._refresh(lane, x, h / self.h) for lane, x in enumerate(shapes)]
+        if any(anew):
             self._put(blocks)
         self.h = h
 
@@ -173,7 +171,7 @@ class Touching:
 
     def _put(self, blocks: int) -> None:
         """All pairs into the fields; lanes without a design repeat the last one."""
-        n, lanes = self.n, [self._entries(lane) for lane in range(len(self.sheets))]
+        lanes = [self._entries(lane) for lane in range(len(self.sheets))]
         room = max(1, *(index.shape[1] for index, _ in lanes))
         index = np.zeros((blocks, 2, room, LANES), np.int32)
         value = np.zeros((blocks, PAIR, room, LANES), np.float32)
@@ -184,7 +182,7 @@ class Touching:
         put(blocks, index, value)
 
     def _entries(self, lane: int) -> tuple[Ints, Array]:
-        """(2, pairs) padded indices of node and cell; (PAIR, pairs) place in the cell, side, thickness, stiffness [N/m]."""
+        """(2, pairs) node and cell, with padding; (PAIR, pairs) place in the cell, side, thickness, stiffness [N/m]."""
         n, sheet, pairs = self.n, self.sheets[lane], self.pairs[lane]
         node, layer = np.nonzero(pairs.side)
         row, column = np.divmod(node, n)
