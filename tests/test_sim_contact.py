@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from fabdesign.catalogue import build
 from sim import Simulator, fields
 from sim.contact import contact, put
 from sim.contact_pairs import STIFFNESS, Pairs, Sheet, find
 from sim.fields import LANES, F
 from tests.layers import depth
-from tests.sim_designs import CLOTH, cloth, held, laced
+from tests.sim_designs import cloth, held
 from tests.sim_reference import ReferenceSheet
 from tests.thrown import thrown
 

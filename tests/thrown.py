@@ -10,7 +10,7 @@ from tests.sim_designs import held
 
 
 def thrown(simulator: Simulator, design, velocity, times, *, positions=None):
-    """(T, n, n, 3) m, mid-surface of the design without pressure, from its equilibrium, or from `positions` (n, n, 3) m,
+    """(T, n, n, 3) m, mid-surface of the design without pressure, from its equilibrium or from `positions` (n, n, 3) m,
     at `velocity` (n, n, 3) m/s."""
     case, n = held(design, (0,)), simulator.points_per_side
     with fields.lock:
