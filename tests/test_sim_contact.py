@@ -11,7 +11,7 @@ from sim.contact import contact, put
 from sim.contact_pairs import STIFFNESS, Pairs, Sheet, find
 from sim.fields import LANES, F
 from tests.layers import depth
-from tests.sim_designs import cloth, held
+from tests.sim_designs import cloth, held, laced, rolled
 from tests.sim_reference import ReferenceSheet
 from tests.thrown import thrown
 
@@ -141,3 +141,22 @@ def test_leaf_rests_on_the_other_by_its_weight():
     assert np.abs(gap[1] - gap[0]).max() < 1e-5
     expected = 30.0 * G / (2 * STIFFNESS * 520 / T**2)
     assert T - gap[1].mean() == pytest.approx(expected, rel=0.03)
+
+
+def test_rolled_up_cloth_keeps_its_layers_apart_alone_and_among_others():
+    # on a coarse grid; the finer one is in tests/verify
+    simulator, times = replace(SIMULATOR, calm_steps=1), np.linspace(0.45, 0.6, 10)
+    cases = [rolled(height=0.25), rolled(), rolled(bending=6e-3)]
+    motion = simulator.run(cases, [times] * 3)[1]
+    assert motion.diverged is None
+    deepest = max(depth(x, cases[1].design) for x in motion.middle.astype(float))
+    assert 0 < deepest < 0.5
+    assert np.array_equal(simulator.run([cases[1]], [times])[0].middle, motion.middle)
+    off = replace(simulator, self_contact=False).run([cases[1]], [times])[0]
+    assert max(depth(x, cases[1].design) for x in off.middle.astype(float)) > 0.5
+
+
+def test_cloth_that_does_not_touch_moves_as_without_contact():
+    case, times = held(laced(), (200, 100, 0, 50)), np.array([0.05, 0.2])
+    on, off = (s.run([case], [times])[0] for s in (SIMULATOR, replace(SIMULATOR, self_contact=False)))
+    assert np.array_equal(on.middle, off.middle)
