@@ -29,11 +29,12 @@ class Pairs:
     xi: Array  # 0 ... 1 along u
     eta: Array
     side: Array  # 1 where the node lies on the front of the cell, -1 behind, 0 without a pair
+    distance: Array  # m
 
     @classmethod
     def none(cls, nodes: int) -> "Pairs":
         size = nodes, LAYERS
-        return cls(np.zeros(size, int), np.zeros(size, int), np.zeros(size), np.zeros(size), np.zeros(size))
+        return cls(np.zeros(size, int), np.zeros(size, int), *(np.zeros(size) for _ in range(4)))
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ def find(x: Array, sheet: Sheet, reach: float, before: Pairs) -> Pairs:
         chosen = left[first]
         found.row[nodes, layer], found.column[nodes, layer] = row[chosen], column[chosen]
         found.xi[nodes, layer], found.eta[nodes, layer] = xi[chosen], eta[chosen]
-        found.side[nodes, layer] = side[chosen]
+        found.side[nodes, layer], found.distance[nodes, layer] = side[chosen], distance[chosen]
         for then in range(LAYERS):
             kept = before.side[nodes, then]
             same = _close(row[chosen] - before.row[nodes, then], column[chosen] - before.column[nodes, then], sheet)
@@ -135,6 +136,7 @@ class Touching:
         self.pairs = [Pairs.none(n * n) for _ in cases]
         self.found_at: list[Array | None] = [None] * len(cases)
         self.last: list[Array | None] = [None] * len(cases)
+        self.far = [0.0] * len(cases)  # m, from where on a pair cannot touch before pairs are found anew
         self.h = 1.0  # s, the step that went before
 
     def refresh(self, blocks: int, h: float) -> None:
@@ -167,6 +169,7 @@ class Touching:
         reach = min(sheet.thickness + max(slack, 2.5 * step), 0.8 * sheet.near)
         self.pairs[lane] = find(x, sheet, reach, self.pairs[lane])
         self.found_at[lane] = x
+        self.far[lane] = sheet.thickness + 2 * (SLIP * sheet.thickness + 1.25 * step)
         return paired or bool(self.pairs[lane].side.any())
 
     def _put(self, blocks: int) -> None:
@@ -184,7 +187,7 @@ class Touching:
     def _entries(self, lane: int) -> tuple[Ints, Array]:
         """(2, pairs) node and cell, with padding; (PAIR, pairs) place in the cell, side, thickness, stiffness [N/m]."""
         n, sheet, pairs = self.n, self.sheets[lane], self.pairs[lane]
-        node, layer = np.nonzero(pairs.side)
+        node, layer = np.nonzero((pairs.side != 0) & (pairs.distance < self.far[lane]))
         row, column = np.divmod(node, n)
         half_u, half_v = (np.where((k == 0) | (k == n - 1), 0.5, 1.0) for k in (column, row))
         stiffness = sheet.stiffness * sheet.spacing[0] * sheet.spacing[1] * half_u * half_v

@@ -41,7 +41,7 @@ class Simulator:
 
     Implements fabdesign.forward.ForwardModel. Limits: muscles do not slip, at most 8 muscle types a batch. The cloth
     passes through itself unless `self_contact`: then nodes meet cells, without friction and without the thickness of
-    muscles; borders that meet head on can pass. Where layers touch, take steps of 1/960 s: calm_steps=2.
+    muscles; borders that meet head on can pass. Soft cloth that touches wants calm_steps=1.
     """
 
     points_per_side: int = 41
