@@ -52,6 +52,7 @@ FUNCTIONALS = 7  # of the warped displacement at a fixed point: u, v, w, (w s_u)
 GREEN = 27  # numbers kept for each pair of fixed points: uu, vv, and 5 x 5 of the normal component
 PATCH = 16  # nodes in a row that a fixed point may touch at most
 TYPES = 8  # muscle types in one batch
+PAIR = 5  # numbers of a pair in contact: place in the cell along u and v, side, thickness [m], stiffness [N/m]
 TABLE = (101, 701)  # pressures 0 ... 1000 kPa, contractions -0.25 ... 0.45
 PRESSURE_STEP = 10e3  # Pa
 FIRST_CONTRACTION, CONTRACTION_STEP = -0.25, 0.001
@@ -132,6 +133,9 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     F.touched = ti.field(ti.i32, shape=2)  # nodes across and down that a fixed point may touch
     F.green, F.dual = vector(points * points * GREEN), vector(points * points)
     F.table = ti.field(ti.f32, shape=(TYPES, *TABLE))
+    # in contact: each node meets two layers at most
+    F.pairs = ti.field(ti.i32, shape=blocks)
+    F.pair_node, F.pair_cell, F.pair = whole(2 * nodes), whole(2 * nodes), vector(2 * nodes * PAIR)
     longest = max(3 * nodes, F.point.shape[1])  # of all loops
     F.after = ti.field(ti.i32, shape=longest)
     F.after.from_numpy(np.arange(1, longest + 1, dtype=np.int32))

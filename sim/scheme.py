@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from sim.contact_pairs import Touching
+
 MIDPOINT = 2.0  # Scheme.rho of the implicit midpoint rule
 
 
@@ -56,6 +58,7 @@ class Batch:
     points: int  # fixed points, the most of any lane; 0 without muscles
     hung: int  # 0 top, 1 bottom, 2 left, 3 right, 4 none or points
     reach: int  # nodes over which the preconditioner's frames are averaged
+    touching: Touching | None = None  # with self_contact
 
     @property
     def grid(self) -> tuple[int, int, int]:

@@ -11,6 +11,7 @@ from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.forward import Case
 from sim import fields
+from sim.contact_pairs import Touching
 from sim.faces import faces
 from sim.loading import load_batch, load_constants
 from sim.model import FREE, hung_code
@@ -39,8 +40,9 @@ HANG = ((0.05, 4), (0.5, 8))
 class Simulator:
     """Extended position-based dynamics of laced cloth (Macklin et al. 2016; docs/model.md), many designs at once.
 
-    Implements fabdesign.forward.ForwardModel. Limits: muscles do not slip, the cloth does not touch itself, at most 8
-    muscle types a batch.
+    Implements fabdesign.forward.ForwardModel. Limits: muscles do not slip, at most 8 muscle types a batch. The cloth
+    passes through itself unless `self_contact`: then nodes meet cells, without friction and without the thickness of
+    muscles; borders that meet head on can pass. Soft cloth that touches wants calm_steps=1.
     """
 
     points_per_side: int = 41
@@ -49,6 +51,7 @@ class Simulator:
     iterations: int = 16  # at most, in a step
     tolerance: float = 1e-7  # m, RMS over nodes of a step's last update; what it still lacks the next step makes up
     rho: float = 0.6  # spectral radius at infinity of generalised-alpha
+    self_contact: bool = False  # whether layers of the cloth keep a thickness apart
 
     def __post_init__(self) -> None:
         if self.points_per_side < 9:
@@ -124,7 +127,8 @@ class Simulator:
         hung = hung_code(cases[0].design.fabric)
         points = load_batch(cases, n, hung=hung, blocks=BLOCKS)
         blocks = -(-len(cases) // fields.LANES)
-        return Batch(blocks, n, n, points, hung, max(1, round(REACH / spacing)))
+        touching = Touching(cases, n) if self.self_contact else None
+        return Batch(blocks, n, n, points, hung, max(1, round(REACH / spacing)), touching)
 
     def _at_rest(self, cases: list[Case]) -> Batch:
         """Load the cases and bring them to equilibrium at zero pressure."""

@@ -17,6 +17,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from sim.conjugate_gradients import LEFT, direction, first_residual, step_length
+from sim.contact import contact
 from sim.fields import LANES, SPREAD, F, Timed, X
 from sim.frames import frames
 from sim.lacing import back, points_pos, points_rate, seg_to_points, tension
@@ -49,10 +50,14 @@ def march(
     carried = [0.0 if batch.hung == FREE and scheme.rho < 0 else 1.0 for scheme in schemes]
     table = np.array([(*s.coefficients, s.ca, s.cv, c) for s, c in zip(schemes, carried, strict=True)], np.float32)
     turns = np.array([s.turns for s in schemes], np.int32)
-    _march(
-        *batch.grid, batch.points, batch.hung, batch.reach, iterations, tolerance, table, turns,
-        np.ascontiguousarray(pressure),
-    )  # fmt: skip
+    every = slice(0, len(schemes))
+    for run in [slice(k, k + 1) for k in range(len(schemes))] if batch.touching else [every]:
+        if batch.touching:
+            batch.touching.refresh(batch.blocks, schemes[run.start].h)
+        _march(
+            *batch.grid, batch.points, batch.hung, batch.reach, iterations, tolerance, table[run], turns[run],
+            np.ascontiguousarray(pressure[run]),
+        )  # fmt: skip
 
 
 @ti.kernel
@@ -83,6 +88,7 @@ def _march_kernel(
                     fabric_force(b, nu, nv, hung, ca, cv)
                     if npt > 0:
                         muscles(b, nu, npt, cv)
+                    contact(b, nu)
                     if i == 0:
                         first_residual(b, nu, nv)
                     else:

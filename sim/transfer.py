@@ -22,6 +22,7 @@ def _load_kernel(
     first entries, LANES), index (nb, 3, points, LANES: base node, channel, type), weight (nb, 2, entries, LANES:
     F.across, F.down), rows (nb, points, 2)."""
     for b in range(nb):
+        F.pairs[b] = 0
         P = (nu + 2) * (nv + 2)
         for plane in range(F.node3.shape[1] // F.nodes):
             k = 0

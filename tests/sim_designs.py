@@ -50,6 +50,15 @@ def laced(layout="basic", muscles=4, **changes) -> Design:
     return build(layout, muscles=muscles, fabric=replace(CLOTH, **changes))
 
 
+def rolled(bending=6e-4, height=0.26) -> Case:
+    """A cloth of a tenth of the bending stiffness, without gravity, hung by its top, which four front muscles roll up:
+    their pressures rise to 400 kPa within half a second."""
+    design = laced("vertical", 4, bending_stiffness=(bending, bending), height=height, gravity=(0.0, 0.0, 0.0))
+    time = np.arange(31) / 60
+    pressure = 400e3 * np.minimum(1, 2 * (time + 1 / 60))
+    return Case(design, PressureProgram(time, np.repeat(pressure[:, None], 4, axis=1), 2.0), {})
+
+
 def middle(points):
     """(41, 41, 3) mid-surface of one frame's faces (3362, 3)."""
     return points.astype(float).reshape(2, 41, 41, 3).mean(0)

@@ -9,16 +9,18 @@ from sim.steps import Jumps
 from tests.sim_designs import held
 
 
-def thrown(simulator: Simulator, design, velocity, times):
-    """(T, n, n, 3) m, mid-surface of the design without pressure, from its equilibrium at `velocity` (n, n, 3) m/s."""
+def thrown(simulator: Simulator, design, velocity, times, *, positions=None):
+    """(T, n, n, 3) m, mid-surface of the design without pressure, from its equilibrium or from `positions` (n, n, 3) m,
+    at `velocity` (n, n, 3) m/s."""
     case, n = held(design, (0,)), simulator.points_per_side
     with fields.lock:
         batch = simulator._at_rest([case])
         state = F.node3.to_numpy()
-        plane = np.zeros((n + 2, n + 2, 3))
-        plane[1:-1, 1:-1] = velocity
-        rows = slice(F.v0, F.v0 + (n + 2) ** 2)
-        state[0, rows] = np.repeat(plane.reshape(-1, 3), LANES, axis=1)
+        for first, values in ((F.v0, velocity), (F.x0, positions)):
+            if values is not None:
+                plane = np.zeros((n + 2, n + 2, 3))
+                plane[1:-1, 1:-1] = values
+                state[0, first : first + (n + 2) ** 2] = np.repeat(plane.reshape(-1, 3), LANES, axis=1)
         F.node3.from_numpy(state)
         [motion] = simulator._roll(batch, [case], [times], [0], Jumps((), ()))
     return motion.middle.astype(float)
