@@ -15,7 +15,7 @@ from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.trial import MeasurementSet, Trial
 
 _AT_ONCE = 32  # motions in memory
-_NOISE_FRAMES = 12  # clouds that the sensor noise of a design is estimated from
+_NOISE_FRAMES = 40  # clouds that the sensor noise of a design is estimated from: strays are few
 ERRORS = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
 
 

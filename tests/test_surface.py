@@ -113,6 +113,20 @@ def test_noise_is_recovered_from_clouds_alone(count, curvature, truth):
     assert found.stray_reach == pytest.approx(truth.stray_reach, rel=0.3)
 
 
+def test_strays_far_off_are_counted():
+    """Even in a box 50 mm wider than the cloth: their share, and twice their mean distance as the reach."""
+    rng = np.random.default_rng(3)
+    surface = Surface.of_faces(rolled_sheet(10.0))
+    frames = [SensorNoise(0.0006, 0.0, 0.0).draw(surface, 1500, rng) for _ in range(6)]
+    for frame in frames:
+        frame[:15] = rng.uniform(frame.min(axis=0) - 0.05, frame.max(axis=0) + 0.05, (15, 3))
+    off = np.concatenate([surface.nearest(frame[:15]).distance for frame in frames])
+    found = estimate_noise(frames, 0.002)
+    assert found.sigma == pytest.approx(0.0006, rel=0.05)
+    assert found.strays == pytest.approx(np.sum(off > 0.003) / 9000, rel=0.1)
+    assert found.stray_reach == pytest.approx(2 * off.mean(), rel=0.15)
+
+
 def test_noise_needs_enough_points():
     with pytest.raises(InputError, match="too few"):
         estimate_noise([np.zeros((20, 3))], 0.002)

@@ -32,7 +32,7 @@ PIN_STIFFNESS = 2e5  # N/m, of a hung point's spring: 0.01 mm under the cloth's 
 class Resolution:
     """Mesh and time step. The default's distance from the limit stands in docs/results/rig.md."""
 
-    element: float = 0.2 / 15  # m
+    element: float = 0.010  # m, no more than a fixed point's loop: crossed muscles need it
     degree: int = 2
     step: float = 1 / 480  # s
 
