@@ -46,9 +46,11 @@ class Hanging:
     """A forward model whose cloth stays at rest; it notes what it was asked."""
 
     asked: list[Case] = []  # noqa: RUF012
+    options: dict[str, object] = {}  # noqa: RUF012
 
-    def __init__(self, points_per_side: int = 41) -> None:
+    def __init__(self, points_per_side: int = 41, **options: object) -> None:
         self.side = points_per_side
+        Hanging.options = options
 
     def motions(self, cases: Sequence[Case], times: Sequence[np.ndarray]) -> list[np.ndarray]:
         Hanging.asked = list(cases)
@@ -177,8 +179,10 @@ def test_simulate(run: Run, hanging: type[Hanging], folder: Path) -> None:
         assert set(motion) == {"time", "points"}
         assert motion["time"].tolist() == [k / 60 for k in range(61)]
         assert (motion["points"].shape, motion["points"].dtype) == ((61, 3362, 3), np.float32)
-    run("simulate", folder / "bare.toml", "--duration", 0.1, "--frame-rate", 100, "-o", out)
+    assert not hanging.options
+    run("simulate", folder / "bare.toml", "--duration", 0.1, "--frame-rate", 100, "--self-contact", "-o", out)
     assert np.load(out)["time"].tolist() == [k / 100 for k in range(11)]
+    assert hanging.options == {"self_contact": True, "calm_steps": 1}
 
 
 def test_predict_a_set_and_a_trial(run: Run, hanging: type[Hanging], folder: Path) -> None:
