@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from fabdesign.forward import Case
 from sim.contact import put
@@ -104,6 +103,8 @@ def find(x: Array, sheet: Sheet, reach: float, before: Pairs) -> Pairs:
 
 def _candidates(x: Array, sheet: Sheet, reach: float) -> tuple[Ints, Ints, Ints]:
     """Nodes, and rows and columns of cells around the nodes of other layers that are near."""
+    from scipy.spatial import cKDTree  # half a second that only contact needs
+
     n = len(x)
     # from a point above a cell to the nearest corner; cells are stretched by a few per cent
     radius = np.hypot(reach, 0.55 * np.hypot(*sheet.spacing))
