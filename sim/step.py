@@ -34,7 +34,8 @@ LACED, BARE = 8.0, 4.0  # 1/m, curvatures that the preconditioner expects; where
 
 def prepare(batch: Batch, scheme: Scheme) -> None:
     """Factor the preconditioner for this scheme's step."""
-    _factor(*batch.grid, scheme.ca, scheme.cv, LACED if batch.points else BARE)
+    bent = batch.points and batch.hung != FREE  # where nothing holds the cloth, it also turns as a whole
+    _factor(*batch.grid, scheme.ca, scheme.cv, LACED if bent else BARE)
     if batch.points:
         _green(*batch.grid, batch.points)
 

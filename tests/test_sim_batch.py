@@ -154,3 +154,11 @@ def test_muscle_gain_acts_on_what_pressure_adds(designs):
     assert np.array_equal(idle.points, gained_idle.points)
     plain, gained = run(held(designs[0], (100, 0, 0, 0)), held(designs[0], (100, 0, 0, 0), muscle_gain=1.5))
     assert np.abs(gained.middle - plain.middle).max() > 1e-3
+
+
+def test_design_with_many_fixed_points_moves():
+    # the arrays by mode and by row are then the longest
+    design = laced(muscles=8)
+    motion = Simulator(points_per_side=21).run([held(design, (100,) + (0,) * 7)], [np.array([0.01])])[0]
+    assert sum(len(m.fixed_points()) for m in design.muscles) == 80
+    assert motion.diverged is None and np.abs(motion.middle[..., 2]).max() > 1e-5
