@@ -29,13 +29,10 @@ from sim.sheet import fabric_force
 from sim.sheet_solve import factor
 from sim.vectors import thrice
 
-LACED, BARE = 8.0, 4.0  # 1/m, curvatures that the preconditioner expects; where there are less, soft modes wait
-
 
 def prepare(batch: Batch, scheme: Scheme) -> None:
     """Factor the preconditioner for this scheme's step."""
-    bent = batch.points and batch.hung != FREE  # where nothing holds the cloth, it also turns as a whole
-    _factor(*batch.grid, scheme.ca, scheme.cv, LACED if bent else BARE)
+    _factor(*batch.grid, scheme.ca, scheme.cv)
     if batch.points:
         _green(*batch.grid, batch.points)
 
@@ -159,10 +156,10 @@ def finish(b, nu, nv, h, am, af, ga, ia, ry, ba, share):
 
 
 @ti.kernel
-def _factor_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, ca: ti.f32, cv: ti.f32, curvature: ti.f32):
+def _factor_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, ca: ti.f32, cv: ti.f32):
     for task in range(nb * SPREAD):
         if task % SPREAD == 0:
-            factor(task // SPREAD, nu, nv, ca, cv, curvature)
+            factor(task // SPREAD, nu, nv, ca, cv)
 
 
 @ti.kernel
