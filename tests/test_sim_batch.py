@@ -65,8 +65,8 @@ def test_lanes_must_be_known(tmp_path):
 
 
 def test_mirror_images(designs):
-    # exchanging front and back turns z around (channels 0, 1 are on the front, 2, 3 behind), exchanging 0 and 1, 2 and 3
-    # left and right
+    # exchanging front and back turns z around (channels 0, 1 are on the front, 2, 3 behind), exchanging 0 and 1, and
+    # 2 and 3, left and right
     pressures = (200, 100, 0, 50), (0, 50, 200, 100), (100, 200, 50, 0)
     plain, turned, mirrored = (m.middle for m in SIMULATOR.run([held(designs[0], p) for p in pressures], [TIMES] * 3))
     assert np.abs(turned * (1, 1, -1) - plain).max() < 1e-5
