@@ -5,7 +5,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_SLACK = 1e-6
+_SLACKS = 1e-6, 1e-7, 1e-4, 1e-3  # in turn, until the inequalities hold
+_HELD = 1e-7  # of the data's scale
 
 
 def least_squares_with_inequalities(a: Array, b: Array, g: Array, h: Array) -> Array:
@@ -24,8 +25,15 @@ def least_squares_with_inequalities(a: Array, b: Array, g: Array, h: Array) -> A
     dual /= np.linalg.norm(dual, axis=0)
     goal = np.zeros(len(dual))
     goal[-1] = 1.0
-    # A slight slack keeps the columns independent where inequalities imply each other; without it nnls goes astray.
-    slack = _SLACK * np.eye(dual.shape[1])
-    u, _ = nnls(np.vstack([dual, slack]), np.append(goal, np.zeros(len(slack))), maxiter=50 * len(slack))
-    residual = dual @ u - goal
-    return np.asarray(np.linalg.solve(r, target - residual[:-1] / residual[-1]))
+    # A slight slack keeps the columns independent where inequalities imply each other; without it nnls goes astray, and
+    # now and then with it.
+    for slack in _SLACKS:
+        u, _ = nnls(
+            np.vstack([dual, slack * np.eye(dual.shape[1])]), np.append(goal, np.zeros(dual.shape[1])),
+            maxiter=50 * dual.shape[1],
+        )  # fmt: skip
+        residual = dual @ u - goal
+        x = np.asarray(np.linalg.solve(r, target - residual[:-1] / residual[-1]))
+        if (g @ x - h).min() >= -_HELD * np.abs(b).max():
+            break
+    return x

@@ -109,6 +109,13 @@ def test_monotone_whatever_the_table(data, pressures, contractions, stretched):
     assert_monotone(MuscleLaw.fit(table(p, eps, force)))
 
 
+def test_monotone_where_non_negative_least_squares_goes_astray():
+    # with the first slack it misses the inequalities by far
+    p, eps = np.meshgrid(np.linspace(0, 500e3, 6), np.linspace(0.0, 0.25, 5), indexing="ij")
+    noise = 30.0 * np.random.default_rng(7761).standard_normal(p.shape)
+    assert_monotone(MuscleLaw.fit(table(p, eps, known_force(p, eps) + noise)))
+
+
 def test_too_few_rows_and_bad_values_are_one_line():
     with pytest.raises(InputError, match=r"3 rows at 1 pressures.*expected at least 4 rows"):
         MuscleLaw.fit(table([0.0, 0.0, 0.0], [0.0, 0.1, 0.2], [0.0, -1.0, -2.0]))
