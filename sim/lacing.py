@@ -28,7 +28,7 @@ def points_pos(b, nu, npt):
     """Positions, tangents and normals of the fixed points."""
     pt = 0
     while pt < npt:
-        gather(b, nu + 2, pt, F.q)
+        gather(b, nu, pt, F.q)
         interp(b, pt, X.pos, X.tan_u, X.tan_v)
         ax, ay, az = load_point(b, X.tan_u + pt)
         bx, by, bz = load_point(b, X.tan_v + pt)
@@ -46,7 +46,7 @@ def points_rate(b, nu, npt, src):
     """X.vel = linearised motion of the fixed points under the nodal motion in src; spends X.force and X.tmp"""
     pt = 0
     while pt < npt:
-        gather(b, nu + 2, pt, src)
+        gather(b, nu, pt, src)
         interp(b, pt, X.vel, X.force, X.tmp)
         ax, ay, az = load_point(b, X.tan_u + pt)
         bx, by, bz = load_point(b, X.tan_v + pt)
@@ -95,7 +95,7 @@ def back(b, nu, npt, dst):
                 )
                 m = F.after[m]
             r = F.after[r]
-        scatter(b, nu + 2, pt, dst)
+        scatter(b, nu, pt, dst)
         pt = F.after[pt]
 
 

@@ -8,7 +8,7 @@ moments. F.rows holds its first row and how many times four rows it spans, over 
 import taichi as ti
 
 from sim.fields import GREEN, F
-from sim.sheet_solve import hold_edges, solve_modes
+from sim.sheet_solve import solve_modes
 from sim.vectors import Lanes, Wide, parts, thrice
 
 MEAN, SLOPE, MOMENT = range(3)
@@ -125,7 +125,6 @@ def green(b, nu, nv, npt):
                 while k < nu:
                     F.modal3[b, nu * nv + row * nu + k] = thrice(F.down[b, at(pb, down) + row])
                     k = F.after[k]
-            hold_edges(b, nu, nv)
             solve_modes(b, nu, nv)
             pa = pb
             while pa < npt:

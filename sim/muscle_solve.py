@@ -6,7 +6,7 @@ from sim.fields import GREEN, F, X
 from sim.lacing import interp
 from sim.muscle_modes import add_sources, contract_rows, functionals
 from sim.patch import gather
-from sim.sheet_solve import hold_edges, solve_modes, transform
+from sim.sheet_solve import solve_modes, transform
 from sim.vectors import Lanes, cross, dot, load_point
 
 
@@ -16,9 +16,9 @@ def woodbury(b, nu, npt):
     ns = npt - 1
     pt = 0
     while pt < npt:
-        gather(b, nu + 2, pt, F.fu)
+        gather(b, nu, pt, F.fu)
         interp(b, pt, X.grad_u, X.tmp, X.force)
-        gather(b, nu + 2, pt, F.fn)
+        gather(b, nu, pt, F.fn)
         interp(b, pt, X.grad_v, X.tmp, X.force)
         pt = F.after[pt]
     k = 0
@@ -179,5 +179,4 @@ def solve(b, nu, nv, npt):
             for turn in range(solves):
                 if turn == 1:
                     muscle_correct(b, nu, nv, npt)
-                hold_edges(b, nu, nv)
                 solve_modes(b, nu, nv)

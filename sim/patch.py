@@ -7,14 +7,14 @@ from sim.vectors import thrice
 
 
 @ti.func
-def gather(b, stride, pt, src):
-    """F.patch3 = vectors of a plane of F.node3 that begins at src with rows of `stride`."""
+def gather(b, nu, pt, src):
+    """F.patch3 = vectors of the plane of F.node3 that begins at src."""
     r = 0
     while r < F.touched[1]:
         m = 0
         while m < F.touched[0]:
             for lane in range(LANES):
-                k = src + F.base[b, pt][lane] + r * stride + m
+                k = src + F.base[b, pt][lane] + r * (nu + 2) + m
                 for c in ti.static(range(3)):
                     F.patch3[b, r * PATCH + m][c * LANES + lane] = F.node3[b, k][c * LANES + lane]
             m = F.after[m]
@@ -22,14 +22,14 @@ def gather(b, stride, pt, src):
 
 
 @ti.func
-def scatter(b, stride, pt, dst):
+def scatter(b, nu, pt, dst):
     """Adds F.patch3 to where `gather` takes it from."""
     r = 0
     while r < F.touched[1]:
         m = 0
         while m < F.touched[0]:
             for lane in range(LANES):
-                k = dst + F.base[b, pt][lane] + r * stride + m
+                k = dst + F.base[b, pt][lane] + r * (nu + 2) + m
                 for c in ti.static(range(3)):
                     e = c * LANES + lane
                     F.node3[b, k][e] = F.node3[b, k][e] + F.patch3[b, r * PATCH + m][e]

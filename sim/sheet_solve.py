@@ -167,20 +167,15 @@ def multiply_row(b, x, y, C, count):
 
 
 @ti.func
-def hold_edges(b, nu, nv):
-    """Nothing acts on a held edge: its row in the second plane of F.modal3 becomes zero."""
+def solve_modes(b, nu, nv):
+    """The banded systems along v of all modes across, whose right sides lie in the second plane of F.modal3; nothing
+    acts on a held edge."""
     N = nu * nv
     k = 0
     while k < nu:
         F.modal3[b, N + k] = F.modal3[b, N + k] * thrice(1.0 - F.lane[b, DTOP])
         F.modal3[b, 2 * N - nu + k] = F.modal3[b, 2 * N - nu + k] * thrice(1.0 - F.lane[b, DBOT])
         k = F.after[k]
-
-
-@ti.func
-def solve_modes(b, nu, nv):
-    """The banded systems along v of all modes across, whose right sides lie in the second plane of F.modal3."""
-    N = nu * nv
     for j in range(1, nv):
         two = nu if j > 1 else 0  # in the second row the factor of the row before the last is zero
         o = j * nu

@@ -48,10 +48,11 @@ def march(
     carried = [0.0 if batch.hung == FREE and scheme.rho < 0 else 1.0 for scheme in schemes]
     table = np.array([(*s.coefficients, s.ca, s.cv, c) for s, c in zip(schemes, carried, strict=True)], np.float32)
     turns = np.array([s.turns for s in schemes], np.int32)
-    every = slice(0, len(schemes))
-    for run in [slice(k, k + 1) for k in range(len(schemes))] if batch.touching else [every]:
+    at_once = 1 if batch.touching else len(schemes)
+    for first in range(0, len(schemes), at_once):
+        run = slice(first, first + at_once)
         if batch.touching:
-            batch.touching.refresh(batch.blocks, schemes[run.start].h)
+            batch.touching.refresh(batch.blocks, schemes[first].h)
         _march(
             *batch.grid, batch.points, batch.hung, batch.reach, iterations, tolerance, table[run], turns[run],
             np.ascontiguousarray(pressure[run]),
