@@ -1,6 +1,6 @@
 """Do calibration's intervals hold the truth? Effect-free sets of the virtual rig, whose factors are known.
 
-    python -m benchmarks.coverage engine FOLDER       # 8 sets: the term for the difference between engines
+    python -m benchmarks.coverage engine FOLDER       # 12 sets: the term for the difference between engines
     python -m benchmarks.coverage test FOLDER         # 20 others: how many true factors lie inside the intervals
 
 Each set: a catalogue layout, factors drawn from calibration's prior, four trials of 1.5 s with random pressures to fit
@@ -33,7 +33,7 @@ from studies.rig.key import Key
 
 LAYOUTS = (("basic", 4), ("side", 4), ("cross", 2), ("vertical", 3))
 FIRST = {"engine": 1000, "test": 0}  # seed of the first set
-COUNT = {"engine": 8, "test": 20}
+COUNT = {"engine": 12, "test": 20}
 
 
 def make(seed: int, folder: Path) -> dict[str, float]:

@@ -12,6 +12,7 @@ from studies.rig import cables as cable_kernels
 from studies.rig import shell
 from studies.rig.muscle import tension
 from studies.rig.scene import Scene
+from studies.rig.spline import GAUSS
 
 Array = NDArray[np.float64]
 TOLERANCE = 1e-7  # m, largest Newton correction of a control point that ends a step
@@ -30,7 +31,6 @@ class Solver:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         s = scene
-        self.ppe = (s.patch.u.degree + 1) ** 2
         self.band_width = _half_band(s)
         self.strain = np.zeros((len(s.uv), 6))
         self.memory = np.zeros((len(s.uv), 6))
@@ -76,7 +76,7 @@ class Solver:
         band = mass_gain * self._mass_band + drag_gain * self._drag_band
         shell.stiffness(
             x, s.nodes, s.basis, s.weight, s.stiffness, s.rest_strain, s.viscosity, s.prony, self.memory,
-            rate_gain, rate_history, self.ppe, exact, band,
+            rate_gain, rate_history, GAUSS**2, exact, band,
         )  # fmt: skip
         if len(c.rest):
             cable_kernels.stiffness(

@@ -37,16 +37,25 @@ def spring(scene: Scene, order: int, values: Mapping[str, float]) -> None:
 
 def seam_snap(scene: Scene, order: int, values: Mapping[str, float]) -> None:
     """A stiff seam across the cloth at v; it snaps for the rest of the trial where it is bent too much."""
-    inside = np.abs(scene.uv[:, 1] - values["v"]) < values["width"] / 2
-    scene.stiffness[inside] *= values["factor"]
+    share = _within(scene.uv[:, 1], values["v"] - values["width"] / 2, values["v"] + values["width"] / 2)
+    stiffer = 1.0 + (values["factor"] - 1.0) * share[:, None]
+    scene.stiffness *= stiffer
     whole = [True]
 
     def snap(scene: Scene, report: StepReport) -> None:
-        if whole[0] and np.abs(report.strain[inside, 4]).max(initial=0.0) > values["curvature"]:
-            scene.stiffness[inside] /= values["factor"]
+        if whole[0] and np.abs(report.strain[share > 0, 4]).max(initial=0.0) > values["curvature"]:
+            scene.stiffness /= stiffer
             whole[0] = False
 
     scene.after_step.append(snap)
+
+
+def _within(s: Array, low: float, high: float) -> Array:
+    """(q,) how much of the stretch that each s stands for, up to halfway to its neighbours, lies from low to high."""
+    middle = np.unique(s)
+    ends = np.concatenate([middle[:1], (middle[1:] + middle[:-1]) / 2, middle[-1:]])
+    share = np.diff(np.clip(ends, low, high)) / np.diff(ends)
+    return np.asarray(share[np.searchsorted(middle, s)])
 
 
 def heating(scene: Scene, order: int, values: Mapping[str, float]) -> None:
