@@ -29,7 +29,8 @@ def first_residual(b, nu, nv):
 
 @ti.func
 def step_length(b, nu, nv):
-    """f holds the residual at q + p: step alpha = p.r / p.(r - r(q + p)), and the residual there by interpolation."""
+    """f holds the residual at q + p: step alpha = p.r / p.(r - r(q + p)), and the residual there by interpolation.
+    Leaves r - r(q + p) in f."""
     P = (nu + 2) * (nv + 2)
     F.reduce[b, 1] = Lanes(0.0)
     F.reduce[b, 2] = Lanes(0.0)
@@ -53,10 +54,8 @@ def step_length(b, nu, nv):
     more = thrice(F.reduce[b, ALPHA] - F.reduce[b, ACTIVE])
     k = 0
     while k < P:
-        r = F.node3[b, F.r + k]
         F.node3[b, F.q + k] = F.node3[b, F.q + k] + more * F.node3[b, F.p + k]
-        F.node3[b, F.rp + k] = r
-        F.node3[b, F.r + k] = r - alpha * F.node3[b, F.f + k]
+        F.node3[b, F.r + k] = F.node3[b, F.r + k] - alpha * F.node3[b, F.f + k]
         k = F.after[k]
 
 
@@ -75,15 +74,16 @@ def direction(b, nu, nv, npt, same, tolerance):
         y = F.node3[b, F.y + k]
         F.reduce[b, 0] = F.reduce[b, 0] + sum3(y * y)
         F.reduce[b, 1] = F.reduce[b, 1] + sum3(y * F.node3[b, F.r + k])
-        F.reduce[b, 2] = F.reduce[b, 2] + sum3(y * F.node3[b, F.rp + k])
+        F.reduce[b, 2] = F.reduce[b, 2] - sum3(y * F.node3[b, F.f + k])
         k = F.after[k]
+    F.reduce[b, 2] = F.reduce[b, ALPHA] * F.reduce[b, 2]  # y . (r - r before)
     left = 0
     F.reduce[b, ACTIVE] = F.reduce[b, LEFT]
     lane = 0
     while lane < LANES:
         beta = ti.f32(0.0)
         if same and F.reduce[b, RZ][lane] > 0:
-            beta = ti.max(0.0, (F.reduce[b, 1][lane] - F.reduce[b, 2][lane]) / F.reduce[b, RZ][lane])
+            beta = ti.max(0.0, F.reduce[b, 2][lane] / F.reduce[b, RZ][lane])
         F.reduce[b, BETA][lane] = beta
         F.reduce[b, RZ][lane] = F.reduce[b, 1][lane]
         if F.reduce[b, 0][lane] < tolerance * tolerance * nu * nv:

@@ -67,8 +67,8 @@ LANE_CONSTANTS = 32
 _NODE3 = dict.fromkeys((
     # state: positions, velocities, accelerations, and those of the step before; q and v at the evaluation point
     "x0", "v0", "a0", "xp", "vp", "q", "v", "hv", "ha",
-    # residual f; conjugate gradients: residual r, its predecessor rp, preconditioned y, direction p
-    "f", "carry", "r", "rp", "y", "p",
+    # residual f; conjugate gradients: residual r, preconditioned y, direction p
+    "f", "carry", "r", "y", "p",
     # unit tangents of edges; node normals; forces of constraints; smooth frames of the preconditioner
     "tu", "tv", "n", "na", "nb", "ca", "cb", "cd", "pu", "pv", "fu", "fn",
 ), 1)  # fmt: skip

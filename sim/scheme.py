@@ -42,6 +42,12 @@ class Scheme:
         return h * gamma * ia
 
     @property
+    def goes_on(self) -> float:
+        """The share of the acceleration before the step in its first guess: none through a jump or to rest; else less
+        than all, for vibrations that a step cannot resolve do not go on."""
+        return 0.75 if 0 <= self.rho <= 1 else 0.0
+
+    @property
     def turns(self) -> int:
         """In so many of its first iterations the preconditioner turns with the shape: once where the step before was
         much like it."""

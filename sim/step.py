@@ -46,7 +46,9 @@ def march(
     """
     # where nodes are held one by one, long steps to rest have no use for what they carry: it keeps them from resting
     carried = [0.0 if batch.hung == FREE and scheme.rho < 0 else 1.0 for scheme in schemes]
-    table = np.array([(*s.coefficients, s.ca, s.cv, c) for s, c in zip(schemes, carried, strict=True)], np.float32)
+    table = np.array(
+        [(*s.coefficients, s.ca, s.cv, c, s.goes_on) for s, c in zip(schemes, carried, strict=True)], np.float32
+    )
     turns = np.array([s.turns for s in schemes], np.int32)
     at_once = 1 if batch.touching else len(schemes)
     for first in range(0, len(schemes), at_once):
@@ -79,8 +81,9 @@ def _march_kernel(
                         lane = F.after[lane]
                     k = F.after[k]
                 predict(
-                    b, nu, nv, table[m, 0], table[m, 1], table[m, 2], table[m, 3], table[m, 4], table[m, 5], table[m, 6]
-                )
+                    b, nu, nv, table[m, 0], table[m, 1], table[m, 2], table[m, 3], table[m, 4], table[m, 5],
+                    table[m, 6], table[m, 10],
+                )  # fmt: skip
                 i = 0
                 last = iterations
                 while i <= last:
@@ -97,7 +100,7 @@ def _march_kernel(
                             frames(b, nu, nv, reach)
                             if npt > 0:
                                 woodbury(b, nu, npt)
-                        if direction(b, nu, nv, npt, i >= turns[m], tolerance) == 0:
+                        if direction(b, nu, nv, npt, i > turns[m], tolerance) == 0:
                             last = i + 1
                     i += 1
                 finish(
@@ -107,9 +110,11 @@ def _march_kernel(
 
 
 @ti.func
-def predict(b, nu, nv, h, am, af, ga, ia, ry, ba):
-    """Histories: v = cv (q - x0) + hv and a = ca (q - x0) + ha, and the first guess: the velocity goes on, so that
-    viscous forces do. Of q - x0, not of q: rounded coefficients of far larger terms would push the cloth."""
+def predict(b, nu, nv, h, am, af, ga, ia, ry, ba, goes_on):
+    """Histories: v = cv (q - x0) + hv and a = ca (q - x0) + ha, and the first guess. Of q - x0, not of q:
+    rounded coefficients of far larger terms would push the cloth. Where a lane did not
+    converge, its acceleration is not known."""
+    known = thrice(goes_on * 0.5 * h * h * (1.0 - F.reduce[b, LEFT]))
     P = (nu + 2) * (nv + 2)
     k = 0
     while k < P:
@@ -122,7 +127,7 @@ def predict(b, nu, nv, h, am, af, ga, ia, ry, ba):
         F.node3[b, F.vp + k] = v0
         F.node3[b, F.ha + k] = (1 - am) * a1 + am * a0
         F.node3[b, F.hv + k] = hv
-        F.node3[b, F.q + k] = x0 + (v0 - hv) / (h * ga * ia)
+        F.node3[b, F.q + k] = x0 + (h * v0 + known * a0) / ry
         k = F.after[k]
 
 
