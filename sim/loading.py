@@ -4,7 +4,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
 
 from fabdesign.errors import InputError
 from fabdesign.forward import Case
@@ -147,13 +146,14 @@ def _set_basis(n: int, hung: int) -> NDArray[np.float64]:
     Returns them (n, n), a column each, in the order in which the solve keeps its modes.
     """
     stiffness = np.diag(np.r_[1, np.full(n - 2, 2), 1]) - np.diag(np.ones(n - 1), 1) - np.diag(np.ones(n - 1), -1)
-    weight = np.diag(np.r_[0.5, np.ones(n - 2), 0.5])
+    scale = 1 / np.sqrt(np.r_[0.5, np.ones(n - 2), 0.5])  # W^-1/2
     keep = np.arange(n)
     if hung in (2, 3):
         keep = keep[1:] if hung == 2 else keep[:-1]
-    values, vectors = eigh(stiffness[np.ix_(keep, keep)], weight[np.ix_(keep, keep)])
+    values, vectors = np.linalg.eigh((scale[:, None] * stiffness * scale)[np.ix_(keep, keep)], UPLO="U")
     basis, eigen = np.zeros((n, n)), np.full(n, 4.0)
-    basis[np.ix_(keep, np.arange(len(keep)))], eigen[: len(keep)] = vectors, np.clip(values, 0, None)
+    basis[np.ix_(keep, np.arange(len(keep)))] = scale[keep, None] * vectors
+    eigen[: len(keep)] = np.clip(values, 0, None)
     parts, order = [basis], np.arange(n)
     if len(keep) == n:  # both side edges alike: vectors are even or odd in turn
         even, odd = np.arange(0, n, 2), np.arange(1, n, 2)
