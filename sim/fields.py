@@ -15,12 +15,10 @@ spends nine tenths of the compile time on the loop.
 """
 
 import contextlib
-import functools
 import io
 import os
 import threading
 import time
-from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -32,10 +30,10 @@ os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
 try:
     import taichi as ti
-    from taichi.lang import kernel_impl
-    from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 except ImportError as error:  # a bare machine lacks libX11
     raise InputError(f"cannot load taichi ({error}); on Debian: apt install libx11-6") from error
+
+from sim.frontend import brief  # after the error above
 
 
 def _lanes() -> int:
@@ -150,25 +148,6 @@ def compile_seconds() -> float:
     return _compile_seconds[0]
 
 
-_source = functools.cache(kernel_impl.getsourcelines)
-
-
-def _position(context: Any, node: Any) -> str:
-    return f'File "{context.file}", line {node.lineno + context.lineno_offset}, in {context.func.func.__name__}:\n'
-
-
-@contextlib.contextmanager
-def _brief_positions() -> Iterator[None]:
-    """Taichi lays out an excerpt of the source, wrapped to 80 columns, for every node of a kernel in case of an error,
-    and reads the source anew for every call of a function: half of a warm start. Here a file and a line will do."""
-    long, fresh = ASTTransformerContext.get_pos_info, kernel_impl.getsourcelines
-    ASTTransformerContext.get_pos_info, kernel_impl.getsourcelines = _position, _source
-    try:
-        yield
-    finally:
-        ASTTransformerContext.get_pos_info, kernel_impl.getsourcelines = long, fresh
-
-
 class Timed:
     """A kernel whose first call after a start of Taichi is booked as compilation."""
 
@@ -179,7 +158,7 @@ class Timed:
         if self.start is F.node:
             return self.kernel(*arguments)
         begin = time.perf_counter()
-        with _brief_positions():
+        with brief():
             result = self.kernel(*arguments)
         _compile_seconds[0] += time.perf_counter() - begin
         self.start = F.node

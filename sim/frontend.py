@@ -1,0 +1,72 @@
+"""Taichi's frontend, swapped for a shorter one while kernels of this package are compiled.
+
+Taichi walks the syntax tree of a kernel and of every function in it, call by call, before it can tell whether the
+compiled kernel lies in its cache. For each call it finds, splits, wraps and parses the function's source anew, and for
+every node it lays out an excerpt of that in case of an error. Here a file is parsed once, and a node that fails is
+named by file and line: a warm start takes half as long. The trees are the same, and so are the kernels.
+"""
+
+import ast
+import contextlib
+import functools
+import gc
+import linecache
+from collections.abc import Iterator
+from typing import Any
+
+from taichi.lang import impl, kernel_impl
+from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext, Builder
+from taichi.lang.exception import TaichiCompilationError
+
+
+@contextlib.contextmanager
+def brief() -> Iterator[None]:
+    """The short frontend, without the garbage collector, which would look through all that a kernel is made of."""
+    collects = gc.isenabled()
+    gc.disable()
+    short = (
+        (kernel_impl, "_get_tree_and_ctx", _tree_and_context),
+        (Builder, "__call__", _visit),
+        (ASTTransformerContext, "get_pos_info", lambda *_: ""),
+    )
+    long = [(owner, name, getattr(owner, name)) for owner, name, _ in short]
+    for owner, name, function in short:
+        setattr(owner, name, function)
+    try:
+        with impl.get_runtime().src_info_guard(""):
+            yield
+    finally:
+        for owner, name, function in long:
+            setattr(owner, name, function)
+        if collects:
+            gc.enable()
+
+
+@functools.cache
+def _functions(file: str) -> dict[int, ast.FunctionDef]:
+    """The functions of a file by the line on which they begin, decorators included, which are then dropped."""
+    functions = {}
+    for node in ast.walk(ast.parse("".join(linecache.getlines(file)))):
+        if isinstance(node, ast.FunctionDef):
+            first: ast.stmt | ast.expr = node.decorator_list[0] if node.decorator_list else node
+            functions[first.lineno] = node
+            node.decorator_list = []
+    return functions
+
+
+def _tree_and_context(function: Any, **given: Any) -> tuple[ast.Module, ASTTransformerContext]:
+    code = function.func.__code__
+    tree = ast.Module([_functions(code.co_filename)[code.co_firstlineno]], [])
+    given |= {"argument_data": given.pop("args"), "global_vars": kernel_impl._get_global_vars(function.func)}
+    return tree, ASTTransformerContext(func=function, file=code.co_filename, src=[" "], start_lineno=1, **given)
+
+
+def _visit(builder: Any, context: Any, node: ast.AST) -> Any:
+    try:
+        return getattr(builder, "build_" + type(node).__name__)(context, node)
+    except Exception as error:
+        if context.raised or not isinstance(node, ast.stmt | ast.expr):
+            raise
+        context.raised = True
+        where = f'File "{context.file}", line {node.lineno}, in {context.func.func.__name__}:\n'
+        raise TaichiCompilationError(f"{where}{type(error).__name__}: {error}") from error
