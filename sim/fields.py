@@ -22,8 +22,6 @@ import time
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
-
 from fabdesign.errors import InputError
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
@@ -135,8 +133,7 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     F.pairs = ti.field(ti.i32, shape=blocks)
     F.pair_node, F.pair_cell, F.pair = whole(2 * nodes), whole(2 * nodes), vector(2 * nodes * PAIR)
     longest = max(3 * nodes, F.point.shape[1], F.across.shape[1])  # of all loops
-    F.after = ti.field(ti.i32, shape=longest)
-    F.after.from_numpy(np.arange(1, longest + 1, dtype=np.int32))
+    F.after = ti.field(ti.i32, shape=longest)  # filled with the first batch
     F.ready = True
 
 
@@ -163,10 +160,3 @@ class Timed:
         _compile_seconds[0] += time.perf_counter() - begin
         self.start = F.node
         return result
-
-
-def upload(field: Any, values: np.ndarray) -> None:
-    """Fill the leading entries of a field (last axis: the entries of a vector) with `values`; the rest becomes zero."""
-    whole = np.zeros((*field.shape, *values.shape[len(field.shape) :]), np.float32)
-    whole[tuple(slice(n) for n in values.shape)] = values
-    field.from_numpy(whole)

@@ -8,15 +8,15 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError
 from fabdesign.forward import Case
 from fabdesign.muscle import MuscleType
-from sim.fields import LANE_CONSTANTS, LANES, PATCH, TYPES, F, X, allocate, upload
+from sim.fields import LANE_CONSTANTS, LANES, PATCH, TABLE, TYPES, F, X, allocate
 from sim.model import Lacing, bench_grid, lace, lane_constants, node_arrays, touched
-from sim.transfer import LOADED, load
+from sim.transfer import LOADED, load, load_materials
 
 SIZES = ((43, 96), (43, 256), (83, 96), (163, 96))  # (padded nodes a side, fixed points) that fields are made for
 
 
 def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
-    """Put `cases` on n x n grids into the lanes (spare lanes repeat the last one) and set the preconditioner's basis.
+    """Put `cases` on n x n grids into the lanes (spare lanes repeat the last one), and the preconditioner's basis.
 
     Returns the largest number of fixed points of any case.
     """
@@ -24,7 +24,6 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
     side, room = next(((a, b) for a, b in SIZES if a >= n + 2 and b >= points), (n + 2, points))
     allocate(side * side, room, side, blocks=blocks)
     across, down = np.max([touched(case.design, n) for case in cases], axis=0).tolist()
-    F.touched[0], F.touched[1] = across, down
     designs = {id(case.design): case.design for case in cases}
     laced = {key: lace(design, n, across, down) for key, design in designs.items()}
     lacings = [laced[id(case.design)] for case in cases]
@@ -34,7 +33,7 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
     planes = X.gain // F.points + 1  # those before the kernels' own
     point = np.zeros((used, planes, F.points, LANES), np.float32)
     index = np.zeros((used, 3, F.points, LANES), np.int32)
-    basis = _set_basis(n, hung)
+    basis, odd, eigen = _basis(n, hung)
     modal = {key: _modal_weights(lacing, basis, points) for key, lacing in laced.items()}
     weight = np.zeros((used, *next(iter(modal.values())).shape, LANES), np.float32)
     for k in range(used * LANES):
@@ -46,13 +45,10 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
         weight[b, ..., at] = modal[id(design)]
         if points:
             _put_lacing(point[b, ..., at], index[b, ..., at], lacings[i], cases[i], kinds, n)
-    table = np.zeros((TYPES, *F.table.shape[1:]), np.float32)
-    for (_, kind), t in kinds.items():
-        table[t] = bench_grid(kind.bench)
-    if points:
-        upload(F.table, table)
+    table = np.array([bench_grid(kind.bench) for _, kind in kinds], np.float32).reshape(-1, *TABLE)
     load(
-        used, n, n, _constants(cases, n), node.reshape(used, LOADED, -1, LANES), point.reshape(used, -1, LANES), index,
+        used, n, n, across, down, odd, _quads(basis, odd), eigen, table, _constants(cases, n),
+        node.reshape(used, LOADED, -1, LANES), point.reshape(used, -1, LANES), index,
         weight.reshape(used, 2, -1, LANES), _rows(lacings, n, used, points, down),
     )  # fmt: skip
     return points
@@ -60,7 +56,8 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
 
 def load_constants(cases: Sequence[Case], n: int) -> None:
     """Replace the materials of the batch that lies in the fields by those of `cases`."""
-    upload(F.lane, _constants(cases, n))
+    constants = _constants(cases, n)
+    load_materials(len(constants), constants)
 
 
 def _constants(cases: Sequence[Case], n: int) -> NDArray[np.float32]:
@@ -140,10 +137,10 @@ def _rows(lacings: Sequence[Lacing], n: int, blocks: int, points: int, down: int
     return np.stack([4 * begin, fours], axis=-1).astype(np.int32)
 
 
-def _set_basis(n: int, hung: int) -> NDArray[np.float64]:
+def _basis(n: int, hung: int) -> tuple[NDArray[np.float64], int, NDArray[np.float32]]:
     """Eigenvectors across: K phi = lambda W phi of the second difference, free ends, or held at a hung side edge.
 
-    Returns them (n, n), a column each, in the order in which the solve keeps its modes.
+    Returns them (n, n), a column each, in the order in which the solve keeps its modes; how many are odd; their lambda.
     """
     stiffness = np.diag(np.r_[1, np.full(n - 2, 2), 1]) - np.diag(np.ones(n - 1), 1) - np.diag(np.ones(n - 1), -1)
     scale = 1 / np.sqrt(np.r_[0.5, np.ones(n - 2), 0.5])  # W^-1/2
@@ -154,15 +151,22 @@ def _set_basis(n: int, hung: int) -> NDArray[np.float64]:
     basis, eigen = np.zeros((n, n)), np.full(n, 4.0)
     basis[np.ix_(keep, np.arange(len(keep)))] = scale[keep, None] * vectors
     eigen[: len(keep)] = np.clip(values, 0, None)
-    parts, order = [basis], np.arange(n)
+    odd, order = 0, np.arange(n)
     if len(keep) == n:  # both side edges alike: vectors are even or odd in turn
-        even, odd = np.arange(0, n, 2), np.arange(1, n, 2)
-        mirrored = n - 1 - np.arange(len(even), n)  # the differences lie there, in this order
-        parts, order = [basis[: len(even), even], basis[np.ix_(mirrored, odd)]], np.concatenate([even, odd])
-    F.odd[None] = n - len(parts[0])
-    upload(F.basis, np.concatenate([_by_four(part) for part in (*parts, *(part.T for part in parts))]))
-    upload(F.eigen, eigen[order].astype(np.float32))
-    return np.asarray(basis[:, order])
+        odd, order = n // 2, np.concatenate([np.arange(0, n, 2), np.arange(1, n, 2)])
+    return basis[:, order], odd, eigen[order].astype(np.float32)
+
+
+def _quads(basis: NDArray[np.float64], odd: int) -> NDArray[np.float32]:
+    """What F.basis holds: half of the rows of the even vectors, of the odd ones, and the transposes."""
+    even = len(basis) - odd
+    parts = [basis[:even, :even]]
+    if odd:
+        parts.append(basis[len(basis) - 1 - np.arange(even, len(basis)), even:])  # their differences lie mirrored
+    out = np.zeros((*F.basis.shape, 4), np.float32)
+    rows = np.concatenate([_by_four(part) for part in (*parts, *(part.T for part in parts))])
+    out[: len(rows)] = rows
+    return out
 
 
 def _by_four(matrix: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,4 +1,7 @@
-"""Between numpy and the fields: load a batch, halt it, read frames."""
+"""Between numpy and the fields: load a batch, halt it, read frames.
+
+A loop that threads share costs 10 ms of every start, so short ones are serial.
+"""
 
 import taichi as ti
 
@@ -10,7 +13,10 @@ LOADED = 5  # planes of the node array that `load` takes: x, y, z, mass, free
 
 @ti.kernel
 def _load_kernel(
-    nb: ti.i32, nu: ti.i32, nv: ti.i32,
+    nb: ti.i32, nu: ti.i32, nv: ti.i32, across: ti.i32, down: ti.i32, odd: ti.i32,
+    basis: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    eigen: ti.types.ndarray(dtype=ti.f32, ndim=1),
+    table: ti.types.ndarray(dtype=ti.f32, ndim=3),
     constants: ti.types.ndarray(dtype=ti.f32, ndim=3),
     node: ti.types.ndarray(dtype=ti.f32, ndim=4),
     point: ti.types.ndarray(dtype=ti.f32, ndim=3),
@@ -18,9 +24,31 @@ def _load_kernel(
     weight: ti.types.ndarray(dtype=ti.f32, ndim=4),
     rows: ti.types.ndarray(dtype=ti.i32, ndim=3),
 ):  # fmt: skip
-    """Zero every array, then to their places: constants (nb, constants, LANES), node (nb, 5, P, LANES), point (nb,
-    first entries, LANES), index (nb, 3, points, LANES: base node, channel, type), weight (nb, 2, entries, LANES:
-    F.across, F.down), rows (nb, points, 2)."""
+    """What all designs share; then zero every other array, and to their places: constants (nb, constants, LANES),
+    node (nb, 5, P, LANES), point (nb, first entries, LANES), index (nb, 3, points, LANES: base node,
+    channel, type), weight (nb, 2, entries, LANES: F.across, F.down), rows (nb, points, 2)."""
+    F.touched[0], F.touched[1], F.odd[None] = across, down, odd
+    k = 0
+    while k < F.after.shape[0]:
+        F.after[k] = k + 1
+        k += 1
+    k = 0
+    while k < basis.shape[0]:
+        for r in ti.static(range(4)):
+            F.basis[k][r] = basis[k, r]
+        k = F.after[k]
+    k = 0
+    while k < eigen.shape[0]:
+        F.eigen[k] = eigen[k]
+        k = F.after[k]
+    ti.loop_config(serialize=True)
+    for t in range(table.shape[0]):
+        for p in range(table.shape[1]):
+            k = 0
+            while k < table.shape[2]:
+                F.table[t, p, k] = table[t, p, k]
+                k = F.after[k]
+    ti.loop_config(serialize=True)
     for b in range(nb):
         F.pairs[b] = 0
         P = (nu + 2) * (nv + 2)
@@ -38,11 +66,8 @@ def _load_kernel(
         while k < F.modal3.shape[1]:  # a product with a zero entry of the basis must not meet an old NaN
             F.modal3[b, k] = Wide(0.0)
             k = F.after[k]
+        put_constants(b, constants)
         for lane in range(LANES):
-            k = 0
-            while k < constants.shape[1]:
-                F.lane[b, k][lane] = constants[b, k, lane]
-                k = F.after[k]
             k = 0
             while k < P:
                 for c in range(3):
@@ -74,8 +99,26 @@ def _load_kernel(
 
 
 @ti.kernel
+def _constants_kernel(nb: ti.i32, constants: ti.types.ndarray(dtype=ti.f32, ndim=3)):
+    ti.loop_config(serialize=True)
+    for b in range(nb):
+        put_constants(b, constants)
+
+
+@ti.func
+def put_constants(b, constants: ti.template()):
+    """constants (nb, constants, LANES) of one block."""
+    for lane in range(LANES):
+        k = 0
+        while k < constants.shape[1]:
+            F.lane[b, k][lane] = constants[b, k, lane]
+            k = F.after[k]
+
+
+@ti.kernel
 def _halt_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32):
     """Zero velocity and acceleration."""
+    ti.loop_config(serialize=True)
     for b in range(nb):
         k = 0
         while k < (nu + 2) * (nv + 2):
@@ -115,6 +158,7 @@ def _read_kernel(
 @ti.kernel
 def _muscle_state_kernel(nb: ti.i32, npt: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=4)):
     """out (nb, LANES, npt, 2): contraction and tension [N] of every interval at the last evaluation point."""
+    ti.loop_config(serialize=True)
     for b in range(nb):
         lane = 0
         while lane < LANES:
@@ -126,5 +170,10 @@ def _muscle_state_kernel(nb: ti.i32, npt: ti.i32, out: ti.types.ndarray(dtype=ti
             lane = F.after[lane]
 
 
-load, halt, read = Timed(_load_kernel), Timed(_halt_kernel), Timed(_read_kernel)
+load, load_materials, halt, read = (
+    Timed(_load_kernel),
+    Timed(_constants_kernel),
+    Timed(_halt_kernel),
+    Timed(_read_kernel),
+)
 muscle_state = Timed(_muscle_state_kernel)
