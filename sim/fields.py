@@ -72,7 +72,13 @@ _NODE = dict.fromkeys((
     # of edges: strains, tensions; bending moments; lumped mass [kg]; 1 where free and 0 where held
     "eu", "ev", "su", "sv", "s1", "s2", "mass", "free",
 ), 1)  # fmt: skip
-_POINT3 = dict.fromkeys(("pos", "tan_u", "tan_v", "normal", "vel", "force", "dir", "tmp", "grad_u", "grad_v"), 1)
+_POINT3 = dict.fromkeys((
+    # values at fixed points and derivatives along u and v, six planes for sim.lacing.sample: of positions and
+    # velocities; of the preconditioner's axes along u and normal
+    "pos", "tan_u", "tan_v", "vel", "vel_u", "vel_v",
+    "fu", "fu_u", "fu_v", "fn", "fn_u", "fn_v",
+    "normal", "force", "dir", "grad_u", "grad_v",
+), 1)  # fmt: skip
 _POINT = {
     "wu": PATCH, "wv": PATCH, "du": PATCH, "dv": PATCH,
     "offset": 1, "active": 1, "rest": 1, "viscosity": 1,
@@ -118,7 +124,7 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
         setattr(F, field, vector(total, WIDE if field.endswith("3") else LANES))
     F.base, F.channel, F.kind = whole(points), whole(points), whole(points)
     F.lane, F.reduce, F.row = vector(LANE_CONSTANTS), vector(9), vector(8)
-    F.row3, F.patch3 = vector(3 * PATCH + 1, WIDE), vector(PATCH * PATCH, WIDE)
+    F.row3, F.patch3 = vector(2 * PATCH, WIDE), vector(PATCH * PATCH, WIDE)
     F.modal3, F.factor3 = vector(3 * nodes, WIDE), vector(3 * nodes, WIDE)
     F.across, F.down = vector(3 * points * modes), vector(3 * points * modes)  # fixed points by modes and by rows
     F.line, F.line3 = vector(3 * modes), vector(modes, WIDE)

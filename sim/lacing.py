@@ -11,25 +11,35 @@ from sim.vectors import Wide, cross, dot, load_point, parts, store_point, sum3, 
 
 
 @ti.func
-def interp(b, pt, p, pa, pb):
-    """Value of the vectors in PATCH3 at a fixed point to F.point3 at p, derivatives along u and v to pa and pb."""
-    r = 0
-    while r < F.touched[1]:
-        weigh_across(b, X.wu + PATCH * pt, r, r)
-        weigh_across(b, X.du + PATCH * pt, r, PATCH + r)
-        r = F.after[r]
-    F.point3[b, p + pt] = weigh_rows(b, X.wv + PATCH * pt, 0)
-    F.point3[b, pa + pt] = weigh_rows(b, X.wv + PATCH * pt, PATCH)
-    F.point3[b, pb + pt] = weigh_rows(b, X.dv + PATCH * pt, 0)
+def sample(b, nu, npt, first, second, dst):
+    """Vectors of the planes `first` and `second` of F.node3 at the fixed points: values and derivatives along u and v
+    to three planes of F.point3 each, from dst on. Loops for what is written once: a kernel loads the faster."""
+    pt = 0
+    while pt < npt:
+        turn = 0
+        while turn < 2:
+            gather(b, nu, pt, first + turn * (second - first))
+            r = 0
+            while r < F.touched[1]:
+                along_u = 0
+                while along_u < 2:
+                    weigh_across(b, X.wu + along_u * (X.du - X.wu) + PATCH * pt, r, along_u * PATCH + r)
+                    along_u = F.after[along_u]
+                r = F.after[r]
+            kind = 0  # value, derivative along u, along v
+            while kind < 3:
+                weights = X.wv + kind // 2 * (X.dv - X.wv) + PATCH * pt
+                weigh_rows(b, weights, kind % 2 * PATCH, dst + (3 * turn + kind) * F.points + pt)
+                kind = F.after[kind]
+            turn = F.after[turn]
+        pt = F.after[pt]
 
 
 @ti.func
-def points_pos(b, nu, npt):
-    """Positions, tangents and normals of the fixed points."""
+def points_pos(b, npt):
+    """Positions and normals of the fixed points, from the cloth's below."""
     pt = 0
     while pt < npt:
-        gather(b, nu, pt, F.q)
-        interp(b, pt, X.pos, X.tan_u, X.tan_v)
         ax, ay, az = load_point(b, X.tan_u + pt)
         bx, by, bz = load_point(b, X.tan_v + pt)
         cx, cy, cz = cross(bx, by, bz, ax, ay, az)
@@ -42,16 +52,14 @@ def points_pos(b, nu, npt):
 
 
 @ti.func
-def points_rate(b, nu, npt, src):
-    """X.vel = linearised motion of the fixed points under the nodal motion in src; spends X.force and X.tmp"""
+def points_rate(b, npt):
+    """Velocities of the fixed points, from the cloth's below."""
     pt = 0
     while pt < npt:
-        gather(b, nu, pt, src)
-        interp(b, pt, X.vel, X.force, X.tmp)
         ax, ay, az = load_point(b, X.tan_u + pt)
         bx, by, bz = load_point(b, X.tan_v + pt)
-        ex, ey, ez = load_point(b, X.force + pt)
-        gx, gy, gz = load_point(b, X.tmp + pt)
+        ex, ey, ez = load_point(b, X.vel_u + pt)
+        gx, gy, gz = load_point(b, X.vel_v + pt)
         cx, cy, cz = cross(gx, gy, gz, ax, ay, az)
         dx, dy, dz = cross(bx, by, bz, ex, ey, ez)
         turn = thrice(F.point[b, X.inv_area + pt]) * Wide(cx + dx, cy + dy, cz + dz)

@@ -3,9 +3,8 @@
 import taichi as ti
 
 from sim.fields import GREEN, F, X
-from sim.lacing import interp
+from sim.lacing import sample
 from sim.muscle_modes import add_sources, contract_rows, functionals
-from sim.patch import gather
 from sim.sheet_solve import solve_modes, transform
 from sim.vectors import Lanes, cross, dot, load_point
 
@@ -14,13 +13,7 @@ from sim.vectors import Lanes, cross, dot, load_point
 def woodbury(b, nu, npt):
     """S = 1/km + J K0^-1 J^T in the current frames, and its LDL^T"""
     ns = npt - 1
-    pt = 0
-    while pt < npt:
-        gather(b, nu, pt, F.fu)
-        interp(b, pt, X.grad_u, X.tmp, X.force)
-        gather(b, nu, pt, F.fn)
-        interp(b, pt, X.grad_v, X.tmp, X.force)
-        pt = F.after[pt]
+    sample(b, nu, npt, F.fu, F.fn, X.fu)
     k = 0
     while k < ns:
         dx, dy, dz = load_point(b, X.dir + k)
@@ -28,11 +21,11 @@ def woodbury(b, nu, npt):
         while e < 2:
             p = k + e
             sg = F.point[b, X.active + k] * (2.0 * e - 1.0)
-            ax, ay, az = load_point(b, X.grad_u + p)
-            nx, ny, nz = load_point(b, X.grad_v + p)
+            ax, ay, az = load_point(b, X.fu + p)
+            nx, ny, nz = load_point(b, X.fn + p)
             vx, vy, vz = cross(ax, ay, az, nx, ny, nz)
-            gx, gy, gz = load_point(b, X.tmp + p)
-            hx, hy, hz = load_point(b, X.force + p)
+            gx, gy, gz = load_point(b, X.fn_u + p)
+            hx, hy, hz = load_point(b, X.fn_v + p)
             du = dot(dx, dy, dz, ax, ay, az) * sg
             dv = dot(vx, vy, vz, dx, dy, dz) * sg
             o = X.coef + e * 7 * F.points + k

@@ -48,11 +48,10 @@ def weigh_across(b, o, r, dst):
 
 
 @ti.func
-def weigh_rows(b, o, first):
-    """Sum of what lies at `first` of F.row3, a row each, by the weights that lie at o of F.point."""
-    F.row3[b, 3 * PATCH] = thrice(F.point[b, o]) * F.row3[b, first]
+def weigh_rows(b, o, first, dst):
+    """F.point3 at dst = sum of what lies at `first` of F.row3, a row each, by the weights that lie at o of F.point."""
+    F.point3[b, dst] = thrice(F.point[b, o]) * F.row3[b, first]
     r = 1
     while r < F.touched[1]:
-        F.row3[b, 3 * PATCH] = F.row3[b, 3 * PATCH] + thrice(F.point[b, o + r]) * F.row3[b, first + r]
+        F.point3[b, dst] = F.point3[b, dst] + thrice(F.point[b, o + r]) * F.row3[b, first + r]
         r = F.after[r]
-    return F.row3[b, 3 * PATCH]

@@ -20,7 +20,7 @@ from sim.conjugate_gradients import LEFT, direction, first_residual, step_length
 from sim.contact import contact
 from sim.fields import LANES, SPREAD, F, Timed, X
 from sim.frames import frames
-from sim.lacing import back, points_pos, points_rate, seg_to_points, tension
+from sim.lacing import back, points_pos, points_rate, sample, seg_to_points, tension
 from sim.model import FREE
 from sim.muscle_modes import green
 from sim.muscle_solve import woodbury
@@ -134,8 +134,9 @@ def predict(b, nu, nv, h, am, af, ga, ia, ry, ba, goes_on):
 @ti.func
 def muscles(b, nu, npt, cv):
     """f += forces of the muscles."""
-    points_pos(b, nu, npt)
-    points_rate(b, nu, npt, F.v)
+    sample(b, nu, npt, F.q, F.v, X.pos)
+    points_pos(b, npt)
+    points_rate(b, npt)
     tension(b, npt, cv)
     seg_to_points(b, npt, X.tension)
     back(b, nu, npt, F.f)
