@@ -108,12 +108,11 @@ class MuscleLaw:
         return np.asarray(outside_p | (eps < e0 - rounding) | (eps > e1 + rounding))
 
     def _evaluate(self, pressure_pa: ArrayLike, contraction: ArrayLike, order: int) -> Array:
-        p, eps = np.broadcast_arrays(np.asarray(pressure_pa, dtype=float), np.asarray(contraction, dtype=float))
+        p, eps = np.asarray(pressure_pa, dtype=float), np.asarray(contraction, dtype=float)
         m, n = self.coefficients.shape
         i, wp = weights(np.maximum(p, 0.0) / self.pressure_step, m, 0)
         j, we = weights((eps - self.contraction_start) / self.contraction_step, n, order)
-        force = np.zeros(p.shape)
-        kink = np.zeros(p.shape)
+        force, kink = np.zeros(np.broadcast_shapes(p.shape, eps.shape)), np.zeros(p.shape)
         for a in range(4):
             kink += wp[a] * self.kink[i + a]
             for b in range(4):

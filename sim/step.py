@@ -32,9 +32,7 @@ from sim.vectors import thrice
 
 def prepare(batch: Batch, scheme: Scheme) -> None:
     """Factor the preconditioner for this scheme's step."""
-    _factor(*batch.grid, scheme.ca, scheme.cv)
-    if batch.points:
-        _green(*batch.grid, batch.points)
+    _prepare(*batch.grid, batch.points, scheme.ca, scheme.cv)
 
 
 def march(
@@ -163,17 +161,11 @@ def finish(b, nu, nv, h, am, af, ga, ia, ry, ba, share):
 
 
 @ti.kernel
-def _factor_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, ca: ti.f32, cv: ti.f32):
+def _prepare_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, ca: ti.f32, cv: ti.f32):
     for task in range(nb * SPREAD):
         if task % SPREAD == 0:
             factor(task // SPREAD, nu, nv, ca, cv)
-
-
-@ti.kernel
-def _green_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32):
-    for task in range(nb * SPREAD):
-        if task % SPREAD == 0:
             green(task // SPREAD, nu, nv, npt)
 
 
-_factor, _green, _march = Timed(_factor_kernel), Timed(_green_kernel), Timed(_march_kernel)
+_prepare, _march = Timed(_prepare_kernel), Timed(_march_kernel)

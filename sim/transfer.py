@@ -67,12 +67,15 @@ def _load_kernel(
             F.modal3[b, k] = Wide(0.0)
             k = F.after[k]
         put_constants(b, constants)
-        for lane in range(LANES):
+        lane = 0
+        while lane < LANES:
             k = 0
             while k < P:
-                for c in range(3):
+                c = 0
+                while c < 3:
                     F.node3[b, F.x0 + k][c * LANES + lane] = node[b, c, k, lane]
                     F.node3[b, F.q + k][c * LANES + lane] = node[b, c, k, lane]
+                    c = F.after[c]
                 F.node[b, F.mass + k][lane] = node[b, 3, k, lane]
                 F.node[b, F.free + k][lane] = node[b, 4, k, lane]
                 k = F.after[k]
@@ -91,6 +94,7 @@ def _load_kernel(
                 F.across[b, k][lane] = weight[b, 0, k, lane]
                 F.down[b, k][lane] = weight[b, 1, k, lane]
                 k = F.after[k]
+            lane = F.after[lane]
         k = 0
         while k < rows.shape[1]:
             F.rows[b, k][0] = rows[b, k, 0]
@@ -108,11 +112,13 @@ def _constants_kernel(nb: ti.i32, constants: ti.types.ndarray(dtype=ti.f32, ndim
 @ti.func
 def put_constants(b, constants: ti.template()):
     """constants (nb, constants, LANES) of one block."""
-    for lane in range(LANES):
+    lane = 0
+    while lane < LANES:
         k = 0
         while k < constants.shape[1]:
             F.lane[b, k][lane] = constants[b, k, lane]
             k = F.after[k]
+        lane = F.after[lane]
 
 
 @ti.kernel
