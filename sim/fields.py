@@ -99,6 +99,7 @@ def _offsets(planes: dict[str, int], size: int) -> tuple[dict[str, int], int]:
     return offsets, total
 
 
+@brief()  # fields too keep where they come from
 def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     """Start Taichi with room for `blocks` blocks of grids of `nodes` padded nodes (at most `modes` across), `points`
     fixed points. Does nothing where there is room already: a second start would drop all arrays and compile again."""

@@ -27,7 +27,8 @@ def brief() -> Iterator[None]:
     short = (
         (kernel_impl, "_get_tree_and_ctx", _tree_and_context),
         (Builder, "__call__", _visit),
-        (ASTTransformerContext, "get_pos_info", lambda *_: ""),
+        (ASTTransformerContext, "get_pos_info", _nothing),
+        (impl, "get_traceback", _nothing),
     )
     long = [(owner, name, getattr(owner, name)) for owner, name, _ in short]
     for owner, name, function in short:
@@ -40,6 +41,10 @@ def brief() -> Iterator[None]:
             setattr(owner, name, function)
         if collects:
             gc.enable()
+
+
+def _nothing(*_: Any, **__: Any) -> str:
+    return ""
 
 
 @functools.cache

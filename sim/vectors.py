@@ -6,12 +6,13 @@ from sim.fields import LANES, WIDE, F
 
 Lanes = ti.types.vector(LANES, ti.f32)
 Wide = ti.types.vector(WIDE, ti.f32)
+FIRST, SECOND, THIRD = (slice(c * LANES, (c + 1) * LANES) for c in range(3))  # components
 
 
 @ti.func
 def parts(e):
     """Components of a vector; Wide(x, y, z) is the inverse."""
-    return e[0:LANES], e[LANES : 2 * LANES], e[2 * LANES : WIDE]
+    return e[FIRST], e[SECOND], e[THIRD]
 
 
 @ti.func
@@ -23,7 +24,7 @@ def thrice(a):
 @ti.func
 def sum3(e):
     """Sum over the components."""
-    return e[0:LANES] + e[LANES : 2 * LANES] + e[2 * LANES : WIDE]
+    return e[FIRST] + e[SECOND] + e[THIRD]
 
 
 @ti.func
