@@ -139,7 +139,7 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     # in contact: each node meets two layers at most
     F.pairs = ti.field(ti.i32, shape=blocks)
     F.pair_node, F.pair_cell, F.pair = whole(2 * nodes), whole(2 * nodes), vector(2 * nodes * PAIR)
-    longest = max(3 * nodes, F.point.shape[1], F.across.shape[1])  # of all loops
+    longest = max(F.node3.shape[1], F.point.shape[1], F.across.shape[1])  # of all loops
     F.after = ti.field(ti.i32, shape=longest)  # filled with the first batch
     F.ready = True
 

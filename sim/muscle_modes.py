@@ -119,7 +119,8 @@ def green(b, nu, nv, npt):
     """G[a,b] = response of the functionals of point a to those of point b: 0 uu, 1 vv, 2.. 5x5 normal; symmetric."""
     pb = 0
     while pb < npt:
-        for down in range(3):
+        down = 0
+        while down < 3:
             for row in range(nv):
                 k = 0
                 while k < nu:
@@ -129,7 +130,8 @@ def green(b, nu, nv, npt):
             pa = pb
             while pa < npt:
                 contract_rows(b, nu, nv, pa)
-                for across in range(3):
+                across = 0
+                while across < 3:
                     if across == MEAN or down == MEAN:
                         functionals(b, nu, pa, True, at(pb, across))
                         f = 0  # as in F.row, of the normal component
@@ -148,5 +150,7 @@ def green(b, nu, nv, npt):
                             F.green[b, ab + 2 + g * 5 + f] = F.row[b, 2 + g]
                             F.green[b, ba + 2 + f * 5 + g] = F.row[b, 2 + g]
                             g = F.after[g]
+                    across = F.after[across]
                 pa = F.after[pa]
+            down = F.after[down]
         pb = F.after[pb]

@@ -52,16 +52,14 @@ def _load_kernel(
     for b in range(nb):
         F.pairs[b] = 0
         P = (nu + 2) * (nv + 2)
-        for plane in range(F.node3.shape[1] // F.nodes):
-            k = 0
-            while k < P:
-                F.node3[b, plane * F.nodes + k] = Wide(0.0)
-                k = F.after[k]
-        for plane in range(F.mass // F.nodes):
-            k = 0
-            while k < P:
-                F.node[b, plane * F.nodes + k] = Lanes(0.0)
-                k = F.after[k]
+        k = 0
+        while k < F.node3.shape[1]:
+            F.node3[b, k] = Wide(0.0)
+            k = F.after[k]
+        k = 0
+        while k < F.mass:
+            F.node[b, k] = Lanes(0.0)
+            k = F.after[k]
         k = 0
         while k < F.modal3.shape[1]:  # a product with a zero entry of the basis must not meet an old NaN
             F.modal3[b, k] = Wide(0.0)
