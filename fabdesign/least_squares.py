@@ -26,7 +26,7 @@ def least_squares_with_inequalities(a: Array, b: Array, g: Array, h: Array) -> A
     # A slight slack keeps the columns independent where inequalities imply each other; without it the search for u goes
     # astray, and now and then with it.
     for slack in _SLACKS:
-        u = _non_negative(np.vstack([dual, slack * np.eye(dual.shape[1])]), np.append(goal, np.zeros(dual.shape[1])))
+        u = non_negative(np.vstack([dual, slack * np.eye(dual.shape[1])]), np.append(goal, np.zeros(dual.shape[1])))
         residual = dual @ u - goal
         x = np.asarray(np.linalg.solve(r, target - residual[:-1] / residual[-1]))
         if (g @ x - h).min() >= -_HELD * np.abs(b).max():
@@ -34,7 +34,7 @@ def least_squares_with_inequalities(a: Array, b: Array, g: Array, h: Array) -> A
     return x
 
 
-def _non_negative(a: Array, b: Array) -> Array:
+def non_negative(a: Array, b: Array) -> Array:
     """The x >= 0 that minimises |a x - b|, by the active sets of the same chapter. SciPy has it too, but takes half a
     second to import."""
     x, passive = np.zeros(a.shape[1]), np.zeros(a.shape[1], bool)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.fabric import Fabric
+from fabdesign.least_squares import non_negative
 from fabdesign.muscle import BenchTable
 from fabdesign.muscle_law import MuscleLaw
 from sim import fields as f
@@ -90,9 +91,7 @@ def membrane_polynomial(fabric: Fabric, direction: int) -> tuple[float, float, f
     if curve is None or not curve.strain[direction]:
         return fabric.membrane_stiffness[direction], 0.0, 0.0
     strain, tension = np.array(curve.strain[direction]), np.array(curve.tension[direction])
-    from scipy.optimize import nnls
-
-    (k, q, r), _ = nnls(np.stack([strain, strain**2, strain**3], axis=1), tension)
+    k, q, r = non_negative(np.stack([strain, strain**2, strain**3], axis=1), tension)
     return float(k), float(q), float(r)
 
 
