@@ -62,7 +62,7 @@ def step_length(b, nu, nv):
 @ti.func
 def direction(b, nu, nv, npt, same, tolerance):
     """y = P^-1 r, then p = y + beta p and q += p in the lanes that have not converged. Where y is below the tolerance
-    that was the last time; returns how many lanes go on. same: whether P is that of the iteration before."""
+    that was the last time; returns how many lanes go on. same: whether P is that of the last iterations."""
     warp(b, nu, nv, F.r)
     solve(b, nu, nv, npt)
     unwarp(b, nu, nv, F.y)

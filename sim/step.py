@@ -98,7 +98,7 @@ def _march_kernel(
                             frames(b, nu, nv, reach)
                             if npt > 0:
                                 woodbury(b, nu, npt)
-                        if direction(b, nu, nv, npt, i > turns[m], tolerance) == 0:
+                        if direction(b, nu, nv, npt, i > 1, tolerance) == 0:
                             last = i + 1
                     i += 1
                 finish(
