@@ -26,10 +26,10 @@ BLOCKS = 8  # of LANES designs in the fields at once
 REACH = 0.020  # m, half width over which the preconditioner's frames are averaged
 # To rest: (step [s], duration [s], times the tolerance) with backward Euler and so much air damping that a swing of
 # SWING rad/s dies out
-SETTLE = ((1 / 240, 1 / 15, 4), (1 / 120, 1 / 10, 4), (1 / 60, 0.5, 8), (1 / 60, 0.5, 1))
+SETTLE = ((1 / 240, 1 / 15, 4), (1 / 120, 1 / 10, 4), (1 / 40, 0.5, 8), (1 / 40, 0.5, 1))
 # where only inertia holds the rigid motions, it must show in float32
 SETTLE_FREE = ((1 / 960, 1 / 15, 1), (1 / 480, 1 / 10, 1), (1 / 240, 2.0, 1))
-RESTED = 2e-5  # m, RMS over nodes of what the last of these steps may still move
+RESTED = 3e-5  # m, RMS over nodes of what the last of these steps may still move
 RAMP = 1 / 15  # s in which the pressures rise to their values
 SWING = 8.0  # rad/s
 # To the shape without pressure, from the flat cloth: velocities are forgotten after each long step
