@@ -8,6 +8,7 @@ named by file and line: a warm start takes half as long. The trees are the same,
 
 import ast
 import contextlib
+import copy
 import functools
 import gc
 import linecache
@@ -61,8 +62,13 @@ def _functions(file: str) -> dict[int, ast.FunctionDef]:
 
 def _tree_and_context(function: Any, **given: Any) -> tuple[ast.Module, ASTTransformerContext]:
     code = function.func.__code__
-    tree = ast.Module([_functions(code.co_filename)[code.co_firstlineno]], [])
-    given |= {"argument_data": given.pop("args"), "global_vars": kernel_impl._get_global_vars(function.func)}
+    node = copy.copy(_functions(code.co_filename)[code.co_firstlineno])
+    node.args = copy.copy(node.args)  # Taichi empties a kernel's list of arguments, and may compile it again
+    tree = ast.Module([node], [])
+    arguments, names = given.pop("args"), kernel_impl._get_global_vars(function.func)
+    if given.get("is_kernel", True):
+        names |= {function.arguments[i].name: arguments[i] for i in function.template_slot_locations}
+    given |= {"argument_data": arguments, "global_vars": names}
     return tree, ASTTransformerContext(func=function, file=code.co_filename, src=[" "], start_lineno=1, **given)
 
 
