@@ -54,6 +54,11 @@ class Surface:
         return np.asarray(np.linalg.norm(self._normals, axis=1) / 2)
 
     @cached_property
+    def normals(self) -> Array:
+        """(t, 3), of unit length, outwards."""
+        return self._normals / (2 * self.areas[:, None])
+
+    @cached_property
     def _normals(self) -> Array:
         """(t, 3), twice the area long."""
         _, ab, ac = self._corners

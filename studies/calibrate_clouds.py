@@ -43,10 +43,14 @@ def sample_trial(
 
 @dataclass(frozen=True, eq=False)
 class Match:
-    """Each measured point (N of them, all samples in a row) with the nearest place on the model's surface."""
+    """Each measured point (N of them, all samples in a row) with the nearest place on the model's surface.
 
-    residual: Array  # (N,) m, signed distance, positive off the sheet; NaN in frames that the model has lost
-    normal: Array  # (N, 3) from the surface to the point, outwards
+    A point beyond a hem counts by its height over the sheet alone. Its distance from the hem would widen the sheet:
+    noise puts as many points inside, and those say nothing.
+    """
+
+    residual: Array  # (N,) m, height along the normal, positive off the sheet; NaN in frames that the model has lost
+    normal: Array  # (N, 3) of the matched triangle, outwards
     vertex: Indices  # (N, 3) of its triangle
     weights: Array  # (N, 3) barycentric
     sample: Indices  # (N,)
@@ -67,8 +71,8 @@ def match(samples: Sequence[Sample], motions: Sequence[Motion]) -> Match:
             near = surface.nearest(cloud)
             corners = surface.triangles[near.triangle]
             offset = cloud - np.einsum("nc,ncd->nd", near.weights, surface.vertices[corners])
-            normal = offset / np.where(near.signed == 0, 1.0, near.signed)[:, None]
-            parts.append((near.signed, normal, corners, near.weights, *where))
+            normal = surface.normals[near.triangle]
+            parts.append((np.einsum("nd,nd->n", offset, normal), normal, corners, near.weights, *where))
     return Match(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 

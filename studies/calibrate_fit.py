@@ -15,7 +15,9 @@ from studies.calibrate_clouds import Array, Match, Motion, Sample, derivatives, 
 PRIOR = dict.fromkeys(PARAMETERS, 0.15) | {"damping": 0.30}
 HUBER = 1.345  # of the scale: 95 % efficient on normal noise (Huber 1981)
 BLOCK = 0.5  # s: residuals of one trial within it count as one observation, about half a swing of the cloth
-_STEP = 0.03  # of a logarithm, in finite differences
+_STEP = 0.03  # of a logarithm, in the first finite differences
+_CHANGE = 0.2e-3  # m, RMS of the residuals' change that later ones aim at: ten times the noise of two motions
+_SHORTEST, _LONGEST = 0.1, 1.5  # of such a difference, in standard deviations of the prior
 _LARGEST = 0.4  # of a logarithm, in one iteration
 _ITERATIONS = 10
 _REWEIGHTED = 6  # times, in one iteration
@@ -88,12 +90,13 @@ def fit(
     start = np.zeros(len(PARAMETERS))
     correction = _correction(samples, fine, coarse) if fine is not None else None
     look = partial(_state, samples, coarse, correction=correction)
-    state = look(start)
+    state = look(start, _STEP * np.eye(len(start)))
     first = state.found
     near = _CONVERGED if fine is None else _NEAR
     state, iterations, converged = _descend(samples, state, look, weight, near, _ITERATIONS, progress)
     if fine is not None:
-        state = _state(samples, fine, state.x)
+        _, normal = _step(samples, state, weight, 0.0)
+        state = _state(samples, fine, state.x, _directions(normal))
         look = partial(_state, samples, fine, changes=state.changes)
         state, more, converged = _descend(
             samples, state, look, weight, _CONVERGED, _FINE_ITERATIONS, lambda line: progress(f"fine {line}")
@@ -120,7 +123,7 @@ def fit(
 def _descend(
     samples: Sequence[Sample],
     state: _State,
-    look: Callable[[Array], _State],
+    look: Callable[[Array, Array], _State],
     weight: Array,
     close: float,
     most: int,
@@ -133,7 +136,7 @@ def _descend(
         progress(f"iteration {iteration}: {1e3 * _capped(state.found.residual):.3f} mm RMS")
         if float(np.abs(step).max()) < close:
             return replace(state, x=state.x + step), iteration, True  # too small to look at again
-        candidate = look(state.x + step)
+        candidate = look(state.x + step, _directions(normal))
         if _loss(state, candidate, normal, weight) < 0:
             state, damping = candidate, damping / 10
         else:
@@ -149,19 +152,34 @@ def _state(
     samples: Sequence[Sample],
     forward: ForwardModel,
     x: Array,
+    directions: Array,
     *,
     correction: list[Motion] | None = None,
     changes: list[Motion] | None = None,
 ) -> _State:
-    """Motions at x and, by forward differences in the same batch, their changes, where those are not given."""
-    others = [x + _STEP * e for e in np.eye(len(x))] if changes is None else []
+    """Motions at x and, by forward differences along the rows of `directions` (7, 7) in the same batch, their changes
+    by each factor, where those are not given."""
+    others = [x + d for d in directions] if changes is None else []
     base, *moved = _motions(samples, forward, [x, *others])
     if changes is None:
-        changes = [np.stack([(other[s] - base[s]) / _STEP for other in moved]) for s in range(len(samples))]
+        along = [np.stack([other[s] - base[s] for other in moved]) for s in range(len(samples))]
+        changes = [np.tensordot(np.linalg.inv(directions), difference, axes=1) for difference in along]
     if correction is not None:
         base = [motion + extra for motion, extra in zip(base, correction, strict=True)]
     found = match(samples, base)
     return _State(x, changes, found, derivatives(found, changes))
+
+
+def _directions(normal: _Normal) -> Array:
+    """(7, 7), a row each: combinations of factors that change the residuals independently, and by as much each.
+
+    Where all factors nearly cancel, the differences of single ones drown in the noise and the curvature of each; as one
+    difference, long enough, that combination stands out.
+    """
+    prior = np.array([PRIOR[name] for name in PARAMETERS])
+    squares, vectors = np.linalg.eigh(normal.sensitivity * np.outer(prior, prior))
+    length = np.clip(_CHANGE / np.sqrt(np.maximum(squares, 1e-30)), _SHORTEST, _LONGEST)
+    return np.asarray((vectors * length * prior[:, None]).T)
 
 
 def _correction(samples: Sequence[Sample], fine: ForwardModel, coarse: ForwardModel) -> list[Motion]:
