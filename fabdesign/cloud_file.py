@@ -70,7 +70,7 @@ def _arrays(path: Path) -> tuple[list[str], NDArray[Any] | None]:
             return names, archive["points"] if "points" in names else None
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
-    except (OSError, ValueError, EOFError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error):
+    except (OSError, ValueError, EOFError, AttributeError, TypeError, RuntimeError, zipfile.BadZipFile, zlib.error):
         raise InputError(f"{path}: is damaged or cut short; expected an npz with points (n, 3)") from None
 
 

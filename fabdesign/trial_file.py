@@ -110,7 +110,7 @@ def _arrays(path: Path) -> Iterator[_Arrays]:
         raise
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
-    except (OSError, ValueError, EOFError, KeyError, NotImplementedError, zipfile.BadZipFile, zlib.error):
+    except (OSError, ValueError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error):
         raise InputError(f"{path}: is damaged or cut short; expected an npz with a trial's arrays") from None
 
 

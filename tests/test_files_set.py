@@ -170,6 +170,16 @@ def test_one_wrong_byte_never_gives_a_traceback(
         assert "\n" not in str(error)
 
 
+def test_a_trial_marked_as_encrypted_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "t.npz"
+    write_trial(example(), path)
+    content = bytearray(path.read_bytes())
+    content[content.index(b"PK\x01\x02") + 8] |= 1  # general purpose flags of the first entry
+    path.write_bytes(content)
+    with pytest.raises(InputError, match=r"t\.npz"):
+        read_trial(path)
+
+
 BAD_SETS = [
     ("measurement-set/1", "measurement-set/3", "measurement-set/3"),
     ('role = "fit"', 'role = "train"', "fit, test"),
