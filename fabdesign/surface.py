@@ -136,7 +136,7 @@ class Surface:
         v, w = rng.random((2, count))
         v, w = np.where(v + w > 1, 1 - v, v), np.where(v + w > 1, 1 - w, w)
         a, ab, ac = self._corners[:, triangle]
-        normals = self._normals[triangle] / (2 * self.areas[triangle, None])
+        normals = self.normals[triangle]
         return a + v[:, None] * ab + w[:, None] * ac, normals
 
 

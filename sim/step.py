@@ -109,9 +109,8 @@ def _march_kernel(
 
 @ti.func
 def predict(b, nu, nv, h, am, af, ga, ia, ry, ba, goes_on):
-    """Histories: v = cv (q - x0) + hv and a = ca (q - x0) + ha, and the first guess. Of q - x0, not of q:
-    rounded coefficients of far larger terms would push the cloth. Where a lane did not
-    converge, its acceleration is not known."""
+    """Histories: v = cv (q - x0) + hv and a = ca (q - x0) + ha, and the first guess. Of q - x0, not of q: rounded
+    coefficients of far larger terms would push the cloth. Where a lane did not converge, no acceleration is known."""
     known = thrice(goes_on * 0.5 * h * h * (1.0 - F.reduce[b, LEFT]))
     P = (nu + 2) * (nv + 2)
     k = 0
