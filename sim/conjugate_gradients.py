@@ -1,6 +1,7 @@
 """Conjugate gradients on the nonlinear residual of a step.
 
-The step length is the secant's, beta is Polak-Ribiere's, restarted every step.
+The step length is the secant's, beta is Polak-Ribiere's, restarted every step. Where the step length is short, the
+residual between both ends is like neither: such a lane looks again before it goes on.
 """
 
 import taichi as ti
@@ -10,8 +11,10 @@ from sim.frames import unwarp, warp
 from sim.muscle_solve import solve
 from sim.vectors import Lanes, Wide, sum3, thrice
 
-RZ, BETA, ACTIVE, ALPHA, LEFT = 4, 5, 6, 7, 8  # slots of F.reduce; 1 where a lane moves, and will still move after
+RZ, BETA, ALPHA = 4, 5, 7  # slots of F.reduce
+ACTIVE, LEFT, DOUBT = 6, 8, 9  # 1 where a lane moves, will still move after, and looks again first
 LEAST = 1e-6  # step length: what hangs at single nodes, or is folded, is stiffer by far than in the preconditioner
+SHORT = 0.1  # step length below which the residual is evaluated anew; else snapping cloths run away
 DIVERGED = 1e4  # m^2, a squared update that no lane comes back from; others do not wait for it, nor for a NaN
 
 
@@ -25,12 +28,13 @@ def first_residual(b, nu, nv):
         k = F.after[k]
     F.reduce[b, RZ] = Lanes(0.0)
     F.reduce[b, LEFT] = Lanes(1.0)
+    F.reduce[b, DOUBT] = Lanes(0.0)
 
 
 @ti.func
-def step_length(b, nu, nv):
+def step_length(b, nu, nv, edge):
     """f holds the residual at q + p: step alpha = p.r / p.(r - r(q + p)), and the residual there by interpolation.
-    Leaves r - r(q + p) in f."""
+    Leaves r - r(q + p) in f. edge: whether P knows all held nodes; if not, steps are short without being wrong."""
     P = (nu + 2) * (nv + 2)
     F.reduce[b, 1] = Lanes(0.0)
     F.reduce[b, 2] = Lanes(0.0)
@@ -48,6 +52,11 @@ def step_length(b, nu, nv):
         alpha = ti.f32(1.0)
         if F.reduce[b, 2][lane] > 0:
             alpha = ti.min(2.0, ti.max(LEAST, F.reduce[b, 1][lane] / F.reduce[b, 2][lane]))
+        short = edge and alpha < SHORT and F.reduce[b, ACTIVE][lane] > 0
+        if F.reduce[b, DOUBT][lane] > 0:  # with p = 0: r becomes f
+            alpha = 1.0
+            short = False
+        F.reduce[b, DOUBT][lane] = ti.select(short, 1.0, 0.0)
         F.reduce[b, ALPHA][lane] = alpha * F.reduce[b, ACTIVE][lane]
         lane = F.after[lane]
     alpha = thrice(F.reduce[b, ALPHA])
@@ -60,11 +69,11 @@ def step_length(b, nu, nv):
 
 
 @ti.func
-def direction(b, nu, nv, npt, same, tolerance):
+def direction(b, nu, nv, npt, edge, same, tolerance):
     """y = P^-1 r, then p = y + beta p and q += p in the lanes that have not converged. Where y is below the tolerance
     that was the last time; returns how many lanes go on. same: whether P is that of the last iterations."""
     warp(b, nu, nv, F.r)
-    solve(b, nu, nv, npt)
+    solve(b, nu, nv, npt, edge)
     unwarp(b, nu, nv, F.y)
     P = (nu + 2) * (nv + 2)
     for slot in range(3):
@@ -86,13 +95,13 @@ def direction(b, nu, nv, npt, same, tolerance):
             beta = ti.max(0.0, F.reduce[b, 2][lane] / F.reduce[b, RZ][lane])
         F.reduce[b, BETA][lane] = beta
         F.reduce[b, RZ][lane] = F.reduce[b, 1][lane]
-        if F.reduce[b, 0][lane] < tolerance * tolerance * nu * nv:
+        if F.reduce[b, 0][lane] < tolerance * tolerance * nu * nv and F.reduce[b, DOUBT][lane] == 0:
             F.reduce[b, LEFT][lane] = 0.0
         if F.reduce[b, LEFT][lane] > 0 and F.reduce[b, 0][lane] < DIVERGED:
             left += 1
         lane = F.after[lane]
     beta = thrice(F.reduce[b, BETA])
-    moving = thrice(F.reduce[b, ACTIVE])
+    moving = thrice(F.reduce[b, ACTIVE] * (1.0 - F.reduce[b, DOUBT]))
     k = 0
     while k < P:
         d = (F.node3[b, F.y + k] + beta * F.node3[b, F.p + k]) * moving

@@ -49,6 +49,8 @@ GREEN = 27  # numbers kept for each pair of fixed points: uu, vv, and 5 x 5 of t
 PATCH = 16  # nodes in a row that a fixed point may touch at most
 TYPES = 8  # muscle types in one batch
 PAIR = 5  # numbers of a pair in contact: place in the cell along u and v, side, thickness [m], stiffness [N/m]
+COARSE_ACROSS, COARSE_DOWN, COARSE_SAMPLES = 6, 6, 10  # of the preconditioner's coarse space (sim/coarse_space.py)
+COARSE = 3 * COARSE_ACROSS * COARSE_DOWN  # a multiple of four
 TABLE = (101, 701)  # pressures 0 ... 1000 kPa, contractions -0.25 ... 0.45
 PRESSURE_STEP = 10e3  # Pa
 FIRST_CONTRACTION, CONTRACTION_STEP = -0.25, 0.001
@@ -86,8 +88,22 @@ _POINT = {
     "coef": 2 * FUNCTIONALS, "resp": FUNCTIONALS,
 }  # fmt: skip
 
+# planes of F.coarse: both Galerkin matrices; curvatures at the samples, their sums across; how modes stretch four
+# intervals; right sides
+_COARSE = {
+    "coupled": COARSE**2, "alone": COARSE**2, "sample": 8 * COARSE_SAMPLES**2,
+    "line": COARSE_ACROSS**2 * COARSE_SAMPLES, "pull": 4 * COARSE, "ratio": 16, "right": 2 * COARSE,
+}  # fmt: skip
+# of C.shared: products of two modes at the samples, across and down; of the modes down: eigenvalues, bending, clamp;
+# then the modes down by rows
+_SHARED = {
+    "across": 6 * COARSE_ACROSS**2 * COARSE_SAMPLES, "down": 3 * COARSE_DOWN**2 * COARSE_SAMPLES,
+    "stiffness": COARSE_DOWN, "bending": COARSE_DOWN**2, "clamp": COARSE_DOWN**2, "rows": 0,
+}  # fmt: skip
+
 F: Any = SimpleNamespace(ready=False)
 X: Any = SimpleNamespace()
+C: Any = SimpleNamespace()
 lock = threading.RLock()
 
 
@@ -124,22 +140,28 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
         space.__dict__.update(offsets)
         setattr(F, field, vector(total, WIDE if field.endswith("3") else LANES))
     F.base, F.channel, F.kind = whole(points), whole(points), whole(points)
-    F.lane, F.reduce, F.row = vector(LANE_CONSTANTS), vector(9), vector(8)
+    F.lane, F.reduce, F.row = vector(LANE_CONSTANTS), vector(10), vector(8)
     F.row3, F.patch3 = vector(2 * PATCH, WIDE), vector(PATCH * PATCH, WIDE)
     F.modal3, F.factor3 = vector(3 * nodes, WIDE), vector(3 * nodes, WIDE)
-    F.across, F.down = vector(3 * points * modes), vector(3 * points * modes)  # fixed points by modes and by rows
+    F.across, F.down = vector(4 * points * modes), vector(4 * points * modes)  # fixed points by modes and by rows
     F.line, F.line3 = vector(3 * modes), vector(modes, WIDE)
     F.rows = ti.Vector.field(2, ti.i32, shape=(blocks, points))  # of a fixed point: the first, how many times four
-    F.basis = ti.Vector.field(4, ti.f32, shape=2 * modes * (modes + 6) // 4)  # rows by four
-    F.eigen = ti.field(ti.f32, shape=modes)
+    F.basis = ti.Vector.field(8, ti.f32, shape=2 * modes * (modes + 6) // 4)  # rows by four, of two bases
+    F.eigen = ti.Vector.field(3, ti.f32, shape=modes)  # stretching, bending and slopes (sim/modes.py)
     F.odd = ti.field(ti.i32, shape=())
     F.touched = ti.field(ti.i32, shape=2)  # nodes across and down that a fixed point may touch
     F.green, F.dual = vector(points * points * GREEN), vector(points * points)
+    own, total = _offsets(_COARSE, 1)
+    shared, numbers = _offsets(_SHARED, 1)
+    C.__dict__.update(own | shared)
+    F.coarse, F.coarse_down = vector(total), vector(3 * points * COARSE_DOWN)
+    C.shared = ti.field(ti.f32, shape=numbers + (modes + 4) * COARSE_DOWN)
+    C.place = ti.field(ti.i32, shape=COARSE_ACROSS + COARSE_SAMPLES + 32)
     F.table = ti.field(ti.f32, shape=(TYPES, *TABLE))
     # in contact: each node meets two layers at most
     F.pairs = ti.field(ti.i32, shape=blocks)
     F.pair_node, F.pair_cell, F.pair = whole(2 * nodes), whole(2 * nodes), vector(2 * nodes * PAIR)
-    longest = max(F.node3.shape[1], F.point.shape[1], F.across.shape[1])  # of all loops
+    longest = max(F.node3.shape[1], F.point.shape[1], F.across.shape[1], F.coarse.shape[1])  # of all loops
     F.after = ti.field(ti.i32, shape=longest)  # filled with the first batch
     F.ready = True
 

@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError
 from fabdesign.forward import Case
 from fabdesign.muscle import MuscleType
-from sim.fields import LANE_CONSTANTS, LANES, PATCH, TABLE, TYPES, F, X, allocate
+from sim.coarse_tables import tables
+from sim.fields import COARSE_DOWN, LANE_CONSTANTS, LANES, PATCH, TABLE, TYPES, F, X, allocate
 from sim.model import Lacing, bench_grid, lace, lane_constants, node_arrays, touched
+from sim.modes import Modes, by_four, modes_across, modes_down
 from sim.transfer import LOADED, load, load_materials
 
 SIZES = ((43, 96), (43, 256), (83, 96), (163, 96))  # (padded nodes a side, fixed points) that fields are made for
@@ -33,9 +35,16 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
     planes = X.gain // F.points + 1  # those before the kernels' own
     point = np.zeros((used, planes, F.points, LANES), np.float32)
     index = np.zeros((used, 3, F.points, LANES), np.int32)
-    basis, odd, eigen = _basis(n, hung)
-    modal = {key: _modal_weights(lacing, basis, points) for key, lacing in laced.items()}
+    modes, (down_modes, down_eigen) = modes_across(n, hung), modes_down(n, hung)
+    basis, eigen = np.zeros((*F.basis.shape, 8), np.float32), np.zeros((*F.eigen.shape, 3), np.float32)
+    quads = by_four(modes)
+    basis[: len(quads)] = quads
+    eigen[:n] = np.stack([modes.stretching, modes.bending, modes.slopes], axis=1)
+    shared, place = tables(modes, down_modes, down_eigen)
+    modal = {key: _modal_weights(lacing, modes, points) for key, lacing in laced.items()}
     weight = np.zeros((used, *next(iter(modal.values())).shape, LANES), np.float32)
+    coarse = np.zeros((used, points, 3, COARSE_DOWN, LANES), np.float32)
+    modal_down = {key: value[1, :, :3, :n] @ down_modes[:, :COARSE_DOWN] for key, value in modal.items()}
     for k in range(used * LANES):
         b, at, i = k // LANES, k % LANES, min(k, len(cases) - 1)
         design, factors = cases[i].design, cases[i].factors
@@ -43,13 +52,15 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
         node[b, :3, 1:-1, 1:-1, at] = rest.reshape(n, n, 3).transpose(2, 0, 1)
         node[b, 3, 1:-1, 1:-1, at], node[b, 4, 1:-1, 1:-1, at] = mass.reshape(n, n), free.reshape(n, n)
         weight[b, ..., at] = modal[id(design)]
+        coarse[b, ..., at] = modal_down[id(design)]
         if points:
             _put_lacing(point[b, ..., at], index[b, ..., at], lacings[i], cases[i], kinds, n)
     table = np.array([bench_grid(kind.bench) for _, kind in kinds], np.float32).reshape(-1, *TABLE)
     load(
-        used, n, n, across, down, odd, _quads(basis, odd), eigen, table, _constants(cases, n),
+        used, n, n, across, down, modes.odd, basis, eigen, table, _constants(cases, n),
         node.reshape(used, LOADED, -1, LANES), point.reshape(used, -1, LANES), index,
         weight.reshape(used, 2, -1, LANES), _rows(lacings, n, used, points, down),
+        shared, place, coarse.reshape(used, -1, LANES),
     )  # fmt: skip
     return points
 
@@ -113,12 +124,14 @@ def _put_lacing(
     index[2, :count] = [kinds[(name, k)] for name, k in zip(lacing.kind, kind, strict=True)]
 
 
-def _modal_weights(lacing: Lacing, basis: NDArray[np.float64], points: int) -> NDArray[np.float32]:
-    """(2, points, 3, modes): what F.across and F.down hold of one design (means, slopes, moments)."""
-    n, count = len(basis), len(lacing.offset)
-    out = np.zeros((2, points, 3, F.modes), np.float32)
+def _modal_weights(lacing: Lacing, modes: Modes, points: int) -> NDArray[np.float32]:
+    """(2, points, 4, modes): what F.across and F.down hold of one design: normal means, slopes and moments, and across
+    tangential means."""
+    n, count = len(modes.normal), len(lacing.offset)
+    out = np.zeros((2, points, 4, F.modes), np.float32)
     touched = np.minimum(lacing.base[:, :, None] + np.arange(PATCH), n - 1)  # row, column; weights beyond are zero
-    out[0, :count, :, :n] = np.einsum("fpm,pmk->pfk", lacing.weights[::2], basis[touched[:, 1]])
+    out[0, :count, :3, :n] = np.einsum("fpm,pmk->pfk", lacing.weights[::2], modes.normal[touched[:, 1]])
+    out[0, :count, 3, :n] = np.einsum("pm,pmk->pk", lacing.weights[0], modes.tangential[touched[:, 1]])
     point, kind = np.arange(count)[:, None, None], np.arange(3)[None, :, None]
     np.add.at(out[1], (point, kind, touched[:, None, 0]), lacing.weights[1::2].transpose(1, 0, 2))
     return out
@@ -135,42 +148,3 @@ def _rows(lacings: Sequence[Lacing], n: int, blocks: int, points: int, down: int
     begin = first // 4  # at multiples of four: sums are the same whatever the other lanes hold
     fours = np.clip(-(-last // 4) - begin, 0, None)
     return np.stack([4 * begin, fours], axis=-1).astype(np.int32)
-
-
-def _basis(n: int, hung: int) -> tuple[NDArray[np.float64], int, NDArray[np.float32]]:
-    """Eigenvectors across: K phi = lambda W phi of the second difference, free ends, or held at a hung side edge.
-
-    Returns them (n, n), a column each, in the order in which the solve keeps its modes; how many are odd; their lambda.
-    """
-    stiffness = np.diag(np.r_[1, np.full(n - 2, 2), 1]) - np.diag(np.ones(n - 1), 1) - np.diag(np.ones(n - 1), -1)
-    scale = 1 / np.sqrt(np.r_[0.5, np.ones(n - 2), 0.5])  # W^-1/2
-    keep = np.arange(n)
-    if hung in (2, 3):
-        keep = keep[1:] if hung == 2 else keep[:-1]
-    values, vectors = np.linalg.eigh((scale[:, None] * stiffness * scale)[np.ix_(keep, keep)], UPLO="U")
-    basis, eigen = np.zeros((n, n)), np.full(n, 4.0)
-    basis[np.ix_(keep, np.arange(len(keep)))] = scale[keep, None] * vectors
-    eigen[: len(keep)] = np.clip(values, 0, None)
-    odd, order = 0, np.arange(n)
-    if len(keep) == n:  # both side edges alike: vectors are even or odd in turn
-        odd, order = n // 2, np.concatenate([np.arange(0, n, 2), np.arange(1, n, 2)])
-    return basis[:, order], odd, eigen[order].astype(np.float32)
-
-
-def _quads(basis: NDArray[np.float64], odd: int) -> NDArray[np.float32]:
-    """What F.basis holds: half of the rows of the even vectors, of the odd ones, and the transposes."""
-    even = len(basis) - odd
-    parts = [basis[:even, :even]]
-    if odd:
-        parts.append(basis[len(basis) - 1 - np.arange(even, len(basis)), even:])  # their differences lie mirrored
-    out = np.zeros((*F.basis.shape, 4), np.float32)
-    rows = np.concatenate([_by_four(part) for part in (*parts, *(part.T for part in parts))])
-    out[: len(rows)] = rows
-    return out
-
-
-def _by_four(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n/4 rounded up x n, 4): entry [q n + k, r] is row 4 q + r, column k; rows beyond the last are zero."""
-    n = len(matrix)
-    padded = np.pad(matrix, ((0, -n % 4), (0, 0)))
-    return padded.reshape(-1, 4, n).transpose(0, 2, 1).reshape(-1, 4)

@@ -1,8 +1,8 @@
 """Fixed points seen from the modes across: what a field does there, what forces there do, and Green's functions.
 
 The cloth's own solve leaves a field as rows of modes across (the second plane of F.modal3). A fixed point's loop is a
-product of weights of modes, F.across, and weights of rows, F.down, each of three kinds: means, derivatives and first
-moments. F.rows holds its first row and how many times four rows it spans, over all lanes.
+product of weights of modes, F.across, and weights of rows, F.down, of the kinds below; tangential modes are others than
+the normal component's. F.rows holds its first row and how many times four rows it spans, over all lanes.
 """
 
 import taichi as ti
@@ -11,13 +11,13 @@ from sim.fields import GREEN, F
 from sim.sheet_solve import solve_modes
 from sim.vectors import Lanes, Wide, parts, thrice
 
-MEAN, SLOPE, MOMENT = range(3)
+MEAN, SLOPE, MOMENT, TANGENTIAL = range(4)  # normal means, derivatives, first moments; tangential means
 
 
 @ti.func
 def at(pt, kind):
     """Where the weights of a fixed point begin in F.across and F.down."""
-    return (pt * 3 + kind) * F.modes
+    return (pt * 4 + kind) * F.modes
 
 
 @ti.func
@@ -61,9 +61,9 @@ def contract_rows(b, nu, nv, pt):
 
 
 @ti.func
-def functionals(b, nu, pt, scaled: ti.template(), scale):
+def functionals(b, nu, pt, scaled: ti.template(), other, kind):
     """F.row[0..6] = u, v, w, (w s_u), (w s_v), w_u, w_v at fixed point pt of the field whose sums over rows
-    `contract_rows` left; if scaled, of the field with its modes multiplied by what lies at `scale` in F.across."""
+    `contract_rows` left; if scaled, of the field with its modes multiplied by the weights of the point `other`."""
     i = 0
     while i < 7:
         F.row[b, i] = Lanes(0.0)
@@ -73,14 +73,17 @@ def functionals(b, nu, pt, scaled: ti.template(), scale):
         mean = F.across[b, at(pt, MEAN) + k]
         slope = F.across[b, at(pt, SLOPE) + k]
         moment = F.across[b, at(pt, MOMENT) + k]
+        tangential = F.across[b, at(pt, TANGENTIAL) + k]
         if ti.static(scaled):
-            mean *= F.across[b, scale + k]
-            slope *= F.across[b, scale + k]
-            moment *= F.across[b, scale + k]
+            scale = F.across[b, at(other, kind) + k]
+            mean *= scale
+            slope *= scale
+            moment *= scale
+            tangential *= F.across[b, at(other, TANGENTIAL) + k]
         line = F.line3[b, k]
         u, v, w = parts(line)
-        F.row[b, 0] = F.row[b, 0] + mean * u
-        F.row[b, 1] = F.row[b, 1] + mean * v
+        F.row[b, 0] = F.row[b, 0] + tangential * u
+        F.row[b, 1] = F.row[b, 1] + tangential * v
         F.row[b, 2] = F.row[b, 2] + mean * w
         F.row[b, 3] = F.row[b, 3] + moment * w
         F.row[b, 4] = F.row[b, 4] + mean * F.line[b, MOMENT * F.modes + k]
@@ -100,7 +103,8 @@ def add_sources(b, nu, nv, pt):
             + F.row[b, 3] * F.across[b, at(pt, MOMENT) + k]
             + F.row[b, 5] * F.across[b, at(pt, SLOPE) + k]
         )
-        F.line3[b, k] = Wide(F.row[b, 0] * mean, F.row[b, 1] * mean, w)
+        tangential = F.across[b, at(pt, TANGENTIAL) + k]
+        F.line3[b, k] = Wide(F.row[b, 0] * tangential, F.row[b, 1] * tangential, w)
         k = F.after[k]
     first = F.rows[b, pt][0]
     for row in range(first, ti.min(first + 4 * F.rows[b, pt][1], nv)):
@@ -133,7 +137,7 @@ def green(b, nu, nv, npt):
                 across = 0
                 while across < 3:
                     if across == MEAN or down == MEAN:
-                        functionals(b, nu, pa, True, at(pb, across))
+                        functionals(b, nu, pa, True, pb, across)
                         f = 0  # as in F.row, of the normal component
                         if across != MEAN:
                             f = 1 if across == MOMENT else 3

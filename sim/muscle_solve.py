@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from sim.coarse_solve import prolong, restrict
 from sim.fields import GREEN, F, X
 from sim.lacing import sample
 from sim.muscle_modes import add_sources, contract_rows, functionals
@@ -126,7 +127,7 @@ def muscle_correct(b, nu, nv, npt):
     p = 0
     while p < npt:
         contract_rows(b, nu, nv, p)
-        functionals(b, nu, p, False, 0)
+        functionals(b, nu, p, False, 0, 0)
         i = 0
         while i < 7:
             if p < npt - 1:
@@ -157,9 +158,9 @@ def muscle_correct(b, nu, nv, npt):
 
 
 @ti.func
-def solve(b, nu, nv, npt):
+def solve(b, nu, nv, npt, coarse):
     """The first plane of F.modal3 <- P^-1 (the first plane): the flat cloth's own solve, with muscles once more with
-    what their tensions answer. Spends the second plane, with muscles the third."""
+    what their tensions answer, and in the coarse space if wanted. Spends the second plane, with muscles the third."""
     N = nu * nv
     solves = 2 if npt > 0 else 1
     for inverse in range(2):
@@ -169,7 +170,11 @@ def solve(b, nu, nv, npt):
             while k < N * solves:
                 F.modal3[b, N + k] = F.modal3[b, k]
                 k = F.after[k]
+            if coarse:
+                restrict(b, nu, nv)
             for turn in range(solves):
                 if turn == 1:
                     muscle_correct(b, nu, nv, npt)
                 solve_modes(b, nu, nv)
+            if coarse:
+                prolong(b, nu, nv)

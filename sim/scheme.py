@@ -17,6 +17,7 @@ class Scheme:
 
     h: float
     rho: float
+    renews: bool = True  # whether the preconditioner's coarse space becomes that of the shape before the step
 
     @property
     def coefficients(self) -> tuple[float, ...]:

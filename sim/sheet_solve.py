@@ -28,7 +28,7 @@ from sim.vectors import Lanes, Wide, thrice
 
 # 1/m in both directions: a bent cloth resists normal motion by its membrane, which is flat here; with more, soft modes
 # seem to have converged when they have not
-CURVATURE = 5.5
+CURVATURE = 7.0
 
 
 @ti.func
@@ -78,13 +78,13 @@ def factor(b, nu, nv, ca, cv):
             fm2 = free_top
         k = 0
         while k < nu:
-            lam = F.eigen[k] * ihu
+            lam = F.eigen[k][0] * ihu
             o = j * nu + k
-            twist = hu * F.lane[b, TG] + 2.0 * (F.lane[b, D12] + F.lane[b, TW]) * lam
+            twist = hu * F.lane[b, TG] + 2.0 * (F.lane[b, D12] + F.lane[b, TW]) * F.eigen[k][2] * ihu
             a = Wide(
                 (mass + k1 * F.lane[b, HV] * lam) * wj + hu * sh * kj * ihv,
                 (mass + sh * F.lane[b, HV] * lam) * wj + hu * k2 * kj * ihv,
-                (mass + hoop + F.lane[b, D1] * F.lane[b, HV] * lam * lam * ihu) * wj
+                (mass + hoop + F.lane[b, D1] * F.lane[b, HV] * F.eigen[k][1] * ihu * ihu * ihu) * wj
                 + twist * kj * ihv
                 + bend * bj
                 + extra,
@@ -147,9 +147,14 @@ def quads(count):
 
 
 @ti.func
+def entry(tangential, normal):
+    return Wide(Lanes(tangential), Lanes(tangential), Lanes(normal))
+
+
+@ti.func
 def multiply_row(b, x, y, C, count):
     """`count` entries of F.modal3 at y = those at x times a count x count matrix, whose rows lie in F.basis at C by
-    four, zeros below; up to three entries behind x are read for them."""
+    four for both bases, zeros below; up to three entries behind x are read for them."""
     k = 0
     while k < count:
         F.modal3[b, y + k] = Wide(0.0)
@@ -162,7 +167,9 @@ def multiply_row(b, x, y, C, count):
         k = 0
         while k < count:
             m = F.basis[C + quad * count + k]
-            F.modal3[b, y + k] = F.modal3[b, y + k] + ((m[0] * a0 + m[1] * a1) + (m[2] * a2 + m[3] * a3))
+            F.modal3[b, y + k] = F.modal3[b, y + k] + (
+                (entry(m[0], m[4]) * a0 + entry(m[1], m[5]) * a1) + (entry(m[2], m[6]) * a2 + entry(m[3], m[7]) * a3)
+            )
             k = F.after[k]
 
 

@@ -23,10 +23,11 @@ from sim.transfer import halt, read
 
 Array = NDArray[np.float64]
 BLOCKS = 8  # of LANES designs in the fields at once
+RENEWAL = 1 / 240  # s after which the preconditioner's coarse space is made anew; later it hardly fits
 REACH = 0.020  # m, half width over which the preconditioner's frames are averaged
 # To rest: (step [s], duration [s], times the tolerance) with backward Euler and so much air damping that a swing of
 # SWING rad/s dies out
-SETTLE = ((1 / 240, 1 / 15, 4), (1 / 120, 1 / 10, 4), (1 / 40, 0.5, 8), (1 / 40, 0.5, 1))
+SETTLE = ((1 / 240, 1 / 15, 5), (1 / 120, 1 / 10, 5), (1 / 30, 0.5, 10), (1 / 30, 0.5, 5))
 # where only inertia holds the rigid motions, it must show in float32
 SETTLE_FREE = ((1 / 960, 1 / 15, 1), (1 / 480, 1 / 10, 1), (1 / 240, 2.0, 1))
 RESTED = 3e-5  # m, RMS over nodes of what the last of these steps may still move
@@ -49,13 +50,18 @@ class Simulator:
     time_step: float = 1 / 1920  # s, right after a jump of pressure; more in one as time goes on (sim/steps.py)
     calm_steps: int = 16  # time steps in one, later on
     iterations: int = 16  # at most, in a step
-    tolerance: float = 1e-7  # m, RMS over nodes of a step's last update; what it still lacks the next step makes up
+    tolerance: float = 2e-7  # m, RMS over nodes of a step's last update; what it still lacks the next step makes up
     rho: float = 0.6  # spectral radius at infinity of generalised-alpha
     self_contact: bool = False  # whether layers of the cloth keep a thickness apart
 
     def __post_init__(self) -> None:
         if self.points_per_side < 9:
             raise InputError(f"points_per_side is {self.points_per_side}: expected at least 9")
+
+    @property
+    def _most(self) -> int:
+        """Iterations in a step: contacts, stiff and not in the preconditioner, take more."""
+        return 2 * self.iterations if self.self_contact else self.iterations
 
     def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
         """(T, 3362, 3) points [m] of each case at its `times` [s after rest, rising]."""
@@ -151,7 +157,7 @@ class Simulator:
                 h = min(h, 1 / 30)
             prepare(batch, Scheme(h, -1.0))
             for _ in range(steps):
-                march(batch, [Scheme(h, -1.0)], pressure[None], iterations=self.iterations, tolerance=self.tolerance)
+                march(batch, [Scheme(h, -1.0)], pressure[None], iterations=self._most, tolerance=self.tolerance)
                 halt(*batch.grid)
 
     def _settle(self, batch: Batch, pressure: NDArray[np.float32], *, patient: bool) -> None:
@@ -161,7 +167,7 @@ class Simulator:
         if patient:
             stages = (*((h / 2, duration, 1) for h, duration, _ in stages), (stages[-1][0] / 2, 2.0, 1))
         for h, duration, loose in stages:
-            steps, iterations = round(duration / h), self.iterations if loose == 1 else 3 * self.iterations // 4
+            steps, iterations = round(duration / h), self._most if loose == 1 else 3 * self._most // 4
             prepare(batch, Scheme(h, -1.0))
             share = np.minimum(1.0, (begin + h * np.arange(1, steps + 1)) / RAMP).astype(np.float32)
             begin += duration
@@ -193,7 +199,7 @@ class Simulator:
             if k in places or k + 1 == len(schemes) or schemes[k + 1].h != h:
                 march(
                     batch, schemes[first : k + 1], program[first : k + 1],
-                    iterations=self.iterations, tolerance=self.tolerance,
+                    iterations=self._most, tolerance=self.tolerance,
                 )  # fmt: skip
                 first = k + 1
             for frames in layers(places.get(k, [])):
@@ -207,10 +213,16 @@ class Simulator:
 
     def _schemes(self, edges: NDArray[np.int_], jumps: set[int]) -> list[Scheme]:
         """The scheme of every step: the midpoint rule where a pressure jumps."""
-        return [
-            Scheme(float(end - begin) * self.time_step, MIDPOINT if jumps & set(range(begin, end)) else self.rho)
-            for begin, end in pairwise(edges)
-        ]
+        schemes: list[Scheme] = []
+        renewed = 0  # tick
+        for begin, end in pairwise(edges):
+            rho = MIDPOINT if jumps & set(range(begin, end)) else self.rho
+            h = float(end - begin) * self.time_step
+            alike = bool(schemes) and (schemes[-1].h, schemes[-1].rho) == (h, rho)
+            renews = not alike or (begin - renewed) * self.time_step > RENEWAL - 1e-9
+            renewed = begin if renews else renewed
+            schemes.append(Scheme(h, rho, renews))
+        return schemes
 
     def _middle(self, batch: Batch, h: float = 1.0, theta: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
         """(lanes, n, n, 3) at the fraction theta of the last step; its end by default."""

@@ -5,7 +5,8 @@ is the position q at the evaluation time; velocity and acceleration there are li
 a = ca q + ha. The residual r(q) = f(q, v) - M a is the XPBD system of all constraints at once.
 Space: a constraint C of compliance alpha gives f = -grad C^T C / alpha (sim/sheet.py, sim/lacing.py).
 Solve: sim/conjugate_gradients.py, preconditioned by the linear problem of the flat cloth (sim/sheet_solve.py) and its
-muscles (sim/muscle_solve.py) in frames that follow the shape (sim/frames.py). A lane whose update is below the
+muscles (sim/muscle_solve.py) in frames that follow the shape (sim/frames.py), and by what a bent sheet's softest modes
+are (sim/coarse_space.py). A lane whose update is below the
 tolerance no longer moves, so that a design's result does not depend on its neighbours. What its residual then is, a
 force, acts in the next step: errors of the solve cancel instead of adding up to a drift.
 """
@@ -16,6 +17,7 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
+from sim.coarse_space import assemble
 from sim.conjugate_gradients import LEFT, direction, first_residual, step_length
 from sim.contact import contact
 from sim.fields import LANES, SPREAD, F, Timed, X
@@ -47,7 +49,7 @@ def march(
     table = np.array(
         [(*s.coefficients, s.ca, s.cv, c, s.goes_on) for s, c in zip(schemes, carried, strict=True)], np.float32
     )
-    turns = np.array([s.turns for s in schemes], np.int32)
+    turns = np.array([(s.turns, s.turns if s.renews else 0) for s in schemes], np.int32)
     at_once = 1 if batch.touching else len(schemes)
     for first in range(0, len(schemes), at_once):
         run = slice(first, first + at_once)
@@ -62,7 +64,7 @@ def march(
 @ti.kernel
 def _march_kernel(
     nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, hung: ti.i32, reach: ti.i32, iterations: ti.i32,
-    tolerance: ti.f32, table: ti.types.ndarray(dtype=ti.f32, ndim=2), turns: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    tolerance: ti.f32, table: ti.types.ndarray(dtype=ti.f32, ndim=2), turns: ti.types.ndarray(dtype=ti.i32, ndim=2),
     pressure: ti.types.ndarray(dtype=ti.f32, ndim=4),
 ):  # fmt: skip
     for task in range(nb * SPREAD):
@@ -92,13 +94,15 @@ def _march_kernel(
                     if i == 0:
                         first_residual(b, nu, nv)
                     else:
-                        step_length(b, nu, nv)
+                        step_length(b, nu, nv, hung < FREE)
                     if i < last:
-                        if i < turns[m]:
+                        if i < turns[m, 0]:
                             frames(b, nu, nv, reach)
                             if npt > 0:
                                 woodbury(b, nu, npt)
-                        if direction(b, nu, nv, npt, i > 1, tolerance) == 0:
+                            if hung < FREE and i < turns[m, 1]:
+                                assemble(b, nu, nv, npt, ca, cv)
+                        if direction(b, nu, nv, npt, hung < FREE, i > 1, tolerance) == 0:
                             last = i + 1
                     i += 1
                 finish(

@@ -5,7 +5,7 @@ A loop that threads share costs 10 ms of every start, so short ones are serial.
 
 import taichi as ti
 
-from sim.fields import LANES, F, Timed, X
+from sim.fields import LANES, C, F, Timed, X
 from sim.vectors import Lanes, Wide
 
 LOADED = 5  # planes of the node array that `load` takes: x, y, z, mass, free
@@ -15,7 +15,7 @@ LOADED = 5  # planes of the node array that `load` takes: x, y, z, mass, free
 def _load_kernel(
     nb: ti.i32, nu: ti.i32, nv: ti.i32, across: ti.i32, down: ti.i32, odd: ti.i32,
     basis: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    eigen: ti.types.ndarray(dtype=ti.f32, ndim=1),
+    eigen: ti.types.ndarray(dtype=ti.f32, ndim=2),
     table: ti.types.ndarray(dtype=ti.f32, ndim=3),
     constants: ti.types.ndarray(dtype=ti.f32, ndim=3),
     node: ti.types.ndarray(dtype=ti.f32, ndim=4),
@@ -23,6 +23,9 @@ def _load_kernel(
     index: ti.types.ndarray(dtype=ti.i32, ndim=4),
     weight: ti.types.ndarray(dtype=ti.f32, ndim=4),
     rows: ti.types.ndarray(dtype=ti.i32, ndim=3),
+    shared: ti.types.ndarray(dtype=ti.f32, ndim=1),
+    place: ti.types.ndarray(dtype=ti.i32, ndim=1),
+    coarse: ti.types.ndarray(dtype=ti.f32, ndim=3),
 ):  # fmt: skip
     """What all designs share; then zero every other array, and to their places: constants (nb, constants, LANES),
     node (nb, 5, P, LANES), point (nb, first entries, LANES), index (nb, 3, points, LANES: base node,
@@ -34,12 +37,21 @@ def _load_kernel(
         k += 1
     k = 0
     while k < basis.shape[0]:
-        for r in ti.static(range(4)):
+        for r in ti.static(range(8)):
             F.basis[k][r] = basis[k, r]
         k = F.after[k]
     k = 0
     while k < eigen.shape[0]:
-        F.eigen[k] = eigen[k]
+        for r in ti.static(range(3)):
+            F.eigen[k][r] = eigen[k, r]
+        k = F.after[k]
+    k = 0
+    while k < shared.shape[0]:
+        C.shared[k] = shared[k]
+        k = F.after[k]
+    k = 0
+    while k < place.shape[0]:
+        C.place[k] = place[k]
         k = F.after[k]
     ti.loop_config(serialize=True)
     for t in range(table.shape[0]):
@@ -91,6 +103,10 @@ def _load_kernel(
             while k < weight.shape[2]:
                 F.across[b, k][lane] = weight[b, 0, k, lane]
                 F.down[b, k][lane] = weight[b, 1, k, lane]
+                k = F.after[k]
+            k = 0
+            while k < coarse.shape[1]:
+                F.coarse_down[b, k][lane] = coarse[b, k, lane]
                 k = F.after[k]
             lane = F.after[lane]
         k = 0

@@ -18,7 +18,7 @@ KINDS = ((0, 1), (4, 1), (0, 5), (2, 1), (0, 3))  # weights across and down of t
 def _solve(n: ti.i32, points: ti.i32):
     for task in range(SPREAD):
         if task == 0:
-            solve(0, n, n, points)
+            solve(0, n, n, points, False)
 
 
 def inverse(right, points):

@@ -53,7 +53,7 @@ def _solve_kernel(nu: ti.i32, nv: ti.i32, repeats: ti.i32):
                 while k < nu * nv:
                     F.modal3[0, k] = F.modal3[0, 2 * nu * nv + k]
                     k = F.after[k]
-                solve(0, nu, nv, 0)
+                solve(0, nu, nv, 0, False)
 
 
 _forces, _solve = Timed(_forces_kernel), Timed(_solve_kernel)

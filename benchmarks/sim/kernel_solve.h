@@ -18,9 +18,11 @@ static inline __attribute__((always_inline)) void product(int x, int y, int C, i
     for (int quad = 0; quad < (count + 3) / 4; quad++)
         for (int r = 0; r < 4; r++) {
             V a = get(modal, x + 4 * quad + r);
-            const float *m = basis + 4 * (long)(C + quad * count + k) + r;
-            for (int i = 0; i < width; i++)
-                sum[i] = add(sum[i], mul(_mm256_broadcast_ss(m + 4 * i), a));
+            const float *m = basis + 8 * (long)(C + quad * count + k) + r;
+            for (int i = 0; i < width; i++) {
+                L tangential = _mm256_broadcast_ss(m + 8 * i), normal = _mm256_broadcast_ss(m + 8 * i + 4);
+                sum[i] = add(sum[i], mulv((V){tangential, tangential, normal}, a));
+            }
         }
     for (int i = 0; i < width; i++)
         set(modal, y + k + i, sum[i]);

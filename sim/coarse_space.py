@@ -1,0 +1,269 @@
+"""A coarse space for the preconditioner: the softest modes, in which a bent sheet couples normal and tangential motion.
+
+The flat cloth's own problem (sim/sheet_solve.py) knows curvature only as a constant normal stiffness: modes that bend
+without stretching seem up to a thousand times too stiff there. In the span W of COARSE_ACROSS x COARSE_DOWN products of
+modes, three components each in the preconditioner's frames, strains u' + kappa w of the shape at hand count instead:
+y += W (E^-1 - E_P^-1) W^T r, with E the Galerkin matrix of the coupled problem and E_P = W^T P W (an additive two-level
+preconditioner; Nicolaides 1987, SIAM J. Numer. Anal. 24). Both must be of the same shape as P, else P^-1 may be
+indefinite. Nodes held one by one, which W does not know, do without. Curvatures are sampled at COARSE_SAMPLES^2 nodes.
+"""
+
+import taichi as ti
+
+from sim.coarse_solve import add_rows, factor
+from sim.fields import (
+    AIR,
+    B2,
+    COARSE,
+    COARSE_ACROSS,
+    COARSE_DOWN,
+    COARSE_SAMPLES,
+    D1,
+    D2,
+    D12,
+    DCLAMP,
+    DTOP,
+    HU,
+    HV,
+    IHU,
+    IHV,
+    KH1,
+    KH2,
+    MBAR,
+    SH,
+    TG,
+    TW,
+    VISC,
+    C,
+    F,
+    X,
+)
+from sim.frames import axes
+from sim.muscle_modes import MEAN, MOMENT, SLOPE, TANGENTIAL, at
+from sim.sheet_solve import CURVATURE
+from sim.vectors import Lanes, difference, dot
+
+# of the flat cloth's normal stiffness (CURVATURE) in E: with none, more cloths that snap run away; with much, a flat
+# cloth seems at rest when it is not
+KEPT = 0.05
+
+
+@ti.func
+def assemble(b, nu, nv, npt, ca, cv):
+    """E and E_P of the shape at hand, factored."""
+    flat(b, ca, cv)
+    if npt > 0:
+        pull(b, npt)
+    copy(b, cv)
+    bent(b, nu, nv, cv)
+    factor(b, C.coupled)
+    factor(b, C.alone)
+
+
+@ti.func
+def flat(b, ca, cv):
+    """E_P <- W^T K0 W without its normal stiffness of a bent cloth."""
+    k = 0
+    while k < COARSE * COARSE:
+        F.coarse[b, C.alone + k] = Lanes(0.0)
+        k = F.after[k]
+    vis = F.lane[b, VISC] * cv
+    hu = F.lane[b, HU]
+    hv = F.lane[b, HV]
+    ihv = F.lane[b, IHV]
+    mass = hu * hv * (F.lane[b, MBAR] * ca + F.lane[b, AIR] * cv)
+    k1 = hv * (F.lane[b, KH1] + vis)
+    k2 = hu * ihv * (F.lane[b, KH2] + vis)
+    sh = F.lane[b, SH] + 0.5 * vis
+    bend = hu * F.lane[b, D2] * ihv * ihv * ihv
+    clamp = F.lane[b, DTOP] * F.lane[b, DCLAMP] * 2.0 * hu * F.lane[b, B2] * ihv * ihv * ihv
+    k = 0
+    while k < COARSE_ACROSS:
+        eigen = F.eigen[C.place[k]]
+        ihu = F.lane[b, IHU]
+        lam = eigen[0] * ihu
+        m = 0
+        while m < COARSE_DOWN:
+            mu = C.shared[C.stiffness + m]
+            i = k * COARSE_DOWN + m
+            u = C.alone + i * (COARSE + 1)
+            v = u + COARSE_ACROSS * COARSE_DOWN * (COARSE + 1)
+            F.coarse[b, u] = mass + k1 * lam + hu * ihv * sh * mu
+            F.coarse[b, v] = mass + hv * sh * lam + k2 * mu
+            w = v + COARSE_ACROSS * COARSE_DOWN * (COARSE + 1) - m
+            F.coarse[b, w + m] = (
+                mass
+                + F.lane[b, D1] * hv * eigen[1] * ihu * ihu * ihu
+                + (hu * F.lane[b, TG] + 2.0 * (F.lane[b, D12] + F.lane[b, TW]) * eigen[2] * ihu) * ihv * mu
+            )
+            o = m
+            while o < COARSE_DOWN:
+                pair = m * COARSE_DOWN + o
+                F.coarse[b, w + o] = (
+                    F.coarse[b, w + o] + bend * C.shared[C.bending + pair] + clamp * C.shared[C.clamp + pair]
+                )
+                o = F.after[o]
+            m = F.after[m]
+        k = F.after[k]
+
+
+@ti.func
+def pull(b, npt):
+    """E_P += a a^T / compliance of all intervals, with a = W^T J^T; four at a time."""
+    s = 0
+    while s < npt - 1:
+        for r in range(4):
+            stretch(b, npt, s + r, C.pull + r * COARSE)
+        i = 0
+        while i < COARSE:
+            k = 0
+            while k < 16:
+                F.coarse[b, C.ratio + k] = F.coarse[b, C.pull + k % 4 * COARSE + i + k // 4]
+                k = F.after[k]
+            add_rows(b, C.alone, C.pull, i)
+            i += 4
+        s += 4
+
+
+@ti.func
+def stretch(b, npt, s, dst):
+    """How the modes stretch an interval, times the root of its stiffness; nothing behind the last one."""
+    k = 0
+    while k < COARSE:
+        F.coarse[b, dst + k] = Lanes(0.0)
+        k = F.after[k]
+    if s < npt - 1:
+        n = COARSE_ACROSS * COARSE_DOWN
+        stiff = ti.sqrt(ti.max(0.0, 1.0 / F.point[b, X.compliance + s]))
+        for e in range(2):
+            q = X.coef + e * 7 * F.points + s
+            k = 0
+            while k < COARSE_ACROSS:
+                mean = stiff * F.across[b, at(s + e, MEAN) + C.place[k]]
+                tangential = stiff * F.across[b, at(s + e, TANGENTIAL) + C.place[k]]
+                normal = F.point[b, q + 2 * F.points] * mean + stiff * (
+                    F.point[b, q + 3 * F.points] * F.across[b, at(s + e, MOMENT) + C.place[k]]
+                    + F.point[b, q + 5 * F.points] * F.across[b, at(s + e, SLOPE) + C.place[k]]
+                )
+                u = F.point[b, q] * tangential
+                v = F.point[b, q + F.points] * tangential
+                w_moment = F.point[b, q + 4 * F.points] * mean
+                w_slope = F.point[b, q + 6 * F.points] * mean
+                m = 0
+                while m < COARSE_DOWN:
+                    o = dst + k * COARSE_DOWN + m
+                    d = (s + e) * 3 * COARSE_DOWN + m
+                    along = F.coarse_down[b, d + MEAN * COARSE_DOWN]
+                    F.coarse[b, o] = F.coarse[b, o] + u * along
+                    F.coarse[b, o + n] = F.coarse[b, o + n] + v * along
+                    F.coarse[b, o + 2 * n] = F.coarse[b, o + 2 * n] + (
+                        normal * along
+                        + w_moment * F.coarse_down[b, d + MOMENT * COARSE_DOWN]
+                        + w_slope * F.coarse_down[b, d + SLOPE * COARSE_DOWN]
+                    )
+                    m = F.after[m]
+                k = F.after[k]
+
+
+@ti.func
+def copy(b, cv):
+    """E <- E_P, and E_P gets its normal stiffness."""
+    k = 0
+    while k < COARSE * COARSE:
+        F.coarse[b, C.coupled + k] = F.coarse[b, C.alone + k]
+        k = F.after[k]
+    hoop = F.lane[b, HU] * F.lane[b, HV] * CURVATURE**2 * (F.lane[b, KH1] + F.lane[b, KH2] + 2.0 * F.lane[b, VISC] * cv)
+    k = 2 * COARSE_ACROSS * COARSE_DOWN
+    while k < COARSE:
+        o = C.alone + k * (COARSE + 1)
+        F.coarse[b, o] = F.coarse[b, o] + hoop
+        F.coarse[b, o - C.alone + C.coupled] = F.coarse[b, o - C.alone + C.coupled] + KEPT * hoop
+        k = F.after[k]
+
+
+@ti.func
+def bent(b, nu, nv, cv):
+    """E += what strains u' + kappa w, and shear, have beyond those of the flat cloth's components apart."""
+    sample(b, nu, nv, cv)
+    q = 0
+    while q < 8:
+        src = C.sample + q * COARSE_SAMPLES * COARSE_SAMPLES
+        code = COARSE_ACROSS + COARSE_SAMPLES + 4 * q
+        k = 0
+        while k < COARSE_ACROSS * COARSE_ACROSS:
+            a = C.across + (C.place[code + 2] * COARSE_ACROSS * COARSE_ACROSS + k) * COARSE_SAMPLES
+            t = 0
+            while t < COARSE_SAMPLES:
+                F.coarse[b, C.line + k * COARSE_SAMPLES + t] = weighed(b, a, src + t * COARSE_SAMPLES)
+                t = F.after[t]
+            k = F.after[k]
+        k = 0
+        while k < COARSE_ACROSS * COARSE_ACROSS:
+            line = C.line + k * COARSE_SAMPLES
+            i0 = (C.place[code] * COARSE_ACROSS + k // COARSE_ACROSS) * COARSE_DOWN
+            j0 = (C.place[code + 1] * COARSE_ACROSS + k % COARSE_ACROSS) * COARSE_DOWN
+            m = 0
+            while m < COARSE_DOWN * COARSE_DOWN:
+                i = i0 + m // COARSE_DOWN
+                j = j0 + m % COARSE_DOWN
+                if i <= j:
+                    a = C.down + (C.place[code + 3] * COARSE_DOWN * COARSE_DOWN + m) * COARSE_SAMPLES
+                    o = C.coupled + i * COARSE + j
+                    F.coarse[b, o] = F.coarse[b, o] + weighed(b, a, line)
+                m = F.after[m]
+            k = F.after[k]
+        q = F.after[q]
+
+
+@ti.func
+def weighed(b, a, x):
+    """Sum over samples of C.shared from a on times F.coarse from x on; two by two: a sum waits for the last."""
+    first, second = Lanes(0.0), Lanes(0.0)
+    for i in ti.static(range(COARSE_SAMPLES // 2)):
+        first += C.shared[a + 2 * i] * F.coarse[b, x + 2 * i]
+        second += C.shared[a + 2 * i + 1] * F.coarse[b, x + 2 * i + 1]
+    return first + second
+
+
+@ti.func
+def sample(b, nu, nv, cv):
+    """Curvatures of the frames at the sampled nodes, times stiffness and area."""
+    size = COARSE_SAMPLES * COARSE_SAMPLES
+    vis = F.lane[b, VISC] * cv
+    ihu = F.lane[b, IHU]
+    ihv = F.lane[b, IHV]
+    area = F.lane[b, HU] * F.lane[b, HV] * ((nu - 1) * (nv - 1) * 1.0 / size)
+    k1 = area * (F.lane[b, KH1] + vis)
+    k2 = area * (F.lane[b, KH2] + vis)
+    sh = area * (F.lane[b, SH] + 0.5 * vis)
+    reach = ti.max(1, (nu - 1) // (2 * COARSE_SAMPLES))
+    t = 0
+    while t < COARSE_SAMPLES:
+        j = C.place[COARSE_ACROSS + t]
+        s = 0
+        while s < COARSE_SAMPLES:
+            i = C.place[COARSE_ACROSS + s]
+            k = (j + 1) * (nu + 2) + i + 1
+            west = ti.min(reach, i)
+            east = ti.min(reach, nu - 1 - i)
+            north = ti.min(reach, j)
+            south = ti.min(reach, nv - 1 - j)
+            ux, uy, uz, vx, vy, vz, _, _, _ = axes(b, k)
+            ax, ay, az = difference(b, F.fn + k - west, F.fn + k + east)
+            bx, by, bz = difference(b, F.fn + k - north * (nu + 2), F.fn + k + south * (nu + 2))
+            along_u = ihu / (west + east)
+            along_v = ihv / (north + south)
+            one = along_u * dot(ax, ay, az, ux, uy, uz)
+            two = along_v * dot(bx, by, bz, vx, vy, vz)
+            both = along_u * dot(ax, ay, az, vx, vy, vz) + along_v * dot(bx, by, bz, ux, uy, uz)
+            o = C.sample + t * COARSE_SAMPLES + s
+            F.coarse[b, o] = k1 * one * ihu
+            F.coarse[b, o + size] = sh * both * ihv
+            F.coarse[b, o + 2 * size] = k2 * two * ihv
+            F.coarse[b, o + 3 * size] = sh * both * ihu
+            F.coarse[b, o + 4 * size] = k1 * one * one
+            F.coarse[b, o + 5 * size] = k2 * two * two
+            F.coarse[b, o + 6 * size] = sh * both * both
+            F.coarse[b, o + 7 * size] = sh * ihu * ihv
+            s = F.after[s]
+        t = F.after[t]

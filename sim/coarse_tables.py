@@ -1,0 +1,54 @@
+"""What the coarse space (sim/coarse_space.py) has of the grid alone: its modes, and their products at the samples."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.fields import COARSE_ACROSS, COARSE_DOWN, COARSE_SAMPLES
+from sim.modes import Modes
+
+# Products of strains that couple components: of rows and columns (0 u, 1 v, 2 w), which tables across and down.
+# u' kappa_1 w, u-shear w, v' kappa_2 w, v-shear w; (kappa w)^2 thrice; u-shear v-shear
+PRODUCTS = (
+    (0, 2, 0, 0), (0, 2, 1, 1), (1, 2, 2, 1), (1, 2, 0, 2), (2, 2, 3, 0), (2, 2, 4, 2), (2, 2, 3, 2), (0, 1, 5, 1),
+)  # fmt: skip
+
+
+def tables(
+    across: Modes, down: NDArray[np.float64], eigen_down: NDArray[np.float64]
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """What C.shared and C.place hold; down (n, n): modes along v, softest first, and their eigenvalues."""
+    n = len(down)
+    nodes = np.rint((np.arange(COARSE_SAMPLES) + 0.5) * (n - 1) / COARSE_SAMPLES).astype(int)
+    columns, rows = np.argsort(across.stretching, kind="stable")[:COARSE_ACROSS], slice(0, COARSE_DOWN)
+    tangential, normal = across.tangential[:, columns], across.normal[:, columns]
+    # an edge has the mean of its ends, of a cosine less than a node; and a steeper slope than two edges
+    mean = _edge_means(across.tangential, across.stretching)
+    u, u_mean, u_slope = (
+        tangential,
+        mean @ tangential,
+        np.gradient(tangential, axis=0) / _shrink(across.stretching[columns]),
+    )
+    w, w_mean = normal, mean @ normal
+    soft = down[:, rows]
+    v, v_mean = soft, soft * _shrink(eigen_down[rows])
+    v_slope = np.gradient(soft, axis=0) / _shrink(eigen_down[rows])
+    pairs = (
+        (u_slope, w_mean), (u_mean, w_mean), (u, w), (w_mean, w_mean), (w, w), (u_mean, u_slope),
+        (v, v), (v_slope, v_mean), (v_mean, v_mean),
+    )  # fmt: skip
+    shared = [np.einsum("sk,sl->kls", left[nodes], right[nodes]) for left, right in pairs]
+    second = np.diff(soft, n=2, axis=0)
+    shared += [eigen_down[rows], second.T @ second, np.outer(soft[1], soft[1]), np.pad(soft, ((0, -n % 4), (0, 0)))]
+    numbers = np.concatenate([np.ravel(a) for a in shared]).astype(np.float32)
+    return numbers, np.concatenate([columns, nodes, np.ravel(PRODUCTS)]).astype(np.int32)
+
+
+def _shrink(eigen: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How much less the mean of two neighbours is than a mode between them."""
+    return np.sqrt(np.clip(1 - eigen / 4, 0, None))
+
+
+def _edge_means(modes: NDArray[np.float64], eigen: NDArray[np.float64]) -> NDArray[np.float64]:
+    weight = np.ones(len(modes))
+    weight[[0, -1]] = 0.5
+    return (modes * _shrink(eigen)) @ (modes.T * weight)
