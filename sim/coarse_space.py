@@ -56,8 +56,8 @@ def assemble(b, nu, nv, npt, ca, cv):
         pull(b, npt)
     copy(b, cv)
     bent(b, nu, nv, cv)
-    factor(b, C.coupled)
-    factor(b, C.alone)
+    for which in range(2):
+        factor(b, C.coupled + which * COARSE * COARSE)
 
 
 @ti.func

@@ -49,7 +49,7 @@ def march(
     table = np.array(
         [(*s.coefficients, s.ca, s.cv, c, s.goes_on) for s, c in zip(schemes, carried, strict=True)], np.float32
     )
-    turns = np.array([(s.turns, s.turns if s.renews else 0) for s in schemes], np.int32)
+    turns = np.array([(s.turns, 1 if s.renews else 0) for s in schemes], np.int32)
     at_once = 1 if batch.touching else len(schemes)
     for first in range(0, len(schemes), at_once):
         run = slice(first, first + at_once)
