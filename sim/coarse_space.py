@@ -27,20 +27,16 @@ from sim.fields import (
     HV,
     IHU,
     IHV,
-    KH1,
-    KH2,
     MBAR,
-    SH,
     TG,
     TW,
-    VISC,
     C,
     F,
     X,
 )
 from sim.frames import axes
 from sim.muscle_modes import MEAN, MOMENT, SLOPE, TANGENTIAL, at
-from sim.sheet_solve import CURVATURE
+from sim.sheet_solve import membrane, normal_stiffness
 from sim.vectors import Lanes, difference, dot
 
 # of the flat cloth's normal stiffness (CURVATURE) in E: with none, more cloths that snap run away; with much, a flat
@@ -67,14 +63,11 @@ def flat(b, ca, cv):
     while k < COARSE * COARSE:
         F.coarse[b, C.alone + k] = Lanes(0.0)
         k = F.after[k]
-    vis = F.lane[b, VISC] * cv
     hu = F.lane[b, HU]
     hv = F.lane[b, HV]
     ihv = F.lane[b, IHV]
     mass = hu * hv * (F.lane[b, MBAR] * ca + F.lane[b, AIR] * cv)
-    k1 = hv * (F.lane[b, KH1] + vis)
-    k2 = hu * ihv * (F.lane[b, KH2] + vis)
-    sh = F.lane[b, SH] + 0.5 * vis
+    k1, k2, sh = membrane(b, cv)
     bend = hu * F.lane[b, D2] * ihv * ihv * ihv
     clamp = F.lane[b, DTOP] * F.lane[b, DCLAMP] * 2.0 * hu * F.lane[b, B2] * ihv * ihv * ihv
     k = 0
@@ -88,8 +81,8 @@ def flat(b, ca, cv):
             i = k * COARSE_DOWN + m
             u = C.alone + i * (COARSE + 1)
             v = u + COARSE_ACROSS * COARSE_DOWN * (COARSE + 1)
-            F.coarse[b, u] = mass + k1 * lam + hu * ihv * sh * mu
-            F.coarse[b, v] = mass + hv * sh * lam + k2 * mu
+            F.coarse[b, u] = mass + hv * k1 * lam + hu * ihv * sh * mu
+            F.coarse[b, v] = mass + hv * sh * lam + hu * ihv * k2 * mu
             w = v + COARSE_ACROSS * COARSE_DOWN * (COARSE + 1) - m
             F.coarse[b, w + m] = (
                 mass
@@ -172,7 +165,7 @@ def copy(b, cv):
     while k < COARSE * COARSE:
         F.coarse[b, C.coupled + k] = F.coarse[b, C.alone + k]
         k = F.after[k]
-    hoop = F.lane[b, HU] * F.lane[b, HV] * CURVATURE**2 * (F.lane[b, KH1] + F.lane[b, KH2] + 2.0 * F.lane[b, VISC] * cv)
+    hoop = normal_stiffness(b, cv)
     k = 2 * COARSE_ACROSS * COARSE_DOWN
     while k < COARSE:
         o = C.alone + k * (COARSE + 1)
@@ -229,13 +222,11 @@ def weighed(b, a, x):
 def sample(b, nu, nv, cv):
     """Curvatures of the frames at the sampled nodes, times stiffness and area."""
     size = COARSE_SAMPLES * COARSE_SAMPLES
-    vis = F.lane[b, VISC] * cv
     ihu = F.lane[b, IHU]
     ihv = F.lane[b, IHV]
     area = F.lane[b, HU] * F.lane[b, HV] * ((nu - 1) * (nv - 1) * 1.0 / size)
-    k1 = area * (F.lane[b, KH1] + vis)
-    k2 = area * (F.lane[b, KH2] + vis)
-    sh = area * (F.lane[b, SH] + 0.5 * vis)
+    k1, k2, sh = membrane(b, cv)
+    k1, k2, sh = area * k1, area * k2, area * sh
     reach = ti.max(1, (nu - 1) // (2 * COARSE_SAMPLES))
     t = 0
     while t < COARSE_SAMPLES:

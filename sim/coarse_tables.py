@@ -20,27 +20,26 @@ def tables(
     n = len(down)
     nodes = np.rint((np.arange(COARSE_SAMPLES) + 0.5) * (n - 1) / COARSE_SAMPLES).astype(int)
     columns, rows = np.argsort(across.stretching, kind="stable")[:COARSE_ACROSS], slice(0, COARSE_DOWN)
-    tangential, normal = across.tangential[:, columns], across.normal[:, columns]
     # an edge has the mean of its ends, of a cosine less than a node; and a steeper slope than two edges
     mean = _edge_means(across.tangential, across.stretching)
-    u, u_mean, u_slope = (
-        tangential,
-        mean @ tangential,
-        np.gradient(tangential, axis=0) / _shrink(across.stretching[columns]),
-    )
-    w, w_mean = normal, mean @ normal
-    soft = down[:, rows]
-    v, v_mean = soft, soft * _shrink(eigen_down[rows])
-    v_slope = np.gradient(soft, axis=0) / _shrink(eigen_down[rows])
+    u, u_mean, u_slope = _at_edges(across.tangential[:, columns], across.stretching[columns])
+    w, w_mean = across.normal[:, columns], mean @ across.normal[:, columns]
+    v, v_mean, v_slope = _at_edges(down[:, rows], eigen_down[rows])
     pairs = (
         (u_slope, w_mean), (u_mean, w_mean), (u, w), (w_mean, w_mean), (w, w), (u_mean, u_slope),
         (v, v), (v_slope, v_mean), (v_mean, v_mean),
     )  # fmt: skip
     shared = [np.einsum("sk,sl->kls", left[nodes], right[nodes]) for left, right in pairs]
-    second = np.diff(soft, n=2, axis=0)
-    shared += [eigen_down[rows], second.T @ second, np.outer(soft[1], soft[1]), np.pad(soft, ((0, -n % 4), (0, 0)))]
+    second = np.diff(v, n=2, axis=0)
+    shared += [eigen_down[rows], second.T @ second, np.outer(v[1], v[1]), np.pad(v, ((0, -n % 4), (0, 0)))]
     numbers = np.concatenate([np.ravel(a) for a in shared]).astype(np.float32)
     return numbers, np.concatenate([columns, nodes, np.ravel(PRODUCTS)]).astype(np.int32)
+
+
+def _at_edges(modes: NDArray[np.float64], eigen: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Tangential modes, and what means and slopes of edges are of them, at the nodes."""
+    shrink = _shrink(eigen)
+    return modes, modes * shrink, np.gradient(modes, axis=0) / shrink
 
 
 def _shrink(eigen: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -32,20 +32,31 @@ CURVATURE = 7.0
 
 
 @ti.func
+def membrane(b, cv):
+    """N/m along u, along v and of shear in a step, viscosity included."""
+    vis = F.lane[b, VISC] * cv
+    return F.lane[b, KH1] + vis, F.lane[b, KH2] + vis, F.lane[b, SH] + 0.5 * vis
+
+
+@ti.func
+def normal_stiffness(b, cv):
+    """N/m of a node: what the membrane of a bent cloth resists normal motion with."""
+    k1, k2, _ = membrane(b, cv)
+    return F.lane[b, HU] * F.lane[b, HV] * CURVATURE**2 * (k1 + k2)
+
+
+@ti.func
 def factor(b, nu, nv, ca, cv):
     """LDL^T in v of every mode across, for the three components (u, v, normal) at once: planes of F.factor3 hold l of
     the row before, l of the one before that (zero but for the normal component), and 1 / d."""
     N = nu * nv
-    vis = F.lane[b, VISC] * cv
     mb = F.lane[b, MBAR] * ca + F.lane[b, AIR] * cv
     hu = F.lane[b, HU]
     ihu = F.lane[b, IHU]
     ihv = F.lane[b, IHV]
-    k1 = F.lane[b, KH1] + vis
-    k2 = F.lane[b, KH2] + vis
-    sh = F.lane[b, SH] + 0.5 * vis
+    k1, k2, sh = membrane(b, cv)
     mass = hu * F.lane[b, HV] * mb
-    hoop = hu * F.lane[b, HV] * CURVATURE**2 * (k1 + k2)
+    hoop = normal_stiffness(b, cv)
     bend = hu * F.lane[b, D2] * ihv * ihv * ihv
     free_top = 1.0 - F.lane[b, DTOP]
     for j in range(nv):
