@@ -2,8 +2,9 @@
 
 A muscle is laced through interstices of tape 10.5 mm wide, so a fixed point holds the cloth by a loop, not by a
 mathematical point, which would pull infinitely far into it: displacement ~ F ln(r) / (2 pi k). The loop's share of the
-cloth is a cubic B-spline with knots LOOP apart in both directions: its variance is that of a square of 2 LOOP. Closer
-to a hem than LOOP the knots are as far apart as the hem is away, so that a muscle that ends on a held edge is held.
+cloth is a cubic B-spline with knots LOOP apart in both directions: its variance is that of a square of 2 LOOP. A grid
+of spacing h gives way to so narrow a load more than the sheet does, so that WIDENED h^2 is added to LOOP^2. Closer to a
+hem than LOOP the knots are as far apart as the hem is away, so that a muscle that ends on a held edge is held.
 """
 
 import numpy as np
@@ -13,6 +14,7 @@ from sim.fields import PATCH
 
 Array = NDArray[np.float64]
 LOOP = 0.005  # m; the trials of rig_c (synthetic) that may be fitted like 4 to 5 mm best, 0 or 7 mm less
+WIDENED = 1 / 8  # with it grids of 10 and 5 mm come nearest to fine ones (docs/results/simulator.md)
 
 
 def patch_size(nodes: int, spacing: float) -> int:
@@ -24,18 +26,18 @@ def line_weights(t: ArrayLike, nodes: int, spacing: float, count: int) -> tuple[
     """Of loops at `t` (...) [m] on a line of nodes: first node (...), weights (..., count), derivatives of these [1/m],
     first moments [m].
 
-    `count`: of weights, patch_size at least. Where the nodes are farther apart than the knots, B-spline and Catmull-Rom
-    weights are mixed so that the variance stays. Beyond the ends of the line the quadratic of three nodes goes on.
+    `count`: of weights, patch_size at least. B-spline weights, with knots a spacing apart at least, and Catmull-Rom
+    weights, of no variance, are mixed for the loop's. Beyond the ends of the line the quadratic of three nodes goes on.
     """
     at = np.asarray(t, dtype=float)[..., None]
     around = _around(at / spacing, nodes, count)
     x = np.asarray(around * spacing - at)
     knots = np.clip(np.minimum(at, (nodes - 1) * spacing - at), 0.0, LOOP)
-    value, slope = _spline(x, np.minimum(np.maximum(knots, spacing), spacing * count / 4))
-    share = np.minimum(1.0, (knots / spacing) ** 2)
-    if (share < 1).any():
-        sharp, rise = _catmull_rom(np.asarray(x / spacing))
-        value, slope = sharp + share * (value - sharp), rise / spacing + share * (slope - rise / spacing)
+    scale = np.minimum(np.maximum(knots, spacing), spacing * count / 4)
+    value, slope = _spline(x, scale)
+    sharp, rise = _catmull_rom(np.asarray(x / spacing))
+    share = np.minimum(1.0, (knots / scale) ** 2) * (1 + WIDENED * (spacing / LOOP) ** 2)
+    value, slope = sharp + share * (value - sharp), rise / spacing + share * (slope - rise / spacing)
     first, fold = _fold(around, nodes)
     value, slope = (np.einsum("...nk,...k->...n", fold, w) for w in (value, slope))
     return first, value, slope, value * ((first[..., None] + np.arange(count)) * spacing - at)

@@ -46,6 +46,7 @@ def across(a, n):
 
 
 LOOP = 0.005  # m
+WIDENED = 1 / 8  # of the square of the spacing, added to that of LOOP
 
 
 def bspline(x):
@@ -197,16 +198,15 @@ class ReferenceSheet:
 
     def _line(self, t, direction):
         """(n,) weights and their derivatives of a loop at `t`: a cubic B-spline with knots LOOP apart over the nodes,
-        ghosts included; on a coarser grid, mixed with Catmull-Rom interpolation."""
+        ghosts included, of a spacing on a coarser grid; mixed with Catmull-Rom interpolation so that the variance is
+        (LOOP^2 + WIDENED h^2) / 3."""
         n, h, beyond = self.n, self.h[direction], 8
         x = (np.arange(-beyond, n + beyond) * h - t) / h
-        s = LOOP / h
-        if s > 1:
-            assert abs(s - round(s)) < 1e-9
-            value, slope = bspline(x / s) / s, bspline_slope(x / s) / s**2
-        else:
-            value = catmull_rom(x) + s**2 * (bspline(x) - catmull_rom(x))
-            slope = catmull_rom_slope(x) + s**2 * (bspline_slope(x) - catmull_rom_slope(x))
+        s = max(1.0, LOOP / h)
+        assert abs(s - round(s)) < 1e-9
+        share = ((LOOP / h) ** 2 + WIDENED) / s**2
+        value = catmull_rom(x) + share * (bspline(x / s) / s - catmull_rom(x))
+        slope = catmull_rom_slope(x) + share * (bspline_slope(x / s) / s**2 - catmull_rom_slope(x))
         ghosts = np.zeros((n + 2 * beyond, n))  # the quadratic of the last three nodes goes on
         ghosts[beyond:-beyond] = np.eye(n)
         for k in range(1, beyond + 1):

@@ -68,7 +68,5 @@ def _page() -> str:
         ),
         "",
         "Mirror images are apart by what single precision and a step's tolerance leave.",
-        "The order in space of 21, 41 and 81 points is low because loops of 10 mm are narrowed on the grid of 21",
-        "points so that it errs by little; it shows from 41 points on.",
     ]
     return "\n".join(lines) + "\n"
