@@ -1,7 +1,7 @@
 """Levenberg-Marquardt in the logarithms of the factors, with a data-sheet prior and honest covariances."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fabdesign.errors import SimulationError
 from fabdesign.forward import PARAMETERS, Case, ForwardModel
+from studies.calibrate_branches import ASTRAY, better_branch, misfit, share_astray, thinned
 from studies.calibrate_clouds import Array, Match, Motion, Sample, derivatives, match
 
 # Standard deviations of the logarithms: data sheets are good to tens of percent, their damping to 30 %.
@@ -26,6 +27,7 @@ _NEAR = 0.05  # of a logarithm: steps under it are left to the fine engine
 _FINE_ITERATIONS = 5  # cheap: without new differences
 _DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
 _LINEAR = 0.005  # m: frames that the prior moves by more count less
+_BRANCHES = 3  # other branches taken at most
 _SMALLEST_SCALE = 1e-6  # m, for clouds without noise
 
 
@@ -79,7 +81,8 @@ def fit(
     With `fine`, `coarse` makes the first iterations, its motions corrected by what both are apart at the data sheet.
     Cloth that buckles multiplies small differences, and that correction, true at the data sheet, is then centimetres
     off elsewhere; so the last iterations are by `fine` alone, with the differences of their first: they lead not
-    much farther than a difference's own step.
+    much farther than a difference's own step. Where frames are left that the model buckles another way, other branches
+    are tried (studies/calibrate_branches.py).
 
     All points of a block of 0.5 s share the model's error, so their likelihood is tempered: raised to the power that
     makes its curvature agree with the scatter of the blocks' scores (Pauli, Racugno and Ventura 2011). The covariance
@@ -102,6 +105,9 @@ def fit(
             samples, state, look, weight, _CONVERGED, _FINE_ITERATIONS, lambda line: progress(f"fine {line}")
         )
         iterations += more
+    last = coarse if fine is None else fine
+    state, more, converged = _other_branches(samples, last, state, weight, converged, progress)
+    iterations += more
     _, normal = _step(samples, state, weight, 0.0)
     information = normal.tempering * normal.hessian
     bread = np.linalg.inv(information + weight)
@@ -123,7 +129,7 @@ def fit(
 def _descend(
     samples: Sequence[Sample],
     state: _State,
-    look: Callable[[Array, Array], _State],
+    look: Callable[..., _State],
     weight: Array,
     close: float,
     most: int,
@@ -134,14 +140,46 @@ def _descend(
     for iteration in range(1, most + 1):
         step, normal = _step(samples, state, weight, damping)
         progress(f"iteration {iteration}: {1e3 * _capped(state.found.residual):.3f} mm RMS")
-        if float(np.abs(step).max()) < close:
-            return replace(state, x=state.x + step), iteration, True  # too small to look at again
+        if float(np.abs(step).max()) < close:  # too small for new differences, not for another branch
+            candidate = look(state.x + step, _directions(normal), changes=state.changes)
+            return candidate if _loss(state, candidate, normal, weight) < 0 else state, iteration, True
         candidate = look(state.x + step, _directions(normal))
         if _loss(state, candidate, normal, weight) < 0:
             state, damping = candidate, damping / 10
         else:
             damping = max(10 * damping, _DAMPING)
     return state, most, False
+
+
+def _other_branches(
+    samples: Sequence[Sample],
+    forward: ForwardModel,
+    state: _State,
+    weight: Array,
+    converged: bool,
+    progress: Callable[[str], None],
+) -> tuple[_State, int, bool]:
+    """From branch to branch while frames go astray and another one leaves less; how many iterations that took."""
+    rng, iterations = np.random.default_rng(0), 0
+    few = thinned(samples)
+    for _ in range(_BRANCHES):
+        if share_astray(state.found) < ASTRAY:
+            break
+        _, normal = _step(samples, state, weight, 0.0)
+        spread = np.linalg.cholesky(np.linalg.inv(normal.tempering * normal.hessian + weight))
+        other = better_branch(few, partial(_motions, few, forward), state.x, spread, rng)
+        if other is None:
+            break
+        progress("another branch")
+        start = _state(samples, forward, other, _directions(normal))
+        look = partial(_state, samples, forward, changes=start.changes)
+        end, more, ended = _descend(samples, start, look, weight, _CONVERGED, _FINE_ITERATIONS, progress)
+        iterations += more
+        left = [misfit(s.found) for s in (state, start, end)]
+        if min(left) == left[0]:
+            break
+        state, converged = (end, ended) if left[2] <= left[1] else (start, False)
+    return state, iterations, converged
 
 
 def _factors(x: Array) -> dict[str, float]:
