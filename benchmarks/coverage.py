@@ -25,7 +25,7 @@ from fabdesign.output import write_text
 from fabdesign.pressure import PressureProgram
 from sim import Simulator
 from studies.calibrate import QUANTILE, calibrate
-from studies.calibrate_fit import PRIOR
+from studies.calibrate_normal import PRIOR
 from studies.engine_difference import FILE, data_share, engine_difference
 from studies.evaluate import evaluate_sets
 from studies.rig import run_rig

@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fabdesign.forward import PARAMETERS
-from studies.calibrate_fit import PRIOR, Fit
+from studies.calibrate_fit import Fit
+from studies.calibrate_normal import PRIOR
 
 if TYPE_CHECKING:
     from studies.calibrate import Calibration

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fabdesign.csv_table import decimal, read_rows
 from fabdesign.forward import PARAMETERS
-from studies.calibrate_fit import PRIOR
+from studies.calibrate_normal import PRIOR
 
 Array = NDArray[np.float64]
 FILE = Path(__file__).parent / "data" / "engine_difference.csv"

@@ -17,7 +17,7 @@ from fabdesign.trial_file import write_trial
 from studies.bad_data import sound_trials
 from studies.calibrate import calibrate
 from studies.calibrate_clouds import Sample, derivatives, match
-from studies.calibrate_fit import PRIOR, _directions, _Normal
+from studies.calibrate_normal import PRIOR, Normal, directions
 from studies.calibrate_report import as_text
 from studies.engine_difference import engine_difference
 
@@ -95,15 +95,15 @@ def test_differences_are_taken_along_combinations_that_change_the_shape_by_as_mu
     than a solver's noise; as a difference of its own it is as long as the prior allows."""
     weak = np.ones(7) / np.sqrt(7)
     jacobian = 5e-3 * (np.eye(7) - np.outer(weak, weak)) + 1e-4 * np.outer(weak, weak)  # m
-    normal = _Normal(np.zeros(7), np.eye(7), np.zeros((1, 7)), 1.0, 6e-4, jacobian.T @ jacobian, np.ones(1))
-    directions = _directions(normal)
-    change = directions @ jacobian.T
+    normal = Normal(np.zeros(7), np.eye(7), np.zeros((1, 7)), 1.0, 6e-4, jacobian.T @ jacobian, np.ones(1))
+    chosen = directions(normal)
+    change = chosen @ jacobian.T
     assert change @ change.T == pytest.approx(np.diag(np.square(change).sum(axis=1)), abs=1e-12)
     moved = np.sqrt(np.square(change).sum(axis=1))
     assert moved.min() > 2e-5
     assert moved.max() == pytest.approx(2e-4)
     prior = np.array([PRIOR[name] for name in PARAMETERS])
-    assert np.sqrt(np.square(directions / prior).sum(axis=1)).max() == pytest.approx(1.5)
+    assert np.sqrt(np.square(chosen / prior).sum(axis=1)).max() == pytest.approx(1.5)
 
 
 def test_a_trial_that_the_model_buckles_another_way_leads_to_another_branch(tmp_path, monkeypatch):

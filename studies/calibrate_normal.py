@@ -1,0 +1,133 @@
+"""The linearised problem at a state: residuals reweighted for strays and lost frames, tempered, with the data sheet."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import SimulationError
+from fabdesign.forward import PARAMETERS
+from studies.calibrate_clouds import Array, Match, Sample
+from studies.calibrate_state import State
+
+# Standard deviations of the logarithms: data sheets are good to tens of percent, their damping to 30 %.
+PRIOR = dict.fromkeys(PARAMETERS, 0.15) | {"damping": 0.30}
+HUBER = 1.345  # of the scale: 95 % efficient on normal noise (Huber 1981)
+BLOCK = 0.5  # s: residuals of one trial within it count as one observation, about half a swing of the cloth
+_CHANGE = 0.2e-3  # m, RMS of the residuals' change that later differences aim at: ten times the noise of two motions
+_SHORTEST, _LONGEST = 0.1, 1.5  # of such a difference, in standard deviations of the prior
+_LARGEST = 0.4  # of a logarithm, in one iteration
+_REWEIGHTED = 6  # times, in one iteration
+_LINEAR = 0.005  # m: frames that the prior moves by more count less
+_SMALLEST_SCALE = 1e-6  # m, for clouds without noise
+
+
+@dataclass(frozen=True, eq=False)
+class Normal:
+    """The normal equations at a state."""
+
+    gradient: Array  # (7,)
+    hessian: Array  # (7, 7) of the data
+    scores: Array  # (clusters, 7)
+    tempering: float
+    scale: float
+    sensitivity: Array
+    frames: Array  # (N,) weight of each point's frame; 0 where it is not used
+
+
+def step_to_minimum(samples: Sequence[Sample], state: State, weight: Array, damping: float) -> tuple[Array, Normal]:
+    """The step to the minimum of the linearised residuals, reweighted until it stands; and its normal equations."""
+    step: Array = np.zeros(len(weight))
+    for _ in range(_REWEIGHTED):
+        normal = normal_equations(samples, state, weight, step)
+        information = normal.tempering * normal.hessian
+        gradient = normal.tempering * normal.gradient + weight @ state.x
+        step = np.asarray(-np.linalg.solve(information + weight + damping * np.diag(np.diag(information)), gradient))
+        step = step * min(1.0, _LARGEST / max(float(np.abs(step).max()), 1e-12))
+    return step, normal
+
+
+def directions(normal: Normal) -> Array:
+    """(7, 7), a row each: combinations of factors that change the residuals independently, and by as much each.
+
+    Where all factors nearly cancel, the differences of single ones drown in the noise and the curvature of each; as one
+    difference, long enough, that combination stands out.
+    """
+    prior = np.array([PRIOR[name] for name in PARAMETERS])
+    squares, vectors = np.linalg.eigh(normal.sensitivity * np.outer(prior, prior))
+    length = np.clip(_CHANGE / np.sqrt(np.maximum(squares, 1e-30)), _SHORTEST, _LONGEST)
+    return np.asarray((vectors * length * prior[:, None]).T)
+
+
+def normal_equations(samples: Sequence[Sample], state: State, weight: Array, step: Array) -> Normal:
+    """Weights, scores and tempering are those of the residuals that `step` is expected to leave."""
+    found, jacobian = state.found, state.jacobian
+    sound = np.isfinite(found.residual) & np.isfinite(jacobian).all(axis=1)
+    if not sound.any():
+        raise SimulationError("every motion of the trials to fit diverged")
+    r, j = found.residual[sound], jacobian[sound]
+    left = r + j @ step
+    scale = _scale(left)
+    frames = _frame_weights(found, sound, left, j)
+    w = frames * np.minimum(1.0, HUBER * scale / np.maximum(np.abs(left), 1e-12)) / scale**2
+    cluster = _clusters(samples, found)[sound]
+    _, cluster = np.unique(cluster, return_inverse=True)
+    scores = np.zeros((cluster.max() + 1, len(weight)))
+    np.add.at(scores, cluster, j * (w * left)[:, None])
+    hessian = (j * w[:, None]).T @ j
+    inverse = np.linalg.inv(hessian + weight)
+    everywhere = np.zeros(len(sound))
+    everywhere[sound] = frames
+    # weights above one would trust points more than their number allows
+    tempering = min(1.0, float(np.trace(inverse @ hessian) / np.trace(inverse @ scatter(scores, hessian, weight))))
+    return Normal(j.T @ (w * r), hessian, scores, tempering, scale, j.T @ j / len(j), everywhere)
+
+
+def scatter(scores: Array, information: Array, weight: Array) -> Array:
+    """(7, 7) variance of the sum of the clusters' scores about their mean, for the parameters fitted."""
+    fitted = float(np.trace(np.linalg.solve(information + weight, information)))
+    centred = scores - scores.mean(axis=0)
+    count = len(scores)
+    return np.asarray(centred.T @ centred * count / max(count - fitted, 1.0))
+
+
+def loss(old: State, new: State, normal: Normal, weight: Array) -> float:
+    """How much worse `new` is than `old`, over the points that both have; infinite where `new` loses over a tenth."""
+    both = np.isfinite(old.found.residual) & np.isfinite(new.found.residual)
+    if both.sum() < 0.9 * np.isfinite(old.found.residual).sum():
+        return float("inf")
+    rho = [_huber(state.found.residual[both] / normal.scale) for state in (new, old)]
+    data = normal.tempering * float((normal.frames[both] * (rho[0] - rho[1])).sum())
+    return data + 0.5 * float(new.x @ weight @ new.x - old.x @ weight @ old.x)
+
+
+def _huber(t: Array) -> Array:
+    size = np.abs(t)
+    return np.where(size <= HUBER, 0.5 * t * t, HUBER * (size - 0.5 * HUBER))
+
+
+def _scale(residual: Array) -> float:
+    return max(1.4826 * float(np.median(np.abs(residual))), _SMALLEST_SCALE)
+
+
+def _frame_weights(found: Match, sound: NDArray[np.bool_], residual: Array, jacobian: Array) -> Array:
+    """Of each point, by its frame: less where the median residual is over twice the usual one, and where the prior
+    moves the surface by more than can be linearised, as where the cloth is about to buckle to one side or the other."""
+    _, frame = np.unique(found.sample[sound] * 100_000 + found.frame[sound], return_inverse=True)
+    order = np.argsort(frame, kind="stable")
+    borders = np.flatnonzero(np.diff(frame[order])) + 1
+    medians = np.array([np.median(part) for part in np.split(np.abs(residual)[order], borders)])
+    far = medians / (2.0 * max(float(np.median(medians)), _SMALLEST_SCALE))
+    moved = np.square(jacobian * [PRIOR[name] for name in PARAMETERS]).sum(axis=1)
+    unsure = np.sqrt(np.array([part.mean() for part in np.split(moved[order], borders)])) / _LINEAR
+    return np.asarray(np.square(1 / np.maximum(1.0, np.maximum(far, unsure)))[frame])
+
+
+def _clusters(samples: Sequence[Sample], found: Match) -> NDArray[np.intp]:
+    """Trial and block of time of each point."""
+    result = np.empty(len(found.sample), dtype=np.intp)
+    for s, sample in enumerate(samples):
+        rows = found.sample == s
+        result[rows] = s * 10_000 + (sample.times[found.frame[rows]] / BLOCK - 1e-6).astype(int)
+    return result
