@@ -17,7 +17,6 @@ _ITERATIONS = 10
 _CONVERGED = 0.01  # of a logarithm
 _NEAR = 0.05  # of a logarithm: steps under it are left to the fine engine
 _FINE_ITERATIONS = 5  # cheap: without new differences
-_FINE_TURNS = 2  # each with new differences
 _DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
 _BRANCHES = 3  # other branches taken at most
 
@@ -49,9 +48,9 @@ def fit(
 
     With `fine`, `coarse` makes the first iterations, its motions corrected by what both are apart at the data sheet.
     Cloth that buckles multiplies small differences, and that correction, true at the data sheet, is then centimetres
-    off elsewhere; so the last iterations are by `fine` alone, in turns with the differences of their first: they lead
-    not much farther than a difference's own step. Where frames are left that the model buckles another way, other
-    branches are tried (studies/calibrate_branches.py).
+    off elsewhere; so the last iterations are by `fine` alone, with the differences of their first: they lead not
+    much farther than a difference's own step. Where frames are left that the model buckles another way, other branches
+    are tried (studies/calibrate_branches.py).
 
     All points of a block of 0.5 s share the model's error, so their likelihood is tempered: raised to the power that
     makes its curvature agree with the scatter of the blocks' scores (Pauli, Racugno and Ventura 2011). The covariance
@@ -67,13 +66,11 @@ def fit(
     near = _CONVERGED if fine is None else _NEAR
     state, iterations, converged = _descend(samples, state, look, weight, near, _ITERATIONS, progress)
     last = coarse if fine is None else fine
-    for turn in range(0 if fine is None else _FINE_TURNS):
+    if fine is not None:
         _, normal = step_to_minimum(samples, state, weight, 0.0)
-        renewed = state_at(samples, last, state.x, along=directions(normal))
-        found, more, ended = _descend_near(samples, last, renewed, weight, lambda line: progress(f"fine {line}"))
+        state = state_at(samples, fine, state.x, along=directions(normal))
+        state, more, converged = _descend_near(samples, fine, state, weight, lambda line: progress(f"fine {line}"))
         iterations += more
-        if turn == 0 or misfit(found.found) < misfit(state.found):
-            state, converged = found, ended
     state, more, converged = _other_branches(samples, last, state, weight, converged, progress)
     iterations += more
     _, normal = step_to_minimum(samples, state, weight, 0.0)
