@@ -178,7 +178,7 @@ def simulate(
         os.environ.setdefault("FABDESIGN_LANES", "2")  # kernels for a lone design
         from sim import Simulator
 
-        simulator = Simulator(self_contact=True, calm_steps=1) if self_contact else Simulator()
+        simulator = Simulator(self_contact=self_contact)
         points = simulate_motion(simulator, loaded, program, times, model=fitted)
         save_motion(unfinished, times, points)
     result = {"motion": str(output), "frames": len(times), "points": points.shape[1]}
