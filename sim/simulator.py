@@ -48,7 +48,7 @@ class Simulator:
 
     points_per_side: int = 41
     time_step: float = 1 / 1920  # s, right after a jump of pressure; more in one as time goes on (sim/steps.py)
-    calm_steps: int | None = None  # time steps in one, later on; 16 by default, with self_contact 1
+    calm_steps: int | None = None  # time steps in one, later on; 8 by default, with self_contact 1
     iterations: int = 16  # at most, in a step
     tolerance: float = 2e-7  # m, RMS over nodes of a step's last update; what it still lacks the next step makes up
     rho: float = 0.6  # spectral radius at infinity of generalised-alpha
@@ -60,7 +60,7 @@ class Simulator:
 
     @property
     def _calm(self) -> int:
-        return self.calm_steps or (1 if self.self_contact else 16)
+        return self.calm_steps or (1 if self.self_contact else 8)
 
     @property
     def _most(self) -> int:

@@ -10,7 +10,7 @@ from fabdesign.pressure import PressureProgram
 from sim.fields import LANES
 
 Array = NDArray[np.float64]
-AFTER_JUMP = ((1 / 240, 1), (1 / 40, 2), (1 / 15, 4), (2 / 15, 8))  # s after a large jump, ticks of a step until then
+AFTER_JUMP = ((1 / 240, 1), (1 / 40, 2), (1 / 15, 4))  # s after a large jump, ticks of a step until then
 LARGE = 50e3  # Pa, a jump that needs them
 JUMP = 1e3  # Pa between one step and the next
 
