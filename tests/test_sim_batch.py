@@ -118,7 +118,7 @@ def test_diverged_motion_is_tried_again_with_half_the_steps(cases, motions, monk
         return [found[0], replace(found[1], diverged=(0.1, (0, 0))), found[2]] if simulator == SIMULATOR else found
 
     monkeypatch.setattr(Simulator, "_run", losing)
-    finer = Simulator(points_per_side=21, time_step=1 / 3840, calm_steps=8, iterations=32)
+    finer = Simulator(points_per_side=21, time_step=1 / 3840, calm_steps=4, iterations=32)
     [expected] = once(finer, [cases[1]], [TIMES])
     for one, wanted in zip(run(*cases), (motions[0], expected, motions[2]), strict=True):
         assert one.diverged is None and np.array_equal(one.middle, wanted.middle)
