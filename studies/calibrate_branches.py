@@ -14,7 +14,8 @@ from studies.calibrate_clouds import Array, Match, Motion, Sample, match
 
 ASTRAY = 0.03  # share of frames astray from which on other branches are tried
 _FAR = 2.0  # times the usual median residual: a frame astray
-_REACH = (2.0, 2.0, 2.0, 2.0, 5.0, 5.0, 5.0, 5.0, 15.0, 15.0, 15.0, 15.0)  # standard deviations, a draw each
+_REACH = (2.0, 5.0, 15.0)  # standard deviations
+_DRAWS = 16  # of each reach, times trials
 _CAP = 0.005  # m: a residual counts no more than this
 _FRAMES = 3  # of so many frames one is looked at
 
@@ -48,8 +49,9 @@ def better_branch(
     simulate: motions of the samples for each of some factors, all in one batch. spread: (7, 7), its columns standard
     deviations along independent directions.
     """
-    aim = rng.standard_normal((len(_REACH), len(x)))
-    aim *= np.array(_REACH)[:, None] / np.linalg.norm(aim, axis=1, keepdims=True)
+    reach = np.repeat(_REACH, max(1, _DRAWS // len(samples)))
+    aim = rng.standard_normal((len(reach), len(x)))
+    aim *= reach[:, None] / np.linalg.norm(aim, axis=1, keepdims=True)
     tried = [x, *(x + aim @ spread.T)]
     left = [misfit(match(samples, motions)) for motions in simulate(tried)]
     best = int(np.argmin(left))

@@ -18,7 +18,7 @@ _CONVERGED = 0.01  # of a logarithm
 _NEAR = 0.05  # of a logarithm: steps under it are left to the fine engine
 _FINE_ITERATIONS = 5  # cheap: without new differences
 _DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
-_BRANCHES = 3  # other branches taken at most
+_BRANCHES = 3  # other branches taken at most, fewer with more than four trials and none from seven on: for the time
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,7 @@ def _other_branches(
     """From branch to branch while frames go astray and another one leaves less; how many iterations that took."""
     rng, iterations = np.random.default_rng(0), 0
     few = thinned(samples)
-    for _ in range(_BRANCHES):
+    for _ in range(min(_BRANCHES, max(0, 20 // len(samples) - 2))):
         if share_astray(state.found) < ASTRAY:
             break
         _, normal = step_to_minimum(samples, state, weight, 0.0)
