@@ -10,10 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from studies.calibrate_clouds import Array, Match, Motion, Sample, match
+from studies.calibrate_clouds import Array, Match, Motion, Sample, frames_of, match
+from studies.calibrate_normal import FAR
 
 ASTRAY = 0.03  # share of frames astray from which on other branches are tried
-_FAR = 2.0  # times the usual median residual: a frame astray
 _REACH = (2.0, 5.0, 15.0)  # standard deviations
 _DRAWS = 16  # of each reach, times trials
 _CAP = 0.005  # m: a residual counts no more than this
@@ -25,11 +25,10 @@ def thinned(samples: Sequence[Sample]) -> list[Sample]:
 
 
 def share_astray(found: Match) -> float:
-    """Share of frames whose median residual is over _FAR times the usual one, or lost."""
-    _, frame = np.unique(found.sample * 100_000 + found.frame, return_inverse=True)
+    """Share of frames whose median residual is over FAR times the usual one, or lost."""
     size = np.where(np.isfinite(found.residual), np.abs(found.residual), np.inf)
-    medians = np.array([np.median(size[frame == k]) for k in range(frame.max() + 1)])
-    return float(np.mean(medians > _FAR * np.median(medians)))
+    medians = np.array([np.median(size[points]) for points in frames_of(found)[1]])
+    return float(np.mean(medians > FAR * np.median(medians)))
 
 
 def misfit(found: Match) -> float:

@@ -76,6 +76,12 @@ def match(samples: Sequence[Sample], motions: Sequence[Motion]) -> Match:
     return Match(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
 
+def frames_of(found: Match, rows: NDArray[np.bool_] | slice = slice(None)) -> tuple[Indices, list[Indices]]:
+    """Of the points `rows`, counted among themselves: the frame of each, and the points of each frame."""
+    _, frame = np.unique(found.sample[rows] * 100_000 + found.frame[rows], return_inverse=True)
+    return frame, np.split(np.argsort(frame, kind="stable"), np.cumsum(np.bincount(frame))[:-1])
+
+
 def derivatives(found: Match, changes: Sequence[Motion]) -> Array:
     """(N, parameters) m: change of each residual. changes: (parameters, F, 2 n, 3) m a sample, of the vertices.
 

@@ -74,13 +74,12 @@ def fit(
     state, more, converged = _other_branches(samples, last, state, weight, converged, progress)
     iterations += more
     _, normal = step_to_minimum(samples, state, weight, 0.0)
-    information = normal.tempering * normal.hessian
-    bread = np.linalg.inv(information + weight)
-    meat = normal.tempering**2 * scatter(normal.scores, information, weight) + weight
+    bread = np.linalg.inv(normal.information + weight)
+    meat = normal.tempering**2 * scatter(normal.scores, normal.information, weight) + weight
     return Fit(
         x=state.x,
         covariance=bread @ meat @ bread,
-        information=information,
+        information=normal.information,
         sensitivity=normal.sensitivity,
         scale=normal.scale,
         before=_capped(first.residual),
@@ -108,15 +107,15 @@ def _descend(
     for iteration in range(1, most + 1):
         step, normal = step_to_minimum(samples, state, weight, damping)
         progress(f"iteration {iteration}: {1e3 * _capped(state.found.residual):.3f} mm RMS")
-        if float(np.abs(step).max()) < close:  # too small for new differences, not for another branch
-            candidate = look(state.x + step, changes=state.changes)
-            return candidate if loss(state, candidate, normal, weight) < 0 else state, iteration, True
-        how = {"changes": state.changes} if known else {"along": directions(normal)}
+        small = float(np.abs(step).max()) < close  # for new differences; it may still lead to another branch
+        how = {"changes": state.changes} if known or small else {"along": directions(normal)}
         candidate = look(state.x + step, **how)
         if loss(state, candidate, normal, weight) < 0:
             state, damping = candidate, damping / 10
         else:
             damping = max(10 * damping, _DAMPING)
+        if small:
+            return state, iteration, True
     return state, most, False
 
 
@@ -147,7 +146,7 @@ def _other_branches(
         if share_astray(state.found) < ASTRAY:
             break
         _, normal = step_to_minimum(samples, state, weight, 0.0)
-        spread = np.linalg.cholesky(np.linalg.inv(normal.tempering * normal.hessian + weight))
+        spread = np.linalg.cholesky(np.linalg.inv(normal.information + weight))
         other = better_branch(few, partial(motions_at, few, forward), state.x, spread, rng)
         if other is None:
             break

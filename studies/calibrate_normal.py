@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 
 from fabdesign.errors import SimulationError
 from fabdesign.forward import PARAMETERS
-from studies.calibrate_clouds import Array, Match, Sample
+from studies.calibrate_clouds import Array, Match, Sample, frames_of
 from studies.calibrate_state import State
 
 # Standard deviations of the logarithms: data sheets are good to tens of percent, their damping to 30 %.
 PRIOR = dict.fromkeys(PARAMETERS, 0.15) | {"damping": 0.30}
 HUBER = 1.345  # of the scale: 95 % efficient on normal noise (Huber 1981)
 BLOCK = 0.5  # s: residuals of one trial within it count as one observation, about half a swing of the cloth
+FAR = 2.0  # times the usual median residual: a frame astray, which counts less
 _CHANGE = 0.2e-3  # m, RMS of the residuals' change that later differences aim at: ten times the noise of two motions
 _SHORTEST, _LONGEST = 0.1, 1.5  # of such a difference, in standard deviations of the prior
 _LARGEST = 0.4  # of a logarithm, in one iteration
@@ -35,15 +36,20 @@ class Normal:
     sensitivity: Array
     frames: Array  # (N,) weight of each point's frame; 0 where it is not used
 
+    @property
+    def information(self) -> Array:
+        """(7, 7) of the data alone, tempered."""
+        return self.tempering * self.hessian
+
 
 def step_to_minimum(samples: Sequence[Sample], state: State, weight: Array, damping: float) -> tuple[Array, Normal]:
     """The step to the minimum of the linearised residuals, reweighted until it stands; and its normal equations."""
     step: Array = np.zeros(len(weight))
     for _ in range(_REWEIGHTED):
         normal = normal_equations(samples, state, weight, step)
-        information = normal.tempering * normal.hessian
         gradient = normal.tempering * normal.gradient + weight @ state.x
-        step = np.asarray(-np.linalg.solve(information + weight + damping * np.diag(np.diag(information)), gradient))
+        damped = normal.information + weight + damping * np.diag(np.diag(normal.information))
+        step = np.asarray(-np.linalg.solve(damped, gradient))
         step = step * min(1.0, _LARGEST / max(float(np.abs(step).max()), 1e-12))
     return step, normal
 
@@ -112,15 +118,15 @@ def _scale(residual: Array) -> float:
 
 
 def _frame_weights(found: Match, sound: NDArray[np.bool_], residual: Array, jacobian: Array) -> Array:
-    """Of each point, by its frame: less where the median residual is over twice the usual one, and where the prior
-    moves the surface by more than can be linearised, as where the cloth is about to buckle to one side or the other."""
-    _, frame = np.unique(found.sample[sound] * 100_000 + found.frame[sound], return_inverse=True)
-    order = np.argsort(frame, kind="stable")
-    borders = np.flatnonzero(np.diff(frame[order])) + 1
-    medians = np.array([np.median(part) for part in np.split(np.abs(residual)[order], borders)])
-    far = medians / (2.0 * max(float(np.median(medians)), _SMALLEST_SCALE))
+    """Of each point, by its frame: less where the median residual is over FAR times the usual one, and where the
+    prior moves the surface by more than can be linearised, as where the cloth is about to buckle to one side or the
+    other."""
+    frame, groups = frames_of(found, sound)
+    size = np.abs(residual)
+    medians = np.array([np.median(size[points]) for points in groups])
+    far = medians / (FAR * max(float(np.median(medians)), _SMALLEST_SCALE))
     moved = np.square(jacobian * [PRIOR[name] for name in PARAMETERS]).sum(axis=1)
-    unsure = np.sqrt(np.array([part.mean() for part in np.split(moved[order], borders)])) / _LINEAR
+    unsure = np.sqrt(np.array([moved[points].mean() for points in groups])) / _LINEAR
     return np.asarray(np.square(1 / np.maximum(1.0, np.maximum(far, unsure)))[frame])
 
 
