@@ -32,6 +32,7 @@ except ImportError as error:  # a bare machine lacks libX11
     raise InputError(f"cannot load taichi ({error}); on Debian: apt install libx11-6") from error
 
 from sim.frontend import brief  # after the error above
+from sim.vector_width import widen
 
 
 def _lanes() -> int:
@@ -125,8 +126,11 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     modes += -modes % 4
     nodes, points = grow(getattr(F, "nodes", 0), nodes), grow(getattr(F, "points", 0), points)
     modes, blocks = grow(getattr(F, "modes", 0), modes), grow(getattr(F, "blocks", 0), blocks)
+    kept = {}  # compiled kernels of other width lie in Taichi's own folder
+    if widen():
+        kept["offline_cache_file_path"] = ti.lang.impl.default_cfg().offline_cache_file_path + "_wide"
     with contextlib.redirect_stdout(io.StringIO()):
-        ti.init(arch=ti.cpu, default_fp=ti.f32, offline_cache=True, advanced_optimization=False)
+        ti.init(arch=ti.cpu, default_fp=ti.f32, offline_cache=True, advanced_optimization=False, **kept)
     vector = lambda n, width=LANES: ti.Vector.field(width, ti.f32, shape=(blocks, n))  # noqa: E731
     whole = lambda n: ti.Vector.field(LANES, ti.i32, shape=(blocks, n))  # noqa: E731
     F.__dict__.update(nodes=nodes, points=points, modes=modes, blocks=blocks)
