@@ -16,6 +16,9 @@ from fabdesign.errors import InputError, SimulationError
 
 _FILE = click.Path(path_type=Path)
 _EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "numba": "rig", "ezdxf": "dxf"}
+_grid = click.option(
+    "--grid", default=41, show_default=True, help="Points a side of the simulator's grid; 81 for cloth that snaps."
+)
 _as_json = click.option("--json", "as_json", is_flag=True, help="Print a machine-readable result.")
 
 
@@ -148,6 +151,7 @@ def export(design: Path, output: Path, as_json: bool) -> None:
 @click.option(
     "--self-contact", is_flag=True, help="Layers of the cloth do not pass through each other; 5 to 8 times slower."
 )
+@_grid
 @click.option("-o", "--output", type=_FILE, required=True, help="The npz to write: time, points.")
 @_as_json
 def simulate(
@@ -157,6 +161,7 @@ def simulate(
     duration: float | None,
     frame_rate: float,
     self_contact: bool,
+    grid: int,
     output: Path,
     as_json: bool,
 ) -> None:
@@ -178,7 +183,7 @@ def simulate(
         os.environ.setdefault("FABDESIGN_LANES", "2")  # kernels for a lone design
         from sim import Simulator
 
-        simulator = Simulator(self_contact=self_contact)
+        simulator = Simulator(grid, self_contact=self_contact)
         points = simulate_motion(simulator, loaded, program, times, model=fitted)
         save_motion(unfinished, times, points)
     result = {"motion": str(output), "frames": len(times), "points": points.shape[1]}
@@ -189,9 +194,10 @@ def simulate(
 @click.argument("source", type=_FILE)
 @click.option("--model", type=_FILE, required=True, help="A model file.")
 @click.option("--design", type=_FILE, help="Of a lone trial; a set names its own.")
+@_grid
 @click.option("-o", "--output", type=_FILE, required=True, help="The folder to write to.")
 @_as_json
-def predict(source: Path, model: Path, design: Path | None, output: Path, as_json: bool) -> None:
+def predict(source: Path, model: Path, design: Path | None, grid: int, output: Path, as_json: bool) -> None:
     """Predict every trial of a set, or a lone TRIAL.npz, at its own times, as OUTPUT/trials/NAME.npz."""
     from fabdesign.design_file import read_design
     from fabdesign.model_file import read_model
@@ -202,7 +208,7 @@ def predict(source: Path, model: Path, design: Path | None, output: Path, as_jso
     trials = trials_of(source, None if design is None else read_design(design))
     from sim import Simulator
 
-    predict_trials(Simulator(), fitted, trials, output, progress=_progress("predicted"))
+    predict_trials(Simulator(grid), fitted, trials, output, progress=_progress("predicted"))
     files = [str(output / "trials" / trial.file.name) for trial in trials]
     _report({"motions": files}, f"{output / 'trials'}: {len(files)} motions", as_json)
 
@@ -268,10 +274,17 @@ def _calibrate_bench(source: Path, fit: str | None, output: Path, as_json: bool)
 @click.option("--model", type=_FILE, required=True, help="A model file.")
 @click.option("--all", "all_trials", is_flag=True, help="Trials of role fit too, in a table of their own.")
 @click.option("--skip-bad", is_flag=True, help="Leave out a set's unsound trials, and list them.")
+@_grid
 @click.option("-o", "--output", type=_FILE, help="A folder for tables, a picture and the whole result.")
 @_as_json
 def evaluate(
-    sets: tuple[Path, ...], model: Path, all_trials: bool, skip_bad: bool, output: Path | None, as_json: bool
+    sets: tuple[Path, ...],
+    model: Path,
+    all_trials: bool,
+    skip_bad: bool,
+    grid: int,
+    output: Path | None,
+    as_json: bool,
 ) -> None:
     """Say how far a model's motions are from the measured ones of SETS, before and after, in mm."""
     from fabdesign.measurement_set import read_set
@@ -290,7 +303,7 @@ def evaluate(
         from sim import Simulator
 
         evaluation = evaluate_sets(
-            fitted, measured, Simulator(), all_trials=all_trials, progress=_progress("evaluated")
+            fitted, measured, Simulator(grid), all_trials=all_trials, progress=_progress("evaluated")
         )
         if unfinished is not None:
             write_evaluation(evaluation, unfinished)

@@ -33,6 +33,15 @@ class PressureProgram:
         row = np.searchsorted(self.time, np.asarray(times) + 1e-9, side="right") - 1
         return self.pressure[np.clip(row, 0, None)]
 
+    def means(self, edges: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n - 1, channels) Pa: means between every two of the instants `edges` (n,) s, rising; none before t = 0."""
+        held = self.pressure[:-1] * np.diff(self.time)[:, None]
+        until = np.concatenate([np.zeros((1, self.pressure.shape[1])), np.cumsum(held, axis=0)])  # integral to each row
+        t = np.maximum(edges, 0.0)
+        row = np.clip(np.searchsorted(self.time, t, side="right") - 1, 0, None)
+        integral = until[row] + self.pressure[row] * (t - self.time[row])[:, None]
+        return np.asarray(np.diff(integral, axis=0) / np.diff(edges)[:, None])
+
 
 def limits(design: Design) -> NDArray[np.float64]:
     """(channels,) Pa: the lowest maximum of the muscle types on each channel, 1,000 kPa where none is stated."""

@@ -18,7 +18,7 @@ from sim.model import FREE, hung_code
 from sim.motion import Motion, frames_by_step, layers, motion_of, read_muscles
 from sim.scheme import MIDPOINT, Batch, Scheme
 from sim.step import march, prepare
-from sim.steps import Jumps, jumps_of, stack_pressures, step_edges, step_pressures
+from sim.steps import Jumps, jumps_of, stack_pressures, step_edges
 from sim.transfer import halt, read
 
 Array = NDArray[np.float64]
@@ -48,7 +48,7 @@ class Simulator:
 
     points_per_side: int = 41
     time_step: float = 1 / 1920  # s, right after a jump of pressure; more in one as time goes on (sim/steps.py)
-    calm_steps: int | None = None  # time steps in one, later on; 8 by default, with self_contact 1
+    calm_steps: int | None = None  # time steps in one, later on; 8 by default, on finer grids 4, with self_contact 1
     iterations: int = 16  # at most, in a step
     tolerance: float = 2e-7  # m, RMS over nodes of a step's last update; what it still lacks the next step makes up
     rho: float = 0.6  # spectral radius at infinity of generalised-alpha
@@ -60,7 +60,7 @@ class Simulator:
 
     @property
     def _calm(self) -> int:
-        return self.calm_steps or (1 if self.self_contact else 8)
+        return self.calm_steps or (1 if self.self_contact else 8 if self.points_per_side <= 41 else 4)
 
     @property
     def _most(self) -> int:
@@ -188,7 +188,7 @@ class Simulator:
         ticks = max([1, *(int(np.ceil(t[-1] / tick - 1e-6)) for t in wanted if len(t))])
         edges = step_edges(ticks, jumps.large, tick=tick, calm=self._calm)
         instants = np.asarray(tick * edges, dtype=np.float64)
-        program = stack_pressures([step_pressures(cases[i].program, instants) for i in chosen], batch.blocks)
+        program = stack_pressures([cases[i].program.means(instants) for i in chosen], batch.blocks)
         middle = [np.full((len(t), n, n, 3), np.nan, np.float32) for t in wanted]
         muscle = [np.zeros((len(t), batch.points, 2), np.float32) for t in wanted]
         due = [np.clip(np.searchsorted(instants, t - 1e-9) - 1, 0, len(edges) - 2) for t in wanted]

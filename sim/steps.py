@@ -39,22 +39,9 @@ def step_edges(ticks: int, jumps: Sequence[int], *, tick: float, calm: int) -> N
     return np.array(edges)
 
 
-def step_pressures(program: PressureProgram, edges: Array) -> NDArray[np.float32]:
-    """(steps, channels) Pa: the mean set point between every two of the instants `edges` (steps + 1,) s."""
-    starts = np.asarray(program.time, dtype=float)
-    pressure = np.asarray(program.pressure, dtype=float)
-    # integral of the piecewise constant program from its first row on
-    area = np.concatenate(
-        [np.zeros((1, pressure.shape[1])), np.cumsum(pressure[:-1] * np.diff(starts)[:, None], axis=0)]
-    )
-    row = np.clip(np.searchsorted(starts, edges, side="right") - 1, 0, None)
-    integral = area[row] + pressure[row] * (edges - starts[row])[:, None]
-    return (np.diff(integral, axis=0) / np.diff(edges)[:, None]).astype(np.float32)
-
-
 def jumps_of(program: PressureProgram, tick: float) -> Jumps:
     last = int(np.ceil(program.time[-1] / tick)) + 2
-    pressure = step_pressures(program, np.linspace(0.0, tick * last, last + 1))
+    pressure = program.means(np.linspace(0.0, tick * last, last + 1))
     change = np.abs(np.diff(np.concatenate([np.zeros((1, pressure.shape[1])), pressure]), axis=0)).max(
         axis=1, initial=0
     )

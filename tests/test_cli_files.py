@@ -47,10 +47,10 @@ class Hanging:
 
     asked: list[Case] = []  # noqa: RUF012
     options: dict[str, object] = {}  # noqa: RUF012
+    side = 0
 
     def __init__(self, points_per_side: int = 41, **options: object) -> None:
-        self.side = points_per_side
-        Hanging.options = options
+        Hanging.side, Hanging.options = points_per_side, options
 
     def motions(self, cases: Sequence[Case], times: Sequence[np.ndarray]) -> list[np.ndarray]:
         Hanging.asked = list(cases)
@@ -179,10 +179,11 @@ def test_simulate(run: Run, hanging: type[Hanging], folder: Path) -> None:
         assert set(motion) == {"time", "points"}
         assert motion["time"].tolist() == [k / 60 for k in range(61)]
         assert (motion["points"].shape, motion["points"].dtype) == ((61, 3362, 3), np.float32)
-    assert hanging.options == {"self_contact": False}
-    run("simulate", folder / "bare.toml", "--duration", 0.1, "--frame-rate", 100, "--self-contact", "-o", out)
+    assert (hanging.side, hanging.options) == (41, {"self_contact": False})
+    options = ("--self-contact", "--grid", 81)
+    run("simulate", folder / "bare.toml", "--duration", 0.1, "--frame-rate", 100, *options, "-o", out)
     assert np.load(out)["time"].tolist() == [k / 100 for k in range(11)]
-    assert hanging.options == {"self_contact": True}
+    assert (hanging.side, hanging.options) == (81, {"self_contact": True})
 
 
 def test_predict_a_set_and_a_trial(run: Run, hanging: type[Hanging], folder: Path) -> None:

@@ -50,6 +50,22 @@ def test_rows_hold_to_the_next_and_the_last_for_one_interval(tmp_path: Path) -> 
     assert frame_times(program, duration=0.5, frame_rate=10).tolist() == [k / 10 for k in range(6)]
 
 
+@settings(deadline=None)
+@given(program=programs(), first=floats(-1.0, 1.0), width=floats(1e-3, 1.0))
+def test_means_are_integrals_over_widths(program: PressureProgram, first: float, width: float) -> None:
+    # against 4,000 points of each interval; between two of them at most five jumps of 1 MPa and the start lie
+    edges = first + width * np.arange(4)
+    fine = first + width * (np.arange(3)[:, None] + (np.arange(4000) + 0.5) / 4000)
+    sampled = np.where(fine[..., None] < 0, 0.0, program.at(fine.ravel()).reshape(3, 4000, 2)).mean(axis=1)
+    assert program.means(edges) == pytest.approx(sampled, abs=6 * 1e6 / 4000)
+
+
+def test_a_jump_counts_by_its_share_of_the_interval() -> None:
+    program = PressureProgram(np.array([0.0, 0.5]), np.array([[100.0], [300.0]]), 1.0)
+    means = program.means(np.array([-0.3, 0.1, 0.4, 0.8, 1.0]))
+    assert means[:, 0] == pytest.approx([25.0, 100.0, 250.0, 300.0])
+
+
 def test_constant_row_lasts_a_second_and_a_half() -> None:
     program = read_pressures("400, 0", CROSS)
     assert program.pressure.tolist() == [[4e5, 0]]

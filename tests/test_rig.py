@@ -18,6 +18,7 @@ from fabdesign.errors import InputError
 from fabdesign.measurement_set import read_set
 from fabdesign.muscle import Muscle
 from fabdesign.muscle_law import MuscleLaw
+from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import constant_program
 from studies.rig import EffectSetting, Key, Sensing, read_key, run_rig
 from studies.rig.effects import EFFECTS, LISTED
@@ -125,6 +126,20 @@ def test_a_hanging_sheet_swings_like_a_hanging_chain() -> None:
     assert omega == pytest.approx(1.2024 * np.sqrt(G / length), rel=0.03)
     z60, z120, z480 = (np.interp(1.7, *swing(1 / rate)) for rate in (60, 120, 480))
     assert np.log2(abs((z60 - z480) / (z120 - z480))) > 1.5
+
+
+def test_time_error_through_jumps_of_pressure() -> None:
+    """Fitted order; waves in the sheet that no step resolves keep it from 2, but a pressure that acts half a step late,
+    as that of a step's end does, from 1.2."""
+    program = PressureProgram(np.array([0.0, 0.1]), np.array([[3e5, 0.0, 2e5], [0.0, 2e5, 2e5]]), 0.2)
+    times = np.arange(1, 13) / 60
+
+    def motion(rate: int) -> Array:
+        return control_points(Task(DUO, program, times, 0, Key(), Resolution(element=0.04, step=1 / rate)))
+
+    limit = motion(7680)
+    errors = [np.sqrt(np.square(motion(rate) - limit).mean()) for rate in (480, 960, 1920)]
+    assert -np.polyfit(range(3), np.log2(errors), 1)[0] > 1.4
 
 
 def motion_of(settings: tuple[EffectSetting, ...]) -> Array:

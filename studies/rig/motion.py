@@ -1,7 +1,10 @@
 """The motion of a scene: BDF2 for position and velocity.
 
-Hairer, Wanner 1996, "Solving Ordinary Differential Equations II", V.1 (BDF). History before t = 0 is the rest shape,
-so the scheme is of second order from its first step. Force memory (friction, creep, relaxation) is updated once a step.
+Hairer, Wanner 1996, "Solving Ordinary Differential Equations II", V.1 (BDF). History before the first step is the rest
+shape. A force that is there from one step on acts half a step late: a constant one, from rest, gives
+x_n = (n^2 - n) a h^2 / 2. So a step takes the mean pressure from half a step before its instant to half a step after,
+and the first step ends at t = 0: jumps leave the second order as it is. Force memory (friction, creep, relaxation) is
+updated once a step.
 """
 
 from dataclasses import dataclass
@@ -19,16 +22,18 @@ EQUILIBRIUM_TOLERANCE = 1e-9  # m, largest Newton correction
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Control points at every step, t = 0 first: position (steps + 1, n, 3) m, velocity m/s, step in s."""
+    """Control points at every step, from `start` [s] on: position (steps + 1, n, 3) m, velocity m/s, step in s."""
 
     position: Array
     velocity: Array
     step: float
+    start: float
 
     def at(self, time: float) -> Array:
         """(n, 3) control points [m] at `time` [s]: cubic Hermite between steps."""
-        k = min(int(time / self.step + 1e-9), len(self.position) - 2)
-        s, h = time / self.step - k, self.step
+        h, since = self.step, (time - self.start) / self.step
+        k = min(int(since + 1e-9), len(self.position) - 2)
+        s = since - k
         x0, x1, v0, v1 = self.position[k], self.position[k + 1], self.velocity[k], self.velocity[k + 1]
         return np.asarray(
             (1 + 2 * s) * (1 - s) ** 2 * x0 + s * s * (3 - 2 * s) * x1 + h * s * (1 - s) * ((1 - s) * v0 - s * v1)
@@ -64,8 +69,8 @@ def equilibrium(scene: Scene, x: Array, pressure: Array) -> Array:
     raise RigDiverged("no equilibrium was found")
 
 
-def run(scene: Scene, pressures: Array, step: float) -> Motion:
-    """Motion from equilibrium at zero pressure. pressures (steps + 1, channels) Pa: row n holds up to n * step [s].
+def run(scene: Scene, pressures: Array, step: float, *, start: float = 0.0) -> Motion:
+    """Motion from equilibrium at zero pressure. pressures (steps + 1, channels) Pa: row n for start + n * step s.
 
     Raises RigDiverged.
     """
@@ -82,22 +87,22 @@ def run(scene: Scene, pressures: Array, step: float) -> Motion:
     strains = [solver.strain[:, :3].copy()] * 2
     contractions = [solver.contraction] * 2
     for k in range(1, len(pressures)):
-        p = pressure_at_intervals(s, pressures[k])
+        p, time = pressure_at_intervals(s, pressures[k]), start + k * step
         last = (positions[k - 1], velocities[k - 1])
         before = (positions[max(k - 2, 0)], velocities[max(k - 2, 0)])
         try:
-            positions[k], velocities[k] = _step(solver, k * step, step, p, last, before, strains, contractions)
+            positions[k], velocities[k] = _step(solver, time, step, p, last, before, strains, contractions)
         except RigDiverged as failure:
-            raise RigDiverged(f"{failure} at {k * step:.4f} s") from None
+            raise RigDiverged(f"{failure} at {time:.4f} s") from None
         strains = [solver.strain[:, :3].copy(), strains[0]]
         contractions = [solver.contraction, contractions[0]]
         settle(s, p, solver.contraction)
         if s.prony:
             solver.memory += (solver.strain - s.rest_strain - solver.memory) * -np.expm1(-step / s.prony_time)
-        report = StepReport(k * step, step, p, solver.contraction, solver.tension, solver.strain)
+        report = StepReport(time, step, p, solver.contraction, solver.tension, solver.strain)
         for after in s.after_step:
             after(s, report)
-    return Motion(positions, velocities, step)
+    return Motion(positions, velocities, step, start)
 
 
 def _step(

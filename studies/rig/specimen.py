@@ -76,10 +76,11 @@ def _run(task: Task) -> Array:
         scene = prepare(task)
         h = step / refinement
         end = float(task.times[-1]) + max(scene.time_shift, 0.0)
-        steps = max(2, int(np.ceil(end / h - 1e-9)))
-        pressures = task.program.at(np.maximum(np.arange(steps + 1) * h - 1e-6, 0.0))
+        steps = 1 + max(2, int(np.ceil(end / h - 1e-9)))
+        edges = np.asarray((np.arange(steps + 2) - 1.5) * h, dtype=float)  # half a step from the instants
+        pressures = task.program.means(edges)
         try:
-            motion = run(scene, pressures, h)
+            motion = run(scene, pressures, h, start=-h)
         except RigDiverged:
             if refinement == 4:
                 raise

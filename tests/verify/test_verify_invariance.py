@@ -108,7 +108,7 @@ def test_refinement_in_space(record):
     # equal solver settings, at the nodes of 21 points a side; order p of a ~ C h^p from three grids
     case, times = held(laced(), (400, 300, 0, 100)), np.array([0.1])
     grids = {
-        n: motion(case, Simulator(points_per_side=n, iterations=20), times)[:, :: (n - 1) // 20, :: (n - 1) // 20]
+        n: motion(case, Simulator(n, calm_steps=8, iterations=20), times)[:, :: (n - 1) // 20, :: (n - 1) // 20]
         for n in (21, 41, 81, 161)
     }
     gaps = [rms(grids[n], grids[2 * n - 1]) for n in (21, 41, 81)]
