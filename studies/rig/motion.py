@@ -3,8 +3,7 @@
 Hairer, Wanner 1996, "Solving Ordinary Differential Equations II", V.1 (BDF). History before the first step is the rest
 shape. A force that is there from one step on acts half a step late: a constant one, from rest, gives
 x_n = (n^2 - n) a h^2 / 2. So a step takes the mean pressure from half a step before its instant to half a step after,
-and the first step ends at t = 0: jumps leave the second order as it is. Force memory (friction, creep, relaxation) is
-updated once a step.
+and the first step ends at t = 0. Force memory (friction, creep, relaxation) is updated once a step.
 """
 
 from dataclasses import dataclass
