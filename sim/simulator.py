@@ -27,7 +27,7 @@ RENEWAL = 1 / 240  # s after which the preconditioner's coarse space is made ane
 REACH = 0.020  # m, half width over which the preconditioner's frames are averaged
 # To rest: (step [s], duration [s], times the tolerance) with backward Euler and so much air damping that a swing of
 # SWING rad/s dies out
-SETTLE = ((1 / 240, 1 / 15, 5), (1 / 120, 1 / 10, 5), (1 / 30, 0.5, 10), (1 / 30, 0.5, 2))
+SETTLE = ((1 / 240, 1 / 15, 5), (1 / 120, 1 / 10, 5), (1 / 30, 1.0, 2))
 # where only inertia holds the rigid motions, it must show in float32
 SETTLE_FREE = ((1 / 960, 1 / 15, 1), (1 / 480, 1 / 10, 1), (1 / 240, 2.0, 1))
 RESTED = 3e-5  # m, RMS over nodes of what the last of these steps may still move
