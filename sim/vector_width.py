@@ -32,7 +32,7 @@ def widen() -> bool:
     other versions, systems and processors, where it decides by itself."""
     if taichi.__version__ != TESTED or (sys.platform, platform.machine()) != ("linux", "x86_64"):
         return False
-    if "avx2" not in Path("/proc/cpuinfo").read_text().split():
+    if not has_avx2():
         return False
     from taichi._lib.core import taichi_python
 
@@ -41,6 +41,12 @@ def widen() -> bool:
         return False
     reader(2, (ctypes.c_char_p * 2)(b"fabdesign", OPTION), None)
     return True
+
+
+def has_avx2() -> bool:
+    """Whether the processor says so; only Linux asks it here."""
+    processor = Path("/proc/cpuinfo")
+    return processor.exists() and "avx2" in processor.read_text().split()
 
 
 def _function(library: Path) -> Callable[..., Any] | None:

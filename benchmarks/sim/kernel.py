@@ -24,6 +24,7 @@ from sim.scheme import Batch, Scheme
 from sim.sheet import fabric_force
 from sim.simulator import BLOCKS
 from sim.step import prepare
+from sim.vector_width import has_avx2
 
 Array = NDArray[np.float32]
 SCHEME = Scheme(1 / 480, 0.6)
@@ -65,8 +66,7 @@ def missing() -> str | None:
         return "no gcc"
     if fields.LANES != 8:
         return f"lanes of {fields.LANES}; kernel.c is for 8"
-    cpu = Path("/proc/cpuinfo")
-    if not (cpu.exists() and "avx2" in cpu.read_text().split()):
+    if not has_avx2():
         return "no AVX2"
     return None
 
