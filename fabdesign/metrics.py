@@ -52,7 +52,7 @@ def surface_floor(model: Floats, count: int, noise: SensorNoise, *, seed: int = 
 
 def _draws(model: Floats, count: int, noise: SensorNoise, seed: int) -> Iterator[NDArray[np.float64]]:
     surface, rng = Surface.of_faces(model), np.random.default_rng(seed)
-    return (noise.draw(surface, count, rng) for _ in range(DRAWS))
+    return (noise.draw(surface, count, rng, offsets) for offsets in noise.stray_offsets([count] * DRAWS, rng))
 
 
 def trial_errors(
@@ -67,13 +67,14 @@ def trial_errors(
     if not np.isfinite(predicted).all():
         return Errors(np.nan, np.nan, np.nan, np.nan)
     rng = np.random.default_rng(seed)
-    per_frame = np.bincount(np.arange(draws) * len(measured) // draws, minlength=len(measured))
+    frame_of = [draw * len(measured) // draws for draw in range(draws)]
+    offsets = noise.stray_offsets([len(measured[frame]) for frame in frame_of], rng)
     distances, floors = [], []
-    for cloud, model, repeats in zip(measured, predicted, per_frame, strict=True):
+    for frame, (cloud, model) in enumerate(zip(measured, predicted, strict=True)):
         surface = Surface.of_faces(model)
         distances.append((chamfer(cloud, model), capped_rms(surface.nearest(cloud).distance)))
-        for _ in range(repeats):
-            drawn = noise.draw(surface, len(cloud), rng)
+        for draw in (i for i, at in enumerate(frame_of) if at == frame):
+            drawn = noise.draw(surface, len(cloud), rng, offsets[draw])
             floors.append((chamfer(drawn, model), capped_rms(surface.nearest(drawn).distance)))
     (c, s), (c_floor, s_floor) = np.mean(distances, axis=0), np.mean(floors, axis=0)
     return Errors(float(c), float(c_floor), float(s), float(s_floor))

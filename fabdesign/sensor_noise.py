@@ -15,10 +15,13 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.floating[Any]]
 
 _NEIGHBOURS = 64  # in a patch: enough that its six coefficients and the faces do not absorb the noise
-_PATCHES = 9_000  # at most, spread over the frames: 27 strays at a share of 0.3 %
+_PATCHES = 9_000  # that sigma is estimated from, at most, spread over the frames
 _ROUNDS = 40  # at most
+_SUSPECT_ROUNDS = 5  # with sigma known
 _CONVERGED = 1e-3  # of sigma, in a round
-_ALONE = 0.5  # nearest neighbour over farthest of a patch: one point of a sheet in 10^8 has more
+_ALONE = 0.5  # second neighbour over farthest of a patch: of a flat sheet three points in 10^7 have more
+_HIDDEN = 5  # sigmas off its face, below which a stray is taken for noise
+_TERMS = 6  # of a quadric
 _SIGMA0 = 0.001  # m, start
 _STRAY_REACH0 = 0.015  # m, how far off the surface strays are looked for
 
@@ -31,13 +34,27 @@ class SensorNoise:
     strays: float  # share of the points
     stray_reach: float  # m, along the normal
 
-    def draw(self, surface: Surface, count: int, rng: np.random.Generator) -> Array:
-        """(count, 3) points [m] as this sensor would see the surface."""
+    def draw(self, surface: Surface, count: int, rng: np.random.Generator, offsets: Array | None = None) -> Array:
+        """(count, 3) points [m] as this sensor would see the surface.
+
+        offsets: (k,) m of its strays, by default as many as chance gives, even over the reach.
+        """
         points, normals = surface.sample(count, rng)
         points += self.sigma * rng.standard_normal((count, 3))
-        stray = rng.random(count) < self.strays
-        offset = np.where(stray, self.stray_reach * rng.uniform(-1, 1, count), 0.0)
-        return np.asarray(points + offset[:, None] * normals)
+        if offsets is None:
+            offsets = self.stray_reach * rng.uniform(-1, 1, rng.binomial(count, self.strays))
+        points[: len(offsets)] += offsets[:, None] * normals[: len(offsets)]
+        return np.asarray(points)
+
+    def stray_offsets(self, counts: Sequence[int], rng: np.random.Generator) -> list[Array]:
+        """Offsets [m] for draws of `counts` points: over all draws together as many strays as their share says and
+        spread evenly; how they fall on the draws is chance. Few strays weigh much in an RMS: with chance in their
+        number too, twenty draws of 1,500 points know their share to 10 %."""
+        total = round(self.strays * sum(counts))
+        strata = (np.arange(total) + rng.random(total)) / max(total, 1)
+        offsets = self.stray_reach * rng.permutation(2 * strata - 1)
+        fallen = rng.multivariate_hypergeometric(np.asarray(counts, dtype=np.int64), total)
+        return np.split(offsets, np.cumsum(fallen)[:-1])
 
 
 def estimate_noise(frames: Sequence[Floats], thickness: float) -> SensorNoise:
@@ -46,66 +63,125 @@ def estimate_noise(frames: Sequence[Floats], thickness: float) -> SensorNoise:
     Around points drawn from the frames, the neighbours are a quadric sheet at plus or minus half the thickness, with
     normal noise of one sigma for all patches and an even background of strays: expectation-maximisation over faces
     and strays together with the patches' coefficients. A patch's six coefficients count as lost degrees of freedom.
-    A point that lies alone, about 15 mm or more off, is a stray without that: it would bend its patch to itself.
     Sigma comes from the flatter half of the patches, where a quadric is shape enough (within 5 % of the truth on
-    synthetic sheets at 0.3 to 1 mm), the share of strays from the patches' centres and, of those alone, from all
-    points. Raises InputError where no frame has enough points.
+    synthetic sheets at 0.3 to 1 mm). The share of strays comes from all points: those that lie alone, about 15 mm or
+    more off, and those that the same expectation takes for strays of the sheet that their neighbours are without them;
+    as many more hide in the noise as would if they are even. Raises InputError where no frame has enough points.
     """
-    patches, alone, count = _patches(frames)
-    x, y, z = np.moveaxis(patches, 2, 0)
-    x, y = x / np.abs(x).max(), y / np.abs(y).max()
-    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=2)
-    half, sigma, strays = thickness / 2, _SIGMA0, 0.01
-    weight = 1 / (1 + np.square(z / (2 * half + _SIGMA0)))
-    fitted = _fitted(basis, z, weight)
-    face = np.where(z > fitted, 1.0, -1.0)  # expectation of the side, -1 to 1
-    depth = np.ptp(fitted, axis=1)
-    flat = depth <= np.median(depth)
-    for _ in range(_ROUNDS):
-        residual = z - _fitted(basis, z - half * face, weight)
-        front, back = (np.exp(-0.5 * np.square((residual - s * half) / sigma)) for s in (1, -1))
-        density = (1 - strays) * (front + back) / (2 * sigma * np.sqrt(2 * np.pi))
-        weight = density / (density + strays / (2 * _STRAY_REACH0))
-        face = (front - back) / np.maximum(front + back, 1e-300)
-        squared = weight * (np.square(residual) - 2 * half * face * residual + half**2)
-        last, sigma = sigma, float(np.sqrt(squared[flat].sum() / (weight[flat].sum() - basis.shape[2] * flat.sum())))
-        strays = float(np.clip(1 - weight[:, 0].mean(), 1e-6, 0.5))
-        if abs(sigma - last) < _CONVERGED * sigma:
-            break
-    near = np.abs(np.abs(residual[:, 0]) - half)[weight[:, 0] < 0.5]
-    shares = [strays if len(near) else 0.0, len(alone) / count]
-    if not any(shares):
-        return SensorNoise(sigma, 0.0, 0.0)
-    # the mean distance of even strays is half their reach; those lost among the noise lie below three sigma
-    off = np.average([np.mean(x) if len(x) else 0.0 for x in (near, alone)], weights=shares)
-    return SensorNoise(sigma, sum(shares), max(2 * float(off) - 3 * sigma, 0.0))
-
-
-def _patches(frames: Sequence[Floats]) -> tuple[Array, Array, int]:
-    """(patches, neighbours, 3): each patch in its own principal axes about its centre, the normal last; its first
-    point is the one it was built around. The nearest neighbours' distances [m] of points that lie alone; of how many.
-    """
-    dense = [frame for frame in frames if len(frame) >= _NEIGHBOURS]
+    dense = [np.asarray(frame, dtype=np.float64) for frame in frames if len(frame) >= _NEIGHBOURS]
     if not dense:
         raise InputError(f"clouds of less than {_NEIGHBOURS} points: too few to estimate the sensor's noise")
-    per_frame = -(-_PATCHES // len(dense))
-    found, alone = [], []
-    for frame in dense:
+    around = [_Neighbours.of(frame) for frame in dense]
+    half = thickness / 2
+    most = -(-_PATCHES // len(dense))
+    spread = [n.patches(np.linspace(0, len(n.index) - 1, min(most, len(n.index))).astype(int)) for n in around]
+    sheets = _Sheets.of(np.concatenate(spread), half)
+    depth = np.ptp(sheets.fitted, axis=1)
+    flat = depth <= np.median(depth)
+    sigma, strays = _SIGMA0, 0.01
+    for _ in range(_ROUNDS):
+        squared = sheets.expect(sigma, strays)
+        last, sigma = sigma, float(np.sqrt(squared[flat].sum() / (sheets.weight[flat].sum() - _TERMS * flat.sum())))
+        strays = float(np.clip(1 - sheets.weight[:, 0].mean(), 1e-6, 0.5))
+        if abs(sigma - last) < _CONVERGED * sigma:
+            break
+    hidden = _HIDDEN * sigma
+    off = np.concatenate([np.append(n.alone[n.alone > hidden], _near_strays(n, half, sigma, strays)) for n in around])
+    if not len(off):
+        return SensorNoise(sigma, 0.0, 0.0)
+    # even ones are seen from `hidden` to the reach outwards, and to the thickness less inwards, off the other face
+    reach = max(2 * float(off.mean()) - hidden + half, 2 * (hidden + half))
+    return SensorNoise(sigma, len(off) / sum(map(len, dense)) / (1 - (hidden + half) / reach), reach)
+
+
+@dataclass(frozen=True, eq=False)
+class _Neighbours:
+    """Of a frame's points those that do not lie alone, each with its nearest ones; it comes first itself."""
+
+    frame: Array  # (n, 3) m
+    index: NDArray[np.intp]  # (m, neighbours)
+    alone: Array  # m, of those that do: how far the nearest of the others is
+
+    @staticmethod
+    def of(frame: Array) -> "_Neighbours":
         distance, index = cKDTree(frame).query(frame, k=_NEIGHBOURS)
         index[:, 0] = np.arange(len(frame))  # a point that another one covers exactly still comes first
-        lone = distance[:, 1] > _ALONE * distance[:, -1]
-        alone.append(distance[lone, 1])
-        others = np.flatnonzero(~lone)
-        centres = others[np.linspace(0, len(others) - 1, min(per_frame, len(others))).astype(int)]
-        patch = np.asarray(frame, dtype=np.float64)[index[centres]]
+        lone = distance[:, 2] > _ALONE * distance[:, -1]  # a stray may have another one near
+        return _Neighbours(frame, index[~lone], cKDTree(frame[~lone]).query(frame[lone])[0])
+
+    def patches(self, rows: NDArray[np.intp] | slice) -> Array:
+        """(rows, neighbours, 3) m, each in its own principal axes about its middle, the normal last."""
+        patch = self.frame[self.index[rows]]
         patch = patch - np.median(patch, axis=1, keepdims=True)
-        _, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", patch, patch))
-        found.append(patch @ axes[:, :, ::-1])
-    return np.concatenate(found), np.concatenate(alone), sum(map(len, dense))
+        _, axes = np.linalg.eigh(patch.transpose(0, 2, 1) @ patch)
+        return np.asarray(patch @ axes[:, :, ::-1])
+
+
+@dataclass(eq=False)
+class _Sheets:
+    """Patches as two-faced quadrics. `expect` makes a round of expectation-maximisation."""
+
+    basis: Array  # (n, neighbours, 6)
+    z: Array  # (n, neighbours) m
+    half: float  # m, half the thickness
+    weight: Array  # (n, neighbours) how likely a point is none of the strays
+    face: Array  # (n, neighbours) expectation of its side, -1 to 1
+    counted: Array  # (neighbours,) 0 where a point does not count in the fit, else 1
+    fitted: Array  # (n, neighbours) m, the quadric
+
+    @staticmethod
+    def of(patches: Array, half: float, *, middle: bool = True) -> "_Sheets":
+        """`middle`: whether the point that a patch lies around counts in its fit."""
+        x, y, z = np.moveaxis(patches, 2, 0)
+        if len(z):
+            x, y = x / np.abs(x).max(), y / np.abs(y).max()
+        basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=2)
+        weight = 1 / (1 + np.square(z / (2 * half + _SIGMA0)))
+        counted = np.ones(patches.shape[1])
+        counted[0] = middle
+        fitted = _fitted(basis, z, weight * counted)
+        return _Sheets(basis, z, half, weight, np.where(z > fitted, 1.0, -1.0), counted, fitted)
+
+    def expect(self, sigma: float, strays: float) -> Array:
+        """(n, neighbours) m^2: weighted mean squares off the points' faces. sigma [m]; strays: share."""
+        self.fitted = _fitted(self.basis, self.z - self.half * self.face, self.weight * self.counted)
+        residual = self.z - self.fitted
+        front, back = (np.exp(-0.5 * np.square((residual - s * self.half) / sigma)) for s in (1, -1))
+        density = (1 - strays) * (front + back) / (2 * sigma * np.sqrt(2 * np.pi))
+        self.weight = density / (density + strays / (2 * _STRAY_REACH0))
+        self.face = (front - back) / np.maximum(front + back, 1e-300)
+        squared = np.square(residual) - 2 * self.half * self.face * residual + self.half**2
+        return np.asarray(self.weight * squared)
+
+    def extrapolated(self) -> Array:
+        """(n,) standard deviation of a middle point that does not count off its face, over sigma: more at a hem."""
+        at = self.basis[:, 0, :, None]
+        variance = at.transpose(0, 2, 1) @ np.linalg.solve(_normal(self.basis, self.weight * self.counted)[1], at)
+        return np.asarray(np.sqrt(1 + variance[:, 0, 0]))
+
+    def off(self) -> Array:
+        """(n,) m from the middle point of a patch to its quadric."""
+        return np.abs(self.z[:, 0] - self.fitted[:, 0])
+
+
+def _near_strays(around: _Neighbours, half: float, sigma: float, strays: float) -> Array:
+    """m off their faces, of the points that are strays and yet not alone."""
+    every = around.patches(slice(None))
+    off = _Sheets.of(every, half, middle=False).off()
+    suspects = _Sheets.of(every[off > half + _HIDDEN * sigma / 2], half, middle=False)  # the first fit is rough
+    for _ in range(_SUSPECT_ROUNDS if len(suspects.z) else 0):
+        suspects.expect(sigma, strays)
+    off = np.abs(suspects.off() - half)
+    return off[(suspects.weight[:, 0] < 0.5) & (off > _HIDDEN * sigma * suspects.extrapolated())]
 
 
 def _fitted(basis: Array, z: Array, weight: Array) -> Array:
     """Values of each patch's weighted least-squares quadric."""
+    weighted, matrix = _normal(basis, weight)
+    return np.asarray((basis @ np.linalg.solve(matrix, weighted @ z[..., None]))[..., 0])
+
+
+def _normal(basis: Array, weight: Array) -> tuple[Array, Array]:
+    """Weighted basis (n, 6, neighbours) and the normal equations' matrix (n, 6, 6)."""
     weighted = (basis * weight[..., None]).transpose(0, 2, 1)
-    coefficients = np.linalg.solve(weighted @ basis + 1e-9 * np.eye(basis.shape[2]), weighted @ z[..., None])
-    return np.asarray((basis @ coefficients)[..., 0])
+    return weighted, weighted @ basis + 1e-9 * np.eye(_TERMS)
