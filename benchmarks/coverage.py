@@ -2,10 +2,11 @@
 
     python -m benchmarks.coverage engine FOLDER       # 12 sets: the term for the difference between engines
     python -m benchmarks.coverage test FOLDER         # 20 others: how many true factors lie inside the intervals
+    python -m benchmarks.coverage test FOLDER --grid 61
 
 Each set: a catalogue layout, factors drawn from calibration's prior, four trials of 1.5 s with random pressures to fit
-and one more to hold out. Sets already calibrated, in FOLDER/results.jsonl, are not done again. `engine` writes
-studies/data/engine_difference.csv, `test` docs/results/coverage.md.
+and one more to hold out. Sets already calibrated, in FOLDER/results_41.jsonl, are not done again. `engine` writes
+studies/data/engine_difference.csv, `test` docs/results/coverage.md, or coverage_61.md with 61 points a side.
 """
 
 import argparse
@@ -36,6 +37,7 @@ from studies.rig.key import Key
 LAYOUTS = (("basic", 4), ("side", 4), ("cross", 2), ("vertical", 3))
 FIRST = {"engine": 1000, "test": 0}  # seed of the first set
 COUNT = {"engine": 12, "test": 20}
+GRID = Simulator().points_per_side
 FINE = Simulator(points_per_side=81)
 
 
@@ -54,22 +56,24 @@ def make(seed: int, folder: Path) -> dict[str, float]:
 
 def excess(found: Model, known: Model, measured: MeasurementSet, simulator: Simulator) -> list[float]:
     """m, of the held-out trial over the floor, in quadrature: at the data sheet, with either model."""
-    trials = []
-    for model in (found, known):
-        [design] = evaluate_sets(model, [measured], simulator).designs.values()
-        trials += design.trials
-    of_found, of_known = trials
+    of_found, of_known = (
+        trial
+        for model in (found, known)
+        for design in evaluate_sets(model, [measured], simulator).designs.values()
+        for trial in design.trials
+    )
     errors = (of_found.before, of_found.after, of_known.after)
     return [float(np.sqrt(max(e.surface_rms**2 - e.surface_floor**2, 0.0))) for e in errors]
 
 
-def calibrated(seed: int, folder: Path) -> dict:
+def calibrated(seed: int, folder: Path, grid: int) -> dict:
     """Everything that is kept of one set: logarithms, their standard deviations without the engines' term; m of the
-    held-out trial at the data sheet, calibrated and with the true factors, by the default simulator and by FINE."""
+    held-out trial at the data sheet, calibrated and with the true factors, on the grid that was fitted and by FINE."""
     begin = time.perf_counter()
+    simulator = Simulator(points_per_side=grid)
     factors = make(seed, folder)
     measured = read_set(folder)
-    found = calibrate(measured, Simulator(points_per_side=21), Simulator())
+    found = calibrate(measured, Simulator(points_per_side=21), simulator)
     known = Model({name: Parameter(factor, (factor, factor)) for name, factor in factors.items()})
     return {
         "seed": seed,
@@ -77,23 +81,23 @@ def calibrated(seed: int, folder: Path) -> dict:
         "truth": [float(np.log(factors[name])) for name in PARAMETERS],
         "found": found.fit.x.tolist(),
         "deviation": np.sqrt(np.diag(found.fit.covariance)).tolist(),
-        "excess": excess(found.model, known, measured, Simulator()),
+        "excess": excess(found.model, known, measured, simulator),
         "excess_fine": excess(found.model, known, measured, FINE),
         "converged": found.fit.converged,
         "seconds": time.perf_counter() - begin,
     }
 
 
-def results(kind: str, folder: Path) -> list[dict]:
+def results(kind: str, folder: Path, grid: int) -> list[dict]:
     """Of all sets of the kind; those that are missing are made first."""
     folder.mkdir(parents=True, exist_ok=True)
-    kept = folder / "results.jsonl"
+    kept = folder / f"results_{grid}.jsonl"
     lines = kept.read_text().splitlines() if kept.exists() else []
     done = {row["seed"]: row for row in map(json.loads, lines)}
     seeds = range(FIRST[kind], FIRST[kind] + COUNT[kind])
     for seed in seeds:
         if seed not in done:
-            done[seed] = calibrated(seed, folder / f"set_{seed}")
+            done[seed] = calibrated(seed, folder / f"set_{seed}", grid)
             with kept.open("a") as stream:
                 stream.write(json.dumps(done[seed]) + "\n")
             print(seed, done[seed]["layout"], f"{done[seed]['seconds']:.0f} s", flush=True)
@@ -112,19 +116,20 @@ def engine_term(rows: list[dict]) -> np.ndarray:
     return np.sqrt(np.maximum(beyond, 0.0))
 
 
-def page(rows: list[dict], extra: np.ndarray) -> str:
+def page(rows: list[dict], extra: np.ndarray, grid: int) -> str:
     error, own = errors(rows)
     inside = np.abs(error) <= QUANTILE * np.sqrt(own**2 + (data_share(own) * extra) ** 2)
     narrow = np.abs(error) <= QUANTILE * own
     off, fine = (1e3 * np.array([r[key] for r in rows]) for key in ("excess", "excess_fine"))
     total = f"{inside.sum()} of {inside.size}"
+    option = "" if grid == GRID else f" --grid {grid}"
     lines = [
         "# Do calibration's intervals hold the truth?",
         "",
-        f"`python -m benchmarks.coverage test FOLDER` at commit {commit()}, {platform.machine()}, 2 cores.",
+        f"`python -m benchmarks.coverage test FOLDER{option}` at commit {commit()}, {platform.machine()}, 2 cores.",
         f"{len(rows)} sets of the virtual rig (synthetic), no effects, factors drawn from the prior, four trials of",
         "1.5 s fitted, a fifth held out. The term for the difference between engines comes from",
-        f"{COUNT['engine']} other sets.",
+        f"{COUNT['engine']} other sets, calibrated with {GRID} points a side; here it was {grid}.",
         "",
         f"True factors inside the 90 % intervals: **{total}** (asked: 119 of 140); without the engines' term",
         f"{narrow.sum()}. Held-out surface RMS over the noise, in quadrature: median {np.median(off[:, 1]):.2f} mm,",
@@ -149,7 +154,9 @@ def page(rows: list[dict], extra: np.ndarray) -> str:
         "",
         "Errors and deviations are of the logarithms.",
         "",
-        "| set | layout | data sheet, mm | calibrated, mm | true factors, mm | calibrated, 81 | true factors, 81 |",
+        "Held-out surface RMS over the noise, in quadrature, mm:",
+        "",
+        "| set | layout | data sheet | calibrated | true factors | calibrated, 81 | true factors, 81 |",
         "|---|---|---|---|---|---|---|",
     ]
     for row, values in zip(rows, np.hstack([off, fine[:, 1:]]), strict=True):
@@ -161,13 +168,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("kind", choices=("engine", "test"))
     parser.add_argument("folder", type=Path)
+    parser.add_argument("--grid", type=int, default=GRID, help="points a side of the last iterations")
     given = parser.parse_args()
-    rows = results(given.kind, given.folder)
+    rows = results(given.kind, given.folder, given.grid)
     if given.kind == "engine":
         values = [(name, round(float(s), 4)) for name, s in zip(PARAMETERS, engine_term(rows), strict=True)]
         write_rows(FILE, ("parameter", "standard_deviation_of_log"), values)
     else:
-        write_text(Path("docs/results/coverage.md"), page(rows, engine_difference()))
+        name = "coverage.md" if given.grid == GRID else f"coverage_{given.grid}.md"
+        write_text(Path("docs/results") / name, page(rows, engine_difference(), given.grid))
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from fabdesign.errors import InputError, SimulationError
 _FILE = click.Path(path_type=Path)
 _EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "numba": "rig", "ezdxf": "dxf"}
 _grid = click.option(
-    "--grid", default=41, show_default=True, help="Points a side of the simulator's grid; 81 for cloth that snaps."
+    "--grid", default=41, show_default=True, help="Points a side of the simulator's; 61 to 81 for cloth that snaps."
 )
 _as_json = click.option("--json", "as_json", is_flag=True, help="Print a machine-readable result.")
 
@@ -218,9 +218,10 @@ def predict(source: Path, model: Path, design: Path | None, grid: int, output: P
 @click.option("--fit", help="What to fit, by comma: orders of trials, names of records; all of role fit without it.")
 @click.option("--skip-bad", is_flag=True, help="Leave out a set's unsound trials, and list them.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the points and frames drawn.")
+@_grid
 @click.option("-o", "--output", type=_FILE, required=True, help="The model, or of a bench the type, to write (TOML).")
 @_as_json
-def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, output: Path, as_json: bool) -> None:
+def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, grid: int, output: Path, as_json: bool) -> None:
     """Fit the declared parameters to SOURCE, a measurement set; or the law of a bench (a folder with bench.toml)."""
     if source.name == "bench.toml" or (source / "bench.toml").is_file():
         _calibrate_bench(source, fit, output, as_json)
@@ -241,7 +242,7 @@ def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, output: 
         found = calibrate_set(
             measured,
             Simulator(points_per_side=21),
-            Simulator(),
+            Simulator(grid),
             orders=orders,
             skipped=skipped,
             skip_bad=skip_bad,

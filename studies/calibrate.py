@@ -57,6 +57,7 @@ class Calibration:
             "noise": {"sigma": 1e3 * self.noise.sigma, "strays": self.noise.strays, "unit": "mm"},
             "fitted": list(self.model.provenance.fitted),
             "held_out": list(self.model.provenance.held_out),
+            "astray": self.fit.astray,
             "lost": lost,
             "skipped": list(self.skipped),
             "iterations": self.fit.iterations,

@@ -32,6 +32,7 @@ class Fit:
     scale: float  # m, robust standard deviation of the residuals
     before: float  # m, RMS of the residuals capped at 10 mm, at the data sheet
     after: float  # m, the same at the minimum
+    astray: float  # share of frames that the model misses by far, or has lost
     lost: tuple[tuple[str, float], ...]  # trials whose motion diverged, and from when on [s] they were left out
     iterations: int
     converged: bool
@@ -84,6 +85,7 @@ def fit(
         scale=normal.scale,
         before=_capped(first.residual),
         after=_capped(state.found.residual),
+        astray=share_astray(state.found),
         lost=_lost(samples, state.found),
         iterations=iterations,
         converged=converged,

@@ -86,7 +86,8 @@ def normal_equations(samples: Sequence[Sample], state: State, weight: Array, ste
     everywhere = np.zeros(len(sound))
     everywhere[sound] = frames
     # weights above one would trust points more than their number allows
-    tempering = min(1.0, float(np.trace(inverse @ hessian) / np.trace(inverse @ scatter(scores, hessian, weight))))
+    seen, scattered = (float(np.trace(inverse @ m)) for m in (hessian, scatter(scores, hessian, weight)))
+    tempering = min(1.0, seen / scattered) if scattered > 0 else 1.0  # 0: no point says anything
     return Normal(j.T @ (w * r), hessian, scores, tempering, scale, j.T @ j / len(j), everywhere)
 
 

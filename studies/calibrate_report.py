@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fabdesign.forward import PARAMETERS
+from studies.calibrate_branches import ASTRAY
 from studies.calibrate_fit import Fit
 from studies.calibrate_normal import PRIOR
 
@@ -72,6 +73,11 @@ def as_text(calibration: "Calibration") -> str:
     ]
     if not fit.converged:
         lines.append("not converged: the last step was still large")
+    if fit.astray >= ASTRAY:
+        lines.append(
+            f"{fit.astray:.0%} of the frames fitted are far off: an effect that the model lacks, or cloth that snaps, "
+            "which a finer grid follows (--grid 61 here and in evaluate and predict)"
+        )
     lines.append(
         "the intervals hold the difference between this engine and the virtual rig's; a real cloth may differ by more"
     )

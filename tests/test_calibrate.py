@@ -217,6 +217,9 @@ def test_a_diverging_trial_is_left_out_from_there_on(tmp_path):
     found = calibrate(measured, Curler(loses=True))
     assert found.fit.lost == (("002", pytest.approx(0.7)),)
     assert "002: the motion diverged; left out from 0.70 s on" in as_text(found)
+    lost = np.mean(TIMES >= 0.7 - 1e-9) / 3  # of one trial of three
+    assert found.fit.astray == found.as_json()["astray"] == pytest.approx(lost)
+    assert f"{lost:.0%} of the frames fitted are far off" in as_text(found)
     alone = dataclasses.replace(measured, trials=measured.trials[2:3])
     with pytest.raises(SimulationError, match="every motion"):
         calibrate(alone, Lost())

@@ -221,6 +221,15 @@ def test_bench_becomes_a_cloth_that_a_design_includes(run: Run, folder: Path) ->
     assert read_design(folder / "new.toml").fabric.membrane_stiffness == pytest.approx((520, 520), rel=0.03)
 
 
+def test_calibrate_ends_on_the_grid_asked_for(run: Run, hanging: type[Hanging], folder: Path) -> None:
+    """A cloth that no factor moves: the data sheet stays, its prior the only thing known."""
+    code, out, _ = run("calibrate", folder / "set", "--grid", 61, "-o", folder / "fitted.toml", "--json")
+    assert (code, hanging.side) == (0, 61)
+    found = json.loads(out)["parameters"]["membrane"]
+    assert found["factor"] == pytest.approx(1.0)
+    assert np.log(found["interval90"]) == pytest.approx([-1.645 * 0.15, 1.645 * 0.15], rel=0.01)
+
+
 @pytest.mark.usefixtures("hanging")
 def test_evaluate(run: Run, folder: Path) -> None:
     arguments = ("evaluate", folder / "set", "--model", folder / "model.toml", "--all")
