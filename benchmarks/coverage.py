@@ -141,7 +141,7 @@ def page(rows: list[dict], extra: np.ndarray, grid: int) -> str:
         f"True factors inside the 90 % intervals: **{total}** (asked: 119 of 140); without the engines' term",
         f"{narrow.sum()}.",
         "",
-        "| held-out surface RMS over the noise, in quadrature | within 0.5 mm | all sets, mm | median, mm | worst, mm |",
+        "| held-out surface RMS over the noise, in quadrature | within 0.5 mm | pooled, mm | median | worst |",
         "|---|---|---|---|---|",
         *(
             f"| {name} | {held_out(column)} |"
