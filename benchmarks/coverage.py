@@ -20,8 +20,9 @@ import numpy as np
 from benchmarks.machine import commit
 from fabdesign.catalogue import build
 from fabdesign.csv_table import write_rows
-from fabdesign.forward import PARAMETERS
+from fabdesign.forward import PARAMETERS, Case
 from fabdesign.measurement_set import read_set
+from fabdesign.metrics import trial_errors
 from fabdesign.model import Model, Parameter
 from fabdesign.output import write_text
 from fabdesign.pressure import PressureProgram
@@ -30,7 +31,7 @@ from sim import Simulator
 from studies.calibrate import QUANTILE, calibrate
 from studies.calibrate_normal import PRIOR
 from studies.engine_difference import FILE, data_share, engine_difference
-from studies.evaluate import evaluate_sets
+from studies.evaluate import noise_of
 from studies.rig import run_rig
 from studies.rig.key import Key
 
@@ -57,13 +58,11 @@ def make(seed: int, folder: Path) -> dict[str, float]:
 
 def excess(found: Model, known: Model, measured: MeasurementSet, simulator: Simulator) -> list[float]:
     """m, of the held-out trial over the floor, in quadrature: at the data sheet, with either model."""
-    of_found, of_known = (
-        trial
-        for model in (found, known)
-        for design in evaluate_sets(model, [measured], simulator).designs.values()
-        for trial in design.trials
-    )
-    errors = (of_found.before, of_found.after, of_known.after)
+    [trial] = [trial for trial in measured.trials if trial.role == "test"]
+    clouds, noise = trial.load().frames, noise_of([trial])
+    cases = [Case(trial.design, trial.program, factors) for factors in ({}, found.factors, known.factors)]
+    motions = simulator.motions(cases, [trial.times] * len(cases))
+    errors = [trial_errors(clouds, motion, noise, seed=trial.order) for motion in motions]
     return [float(np.sqrt(max(e.surface_rms**2 - e.surface_floor**2, 0.0))) for e in errors]
 
 
@@ -117,17 +116,17 @@ def engine_term(rows: list[dict]) -> np.ndarray:
     return np.sqrt(np.maximum(beyond, 0.0))
 
 
-def held_out(excess: np.ndarray) -> str:
+def held_out(over: np.ndarray) -> str:
     """mm -> cells: how many are within what is asked for, the root mean square of all, their median and the worst."""
-    pooled = np.sqrt(np.mean(np.square(excess)))
-    return f"{(excess <= 0.5).sum()} of {len(excess)} | {pooled:.2f} | {np.median(excess):.2f} | {excess.max():.2f}"
+    pooled = np.sqrt(np.mean(np.square(over)))
+    return f"{(over <= 0.5).sum()} of {len(over)} | {pooled:.2f} | {np.median(over):.2f} | {over.max():.2f}"
 
 
 def page(rows: list[dict], extra: np.ndarray, grid: int) -> str:
     error, own = errors(rows)
     inside = np.abs(error) <= QUANTILE * np.sqrt(own**2 + (data_share(own) * extra) ** 2)
     narrow = np.abs(error) <= QUANTILE * own
-    off, fine = (1e3 * np.array([r[key] for r in rows]) for key in ("excess", "excess_fine"))
+    over = 1e3 * np.array([[*r["excess"], *r["excess_fine"][1:]] for r in rows])
     total = f"{inside.sum()} of {inside.size}"
     option = "" if grid == GRID else f" --grid {grid}"
     lines = [
@@ -143,10 +142,7 @@ def page(rows: list[dict], extra: np.ndarray, grid: int) -> str:
         "",
         "| held-out surface RMS over the noise, in quadrature | within 0.5 mm | pooled, mm | median | worst |",
         "|---|---|---|---|---|",
-        *(
-            f"| {name} | {held_out(column)} |"
-            for name, column in zip(HELD_OUT, np.hstack([off, fine[:, 1:]]).T, strict=True)
-        ),
+        *(f"| {name} | {held_out(column)} |" for name, column in zip(HELD_OUT, over.T, strict=True)),
         "",
         f"Seconds a set, median: {np.median([r['seconds'] for r in rows]):.0f}.",
         f"Converged: {sum(r['converged'] for r in rows)} of {len(rows)}.",
@@ -168,7 +164,7 @@ def page(rows: list[dict], extra: np.ndarray, grid: int) -> str:
         "| set | layout | " + " | ".join(HELD_OUT) + " |",
         "|---|---|---|---|---|---|---|",
     ]
-    for row, values in zip(rows, np.hstack([off, fine[:, 1:]]), strict=True):
+    for row, values in zip(rows, over, strict=True):
         lines.append(f"| {row['seed']} | {row['layout']} | " + " | ".join(f"{v:.2f}" for v in values) + " |")
     return "\n".join(lines) + "\n"
 

@@ -16,9 +16,7 @@ from fabdesign.errors import InputError, SimulationError
 
 _FILE = click.Path(path_type=Path)
 _EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "numba": "rig", "ezdxf": "dxf"}
-_grid = click.option(
-    "--grid", default=41, show_default=True, help="Points a side of the simulator's; 61 to 81 for cloth that snaps."
-)
+_grid = click.option("--grid", default=41, show_default=True, help="Grid points a side; 61 to 81 for cloth that snaps.")
 _as_json = click.option("--json", "as_json", is_flag=True, help="Print a machine-readable result.")
 
 

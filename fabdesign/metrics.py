@@ -6,6 +6,7 @@ summed. Everything in m; people are shown mm.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass
+from itertools import islice
 from typing import Any, Literal
 
 import numpy as np
@@ -67,14 +68,15 @@ def trial_errors(
     if not np.isfinite(predicted).all():
         return Errors(np.nan, np.nan, np.nan, np.nan)
     rng = np.random.default_rng(seed)
-    frame_of = [draw * len(measured) // draws for draw in range(draws)]
-    offsets = noise.stray_offsets([len(measured[frame]) for frame in frame_of], rng)
+    per_frame = np.bincount(np.arange(draws) * len(measured) // draws, minlength=len(measured))
+    counts = np.repeat([len(cloud) for cloud in measured], per_frame).tolist()
+    offsets = iter(noise.stray_offsets(counts, rng))
     distances, floors = [], []
-    for frame, (cloud, model) in enumerate(zip(measured, predicted, strict=True)):
+    for cloud, model, repeats in zip(measured, predicted, per_frame, strict=True):
         surface = Surface.of_faces(model)
         distances.append((chamfer(cloud, model), capped_rms(surface.nearest(cloud).distance)))
-        for draw in (i for i, at in enumerate(frame_of) if at == frame):
-            drawn = noise.draw(surface, len(cloud), rng, offsets[draw])
+        for strays in islice(offsets, repeats):
+            drawn = noise.draw(surface, len(cloud), rng, strays)
             floors.append((chamfer(drawn, model), capped_rms(surface.nearest(drawn).distance)))
     (c, s), (c_floor, s_floor) = np.mean(distances, axis=0), np.mean(floors, axis=0)
     return Errors(float(c), float(c_floor), float(s), float(s_floor))

@@ -133,8 +133,7 @@ class _Sheets:
     def of(patches: Array, half: float, *, middle: bool = True) -> "_Sheets":
         """`middle`: whether the point that a patch lies around counts in its fit."""
         x, y, z = np.moveaxis(patches, 2, 0)
-        if len(z):
-            x, y = x / np.abs(x).max(), y / np.abs(y).max()
+        x, y = x / np.abs(x).max(), y / np.abs(y).max()
         basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=2)
         weight = 1 / (1 + np.square(z / (2 * half + _SIGMA0)))
         counted = np.ones(patches.shape[1])
@@ -168,8 +167,11 @@ def _near_strays(around: _Neighbours, half: float, sigma: float, strays: float) 
     """m off their faces, of the points that are strays and yet not alone."""
     every = around.patches(slice(None))
     off = _Sheets.of(every, half, middle=False).off()
-    suspects = _Sheets.of(every[off > half + _HIDDEN * sigma / 2], half, middle=False)  # the first fit is rough
-    for _ in range(_SUSPECT_ROUNDS if len(suspects.z) else 0):
+    suspicious = off > half + _HIDDEN * sigma / 2  # the first fit is rough
+    if not suspicious.any():
+        return np.zeros(0)
+    suspects = _Sheets.of(every[suspicious], half, middle=False)
+    for _ in range(_SUSPECT_ROUNDS):
         suspects.expect(sigma, strays)
     off = np.abs(suspects.off() - half)
     return off[(suspects.weight[:, 0] < 0.5) & (off > _HIDDEN * sigma * suspects.extrapolated())]

@@ -97,7 +97,7 @@ def evaluate_sets(
     total, done = sum(len(trials) for *_, trials in jobs), 0
     tables: dict[str, dict[str, DesignResult]] = {"test": {}, "fit": {}}
     for found, role, title, trials in jobs:
-        noise = _noise(trials)
+        noise = noise_of(trials)
         results: list[TrialResult] = []
         for first in range(0, len(trials), _AT_ONCE):
             batch = trials[first : first + _AT_ONCE]
@@ -112,8 +112,9 @@ def evaluate_sets(
     return Evaluation(tables["test"], tables["fit"])
 
 
-def _noise(trials: Sequence[Trial]) -> SensorNoise:
-    """From frames spread over the trials, the first of each among them: the cloth is flattest there."""
+def noise_of(trials: Sequence[Trial]) -> SensorNoise:
+    """The sensor's noise, from frames spread over the trials of a design, the first of each among them: the cloth is
+    flattest there."""
     chosen = [trials[i] for i in np.linspace(0, len(trials) - 1, min(len(trials), _NOISE_FRAMES)).astype(int)]
     each = -(-_NOISE_FRAMES // len(chosen))
     frames = []
