@@ -14,10 +14,12 @@ from sim.coarse_solve import add_rows, factor
 from sim.fields import (
     AIR,
     B2,
+    CA,
     COARSE,
     COARSE_ACROSS,
     COARSE_DOWN,
     COARSE_SAMPLES,
+    CV,
     D1,
     D2,
     D12,
@@ -45,19 +47,19 @@ KEPT = 0.05
 
 
 @ti.func
-def assemble(b, nu, nv, npt, ca, cv):
+def assemble(b, nu, nv, npt):
     """E and E_P of the shape at hand, factored."""
-    flat(b, ca, cv)
+    flat(b)
     if npt > 0:
         pull(b, npt)
-    copy(b, cv)
-    bent(b, nu, nv, cv)
+    copy(b)
+    bent(b, nu, nv)
     for which in range(2):
         factor(b, C.coupled + which * COARSE * COARSE)
 
 
 @ti.func
-def flat(b, ca, cv):
+def flat(b):
     """E_P <- W^T K0 W without its normal stiffness of a bent cloth."""
     k = 0
     while k < COARSE * COARSE:
@@ -66,8 +68,8 @@ def flat(b, ca, cv):
     hu = F.lane[b, HU]
     hv = F.lane[b, HV]
     ihv = F.lane[b, IHV]
-    mass = hu * hv * (F.lane[b, MBAR] * ca + F.lane[b, AIR] * cv)
-    k1, k2, sh = membrane(b, cv)
+    mass = hu * hv * (F.lane[b, MBAR] * F.scheme[b, CA] + F.lane[b, AIR] * F.scheme[b, CV])
+    k1, k2, sh = membrane(b)
     bend = hu * F.lane[b, D2] * ihv * ihv * ihv
     clamp = F.lane[b, DTOP] * F.lane[b, DCLAMP] * 2.0 * hu * F.lane[b, B2] * ihv * ihv * ihv
     k = 0
@@ -159,13 +161,13 @@ def stretch(b, npt, s, dst):
 
 
 @ti.func
-def copy(b, cv):
+def copy(b):
     """E <- E_P, and E_P gets its normal stiffness."""
     k = 0
     while k < COARSE * COARSE:
         F.coarse[b, C.coupled + k] = F.coarse[b, C.alone + k]
         k = F.after[k]
-    hoop = normal_stiffness(b, cv)
+    hoop = normal_stiffness(b)
     k = 2 * COARSE_ACROSS * COARSE_DOWN
     while k < COARSE:
         o = C.alone + k * (COARSE + 1)
@@ -175,9 +177,9 @@ def copy(b, cv):
 
 
 @ti.func
-def bent(b, nu, nv, cv):
+def bent(b, nu, nv):
     """E += what strains u' + kappa w, and shear, have beyond those of the flat cloth's components apart."""
-    sample(b, nu, nv, cv)
+    sample(b, nu, nv)
     q = 0
     while q < 8:
         src = C.sample + q * COARSE_SAMPLES * COARSE_SAMPLES
@@ -219,13 +221,13 @@ def weighed(b, a, x):
 
 
 @ti.func
-def sample(b, nu, nv, cv):
+def sample(b, nu, nv):
     """Curvatures of the frames at the sampled nodes, times stiffness and area."""
     size = COARSE_SAMPLES * COARSE_SAMPLES
     ihu = F.lane[b, IHU]
     ihv = F.lane[b, IHV]
     area = F.lane[b, HU] * F.lane[b, HV] * ((nu - 1) * (nv - 1) * 1.0 / size)
-    k1, k2, sh = membrane(b, cv)
+    k1, k2, sh = membrane(b)
     k1, k2, sh = area * k1, area * k2, area * sh
     reach = ti.max(1, (nu - 1) // (2 * COARSE_SAMPLES))
     t = 0

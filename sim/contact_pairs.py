@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.forward import Case
 from sim.contact import put
-from sim.fields import LANES, PAIR
+from sim.fields import LANES, PAIR, F
 from sim.transfer import read
 
 Array = NDArray[np.float64]
@@ -130,65 +131,69 @@ def _close(rows: Ints, columns: Ints, sheet: Sheet) -> NDArray[np.bool_]:
 
 class Touching:
     """The pairs of a batch, found anew for a design when it has moved: each for itself, so that a design's bits do not
-    depend on its neighbours."""
+    depend on its neighbours. seats: which of the cases rides in each lane."""
 
-    def __init__(self, cases: Sequence[Case], n: int) -> None:
+    def __init__(self, cases: Sequence[Case], seats: Sequence[int], n: int) -> None:
+        self.seats = seats
         self.sheets, self.n = [Sheet.of(case, n) for case in cases], n
         self.pairs = [Pairs.none(n * n) for _ in cases]
         self.found_at: list[Array | None] = [None] * len(cases)
         self.last: list[Array | None] = [None] * len(cases)
         self.far = [0.0] * len(cases)  # m, from where on a pair cannot touch before pairs are found anew
-        self.h = 1.0  # s, the step that went before
+        self.h: NDArray[np.floating[Any]] = np.ones(len(cases))  # s, the step that went before
 
-    def refresh(self, blocks: int, h: float) -> None:
-        """Before a step of h seconds."""
+    def refresh(self, blocks: int, h: NDArray[np.floating[Any]]) -> None:
+        """Before a step of h (lanes,) s."""
         n = self.n
+        own = [self.seats.index(i) for i in range(len(self.sheets))]
         out = np.empty((blocks, LANES, n * n, 3), np.float32)
-        read(blocks, n, n, h, np.ones((blocks, LANES), np.float32), out)
-        shapes = out.reshape(-1, n, n, 3)[: len(self.sheets)].astype(float)
-        anew = [self._refresh(lane, x, h / self.h) for lane, x in enumerate(shapes)]
+        read(blocks, n, n, F.x0, out)
+        shapes = out.reshape(-1, n, n, 3)[own].astype(float)
+        anew = [
+            self._refresh(i, x, float(h[lane] / self.h[i])) for i, (lane, x) in enumerate(zip(own, shapes, strict=True))
+        ]
         if any(anew):
             self._put(blocks)
-        self.h = h
+        self.h = h[own]
 
-    def _refresh(self, lane: int, x: Array, ratio: float) -> bool:
+    def _refresh(self, index: int, x: Array, ratio: float) -> bool:
         """Find the pairs of one design in the shape x (n, n, 3) if it has moved; whether there were or are any.
         ratio: of the step to come to the one before."""
-        sheet, last, at = self.sheets[lane], self.last[lane], self.found_at[lane]
-        self.last[lane] = x
+        sheet, last, at = self.sheets[index], self.last[index], self.found_at[index]
+        self.last[index] = x
         if not np.abs(x).max() < 10.0:  # diverged
-            anew = bool(self.pairs[lane].side.any())
-            self.pairs[lane] = Pairs.none(self.n * self.n)
+            anew = bool(self.pairs[index].side.any())
+            self.pairs[index] = Pairs.none(self.n * self.n)
             return anew
         step = 0.0 if last is None else float(np.linalg.norm(x - last, axis=-1).max()) * ratio
         slack = min(sheet.spacing)
-        paired = bool(self.pairs[lane].side.any())
+        paired = bool(self.pairs[index].side.any())
         if at is not None:
             moved = float(np.linalg.norm(x - at, axis=-1).max())
             if moved + (0 if paired else step) < (SLIP * sheet.thickness if paired else slack / 2):
                 return False
         reach = min(sheet.thickness + max(slack, 2.5 * step), 0.8 * sheet.near)
-        self.pairs[lane] = find(x, sheet, reach, self.pairs[lane])
-        self.found_at[lane] = x
-        self.far[lane] = sheet.thickness + 2 * (SLIP * sheet.thickness + 1.25 * step)
-        return paired or bool(self.pairs[lane].side.any())
+        self.pairs[index] = find(x, sheet, reach, self.pairs[index])
+        self.found_at[index] = x
+        self.far[index] = sheet.thickness + 2 * (SLIP * sheet.thickness + 1.25 * step)
+        return paired or bool(self.pairs[index].side.any())
 
     def _put(self, blocks: int) -> None:
-        """All pairs into the fields; lanes without a design repeat the last one."""
-        lanes = [self._entries(lane) for lane in range(len(self.sheets))]
-        room = max(1, *(index.shape[1] for index, _ in lanes))
+        """All pairs into the fields."""
+        entries = [self._entries(i) for i in range(len(self.sheets))]
+        room = max(1, *(index.shape[1] for index, _ in entries))
         index = np.zeros((blocks, 2, room, LANES), np.int32)
         value = np.zeros((blocks, PAIR, room, LANES), np.float32)
-        for k in range(blocks * LANES):
-            i, v = lanes[min(k, len(lanes) - 1)]
-            index[k // LANES, :, : i.shape[1], k % LANES] = i
-            value[k // LANES, :, : i.shape[1], k % LANES] = v
+        for lane, case in enumerate(self.seats):
+            i, v = entries[case]
+            index[lane // LANES, :, : i.shape[1], lane % LANES] = i
+            value[lane // LANES, :, : i.shape[1], lane % LANES] = v
         put(blocks, index, value)
 
-    def _entries(self, lane: int) -> tuple[Ints, Array]:
+    def _entries(self, index: int) -> tuple[Ints, Array]:
         """(2, pairs) node and cell, with padding; (PAIR, pairs) place in the cell, side, thickness, stiffness [N/m]."""
-        n, sheet, pairs = self.n, self.sheets[lane], self.pairs[lane]
-        node, layer = np.nonzero((pairs.side != 0) & (pairs.distance < self.far[lane]))
+        n, sheet, pairs = self.n, self.sheets[index], self.pairs[index]
+        node, layer = np.nonzero((pairs.side != 0) & (pairs.distance < self.far[index]))
         row, column = np.divmod(node, n)
         half_u, half_v = (np.where((k == 0) | (k == n - 1), 0.5, 1.0) for k in (column, row))
         stiffness = sheet.stiffness * sheet.spacing[0] * sheet.spacing[1] * half_u * half_v

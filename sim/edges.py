@@ -2,12 +2,13 @@
 
 import taichi as ti
 
-from sim.fields import AREA, IHU, IHV, K12, KH1, KH2, Q1, Q2, R1, R2, VISC, F
-from sim.vectors import Wide, difference, dot, load, store
+from sim.fields import AREA, CV, IHU, IHV, K12, KH1, KH2, Q1, Q2, R1, R2, VISC, F
+from sim.vectors import Wide, difference, dot, load, store, thrice
 
 
 @ti.func
-def velocity_row(b, nu, nv, j, cv):
+def velocity_row(b, nu, nv, j):
+    cv = thrice(F.scheme[b, CV])
     i = 0
     while i < nu:
         k = (j + 1) * (nu + 2) + i + 1

@@ -62,6 +62,9 @@ FIRST_CONTRACTION, CONTRACTION_STEP = -0.25, 0.001
     MBAR, DTOP, DBOT, TG, DCLAMP, Q1, R1, Q2, R2,
 ) = range(29)  # fmt: skip
 LANE_CONSTANTS = 32
+# of a lane's step, entries of F.scheme (sim/scheme.py)
+H, AM, AF, GAMMA, IA, RY, BA, CA, CV, GOES_ON, CARRIED = range(11)
+SCHEME = 11
 
 _NODE3 = dict.fromkeys((
     # state: positions, velocities, accelerations, and those of the step before; q and v at the evaluation point
@@ -144,7 +147,7 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
         space.__dict__.update(offsets)
         setattr(F, field, vector(total, WIDE if field.endswith("3") else LANES))
     F.base, F.channel, F.kind = whole(points), whole(points), whole(points)
-    F.lane, F.reduce, F.row = vector(LANE_CONSTANTS), vector(10), vector(8)
+    F.lane, F.scheme, F.reduce, F.row = vector(LANE_CONSTANTS), vector(SCHEME), vector(10), vector(8)
     F.row3, F.patch3 = vector(2 * PATCH, WIDE), vector(PATCH * PATCH, WIDE)
     F.modal3, F.factor3 = vector(3 * nodes, WIDE), vector(3 * nodes, WIDE)
     F.across, F.down = vector(4 * points * modes), vector(4 * points * modes)  # fixed points by modes and by rows

@@ -5,7 +5,7 @@ Equations 7-10 of docs/model.md.
 
 import taichi as ti
 
-from sim.fields import CONTRACTION_STEP, FIRST_CONTRACTION, LANES, PATCH, PRESSURE_STEP, TABLE, F, X
+from sim.fields import CONTRACTION_STEP, CV, FIRST_CONTRACTION, LANES, PATCH, PRESSURE_STEP, TABLE, F, X
 from sim.patch import gather, scatter, weigh_across, weigh_rows
 from sim.vectors import Wide, cross, dot, load_point, parts, store_point, sum3, thrice
 
@@ -108,7 +108,7 @@ def back(b, nu, npt, dst):
 
 
 @ti.func
-def tension(b, npt, cv):
+def tension(b, npt):
     """Direction, length, contraction, tension and compliance of every interval; X.vel must hold the points' velocity"""
     k = 0
     while k < npt - 1:
@@ -141,7 +141,7 @@ def tension(b, npt, cv):
             F.point[b, X.tension + k] - F.point[b, X.viscosity + k] * F.point[b, X.rate + k]
         )
         F.point[b, X.compliance + k] = F.point[b, X.rest + k] / (
-            F.point[b, X.compliance + k] + F.point[b, X.viscosity + k] * cv
+            F.point[b, X.compliance + k] + F.point[b, X.viscosity + k] * F.scheme[b, CV]
         )
         k = F.after[k]
 

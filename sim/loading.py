@@ -18,7 +18,7 @@ SIZES = ((43, 96), (43, 256), (83, 96), (163, 96))  # (padded nodes a side, fixe
 
 
 def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
-    """Put `cases` on n x n grids into the lanes (spare lanes repeat the last one), and the preconditioner's basis.
+    """Put `cases`, one a lane, on n x n grids into the fields, and the preconditioner's basis.
 
     Returns the largest number of fixed points of any case.
     """
@@ -30,7 +30,7 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
     laced = {key: lace(design, n, across, down) for key, design in designs.items()}
     lacings = [laced[id(case.design)] for case in cases]
     kinds = _types(cases)
-    used = -(-len(cases) // LANES)
+    used = len(cases) // LANES
     node = np.zeros((used, LOADED, n + 2, n + 2, LANES), np.float32)
     planes = X.gain // F.points + 1  # those before the kernels' own
     point = np.zeros((used, planes, F.points, LANES), np.float32)
@@ -46,15 +46,15 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
     coarse = np.zeros((used, points, 3, COARSE_DOWN, LANES), np.float32)
     modal_down = {key: value[1, :, :3, :n] @ down_modes[:, :COARSE_DOWN] for key, value in modal.items()}
     for k in range(used * LANES):
-        b, at, i = k // LANES, k % LANES, min(k, len(cases) - 1)
-        design, factors = cases[i].design, cases[i].factors
+        b, at = k // LANES, k % LANES
+        design, factors = cases[k].design, cases[k].factors
         rest, mass, free = node_arrays(design, factors, n)
         node[b, :3, 1:-1, 1:-1, at] = rest.reshape(n, n, 3).transpose(2, 0, 1)
         node[b, 3, 1:-1, 1:-1, at], node[b, 4, 1:-1, 1:-1, at] = mass.reshape(n, n), free.reshape(n, n)
         weight[b, ..., at] = modal[id(design)]
         coarse[b, ..., at] = modal_down[id(design)]
         if points:
-            _put_lacing(point[b, ..., at], index[b, ..., at], lacings[i], cases[i], kinds, n)
+            _put_lacing(point[b, ..., at], index[b, ..., at], lacings[k], cases[k], kinds, n)
     table = np.array([bench_grid(kind.bench) for _, kind in kinds], np.float32).reshape(-1, *TABLE)
     load(
         used, n, n, across, down, modes.odd, basis, eigen, table, _constants(cases, n),
@@ -72,11 +72,9 @@ def load_constants(cases: Sequence[Case], n: int) -> None:
 
 
 def _constants(cases: Sequence[Case], n: int) -> NDArray[np.float32]:
-    """(blocks, LANE_CONSTANTS, LANES); spare lanes repeat the last case."""
-    blocks = -(-len(cases) // LANES)
+    """(blocks, LANE_CONSTANTS, LANES)"""
     rows = [lane_constants(case.design, case.factors, n) for case in cases]
-    rows += [rows[-1]] * (blocks * LANES - len(cases))
-    return np.array(rows, np.float32).reshape(blocks, LANES, LANE_CONSTANTS).transpose(0, 2, 1).copy()
+    return np.array(rows, np.float32).reshape(-1, LANES, LANE_CONSTANTS).transpose(0, 2, 1).copy()
 
 
 def _types(cases: Sequence[Case]) -> dict[tuple[str, MuscleType], int]:

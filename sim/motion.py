@@ -1,4 +1,4 @@
-"""What is kept of a motion, and which frames a step holds."""
+"""What is kept of a motion."""
 
 from dataclasses import dataclass
 
@@ -6,10 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.forward import Case
-from sim import fields
 from sim.faces import faces
-from sim.scheme import Batch
-from sim.transfer import muscle_state
 
 Array = NDArray[np.float64]
 
@@ -29,34 +26,6 @@ class Motion:
     def points(self) -> NDArray[np.float32]:
         """(T, 3362, 3) m: front face, then back face, 41 x 41 each by rising v, then rising u."""
         return faces(self.middle, self.thickness)
-
-
-def frames_by_step(due: list[NDArray[np.int_]]) -> dict[int, list[tuple[int, int]]]:
-    places: dict[int, list[tuple[int, int]]] = {}
-    for lane, steps in enumerate(due):
-        for frame, k in enumerate(steps):
-            places.setdefault(int(k), []).append((lane, frame))
-    return places
-
-
-def layers(places: list[tuple[int, int]]) -> list[list[tuple[int, int]]]:
-    """Split so that a lane occurs once in each: a step may hold several frames of one motion."""
-    layers: list[list[tuple[int, int]]] = []
-    seen: dict[int, int] = {}
-    for lane, frame in places:
-        layer = seen.get(lane, 0)
-        seen[lane] = layer + 1
-        if layer == len(layers):
-            layers.append([])
-        layers[layer].append((lane, frame))
-    return layers
-
-
-def read_muscles(batch: Batch) -> NDArray[np.float32]:
-    out = np.zeros((batch.blocks, fields.LANES, max(batch.points, 1), 2), np.float32)
-    if batch.points:
-        muscle_state(batch.blocks, batch.points, out)
-    return out[:, :, : batch.points].reshape(batch.blocks * fields.LANES, batch.points, 2)
 
 
 def motion_of(case: Case, time: Array, middle: NDArray[np.float32], state: NDArray[np.float32]) -> Motion:

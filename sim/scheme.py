@@ -3,8 +3,10 @@
 from dataclasses import dataclass
 
 from sim.contact_pairs import Touching
+from sim.model import FREE
 
 MIDPOINT = 2.0  # Scheme.rho of the implicit midpoint rule
+GOES_ON = 0.75  # of an acceleration: vibrations that a step cannot resolve do not go on
 
 
 @dataclass(frozen=True)
@@ -17,7 +19,6 @@ class Scheme:
 
     h: float
     rho: float
-    renews: bool = True  # whether the preconditioner's coarse space becomes that of the shape before the step
 
     @property
     def coefficients(self) -> tuple[float, ...]:
@@ -42,17 +43,14 @@ class Scheme:
         h, _, _, gamma, ia, _, _ = self.coefficients
         return h * gamma * ia
 
-    @property
-    def goes_on(self) -> float:
-        """The share of the acceleration before the step in its first guess: none through a jump or to rest; else less
-        than all, for vibrations that a step cannot resolve do not go on."""
-        return 0.75 if 0 <= self.rho <= 1 else 0.0
-
-    @property
-    def turns(self) -> int:
-        """In so many of its first iterations the preconditioner turns with the shape: once where the step before was
-        much like it."""
-        return 1 if 0 <= self.rho <= 1 else 2
+    def entries(self, hung: int) -> tuple[float, ...]:
+        """Of F.scheme: the coefficients; ca and cv; the share of the acceleration before the step in its first guess,
+        none through a jump or to rest; the share of what the step lacks that the next one makes up."""
+        goes_on = GOES_ON if 0 <= self.rho <= 1 else 0.0
+        # where nodes are held one by one, long steps to rest have no use for what they carry: it keeps them from
+        # resting
+        carried = 0.0 if hung == FREE and self.rho < 0 else 1.0
+        return *self.coefficients, self.ca, self.cv, goes_on, carried
 
 
 @dataclass(frozen=True)

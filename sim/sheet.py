@@ -8,17 +8,17 @@ import taichi as ti
 from sim.bending import clamp_pass, star_row
 from sim.cells import cell_row
 from sim.edges import edge_force_row, edge_row, velocity_row
-from sim.fields import AIR, AREA, GX, F
+from sim.fields import AIR, AREA, CA, GX, F
 from sim.vectors import Wide, thrice
 
 
 @ti.func
-def fabric_force(b, nu, nv, hung, ca, cv):
+def fabric_force(b, nu, nv, hung):
     """v = cv (q - x0) + hv, and f = forces of the cloth - M a: row by row, each stage as soon as the rows that it
     reads are there, so that they still lie in the cache."""
     for j in range(-1, nv + 2):
         if j + 1 < nv:
-            velocity_row(b, nu, nv, j + 1, cv)
+            velocity_row(b, nu, nv, j + 1)
         if 0 <= j < nv - 1:
             cell_row(b, nu, nv, j)
             edge_row(b, nu, nv, j, False)
@@ -30,7 +30,7 @@ def fabric_force(b, nu, nv, hung, ca, cv):
         if 2 <= j <= nv:
             edge_force_row(b, nu, nv, j - 2, False)
         if j >= 2:
-            gather_row(b, nu, nv, j - 2, ca)
+            gather_row(b, nu, nv, j - 2)
     if 0 <= hung < 4:
         clamp_pass(b, nu, nv, hung)
 
@@ -50,10 +50,11 @@ def border(i, n):
 
 
 @ti.func
-def gather_row(b, nu, nv, j, ca):
+def gather_row(b, nu, nv, j):
     """f = internal forces + gravity - air damping - M a"""
     s = nu + 2
     g = Wide(F.lane[b, GX], F.lane[b, GX + 1], F.lane[b, GX + 2])
+    ca = thrice(F.scheme[b, CA])
     drag = thrice(F.lane[b, AIR] * F.lane[b, AREA])
     i = 0
     while i < nu:

@@ -5,6 +5,8 @@ import taichi as ti
 from sim.fields import (
     AIR,
     B2,
+    CA,
+    CV,
     D1,
     D2,
     D12,
@@ -32,31 +34,31 @@ CURVATURE = 7.0
 
 
 @ti.func
-def membrane(b, cv):
+def membrane(b):
     """N/m along u, along v and of shear in a step, viscosity included."""
-    vis = F.lane[b, VISC] * cv
+    vis = F.lane[b, VISC] * F.scheme[b, CV]
     return F.lane[b, KH1] + vis, F.lane[b, KH2] + vis, F.lane[b, SH] + 0.5 * vis
 
 
 @ti.func
-def normal_stiffness(b, cv):
+def normal_stiffness(b):
     """N/m of a node: what the membrane of a bent cloth resists normal motion with."""
-    k1, k2, _ = membrane(b, cv)
+    k1, k2, _ = membrane(b)
     return F.lane[b, HU] * F.lane[b, HV] * CURVATURE**2 * (k1 + k2)
 
 
 @ti.func
-def factor(b, nu, nv, ca, cv):
+def factor(b, nu, nv):
     """LDL^T in v of every mode across, for the three components (u, v, normal) at once: planes of F.factor3 hold l of
     the row before, l of the one before that (zero but for the normal component), and 1 / d."""
     N = nu * nv
-    mb = F.lane[b, MBAR] * ca + F.lane[b, AIR] * cv
+    mb = F.lane[b, MBAR] * F.scheme[b, CA] + F.lane[b, AIR] * F.scheme[b, CV]
     hu = F.lane[b, HU]
     ihu = F.lane[b, IHU]
     ihv = F.lane[b, IHV]
-    k1, k2, sh = membrane(b, cv)
+    k1, k2, sh = membrane(b)
     mass = hu * F.lane[b, HV] * mb
-    hoop = normal_stiffness(b, cv)
+    hoop = normal_stiffness(b)
     bend = hu * F.lane[b, D2] * ihv * ihv * ihv
     free_top = 1.0 - F.lane[b, DTOP]
     for j in range(nv):

@@ -15,15 +15,16 @@ from sim.contact_pairs import Touching
 from sim.faces import faces
 from sim.loading import load_batch, load_constants
 from sim.model import FREE, hung_code
-from sim.motion import Motion, frames_by_step, layers, motion_of, read_muscles
-from sim.scheme import MIDPOINT, Batch, Scheme
-from sim.step import march, prepare
-from sim.steps import Jumps, jumps_of, stack_pressures, step_edges
+from sim.motion import Motion, motion_of
+from sim.schedule import alike, of_motions
+from sim.scheme import Batch, Scheme
+from sim.seats import seat
+from sim.step import march
+from sim.steps import Steps, jumps_of, steps_of
 from sim.transfer import halt, read
 
 Array = NDArray[np.float64]
 BLOCKS = 8  # of LANES designs in the fields at once
-RENEWAL = 1 / 240  # s after which the preconditioner's coarse space is made anew; later it hardly fits
 REACH = 0.020  # m, half width over which the preconditioner's frames are averaged
 # To rest: (step [s], duration [s], times the tolerance) with backward Euler and so much air damping that a swing of
 # SWING rad/s dies out
@@ -88,11 +89,20 @@ class Simulator:
 
     def _run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
         results: list[Motion | None] = [None] * len(cases)
+        wanted = [np.asarray(t, dtype=float) for t in times]
+        jumps = [jumps_of(case.program, self.time_step) for case in cases]
+        kinds = [(t[-1] if len(t) else 0.0, jump.large, jump.every) for t, jump in zip(wanted, jumps, strict=True)]
         with fields.lock:
-            jumps = [jumps_of(case.program, self.time_step) for case in cases]
-            for chosen in self._chunks(cases, jumps):
-                batch = self._at_rest([cases[i] for i in chosen])
-                for i, motion in zip(chosen, self._roll(batch, cases, times, chosen, jumps[chosen[0]]), strict=True):
+            for chosen, seats in self._chunks(cases, kinds):
+                batch = self._at_rest([cases[i] for i in chosen], seats)
+                steps = [
+                    steps_of(cases[i].program, wanted[i], jumps[i], tick=self.time_step, calm=self._calm)
+                    for i in chosen
+                ]
+                for i, motion in zip(
+                    chosen, self._roll(batch, seats, [cases[i] for i in chosen], [wanted[i] for i in chosen], steps),
+                    strict=True,
+                ):  # fmt: skip
                     results[i] = motion
         return [motion for motion in results if motion is not None]
 
@@ -109,48 +119,58 @@ class Simulator:
     def _equilibria(self, cases: Sequence[Case], *, patient: bool) -> list[NDArray[np.float32]]:
         results: list[NDArray[np.float32] | None] = [None] * len(cases)
         with fields.lock:
-            for chosen in self._chunks(cases, [()] * len(cases)):
-                batch = self._load([_damped(cases[i]) for i in chosen])
-                pressure = stack_pressures([cases[i].program.pressure[-1:] for i in chosen], batch.blocks)[0]
-                self._settle(batch, pressure, patient=patient)
-                middle = self._middle(batch)
-                moved = middle - self._middle(batch, theta=np.zeros((batch.blocks, fields.LANES), np.float32))
+            for chosen, seats in self._chunks(cases, [()] * len(cases)):
+                batch = self._load([_damped(cases[i]) for i in chosen], seats)
+                pressures = [cases[i].program.pressure[-1] for i in chosen]
+                pressure = np.zeros((max(1, *map(len, pressures)), batch.blocks, fields.LANES), np.float32)
+                for lane, i in enumerate(seats):
+                    pressure[(slice(len(pressures[i])), *divmod(lane, fields.LANES))] = pressures[i]
+                self._settle(batch, np.swapaxes(pressure, 0, 1), patient=patient)
+                middle = self._middle(batch, fields.F.x0)
+                moved = middle - self._middle(batch, fields.F.xp)
                 rested = np.sqrt(np.square(moved).sum(axis=-1).mean(axis=(1, 2))) < RESTED  # NaN compares false
                 middle[~rested] = np.nan
-                for lane, i in enumerate(chosen):
+                for k, i in enumerate(chosen):
+                    lane = seats.index(k)
                     results[i] = faces(middle[lane : lane + 1], cases[i].design.fabric.thickness)[0]
         return [shape for shape in results if shape is not None]
 
-    def _chunks(self, cases: Sequence[Case], jumps: Sequence[object]) -> list[list[int]]:
-        """Indices in groups that one call can take: hung alike, pressures jumping in the same steps, so that a design's
-        result does not depend on its neighbours, and BLOCKS x LANES designs at most."""
-        groups: dict[tuple[int, bool, object], list[int]] = {}
+    def _chunks(self, cases: Sequence[Case], kinds: Sequence[tuple]) -> list[tuple[list[int], list[int]]]:
+        """Cases that one call can take, hung alike and so that a design's result does not depend on its neighbours, at
+        most BLOCKS blocks; and which of these rides in each lane."""
+        groups: dict[tuple[int, bool, int], list[int]] = {}
         for i, case in enumerate(cases):
             fabric = case.design.fabric
-            groups.setdefault((hung_code(fabric), _swings_to_rest(fabric), jumps[i]), []).append(i)
-        size = BLOCKS * fields.LANES
-        return [group[k : k + size] for group in groups.values() for k in range(0, len(group), size)]
+            reach = max(1, round(REACH / (fabric.height / (self.points_per_side - 1))))
+            groups.setdefault((hung_code(fabric), _swings_to_rest(fabric), reach), []).append(i)
+        chunks: list[tuple[list[int], list[int]]] = []
+        for group in groups.values():
+            blocks = seat([kinds[i] for i in group])
+            for k in range(0, len(blocks), BLOCKS):
+                lanes = [i for block in blocks[k : k + BLOCKS] for i in block]
+                own = list(dict.fromkeys(lanes))
+                chunks.append(([group[i] for i in own], [own.index(i) for i in lanes]))
+        return chunks
 
-    def _load(self, cases: list[Case]) -> Batch:
+    def _load(self, cases: Sequence[Case], seats: Sequence[int]) -> Batch:
         n = self.points_per_side
-        spacing = max(case.design.fabric.height for case in cases) / (n - 1)
-        hung = hung_code(cases[0].design.fabric)
-        points = load_batch(cases, n, hung=hung, blocks=BLOCKS)
-        blocks = -(-len(cases) // fields.LANES)
-        touching = Touching(cases, n) if self.self_contact else None
-        return Batch(blocks, n, n, points, hung, max(1, round(REACH / spacing)), touching)
+        fabric = cases[0].design.fabric
+        hung, reach = hung_code(fabric), max(1, round(REACH / (fabric.height / (n - 1))))
+        points = load_batch([cases[i] for i in seats], n, hung=hung, blocks=BLOCKS)
+        touching = Touching(cases, seats, n) if self.self_contact else None
+        return Batch(len(seats) // fields.LANES, n, n, points, hung, reach, touching)
 
-    def _at_rest(self, cases: list[Case]) -> Batch:
+    def _at_rest(self, cases: Sequence[Case], seats: Sequence[int]) -> Batch:
         """Load the cases and bring them to equilibrium at zero pressure."""
         channels = max(max(1, case.program.pressure.shape[1]) for case in cases)
-        pressure = np.zeros((-(-len(cases) // fields.LANES), channels, fields.LANES), np.float32)
+        pressure = np.zeros((len(seats) // fields.LANES, channels, fields.LANES), np.float32)
         if _swings_to_rest(cases[0].design.fabric):
-            batch = self._load([_damped(case) for case in cases])
+            batch = self._load([_damped(case) for case in cases], seats)
             self._settle(batch, pressure, patient=True)
-            load_constants(cases, self.points_per_side)
+            load_constants([cases[i] for i in seats], self.points_per_side)
             halt(*batch.grid)
             return batch
-        batch = self._load(cases)
+        batch = self._load(cases, seats)
         self._hang(batch, pressure)
         return batch
 
@@ -159,9 +179,9 @@ class Simulator:
         for h, steps in HANG:
             if batch.hung == FREE:  # nothing but inertia holds the rigid motions: float32 wants a share of it
                 h = min(h, 1 / 30)
-            prepare(batch, Scheme(h, -1.0))
-            for _ in range(steps):
-                march(batch, [Scheme(h, -1.0)], pressure[None], iterations=self._most, tolerance=self.tolerance)
+            for k in range(steps):
+                step = alike(batch, Scheme(h, -1.0), pressure[None], anew=k == 0)
+                march(batch, step, iterations=self._most, tolerance=self.tolerance)
                 halt(*batch.grid)
 
     def _settle(self, batch: Batch, pressure: NDArray[np.float32], *, patient: bool) -> None:
@@ -172,69 +192,29 @@ class Simulator:
             stages = (*((h / 2, duration, 1) for h, duration, _ in stages), (stages[-1][0] / 2, 2.0, 1))
         for h, duration, loose in stages:
             steps, iterations = round(duration / h), self._most if loose == 1 else 3 * self._most // 4
-            prepare(batch, Scheme(h, -1.0))
             share = np.minimum(1.0, (begin + h * np.arange(1, steps + 1)) / RAMP).astype(np.float32)
             begin += duration
-            march(
-                batch, [Scheme(h, -1.0)] * steps, share[:, None, None, None] * pressure,
-                iterations=iterations, tolerance=loose * self.tolerance,
-            )  # fmt: skip
+            schedule = alike(batch, Scheme(h, -1.0), share[:, None, None, None] * pressure)
+            march(batch, schedule, iterations=iterations, tolerance=loose * self.tolerance)
 
     def _roll(
-        self, batch: Batch, cases: Sequence[Case], times: Sequence[Array], chosen: list[int], jumps: Jumps
+        self, batch: Batch, seats: Sequence[int], cases: Sequence[Case], times: Sequence[Array], steps: Sequence[Steps]
     ) -> list[Motion]:
-        n, tick = self.points_per_side, self.time_step
-        wanted = [np.asarray(times[i], dtype=float) for i in chosen]
-        ticks = max([1, *(int(np.ceil(t[-1] / tick - 1e-6)) for t in wanted if len(t))])
-        edges = step_edges(ticks, jumps.large, tick=tick, calm=self._calm)
-        instants = np.asarray(tick * edges, dtype=np.float64)
-        program = stack_pressures([cases[i].program.means(instants) for i in chosen], batch.blocks)
-        middle = [np.full((len(t), n, n, 3), np.nan, np.float32) for t in wanted]
-        muscle = [np.zeros((len(t), batch.points, 2), np.float32) for t in wanted]
-        due = [np.clip(np.searchsorted(instants, t - 1e-9) - 1, 0, len(edges) - 2) for t in wanted]
-        places = frames_by_step(due)
-        theta = np.zeros((batch.blocks, fields.LANES), np.float32)
-        first = 0  # step that has not been taken
-        schemes = self._schemes(edges, set(jumps.every))
-        for k, begin in enumerate(edges[:-1]):
-            h = schemes[k].h
-            if k == 0 or h != schemes[k - 1].h:
-                prepare(batch, schemes[k])
-            if k in places or k + 1 == len(schemes) or schemes[k + 1].h != h:
-                march(
-                    batch, schemes[first : k + 1], program[first : k + 1],
-                    iterations=self._most, tolerance=self.tolerance,
-                )  # fmt: skip
-                first = k + 1
-            for frames in layers(places.get(k, [])):
-                for lane, frame in frames:
-                    theta[divmod(lane, fields.LANES)] = np.clip((wanted[lane][frame] - begin * tick) / h, 0, 1)
-                positions, state = self._middle(batch, h, theta), read_muscles(batch)
-                for lane, frame in frames:
-                    middle[lane][frame] = positions[lane]
-                    muscle[lane][frame] = state[lane]
-        return [motion_of(cases[i], t, m, s) for i, t, m, s in zip(chosen, wanted, middle, muscle, strict=True)]
-
-    def _schemes(self, edges: NDArray[np.int_], jumps: set[int]) -> list[Scheme]:
-        """The scheme of every step: the midpoint rule where a pressure jumps."""
-        schemes: list[Scheme] = []
-        renewed = 0  # tick
-        for begin, end in pairwise(edges):
-            rho = MIDPOINT if jumps & set(range(begin, end)) else self.rho
-            h = float(end - begin) * self.time_step
-            alike = bool(schemes) and (schemes[-1].h, schemes[-1].rho) == (h, rho)
-            renews = not alike or (begin - renewed) * self.time_step > RENEWAL - 1e-9
-            renewed = begin if renews else renewed
-            schemes.append(Scheme(h, rho, renews))
-        return schemes
-
-    def _middle(self, batch: Batch, h: float = 1.0, theta: NDArray[np.float32] | None = None) -> NDArray[np.float32]:
-        """(lanes, n, n, 3) at the fraction theta of the last step; its end by default."""
+        """The motions from where the batch is."""
         n = self.points_per_side
-        if theta is None:
-            theta = np.ones((batch.blocks, fields.LANES), np.float32)
+        schedule, begins = of_motions(batch, seats, steps, tick=self.time_step, rho=self.rho)
+        shapes, states = march(batch, schedule, iterations=self._most, tolerance=self.tolerance, frames=int(begins[-1]))
+        own = [slice(*span) for span in pairwise(begins)]
+        return [
+            motion_of(case, t, shapes[span].reshape(-1, n, n, 3), states[span])
+            for case, t, span in zip(cases, times, own, strict=True)
+        ]
+
+    def _middle(self, batch: Batch, plane: int) -> NDArray[np.float32]:
+        """(lanes, n, n, 3) positions [m] in a plane of F.node3."""
+        n = self.points_per_side
         out = np.empty((batch.blocks, fields.LANES, n * n, 3), np.float32)
-        read(*batch.grid, h, theta, out)
+        read(*batch.grid, plane, out)
         return out.reshape(-1, n, n, 3)
 
 

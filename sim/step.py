@@ -11,8 +11,6 @@ tolerance no longer moves, so that a design's result does not depend on its neig
 force, acts in the next step: errors of the solve cancel instead of adding up to a drift.
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
@@ -20,102 +18,140 @@ from numpy.typing import NDArray
 from sim.coarse_space import assemble
 from sim.conjugate_gradients import LEFT, direction, first_residual, step_length
 from sim.contact import contact
-from sim.fields import LANES, SPREAD, F, Timed, X
+from sim.fields import AF, AM, BA, CARRIED, GAMMA, GOES_ON, IA, LANES, RY, SPREAD, F, H, Timed, X
 from sim.frames import frames
 from sim.lacing import back, points_pos, points_rate, sample, seg_to_points, tension
 from sim.model import FREE
 from sim.muscle_modes import green
 from sim.muscle_solve import woodbury
-from sim.scheme import Batch, Scheme
+from sim.schedule import FACTORED, IDLE, Schedule
+from sim.scheme import Batch
 from sim.sheet import fabric_force
 from sim.sheet_solve import factor
+from sim.transfer import record
 from sim.vectors import thrice
 
-
-def prepare(batch: Batch, scheme: Scheme) -> None:
-    """Factor the preconditioner for this scheme's step."""
-    _prepare(*batch.grid, batch.points, scheme.ca, scheme.cv)
+AT_ONCE = 64  # steps in one call of the kernel: an interrupt waits for its end
 
 
 def march(
-    batch: Batch, schemes: Sequence[Scheme], pressure: NDArray[np.float32], *, iterations: int, tolerance: float
-) -> None:
-    """Advance all lanes by len(schemes) steps under `pressure` (steps, blocks, channels, LANES) Pa.
+    batch: Batch, schedule: Schedule, *, iterations: int, tolerance: float, frames: int = 0
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Advance all lanes by the steps of `schedule`. Returns its `frames` frames: (frames, nu nv, 3) m, mid-surface, and
+    (frames, points, 2), contraction and tension [N] of every interval.
 
     tolerance [m]: a lane has converged when the RMS over nodes of its preconditioned residual falls below it.
     """
-    # where nodes are held one by one, long steps to rest have no use for what they carry: it keeps them from resting
-    carried = [0.0 if batch.hung == FREE and scheme.rho < 0 else 1.0 for scheme in schemes]
-    table = np.array(
-        [(*s.coefficients, s.ca, s.cv, c, s.goes_on) for s, c in zip(schemes, carried, strict=True)], np.float32
-    )
-    turns = np.array([(s.turns, 1 if s.renews else 0) for s in schemes], np.int32)
-    at_once = 1 if batch.touching else len(schemes)
-    for first in range(0, len(schemes), at_once):
-        run = slice(first, first + at_once)
+    shapes = np.full((max(frames, 1), batch.nu * batch.nv, 3), np.nan, np.float32)
+    states = np.zeros((max(frames, 1), max(batch.points, 1), 2), np.float32)
+    steps = len(schedule.work)
+    at_once = 1 if batch.touching else AT_ONCE
+    for begin in range(0, steps, at_once):
+        part = schedule.part(begin, min(begin + at_once, steps))
         if batch.touching:
-            batch.touching.refresh(batch.blocks, schemes[first].h)
+            batch.touching.refresh(batch.blocks, part.scheme[0, :, H].ravel())
         _march(
-            *batch.grid, batch.points, batch.hung, batch.reach, iterations, tolerance, table[run], turns[run],
-            np.ascontiguousarray(pressure[run]),
+            *batch.grid, batch.points, batch.hung, batch.reach, iterations, part.turns, tolerance,
+            part.scheme, part.work, part.pressure, part.first, part.theta, shapes, states,
         )  # fmt: skip
+    return shapes[:frames], states[:frames, : batch.points]
 
 
 @ti.kernel
 def _march_kernel(
-    nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, hung: ti.i32, reach: ti.i32, iterations: ti.i32,
-    tolerance: ti.f32, table: ti.types.ndarray(dtype=ti.f32, ndim=2), turns: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, hung: ti.i32, reach: ti.i32, iterations: ti.i32, turns: ti.i32,
+    tolerance: ti.f32,
+    scheme: ti.types.ndarray(dtype=ti.f32, ndim=4),
+    work: ti.types.ndarray(dtype=ti.i32, ndim=2),
     pressure: ti.types.ndarray(dtype=ti.f32, ndim=4),
+    first: ti.types.ndarray(dtype=ti.i32, ndim=3),
+    theta: ti.types.ndarray(dtype=ti.f32, ndim=1),
+    shapes: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    states: ti.types.ndarray(dtype=ti.f32, ndim=3),
 ):  # fmt: skip
     for task in range(nb * SPREAD):
         if task % SPREAD == 0:
             b = task // SPREAD
-            for m in range(table.shape[0]):
-                ca = table[m, 7]
-                cv = table[m, 8]
-                k = 0
-                while k < npt:
-                    lane = 0
-                    while lane < LANES:
-                        F.point[b, X.pressure + k][lane] = pressure[m, b, F.channel[b, k][lane], lane]
-                        lane = F.after[lane]
-                    k = F.after[k]
-                predict(
-                    b, nu, nv, table[m, 0], table[m, 1], table[m, 2], table[m, 3], table[m, 4], table[m, 5],
-                    table[m, 6], table[m, 10],
-                )  # fmt: skip
-                i = 0
-                last = iterations
-                while i <= last:
-                    fabric_force(b, nu, nv, hung, ca, cv)
-                    if npt > 0:
-                        muscles(b, nu, npt, cv)
-                    contact(b, nu)
-                    if i == 0:
-                        first_residual(b, nu, nv)
-                    else:
-                        step_length(b, nu, nv, hung < FREE)
-                    if i < last:
-                        if i < turns[m, 0]:
-                            frames(b, nu, nv, reach)
-                            if npt > 0:
-                                woodbury(b, nu, npt)
-                            if hung < FREE and i < turns[m, 1]:
-                                assemble(b, nu, nv, npt, ca, cv)
-                        if direction(b, nu, nv, npt, hung < FREE, i > 1, tolerance) == 0:
-                            last = i + 1
-                    i += 1
-                finish(
-                    b, nu, nv, table[m, 0], table[m, 1], table[m, 2], table[m, 3], table[m, 4], table[m, 5],
-                    table[m, 6], table[m, 9],
-                )  # fmt: skip
+            for m in range(work.shape[0]):
+                if work[m, b] != IDLE:
+                    kept = 0
+                    for lane in range(LANES):
+                        kept = ti.max(kept, ti.min(1, first[m + 1, b, lane] - first[m, b, lane]))
+                    step(b, m, nu, nv, npt, hung, reach, iterations, turns, tolerance, kept, work, scheme, pressure)
+                    for lane in range(LANES):
+                        frame = first[m, b, lane]
+                        while frame < first[m + 1, b, lane]:
+                            record(b, nu, nv, npt, lane, theta[frame], frame, shapes, states)
+                            frame += 1
 
 
 @ti.func
-def predict(b, nu, nv, h, am, af, ga, ia, ry, ba, goes_on):
+def step(
+    b, m, nu, nv, npt, hung, reach, iterations, turns, tolerance, kept,
+    work: ti.template(), scheme: ti.template(), pressure: ti.template(),
+):  # fmt: skip
+    """Step m of one block. kept: 1 where frames are kept of it, for which muscles are evaluated once more: a lane that
+    has converged has moved since."""
+    begin(b, m, npt, scheme, pressure)
+    if work[m, b] == FACTORED:
+        factor(b, nu, nv)
+        green(b, nu, nv, npt)
+    predict(b, nu, nv)
+    i = 0
+    last = iterations
+    while i <= last + kept:
+        fabric_force(b, nu, nv, hung)
+        if npt > 0:
+            muscles(b, nu, npt)
+        contact(b, nu)
+        if i == 0:
+            first_residual(b, nu, nv)
+        elif i <= last:
+            step_length(b, nu, nv, hung < FREE)
+        if i < last:
+            if i < turns:
+                frames(b, nu, nv, reach)
+                if npt > 0:
+                    woodbury(b, nu, npt)
+            if hung < FREE and i == 0:
+                assemble(b, nu, nv, npt)
+            if direction(b, nu, nv, npt, hung < FREE, i > 1, tolerance) == 0:
+                last = i + 1
+        i += 1
+    finish(b, nu, nv)
+
+
+@ti.func
+def begin(b, m, npt, scheme: ti.template(), pressure: ti.template()):
+    """The lanes' schemes and their muscles' pressures in step m."""
+    lane = 0
+    while lane < LANES:
+        k = 0
+        while k < scheme.shape[2]:
+            F.scheme[b, k][lane] = scheme[m, b, k, lane]
+            k = F.after[k]
+        k = 0
+        while k < npt:
+            F.point[b, X.pressure + k][lane] = pressure[m, b, F.channel[b, k][lane], lane]
+            k = F.after[k]
+        lane = F.after[lane]
+
+
+@ti.func
+def coefficients(b):
+    """Of the lanes' schemes, for all three components."""
+    return (
+        thrice(F.scheme[b, H]), thrice(F.scheme[b, AM]), thrice(F.scheme[b, AF]), thrice(F.scheme[b, GAMMA]),
+        thrice(F.scheme[b, IA]), thrice(F.scheme[b, RY]), thrice(F.scheme[b, BA]),
+    )  # fmt: skip
+
+
+@ti.func
+def predict(b, nu, nv):
     """Histories: v = cv (q - x0) + hv and a = ca (q - x0) + ha, and the first guess. Of q - x0, not of q: rounded
     coefficients of far larger terms would push the cloth. Where a lane did not converge, no acceleration is known."""
-    known = thrice(goes_on * 0.5 * h * h * (1.0 - F.reduce[b, LEFT]))
+    h, am, af, ga, ia, ry, ba = coefficients(b)
+    known = thrice(F.scheme[b, GOES_ON] * (1.0 - F.reduce[b, LEFT])) * 0.5 * h * h
     P = (nu + 2) * (nv + 2)
     k = 0
     while k < P:
@@ -133,20 +169,21 @@ def predict(b, nu, nv, h, am, af, ga, ia, ry, ba, goes_on):
 
 
 @ti.func
-def muscles(b, nu, npt, cv):
+def muscles(b, nu, npt):
     """f += forces of the muscles."""
     sample(b, nu, npt, F.q, F.v, X.pos)
     points_pos(b, npt)
     points_rate(b, npt)
-    tension(b, npt, cv)
+    tension(b, npt)
     seg_to_points(b, npt, X.tension)
     back(b, nu, npt, F.f)
 
 
 @ti.func
-def finish(b, nu, nv, h, am, af, ga, ia, ry, ba, share):
+def finish(b, nu, nv):
     """From the evaluation point to the end of the step; what a lane that has converged still lacks is carried over."""
-    carried = thrice(share * (1.0 - F.reduce[b, LEFT]))
+    h, _, _, ga, ia, ry, ba = coefficients(b)
+    carried = thrice(F.scheme[b, CARRIED] * (1.0 - F.reduce[b, LEFT]))
     P = (nu + 2) * (nv + 2)
     k = 0
     while k < P:
@@ -163,12 +200,4 @@ def finish(b, nu, nv, h, am, af, ga, ia, ry, ba, share):
         k = F.after[k]
 
 
-@ti.kernel
-def _prepare_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, ca: ti.f32, cv: ti.f32):
-    for task in range(nb * SPREAD):
-        if task % SPREAD == 0:
-            factor(task // SPREAD, nu, nv, ca, cv)
-            green(task // SPREAD, nu, nv, npt)
-
-
-_prepare, _march = Timed(_prepare_kernel), Timed(_march_kernel)
+_march = Timed(_march_kernel)

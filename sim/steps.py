@@ -1,13 +1,13 @@
-"""When the steps of a motion begin, and which pressures they hold."""
+"""When the steps of a motion begin, which rule and pressures they have, and which frames they hold."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.pressure import PressureProgram
-from sim.fields import LANES
 
 Array = NDArray[np.float64]
 AFTER_JUMP = ((1 / 240, 1), (1 / 40, 2), (1 / 15, 4))  # s after a large jump, ticks of a step until then
@@ -23,6 +23,34 @@ class Jumps:
     large: tuple[int, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """The steps of one motion."""
+
+    ticks: NDArray[np.int_]  # (S,) of each
+    jumps: NDArray[np.bool_]  # (S,) whether a pressure jumps within it
+    pressure: Array  # (S, channels) Pa, means
+    due: NDArray[np.int_]  # (T,) the step that each frame falls into
+    theta: Array  # (T,) and at which fraction of it
+
+
+def steps_of(program: PressureProgram, times: Array, jumps: Jumps, *, tick: float, calm: int) -> Steps:
+    """Steps of whole ticks of `tick` s, `calm` ticks far from jumps, up to the last of `times` (T,) s."""
+    ticks = max(1, int(np.ceil(times[-1] / tick - 1e-6))) if len(times) else 1
+    edges = step_edges(ticks, jumps.large, tick=tick, calm=calm)
+    instants = np.asarray(tick * edges, dtype=np.float64)
+    due = np.clip(np.searchsorted(instants, times - 1e-9) - 1, 0, len(edges) - 2)
+    within = np.searchsorted(jumps.every, edges)
+    return Steps(
+        ticks=np.diff(edges),
+        jumps=np.diff(within) > 0,
+        pressure=program.means(instants),
+        due=due,
+        theta=np.clip((times - instants[due]) / np.diff(instants)[due], 0.0, 1.0),
+    )
+
+
+@lru_cache(maxsize=256)
 def step_edges(ticks: int, jumps: Sequence[int], *, tick: float, calm: int) -> NDArray[np.int_]:
     """(steps + 1,) ticks (of `tick` s) between which steps lie: AFTER_JUMP says how many a step has after each jump,
     `calm` else."""
@@ -36,7 +64,9 @@ def step_edges(ticks: int, jumps: Sequence[int], *, tick: float, calm: int) -> N
     while edges[-1] < ticks:
         k = edges[-1]
         edges.append(k + next(c for c in counts if longest[k : k + c].min() >= c))
-    return np.array(edges)
+    found = np.array(edges)
+    found.flags.writeable = False
+    return found
 
 
 def jumps_of(program: PressureProgram, tick: float) -> Jumps:
@@ -47,13 +77,3 @@ def jumps_of(program: PressureProgram, tick: float) -> Jumps:
     )
     every, large = (tuple(int(k) for k in np.flatnonzero(change > least)) for least in (JUMP, LARGE))
     return Jumps(every, large)
-
-
-def stack_pressures(programs: list[NDArray], blocks: int) -> NDArray[np.float32]:
-    """(steps, blocks, channels, LANES) Pa; lanes without a design repeat the last one."""
-    steps, channels = programs[0].shape[0], max(max(1, p.shape[1]) for p in programs)
-    out = np.zeros((steps, blocks, channels, LANES), np.float32)
-    for lane in range(blocks * LANES):
-        p = programs[min(lane, len(programs) - 1)]
-        out[:, lane // LANES, : p.shape[1], lane % LANES] = p
-    return out

@@ -5,7 +5,7 @@ A loop that threads share costs 10 ms of every start, so short ones are serial.
 
 import taichi as ti
 
-from sim.fields import LANES, C, F, Timed, X
+from sim.fields import LANES, C, F, H, Timed, X
 from sim.vectors import Lanes, Wide
 
 LOADED = 5  # planes of the node array that `load` takes: x, y, z, mass, free
@@ -148,46 +148,43 @@ def _halt_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32):
 
 
 @ti.kernel
-def _read_kernel(
-    nb: ti.i32, nu: ti.i32, nv: ti.i32, h: ti.f32,
-    theta: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    out: ti.types.ndarray(dtype=ti.f32, ndim=4),
-):  # fmt: skip
-    """out (nb, LANES, nu nv, 3): positions at the fraction theta (nb, LANES) of the last step, cubic Hermite."""
+def _read_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, plane: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=4)):
+    """out (nb, LANES, nu nv, 3): positions in a plane of F.node3."""
     for b in range(nb):
-        s = nu + 2
         for lane in range(LANES):
-            t = theta[b, lane]
-            b1 = (1 - t) * (1 - t) * t * h
-            b2 = t * t * (3 - 2 * t)
-            b3 = t * t * (t - 1) * h
             for j in range(nv):
                 i = 0
                 while i < nu:
-                    k = (j + 1) * s + i + 1
                     for c in range(3):
-                        e = c * LANES + lane
-                        old = F.node3[b, F.xp + k][e]
-                        new = F.node3[b, F.x0 + k][e]
-                        out[b, lane, j * nu + i, c] = (
-                            old + b2 * (new - old) + b1 * F.node3[b, F.vp + k][e] + b3 * F.node3[b, F.v0 + k][e]
-                        )
+                        out[b, lane, j * nu + i, c] = F.node3[b, plane + (j + 1) * (nu + 2) + i + 1][c * LANES + lane]
                     i = F.after[i]
 
 
-@ti.kernel
-def _muscle_state_kernel(nb: ti.i32, npt: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=4)):
-    """out (nb, LANES, npt, 2): contraction and tension [N] of every interval at the last evaluation point."""
-    ti.loop_config(serialize=True)
-    for b in range(nb):
-        lane = 0
-        while lane < LANES:
-            k = 0
-            while k < npt:
-                out[b, lane, k, 0] = F.point[b, X.eps + k][lane]
-                out[b, lane, k, 1] = F.point[b, X.tension + k][lane]
-                k = F.after[k]
-            lane = F.after[lane]
+@ti.func
+def record(b, nu, nv, npt, lane, theta, frame, shapes: ti.template(), states: ti.template()):
+    """shapes (frames, nu nv, 3): positions at the fraction theta of the last step, cubic Hermite; states (frames,
+    npt, 2): contraction and tension [N] of every interval at its evaluation point."""
+    h = F.scheme[b, H][lane]
+    b1 = (1 - theta) * (1 - theta) * theta * h
+    b2 = theta * theta * (3 - 2 * theta)
+    b3 = theta * theta * (theta - 1) * h
+    for j in range(nv):
+        i = 0
+        while i < nu:
+            k = (j + 1) * (nu + 2) + i + 1
+            for c in range(3):
+                e = c * LANES + lane
+                old = F.node3[b, F.xp + k][e]
+                new = F.node3[b, F.x0 + k][e]
+                shapes[frame, j * nu + i, c] = (
+                    old + b2 * (new - old) + b1 * F.node3[b, F.vp + k][e] + b3 * F.node3[b, F.v0 + k][e]
+                )
+            i = F.after[i]
+    k = 0
+    while k < npt:
+        states[frame, k, 0] = F.point[b, X.eps + k][lane]
+        states[frame, k, 1] = F.point[b, X.tension + k][lane]
+        k = F.after[k]
 
 
 load, load_materials, halt, read = (
@@ -196,4 +193,3 @@ load, load_materials, halt, read = (
     Timed(_halt_kernel),
     Timed(_read_kernel),
 )
-muscle_state = Timed(_muscle_state_kernel)

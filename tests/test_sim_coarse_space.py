@@ -20,13 +20,13 @@ SCHEME = Scheme(1 / 120, 0.6)  # of the last step below, whose muscles are in th
 
 
 @ti.kernel
-def _matrices(points: ti.i32, ca: ti.f32, cv: ti.f32):
+def _matrices(points: ti.i32):
     for task in range(SPREAD):
         if task == 0:
-            flat(0, ca, cv)
+            flat(0)
             pull(0, points)
-            copy(0, cv)
-            bent(0, N, N, cv)
+            copy(0)
+            bent(0, N, N)
 
 
 @ti.kernel
@@ -68,7 +68,7 @@ def bent_sheet(request):
     simulator = Simulator(points_per_side=N, calm_steps=16)
     simulator.run([held(design, (200, 100, 50, 150)[: design.channels])], [np.array([0.3])])
     points = sum(len(muscle.fixed_points()) for muscle in design.muscles)
-    _matrices(points, SCHEME.ca, SCHEME.cv)
+    _matrices(points)
     return design, points, matrix(C.coupled), matrix(C.alone)
 
 

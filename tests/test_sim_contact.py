@@ -32,7 +32,7 @@ def test_forces_are_the_gradient_of_the_energy():
     rng = np.random.default_rng(1)
     with fields.lock:
         simulator = Simulator(points_per_side=n)
-        simulator._load([held(cloth())])
+        simulator._load([held(cloth())], [0] * LANES)
         x = ReferenceSheet(cloth(), n).rest.reshape(n, n, 3) + rng.normal(0, 2e-3, (n, n, 3))
         x[node] = x[3:5, 4:6].mean((0, 1)) + (0.002, -0.003, -0.0012)
         x = x.astype(np.float32).astype(float)

@@ -5,7 +5,7 @@ import numpy as np
 from sim import fields
 from sim.fields import LANES, F
 from sim.simulator import Simulator
-from sim.steps import Jumps
+from sim.steps import Jumps, steps_of
 from tests.sim_designs import held
 
 
@@ -14,7 +14,8 @@ def thrown(simulator: Simulator, design, velocity, times, *, positions=None):
     at `velocity` (n, n, 3) m/s."""
     case, n = held(design, (0,)), simulator.points_per_side
     with fields.lock:
-        batch = simulator._at_rest([case])
+        seats = [0] * LANES
+        batch = simulator._at_rest([case], seats)
         state = F.node3.to_numpy()
         for first, values in ((F.v0, velocity), (F.x0, positions)):
             if values is not None:
@@ -22,5 +23,6 @@ def thrown(simulator: Simulator, design, velocity, times, *, positions=None):
                 plane[1:-1, 1:-1] = values
                 state[0, first : first + (n + 2) ** 2] = np.repeat(plane.reshape(-1, 3), LANES, axis=1)
         F.node3.from_numpy(state)
-        [motion] = simulator._roll(batch, [case], [times], [0], Jumps((), ()))
+        steps = steps_of(case.program, times, Jumps((), ()), tick=simulator.time_step, calm=simulator._calm)
+        [motion] = simulator._roll(batch, seats, [case], [times], [steps])
     return motion.middle.astype(float)

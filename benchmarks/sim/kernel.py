@@ -20,10 +20,10 @@ from sim.fields import SPREAD, F, Timed
 from sim.loading import load_batch
 from sim.model import FREE
 from sim.muscle_solve import solve
-from sim.scheme import Batch, Scheme
+from sim.scheme import Scheme
 from sim.sheet import fabric_force
+from sim.sheet_solve import factor
 from sim.simulator import BLOCKS
-from sim.step import prepare
 from sim.vector_width import has_avx2
 
 Array = NDArray[np.float32]
@@ -38,11 +38,11 @@ CONSTANTS = (
 
 
 @ti.kernel
-def _forces_kernel(nu: ti.i32, nv: ti.i32, ca: ti.f32, cv: ti.f32, repeats: ti.i32):
+def _forces_kernel(nu: ti.i32, nv: ti.i32, repeats: ti.i32):
     for task in range(SPREAD):  # as the solver's own loop over blocks: the first iteration is all there is
         if task == 0:
             for _ in range(repeats):
-                fabric_force(0, nu, nv, FREE, ca, cv)
+                fabric_force(0, nu, nv, FREE)
 
 
 @ti.kernel
@@ -57,7 +57,14 @@ def _solve_kernel(nu: ti.i32, nv: ti.i32, repeats: ti.i32):
                 solve(0, nu, nv, 0, False)
 
 
-_forces, _solve = Timed(_forces_kernel), Timed(_solve_kernel)
+@ti.kernel
+def _factor_kernel(nu: ti.i32, nv: ti.i32):
+    for task in range(SPREAD):
+        if task == 0:
+            factor(0, nu, nv)
+
+
+_forces, _solve, _factor = Timed(_forces_kernel), Timed(_solve_kernel), Timed(_factor_kernel)
 
 
 def missing() -> str | None:
@@ -79,7 +86,10 @@ class ByTaichi:
         [case] = reference(1)
         bare = replace(case, design=replace(case.design, muscle_types={}, muscles=()))  # no bench table to fit
         load_batch([bare] * fields.LANES, n, hung=0, blocks=BLOCKS)
-        prepare(Batch(1, n, n, 0, 0, 1), SCHEME)
+        scheme = F.scheme.to_numpy()
+        scheme[0] = np.array(SCHEME.entries(FREE))[:, None]
+        F.scheme.from_numpy(scheme)
+        _factor(n, n)
         rng = np.random.default_rng(7)
         inside = ((np.arange(n)[:, None] + 1) * (n + 2) + np.arange(n) + 1).ravel()
         state = F.node3.to_numpy()
@@ -93,7 +103,7 @@ class ByTaichi:
         F.modal3.from_numpy(right)
 
     def forces(self, repeats: int) -> None:
-        _forces(self.n, self.n, SCHEME.ca, SCHEME.cv, repeats)
+        _forces(self.n, self.n, repeats)
         ti.sync()
 
     def solve(self, repeats: int) -> None:
