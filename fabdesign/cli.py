@@ -5,7 +5,7 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,10 +13,11 @@ import click
 
 from fabdesign import __version__
 from fabdesign.errors import InputError, SimulationError
+from fabdesign.model import Model
 
 _FILE = click.Path(path_type=Path)
 _EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "numba": "rig", "ezdxf": "dxf"}
-_grid = click.option("--grid", default=41, show_default=True, help="Grid points a side; 61 to 81 for cloth that snaps.")
+_grid = click.option("--grid", type=int, help="Grid points a side; by default the model's, or 41.")
 _as_json = click.option("--json", "as_json", is_flag=True, help="Print a machine-readable result.")
 
 
@@ -48,6 +49,11 @@ def _fail(message: str, code: int) -> None:
 
 def _progress(verb: str, what: str = "trials") -> Callable[[int, int], None]:
     return lambda done, total: click.echo(f"{verb} {done} of {total} {what}", err=True)
+
+
+def _points(grid: int | None, model: Model | None) -> int:
+    """Points a side: as asked for, else what the model's factors were found on."""
+    return grid or (model and model.points_per_side) or 41
 
 
 def _report(result: dict[str, Any], text: str, as_json: bool) -> None:
@@ -159,7 +165,7 @@ def simulate(
     duration: float | None,
     frame_rate: float,
     self_contact: bool,
-    grid: int,
+    grid: int | None,
     output: Path,
     as_json: bool,
 ) -> None:
@@ -181,7 +187,7 @@ def simulate(
         os.environ.setdefault("FABDESIGN_LANES", "2")  # kernels for a lone design
         from sim import Simulator
 
-        simulator = Simulator(grid, self_contact=self_contact)
+        simulator = Simulator(_points(grid, fitted), self_contact=self_contact)
         points = simulate_motion(simulator, loaded, program, times, model=fitted)
         save_motion(unfinished, times, points)
     result = {"motion": str(output), "frames": len(times), "points": points.shape[1]}
@@ -195,7 +201,7 @@ def simulate(
 @_grid
 @click.option("-o", "--output", type=_FILE, required=True, help="The folder to write to.")
 @_as_json
-def predict(source: Path, model: Path, design: Path | None, grid: int, output: Path, as_json: bool) -> None:
+def predict(source: Path, model: Path, design: Path | None, grid: int | None, output: Path, as_json: bool) -> None:
     """Predict every trial of a set, or a lone TRIAL.npz, at its own times, as OUTPUT/trials/NAME.npz."""
     from fabdesign.design_file import read_design
     from fabdesign.model_file import read_model
@@ -206,7 +212,7 @@ def predict(source: Path, model: Path, design: Path | None, grid: int, output: P
     trials = trials_of(source, None if design is None else read_design(design))
     from sim import Simulator
 
-    predict_trials(Simulator(grid), fitted, trials, output, progress=_progress("predicted"))
+    predict_trials(Simulator(_points(grid, fitted)), fitted, trials, output, progress=_progress("predicted"))
     files = [str(output / "trials" / trial.file.name) for trial in trials]
     _report({"motions": files}, f"{output / 'trials'}: {len(files)} motions", as_json)
 
@@ -216,7 +222,7 @@ def predict(source: Path, model: Path, design: Path | None, grid: int, output: P
 @click.option("--fit", help="What to fit, by comma: orders of trials, names of records; all of role fit without it.")
 @click.option("--skip-bad", is_flag=True, help="Leave out a set's unsound trials, and list them.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the points and frames drawn.")
-@_grid
+@click.option("--grid", default=61, show_default=True, help="Grid points a side of the last iterations; the model's.")
 @click.option("-o", "--output", type=_FILE, required=True, help="The model, or of a bench the type, to write (TOML).")
 @_as_json
 def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, grid: int, output: Path, as_json: bool) -> None:
@@ -247,7 +253,7 @@ def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, grid: in
             seed=seed,
             progress=lambda line: click.echo(line, err=True),
         )
-        write_model(found.model, unfinished)
+        write_model(replace(found.model, points_per_side=grid), unfinished)
     _report(found.as_json() | {"model": str(output)}, f"{output}: {as_text(found)}", as_json)
 
 
@@ -281,7 +287,7 @@ def evaluate(
     model: Path,
     all_trials: bool,
     skip_bad: bool,
-    grid: int,
+    grid: int | None,
     output: Path | None,
     as_json: bool,
 ) -> None:
@@ -302,7 +308,7 @@ def evaluate(
         from sim import Simulator
 
         evaluation = evaluate_sets(
-            fitted, measured, Simulator(grid), all_trials=all_trials, progress=_progress("evaluated")
+            fitted, measured, Simulator(_points(grid, fitted)), all_trials=all_trials, progress=_progress("evaluated")
         )
         if unfinished is not None:
             write_evaluation(evaluation, unfinished)

@@ -47,6 +47,7 @@ class Model:
     parameters: Mapping[str, Parameter] = field(default_factory=dict)  # what is absent stays as declared
     effects: tuple[EffectTerm, ...] = ()
     corrector: Path | None = None  # safetensors
+    points_per_side: int | None = None  # of the simulator's grid that the factors were found on and belong to
     provenance: Provenance = Provenance()
 
     @property

@@ -37,8 +37,13 @@ def read_model(path: Path | str) -> Model:
         weights.finish()
         if not corrector.is_file():
             raise InputError(f"{path}: corrector: weights {corrector} is not there")
+    points_per_side = None
+    if (simulator := root.table("simulator", None)) is not None:
+        points_per_side = simulator.integer("points_per_side", least=9)
+        simulator.finish()
     provenance = root.table("provenance", None)
-    model = Model(parameters, effects, corrector, Provenance() if provenance is None else _provenance(provenance))
+    origin = Provenance() if provenance is None else _provenance(provenance)
+    model = Model(parameters, effects, corrector, points_per_side, origin)
     root.finish()
     return model
 
@@ -60,6 +65,8 @@ def write_model(model: Model, path: Path | str) -> None:
         ]
     if model.corrector is not None:
         document["corrector"] = {"weights": Path(os.path.relpath(model.corrector, path.parent)).as_posix()}
+    if model.points_per_side is not None:
+        document["simulator"] = {"points_per_side": model.points_per_side}
     origin = model.provenance
     items: dict[str, Any] = {
         "sets": list(origin.sets),

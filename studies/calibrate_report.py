@@ -76,7 +76,7 @@ def as_text(calibration: "Calibration") -> str:
     if fit.astray >= ASTRAY:
         lines.append(
             f"{fit.astray:.0%} of the frames fitted are far off: an effect that the model lacks, or cloth that snaps, "
-            "which a finer --grid follows, here and in evaluate and predict"
+            "which a finer --grid follows"
         )
     lines.append(
         "the intervals hold the difference between this engine and the virtual rig's; a real cloth may differ by more"

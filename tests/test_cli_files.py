@@ -17,7 +17,7 @@ from fabdesign.design_file import read_design, write_design
 from fabdesign.forward import Case
 from fabdesign.measurement_set import NewTrial, TrialData, write_set
 from fabdesign.model import EffectTerm, Model, Parameter
-from fabdesign.model_file import write_model
+from fabdesign.model_file import read_model, write_model
 from tests.conftest import ROOT
 
 Run = Callable[..., tuple[int, str, str]]
@@ -221,10 +221,24 @@ def test_bench_becomes_a_cloth_that_a_design_includes(run: Run, folder: Path) ->
     assert read_design(folder / "new.toml").fabric.membrane_stiffness == pytest.approx((520, 520), rel=0.03)
 
 
-def test_calibrate_ends_on_the_grid_asked_for(run: Run, hanging: type[Hanging], folder: Path) -> None:
+def test_model_is_used_on_the_grid_that_it_was_fitted_on(run: Run, hanging: type[Hanging], folder: Path) -> None:
     """A cloth that no factor moves: the data sheet stays, its prior the only thing known."""
-    code, out, _ = run("calibrate", folder / "set", "--grid", 61, "-o", folder / "fitted.toml", "--json")
+    code, out, _ = run("calibrate", folder / "set", "-o", folder / "fitted.toml", "--json")
     assert (code, hanging.side) == (0, 61)
+    model = ("--model", folder / "fitted.toml")
+    simulate = ("simulate", folder / "cross.toml", "--pressures", "1,2", *model, "-o", folder / "fitted.npz")
+    for arguments in (
+        ("evaluate", folder / "set", *model, "--all"),
+        ("predict", folder / "set", *model, "-o", folder / "f"),
+        simulate,
+    ):
+        hanging.side = 0
+        assert run(*arguments)[0] == 0
+        assert hanging.side == 61
+    assert run(*simulate, "--grid", 21)[0] == 0
+    assert hanging.side == 21
+    assert run("calibrate", folder / "set", "--grid", 31, "-o", folder / "coarser.toml")[0] == 0
+    assert (hanging.side, read_model(folder / "coarser.toml").points_per_side) == (31, 31)
     found = json.loads(out)["parameters"]["membrane"]
     assert found["factor"] == pytest.approx(1.0)
     assert np.log(found["interval90"]) == pytest.approx([-1.645 * 0.15, 1.645 * 0.15], rel=0.01)

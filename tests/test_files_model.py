@@ -34,6 +34,7 @@ models = st.builds(
         max_size=2,
     ).map(tuple),
     corrector=st.none(),
+    points_per_side=st.none() | st.integers(9, 161),
     provenance=st.builds(Provenance, lists, lists, lists, texts, texts, st.none() | st.integers(0, 2**31)),
 )
 
@@ -74,6 +75,7 @@ def test_weights_move_with_the_model(tmp_path: Path) -> None:
         ('format = "fabdesign.model/1"\n[parameters.bending]\nfactor = 1.0\ninterval90 = [2, 1]', "low, high"),
         ('format = "fabdesign.model/1"\n[corrector]\nweights = "none"', "is not there"),
         ('format = "fabdesign.model/1"\n[[effects]]\nname = 3', "a text"),
+        ('format = "fabdesign.model/1"\n[simulator]\npoints_per_side = 6.5', "whole number"),
         ('format = "fabdesign.model/1"\neffects = 3', r"\[\[effects\]\] tables"),
     ],
 )
