@@ -247,6 +247,7 @@ def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, grid: in
             measured,
             Simulator(points_per_side=21),
             Simulator(grid),
+            slopes=Simulator(min(grid, 41)),
             orders=orders,
             skipped=skipped,
             skip_bad=skip_bad,

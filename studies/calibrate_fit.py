@@ -16,7 +16,7 @@ _STEP = 0.03  # of a logarithm, in the first finite differences
 _ITERATIONS = 10
 _CONVERGED = 0.01  # of a logarithm
 _NEAR = 0.05  # of a logarithm: steps under it are left to the fine engine
-_FINE_ITERATIONS = 5  # cheap: without new differences
+_FINE_ITERATIONS = 5
 _DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
 _BRANCHES = 3  # other branches taken at most, fewer with more than four trials and none from seven on: for the time
 
@@ -43,15 +43,16 @@ def fit(
     coarse: ForwardModel,
     fine: ForwardModel | None = None,
     *,
+    slopes: ForwardModel | None = None,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Fit:
-    """Most probable factors given the samples. Each iteration of `coarse` simulates motions and seven differences.
+    """Most probable factors given the samples. Each iteration simulates motions and seven differences.
 
     With `fine`, `coarse` makes the first iterations, its motions corrected by what both are apart at the data sheet.
     Cloth that buckles multiplies small differences, and that correction, true at the data sheet, is then centimetres
-    off elsewhere; so the last iterations are by `fine` alone, with the differences of their first: they lead not
-    much farther than a difference's own step. Where frames are left that the model buckles another way, other branches
-    are tried (studies/calibrate_branches.py).
+    off elsewhere; so the last iterations are by `fine` alone. Its differences may come from `slopes`, a cheaper engine,
+    but always from where the factors are: those of another place seem to converge percents off. Where frames are left
+    that the model buckles another way, other branches are tried (studies/calibrate_branches.py).
 
     All points of a block of 0.5 s share the model's error, so their likelihood is tempered: raised to the power that
     makes its curvature agree with the scatter of the blocks' scores (Pauli, Racugno and Ventura 2011). The covariance
@@ -69,10 +70,15 @@ def fit(
     last = coarse if fine is None else fine
     if fine is not None:
         _, normal = step_to_minimum(samples, state, weight, 0.0)
-        state = state_at(samples, fine, state.x, along=directions(normal))
-        state, more, converged = _descend_near(samples, fine, state, weight, lambda line: progress(f"fine {line}"))
+        look = partial(state_at, samples, fine, slopes=slopes)
+        state = look(state.x, along=directions(normal))
+        state, more, converged = _descend(
+            samples, state, look, weight, _CONVERGED, _FINE_ITERATIONS, lambda line: progress(f"fine {line}")
+        )
         iterations += more
-    state, more, converged = _other_branches(samples, last, state, weight, converged, progress)
+    state, more, converged = _other_branches(
+        samples, last, state, partial(state_at, samples, last, slopes=slopes), weight, converged, progress
+    )
     iterations += more
     _, normal = step_to_minimum(samples, state, weight, 0.0)
     bread = np.linalg.inv(normal.information + weight)
@@ -100,17 +106,14 @@ def _descend(
     close: float,
     most: int,
     progress: Callable[[str], None],
-    *,
-    known: bool = False,
 ) -> tuple[State, int, bool]:
-    """From `state` until a step is under `close`, or `most` iterations: where that led, how many, and which of both.
-    With differences of their own, or, where these are `known`, those of `state`."""
+    """From `state` until a step is under `close`, or `most` iterations: where that led, how many, and which of both."""
     damping = 0.0
     for iteration in range(1, most + 1):
         step, normal = step_to_minimum(samples, state, weight, damping)
         progress(f"iteration {iteration}: {1e3 * _capped(state.found.residual):.3f} mm RMS")
         small = float(np.abs(step).max()) < close  # for new differences; it may still lead to another branch
-        how = {"changes": state.changes} if known or small else {"along": directions(normal)}
+        how = {"changes": state.changes} if small else {"along": directions(normal)}
         candidate = look(state.x + step, **how)
         if loss(state, candidate, normal, weight) < 0:
             state, damping = candidate, damping / 10
@@ -121,22 +124,11 @@ def _descend(
     return state, most, False
 
 
-def _descend_near(
-    samples: Sequence[Sample],
-    forward: ForwardModel,
-    state: State,
-    weight: Array,
-    progress: Callable[[str], None],
-) -> tuple[State, int, bool]:
-    """Not farther than the differences of `state` hold."""
-    look = partial(state_at, samples, forward)
-    return _descend(samples, state, look, weight, _CONVERGED, _FINE_ITERATIONS, progress, known=True)
-
-
 def _other_branches(
     samples: Sequence[Sample],
     forward: ForwardModel,
     state: State,
+    look: Callable[..., State],
     weight: Array,
     converged: bool,
     progress: Callable[[str], None],
@@ -153,8 +145,8 @@ def _other_branches(
         if other is None:
             break
         progress("another branch")
-        start = state_at(samples, forward, other, along=directions(normal))
-        end, more, ended = _descend_near(samples, forward, start, weight, progress)
+        start = look(other, along=directions(normal))
+        end, more, ended = _descend(samples, start, look, weight, _CONVERGED, _FINE_ITERATIONS, progress)
         iterations += more
         left = [misfit(s.found) for s in (state, start, end)]
         if min(left) == left[0]:

@@ -25,13 +25,20 @@ def state_at(
     along: Array | None = None,
     changes: list[Motion] | None = None,
     correction: list[Motion] | None = None,
+    slopes: ForwardModel | None = None,
 ) -> State:
     """Motions at x; and their changes by each factor by forward differences along the rows of `along` (7, 7), in the
-    same batch, or those that are given. `correction` is added to the motions."""
+    same batch, or those that are given. `correction` is added to the motions; `slopes` makes the differences instead of
+    `forward`."""
     others = [] if along is None else [x + row for row in along]
-    base, *moved = motions_at(samples, forward, [x, *others])
+    if slopes is None or slopes == forward or along is None:
+        base, *moved = motions_at(samples, forward, [x, *others])
+        start = base
+    else:
+        [base] = motions_at(samples, forward, [x])
+        start, *moved = motions_at(samples, slopes, [x, *others])
     if along is not None:
-        differences = [np.stack([other[s] - base[s] for other in moved]) for s in range(len(samples))]
+        differences = [np.stack([other[s] - start[s] for other in moved]) for s in range(len(samples))]
         changes = [np.tensordot(np.linalg.inv(along), difference, axes=1) for difference in differences]
     if changes is None:
         raise ValueError("neither directions nor changes")

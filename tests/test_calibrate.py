@@ -12,6 +12,7 @@ from fabdesign.forward import PARAMETERS
 from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
 from fabdesign.model_file import read_model, write_model
 from fabdesign.sensor_noise import SensorNoise
+from fabdesign.splits import fit_trials
 from fabdesign.surface import Surface
 from fabdesign.trial_file import write_trial
 from studies.bad_data import sound_trials
@@ -210,6 +211,22 @@ def test_the_fine_engine_has_the_last_word(measured):
     alone, mended = (calibrate(measured, Curler(power=0.7), fine).model.factors for fine in (None, Curler()))
     assert alone["damping"] == pytest.approx(1.3 ** (1 / 0.7), rel=0.02)
     assert mended["damping"] == pytest.approx(1.3, rel=0.01)
+
+
+def test_differences_of_another_engine(measured):
+    """They only lead to the fine engine's minimum, so they may be 30 % off; the fine one makes single motions."""
+
+    class Asked(Curler):
+        def motions(self, cases, times):
+            self.batches = [*getattr(self, "batches", []), len(cases)]
+            return super().motions(cases, times)
+
+    fine, slopes = Asked(), Asked(power=0.7)
+    mended = calibrate(measured, Curler(power=0.7), fine, slopes=slopes).model.factors
+    assert mended["damping"] == pytest.approx(1.3, rel=0.01)
+    trials = len(fit_trials(measured.trials, None))
+    assert set(fine.batches) == {trials}
+    assert set(slopes.batches) == {8 * trials}
 
 
 def test_a_diverging_trial_is_left_out_from_there_on(tmp_path):
