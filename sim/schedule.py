@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,6 +52,12 @@ def alike(batch: Batch, scheme: Scheme, pressure: Floats, *, anew: bool = True) 
     )
 
 
+def by_block(values: NDArray[np.floating[Any]]) -> Floats:
+    """(..., kinds, lanes) -> (..., blocks, kinds, LANES), as the fields have it."""
+    apart = values.reshape(*values.shape[:-1], -1, LANES)
+    return np.ascontiguousarray(np.swapaxes(apart, -3, -2), np.float32)
+
+
 def of_motions(
     batch: Batch, seats: Sequence[int], motions: Sequence[Steps], *, tick: float, rho: float
 ) -> tuple[Schedule, NDArray[np.int_]]:
@@ -66,23 +73,23 @@ def of_motions(
     schemes = [Scheme(tick * float(k // 2), MIDPOINT if k % 2 else rho) for k in kinds]
     entries = np.array([scheme.entries(batch.hung) for scheme in schemes], np.float32)
     channels = max(1, *(m.pressure.shape[1] for m in lanes))
-    pressure = np.zeros((count, channels, len(lanes)), np.float32)
+    pressure = np.zeros((count, channels, len(lanes)))
     for k, m in own:
         pressure[:, : m.pressure.shape[1], k] = m.pressure[whole[:, k]]
     begins = np.concatenate([[0], np.cumsum([len(m.due) for m in motions])])
     first = np.zeros((count + 1, len(lanes)), np.int32)
     for i, m in enumerate(motions):
         first[:, seats.index(i)] = begins[i] + np.searchsorted(m.due, np.arange(count + 1))
-    blocks = count, batch.blocks, LANES
-    change = (np.diff(kind, axis=0, prepend=-1) != 0).reshape(blocks).any(axis=2)
-    ends = np.array([len(m.ticks) for m in lanes]).reshape(blocks[1:]).max(axis=1)
+    blocks = batch.blocks, LANES
+    change = (np.diff(kind, axis=0, prepend=-1) != 0).reshape(count, *blocks).any(axis=2)
+    ends = np.array([len(m.ticks) for m in lanes]).reshape(blocks).max(axis=1)
     idle = np.arange(count)[:, None] >= ends
     theta = np.concatenate([m.theta for m in motions])
     schedule = Schedule(
-        scheme=np.ascontiguousarray(np.swapaxes(entries[code.reshape(blocks)], 2, 3)),
+        scheme=by_block(np.swapaxes(entries[code.reshape(kind.shape)], 1, 2)),
         work=np.where(idle, IDLE, np.where(change, FACTORED, PLAIN)).astype(np.int32),
-        pressure=np.ascontiguousarray(np.swapaxes(pressure.reshape(count, channels, *blocks[1:]), 1, 2)),
-        first=first.reshape(count + 1, *blocks[1:]),
+        pressure=by_block(pressure),
+        first=first.reshape(count + 1, *blocks),
         theta=(theta if len(theta) else np.zeros(1)).astype(np.float32),
         turns=1,
     )

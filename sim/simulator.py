@@ -16,7 +16,7 @@ from sim.faces import faces
 from sim.loading import load_batch, load_constants
 from sim.model import FREE, hung_code
 from sim.motion import Motion, motion_of
-from sim.schedule import alike, of_motions
+from sim.schedule import alike, by_block, of_motions
 from sim.scheme import Batch, Scheme
 from sim.seats import seat
 from sim.step import march
@@ -122,10 +122,10 @@ class Simulator:
             for chosen, seats in self._chunks(cases, [()] * len(cases)):
                 batch = self._load([_damped(cases[i]) for i in chosen], seats)
                 pressures = [cases[i].program.pressure[-1] for i in chosen]
-                pressure = np.zeros((max(1, *map(len, pressures)), batch.blocks, fields.LANES), np.float32)
+                pressure = np.zeros((max(1, *map(len, pressures)), len(seats)))
                 for lane, i in enumerate(seats):
-                    pressure[(slice(len(pressures[i])), *divmod(lane, fields.LANES))] = pressures[i]
-                self._settle(batch, np.swapaxes(pressure, 0, 1), patient=patient)
+                    pressure[: len(pressures[i]), lane] = pressures[i]
+                self._settle(batch, by_block(pressure), patient=patient)
                 middle = self._middle(batch, fields.F.x0)
                 moved = middle - self._middle(batch, fields.F.xp)
                 rested = np.sqrt(np.square(moved).sum(axis=-1).mean(axis=(1, 2))) < RESTED  # NaN compares false
@@ -141,8 +141,7 @@ class Simulator:
         groups: dict[tuple[int, bool, int], list[int]] = {}
         for i, case in enumerate(cases):
             fabric = case.design.fabric
-            reach = max(1, round(REACH / (fabric.height / (self.points_per_side - 1))))
-            groups.setdefault((hung_code(fabric), _swings_to_rest(fabric), reach), []).append(i)
+            groups.setdefault((hung_code(fabric), _swings_to_rest(fabric), self._reach(fabric)), []).append(i)
         chunks: list[tuple[list[int], list[int]]] = []
         for group in groups.values():
             blocks = seat([kinds[i] for i in group])
@@ -155,10 +154,14 @@ class Simulator:
     def _load(self, cases: Sequence[Case], seats: Sequence[int]) -> Batch:
         n = self.points_per_side
         fabric = cases[0].design.fabric
-        hung, reach = hung_code(fabric), max(1, round(REACH / (fabric.height / (n - 1))))
+        hung, reach = hung_code(fabric), self._reach(fabric)
         points = load_batch([cases[i] for i in seats], n, hung=hung, blocks=BLOCKS)
         touching = Touching(cases, seats, n) if self.self_contact else None
         return Batch(len(seats) // fields.LANES, n, n, points, hung, reach, touching)
+
+    def _reach(self, fabric: Fabric) -> int:
+        """In nodes."""
+        return max(1, round(REACH * (self.points_per_side - 1) / fabric.height))
 
     def _at_rest(self, cases: Sequence[Case], seats: Sequence[int]) -> Batch:
         """Load the cases and bring them to equilibrium at zero pressure."""
