@@ -134,7 +134,7 @@ def page(rows: list[dict], extra: np.ndarray, grid: int) -> str:
         f"`python -m benchmarks.coverage test FOLDER{option}` at commit {commit()}, {platform.machine()}, 2 cores.",
         f"{len(rows)} sets of the virtual rig (synthetic), no effects, factors drawn from the prior, four trials of",
         "1.5 s fitted, a fifth held out. The term for the difference between engines comes from",
-        f"{COUNT['engine']} other sets, calibrated with {GRID} points a side like `calibrate`; here it was {grid}.",
+        f"{COUNT['engine']} other sets (docs/results/calibration.md, Intervals); here {grid} points a side.",
         "",
         f"True factors inside the 90 % intervals: **{total}** (asked: 119 of 140); without the engines' term",
         f"{narrow.sum()}.",
