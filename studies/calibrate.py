@@ -21,7 +21,7 @@ from studies.calibrate_clouds import Sample, evenly, sample_trial
 from studies.calibrate_fit import Fit, fit
 from studies.calibrate_report import ambiguities
 from studies.engine_difference import data_share, engine_difference
-from studies.trial_checks import doubtful
+from studies.trial_checks import DISAGREE, doubtful
 
 TRIALS = 16  # fitted at most, spread over those allowed
 UNTIL = 1.5  # s of a trial
@@ -100,7 +100,8 @@ def calibrate(
     noise = estimate_noise(at_rest, chosen[0].design.fabric.thickness)
     found = fit(samples, coarse, fine, slopes=slopes, progress=progress)
     last = coarse if fine is None else fine  # whose factors these are
-    lines = doubtful(samples, last, dict(zip(PARAMETERS, np.exp(found.x), strict=True)))
+    agree = not (found.by_trial > DISAGREE).any()
+    lines = {} if agree else doubtful(samples, last, dict(zip(PARAMETERS, np.exp(found.x), strict=True)))
     if lines:
         tolerance = Tolerance(skip_bad, [*skipped])
         for line in lines.values():

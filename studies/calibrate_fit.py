@@ -9,12 +9,13 @@ import numpy as np
 from fabdesign.forward import PARAMETERS, ForwardModel
 from studies.calibrate_branches import ASTRAY, better_branch, misfit, share_astray, thinned
 from studies.calibrate_clouds import Array, Match, Sample
-from studies.calibrate_normal import PRIOR, directions, loss, scatter, step_to_minimum
+from studies.calibrate_normal import PRIOR, Normal, directions, loss, scatter, step_to_minimum
 from studies.calibrate_state import State, correction_of, motions_at, state_at
 
 _STEP = 0.03  # of a logarithm, in the first finite differences
 _ITERATIONS = 10
 _CONVERGED = 0.01  # of a logarithm
+_SLIGHT = 0.25  # of a factor's own standard deviation, a step under which is none: the interval is 3 % wider for it
 _NEAR = 0.05  # of a logarithm: steps under it are left to the fine engine
 _FINE_ITERATIONS = 5
 _DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
@@ -32,6 +33,7 @@ class Fit:
     scale: float  # m, robust standard deviation of the residuals
     before: float  # m, RMS of the residuals capped at 10 mm, at the data sheet
     after: float  # m, the same at the minimum
+    by_trial: Array  # (samples,) m, and of each trial; NaN where its motion was lost from the start
     astray: float  # share of frames that the model misses by far, or has lost
     lost: tuple[tuple[str, float], ...]  # trials whose motion diverged, and from when on [s] they were left out
     iterations: int
@@ -81,16 +83,15 @@ def fit(
     )
     iterations += more
     _, normal = step_to_minimum(samples, state, weight, 0.0)
-    bread = np.linalg.inv(normal.information + weight)
-    meat = normal.tempering**2 * scatter(normal.scores, normal.information, weight) + weight
     return Fit(
         x=state.x,
-        covariance=bread @ meat @ bread,
+        covariance=_covariance(normal, weight),
         information=normal.information,
         sensitivity=normal.sensitivity,
         scale=normal.scale,
         before=_capped(first.residual),
         after=_capped(state.found.residual),
+        by_trial=np.array([_capped(state.found.residual[state.found.sample == s]) for s in range(len(samples))]),
         astray=share_astray(state.found),
         lost=_lost(samples, state.found),
         iterations=iterations,
@@ -107,12 +108,18 @@ def _descend(
     most: int,
     progress: Callable[[str], None],
 ) -> tuple[State, int, bool]:
-    """From `state` until a step is under `close`, or `most` iterations: where that led, how many, and which of both."""
-    damping = 0.0
+    """From `state` until a step is under `close` or slight, or `most` iterations: where that led, how many iterations,
+    and whether it converged."""
+    damping, before = 0.0, np.zeros(len(state.x))
     for iteration in range(1, most + 1):
         step, normal = step_to_minimum(samples, state, weight, damping)
         progress(f"iteration {iteration}: {1e3 * _capped(state.found.residual):.3f} mm RMS")
-        small = float(np.abs(step).max()) < close  # for new differences; it may still lead to another branch
+        own = np.sqrt(np.diag(_covariance(normal, weight)))
+        if (step / own) @ (before / own) < 0:  # it takes the last one back: noise of the differences, or a kink
+            step = step / 2
+        before = step
+        # for new differences; it may still lead to another branch
+        small = bool((np.abs(step) < np.maximum(close, _SLIGHT * own)).all())
         how = {"changes": state.changes} if small else {"along": directions(normal)}
         candidate = look(state.x + step, **how)
         if loss(state, candidate, normal, weight) < 0:
@@ -155,9 +162,17 @@ def _other_branches(
     return state, iterations, converged
 
 
+def _covariance(normal: Normal, weight: Array) -> Array:
+    """(7, 7), the sandwich."""
+    bread = np.linalg.inv(normal.information + weight)
+    meat = normal.tempering**2 * scatter(normal.scores, normal.information, weight) + weight
+    return np.asarray(bread @ meat @ bread)
+
+
 def _capped(residual: Array) -> float:
     """m, RMS of what is not lost."""
-    return float(np.sqrt(np.nanmean(np.square(np.clip(residual, -0.010, 0.010)))))
+    kept = residual[np.isfinite(residual)]
+    return float(np.sqrt(np.mean(np.square(np.clip(kept, -0.010, 0.010))))) if len(kept) else float("nan")
 
 
 def _lost(samples: Sequence[Sample], found: Match) -> tuple[tuple[str, float], ...]:
