@@ -17,9 +17,11 @@ from fabdesign.surface import Surface
 from fabdesign.trial_file import write_trial
 from studies.bad_data import sound_trials
 from studies.calibrate import calibrate
-from studies.calibrate_clouds import Sample, derivatives, match
+from studies.calibrate_clouds import Match, Sample, derivatives, match
+from studies.calibrate_fit import _descend
 from studies.calibrate_normal import PRIOR, Normal, directions
 from studies.calibrate_report import as_text
+from studies.calibrate_state import State
 from studies.engine_difference import engine_difference
 
 TIMES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 0.9, 1.2])
@@ -227,6 +229,38 @@ def test_differences_of_another_engine(measured):
     trials = len(fit_trials(measured.trials, None))
     assert set(fine.batches) == {trials}
     assert set(slopes.batches) == {8 * trials}
+
+
+def test_slopes_that_are_too_small_by_half_do_not_keep_the_descent_from_its_end():
+    """Every step is then nearly twice too long and takes the one before back; halved, such steps end it."""
+    rng, target = np.random.default_rng(2), np.full(7, 0.05)
+    slopes, noise = 0.01 * rng.standard_normal((2400, 7)), 3e-4 * rng.standard_normal(2400)
+    times = np.repeat(np.arange(0.25, 6.0, 0.5), 200)
+    sample = Sample(None, np.unique(times), ())
+    frame = np.searchsorted(sample.times, times)
+    none = np.zeros((2400, 3))
+
+    def look(x, along=None, changes=None):
+        left = slopes @ (x - target) + noise
+        found = Match(left, none, none.astype(np.intp), none, np.zeros(2400, np.intp), frame)
+        return State(x, [], found, slopes / 1.95)
+
+    weight = np.diag([1 / PRIOR[name] ** 2 for name in PARAMETERS])
+    state, _, converged = _descend([sample], look(np.zeros(7)), look, weight, 0.01, 5, lambda line: None)
+    assert converged
+    assert state.x == pytest.approx(target, abs=0.01)
+
+
+def test_trials_that_agree_are_not_simulated_again_for_their_clocks(measured):
+    class Asked(Curler):
+        def motions(self, cases, times):
+            self.last = [len(t) for t in times]
+            return super().motions(cases, times)
+
+    forward = Asked()
+    found = calibrate(measured, forward, engines=ONE_ENGINE)
+    assert found.fit.by_trial == pytest.approx(np.full(4, np.hypot(0.0006, 0.010 * np.sqrt(0.003))), rel=0.4)
+    assert forward.last == [len(TIMES)] * len(forward.last)  # other clocks would be other times
 
 
 def test_a_diverging_trial_is_left_out_from_there_on(tmp_path):
