@@ -53,7 +53,7 @@ def _progress(verb: str, what: str = "trials") -> Callable[[int, int], None]:
 
 def _points(grid: int | None, model: Model | None) -> int:
     """Points a side: as asked for, else what the model's factors were found on."""
-    return grid or (model and model.points_per_side) or 41
+    return grid or (model or Model()).grid
 
 
 def _report(result: dict[str, Any], text: str, as_json: bool) -> None:

@@ -42,6 +42,9 @@ class Provenance:
     seed: int | None = None
 
 
+POINTS_PER_SIDE = 41  # of the simulator's grid where no model names another
+
+
 @dataclass(frozen=True)
 class Model:
     parameters: Mapping[str, Parameter] = field(default_factory=dict)  # what is absent stays as declared
@@ -49,6 +52,11 @@ class Model:
     corrector: Path | None = None  # safetensors
     points_per_side: int | None = None  # of the simulator's grid that the factors were found on and belong to
     provenance: Provenance = Provenance()
+
+    @property
+    def grid(self) -> int:
+        """Points a side to simulate with, where nothing else is asked for."""
+        return self.points_per_side or POINTS_PER_SIDE
 
     @property
     def factors(self) -> dict[str, float]:

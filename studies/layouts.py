@@ -10,6 +10,7 @@ import numpy as np
 
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import ForwardModel
+from fabdesign.model import POINTS_PER_SIDE
 from fabdesign.output import write_text
 from fabdesign.study_file import Study, read_study, require_searchable
 from optimize.design_space import DesignSpace, Limits, constraint_margins
@@ -38,10 +39,11 @@ def run_study(
 ) -> StudyResult:
     """Search, and write `result.json`, `design.toml`, `pressures.csv` and `report.html` into `out`.
 
-    The search runs on `coarse` and ends on `forward` (by default the simulator with 21 and with 41 points a side;
-    `forward` alone serves for both). While it runs, `out` always has the best so far; the same call on the same
-    folder goes on after an interruption, and does not search again what is finished. Further poses' pressures are
-    `pressures_2.csv` and so on. Ctrl-C ends the search with a result. Raises InputError before anything is computed.
+    The search runs on `coarse` and ends on `forward` (by default the simulator with 21 points a side and with the
+    study's model's or 41; `forward` alone serves for both). While it runs, `out` always has the best so far; the same
+    call on the same folder goes on after an interruption, and does not search again what is finished. Further poses'
+    pressures are `pressures_2.csv` and so on. Ctrl-C ends the search with a result. Raises InputError before anything
+    is computed.
     """
     out = Path(out)
     study = study if isinstance(study, Study) else read_study(study)
@@ -51,7 +53,9 @@ def run_study(
     objective = Objective([Target(t.points, t.time) for t in targets], factors, study.objective)
     starts = _starts(study)
     with _open_history(out, _key(study, targets)) as history:
-        fine, quick = forward_models(forward, coarse)
+        fine, quick = forward_models(
+            forward, coarse, points_per_side=(study.model and study.model.points_per_side) or 41
+        )
         search = Search(
             objective,
             starts,
@@ -68,13 +72,15 @@ def run_study(
     return result
 
 
-def forward_models(fine: ForwardModel | None, coarse: ForwardModel | None) -> tuple[ForwardModel, ForwardModel]:
-    """The models given, or the simulator; a single one given serves for both."""
+def forward_models(
+    fine: ForwardModel | None, coarse: ForwardModel | None, *, points_per_side: int = POINTS_PER_SIDE
+) -> tuple[ForwardModel, ForwardModel]:
+    """The models given, or the simulator, the fine one with `points_per_side`; a single one given serves for both."""
     if fine is not None:
         return fine, coarse or fine
     from sim import Simulator  # here: it loads and starts taichi
 
-    return Simulator(points_per_side=41), coarse or Simulator(points_per_side=21, tolerance=1e-6)
+    return Simulator(points_per_side), coarse or Simulator(points_per_side=21, tolerance=1e-6)
 
 
 def _limits(study: Study) -> Limits:

@@ -8,13 +8,13 @@ from importlib.metadata import version
 from importlib.resources import files
 from typing import Any
 
-import numpy as np
 from jinja2 import Environment
 from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from fabdesign import __version__
 from fabdesign.metrics import Errors
+from fabdesign.model import Model
 from studies.figures import convergence_figure, scene_figure
 from studies.layout_drawing import layout_svg
 from studies.study_result import StudyResult
@@ -46,7 +46,7 @@ def render_report(title: str, sections: Sequence[Section]) -> str:
         sections=sections,
         targets=first.targets,
         synthetic=any(target.synthetic for target in first.targets),
-        points_per_side=round(np.sqrt(first.points.shape[1] / 2)),
+        points_per_side=(first.study.model or Model()).grid,
         errors=_error_cells,
         failed=lambda result: sum(entry.diverged for entry in result.history),
         layout=_layout,

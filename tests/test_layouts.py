@@ -12,6 +12,7 @@ from fabdesign.catalogue import build
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case
+from fabdesign.model import Model
 from fabdesign.pressure_file import constant_program, read_pressures
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
 from fabdesign.trial_file import TrialData, read_trial, write_trial
@@ -52,6 +53,21 @@ def test_a_study_writes_what_others_read(trial: Path, tmp_path: Path) -> None:
     program = read_pressures(out / "pressures.csv", design)
     np.testing.assert_allclose(program.pressure[-1] / 1e3, result["pressures_kpa"])
     assert program.duration == pytest.approx(TIME)
+
+
+def test_a_study_with_a_calibrated_model_ends_on_the_grid_that_its_factors_belong_to(
+    trial: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[int] = []
+
+    def simulator(points_per_side: int, **_: object) -> AnalyticCloth:
+        asked.append(points_per_side)
+        return AnalyticCloth()
+
+    monkeypatch.setattr("sim.Simulator", simulator)
+    for model in (None, Model({}), Model({}, points_per_side=61)):
+        run_study(study(trial, model=model), tmp_path / str(len(asked)))
+    assert asked == [41, 21, 41, 21, 61, 21]
 
 
 def test_the_report_is_one_file_with_everything_in_it(trial: Path, tmp_path: Path) -> None:
