@@ -1,5 +1,10 @@
 """The virtual rig against closed forms, its effects against their formulas, and what it writes."""
 
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -233,6 +238,50 @@ def test_a_set_holds_points_with_the_stated_noise_and_not_the_key(tmp_path: Path
     text = "".join(p.read_text() for p in (tmp_path / "set").glob("*.toml"))
     assert "tilt" not in text
     assert "bending = 1.1" not in text
+
+
+CHILDREN = Path(f"/proc/self/task/{os.getpid()}/children")
+KILLED = """
+import sys
+from fabdesign.catalogue import build
+from fabdesign.pressure_file import constant_program
+from studies.rig import run_rig
+import numpy as np
+
+if __name__ == "__main__":
+    still = constant_program(np.zeros(3), 60.0)
+    run_rig(build("vertical"), [still, still], out=sys.argv[1], workers=2)
+"""
+
+
+@pytest.mark.skipif(not CHILDREN.exists(), reason="a system that does not list a process's children in /proc")
+def test_workers_end_with_a_killed_rig_and_no_half_set_is_left(tmp_path: Path) -> None:
+    (tmp_path / "make.py").write_text(KILLED)
+    environment = os.environ | {"FABDESIGN_CACHE": str(tmp_path / "cache"), "PYTHONPATH": os.pathsep.join(sys.path)}
+    rig = subprocess.Popen([sys.executable, tmp_path / "make.py", tmp_path / "set"], env=environment)
+    born = Path(f"/proc/{rig.pid}/task/{rig.pid}/children")
+    workers = wait_for(lambda: [*filter(is_worker, born.read_text().split())], lambda found: len(found) == 2)
+    time.sleep(3)  # until they are at work
+    assert all(map(is_worker, workers))
+    rig.kill()
+    rig.wait()
+    wait_for(lambda: [*filter(is_worker, workers)], lambda left: not left)
+    assert not [path for path in (tmp_path / "set").iterdir() if not path.name.startswith(".unfinished-")]
+
+
+def is_worker(pid: str) -> bool:
+    try:
+        return b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return False
+
+
+def wait_for(look: Callable[[], list[str]], enough: Callable[[list[str]], bool], seconds: float = 60) -> list[str]:
+    end = time.monotonic() + seconds
+    while not enough(found := look()):
+        assert time.monotonic() < end, f"after {seconds:g} s: {found}"
+        time.sleep(0.1)
+    return found
 
 
 def test_the_same_task_comes_from_the_cache(cache: Path) -> None:

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -94,9 +95,21 @@ def _shapes(tasks: Sequence[Task], workers: int | None) -> Iterator[Array]:
         return
     with (
         _single_threaded_children(),
-        ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn")) as pool,
+        ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer=_end_with_parent) as pool,
     ):
         yield from pool.map(control_points, tasks)
+
+
+def _end_with_parent() -> None:
+    """A worker would outlive its killed parent, waiting for work for ever."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def watch() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 @contextmanager
