@@ -10,7 +10,7 @@ import numpy as np
 
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import ForwardModel
-from fabdesign.model import POINTS_PER_SIDE
+from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.output import write_text
 from fabdesign.study_file import Study, read_study, require_searchable
 from optimize.design_space import DesignSpace, Limits, constraint_margins
@@ -53,9 +53,7 @@ def run_study(
     objective = Objective([Target(t.points, t.time) for t in targets], factors, study.objective)
     starts = _starts(study)
     with _open_history(out, _key(study, targets)) as history:
-        fine, quick = forward_models(
-            forward, coarse, points_per_side=(study.model and study.model.points_per_side) or 41
-        )
+        fine, quick = forward_models(forward, coarse, points_per_side=(study.model or Model()).grid)
         search = Search(
             objective,
             starts,
