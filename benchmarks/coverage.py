@@ -78,7 +78,7 @@ def calibrated(seed: int, folder: Path, grid: int) -> dict:
     factors = make(seed, folder)
     measured = read_set(folder)
     slopes = Simulator(points_per_side=min(grid, 41))
-    found = calibrate(measured, Simulator(points_per_side=21), simulator, slopes=slopes)
+    found = calibrate(measured, simulator, slopes=slopes)
     known = Model({name: Parameter(factor, (factor, factor)) for name, factor in factors.items()})
     return {
         "seed": seed,

@@ -245,7 +245,6 @@ def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, grid: in
 
         found = calibrate_set(
             measured,
-            Simulator(points_per_side=21),
             Simulator(grid),
             slopes=Simulator(min(grid, 41)),
             orders=orders,

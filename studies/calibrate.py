@@ -67,8 +67,7 @@ class Calibration:
 
 def calibrate(
     measured: MeasurementSet,
-    coarse: ForwardModel,
-    fine: ForwardModel | None = None,
+    forward: ForwardModel,
     *,
     slopes: ForwardModel | None = None,
     orders: Collection[int] | None = None,
@@ -81,9 +80,9 @@ def calibrate(
     """The seven factors of `fabdesign.forward.PARAMETERS` from the trials of role `fit`, or those of `orders`.
 
     Of more than 16 trials, 16 spread over the session are fitted: 30 frames of the first 1.5 s of each, and 300 points
-    of a frame, by `seed`. `coarse`, `fine` and `slopes`: see `calibrate_fit.fit`. skipped: lines on bad trials left out
+    of a frame, by `seed`. `slopes`: see `calibrate_fit.fit`. skipped: lines on bad trials left out
     before; skip_bad: leave out those too that `trial_checks.doubtful` finds.
-    engines: (7,) standard deviations of the logarithms for the difference between `coarse` and what made the data, by
+    engines: (7,) standard deviations of the logarithms for the difference between `forward` and what made the data, by
     default those of the virtual rig.
     Raises InputError for a doubtful trial and where no trial is left, SimulationError where every motion diverges.
     """
@@ -98,10 +97,9 @@ def calibrate(
         if len(at_rest) < _NOISE_FRAMES:
             at_rest.append(data.frames[0])  # flattest there
     noise = estimate_noise(at_rest, chosen[0].design.fabric.thickness)
-    found = fit(samples, coarse, fine, slopes=slopes, progress=progress)
-    last = coarse if fine is None else fine  # whose factors these are
+    found = fit(samples, forward, slopes=slopes, progress=progress)
     agree = not (found.by_trial > DISAGREE).any()
-    lines = {} if agree else doubtful(samples, last, dict(zip(PARAMETERS, np.exp(found.x), strict=True)))
+    lines = {} if agree else doubtful(samples, forward, dict(zip(PARAMETERS, np.exp(found.x), strict=True)))
     if lines:
         tolerance = Tolerance(skip_bad, [*skipped])
         for line in lines.values():
@@ -110,7 +108,7 @@ def calibrate(
         chosen, samples = ([x for k, x in enumerate(xs) if k not in lines] for xs in (chosen, samples))
         if not samples:
             raise InputError(f"{measured.name}: no trial to fit is left; the first: {skipped[0]}")
-        found = fit(samples, coarse, fine, slopes=slopes, progress=progress)
+        found = fit(samples, forward, slopes=slopes, progress=progress)
     own = np.sqrt(np.diag(found.covariance))
     between = engine_difference() if engines is None else engines
     covariance = found.covariance + np.diag(np.square(data_share(own) * between))

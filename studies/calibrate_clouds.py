@@ -1,7 +1,7 @@
 """Measured points against a model's surface: distances, and how they change with the model's vertices."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,12 @@ def sample_trial(
     clouds = (data.frames[k] for k in chosen)
     drawn = tuple(c if len(c) <= points else c[rng.choice(len(c), points, replace=False)] for c in clouds)
     return Sample(trial, data.time[chosen], drawn)
+
+
+def cut(sample: Sample, until: float) -> Sample:
+    """Its frames up to `until` s, at least the first."""
+    count = max(int(np.searchsorted(sample.times, until + 1e-6)), 1)
+    return replace(sample, times=sample.times[:count], clouds=sample.clouds[:count])
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,16 +8,17 @@ import numpy as np
 
 from fabdesign.forward import PARAMETERS, ForwardModel
 from studies.calibrate_branches import ASTRAY, better_branch, misfit, share_astray, thinned
-from studies.calibrate_clouds import Array, Match, Sample
-from studies.calibrate_normal import PRIOR, Normal, directions, loss, scatter, step_to_minimum
-from studies.calibrate_state import State, correction_of, motions_at, state_at
+from studies.calibrate_clouds import Array, Match, Sample, cut
+from studies.calibrate_normal import BLOCK, PRIOR, Normal, directions, loss, scatter, step_to_minimum
+from studies.calibrate_state import Look, State, motions_at
 
 _STEP = 0.03  # of a logarithm, in the first finite differences
 _ITERATIONS = 10
 _CONVERGED = 0.01  # of a logarithm
 _SLIGHT = 0.25  # of a factor's own standard deviation, a step under which is none: the interval is 3 % wider for it
-_NEAR = 0.05  # of a logarithm: steps under it are left to the fine engine
-_FINE_ITERATIONS = 5
+_NEAR = 0.03  # of a logarithm: steps under it are left to the next horizon
+_LENGTHS = (1.0, 2.0, 0.5)  # of a step, simulated at once while that is no dearer than one
+_AT_ONCE = 16  # motions that take a machine of two cores no longer than one
 _DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
 _BRANCHES = 3  # other branches taken at most, fewer with more than four trials and none from seven on: for the time
 
@@ -42,19 +43,18 @@ class Fit:
 
 def fit(
     samples: Sequence[Sample],
-    coarse: ForwardModel,
-    fine: ForwardModel | None = None,
+    forward: ForwardModel,
     *,
     slopes: ForwardModel | None = None,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Fit:
     """Most probable factors given the samples. Each iteration simulates motions and seven differences.
 
-    With `fine`, `coarse` makes the first iterations, its motions corrected by what both are apart at the data sheet.
-    Cloth that buckles multiplies small differences, and that correction, true at the data sheet, is then centimetres
-    off elsewhere; so the last iterations are by `fine` alone. Its differences may come from `slopes`, a cheaper engine,
-    but always from where the factors are: those of another place seem to converge percents off. Where frames are left
-    that the model buckles another way, other branches are tried (studies/calibrate_branches.py).
+    The horizon grows: the first half second alone, then the first second, and so on. Cloth that buckles late goes one
+    way or another at factors a hair apart; what came before leads to factors near enough, and has fewer false minima.
+    `slopes`, a cheaper engine, makes all differences, and the motions too until the last horizon. Differences are
+    always made where the factors are: those of another place seem to converge percents off. Where frames are left that
+    the model buckles another way, other branches are tried (studies/calibrate_branches.py).
 
     All points of a block of 0.5 s share the model's error, so their likelihood is tempered: raised to the power that
     makes its curvature agree with the scatter of the blocks' scores (Pauli, Racugno and Ventura 2011). The covariance
@@ -62,25 +62,20 @@ def fit(
     left because every motion diverges.
     """
     weight = np.diag([1 / PRIOR[name] ** 2 for name in PARAMETERS])
-    start = np.zeros(len(PARAMETERS))
-    correction = correction_of(samples, fine, coarse) if fine is not None else None
-    look = partial(state_at, samples, coarse, correction=correction)
-    state = look(start, along=_STEP * np.eye(len(start)))
-    first = state.found
-    near = _CONVERGED if fine is None else _NEAR
-    state, iterations, converged = _descend(samples, state, look, weight, near, _ITERATIONS, progress)
-    last = coarse if fine is None else fine
-    if fine is not None:
-        _, normal = step_to_minimum(samples, state, weight, 0.0)
-        look = partial(state_at, samples, fine, slopes=slopes)
-        state = look(state.x, along=directions(normal))
-        state, more, converged = _descend(
-            samples, state, look, weight, _CONVERGED, _FINE_ITERATIONS, lambda line: progress(f"fine {line}")
-        )
-        iterations += more
-    state, more, converged = _other_branches(
-        samples, last, state, partial(state_at, samples, last, slopes=slopes), weight, converged, progress
-    )
+    slopes = forward if slopes is None else slopes
+    x, along, iterations = np.zeros(len(PARAMETERS)), _STEP * np.eye(len(PARAMETERS)), 0
+    *early, last = horizons(samples)
+    for horizon in early:
+        look = Look([cut(sample, horizon) for sample in samples], slopes, slopes)
+        begin = look.state(look.places([x])[0], along=along)
+        state, more, _ = _descend(look, begin, weight, f"to {horizon:g} s, ", progress, near=True)
+        _, normal = step_to_minimum(look.samples, state, weight, 0.0)
+        x, along, iterations = state.x, directions(normal), iterations + more
+    look = Look(samples, forward, slopes)
+    place, sheet = look.places([x, np.zeros(len(PARAMETERS))])
+    state, more, converged = _descend(look, look.state(place, along=along), weight, f"to {last:g} s, ", progress)
+    iterations += more
+    state, more, converged = _other_branches(look, state, weight, converged, progress)
     iterations += more
     _, normal = step_to_minimum(samples, state, weight, 0.0)
     return Fit(
@@ -89,7 +84,7 @@ def fit(
         information=normal.information,
         sensitivity=normal.sensitivity,
         scale=normal.scale,
-        before=_capped(first.residual),
+        before=_capped(sheet.found.residual),
         after=_capped(state.found.residual),
         by_trial=np.array([_capped(state.found.residual[state.found.sample == s]) for s in range(len(samples))]),
         astray=share_astray(state.found),
@@ -99,61 +94,65 @@ def fit(
     )
 
 
+def horizons(samples: Sequence[Sample]) -> list[float]:
+    """s after rest, one a descent: 0.5, 1.0 and so on, the last to hold every frame."""
+    count = max(1, int(np.ceil(max(sample.times[-1] for sample in samples) / BLOCK - 1e-6)))
+    return [BLOCK * (k + 1) for k in range(count)]
+
+
 def _descend(
-    samples: Sequence[Sample],
+    look: Look,
     state: State,
-    look: Callable[..., State],
     weight: Array,
-    close: float,
-    most: int,
+    named: str,
     progress: Callable[[str], None],
+    *,
+    near: bool = False,
 ) -> tuple[State, int, bool]:
-    """From `state` until a step is under `close` or slight, or `most` iterations: where that led, how many iterations,
-    and whether it converged."""
+    """From `state` until a step is slight, or with `near` no longer large: where that led, how many iterations, and
+    whether it converged."""
+    close, slight = (_NEAR, 1.0) if near else (_CONVERGED, _SLIGHT)
+    lengths = (1.0,) if near else _LENGTHS[: max(1, _AT_ONCE // len(look.samples))]
     damping, before = 0.0, np.zeros(len(state.x))
-    for iteration in range(1, most + 1):
-        step, normal = step_to_minimum(samples, state, weight, damping)
-        progress(f"iteration {iteration}: {1e3 * _capped(state.found.residual):.3f} mm RMS")
+    for iteration in range(1, _ITERATIONS + 1):
+        step, normal = step_to_minimum(look.samples, state, weight, damping)
+        progress(f"{named}iteration {iteration}: {1e3 * _capped(state.found.residual):.3f} mm RMS")
         own = np.sqrt(np.diag(_covariance(normal, weight)))
         if (step / own) @ (before / own) < 0:  # it takes the last one back: noise of the differences, or a kink
             step = step / 2
-        before = step
         # for new differences; it may still lead to another branch
-        small = bool((np.abs(step) < np.maximum(close, _SLIGHT * own)).all())
-        how = {"changes": state.changes} if small else {"along": directions(normal)}
-        candidate = look(state.x + step, **how)
-        if loss(state, candidate, normal, weight) < 0:
-            state, damping = candidate, damping / 10
+        small = bool((np.abs(step) < np.maximum(close, slight * own)).all())
+        places = look.places([state.x + length * step for length in lengths])
+        worse = [loss(state, place, normal, weight) for place in places]
+        best = int(np.argmin(worse))
+        before = places[best].x - state.x
+        if worse[best] < 0:
+            how = {"changes": state.changes} if small else {"along": directions(normal)}
+            state, damping = look.state(places[best], **how), damping / 10
         else:
             damping = max(10 * damping, _DAMPING)
         if small:
             return state, iteration, True
-    return state, most, False
+    return state, _ITERATIONS, False
 
 
 def _other_branches(
-    samples: Sequence[Sample],
-    forward: ForwardModel,
-    state: State,
-    look: Callable[..., State],
-    weight: Array,
-    converged: bool,
-    progress: Callable[[str], None],
+    look: Look, state: State, weight: Array, converged: bool, progress: Callable[[str], None]
 ) -> tuple[State, int, bool]:
     """From branch to branch while frames go astray and another one leaves less; how many iterations that took."""
     rng, iterations = np.random.default_rng(0), 0
-    few = thinned(samples)
-    for _ in range(min(_BRANCHES, max(0, 20 // len(samples) - 2))):
+    few = thinned(look.samples)
+    for _ in range(min(_BRANCHES, max(0, 20 // len(few) - 2))):
         if share_astray(state.found) < ASTRAY:
             break
-        _, normal = step_to_minimum(samples, state, weight, 0.0)
+        _, normal = step_to_minimum(look.samples, state, weight, 0.0)
         spread = np.linalg.cholesky(np.linalg.inv(normal.information + weight))
-        other = better_branch(few, partial(motions_at, few, forward), state.x, spread, rng)
+        other = better_branch(few, partial(motions_at, few, look.forward), state.x, spread, rng)
         if other is None:
             break
         progress("another branch")
-        start = look(other, along=directions(normal))
-        end, more, ended = _descend(samples, start, look, weight, _CONVERGED, _FINE_ITERATIONS, progress)
+        start = look.state(look.places([other])[0], along=directions(normal))
+        end, more, ended = _descend(look, start, weight, "", progress)
         iterations += more
         left = [misfit(s.found) for s in (state, start, end)]
         if min(left) == left[0]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fabdesign.errors import SimulationError
 from fabdesign.forward import PARAMETERS
 from studies.calibrate_clouds import Array, Match, Sample, frames_of
-from studies.calibrate_state import State
+from studies.calibrate_state import Place, State
 
 # Standard deviations of the logarithms: data sheets are good to tens of percent, their damping to 30 %.
 PRIOR = dict.fromkeys(PARAMETERS, 0.15) | {"damping": 0.30}
@@ -88,7 +88,9 @@ def normal_equations(samples: Sequence[Sample], state: State, weight: Array, ste
     # weights above one would trust points more than their number allows
     seen, scattered = (float(np.trace(inverse @ m)) for m in (hessian, scatter(scores, hessian, weight)))
     tempering = min(1.0, seen / scattered) if scattered > 0 else 1.0  # 0: no point says anything
-    return Normal(j.T @ (w * r), hessian, scores, tempering, scale, j.T @ j / len(j), everywhere)
+    return Normal(
+        j.T @ (w * r), hessian, scores, tempering, scale, (j * frames[:, None]).T @ j / frames.sum(), everywhere
+    )
 
 
 def scatter(scores: Array, information: Array, weight: Array) -> Array:
@@ -99,12 +101,12 @@ def scatter(scores: Array, information: Array, weight: Array) -> Array:
     return np.asarray(centred.T @ centred * count / max(count - fitted, 1.0))
 
 
-def loss(old: State, new: State, normal: Normal, weight: Array) -> float:
+def loss(old: Place, new: Place, normal: Normal, weight: Array) -> float:
     """How much worse `new` is than `old`, over the points that both have; infinite where `new` loses over a tenth."""
     both = np.isfinite(old.found.residual) & np.isfinite(new.found.residual)
     if both.sum() < 0.9 * np.isfinite(old.found.residual).sum():
         return float("inf")
-    rho = [_huber(state.found.residual[both] / normal.scale) for state in (new, old)]
+    rho = [_huber(place.found.residual[both] / normal.scale) for place in (new, old)]
     data = normal.tempering * float((normal.frames[both] * (rho[0] - rho[1])).sum())
     return data + 0.5 * float(new.x @ weight @ new.x - old.x @ weight @ old.x)
 

@@ -10,49 +10,44 @@ from studies.calibrate_clouds import Array, Match, Motion, Sample, derivatives, 
 
 
 @dataclass(frozen=True, eq=False)
-class State:
-    x: Array
-    changes: list[Motion]  # (7, F, 2 n, 3) m a sample, of the vertices
+class Place:
+    x: Array  # (7,) logarithms of the factors
+    motions: list[Motion]  # (F, 2 n, 3) m a sample
     found: Match
+
+
+@dataclass(frozen=True, eq=False)
+class State(Place):
+    changes: list[Motion]  # (7, F, 2 n, 3) m a sample, of the vertices by each factor
     jacobian: Array  # (N, 7) m
 
 
-def state_at(
-    samples: Sequence[Sample],
-    forward: ForwardModel,
-    x: Array,
-    *,
-    along: Array | None = None,
-    changes: list[Motion] | None = None,
-    correction: list[Motion] | None = None,
-    slopes: ForwardModel | None = None,
-) -> State:
-    """Motions at x; and their changes by each factor by forward differences along the rows of `along` (7, 7), in the
-    same batch, or those that are given. `correction` is added to the motions; `slopes` makes the differences instead of
-    `forward`."""
-    others = [] if along is None else [x + row for row in along]
-    if slopes is None or slopes == forward or along is None:
-        base, *moved = motions_at(samples, forward, [x, *others])
-        start = base
-    else:
-        [base] = motions_at(samples, forward, [x])
-        start, *moved = motions_at(samples, slopes, [x, *others])
-    if along is not None:
-        differences = [np.stack([other[s] - start[s] for other in moved]) for s in range(len(samples))]
-        changes = [np.tensordot(np.linalg.inv(along), difference, axes=1) for difference in differences]
-    if changes is None:
-        raise ValueError("neither directions nor changes")
-    if correction is not None:
-        base = [motion + extra for motion, extra in zip(base, correction, strict=True)]
-    found = match(samples, base)
-    return State(x, changes, found, derivatives(found, changes))
+@dataclass(frozen=True, eq=False)
+class Look:
+    """The samples, and the engines that make motions and differences of them."""
 
+    samples: Sequence[Sample]
+    forward: ForwardModel
+    slopes: ForwardModel
 
-def correction_of(samples: Sequence[Sample], fine: ForwardModel, coarse: ForwardModel) -> list[Motion]:
-    """(F, 2 n, 3) m a sample, fine less coarse; nothing where either is lost."""
-    start = np.zeros(len(PARAMETERS))
-    pairs = zip(*(motions_at(samples, forward, [start])[0] for forward in (fine, coarse)), strict=True)
-    return [np.nan_to_num(one - other, nan=0.0) for one, other in pairs]
+    def places(self, xs: Sequence[Array]) -> list[Place]:
+        """All in one batch."""
+        motions = motions_at(self.samples, self.forward, xs)
+        return [Place(x, each, match(self.samples, each)) for x, each in zip(xs, motions, strict=True)]
+
+    def state(self, place: Place, *, along: Array | None = None, changes: list[Motion] | None = None) -> State:
+        """With forward differences along the rows of `along` (7, 7), in one batch, or with changes that are given."""
+        if along is not None:
+            others = [place.x + row for row in along]
+            if self.slopes == self.forward:
+                base, moved = place.motions, motions_at(self.samples, self.slopes, others)
+            else:
+                base, *moved = motions_at(self.samples, self.slopes, [place.x, *others])
+            differences = [np.stack([other[s] - base[s] for other in moved]) for s in range(len(self.samples))]
+            changes = [np.tensordot(np.linalg.inv(along), difference, axes=1) for difference in differences]
+        if changes is None:
+            raise ValueError("neither directions nor changes")
+        return State(place.x, place.motions, place.found, changes, derivatives(place.found, changes))
 
 
 def motions_at(samples: Sequence[Sample], forward: ForwardModel, xs: Sequence[Array]) -> list[list[Motion]]:
