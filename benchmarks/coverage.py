@@ -40,7 +40,7 @@ from studies.rig import run_rig
 from studies.rig.key import Key
 
 LAYOUTS = (("basic", 4), ("side", 4), ("cross", 2), ("vertical", 3))
-FIRST = {"engine": 1000, "test": 20}  # seed of the first set; tests 0 to 19 took part in a choice of the term
+FIRST = {"engine": 1000, "test": 40}  # seed of the first set; tests 0 to 39 took part in choices
 COUNT = {"engine": 20, "test": 20}
 GRID = 61  # as `fabdesign calibrate`
 AT_ONCE = 2  # sets

@@ -30,7 +30,7 @@ class Fit:
     x: Array  # (7,) logarithms of the factors
     covariance: Array  # (7, 7)
     information: Array  # (7, 7) of the data alone, tempered
-    sensitivity: Array  # (7, 7) m^2: mean square change of the residuals is v^T sensitivity v
+    sensitivity: Array  # (7, 7) m^2: mean square change of the residuals, weighted by frame, is v^T sensitivity v
     scale: float  # m, robust standard deviation of the residuals
     before: float  # m, RMS of the residuals capped at 10 mm, at the data sheet
     after: float  # m, the same at the minimum
