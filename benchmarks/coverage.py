@@ -38,6 +38,7 @@ from studies.engine_difference import FILE, data_share, engine_difference
 from studies.evaluate import noise_of
 from studies.rig import run_rig
 from studies.rig.key import Key
+from studies.rig.run import end_with_parent
 
 LAYOUTS = (("basic", 4), ("side", 4), ("cross", 2), ("vertical", 3))
 FIRST = {"engine": 1000, "test": 40}  # seed of the first set; tests 0 to 39 took part in choices
@@ -99,7 +100,8 @@ def results(kind: str, folder: Path, grid: int) -> list[dict]:
     lines = kept.read_text().splitlines() if kept.exists() else []
     done = {row["seed"]: row for row in map(json.loads, lines)}
     seeds = range(FIRST[kind], FIRST[kind] + COUNT[kind])
-    with ProcessPoolExecutor(AT_ONCE, mp_context=multiprocessing.get_context("spawn")) as pool:
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(AT_ONCE, mp_context=spawn, initializer=end_with_parent) as pool:
         waiting = [pool.submit(calibrated, s, folder / f"set_{s}", grid) for s in seeds if s not in done]
         for future in as_completed(waiting):
             row = future.result()

@@ -95,12 +95,12 @@ def _shapes(tasks: Sequence[Task], workers: int | None) -> Iterator[Array]:
         return
     with (
         _single_threaded_children(),
-        ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer=_end_with_parent) as pool,
+        ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer=end_with_parent) as pool,
     ):
         yield from pool.map(control_points, tasks)
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
     """A worker would outlive its killed parent, waiting for work for ever."""
     parent = multiprocessing.parent_process()
     assert parent is not None
