@@ -16,6 +16,7 @@ _STEP = 0.03  # of a logarithm, in the first finite differences
 _ITERATIONS = 10
 _CONVERGED = 0.01  # of a logarithm
 _SLIGHT = 0.25  # of a factor's own standard deviation, a step under which is none: the interval is 3 % wider for it
+_CLOSE = 0.4  # own standard deviations, root mean square over independent combinations: likewise, 8 % wider
 _NEAR = 0.03  # of a logarithm: steps under it are left to the next horizon
 _LENGTHS = (1.0, 2.0, 0.5)  # of a step, simulated at once while that is no dearer than one
 _AT_ONCE = 16  # motions that take a machine of two cores no longer than one
@@ -117,11 +118,13 @@ def _descend(
     for iteration in range(1, _ITERATIONS + 1):
         step, normal = step_to_minimum(look.samples, state, weight, damping)
         progress(f"{named}iteration {iteration}: {1e3 * _capped(state.found.residual):.3f} mm RMS")
-        own = np.sqrt(np.diag(_covariance(normal, weight)))
+        covariance = _covariance(normal, weight)
+        own = np.sqrt(np.diag(covariance))
         if (step / own) @ (before / own) < 0:  # it takes the last one back: noise of the differences, or a kink
             step = step / 2
         # for new differences; it may still lead to another branch
-        small = bool((np.abs(step) < np.maximum(close, slight * own)).all())
+        distance = np.sqrt(step @ np.linalg.solve(covariance, step) / len(step))
+        small = bool(distance < _CLOSE or (np.abs(step) < np.maximum(close, slight * own)).all())
         places = look.places([state.x + length * step for length in lengths])
         worse = [loss(state, place, normal, weight) for place in places]
         best = int(np.argmin(worse))
