@@ -16,7 +16,7 @@ _STEP = 0.03  # of a logarithm, in the first finite differences
 _ITERATIONS = 10
 _CONVERGED = 0.01  # of a logarithm
 _SLIGHT = 0.25  # of a factor's own standard deviation, a step under which is none: the interval is 3 % wider for it
-_CLOSE = 0.4  # own standard deviations, root mean square over independent combinations: likewise, 8 % wider
+_CLOSE = 0.7  # own standard deviations along the step as a whole: likewise, at most 22 % wider in that combination
 _NEAR = 0.03  # of a logarithm: steps under it are left to the next horizon
 _LENGTHS = (1.0, 2.0, 0.5)  # of a step, simulated at once while that is no dearer than one
 _AT_ONCE = 16  # motions that take a machine of two cores no longer than one
@@ -123,7 +123,7 @@ def _descend(
         if (step / own) @ (before / own) < 0:  # it takes the last one back: noise of the differences, or a kink
             step = step / 2
         # for new differences; it may still lead to another branch
-        distance = np.sqrt(step @ np.linalg.solve(covariance, step) / len(step))
+        distance = np.sqrt(step @ np.linalg.solve(covariance, step))
         small = bool(distance < _CLOSE or (np.abs(step) < np.maximum(close, slight * own)).all())
         places = look.places([state.x + length * step for length in lengths])
         worse = [loss(state, place, normal, weight) for place in places]
