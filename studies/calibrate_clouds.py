@@ -34,16 +34,19 @@ def sample_trial(
     trial: Trial, data: TrialData, *, until: float, frames: int, points: int, rng: np.random.Generator
 ) -> Sample:
     """Up to `frames` frames spread over the trial's first `until` seconds, and up to `points` random points of each."""
-    count = max(int(np.searchsorted(data.time, until + 1e-6)), 1)
-    chosen = evenly(count, frames)
+    chosen = evenly(_frames_until(data.time, until), frames)
     clouds = (data.frames[k] for k in chosen)
     drawn = tuple(c if len(c) <= points else c[rng.choice(len(c), points, replace=False)] for c in clouds)
     return Sample(trial, data.time[chosen], drawn)
 
 
+def _frames_until(times: Array, until: float) -> int:
+    return max(int(np.searchsorted(times, until + 1e-6)), 1)
+
+
 def cut(sample: Sample, until: float) -> Sample:
     """Its frames up to `until` s, at least the first."""
-    count = max(int(np.searchsorted(sample.times, until + 1e-6)), 1)
+    count = _frames_until(sample.times, until)
     return replace(sample, times=sample.times[:count], clouds=sample.clouds[:count])
 
 

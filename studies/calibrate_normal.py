@@ -88,9 +88,8 @@ def normal_equations(samples: Sequence[Sample], state: State, weight: Array, ste
     # weights above one would trust points more than their number allows
     seen, scattered = (float(np.trace(inverse @ m)) for m in (hessian, scatter(scores, hessian, weight)))
     tempering = min(1.0, seen / scattered) if scattered > 0 else 1.0  # 0: no point says anything
-    return Normal(
-        j.T @ (w * r), hessian, scores, tempering, scale, (j * frames[:, None]).T @ j / frames.sum(), everywhere
-    )
+    sensitivity = (j * frames[:, None]).T @ j / frames.sum()
+    return Normal(j.T @ (w * r), hessian, scores, tempering, scale, sensitivity, everywhere)
 
 
 def scatter(scores: Array, information: Array, weight: Array) -> Array:
