@@ -2,26 +2,22 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from fabdesign.forward import PARAMETERS, ForwardModel
-from studies.calibrate_branches import ASTRAY, better_branch, misfit, share_astray, thinned
-from studies.calibrate_clouds import Array, Match, Sample, cut
-from studies.calibrate_normal import BLOCK, PRIOR, Normal, directions, loss, scatter, step_to_minimum
-from studies.calibrate_state import Look, State, motions_at
+from studies.calibrate_clouds import Array, Match, Sample, cut, frames_of
+from studies.calibrate_normal import BLOCK, FAR, PRIOR, Normal, directions, loss, scatter, step_to_minimum
+from studies.calibrate_state import Look, State
 
 _STEP = 0.03  # of a logarithm, in the first finite differences
 _ITERATIONS = 10
 _CONVERGED = 0.01  # of a logarithm
-_SLIGHT = 0.25  # of a factor's own standard deviation, a step under which is none: the interval is 3 % wider for it
-_CLOSE = 1.0  # own standard deviation along the step as a whole: the last step, which is still taken
+_CLOSE = 1.0  # standard deviation along a step as a whole: it is the last, and still taken
 _NEAR = 0.03  # of a logarithm: steps under it are left to the next horizon
 _LENGTHS = (1.0, 2.0, 0.5)  # of a step, simulated at once while that is no dearer than one
 _AT_ONCE = 16  # motions that take a machine of two cores no longer than one
 _DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
-_BRANCHES = 3  # other branches taken at most, fewer with more than four trials and none from seven on: for the time
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +50,7 @@ def fit(
     The horizon grows: the first half second alone, then the first second, and so on. Cloth that buckles late goes one
     way or another at factors a hair apart; what came before leads to factors near enough, and has fewer false minima.
     `slopes`, a cheaper engine, makes all differences, and the motions too until the last horizon. Differences are
-    always made where the factors are: those of another place seem to converge percents off. Where frames are left that
-    the model buckles another way, other branches are tried (studies/calibrate_branches.py).
+    always made where the factors are: those of another place seem to converge percents off.
 
     All points of a block of 0.5 s share the model's error, so their likelihood is tempered: raised to the power that
     makes its curvature agree with the scatter of the blocks' scores (Pauli, Racugno and Ventura 2011). The covariance
@@ -76,8 +71,6 @@ def fit(
     place, sheet = look.places([x, np.zeros(len(PARAMETERS))])
     state, more, converged = _descend(look, look.state(place, along=along), weight, f"to {last:g} s, ", progress)
     iterations += more
-    state, more, converged = _other_branches(look, state, weight, converged, progress)
-    iterations += more
     _, normal = step_to_minimum(samples, state, weight, 0.0)
     return Fit(
         x=state.x,
@@ -88,7 +81,7 @@ def fit(
         before=_capped(sheet.found.residual),
         after=_capped(state.found.residual),
         by_trial=np.array([_capped(state.found.residual[state.found.sample == s]) for s in range(len(samples))]),
-        astray=share_astray(state.found),
+        astray=_share_astray(state.found),
         lost=_lost(samples, state.found),
         iterations=iterations,
         converged=converged,
@@ -112,7 +105,7 @@ def _descend(
 ) -> tuple[State, int, bool]:
     """From `state` until a step is slight, or with `near` no longer large: where that led, how many iterations, and
     whether it converged."""
-    close, slight = (_NEAR, 1.0) if near else (_CONVERGED, _SLIGHT)
+    slight = _NEAR if near else _CONVERGED
     lengths = (1.0,) if near else _LENGTHS[: max(1, _AT_ONCE // len(look.samples))]
     damping, before = 0.0, np.zeros(len(state.x))
     for iteration in range(1, _ITERATIONS + 1):
@@ -122,9 +115,9 @@ def _descend(
         own = np.sqrt(np.diag(covariance))
         if (step / own) @ (before / own) < 0:  # it takes the last one back: noise of the differences, or a kink
             step = step / 2
-        # for new differences; it may still lead to another branch
+        # for new differences; it is still looked at before it is taken
         distance = np.sqrt(step @ np.linalg.solve(covariance, step))
-        small = bool(distance < _CLOSE or (np.abs(step) < np.maximum(close, slight * own)).all())
+        small = bool(distance < _CLOSE or np.abs(step).max() < slight)
         places = look.places([state.x + length * step for length in lengths])
         worse = [loss(state, place, normal, weight) for place in places]
         best = int(np.argmin(worse))
@@ -139,31 +132,6 @@ def _descend(
     return state, _ITERATIONS, False
 
 
-def _other_branches(
-    look: Look, state: State, weight: Array, converged: bool, progress: Callable[[str], None]
-) -> tuple[State, int, bool]:
-    """From branch to branch while frames go astray and another one leaves less; how many iterations that took."""
-    rng, iterations = np.random.default_rng(0), 0
-    few = thinned(look.samples)
-    for _ in range(min(_BRANCHES, max(0, 20 // len(few) - 2))):
-        if share_astray(state.found) < ASTRAY:
-            break
-        _, normal = step_to_minimum(look.samples, state, weight, 0.0)
-        spread = np.linalg.cholesky(np.linalg.inv(normal.information + weight))
-        other = better_branch(few, partial(motions_at, few, look.forward), state.x, spread, rng)
-        if other is None:
-            break
-        progress("another branch")
-        start = look.state(look.places([other])[0], along=directions(normal))
-        end, more, ended = _descend(look, start, weight, "", progress)
-        iterations += more
-        left = [misfit(s.found) for s in (state, start, end)]
-        if min(left) == left[0]:
-            break
-        state, converged = (end, ended) if left[2] <= left[1] else (start, False)
-    return state, iterations, converged
-
-
 def _covariance(normal: Normal, weight: Array) -> Array:
     """(7, 7), the sandwich."""
     bread = np.linalg.inv(normal.information + weight)
@@ -175,6 +143,13 @@ def _capped(residual: Array) -> float:
     """m, RMS of what is not lost."""
     kept = residual[np.isfinite(residual)]
     return float(np.sqrt(np.mean(np.square(np.clip(kept, -0.010, 0.010))))) if len(kept) else float("nan")
+
+
+def _share_astray(found: Match) -> float:
+    """Share of frames whose median residual is over FAR times the usual one, or lost."""
+    size = np.where(np.isfinite(found.residual), np.abs(found.residual), np.inf)
+    medians = np.array([np.median(size[points]) for points in frames_of(found)[1]])
+    return float(np.mean(medians > FAR * np.median(medians)))
 
 
 def _lost(samples: Sequence[Sample], found: Match) -> tuple[tuple[str, float], ...]:

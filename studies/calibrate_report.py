@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fabdesign.forward import PARAMETERS
-from studies.calibrate_branches import ASTRAY
 from studies.calibrate_fit import Fit
 from studies.calibrate_normal import PRIOR
 
 if TYPE_CHECKING:
     from studies.calibrate import Calibration
 
+_ASTRAY = 0.03  # share of frames astray from which on it is said
 _LITTLE = 0.8  # of the prior's standard deviation left: the data say little
 _ALIKE = 0.9  # correlation from which two factors are told as a pair
 _WEAK = 1.0  # information in units of the prior's, under which a direction is the data sheet's
@@ -73,7 +73,7 @@ def as_text(calibration: "Calibration") -> str:
     ]
     if not fit.converged:
         lines.append("not converged: the last step was still large")
-    if fit.astray >= ASTRAY:
+    if fit.astray >= _ASTRAY:
         lines.append(
             f"{fit.astray:.0%} of the frames fitted are far off: an effect that the model lacks, or cloth that snaps, "
             "which a finer --grid follows"

@@ -60,16 +60,6 @@ class Curler:
         raise NotImplementedError
 
 
-class Snapper(Curler):
-    """Rolls up the other way at 400 kPa where the factor of shear, which does nothing else, is 0.78 to 1.28."""
-
-    def _motion(self, case, times):
-        front, back = np.split(super()._motion(case, times), 2, axis=1)
-        if case.program.pressure.max() > 390e3 and abs(np.log(case.factors.get("shear", 1.0))) < 0.25:
-            front, back = back * np.float32([1, 1, -1]), front * np.float32([1, 1, -1])
-        return np.concatenate([front, back], axis=1)
-
-
 class Swinger(Curler):
     """After half a second it swings, by an angle that turns over and over with the damping."""
 
@@ -115,17 +105,6 @@ def test_differences_are_taken_along_combinations_that_change_the_shape_by_as_mu
     assert moved.max() == pytest.approx(2e-4)
     prior = np.array([PRIOR[name] for name in PARAMETERS])
     assert np.sqrt(np.square(chosen / prior).sum(axis=1)).max() == pytest.approx(1.5)
-
-
-def test_a_trial_that_the_model_buckles_another_way_leads_to_another_branch(tmp_path, monkeypatch):
-    measured = write(tmp_path / "set", [100, 200, 300, 400, 150])
-    found = calibrate(measured, Snapper(), engines=ONE_ENGINE)
-    assert abs(found.fit.x[PARAMETERS.index("shear")]) > 0.25
-    assert found.fit.after == pytest.approx(np.hypot(0.0006, 0.010 * np.sqrt(0.003)), rel=0.15)
-    assert found.model.factors["damping"] == pytest.approx(1.3, rel=0.01)
-    monkeypatch.setattr("studies.calibrate_fit.ASTRAY", 1.1)  # descents alone never leave it
-    with pytest.raises(InputError, match=r"003\.npz: .* off the fitted motion"):
-        calibrate(measured, Snapper(), engines=ONE_ENGINE)
 
 
 def test_derivatives_are_those_of_moved_surfaces():
