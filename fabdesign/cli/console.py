@@ -1,0 +1,37 @@
+"""What the commands share: the group, options and how they print."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from fabdesign import __version__
+from fabdesign.model import Model
+
+FILE = click.Path(path_type=Path)
+grid_option = click.option("--grid", type=int, help="Grid points a side; by default the model's, or 41.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print a machine-readable result.")
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__)
+def commands() -> None:
+    """Design fabric actuators: a cloth with McKibben muscles laced through it.
+
+    Files and options are in metres, seconds, newtons and kPa; errors are shown in millimetres.
+    """
+
+
+def print_result(result: dict[str, Any], text: str, as_json: bool) -> None:
+    click.echo(json.dumps(result) if as_json else text)
+
+
+def progress(verb: str, what: str = "trials") -> Callable[[int, int], None]:
+    return lambda done, total: click.echo(f"{verb} {done} of {total} {what}", err=True)
+
+
+def points_per_side(grid: int | None, model: Model | None) -> int:
+    """Of the grid: as asked for, else what the model's factors were found on."""
+    return grid or (model or Model()).grid

@@ -1,0 +1,72 @@
+"""Designs and files: write them, check them, make templates of them."""
+
+import json
+import sys
+from pathlib import Path
+
+import click
+
+from fabdesign.cli.console import FILE, commands, json_option, print_result
+
+
+@commands.command()
+@click.argument("layout")
+@click.option("-o", "--output", type=FILE, required=True, help="The design file to write (TOML).")
+@click.option("--name", help="The design's name; the layout's by default.")
+@click.option("--width", type=float, help="Of the cloth, m.")
+@click.option("--height", type=float, help="Of the cloth, m.")
+@click.option("--muscles", type=int, help="How many.")
+@click.option("--pitch", type=float, default=0.02, show_default=True, help="Of the fixed points, m.")
+@json_option
+def new(
+    layout: str,
+    output: Path,
+    name: str | None,
+    width: float | None,
+    height: float | None,
+    muscles: int | None,
+    pitch: float,
+    as_json: bool,
+) -> None:
+    """Write a catalogue LAYOUT (basic, side, cross, vertical) as a design file."""
+    from fabdesign.catalogue import build
+    from fabdesign.design_file import write_design
+
+    design = build(layout, width=width, height=height, muscles=muscles, fixed_point_pitch=pitch, name=name)
+    write_design(design, output)
+    result = {"design": str(output), "muscles": len(design.muscles), "channels": design.channels}
+    print_result(result, f"{output}: {layout}, {len(design.muscles)} muscles on {design.channels} channels", as_json)
+
+
+@commands.command()
+@click.argument("files", nargs=-1, required=True, type=FILE)
+@json_option
+def check(files: tuple[Path, ...], as_json: bool) -> None:
+    """Say whether FILES are sound: designs, trials, sets, pressures, bench tables, models."""
+    from fabdesign.check import problems
+
+    found = {str(file): problems(file) for file in files}
+    if as_json:
+        click.echo(
+            json.dumps({"files": {name: {"sound": not lines, "problems": lines} for name, lines in found.items()}})
+        )
+    for name, lines in found.items():
+        for line in lines:
+            click.echo(f"fabdesign: {line}", err=True)
+        if not lines and not as_json:
+            click.echo(f"{name}: sound")
+    if any(found.values()):
+        sys.exit(2)
+
+
+@commands.command()
+@click.argument("design", type=FILE)
+@click.option("-o", "--output", type=FILE, required=True, help="The folder to write to.")
+@json_option
+def export(design: Path, output: Path, as_json: bool) -> None:
+    """Write 1:1 sewing templates of a DESIGN (SVG, one a face; DXF with the extra dxf) and its cut list (CSV)."""
+    from fabdesign.design_file import read_design
+    from fabdesign.export import export_design
+
+    files = [str(file) for file in export_design(read_design(design), output, stem=design.stem)]
+    print_result({"files": files}, "\n".join(files), as_json)

@@ -1,0 +1,148 @@
+"""Measured data: fuse recordings, calibrate on them, or measure a virtual rig."""
+
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Literal
+
+import click
+
+from fabdesign.cli.console import FILE, commands, json_option, print_result, progress
+
+
+@commands.command()
+@click.argument("recording", type=FILE)
+@click.option("--points", type=int, default=3362, show_default=True, help="Sampled a frame.")
+@click.option("--per-frame", is_flag=True, help="Refine the sensors' poses for each frame.")
+@click.option(
+    "--convention",
+    type=click.Choice(["forward", "backward"]),
+    default="forward",
+    show_default=True,
+    help="Camera axes of the clouds: z forward and y down, or (x, -y, -z) as RealSense SDKs export.",
+)
+@click.option("--skip-bad", is_flag=True, help="Leave out what is unsound, and list it.")
+@click.option("--seed", type=int, default=0, show_default=True)
+@click.option("-o", "--output", type=FILE, required=True, help="The measurement set to write.")
+@json_option
+def fuse(
+    recording: Path,
+    points: int,
+    per_frame: bool,
+    convention: Literal["forward", "backward"],
+    skip_bad: bool,
+    seed: int,
+    output: Path,
+    as_json: bool,
+) -> None:
+    """Register and fuse the depth sensors of a RECORDING into a measurement set."""
+    from studies.fuse import fuse as fuse_recording
+
+    report = fuse_recording(
+        recording,
+        output,
+        points=points,
+        per_frame=per_frame,
+        convention=convention,
+        skip_bad=skip_bad,
+        seed=seed,
+        progress=progress("fused", "frames"),
+    )
+    worst = max(sensor.residual_mm for sensor in report.sensors)
+    lines = [f"{output}: {report.frames} frames, {len(report.sensors)} sensors within {worst:.2f} mm RMS of the cloth"]
+    print_result(asdict(report), "\n".join([*lines, *(f"skipped: {what}" for what in report.skipped)]), as_json)
+
+
+@commands.command()
+@click.argument("source", type=FILE)
+@click.option("--fit", help="What to fit, by comma: orders of trials, names of records; all of role fit without it.")
+@click.option("--skip-bad", is_flag=True, help="Leave out a set's unsound trials, and list them.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the points and frames drawn.")
+@click.option("--grid", default=61, show_default=True, help="Grid points a side of the last iterations; the model's.")
+@click.option("-o", "--output", type=FILE, required=True, help="The model, or of a bench the type, to write (TOML).")
+@json_option
+def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, grid: int, output: Path, as_json: bool) -> None:
+    """Fit the declared parameters to SOURCE, a measurement set; or the law of a bench (a folder with bench.toml)."""
+    if source.name == "bench.toml" or (source / "bench.toml").is_file():
+        _calibrate_bench(source, fit, output, as_json)
+        return
+    from fabdesign.measurement_set import read_set
+    from fabdesign.model_file import write_model
+    from fabdesign.output import new_file
+    from studies.bad_data import sound_trials
+    from studies.calibrate import calibrate as calibrate_set
+    from studies.calibrate import orders_of
+    from studies.calibrate_report import as_text
+
+    measured, skipped = sound_trials(read_set(source), skip_bad=skip_bad)
+    orders = None if fit is None else orders_of(fit)
+    with new_file(output) as unfinished:
+        from sim import Simulator
+
+        found = calibrate_set(
+            measured,
+            Simulator(grid),
+            slopes=Simulator(min(grid, 41)),
+            orders=orders,
+            skipped=skipped,
+            skip_bad=skip_bad,
+            seed=seed,
+            progress=lambda line: click.echo(line, err=True),
+        )
+        write_model(replace(found.model, points_per_side=grid), unfinished)
+    print_result(found.as_json() | {"model": str(output)}, f"{output}: {as_text(found)}", as_json)
+
+
+def _calibrate_bench(source: Path, fit: str | None, output: Path, as_json: bool) -> None:
+    from studies.bench_calibrate import calibrate_bench, write_bench_type
+
+    fitted = calibrate_bench(source, fit=None if fit is None else fit.split(","))
+    files = [str(file) for file in write_bench_type(fitted, output)]
+    result = {
+        "bench": fitted.bench.name,
+        "unit": fitted.unit,
+        "error_fit": fitted.error_fit,
+        "error_left_out": fitted.error_left_out,
+        "error_test": fitted.error_test,
+        "constants": {name: {"value": c.value, "unit": c.unit} for name, c in fitted.constants.items()},
+        "files": files,
+    }
+    print_result(
+        result, f"{files[0]}: {fitted.bench.name}, {fitted.error_fit:.3g} {fitted.unit} RMS on the fit", as_json
+    )
+
+
+@commands.command()
+@click.argument("design", type=FILE)
+@click.argument("more", nargs=-1, metavar="[P.csv]...")
+@click.option("--pressures", multiple=True, required=True, help="A trial each; further ones may just follow.")
+@click.option("--key", type=FILE, help="What the specimen really is; not written into the set.")
+@click.option("--recording", type=FILE, help="A folder for four depth cameras' raw clouds of the first trial.")
+@click.option("--test-trials", type=int, default=0, show_default=True, help="How many of the last have role test.")
+@click.option("-o", "--output", type=FILE, required=True, help="The measurement set to write.")
+@json_option
+def rig(
+    design: Path,
+    more: tuple[str, ...],
+    pressures: tuple[str, ...],
+    key: Path | None,
+    recording: Path | None,
+    test_trials: int,
+    output: Path,
+    as_json: bool,
+) -> None:
+    """Measure a DESIGN on a virtual rig, another engine than `simulate`'s, as a measurement set."""
+    from studies.rig import run_rig
+
+    programs = [*pressures, *more]
+    run_rig(
+        design,
+        programs,
+        out=output,
+        key=key,
+        recording=recording,
+        test_trials=test_trials,
+        progress=progress("measured"),
+    )
+    recorded = None if recording is None else str(recording)
+    result = {"set": str(output), "trials": len(programs), "recording": recorded}
+    print_result(result, f"{output}: {len(programs)} trials of a synthetic rig", as_json)

@@ -1,0 +1,127 @@
+"""Motions of a design: simulate, predict what was measured, and say how far off that is."""
+
+import os
+from contextlib import nullcontext
+from pathlib import Path
+
+import click
+
+from fabdesign.cli.console import FILE, commands, grid_option, json_option, points_per_side, print_result, progress
+from fabdesign.errors import InputError
+
+
+@commands.command()
+@click.argument("design", type=FILE)
+@click.option("--pressures", help='kPa: a CSV, a trial\'s npz, or one constant row such as "400,0,200".')
+@click.option("--model", type=FILE, help="A model file; the data sheet holds without one.")
+@click.option("--duration", type=float, help="Of the motion, s; the pressures' by default.")
+@click.option("--frame-rate", type=float, default=60.0, show_default=True, help="Hz.")
+@click.option(
+    "--self-contact", is_flag=True, help="Layers of the cloth do not pass through each other; 5 to 8 times slower."
+)
+@grid_option
+@click.option("-o", "--output", type=FILE, required=True, help="The npz to write: time, points.")
+@json_option
+def simulate(
+    design: Path,
+    pressures: str | None,
+    model: Path | None,
+    duration: float | None,
+    frame_rate: float,
+    self_contact: bool,
+    grid: int | None,
+    output: Path,
+    as_json: bool,
+) -> None:
+    """Simulate the motion of a DESIGN under given pressures, from rest."""
+    from fabdesign.design_file import read_design
+    from fabdesign.model_file import read_model
+    from fabdesign.output import new_file
+    from fabdesign.pressure_file import constant_program, read_pressures
+    from studies.predict import frame_times, save_motion
+    from studies.predict import simulate as simulate_motion
+
+    loaded = read_design(design)
+    if pressures is None and loaded.channels:
+        raise InputError(f"{design}: has {loaded.channels} channels; expected --pressures for them")
+    program = constant_program([]) if pressures is None else read_pressures(pressures, loaded)
+    times = frame_times(program, duration=duration, frame_rate=frame_rate)
+    fitted = None if model is None else read_model(model)
+    with new_file(output) as unfinished:
+        os.environ.setdefault("FABDESIGN_LANES", "2")  # kernels for a lone design
+        from sim import Simulator
+
+        simulator = Simulator(points_per_side(grid, fitted), self_contact=self_contact)
+        points = simulate_motion(simulator, loaded, program, times, model=fitted)
+        save_motion(unfinished, times, points)
+    result = {"motion": str(output), "frames": len(times), "points": points.shape[1]}
+    print_result(result, f"{output}: {len(times)} frames of {points.shape[1]} points", as_json)
+
+
+@commands.command()
+@click.argument("source", type=FILE)
+@click.option("--model", type=FILE, required=True, help="A model file.")
+@click.option("--design", type=FILE, help="Of a lone trial; a set names its own.")
+@grid_option
+@click.option("-o", "--output", type=FILE, required=True, help="The folder to write to.")
+@json_option
+def predict(source: Path, model: Path, design: Path | None, grid: int | None, output: Path, as_json: bool) -> None:
+    """Predict every trial of a set, or a lone TRIAL.npz, at its own times, as OUTPUT/trials/NAME.npz."""
+    from fabdesign.design_file import read_design
+    from fabdesign.model_file import read_model
+    from studies.predict import predict as predict_trials
+    from studies.predict import trials_of
+
+    fitted = read_model(model)
+    trials = trials_of(source, None if design is None else read_design(design))
+    from sim import Simulator
+
+    predict_trials(Simulator(points_per_side(grid, fitted)), fitted, trials, output, progress=progress("predicted"))
+    files = [str(output / "trials" / trial.file.name) for trial in trials]
+    print_result({"motions": files}, f"{output / 'trials'}: {len(files)} motions", as_json)
+
+
+@commands.command()
+@click.argument("sets", nargs=-1, required=True, type=FILE)
+@click.option("--model", type=FILE, required=True, help="A model file.")
+@click.option("--all", "all_trials", is_flag=True, help="Trials of role fit too, in a table of their own.")
+@click.option("--skip-bad", is_flag=True, help="Leave out a set's unsound trials, and list them.")
+@grid_option
+@click.option("-o", "--output", type=FILE, help="A folder for tables, a picture and the whole result.")
+@json_option
+def evaluate(
+    sets: tuple[Path, ...],
+    model: Path,
+    all_trials: bool,
+    skip_bad: bool,
+    grid: int | None,
+    output: Path | None,
+    as_json: bool,
+) -> None:
+    """Say how far a model's motions are from the measured ones of SETS, before and after, in mm."""
+    from fabdesign.measurement_set import read_set
+    from fabdesign.model_file import read_model
+    from fabdesign.output import new_folder
+    from studies.bad_data import sound_trials
+    from studies.evaluate import evaluate_sets
+    from studies.evaluation_report import tables_markdown, write_evaluation
+    from studies.predict import factors_of
+
+    fitted = read_model(model)
+    factors_of(fitted)
+    checked = [sound_trials(read_set(path), skip_bad=skip_bad) for path in sets]
+    measured, skipped = [found for found, _ in checked], [line for _, lines in checked for line in lines]
+    with nullcontext() if output is None else new_folder(output) as unfinished:
+        from sim import Simulator
+
+        evaluation = evaluate_sets(
+            fitted,
+            measured,
+            Simulator(points_per_side(grid, fitted)),
+            all_trials=all_trials,
+            progress=progress("evaluated"),
+        )
+        if unfinished is not None:
+            write_evaluation(evaluation, unfinished)
+    text = "\n".join([tables_markdown(evaluation), *(f"skipped: {line}" for line in skipped)])
+    print_result(evaluation.as_json() | {"skipped": skipped}, text, as_json)
