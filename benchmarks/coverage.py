@@ -27,7 +27,7 @@ from fabdesign.csv_table import write_rows
 from fabdesign.forward import PARAMETERS, Case
 from fabdesign.measurement_set import read_set
 from fabdesign.metrics import trial_errors
-from fabdesign.model import Model, Parameter
+from fabdesign.model import POINTS_PER_SIDE, Model, Parameter
 from fabdesign.output import write_text
 from fabdesign.pressure import PressureProgram
 from fabdesign.trial import MeasurementSet
@@ -78,8 +78,8 @@ def calibrated(seed: int, folder: Path, grid: int) -> dict:
     simulator = Simulator(points_per_side=grid)
     factors = make(seed, folder)
     measured = read_set(folder)
-    slopes = Simulator(points_per_side=min(grid, 41))
-    found = calibrate(measured, simulator, slopes=slopes)
+    slopes = Simulator(points_per_side=min(grid, POINTS_PER_SIDE))
+    found = calibrate(measured, simulator, slopes=slopes, points_per_side=grid)
     known = Model({name: Parameter(factor, (factor, factor)) for name, factor in factors.items()})
     return {
         "seed": seed,

@@ -42,7 +42,7 @@ class Provenance:
     seed: int | None = None
 
 
-POINTS_PER_SIDE = 41  # of the simulator's grid where no model names another
+POINTS_PER_SIDE = 41  # of the simulator's grid, unless something else is asked for
 
 
 @dataclass(frozen=True)
@@ -50,13 +50,8 @@ class Model:
     parameters: Mapping[str, Parameter] = field(default_factory=dict)  # what is absent stays as declared
     effects: tuple[EffectTerm, ...] = ()
     corrector: Path | None = None  # safetensors
-    points_per_side: int | None = None  # of the simulator's grid that the factors were found on and belong to
+    points_per_side: int = POINTS_PER_SIDE  # of the simulator's grid that the factors were found on and belong to
     provenance: Provenance = Provenance()
-
-    @property
-    def grid(self) -> int:
-        """Points a side to simulate with, where nothing else is asked for."""
-        return self.points_per_side or POINTS_PER_SIDE
 
     @property
     def factors(self) -> dict[str, float]:

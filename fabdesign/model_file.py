@@ -8,7 +8,7 @@ import tomlkit
 
 from fabdesign.errors import InputError
 from fabdesign.forward import PARAMETERS
-from fabdesign.model import EffectTerm, Model, Parameter, Provenance, Quantity
+from fabdesign.model import POINTS_PER_SIDE, EffectTerm, Model, Parameter, Provenance, Quantity
 from fabdesign.output import write_text
 from fabdesign.table import Table, load_toml, nearest
 
@@ -37,7 +37,7 @@ def read_model(path: Path | str) -> Model:
         weights.finish()
         if not corrector.is_file():
             raise InputError(f"{path}: corrector: weights {corrector} is not there")
-    points_per_side = None
+    points_per_side = POINTS_PER_SIDE
     if (simulator := root.table("simulator", None)) is not None:
         points_per_side = simulator.integer("points_per_side", least=9)
         simulator.finish()
@@ -65,8 +65,7 @@ def write_model(model: Model, path: Path | str) -> None:
         ]
     if model.corrector is not None:
         document["corrector"] = {"weights": Path(os.path.relpath(model.corrector, path.parent)).as_posix()}
-    if model.points_per_side is not None:
-        document["simulator"] = {"points_per_side": model.points_per_side}
+    document["simulator"] = {"points_per_side": model.points_per_side}
     origin = model.provenance
     items: dict[str, Any] = {
         "sets": list(origin.sets),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.forward import Case
+from fabdesign.model import POINTS_PER_SIDE
 from sim import fields
 from sim.contact_pairs import Touching
 from sim.faces import faces
@@ -47,7 +48,7 @@ class Simulator:
     muscles; borders that meet head on can pass. Steps then stay short, which costs 5 to 8 times as much.
     """
 
-    points_per_side: int = 41
+    points_per_side: int = POINTS_PER_SIDE
     time_step: float = 1 / 1920  # s, right after a jump of pressure; more in one as time goes on (sim/steps.py)
     calm_steps: int | None = None  # time steps in one, later on; 8 by default, on finer grids 4, with self_contact 1
     iterations: int = 16  # at most, in a step

@@ -12,7 +12,7 @@ import numpy as np
 from fabdesign import __version__
 from fabdesign.errors import InputError
 from fabdesign.forward import PARAMETERS, ForwardModel
-from fabdesign.model import Model, Parameter, Provenance
+from fabdesign.model import POINTS_PER_SIDE, Model, Parameter, Provenance
 from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.splits import fit_trials
 from fabdesign.trial import MeasurementSet, Trial
@@ -70,6 +70,7 @@ def calibrate(
     forward: ForwardModel,
     *,
     slopes: ForwardModel | None = None,
+    points_per_side: int = POINTS_PER_SIDE,
     orders: Collection[int] | None = None,
     skipped: Sequence[str] = (),
     skip_bad: bool = False,
@@ -80,27 +81,17 @@ def calibrate(
     """The seven factors of `fabdesign.forward.PARAMETERS` from the trials of role `fit`, or those of `orders`.
 
     Of more than 16 trials, 16 spread over the session are fitted: 30 frames of the first 1.5 s of each, and 300 points
-    of a frame, by `seed`. `slopes`: see `calibrate_fit.fit`. skipped: lines on bad trials left out
-    before; skip_bad: leave out those too that `trial_checks.doubtful` finds.
+    of a frame, by `seed`. `slopes`: see `calibrate_fit.fit`. points_per_side: of `forward`'s grid, noted in the model.
+    skipped: lines on bad trials left out before; skip_bad: leave out those too that `trial_checks.doubtful` finds.
     engines: (7,) standard deviations of the logarithms for the difference between `forward` and what made the data, by
     default those of the virtual rig.
     Raises InputError for a doubtful trial and where no trial is left, SimulationError where every motion diverges.
     """
     allowed = fit_trials(measured.trials, orders)
     chosen = [allowed[i] for i in evenly(len(allowed), TRIALS)]
-    rng = np.random.default_rng(seed)
-    samples: list[Sample] = []
-    at_rest: list[np.ndarray] = []
-    for trial in chosen:
-        data = trial.load()
-        samples.append(sample_trial(trial, data, until=UNTIL, frames=FRAMES, points=POINTS, rng=rng))
-        if len(at_rest) < _NOISE_FRAMES:
-            at_rest.append(data.frames[0])  # flattest there
-    noise = estimate_noise(at_rest, chosen[0].design.fabric.thickness)
+    samples, noise = _drawn(chosen, seed)
     found = fit(samples, forward, slopes=slopes, progress=progress)
-    agree = not (found.by_trial > DISAGREE).any()
-    lines = {} if agree else doubtful(samples, forward, dict(zip(PARAMETERS, np.exp(found.x), strict=True)))
-    if lines:
+    if lines := _doubts(found, samples, forward):
         tolerance = Tolerance(skip_bad, [*skipped])
         for line in lines.values():
             tolerance.note(InputError(line))
@@ -109,15 +100,14 @@ def calibrate(
         if not samples:
             raise InputError(f"{measured.name}: no trial to fit is left; the first: {skipped[0]}")
         found = fit(samples, forward, slopes=slopes, progress=progress)
-    own = np.sqrt(np.diag(found.covariance))
-    between = engine_difference() if engines is None else engines
-    covariance = found.covariance + np.diag(np.square(data_share(own) * between))
+    covariance = _with_engines(found.covariance, engine_difference() if engines is None else engines)
     deviation = np.sqrt(np.diag(covariance))
     model = Model(
         {
             name: Parameter(float(np.exp(x)), (float(np.exp(x - QUANTILE * s)), float(np.exp(x + QUANTILE * s))))
             for name, x, s in zip(PARAMETERS, found.x, deviation, strict=True)
         },
+        points_per_side=points_per_side,
         provenance=_provenance(measured, chosen, seed),
     )
     return Calibration(
@@ -128,6 +118,31 @@ def calibrate(
         statements=ambiguities(found, covariance),
         skipped=tuple(skipped),
     )
+
+
+def _drawn(trials: Sequence[Trial], seed: int) -> tuple[list[Sample], SensorNoise]:
+    """Some points of some frames of each trial, and the noise of the first frames, where the cloth is flattest."""
+    rng = np.random.default_rng(seed)
+    samples: list[Sample] = []
+    at_rest: list[np.ndarray] = []
+    for trial in trials:
+        data = trial.load()
+        samples.append(sample_trial(trial, data, until=UNTIL, frames=FRAMES, points=POINTS, rng=rng))
+        if len(at_rest) < _NOISE_FRAMES:
+            at_rest.append(data.frames[0])
+    return samples, estimate_noise(at_rest, trials[0].design.fabric.thickness)
+
+
+def _doubts(found: Fit, samples: Sequence[Sample], forward: ForwardModel) -> dict[int, str]:
+    """A line for each trial that disagrees with the rest as a recording would whose faces or clock are wrong."""
+    if not (found.by_trial > DISAGREE).any():
+        return {}
+    return doubtful(samples, forward, dict(zip(PARAMETERS, np.exp(found.x), strict=True)))
+
+
+def _with_engines(covariance: np.ndarray, engines: np.ndarray) -> np.ndarray:
+    """(7, 7), wider by the engines' difference as far as the data, not the data sheet, decide."""
+    return covariance + np.diag(np.square(data_share(np.sqrt(np.diag(covariance))) * engines))
 
 
 def _provenance(measured: MeasurementSet, fitted: Sequence[Trial], seed: int) -> Provenance:

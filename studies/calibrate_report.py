@@ -65,7 +65,7 @@ def as_text(calibration: "Calibration") -> str:
         for name, p in calibration.model.parameters.items()
     ]
     lines = [
-        "factors on the declared values:",
+        f"factors on the declared values, for a grid of {calibration.model.points_per_side} points a side:",
         *rows,
         f"residual {1e3 * fit.before:.2f} -> {1e3 * fit.after:.2f} mm RMS; sensor noise {1e3 * noise.sigma:.2f} mm, "
         f"{100 * noise.strays:.1f} % strays; {fit.iterations} iterations",

@@ -53,7 +53,7 @@ def run_study(
     objective = Objective([Target(t.points, t.time) for t in targets], factors, study.objective)
     starts = _starts(study)
     with _open_history(out, _key(study, targets)) as history:
-        fine, quick = forward_models(forward, coarse, points_per_side=(study.model or Model()).grid)
+        fine, quick = forward_models(forward, coarse, points_per_side=(study.model or Model()).points_per_side)
         search = Search(
             objective,
             starts,

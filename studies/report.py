@@ -46,7 +46,7 @@ def render_report(title: str, sections: Sequence[Section]) -> str:
         sections=sections,
         targets=first.targets,
         synthetic=any(target.synthetic for target in first.targets),
-        points_per_side=(first.study.model or Model()).grid,
+        points_per_side=(first.study.model or Model()).points_per_side,
         errors=_error_cells,
         failed=lambda result: sum(entry.diverged for entry in result.history),
         layout=_layout,

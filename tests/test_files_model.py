@@ -34,7 +34,7 @@ models = st.builds(
         max_size=2,
     ).map(tuple),
     corrector=st.none(),
-    points_per_side=st.none() | st.integers(9, 161),
+    points_per_side=st.integers(9, 161),
     provenance=st.builds(Provenance, lists, lists, lists, texts, texts, st.none() | st.integers(0, 2**31)),
 )
 

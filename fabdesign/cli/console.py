@@ -34,4 +34,4 @@ def progress(verb: str, what: str = "trials") -> Callable[[int, int], None]:
 
 def points_per_side(grid: int | None, model: Model | None) -> int:
     """Of the grid: as asked for, else what the model's factors were found on."""
-    return grid or (model or Model()).grid
+    return grid or (model or Model()).points_per_side

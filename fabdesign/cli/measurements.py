@@ -1,12 +1,13 @@
 """Measured data: fuse recordings, calibrate on them, or measure a virtual rig."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Literal
 
 import click
 
 from fabdesign.cli.console import FILE, commands, json_option, print_result, progress
+from fabdesign.model import POINTS_PER_SIDE
 
 
 @commands.command()
@@ -81,14 +82,15 @@ def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, grid: in
         found = calibrate_set(
             measured,
             Simulator(grid),
-            slopes=Simulator(min(grid, 41)),
+            slopes=Simulator(min(grid, POINTS_PER_SIDE)),
+            points_per_side=grid,
             orders=orders,
             skipped=skipped,
             skip_bad=skip_bad,
             seed=seed,
             progress=lambda line: click.echo(line, err=True),
         )
-        write_model(replace(found.model, points_per_side=grid), unfinished)
+        write_model(found.model, unfinished)
     print_result(found.as_json() | {"model": str(output)}, f"{output}: {as_text(found)}", as_json)
 
 
