@@ -1,15 +1,13 @@
 """Clouds from files: a PLY, an npz of points, a trial's frame, or a mesh that is sampled."""
 
-import zipfile
-import zlib
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.measured_points import require_cloud
+from fabdesign.npz_file import open_npz
 from fabdesign.ply import read_ply
 from fabdesign.surface import Surface
 from fabdesign.trial_file import read_trial
@@ -52,26 +50,16 @@ def read_mesh(path: Path | str, *, size: float | None = None) -> Surface:
 
 
 def _npz(path: Path, frame: int, size: float | None) -> NDArray[np.float64]:
-    names, points = _arrays(path)
-    if "offsets" in names:
+    with open_npz(path, "points (n, 3)") as arrays:
+        points = None if "offsets" in arrays else arrays.get("points")
+    if points is None:
         frames = read_trial(path, size=size).frames
         if not -len(frames) <= frame < len(frames):
             raise InputError(f"{path}: frame {frame}; expected -{len(frames)} to {len(frames) - 1}")
         return frames[frame]
-    if points is None or points.dtype.kind not in "fiu":
-        raise InputError(f"{path}: no array of numbers named points; it has {', '.join(names) or 'none'}")
+    if points.dtype.kind not in "fiu":
+        raise InputError(f"{path}: points is {points.shape} {points.dtype}; expected numbers (n, 3)")
     return points.astype(np.float64)
-
-
-def _arrays(path: Path) -> tuple[list[str], NDArray[Any] | None]:
-    try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
-            names = list(archive.files)
-            return names, archive["points"] if "points" in names else None
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (OSError, ValueError, EOFError, AttributeError, TypeError, RuntimeError, zipfile.BadZipFile, zlib.error):
-        raise InputError(f"{path}: is damaged or cut short; expected an npz with points (n, 3)") from None
 
 
 def _foreign_mesh(path: Path) -> Surface:

@@ -1,20 +1,16 @@
 """A trial's npz: the arrays of `fabdesign.measurement-set/1`."""
 
-import zipfile
-import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.measured_points import require_cloud
+from fabdesign.npz_file import NpzArrays, open_npz
 from fabdesign.output import new_file
 from fabdesign.pressure import PressureProgram
 
@@ -39,7 +35,7 @@ def read_trial(path: Path, *, size: float | None = None) -> TrialData:
 
     Raises InputError for a damaged file, a missing array, one of another shape or type, and an empty or odd cloud.
     """
-    with _arrays(path) as arrays:
+    with open_npz(path, "a trial's arrays") as arrays:
         time, pressure = _time_and_pressure(arrays, path)
         points, scale, offsets = (arrays.get(name) for name in ("points", "scale", "offsets"))
     if scale.shape != () or scale.dtype.kind not in "fiu" or not (np.isfinite(scale) and scale > 0):
@@ -59,7 +55,7 @@ def read_trial(path: Path, *, size: float | None = None) -> TrialData:
 
 def read_trial_pressures(path: Path) -> tuple[Floats, Floats]:
     """`time` (T,) s and `pressure` (T, channels) Pa of a trial, without its clouds. Raises InputError."""
-    with _arrays(path) as arrays:
+    with open_npz(path, "a trial's arrays") as arrays:
         return _time_and_pressure(arrays, path)
 
 
@@ -87,34 +83,7 @@ def write_trial(data: TrialData, path: Path, *, scale: float = 1e-4) -> None:
         )
 
 
-class _Arrays:
-    def __init__(self, archive: np.lib.npyio.NpzFile, path: Path) -> None:
-        self._archive = archive
-        self._path = path
-
-    def get(self, name: str) -> NDArray[Any]:
-        if name not in self._archive.files:
-            raise InputError(f"{self._path}: no array {name}; it has {', '.join(self._archive.files) or 'none'}")
-        return np.asarray(self._archive[name])
-
-
-@contextmanager
-def _arrays(path: Path) -> Iterator[_Arrays]:
-    try:
-        with path.open("rb") as stream:
-            archive = np.load(stream, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
-                raise InputError(f"{path}: holds one array; expected an npz with a trial's arrays")
-            yield _Arrays(archive, path)
-    except InputError:
-        raise
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except (OSError, ValueError, EOFError, KeyError, RuntimeError, zipfile.BadZipFile, zlib.error):
-        raise InputError(f"{path}: is damaged or cut short; expected an npz with a trial's arrays") from None
-
-
-def _time_and_pressure(arrays: _Arrays, path: Path) -> tuple[Floats, Floats]:
+def _time_and_pressure(arrays: NpzArrays, path: Path) -> tuple[Floats, Floats]:
     time, kilopascal = arrays.get("time"), arrays.get("pressure")
     if time.ndim != 1 or len(time) == 0 or time.dtype.kind not in "fiu":
         raise InputError(f"{path}: time is {_shape(time)}; expected (T,) float64")

@@ -116,8 +116,14 @@ def test_clouds_that_no_computation_should_see(write, tmp_path):
     with pytest.raises(InputError, match="damaged or cut short"):
         read_cloud(write(b"PK\x03\x04 cut", "cloud.npz"))
     np.savez(tmp_path / "other.npz", vertices=SQUARE)
-    with pytest.raises(InputError, match="no array of numbers named points; it has vertices"):
+    with pytest.raises(InputError, match="no array points; it has vertices"):
         read_cloud(tmp_path / "other.npz")
+    np.savez(tmp_path / "words.npz", points=np.array(["one", "two"]))
+    with pytest.raises(InputError, match=r"points is \(2,\) <U3; expected numbers"):
+        read_cloud(tmp_path / "words.npz")
+    np.save(tmp_path / "one", SQUARE)
+    with pytest.raises(InputError, match="holds one array; expected an npz"):
+        read_cloud((tmp_path / "one.npy").rename(tmp_path / "one.npz"))
 
 
 def test_clouds_and_meshes_from_their_files(tmp_path):

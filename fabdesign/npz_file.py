@@ -1,0 +1,52 @@
+"""The arrays of an npz; whatever is wrong with the file becomes one line."""
+
+import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError
+
+# what numpy and zipfile raise for damaged bytes
+_DAMAGED = (
+    OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, RuntimeError, zipfile.BadZipFile, zlib.error
+)  # fmt: skip
+
+
+class NpzArrays:
+    """The arrays of an open npz, read as they are asked for."""
+
+    def __init__(self, archive: np.lib.npyio.NpzFile, path: Path) -> None:
+        self._archive = archive
+        self._path = path
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._archive.files
+
+    def get(self, name: str) -> NDArray[Any]:
+        """Raises InputError where it is not there."""
+        if name not in self:
+            raise InputError(f"{self._path}: no array {name}; it has {', '.join(self._archive.files) or 'none'}")
+        return np.asarray(self._archive[name])
+
+
+@contextmanager
+def open_npz(path: Path, expected: str) -> Iterator[NpzArrays]:
+    """Raises InputError, which names what was `expected`, for no file, another one, and damage met inside the block."""
+    try:
+        with path.open("rb") as stream:
+            archive = np.load(stream, allow_pickle=False)
+            if not isinstance(archive, np.lib.npyio.NpzFile):
+                raise InputError(f"{path}: holds one array; expected an npz with {expected}")
+            yield NpzArrays(archive, path)
+    except InputError:  # a ValueError, of this block's own
+        raise
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except _DAMAGED:
+        raise InputError(f"{path}: is damaged or cut short; expected an npz with {expected}") from None
