@@ -42,7 +42,7 @@ def new(
 @click.argument("files", nargs=-1, required=True, type=FILE)
 @json_option
 def check(files: tuple[Path, ...], as_json: bool) -> None:
-    """Say whether FILES are sound: designs, trials, sets, pressures, bench tables, models."""
+    """Say whether FILES are sound: designs, studies, sets, trials, recordings, clouds, pressures, benches, models."""
     from fabdesign.check import problems
 
     found = {str(file): problems(file) for file in files}
