@@ -17,9 +17,9 @@ from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.splits import fit_trials
 from fabdesign.trial import MeasurementSet, Trial
 from studies.bad_data import Tolerance
+from studies.calibrate_ambiguities import ambiguities
 from studies.calibrate_clouds import Sample, evenly, sample_trial
 from studies.calibrate_fit import Fit, fit
-from studies.calibrate_report import ambiguities
 from studies.engine_difference import data_share, engine_difference
 from studies.trial_checks import DISAGREE, doubtful
 

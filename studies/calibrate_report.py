@@ -1,63 +1,11 @@
-"""A calibration in plain words: the table, and what the data cannot tell apart."""
+"""A calibration in plain words: the table, and what else there is to say of the fit."""
 
-from typing import TYPE_CHECKING
-
-import numpy as np
-
-from fabdesign.forward import PARAMETERS
-from studies.calibrate_fit import Fit
-from studies.calibrate_normal import PRIOR
-
-if TYPE_CHECKING:
-    from studies.calibrate import Calibration
+from studies.calibrate import Calibration
 
 _ASTRAY = 0.03  # share of frames astray from which on it is said
-_LITTLE = 0.8  # of the prior's standard deviation left: the data say little
-_ALIKE = 0.9  # correlation from which two factors are told as a pair
-_WEAK = 1.0  # information in units of the prior's, under which a direction is the data sheet's
-_SHARE = 0.35  # of the largest component, for a factor to be named in a combination
 
 
-def ambiguities(fit: Fit, covariance: np.ndarray) -> tuple[str, ...]:
-    """What these data leave open: factors that stay the data sheet's, pairs, and the weakest combination.
-
-    covariance: (7, 7) of the logarithms, whatever the intervals hold included."""
-    prior = np.array([PRIOR[name] for name in PARAMETERS])
-    deviation = np.sqrt(np.diag(covariance))
-    lines = [
-        f"{name}: these data say little; the data sheet decides (to {100 * s:.0f} %)"
-        for name, s, p in zip(PARAMETERS, deviation, prior, strict=True)
-        if s > _LITTLE * p
-    ]
-    correlation = covariance / np.outer(deviation, deviation)
-    for i, first in enumerate(PARAMETERS):
-        for j in range(i):
-            if abs(correlation[i, j]) > _ALIKE:
-                known = "product" if correlation[i, j] < 0 else "ratio"
-                lines.append(
-                    f"{PARAMETERS[j]} and {first}: told apart poorly (correlation {correlation[i, j]:+.2f}); "
-                    f"their {known} is known better than either"
-                )
-    values, vectors = np.linalg.eigh(fit.information * np.outer(prior, prior))
-    for value, vector in zip(values, vectors.T, strict=True):
-        if value < _WEAK:
-            lines.append(_combination(fit, vector * prior))
-    return tuple(lines) or ("all seven factors are told apart by these data",)
-
-
-def _combination(fit: Fit, direction: np.ndarray) -> str:
-    """One prior standard deviation along a direction of the logarithms that the data hardly see."""
-    direction = direction * np.sign(direction[np.argmax(np.abs(direction))])
-    named = np.flatnonzero(np.abs(direction) > _SHARE * np.abs(direction).max())
-    moves = ", ".join(
-        f"{PARAMETERS[k]} {100 * (np.exp(direction[k]) - 1):+.0f} %"
-        for k in sorted(named, key=lambda k: -abs(direction[k]))
-    )
-    seen = 1e3 * float(np.sqrt(max(direction @ fit.sensitivity @ direction, 0.0)))
-    return f"together, {moves}: moves the surface by {seen:.2f} mm RMS only; these data cannot tell"
-
-
-def as_text(calibration: "Calibration") -> str:
+def as_text(calibration: Calibration) -> str:
     """The table and the statements, for people."""
     fit, noise = calibration.fit, calibration.noise
     rows = [
