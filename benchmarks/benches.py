@@ -17,9 +17,9 @@ import numpy as np
 from benchmarks.machine import commit, processor
 from fabdesign.bench_file import read_bench
 from fabdesign.output import write_text
-from studies.bench_actuator import StaticCurve, hold_of
-from studies.bench_cylinder import CylinderLaw, area_alone
-from studies.bench_strip import StripLaw, straight_line
+from studies.benches.actuator import StaticCurve, hold_of
+from studies.benches.cylinder import CylinderLaw, area_alone
+from studies.benches.strip import StripLaw, straight_line
 
 
 def rms(error: np.ndarray) -> float:

@@ -6,8 +6,8 @@
 
 Each set: a catalogue layout, factors drawn from calibration's prior, four trials of 1.5 s with random pressures to fit
 and one more to hold out. Two sets at a time; those already calibrated, in FOLDER/results_61.jsonl, are not done again.
-`engine` writes studies/data/engine_difference.csv, `test` docs/results/coverage.md, or coverage_41.md with 41 points a
-side.
+`engine` writes studies/calibration/engine_difference.csv, `test` docs/results/coverage.md, or coverage_41.md with
+41 points a side.
 """
 
 import argparse
@@ -32,9 +32,9 @@ from fabdesign.output import write_text
 from fabdesign.pressure import PressureProgram
 from fabdesign.trial import MeasurementSet
 from sim import Simulator
-from studies.calibrate import QUANTILE, calibrate
-from studies.calibrate_normal import PRIOR
-from studies.engine_difference import FILE, data_share, engine_difference
+from studies.calibration.calibrate import QUANTILE, calibrate
+from studies.calibration.engine_difference import FILE, data_share, engine_difference
+from studies.calibration.normal import PRIOR
 from studies.evaluate import noise_of
 from studies.rig import run_rig
 from studies.rig.key import Key

@@ -12,11 +12,11 @@ from fabdesign.bench import BenchRecord
 from fabdesign.bench_file import read_bench
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
-from studies.bench_actuator import StaticCurve
-from studies.bench_calibrate import calibrate_bench, write_bench_type
-from studies.bench_cylinder import CylinderLaw, friction_state
-from studies.bench_muscle import BenchMuscle
-from studies.bench_strip import StripLaw, straight_line
+from studies.benches.actuator import StaticCurve
+from studies.benches.calibrate import calibrate_bench, write_bench_type
+from studies.benches.cylinder import CylinderLaw, friction_state
+from studies.benches.muscle import BenchMuscle
+from studies.benches.strip import StripLaw, straight_line
 
 DATA = Path(os.environ.get("FABDESIGN_DATA", Path(__file__).resolve().parents[1] / "../shared/data")) / "bench"
 

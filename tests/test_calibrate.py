@@ -16,13 +16,13 @@ from fabdesign.splits import fit_trials
 from fabdesign.surface import Surface
 from fabdesign.trial_file import write_trial
 from studies.bad_data import sound_trials
-from studies.calibrate import calibrate
-from studies.calibrate_clouds import Match, Sample, derivatives, match
-from studies.calibrate_fit import _descend
-from studies.calibrate_normal import PRIOR, Normal, directions
-from studies.calibrate_report import as_text
-from studies.calibrate_state import Place, State
-from studies.engine_difference import engine_difference
+from studies.calibration.calibrate import calibrate
+from studies.calibration.clouds import Match, Sample, derivatives, match
+from studies.calibration.engine_difference import engine_difference
+from studies.calibration.fit import _descend
+from studies.calibration.normal import PRIOR, Normal, directions
+from studies.calibration.report import as_text
+from studies.calibration.state import Place, State
 
 TIMES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 0.9, 1.2])
 ONE_ENGINE = np.zeros(7)  # the clouds are the forward model's own
@@ -211,7 +211,7 @@ def test_early_frames_lead_past_false_minima_of_late_ones(tmp_path, monkeypatch)
     found = calibrate(measured, Swinger(), engines=ONE_ENGINE)
     assert found.fit.converged
     assert found.model.factors["damping"] == pytest.approx(1.3, rel=0.005)
-    monkeypatch.setattr("studies.calibrate_fit.horizons", lambda samples: [1.4])
+    monkeypatch.setattr("studies.calibration.fit.horizons", lambda samples: [1.4])
     at_once = calibrate(measured, Swinger(), engines=ONE_ENGINE)
     assert abs(np.log(at_once.model.factors["damping"] / 1.3)) > 0.05
     assert at_once.fit.after > 1.5 * found.fit.after

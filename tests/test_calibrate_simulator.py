@@ -9,7 +9,7 @@ from fabdesign.pressure import PressureProgram
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.surface import Surface
 from sim import Simulator
-from studies.calibrate import calibrate
+from studies.calibration.calibrate import calibrate
 
 TRUTH = dict(zip(PARAMETERS, np.exp([0.14, -0.02, -0.16, 0.18, -0.2, -0.05, 0.01]), strict=True))
 TIMES = np.arange(1, 31) / 30  # s

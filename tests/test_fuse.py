@@ -18,8 +18,8 @@ from fabdesign.measurement_set import read_set
 from fabdesign.ply import read_ply, write_ply
 from fabdesign.pressure_file import constant_program
 from fabdesign.recording import read_recording
-from studies.fuse import fuse
-from studies.fuse_reference import off
+from studies.fusion.fuse import fuse
+from studies.fusion.reference import off
 from studies.rig import Key, run_rig
 from studies.rig.scene import Resolution
 

@@ -16,8 +16,8 @@ from fabdesign.model import Model
 from fabdesign.pressure_file import constant_program, read_pressures
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
 from fabdesign.trial_file import TrialData, read_trial, write_trial
-from studies.demo import as_json, as_text, run_demo
-from studies.layouts import run_study
+from studies.layouts.demo import as_json, as_text, run_demo
+from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth
 
 TRUTH = np.array([320e3, 60e3, 210e3])
@@ -170,7 +170,7 @@ def test_a_ply_is_compared_with_the_equilibrium(tmp_path: Path) -> None:
 
 
 def test_the_demo_runs_both_searches_on_embedded_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studies.demo.SECONDS", {"basic": 2.0, "free": 2.0})
+    monkeypatch.setattr("studies.layouts.demo.SECONDS", {"basic": 2.0, "free": 2.0})
     results = run_demo(tmp_path, forward=AnalyticCloth(), coarse=AnalyticCloth(21))
     runs = as_json(results)["runs"]
     assert [run["name"] for run in runs] == ["basic", "free"]

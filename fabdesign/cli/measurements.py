@@ -36,7 +36,7 @@ def fuse(
     as_json: bool,
 ) -> None:
     """Register and fuse the depth sensors of a RECORDING into a measurement set."""
-    from studies.fuse import fuse as fuse_recording
+    from studies.fusion.fuse import fuse as fuse_recording
 
     report = fuse_recording(
         recording,
@@ -70,9 +70,9 @@ def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, grid: in
     from fabdesign.model_file import write_model
     from fabdesign.output import new_file
     from studies.bad_data import sound_trials
-    from studies.calibrate import calibrate as calibrate_set
-    from studies.calibrate import orders_of
-    from studies.calibrate_report import as_text
+    from studies.calibration.calibrate import calibrate as calibrate_set
+    from studies.calibration.calibrate import orders_of
+    from studies.calibration.report import as_text
 
     measured, skipped = sound_trials(read_set(source), skip_bad=skip_bad)
     orders = None if fit is None else orders_of(fit)
@@ -95,7 +95,7 @@ def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, grid: in
 
 
 def _calibrate_bench(source: Path, fit: str | None, output: Path, as_json: bool) -> None:
-    from studies.bench_calibrate import calibrate_bench, write_bench_type
+    from studies.benches.calibrate import calibrate_bench, write_bench_type
 
     fitted = calibrate_bench(source, fit=None if fit is None else fit.split(","))
     files = [str(file) for file in write_bench_type(fitted, output)]

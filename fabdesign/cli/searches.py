@@ -12,9 +12,9 @@ from fabdesign.cli.console import FILE, commands, json_option, print_result
 @json_option
 def demo(output: Path, as_json: bool) -> None:
     """Do the main job on embedded data: a measured cloud becomes a layout, pressures and a report."""
-    from studies.demo import as_json as json_of
-    from studies.demo import as_text, run_demo
-    from studies.progress import LiveLine
+    from studies.layouts.demo import as_json as json_of
+    from studies.layouts.demo import as_text, run_demo
+    from studies.layouts.progress import LiveLine
 
     with LiveLine("demo") as line:
         results = run_demo(output, progress=lambda name, search: line.show(search))
@@ -27,8 +27,8 @@ def demo(output: Path, as_json: bool) -> None:
 @json_option
 def optimize(study: Path, output: Path, as_json: bool) -> None:
     """Find the layout and pressures that come closest to the target of a STUDY (TOML). Ctrl-C ends with the best."""
-    from studies.layouts import run_study
-    from studies.progress import LiveLine
+    from studies.layouts.progress import LiveLine
+    from studies.layouts.run import run_study
 
     with LiveLine(study.stem) as line:
         result = run_study(study, output, progress=line.show).as_json()

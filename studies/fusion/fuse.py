@@ -22,8 +22,8 @@ from fabdesign.recording import Convention, Recording, read_recording
 from studies.bad_data import Tolerance
 
 if TYPE_CHECKING:
-    from studies.fuse_input import Anchored
-    from studies.fuse_joint import View
+    from studies.fusion.input import Anchored
+    from studies.fusion.joint import View
 
 Array = NDArray[np.float64]
 POINTS = 3362  # a frame, as many as 41 x 41 points on two faces
@@ -75,7 +75,7 @@ def fuse(
     if points < 2:
         raise InputError(f"points = {points}; expected at least 2")
     _require_open3d()
-    from studies import fuse_input
+    from studies.fusion import input as fuse_input
 
     given = recording if isinstance(recording, Recording) else read_recording(recording, convention=convention)
     tolerance = Tolerance(skip_bad)
@@ -123,8 +123,8 @@ class _Fusion:
 
     def add(self, index: int, views: "list[View]") -> None:
         """Fuse one frame. Raises InputError."""
-        from studies import fuse_surface as surface
-        from studies.fuse_joint import align_frame
+        from studies.fusion import surface
+        from studies.fusion.joint import align_frame
 
         fabric, sides = self._recording.design.fabric, self._anchored.sides
         poses = align_frame(views, self._poses, sides, fabric.thickness) if self._per_frame else self._poses
@@ -147,7 +147,7 @@ class _Fusion:
         self._last = views
 
     def report(self, skipped: tuple[str, ...], wall: float) -> FusionReport:
-        from studies.fuse_reference import off
+        from studies.fusion.reference import off
 
         sensors = []
         for camera, sensor in enumerate(self._anchored.sensors):
@@ -174,7 +174,7 @@ class _Fusion:
 
     def draw(self, path: Path) -> None:
         """The last frame before and after."""
-        from studies.fuse_picture import draw
+        from studies.fusion.picture import draw
 
         index = int(np.searchsorted(self._recording.times, self.times[-1]))
         before, after = {}, {}

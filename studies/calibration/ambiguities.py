@@ -3,8 +3,8 @@
 import numpy as np
 
 from fabdesign.forward import PARAMETERS
-from studies.calibrate_fit import Fit
-from studies.calibrate_normal import PRIOR
+from studies.calibration.fit import Fit
+from studies.calibration.normal import PRIOR
 
 _LITTLE = 0.8  # of the prior's standard deviation left: the data say little
 _ALIKE = 0.9  # correlation from which two factors are told as a pair

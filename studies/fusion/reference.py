@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.recording import Sensor
-from studies.fuse_cleaning import clean, point_cloud
+from studies.fusion.cleaning import clean, point_cloud
 
 Array = NDArray[np.float64]
 OUTLINE_NOISE = (1e-3, 3e-4, 1e-4)  # m, softness of the cloth's border, round by round

@@ -16,7 +16,7 @@ from fabdesign.pressure_file import SINGLE_ROW_DURATION, constant_program, write
 from fabdesign.study_file import Study
 from optimize.history import Entry
 from optimize.search import INTERRUPTED
-from studies.target import LoadedTarget
+from studies.layouts.target import LoadedTarget
 
 
 @dataclass(frozen=True, eq=False)

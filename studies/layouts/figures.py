@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from fabdesign.distances import nearest_distances
 from fabdesign.muscle import Muscle
 from fabdesign.surface import face_triangles
-from studies.study_result import StudyResult
+from studies.layouts.result import StudyResult
 
 SHOWN = 2000  # target points drawn: enough to see the shape through
 FAR = 8.0  # mm, end of the colour scale

@@ -15,9 +15,9 @@ from plotly.offline import get_plotlyjs
 from fabdesign import __version__
 from fabdesign.metrics import Errors
 from fabdesign.model import Model
-from studies.figures import convergence_figure, scene_figure
-from studies.layout_drawing import layout_svg
-from studies.study_result import StudyResult
+from studies.layouts.drawing import layout_svg
+from studies.layouts.figures import convergence_figure, scene_figure
+from studies.layouts.result import StudyResult
 
 PACKAGES = ("taichi", "nlopt", "numpy", "scipy")
 
@@ -39,7 +39,7 @@ def render_report(title: str, sections: Sequence[Section]) -> str:
         figures[f"curve-{s}"] = convergence_figure(section.result)
     first = sections[0].result
     template = Environment(autoescape=True).from_string(
-        files("studies").joinpath("data/report.html.j2").read_text(encoding="utf-8")
+        files("studies.layouts").joinpath("report.html.j2").read_text(encoding="utf-8")
     )
     return template.render(
         title=title,

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.fuse_cleaning import Cleaned
-from studies.fuse_reference import Pose, moved
+from studies.fusion.cleaning import Cleaned
+from studies.fusion.reference import Pose, moved
 
 Array = NDArray[np.float64]
 REACH = 0.006  # m, between corresponding points, and as much more as the faces lie apart

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from fabdesign.csv_table import decimal, read_rows
 from fabdesign.forward import PARAMETERS
-from studies.calibrate_normal import PRIOR
+from studies.calibration.normal import PRIOR
 
 Array = NDArray[np.float64]
-FILE = Path(__file__).parent / "data" / "engine_difference.csv"
+FILE = Path(__file__).parent / "engine_difference.csv"
 
 
 def engine_difference() -> Array:

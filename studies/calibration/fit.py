@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fabdesign.forward import PARAMETERS, ForwardModel
-from studies.calibrate_clouds import Array, Match, Sample, cut, frames_of
-from studies.calibrate_normal import BLOCK, FAR, PRIOR, Normal, directions, loss, scatter, step_to_minimum
-from studies.calibrate_state import Look, State
+from studies.calibration.clouds import Array, Match, Sample, cut, frames_of
+from studies.calibration.normal import BLOCK, FAR, PRIOR, Normal, directions, loss, scatter, step_to_minimum
+from studies.calibration.state import Look, State
 
 _STEP = 0.03  # of a logarithm, in the first finite differences
 _ITERATIONS = 10

@@ -16,10 +16,10 @@ from fabdesign.curve_file import write_membrane_curve
 from fabdesign.errors import InputError
 from fabdesign.model import Quantity
 from fabdesign.output import new_folder
-from studies.bench_actuator import StaticCurve, hold_of
-from studies.bench_cylinder import CylinderLaw
-from studies.bench_muscle import BenchMuscle
-from studies.bench_strip import StripLaw
+from studies.benches.actuator import StaticCurve, hold_of
+from studies.benches.cylinder import CylinderLaw
+from studies.benches.muscle import BenchMuscle
+from studies.benches.strip import StripLaw
 
 Law = BenchMuscle | StripLaw | CylinderLaw | StaticCurve
 

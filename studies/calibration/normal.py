@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from fabdesign.errors import SimulationError
 from fabdesign.forward import PARAMETERS
-from studies.calibrate_clouds import Array, Match, Sample, frames_of
-from studies.calibrate_state import Place, State
+from studies.calibration.clouds import Array, Match, Sample, frames_of
+from studies.calibration.state import Place, State
 
 # Standard deviations of the logarithms: data sheets are good to tens of percent, their damping to 30 %.
 PRIOR = dict.fromkeys(PARAMETERS, 0.15) | {"damping": 0.30}

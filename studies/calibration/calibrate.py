@@ -17,11 +17,11 @@ from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.splits import fit_trials
 from fabdesign.trial import MeasurementSet, Trial
 from studies.bad_data import Tolerance
-from studies.calibrate_ambiguities import ambiguities
-from studies.calibrate_clouds import Sample, evenly, sample_trial
-from studies.calibrate_fit import Fit, fit
-from studies.engine_difference import data_share, engine_difference
-from studies.trial_checks import DISAGREE, doubtful
+from studies.calibration.ambiguities import ambiguities
+from studies.calibration.clouds import Sample, evenly, sample_trial
+from studies.calibration.engine_difference import data_share, engine_difference
+from studies.calibration.fit import Fit, fit
+from studies.calibration.trial_checks import DISAGREE, doubtful
 
 TRIALS = 16  # fitted at most, spread over those allowed
 UNTIL = 1.5  # s of a trial

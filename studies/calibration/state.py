@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fabdesign.forward import PARAMETERS, Case, ForwardModel
-from studies.calibrate_clouds import Array, Match, Motion, Sample, derivatives, match
+from studies.calibration.clouds import Array, Match, Motion, Sample, derivatives, match
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.fuse_joint import View, gaps
+from studies.fusion.joint import View, gaps
 
 Array = NDArray[np.float64]
 DISAGREE = 0.003  # m, median distance between sensors that is no noise

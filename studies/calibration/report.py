@@ -1,6 +1,6 @@
 """A calibration in plain words: the table, and what else there is to say of the fit."""
 
-from studies.calibrate import Calibration
+from studies.calibration.calibrate import Calibration
 
 _ASTRAY = 0.03  # share of frames astray from which on it is said
 

@@ -11,10 +11,10 @@ from fabdesign.forward import ForwardModel
 from fabdesign.output import new_folder, write_text
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
 from optimize.search import Search
-from studies.layouts import forward_models, run_study
-from studies.picture import save_picture
-from studies.report import Section, render_report
-from studies.study_result import StudyResult
+from studies.layouts.picture import save_picture
+from studies.layouts.report import Section, render_report
+from studies.layouts.result import StudyResult
+from studies.layouts.run import forward_models, run_study
 
 TARGET = "demo_target.npz"
 SOURCE = "last frame, 1.5 s after rest, of trial 078 of set rig_a, a basic motion measured on a synthetic rig"

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError
 from fabdesign.recording import Recording, Sensor
 from studies.bad_data import Tolerance
-from studies.fuse_checks import DISAGREE, disagreement, late_sensor, swapped_pair
-from studies.fuse_cleaning import clean
-from studies.fuse_joint import View, align
-from studies.fuse_reference import Pose, off, register_to_rest
+from studies.fusion.checks import DISAGREE, disagreement, late_sensor, swapped_pair
+from studies.fusion.cleaning import clean
+from studies.fusion.joint import View, align
+from studies.fusion.reference import Pose, off, register_to_rest
 
 Array = NDArray[np.float64]
 REST = -1  # the frame number of the reference

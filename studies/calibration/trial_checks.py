@@ -6,7 +6,7 @@ import numpy as np
 
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.metrics import surface_rms
-from studies.calibrate_clouds import Array, Motion, Sample, evenly
+from studies.calibration.clouds import Array, Motion, Sample, evenly
 
 DISAGREE = 0.003  # m RMS, under which nothing is asked
 BETTER = 0.5  # what another reading must leave of it

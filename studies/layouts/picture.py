@@ -15,8 +15,8 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from mpl_toolkits.mplot3d import Axes3D
 
 from fabdesign.output import new_file
-from studies.layout_drawing import LEAST, MIDDLE, MOST
-from studies.study_result import StudyResult
+from studies.layouts.drawing import LEAST, MIDDLE, MOST
+from studies.layouts.result import StudyResult
 
 SHOWN = 1200  # target points drawn
 COLOURS = LinearSegmentedColormap.from_list("pressure", [tuple(c / 255) for c in (LEAST, MIDDLE, MOST)])

@@ -18,10 +18,10 @@ from optimize.history import History
 from optimize.objective import Objective, Target
 from optimize.search import Search, Stage
 from optimize.starts import Start, layout_starts, pressure_starts, thinned_starts
+from studies.layouts.report import Section, render_report
+from studies.layouts.result import StudyResult, pressures_kpa, write_best
+from studies.layouts.target import LoadedTarget, load_target, target_errors
 from studies.predict import factors_of
-from studies.report import Section, render_report
-from studies.study_result import StudyResult, pressures_kpa, write_best
-from studies.target import LoadedTarget, load_target, target_errors
 
 PRESSURE_STARTS = 31  # screened before pressures are searched
 LAYOUT_STARTS = 64  # screened before layouts are searched; a multiple of what the simulator takes at once

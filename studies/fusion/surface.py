@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fabdesign.errors import InputError
-from studies.fuse_cleaning import NORMAL_NEIGHBOURS, NORMAL_RADIUS, point_cloud
+from studies.fusion.cleaning import NORMAL_NEIGHBOURS, NORMAL_RADIUS, point_cloud
 
 Array = NDArray[np.float64]
 SPARE = 1.13  # grid points over points that are asked for (the paper: about 3,800 over 3,362)

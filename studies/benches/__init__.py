@@ -1,0 +1,1 @@
+"""Laws and constants of specimens on a bench."""

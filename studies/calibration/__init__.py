@@ -1,0 +1,1 @@
+"""Declared parameters from measured clouds (docs/calibration.md)."""

@@ -1,0 +1,1 @@
+"""Depth sensors' clouds become a measurement set."""

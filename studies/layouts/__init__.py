@@ -1,0 +1,1 @@
+"""Searches for a layout and its pressures, and their reports (docs/search.md)."""
