@@ -6,9 +6,10 @@ from fabdesign.catalogue import build
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.pressure_file import constant_program
 from optimize.design_space import DesignSpace, Limits
+from optimize.evaluations import Evaluations, Stage
 from optimize.history import History
 from optimize.objective import Objective, Target
-from optimize.search import Search, Stage
+from optimize.search import search
 from optimize.starts import pressure_starts
 
 
@@ -22,11 +23,11 @@ def main(forward: ForwardModel) -> np.ndarray:
     space = DesignSpace(design, Limits(pressure=(0.0, 400e3)), np.full((1, 2), 200e3))
     stages = [Stage("pressures", forward, keep=2, rounds=10)]
     with History(":memory:", "example") as history:
-        search = Search(
+        evaluations = Evaluations(
             Objective([Target(noisy)]), pressure_starts(space, 8, seed=1), stages, history, seconds=60, evaluations=500
         )
-        reason = search.run()
-        found_space, x = search.best_point()
+        reason = search(evaluations)
+        found_space, x = evaluations.best_point()
     found = found_space.decode(x)[1][0]
     print(f"{reason}; found {found / 1e3} kPa, made with {made_with / 1e3} kPa")
     assert np.abs(found - made_with).max() < 15e3

@@ -10,9 +10,10 @@ import pytest
 from fabdesign.catalogue import build
 from fabdesign.forward import Case
 from optimize.design_space import DesignSpace, Limits
+from optimize.evaluations import Evaluations, Stage
 from optimize.history import History
 from optimize.objective import Measure, Objective, Target
-from optimize.search import Search, Stage
+from optimize.search import search
 from optimize.starts import layout_starts, pressure_starts
 from tests.analytic_cloth import AnalyticCloth
 
@@ -30,17 +31,17 @@ def target_of(pressures: np.ndarray) -> Target:
     return Target(shape + np.random.default_rng(7).normal(0, NOISE, shape.shape), 1.5)
 
 
-def search(
+def within(
     history: History,
     *,
     forward: AnalyticCloth | None = None,
     seconds: float = 600.0,
     evaluations: int = 20_000,
-    on_progress: Callable[[Search], None] = lambda _: None,
+    on_progress: Callable[[Evaluations], None] = lambda _: None,
     objective: Objective | None = None,
-) -> Search:
+) -> Evaluations:
     model = forward or AnalyticCloth(21)
-    return Search(
+    return Evaluations(
         objective or Objective([target_of(TRUTH)]),
         pressure_starts(SPACE, 8, seed=1),
         [Stage("first", model, keep=2, rounds=10), Stage("full model", AnalyticCloth(), keep=1, rounds=4)],
@@ -51,7 +52,7 @@ def search(
     )
 
 
-def found_pressures(searched: Search) -> np.ndarray:
+def found_pressures(searched: Evaluations) -> np.ndarray:
     space, x = searched.best_point()
     return space.decode(x)[1]
 
@@ -61,8 +62,8 @@ def test_pressures_are_recovered_from_a_noisy_cloud(measure: Measure, share: int
     target = target_of(TRUTH)
     objective = Objective([Target(target.points[::share], target.time)], measure=measure)
     with History(":memory:", "a") as history:
-        searched = search(history, objective=objective)
-        reason = searched.run()
+        searched = within(history, objective=objective)
+        reason = search(searched)
     # 0.6 mm of noise on 420 points and more leaves some 0.05 mm of shape undecided: a few kPa
     np.testing.assert_allclose(found_pressures(searched), TRUTH, atol=8e3)
     assert reason.startswith("converged")
@@ -80,8 +81,8 @@ def test_a_layout_comes_as_close_as_the_one_that_made_the_target() -> None:
         Stage("full model", AnalyticCloth(), keep=1, rounds=4, vary_positions=True),
     ]
     with History(":memory:", "a") as history:
-        searched = Search(objective, starts, stages, history, seconds=600, evaluations=20_000)
-        searched.run()
+        searched = Evaluations(objective, starts, stages, history, seconds=600, evaluations=20_000)
+        search(searched)
         values = [entry.objective for entry in history.entries()]
     assert searched.best is not None
     assert searched.best.value < truth + 0.3e-3
@@ -97,18 +98,18 @@ def test_a_start_that_breaks_the_spacing_is_led_to_where_it_is_kept() -> None:
     assert not replace(space, vary_positions=True).feasible(x)
     stage = Stage("positions", AnalyticCloth(21), keep=1, rounds=4, vary_positions=True)
     with History(":memory:", "a") as history:
-        searched = Search(
+        searched = Evaluations(
             Objective([target_of(TRUTH)]), [(space, x[-2:])], [stage], history, seconds=600, evaluations=200
         )
-        searched.run()
+        search(searched)
     found_space, found = searched.best_point()
     assert found_space.margins(found).min() >= -1e-7
 
 
 def test_evaluations_are_a_hard_limit() -> None:
     with History(":memory:", "a") as history:
-        searched = search(history, evaluations=21)
-        assert searched.run() == "the limit of 21 evaluations is reached"
+        searched = within(history, evaluations=21)
+        assert search(searched) == "the limit of 21 evaluations is reached"
         assert history.evaluations == len(history.entries()) == 21
         assert searched.best is not None
         assert searched.best.value == min(entry.objective for entry in history.entries())
@@ -116,15 +117,15 @@ def test_evaluations_are_a_hard_limit() -> None:
 
 def test_seconds_are_a_hard_limit() -> None:
     with History(":memory:", "a") as history:
-        searched = search(history, seconds=0.0)
-        assert searched.run() == "the limit of 0 s is reached"
+        searched = within(history, seconds=0.0)
+        assert search(searched) == "the limit of 0 s is reached"
     np.testing.assert_array_equal(found_pressures(searched), SPACE.start_pressures)  # nothing better is known
 
 
 def test_diverged_designs_get_a_finite_penalty_and_are_recorded() -> None:
     with History(":memory:", "a") as history:
-        searched = search(history, forward=AnalyticCloth(21, fail_above=330e3))
-        searched.run()
+        searched = within(history, forward=AnalyticCloth(21, fail_above=330e3))
+        search(searched)
         entries = history.entries()
     diverged = [entry for entry in entries if entry.diverged]
     assert 0 < len(diverged) < len(entries) / 2
@@ -147,8 +148,8 @@ class Interrupted(AnalyticCloth):
 
 def test_interrupting_ends_with_the_best_so_far() -> None:
     with History(":memory:", "a") as history:
-        searched = search(history, forward=Interrupted(4, KeyboardInterrupt))
-        assert searched.run().startswith("interrupted")
+        searched = within(history, forward=Interrupted(4, KeyboardInterrupt))
+        assert search(searched).startswith("interrupted")
         assert searched.best is not None
         assert searched.best.value == min(entry.objective for entry in history.entries())
 
@@ -156,14 +157,14 @@ def test_interrupting_ends_with_the_best_so_far() -> None:
 @pytest.mark.parametrize("call", [0, 3, 4, 5])
 def test_a_killed_search_goes_on_to_the_same_end(tmp_path: Path, call: int) -> None:
     with History(tmp_path / "whole.sqlite", "a") as history:
-        whole = search(history)
-        whole.run()
+        whole = within(history)
+        search(whole)
         straight = [entry.x for entry in history.entries()]
     with History(tmp_path / "cut.sqlite", "a") as history, pytest.raises(SystemExit):
-        search(history, forward=Interrupted(call, SystemExit)).run()
+        search(within(history, forward=Interrupted(call, SystemExit)))
     with History(tmp_path / "cut.sqlite", "a") as history:
-        resumed = search(history)
-        resumed.run()
+        resumed = within(history)
+        search(resumed)
         repeated = [entry.x for entry in history.entries()]
     np.testing.assert_array_equal(found_pressures(resumed), found_pressures(whole))
     assert set(straight) <= set(repeated)
@@ -172,19 +173,19 @@ def test_a_killed_search_goes_on_to_the_same_end(tmp_path: Path, call: int) -> N
 
 def test_a_finished_search_is_not_run_again(tmp_path: Path) -> None:
     with History(tmp_path / "history.sqlite", "a") as history:
-        first = search(history)
-        first.run()
+        first = within(history)
+        search(first)
         evaluations = history.evaluations
     with History(tmp_path / "history.sqlite", "a") as history:
-        again = search(history, forward=Interrupted(0, AssertionError))
-        again.run()
+        again = within(history, forward=Interrupted(0, AssertionError))
+        search(again)
         assert history.evaluations == evaluations
     np.testing.assert_array_equal(found_pressures(again), found_pressures(first))
 
 
 def test_another_study_does_not_take_over_a_history(tmp_path: Path) -> None:
     with History(tmp_path / "history.sqlite", "a") as history:
-        search(history, evaluations=9).run()
+        search(within(history, evaluations=9))
         assert history.evaluations == 9
     with History(tmp_path / "history.sqlite", "b") as history:
         assert history.evaluations == 0
@@ -195,6 +196,6 @@ def test_another_study_does_not_take_over_a_history(tmp_path: Path) -> None:
 def test_every_call_is_a_full_batch() -> None:
     model = AnalyticCloth(21)
     with History(":memory:", "a") as history:
-        search(history, forward=model).run()
+        search(within(history, forward=model))
         coarse = sum(entry.stage == "first" for entry in history.entries())
     assert coarse / model.calls > 4  # two searches of three variables: six slopes, or two to six trials, a call

@@ -17,7 +17,7 @@ def demo(output: Path, as_json: bool) -> None:
     from studies.layouts.progress import LiveLine
 
     with LiveLine("demo") as line:
-        results = run_demo(output, progress=lambda name, search: line.show(search))
+        results = run_demo(output, progress=lambda name, evaluations: line.show(evaluations))
     print_result(json_of(results), f"{as_text(results)}\nreport: {output / 'report.html'}", as_json)
 
 

@@ -10,7 +10,7 @@ from fabdesign.catalogue import build
 from fabdesign.forward import ForwardModel
 from fabdesign.output import new_folder, write_text
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
-from optimize.search import Search
+from optimize.evaluations import Evaluations
 from studies.layouts.picture import save_picture
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult
@@ -28,7 +28,7 @@ def run_demo(
     *,
     forward: ForwardModel | None = None,
     coarse: ForwardModel | None = None,
-    progress: Callable[[str, Search], None] = lambda name, search: None,
+    progress: Callable[[str, Evaluations], None] = lambda name, evaluations: None,
 ) -> list[StudyResult]:
     """Run both studies, `basic` and `free`, into folders of these names in `out`, and write `out/report.html` and
     `out/demo.png`.
@@ -89,5 +89,5 @@ def as_text(results: Sequence[StudyResult]) -> str:
     return "\n".join(rows)
 
 
-def _named(progress: Callable[[str, Search], None], name: str) -> Callable[[Search], None]:
-    return lambda search: progress(name, search)
+def _named(progress: Callable[[str, Evaluations], None], name: str) -> Callable[[Evaluations], None]:
+    return lambda evaluations: progress(name, evaluations)

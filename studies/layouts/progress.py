@@ -7,7 +7,7 @@ from typing import Self
 from rich.console import Console
 from rich.status import Status
 
-from optimize.search import Search
+from optimize.evaluations import Evaluations
 
 QUIET_INTERVAL = 10.0  # s between lines where standard error is no terminal
 
@@ -20,10 +20,10 @@ class LiveLine:
         self._status = Status(title, console=self._console) if self._console.is_terminal else None
         self._shown = -QUIET_INTERVAL
 
-    def show(self, search: Search) -> None:
-        best = "none yet" if search.best is None else f"{1e3 * search.best.value:.3f} mm"
-        done = f"{search.history.evaluations} evaluations, {search.elapsed:.0f} s"
-        line = f"{self._title}: {search.stage}: best {best}, {done}"
+    def show(self, evaluations: Evaluations) -> None:
+        best = "none yet" if evaluations.best is None else f"{1e3 * evaluations.best.value:.3f} mm"
+        done = f"{evaluations.history.evaluations} evaluations, {evaluations.elapsed:.0f} s"
+        line = f"{self._title}: {evaluations.stage}: best {best}, {done}"
         if self._status is not None:
             self._status.update(line)
         elif time.monotonic() - self._shown > QUIET_INTERVAL:

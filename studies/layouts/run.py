@@ -14,9 +14,10 @@ from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.output import write_text
 from fabdesign.study_file import Study, read_study, require_searchable
 from optimize.design_space import DesignSpace, Limits, constraint_margins
+from optimize.evaluations import Evaluations, Stage
 from optimize.history import History
 from optimize.objective import Objective, Target
-from optimize.search import Search, Stage
+from optimize.search import search
 from optimize.starts import Start, layout_starts, pressure_starts, thinned_starts
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult, pressures_kpa, write_best
@@ -35,7 +36,7 @@ def run_study(
     *,
     forward: ForwardModel | None = None,
     coarse: ForwardModel | None = None,
-    progress: Callable[[Search], None] = lambda _: None,
+    progress: Callable[[Evaluations], None] = lambda _: None,
 ) -> StudyResult:
     """Search, and write `result.json`, `design.toml`, `pressures.csv` and `report.html` into `out`.
 
@@ -54,7 +55,7 @@ def run_study(
     starts = _starts(study)
     with _open_history(out, _key(study, targets)) as history:
         fine, quick = forward_models(forward, coarse, points_per_side=(study.model or Model()).points_per_side)
-        search = Search(
+        evaluations = Evaluations(
             objective,
             starts,
             _stages(study, quick, fine),
@@ -63,8 +64,8 @@ def run_study(
             evaluations=study.limits.evaluations,
             on_progress=_keeping_best(out, targets, progress),
         )
-        stop_reason = search.run()
-        result = _result(study, targets, objective, search, fine, stop_reason)
+        stop_reason = search(evaluations)
+        result = _result(study, targets, evaluations, fine, stop_reason)
     result.write(out)
     write_text(out / "report.html", render_report(study.name, [Section(study.name, result)]))
     return result
@@ -143,26 +144,27 @@ def _open_history(out: Path, key: str) -> History:
 
 
 def _keeping_best(
-    out: Path, targets: tuple[LoadedTarget, ...], progress: Callable[[Search], None]
-) -> Callable[[Search], None]:
+    out: Path, targets: tuple[LoadedTarget, ...], progress: Callable[[Evaluations], None]
+) -> Callable[[Evaluations], None]:
     """Progress that also writes the best so far, as often as it changes."""
     written: list[float] = []
 
-    def report(search: Search) -> None:
-        if search.best is not None and written[-1:] != [search.best.value]:
-            written.append(search.best.value)
-            space, x = search.best_point()
+    def report(evaluations: Evaluations) -> None:
+        if evaluations.best is not None and written[-1:] != [evaluations.best.value]:
+            written.append(evaluations.best.value)
+            space, x = evaluations.best_point()
             design, pressures = space.decode(x)
+            stage = evaluations.stages[evaluations.best.stage]
             unfinished = {
-                "objective_mm": 1e3 * search.best.value,
-                "evaluations": search.history.evaluations,
-                "wall_s": search.elapsed,
+                "objective_mm": 1e3 * evaluations.best.value,
+                "evaluations": evaluations.history.evaluations,
+                "wall_s": evaluations.elapsed,
                 "muscles": [asdict(muscle) for muscle in design.muscles],
                 "pressures_kpa": pressures_kpa(pressures),
-                "stop_reason": f"unfinished: the best so far, in stage {search.stages[search.best.stage].name}",
+                "stop_reason": f"unfinished: the best so far, in stage {stage.name}",
             }
             write_best(out, design, pressures, unfinished, [target.time for target in targets])
-        progress(search)
+        progress(evaluations)
 
     return report
 
@@ -170,16 +172,15 @@ def _keeping_best(
 def _result(
     study: Study,
     targets: tuple[LoadedTarget, ...],
-    objective: Objective,
-    search: Search,
+    evaluations: Evaluations,
     forward: ForwardModel,
     stop_reason: str,
 ) -> StudyResult:
     """The best, valued once more on the full model, and the resting cloth beside it."""
-    space, x = search.best_point()
+    space, x = evaluations.best_point()
     design, pressures = space.decode(x)
     still = DesignSpace(design, _limits(study), np.zeros_like(pressures), vary_pressures=False)
-    shape, rest = objective.shapes(forward, [(space, x), (still, np.empty(0))])
+    shape, rest = evaluations.objective.shapes(forward, [(space, x), (still, np.empty(0))])
     if not (np.all(np.isfinite(shape)) and np.all(np.isfinite(rest))):
         raise SimulationError(f"{study.name}: the best design diverges on the full model; {stop_reason}")
     return StudyResult(
@@ -192,7 +193,7 @@ def _result(
         errors=target_errors(targets, shape, design, seed=study.seed),
         rest_errors=target_errors(targets, rest, design, seed=study.seed, draws=1),
         constraints=constraint_margins(design, pressures, _limits(study)),
-        history=tuple(search.history.entries()),
-        wall_s=search.elapsed,
+        history=tuple(evaluations.history.entries()),
+        wall_s=evaluations.elapsed,
         stop_reason=stop_reason,
     )

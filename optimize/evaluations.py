@@ -1,0 +1,143 @@
+"""The evaluations of a search: batches within its limits, all recorded, the best kept."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fabdesign.forward import ForwardModel
+from optimize.design_space import DesignSpace, Vector
+from optimize.history import Entry, History
+from optimize.objective import Objective, Shape
+
+Point = tuple[int, Vector]  # the number of the start, for its space, and the vector
+
+BATCH = 32  # designs a forward call: twice the simulator's lanes
+PENALTY = 1.0  # m, for a diverged design, or twice the worst seen: worse than all others, and finite
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The best `keep` of what came before go on for up to `rounds` rounds each, on this forward model.
+
+    No round begins after the share `until` of the search's seconds, so that a slow machine gets to the last stage too.
+    slopes: a cheaper model of the same shape that finite differences are taken on; `forward` itself by default.
+    """
+
+    name: str
+    forward: ForwardModel
+    keep: int
+    rounds: int
+    vary_positions: bool = False
+    until: float = 1.0
+    slopes: ForwardModel | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Best:
+    start: int
+    x: Vector
+    value: float  # m, on the forward model of the stage
+    stage: int
+
+
+class Stop(Exception):
+    """A limit is reached; the text says which."""
+
+
+class Evaluations:
+    """Values designs on the stages' forward models within limits, and keeps the best so far in `best`.
+
+    starts: (space, vector) each. `seconds` includes the earlier sessions of `history`. on_progress is told after every
+    batch.
+    """
+
+    def __init__(
+        self,
+        objective: Objective,
+        starts: Sequence[tuple[DesignSpace, Vector]],
+        stages: Sequence[Stage],
+        history: History,
+        *,
+        seconds: float,
+        evaluations: int,
+        on_progress: Callable[["Evaluations"], None] = lambda _: None,
+    ) -> None:
+        self.starts, self.stages, self.history = starts, stages, history
+        self.best: Best | None = None
+        self.stage = "start"  # under way
+        self.objective, self._on_progress = objective, on_progress
+        self._seconds, self._most = seconds, evaluations
+        self._began = time.monotonic() - history.seconds
+        self._pace: dict[tuple[int, int, bool], float] = {}  # s that a batch of a size took last in a stage
+
+    @property
+    def elapsed(self) -> float:
+        """s spent, earlier sessions of this history included."""
+        return time.monotonic() - self._began
+
+    def best_point(self) -> tuple[DesignSpace, Vector]:
+        """The best so far; before the first evaluation, the first start."""
+        if self.best is None:
+            return self.starts[0]
+        return self.space(self.best.start, self.best.stage), self.best.x
+
+    def space(self, start: int, number: int) -> DesignSpace:
+        """The start's, with the freedom that the stage of this number gives."""
+        return replace(self.starts[start][0], vary_positions=self.stages[number].vary_positions)
+
+    def may_begin(self, stage: Stage) -> bool:
+        """Whether there is time for another round of it."""
+        return stage.until == 1.0 or self.elapsed < stage.until * self._seconds
+
+    def evaluate(
+        self, number: int, points: Sequence[Point], cheap: ForwardModel | None = None
+    ) -> list[tuple[float, Shape]]:
+        """Value [m] and shape of every point on the model of the stage of this number, or on `cheap`; each is recorded,
+        and becomes `best` where it is, unless on `cheap`. Raises Stop."""
+        results: list[tuple[float, Shape]] = []
+        while len(results) < len(points):
+            left = self._most - self.history.evaluations
+            if left <= 0:
+                raise Stop(f"the limit of {self._most} evaluations is reached")
+            batch = points[len(results) : len(results) + min(BATCH, left)]
+            self.require_time(self._pace.get((number, len(batch), cheap is None), 0.0))
+            begin = self.elapsed
+            results += self._evaluate_batch(number, batch, cheap)
+            self._pace[number, len(batch), cheap is None] = self.elapsed - begin
+            self._on_progress(self)
+        return results
+
+    def require_time(self, needed: float = 0.0) -> None:
+        """Raises Stop where less than `needed` s are left."""
+        if self.elapsed + needed > self._seconds:
+            raise Stop(f"the limit of {self._seconds:g} s is reached")
+
+    def _evaluate_batch(
+        self, number: int, batch: Sequence[Point], cheap: ForwardModel | None
+    ) -> list[tuple[float, Shape]]:
+        stage = self.stages[number]
+        self.stage = stage.name
+        spaces = [self.space(start, number) for start, _ in batch]
+        points = [(space, x) for space, (_, x) in zip(spaces, batch, strict=True)]
+        shapes = self.objective.shapes(cheap or stage.forward, points)
+        found = [self.objective.value(shape) for shape in shapes]
+        penalty = max(PENALTY, 2 * max([self.history.worst, *(v for v in found if np.isfinite(v))]))
+        values = [v if np.isfinite(v) else penalty for v in found]
+        seconds = self.elapsed
+        self.history.add(
+            Entry(
+                seconds,
+                stage.name if cheap is None else f"{stage.name}, slopes",
+                value,
+                not np.isfinite(raw),
+                tuple(map(float, x)),
+            )
+            for value, raw, (_, x) in zip(values, found, batch, strict=True)
+        )
+        for value, space, (start, x) in zip(values, spaces, batch, strict=True) if cheap is None else ():
+            known = self.best is not None and self.stages[self.best.stage].forward is stage.forward
+            if space.feasible(x) and not (known and self.best is not None and self.best.value <= value):
+                self.best = Best(start, x.copy(), value, number)
+        return list(zip(values, shapes, strict=True))
