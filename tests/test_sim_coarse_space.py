@@ -6,8 +6,10 @@ import scipy.linalg
 import taichi as ti
 
 from sim import Simulator
+from sim.coarse_bent import bent
+from sim.coarse_flat import flat, pull
 from sim.coarse_solve import factor
-from sim.coarse_space import bent, copy, flat, pull
+from sim.coarse_space import copy
 from sim.fields import COARSE, COARSE_ACROSS, COARSE_DOWN, LANES, SPREAD, C, F
 from sim.modes import modes_across, modes_down
 from sim.muscle_solve import solve
