@@ -19,7 +19,7 @@ from studies.bad_data import sound_trials
 from studies.calibration.calibrate import calibrate
 from studies.calibration.clouds import Match, Sample, derivatives, match
 from studies.calibration.engine_difference import engine_difference
-from studies.calibration.fit import _descend
+from studies.calibration.fit import _descend, horizons
 from studies.calibration.normal import PRIOR, Normal, directions
 from studies.calibration.report import as_text
 from studies.calibration.state import Place, State
@@ -215,6 +215,20 @@ def test_early_frames_lead_past_false_minima_of_late_ones(tmp_path, monkeypatch)
     at_once = calibrate(measured, Swinger(), engines=ONE_ENGINE)
     assert abs(np.log(at_once.model.factors["damping"] / 1.3)) > 0.05
     assert at_once.fit.after > 1.5 * found.fit.after
+
+
+def test_horizons_are_those_with_frames_of_their_own():
+    early, late = (Sample(None, np.array(times), ()) for times in ([0.0, 0.5, 0.6], [0.4, 1.4, 2.2]))
+    assert horizons([early]) == [0.5, 1.0]
+    assert horizons([early, late]) == [0.5, 1.0, 1.5, 2.5]
+
+
+def test_one_frame_of_a_cloth_at_rest_leaves_the_data_sheet(tmp_path):
+    """Which is said once: no combinations of factors on which the data say little."""
+    measured = write(tmp_path / "set", [0, 0], times=TIMES[:1])
+    found = calibrate(measured, Curler(), engines=ONE_ENGINE)
+    assert [line.split(":")[0] for line in found.statements] == list(PARAMETERS)
+    assert found.fit.x == pytest.approx(np.zeros(7), abs=0.01)  # density sags it a little
 
 
 def test_slopes_that_are_too_small_by_half_do_not_keep_the_descent_from_its_end():

@@ -13,15 +13,15 @@ _SHARE = 0.35  # of the largest component, for a factor to be named in a combina
 
 
 def ambiguities(fit: Fit, covariance: np.ndarray) -> tuple[str, ...]:
-    """What these data leave open: factors that stay the data sheet's, pairs, and the weakest combination.
+    """What these data leave open: factors that stay the data sheet's, pairs, and combinations of others.
 
     covariance: (7, 7) of the logarithms, whatever the intervals hold included."""
     prior = np.array([PRIOR[name] for name in PARAMETERS])
     deviation = np.sqrt(np.diag(covariance))
+    little = deviation > _LITTLE * prior
     lines = [
-        f"{name}: these data say little; the data sheet decides (to {100 * s:.0f} %)"
-        for name, s, p in zip(PARAMETERS, deviation, prior, strict=True)
-        if s > _LITTLE * p
+        f"{PARAMETERS[k]}: these data say little; the data sheet decides (to {100 * deviation[k]:.0f} %)"
+        for k in np.flatnonzero(little)
     ]
     correlation = covariance / np.outer(deviation, deviation)
     for i, first in enumerate(PARAMETERS):
@@ -34,15 +34,15 @@ def ambiguities(fit: Fit, covariance: np.ndarray) -> tuple[str, ...]:
                 )
     values, vectors = np.linalg.eigh(fit.information * np.outer(prior, prior))
     for value, vector in zip(values, vectors.T, strict=True):
-        if value < _WEAK:
-            lines.append(_combination(fit, vector * prior))
+        named = np.flatnonzero(np.abs(vector * prior) > _SHARE * np.abs(vector * prior).max())
+        if value < _WEAK and not little[named].all():
+            lines.append(_combination(fit, vector * prior, named))
     return tuple(lines) or ("all seven factors are told apart by these data",)
 
 
-def _combination(fit: Fit, direction: np.ndarray) -> str:
+def _combination(fit: Fit, direction: np.ndarray, named: np.ndarray) -> str:
     """One prior standard deviation along a direction of the logarithms that the data hardly see."""
     direction = direction * np.sign(direction[np.argmax(np.abs(direction))])
-    named = np.flatnonzero(np.abs(direction) > _SHARE * np.abs(direction).max())
     moves = ", ".join(
         f"{PARAMETERS[k]} {100 * (np.exp(direction[k]) - 1):+.0f} %"
         for k in sorted(named, key=lambda k: -abs(direction[k]))

@@ -89,9 +89,9 @@ def fit(
 
 
 def horizons(samples: Sequence[Sample]) -> list[float]:
-    """s after rest, one a descent: 0.5, 1.0 and so on, the last to hold every frame."""
-    count = max(1, int(np.ceil(max(sample.times[-1] for sample in samples) / BLOCK - 1e-6)))
-    return [BLOCK * (k + 1) for k in range(count)]
+    """s after rest, one a descent: 0.5, 1.0 and so on, of which each holds frames that the one before does not."""
+    blocks = {max(1, int(np.ceil(time / BLOCK - 1e-6))) for sample in samples for time in sample.times}
+    return [BLOCK * k for k in sorted(blocks)]
 
 
 def _descend(
