@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from fabdesign.model import Model
 from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.trial import MeasurementSet, Trial
 
-_AT_ONCE = 32  # motions in memory
+_AT_ONCE = 16  # trials, two motions each in memory
 _NOISE_FRAMES = 40  # clouds that the sensor noise of a design is estimated from: strays are few
 ERRORS = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
 
@@ -101,8 +102,7 @@ def evaluate_sets(
         results: list[TrialResult] = []
         for first in range(0, len(trials), _AT_ONCE):
             batch = trials[first : first + _AT_ONCE]
-            motions = [_motions(batch, *way) for way in (before, after)]
-            for trial, *predicted in zip(batch, *motions, strict=True):
+            for trial, *predicted in zip(batch, *_motions(batch, before, after), strict=True):
                 clouds = trial.load().frames
                 errors = [trial_errors(clouds, motion, noise, seed=seed + trial.order) for motion in predicted]
                 results.append(TrialResult(found.name, trial.name, trial.order, trial.role, errors[0], errors[1]))
@@ -124,8 +124,15 @@ def noise_of(trials: Sequence[Trial]) -> SensorNoise:
     return estimate_noise(frames, trials[0].design.fabric.thickness)
 
 
-def _motions(trials: Sequence[Trial], forward: ForwardModel, factors: Mapping[str, float]) -> list[Any]:
-    return forward.motions([Case(t.design, t.program, factors) for t in trials], [t.times for t in trials])
+def _motions(trials: Sequence[Trial], *ways: tuple[ForwardModel, Mapping[str, float]]) -> list[list[Any]]:
+    """Of every way, the trials' motions. Ways on one forward model are one batch: it takes two cores no longer."""
+    motions: list[list[Any]] = []
+    for forward, group in groupby(ways, key=lambda way: way[0]):
+        all_factors = [factors for _, factors in group]
+        cases = [Case(t.design, t.program, factors) for factors in all_factors for t in trials]
+        found = forward.motions(cases, [t.times for t in trials] * len(all_factors))
+        motions += [found[k : k + len(trials)] for k in range(0, len(found), len(trials))]
+    return motions
 
 
 def _summarise(title: str, found: MeasurementSet, noise: SensorNoise, results: Sequence[TrialResult]) -> DesignResult:

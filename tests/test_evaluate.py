@@ -32,8 +32,10 @@ class Curler:
 
     def __init__(self, rest=1.0):
         self.rest = rest
+        self.batches = []
 
     def motions(self, cases, times):
+        self.batches.append(len(cases))
         result = [motion(c.program.pressure.max() / 1e3 * self.rest, c.factors.get("bending", 1.0)) for c in cases]
         for case, points in zip(cases, result, strict=True):
             if case.program.pressure.max() > 390e3:
@@ -58,9 +60,10 @@ def measured(tmp_path_factory):
 
 
 def test_data_sheet_against_parameters_on_test_trials_only(measured):
-    seen = []
-    evaluation = evaluate_sets(SOFT, [measured], Curler(rest=1.2), progress=lambda *done: seen.append(done))
+    seen, forward = [], Curler(rest=1.2)
+    evaluation = evaluate_sets(SOFT, [measured], forward, progress=lambda *done: seen.append(done))
     assert seen == [(1, 2), (2, 2)]
+    assert forward.batches == [4]  # two trials, before and after
     assert not evaluation.others
     design = evaluation.designs["cross"]
     assert [t.trial for t in design.trials] == ["001", "002"]
