@@ -41,7 +41,7 @@ from studies.rig.key import Key
 from studies.rig.run import end_with_parent
 
 LAYOUTS = (("basic", 4), ("side", 4), ("cross", 2), ("vertical", 3))
-FIRST = {"engine": 1000, "test": 60}  # seed of the first set; tests 0 to 59 are seen
+FIRST = {"engine": 1000, "test": 60}  # seed of the first set; a change of the fit wants tests that nobody looked at
 COUNT = {"engine": 20, "test": 20}
 GRID = 61  # as `fabdesign calibrate`
 AT_ONCE = 2  # sets
