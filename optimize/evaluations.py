@@ -13,7 +13,7 @@ from optimize.objective import Objective, Shape
 
 Point = tuple[int, Vector]  # the number of the start, for its space, and the vector
 
-BATCH = 32  # designs a forward call: twice the simulator's lanes
+BATCH = 32  # designs a forward call: four times the simulator's lanes
 PENALTY = 1.0  # m, for a diverged design, or twice the worst seen: worse than all others, and finite
 
 
@@ -87,9 +87,10 @@ class Evaluations:
         """The start's, with the freedom that the stage of this number gives."""
         return replace(self.starts[start][0], vary_positions=self.stages[number].vary_positions)
 
-    def may_begin(self, stage: Stage) -> bool:
-        """Whether there is time for another round of it."""
-        return stage.until == 1.0 or self.elapsed < stage.until * self._seconds
+    def may_begin(self, number: int) -> bool:
+        """Whether there is time for another round of the stage of this number."""
+        until = self.stages[number].until
+        return until == 1.0 or self.elapsed < until * self._seconds
 
     def evaluate(
         self, number: int, points: Sequence[Point], cheap: ForwardModel | None = None

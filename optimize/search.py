@@ -30,7 +30,7 @@ def search(evaluations: Evaluations) -> str:
             if number > at or not searches:
                 searches = _enter(evaluations, number, searches or _screen(evaluations))
                 _save(evaluations, number, searches)
-            while (going := [s for s in searches if not s.done]) and evaluations.may_begin(evaluations.stages[number]):
+            while (going := [s for s in searches if not s.done]) and evaluations.may_begin(number):
                 _round(evaluations, number, going)
                 _save(evaluations, number, searches)
     except Stop as stop:

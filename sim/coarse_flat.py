@@ -4,23 +4,15 @@ import taichi as ti
 
 from sim.coarse_solve import add_rows
 from sim.fields import (
-    AIR,
-    B2,
-    CA,
     COARSE,
     COARSE_ACROSS,
     COARSE_DOWN,
-    CV,
     D1,
-    D2,
     D12,
-    DCLAMP,
-    DTOP,
     HU,
     HV,
     IHU,
     IHV,
-    MBAR,
     TG,
     TW,
     C,
@@ -28,7 +20,7 @@ from sim.fields import (
     X,
 )
 from sim.muscle_modes import MEAN, MOMENT, SLOPE, TANGENTIAL, at
-from sim.sheet_solve import membrane
+from sim.sheet_solve import bending_down, inertia, membrane
 from sim.vectors import Lanes
 
 
@@ -42,10 +34,9 @@ def flat(b):
     hu = F.lane[b, HU]
     hv = F.lane[b, HV]
     ihv = F.lane[b, IHV]
-    mass = hu * hv * (F.lane[b, MBAR] * F.scheme[b, CA] + F.lane[b, AIR] * F.scheme[b, CV])
+    mass = inertia(b)
     k1, k2, sh = membrane(b)
-    bend = hu * F.lane[b, D2] * ihv * ihv * ihv
-    clamp = F.lane[b, DTOP] * F.lane[b, DCLAMP] * 2.0 * hu * F.lane[b, B2] * ihv * ihv * ihv
+    bend, clamp = bending_down(b)
     k = 0
     while k < COARSE_ACROSS:
         eigen = F.eigen[C.place[k]]

@@ -48,18 +48,34 @@ def normal_stiffness(b):
 
 
 @ti.func
+def inertia(b):
+    """N/m of a node: its inertia and the air's drag in a step."""
+    mb = F.lane[b, MBAR] * F.scheme[b, CA] + F.lane[b, AIR] * F.scheme[b, CV]
+    return F.lane[b, HU] * F.lane[b, HV] * mb
+
+
+@ti.func
+def bending_down(b):
+    """N/m of second differences along v, between the edges and, beside it, of a clamped top edge."""
+    hu = F.lane[b, HU]
+    ihv = F.lane[b, IHV]
+    bend = hu * F.lane[b, D2] * ihv * ihv * ihv
+    clamp = F.lane[b, DTOP] * F.lane[b, DCLAMP] * 2.0 * hu * F.lane[b, B2] * ihv * ihv * ihv
+    return bend, clamp
+
+
+@ti.func
 def factor(b, nu, nv):
     """LDL^T in v of every mode across, for the three components (u, v, normal) at once: planes of F.factor3 hold l of
     the row before, l of the one before that (zero but for the normal component), and 1 / d."""
     N = nu * nv
-    mb = F.lane[b, MBAR] * F.scheme[b, CA] + F.lane[b, AIR] * F.scheme[b, CV]
     hu = F.lane[b, HU]
     ihu = F.lane[b, IHU]
     ihv = F.lane[b, IHV]
     k1, k2, sh = membrane(b)
-    mass = hu * F.lane[b, HV] * mb
+    mass = inertia(b)
     hoop = normal_stiffness(b)
-    bend = hu * F.lane[b, D2] * ihv * ihv * ihv
+    bend, clamp = bending_down(b)
     free_top = 1.0 - F.lane[b, DTOP]
     for j in range(nv):
         wj = ti.f32(1.0)
@@ -86,7 +102,7 @@ def factor(b, nu, nv):
             fm2 = fm
         if j == 1:
             fm = free_top
-            extra = F.lane[b, DTOP] * F.lane[b, DCLAMP] * 2.0 * hu * F.lane[b, B2] * ihv * ihv * ihv
+            extra = clamp
         if j == 2:
             fm2 = free_top
         k = 0

@@ -250,12 +250,15 @@ def test_slopes_that_are_too_small_by_half_do_not_keep_the_descent_from_its_end(
                 for x, r in zip(xs, left, strict=True)
             ]
 
-        def state(self, place, *, along=None, changes=None):
+        def changes(self, place, along):
+            return []
+
+        def state(self, place, changes):
             return State(place.x, [], place.found, [], slopes / 1.95)
 
     look = Line()
     weight = np.diag([1 / PRIOR[name] ** 2 for name in PARAMETERS])
-    begin = look.state(look.places([np.zeros(7)])[0])
+    begin = look.state(look.places([np.zeros(7)])[0], [])
     state, _, converged = _descend(look, begin, weight, "", lambda line: None)
     assert converged
     assert state.x == pytest.approx(target, abs=0.01)

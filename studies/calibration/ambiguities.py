@@ -34,9 +34,10 @@ def ambiguities(fit: Fit, covariance: np.ndarray) -> tuple[str, ...]:
                 )
     values, vectors = np.linalg.eigh(fit.information * np.outer(prior, prior))
     for value, vector in zip(values, vectors.T, strict=True):
-        named = np.flatnonzero(np.abs(vector * prior) > _SHARE * np.abs(vector * prior).max())
+        direction = vector * prior
+        named = np.flatnonzero(np.abs(direction) > _SHARE * np.abs(direction).max())
         if value < _WEAK and not little[named].all():
-            lines.append(_combination(fit, vector * prior, named))
+            lines.append(_combination(fit, direction, named))
     return tuple(lines) or ("all seven factors are told apart by these data",)
 
 

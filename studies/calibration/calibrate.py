@@ -21,6 +21,7 @@ from studies.calibration.ambiguities import ambiguities
 from studies.calibration.clouds import Sample, evenly, sample_trial
 from studies.calibration.engine_difference import data_share, engine_difference
 from studies.calibration.fit import Fit, fit
+from studies.calibration.state import factors_at
 from studies.calibration.trial_checks import DISAGREE, doubtful
 
 TRIALS = 16  # fitted at most, spread over those allowed
@@ -81,7 +82,7 @@ def calibrate(
     """The seven factors of `fabdesign.forward.PARAMETERS` from the trials of role `fit`, or those of `orders`.
 
     Of more than 16 trials, 16 spread over the session are fitted: 30 frames of the first 1.5 s of each, and 300 points
-    of a frame, by `seed`. `slopes`: see `calibrate_fit.fit`. points_per_side: of `forward`'s grid, noted in the model.
+    of a frame, by `seed`. `slopes`: see `fit.fit`. points_per_side: of `forward`'s grid, noted in the model.
     skipped: lines on bad trials left out before; skip_bad: leave out those too that `trial_checks.doubtful` finds.
     engines: (7,) standard deviations of the logarithms for the difference between `forward` and what made the data, by
     default those of the virtual rig.
@@ -137,7 +138,7 @@ def _doubts(found: Fit, samples: Sequence[Sample], forward: ForwardModel) -> dic
     """A line for each trial that disagrees with the rest as a recording would whose faces or clock are wrong."""
     if not (found.by_trial > DISAGREE).any():
         return {}
-    return doubtful(samples, forward, dict(zip(PARAMETERS, np.exp(found.x), strict=True)))
+    return doubtful(samples, forward, factors_at(found.x))
 
 
 def _with_engines(covariance: np.ndarray, engines: np.ndarray) -> np.ndarray:

@@ -63,14 +63,15 @@ def fit(
     *early, last = horizons(samples)
     for horizon in early:
         look = Look([cut(sample, horizon) for sample in samples], slopes, slopes)
-        begin = look.state(look.places([x])[0], along=along)
-        state, more, _ = _descend(look, begin, weight, f"to {horizon:g} s, ", progress, near=True)
+        begin = look.places([x])[0]
+        state = look.state(begin, look.changes(begin, along))
+        state, more, _ = _descend(look, state, weight, f"to {horizon:g} s, ", progress, near=True)
         _, normal = step_to_minimum(look.samples, state, weight, 0.0)
         x, along, iterations = state.x, directions(normal), iterations + more
     look = Look(samples, forward, slopes)
     place, sheet = look.places([x, np.zeros(len(PARAMETERS))])
-    state, more, converged = _descend(look, look.state(place, along=along), weight, f"to {last:g} s, ", progress)
-    iterations += more
+    state = look.state(place, look.changes(place, along))
+    state, more, converged = _descend(look, state, weight, f"to {last:g} s, ", progress)
     _, normal = step_to_minimum(samples, state, weight, 0.0)
     return Fit(
         x=state.x,
@@ -83,7 +84,7 @@ def fit(
         by_trial=np.array([_capped(state.found.residual[state.found.sample == s]) for s in range(len(samples))]),
         astray=_share_astray(state.found),
         lost=_lost(samples, state.found),
-        iterations=iterations,
+        iterations=iterations + more,
         converged=converged,
     )
 
@@ -115,16 +116,15 @@ def _descend(
         own = np.sqrt(np.diag(covariance))
         if (step / own) @ (before / own) < 0:  # it takes the last one back: noise of the differences, or a kink
             step = step / 2
-        # for new differences; it is still looked at before it is taken
         distance = np.sqrt(step @ np.linalg.solve(covariance, step))
-        small = bool(distance < _CLOSE or np.abs(step).max() < slight)
+        small = bool(distance < _CLOSE or np.abs(step).max() < slight)  # for new differences to be worth it
         places = look.places([state.x + length * step for length in lengths])
         worse = [loss(state, place, normal, weight) for place in places]
         best = int(np.argmin(worse))
         before = places[best].x - state.x
         if worse[best] < 0:
-            how = {"changes": state.changes} if small else {"along": directions(normal)}
-            state, damping = look.state(places[best], **how), damping / 10
+            changes = state.changes if small else look.changes(places[best], directions(normal))
+            state, damping = look.state(places[best], changes), damping / 10
         else:
             damping = max(10 * damping, _DAMPING)
         if small:

@@ -32,30 +32,29 @@ class Look:
 
     def places(self, xs: Sequence[Array]) -> list[Place]:
         """All in one batch."""
-        motions = motions_at(self.samples, self.forward, xs)
+        motions = self._motions(self.forward, xs)
         return [Place(x, each, match(self.samples, each)) for x, each in zip(xs, motions, strict=True)]
 
-    def state(self, place: Place, *, along: Array | None = None, changes: list[Motion] | None = None) -> State:
-        """With forward differences along the rows of `along` (7, 7), in one batch, or with changes that are given."""
-        if along is not None:
-            others = [place.x + row for row in along]
-            if self.slopes == self.forward:
-                base, moved = place.motions, motions_at(self.samples, self.slopes, others)
-            else:
-                base, *moved = motions_at(self.samples, self.slopes, [place.x, *others])
-            differences = [np.stack([other[s] - base[s] for other in moved]) for s in range(len(self.samples))]
-            changes = [np.tensordot(np.linalg.inv(along), difference, axes=1) for difference in differences]
-        if changes is None:
-            raise ValueError("neither directions nor changes")
+    def changes(self, place: Place, along: Array) -> list[Motion]:
+        """(7, F, 2 n, 3) m a sample, by each factor: forward differences along the rows of `along` (7, 7)."""
+        others = [place.x + row for row in along]
+        if self.slopes == self.forward:
+            base, moved = place.motions, self._motions(self.slopes, others)
+        else:
+            base, *moved = self._motions(self.slopes, [place.x, *others])
+        differences = [np.stack([other[s] - base[s] for other in moved]) for s in range(len(self.samples))]
+        return [np.tensordot(np.linalg.inv(along), difference, axes=1) for difference in differences]
+
+    def state(self, place: Place, changes: list[Motion]) -> State:
         return State(place.x, place.motions, place.found, changes, derivatives(place.found, changes))
 
+    def _motions(self, forward: ForwardModel, xs: Sequence[Array]) -> list[list[Motion]]:
+        """Of every x, a motion a sample; all in one batch."""
+        cases = [Case(s.trial.design, s.trial.program, factors_at(x)) for x in xs for s in self.samples]
+        motions = forward.motions(cases, [s.times for _ in xs for s in self.samples])
+        return [list(motions[k : k + len(self.samples)]) for k in range(0, len(motions), len(self.samples))]
 
-def motions_at(samples: Sequence[Sample], forward: ForwardModel, xs: Sequence[Array]) -> list[list[Motion]]:
-    """Of every x, a motion a sample; all in one batch."""
-    cases = [Case(s.trial.design, s.trial.program, _factors(x)) for x in xs for s in samples]
-    motions = forward.motions(cases, [s.times for _ in xs for s in samples])
-    return [list(motions[k : k + len(samples)]) for k in range(0, len(motions), len(samples))]
 
-
-def _factors(x: Array) -> dict[str, float]:
+def factors_at(x: Array) -> dict[str, float]:
+    """The factors whose logarithms, in the order of PARAMETERS, are `x` (7,)."""
     return {name: float(value) for name, value in zip(PARAMETERS, np.exp(x), strict=True)}

@@ -1,4 +1,4 @@
-"""Cleaning of one depth cloud: flying pixels, edge ribbons and strays go. Open3D is imported here and in fuse_joint."""
+"""Cleaning of one depth cloud: flying pixels, edge ribbons and strays go."""
 
 from dataclasses import dataclass
 from functools import cached_property
