@@ -25,7 +25,7 @@ def read_design(path: Path | str) -> Design:
     """Read a design with all the files that it names.
 
     Paths inside a file are relative to that file. `support`, `hung` and `gravity` belong to [fabric] and are taken
-    at top level too. Raises InputError, one line, for anything that formats.md does not allow.
+    at top level too. Raises InputError, one line, for anything that docs/files.md does not allow.
     """
     path = Path(path)
     root = load_toml(path, FORMAT)

@@ -73,9 +73,8 @@ class Study:
 def read_study(path: Path | str) -> Study:
     """Read a study of kind "optimize" with the design and model that it names; targets are opened when it runs.
 
-    Beyond formats.md: `objective = "chamfer"` or `"surface_rms"`; `start_pressures = [kPa, ...]`; `edge` in [limits],
-    m; `description` of a target. `positions` is true by default where `muscles` is there.
-    Paths are relative to the file. Raises InputError.
+    Keys: docs/files.md. `positions` is true by default where `muscles` is there. Paths are relative to the file.
+    Raises InputError.
     """
     path = Path(path)
     root = load_toml(path, FORMAT, partial=True)

@@ -76,7 +76,7 @@ def evaluate_sets(
     """Errors of `model` on the trials of role `test`, with `all_trials` of the others too, in a table of their own.
 
     forward: the simulator, without effects or corrector. full: with all of the model's; needed where it has any.
-    Before and after are those of formats.md: the model's parameters without effects and corrector against all of it,
+    Before and after: the model's parameters without effects and corrector against all of it,
     or, where it has neither, the data sheet against its parameters. `progress` is told trials done and trials in all.
     Raises InputError where no trial is left, SimulationError where every motion of a design diverges.
     """

@@ -173,7 +173,7 @@ def _patch(design: Design, resolution: Resolution) -> Patch:
 
 
 def _moduli(design: Design, membrane: float, shear: float, bending: float) -> Array:
-    """Plane-stress plate of formats.md: k / (1 - nu12 nu21) and nu12 / k1 = nu21 / k2, the same for B."""
+    """Plane-stress plate of docs/files.md: k / (1 - nu12 nu21) and nu12 / k1 = nu21 / k2, the same for B."""
     cloth = design.fabric
     k1, k2 = (membrane * k for k in cloth.membrane_stiffness)
     b1, b2 = (bending * b for b in cloth.bending_stiffness)

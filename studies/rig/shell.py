@@ -2,7 +2,7 @@
 
 Kiendl, Bletzinger, Linhard, Wuechner 2009, "Isogeometric shell analysis with Kirchhoff-Love elements", with the
 membrane in engineering strain: e1 = |a1| - 1, e2 = |a2| - 1, e3 the shear angle, and k = x,ab . n for the curvatures.
-Stress follows formats.md: orthotropic with Poisson, bending B / (1 - nu12 nu21), Kelvin-Voigt viscosity.
+Stress follows docs/files.md: orthotropic with Poisson, bending B / (1 - nu12 nu21), Kelvin-Voigt viscosity.
 """
 
 import math

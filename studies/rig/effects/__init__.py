@@ -1,4 +1,4 @@
-"""Effects of the virtual rig by name: the table of formats.md, and some that are not in it."""
+"""Effects of the virtual rig by name: the table of docs/rig.md."""
 
 from studies.rig.effects import environment, fabric, interface, muscle, pneumatics, sensing, unlisted
 from studies.rig.effects.declaration import Effect

@@ -1,4 +1,4 @@
-"""Effects that formats.md does not list: a trace should call them unexplained, or discover them."""
+"""Effects that no list of known ones has (* in docs/rig.md): an honest trace leaves them unexplained."""
 
 from collections.abc import Mapping
 
