@@ -70,8 +70,11 @@ def program_of(time: Floats, pressure: Floats) -> PressureProgram:
 def write_trial(data: TrialData, path: Path, *, scale: float = 1e-4) -> None:
     """Write a trial, its points as int16 in units of `scale` [m]. Raises InputError where they do not fit."""
     units = np.rint(np.concatenate(data.frames) / scale)
-    if np.abs(units).max() > np.iinfo(np.int16).max:
-        raise InputError(f"{path}: points beyond {np.iinfo(np.int16).max * scale:.3g} m do not fit; take another scale")
+    farthest, most = np.abs(units).max() * scale, np.iinfo(np.int16).max * scale
+    if farthest > most:
+        raise InputError(
+            f"trial {path.stem}: points {farthest:.3g} m from the middle of the top edge; expected at most {most:.3g} m"
+        )
     with new_file(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(
             stream,

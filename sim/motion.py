@@ -9,6 +9,7 @@ from fabdesign.forward import Case
 from sim.faces import faces
 
 Array = NDArray[np.float64]
+FARTHEST = 10.0  # m from the origin, where a hung cloth has diverged
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +30,9 @@ class Motion:
 
 
 def motion_of(case: Case, time: Array, middle: NDArray[np.float32], state: NDArray[np.float32]) -> Motion:
-    bad = ~(np.abs(middle) < 10.0)  # m; NaN compares false
+    fabric = case.design.fabric
+    fallen = np.linalg.norm(fabric.gravity) * time**2 / 2 if fabric.hung == "none" else np.zeros(len(time))
+    bad = ~(np.abs(middle) < FARTHEST + fallen[:, None, None, None])  # NaN compares false
     diverged = None
     if bad.any():
         first = int(np.argmax(bad.any(axis=(1, 2, 3))))

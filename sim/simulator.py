@@ -74,8 +74,8 @@ class Simulator:
         return [motion.points for motion in self.run(cases, times)]
 
     def run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
-        """Motions with mid-surfaces, contractions and tensions; each starts from equilibrium at zero pressure. One that
-        diverges is tried once more with half the steps and twice the iterations."""
+        """Motions with mid-surfaces, contractions and tensions; each starts from equilibrium at zero pressure, a free
+        cloth flat and at rest. One that diverges is tried once more with half the steps and twice the iterations."""
         motions = self._run(cases, times)
         lost = [i for i, motion in enumerate(motions) if motion.diverged]
         if lost:
@@ -91,7 +91,7 @@ class Simulator:
     def _run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
         results: list[Motion | None] = [None] * len(cases)
         wanted = [np.asarray(t, dtype=float) for t in times]
-        jumps = [jumps_of(case.program, self.time_step) for case in cases]
+        jumps = [jumps_of(case.program, self.time_step, released=_is_free(case.design.fabric)) for case in cases]
         kinds = [(t[-1] if len(t) else 0.0, jump.large, jump.every) for t, jump in zip(wanted, jumps, strict=True)]
         with fields.lock:
             for chosen, seats in self._chunks(cases, kinds):
@@ -139,10 +139,11 @@ class Simulator:
     def _chunks(self, cases: Sequence[Case], kinds: Sequence[tuple]) -> list[tuple[list[int], list[int]]]:
         """Cases that one call can take, hung alike and so that a design's result does not depend on its neighbours, at
         most BLOCKS blocks; and which of these rides in each lane."""
-        groups: dict[tuple[int, bool, int], list[int]] = {}
+        groups: dict[tuple[int, bool, bool, int], list[int]] = {}
         for i, case in enumerate(cases):
             fabric = case.design.fabric
-            groups.setdefault((hung_code(fabric), _swings_to_rest(fabric), self._reach(fabric)), []).append(i)
+            start = _is_free(fabric), _swings_to_rest(fabric)
+            groups.setdefault((hung_code(fabric), *start, self._reach(fabric)), []).append(i)
         chunks: list[tuple[list[int], list[int]]] = []
         for group in groups.values():
             blocks = seat([kinds[i] for i in group])
@@ -165,7 +166,9 @@ class Simulator:
         return max(1, round(REACH * (self.points_per_side - 1) / fabric.height))
 
     def _at_rest(self, cases: Sequence[Case], seats: Sequence[int]) -> Batch:
-        """Load the cases and bring them to equilibrium at zero pressure."""
+        """Load the cases and bring them to equilibrium at zero pressure; a free cloth stays flat where it lies."""
+        if _is_free(cases[0].design.fabric):
+            return self._load(cases, seats)
         channels = max(max(1, case.program.pressure.shape[1]) for case in cases)
         pressure = np.zeros((len(seats) // fields.LANES, channels, fields.LANES), np.float32)
         if _swings_to_rest(cases[0].design.fabric):
@@ -220,6 +223,11 @@ class Simulator:
         out = np.empty((batch.blocks, fields.LANES, n * n, 3), np.float32)
         read(*batch.grid, plane, out)
         return out.reshape(-1, n, n, 3)
+
+
+def _is_free(fabric: Fabric) -> bool:
+    """Whether nothing holds the cloth: what it would come to rest at is not there."""
+    return fabric.hung == "none"
 
 
 def _swings_to_rest(fabric: Fabric) -> bool:

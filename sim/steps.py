@@ -69,11 +69,14 @@ def step_edges(ticks: int, jumps: Sequence[int], *, tick: float, calm: int) -> N
     return found
 
 
-def jumps_of(program: PressureProgram, tick: float) -> Jumps:
+def jumps_of(program: PressureProgram, tick: float, *, released: bool = False) -> Jumps:
+    """released: whether the cloth starts where it is not in equilibrium, as if a pressure jumped."""
     last = int(np.ceil(program.time[-1] / tick)) + 2
     pressure = program.means(np.linspace(0.0, tick * last, last + 1))
     change = np.abs(np.diff(np.concatenate([np.zeros((1, pressure.shape[1])), pressure]), axis=0)).max(
         axis=1, initial=0
     )
+    if released:
+        change[0] = np.inf
     every, large = (tuple(int(k) for k in np.flatnonzero(change > least)) for least in (JUMP, LARGE))
     return Jumps(every, large)

@@ -75,6 +75,16 @@ def test_a_free_sheet_has_six_motions_without_energy() -> None:
     assert frequency[6] > 3.0
 
 
+def test_a_free_sheet_falls_from_where_it_lies() -> None:
+    scene = build_scene(bare(hung="none", air_damping=0.0), {}, COARSE, max_pressure=0.0)
+    scene.rest_strain[:] = 0.0
+    motion = run(scene, np.zeros((61, 0)), 1 / 240)
+    fallen = motion.position - scene.patch.flat()
+    assert np.abs(fallen[0]).max() == 0
+    assert fallen[60, :, 1] == pytest.approx(-G * 0.25**2 / 2, rel=1e-4)
+    assert np.abs(fallen[..., ::2]).max() < 1e-6
+
+
 def test_cantilever_bends_by_w_L4_over_8B() -> None:
     design = bare(support="clamped", gravity=(0.0, 0.0, -0.25))
     cloth = design.fabric

@@ -74,6 +74,20 @@ def test_bare_sheet_moves():
     assert motion.tension.shape == (2, 0)
 
 
+@pytest.mark.parametrize("gravity", [(0.0, -G, 0.0), (0.0, 0.0, -G)])
+def test_free_cloth_starts_flat_and_falls(gravity):
+    # -g t^2 / 2 of every point, with muscles without pressure or none, for 11 m
+    times = np.array([0.0, 0.1, 0.5, 1.5])
+    flat = np.stack([*np.meshgrid(np.linspace(-0.1, 0.1, 41), np.linspace(0, -0.2, 41)), np.zeros((41, 41))], axis=-1)
+    designs = [change(hung="none", gravity=gravity, air_damping=0.0) for change in (cloth, laced)]
+    cases = [held(designs[0]), held(designs[1], (0,) * 4)]
+    for motion in SIMULATOR.motions(cases, [times] * 2):
+        for points, time in zip(motion, times, strict=True):
+            fallen = np.array(gravity) * time**2 / 2
+            off = np.abs(middle(points) - flat - fallen).max()
+            assert off < 1e-7 + 1e-3 * np.linalg.norm(fallen)
+
+
 @pytest.mark.parametrize(
     ("gravity", "changes"),
     [

@@ -69,7 +69,7 @@ def equilibrium(scene: Scene, x: Array, pressure: Array) -> Array:
 
 
 def run(scene: Scene, pressures: Array, step: float, *, start: float = 0.0) -> Motion:
-    """Motion from equilibrium at zero pressure. pressures (steps + 1, channels) Pa: row n for start + n * step s.
+    """Motion from equilibrium at zero pressure, of a free cloth from where it lies flat. pressures (steps + 1, channels) Pa: row n for start + n * step s.
 
     Raises RigDiverged.
     """
@@ -77,7 +77,10 @@ def run(scene: Scene, pressures: Array, step: float, *, start: float = 0.0) -> M
     for hook in s.pressure_hooks:
         pressures = hook(pressures, step)
     idle = np.zeros(pressures.shape[1])
-    x = equilibrium(s, s.patch.flat(), idle)
+    flat, free = s.patch.flat(), s.design.fabric.hung == "none"
+    x = flat if free else equilibrium(s, flat, idle)
+    fall = np.broadcast_to(s.gravity if free else np.zeros(3), x.shape)  # as if it fell before, and came to rest here
+    before_start = (x + fall * step**2 / 2, -fall * step)
     positions, velocities = np.tile(x, (len(pressures), 1, 1)), np.zeros((len(pressures), *x.shape))
     solver.internal(x, pressure_at_intervals(s, idle), 0.0, np.zeros((len(s.uv), 3)), np.zeros(len(s.cables.rest)))
     settle(s, pressure_at_intervals(s, idle), solver.contraction)
@@ -88,7 +91,7 @@ def run(scene: Scene, pressures: Array, step: float, *, start: float = 0.0) -> M
     for k in range(1, len(pressures)):
         p, time = pressure_at_intervals(s, pressures[k]), start + k * step
         last = (positions[k - 1], velocities[k - 1])
-        before = (positions[max(k - 2, 0)], velocities[max(k - 2, 0)])
+        before = (positions[k - 2], velocities[k - 2]) if k > 1 else before_start
         try:
             positions[k], velocities[k] = _step(solver, time, step, p, last, before, strains, contractions)
         except RigDiverged as failure:
