@@ -69,9 +69,9 @@ def equilibrium(scene: Scene, x: Array, pressure: Array) -> Array:
 
 
 def run(scene: Scene, pressures: Array, step: float, *, start: float = 0.0) -> Motion:
-    """Motion from equilibrium at zero pressure, of a free cloth from where it lies flat. pressures (steps + 1, channels) Pa: row n for start + n * step s.
+    """Motion from equilibrium at zero pressure, of a free cloth from where it lies flat.
 
-    Raises RigDiverged.
+    pressures (steps + 1, channels) Pa: row n for start + n * step s. Raises RigDiverged.
     """
     s, solver = scene, Solver(scene)
     for hook in s.pressure_hooks:
