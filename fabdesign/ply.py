@@ -76,6 +76,12 @@ def read_ply(path: Path | str) -> Ply:
 def write_ply(path: Path | str, points: NDArray[np.floating], triangles: NDArray[np.integer] | None = None) -> None:
     """Write points (n, 3) as float32, and triangles (t, 3) where given, in binary little-endian. InputError where the
     file cannot be written."""
+    with new_file(Path(path)) as temporary:
+        temporary.write_bytes(ply_bytes(points, triangles))
+
+
+def ply_bytes(points: NDArray[np.floating], triangles: NDArray[np.integer] | None = None) -> bytes:
+    """The content that `write_ply` writes."""
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
     header += [f"property float {axis}" for axis in "xyz"]
     body = np.asarray(points, dtype="<f4").tobytes()
@@ -84,8 +90,7 @@ def write_ply(path: Path | str, points: NDArray[np.floating], triangles: NDArray
         rows = np.empty(len(triangles), dtype=[("n", "u1"), ("corners", "<i4", 3)])
         rows["n"], rows["corners"] = 3, triangles
         body += rows.tobytes()
-    with new_file(Path(path)) as temporary:
-        temporary.write_bytes("\n".join([*header, "end_header\n"]).encode("ascii") + body)
+    return "\n".join([*header, "end_header\n"]).encode("ascii") + body
 
 
 def _refuse(path: Path, why: str) -> NoReturn:

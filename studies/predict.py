@@ -11,6 +11,7 @@ from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.measurement_set import Trial, read_set
 from fabdesign.model import Model
+from fabdesign.motion_file import write_motion
 from fabdesign.output import new_folder
 from fabdesign.pressure import PressureProgram
 
@@ -70,7 +71,7 @@ def predict(
                 _require_finite(points, at, str(trial.file))
                 file = unfinished / "trials" / trial.file.name
                 file.parent.mkdir(exist_ok=True)
-                save_motion(file, at, points)
+                write_motion(file, at, points)
             progress(first + len(batch), len(trials))
 
 
@@ -97,10 +98,17 @@ def trials_of(source: Path, design: Design | None) -> tuple[Trial, ...]:
     return read_set(source).trials
 
 
-def save_motion(path: Path, times: NDArray[np.float64], points: NDArray[np.float32]) -> None:
-    """Write `time` (T,) float64 s and `points` (T, 2 n, 3) float32 m."""
-    with path.open("wb") as stream:
-        np.savez_compressed(stream, time=times.astype(np.float64), points=points.astype(np.float32))
+def rest(
+    forward: ForwardModel, design: Design, program: PressureProgram, *, model: Model | None = None
+) -> NDArray[np.float32]:
+    """(2 n, 3) points [m] of the shape at rest under the program's last pressures.
+
+    Raises InputError like `simulate`, SimulationError where none was found.
+    """
+    points = forward.equilibria([Case(design, program, factors_of(model))])[0]
+    if not np.isfinite(points).all():
+        raise SimulationError(f"{design.name}: no shape at rest was found; nothing written")
+    return points
 
 
 def _require_finite(points: NDArray[np.float32], times: NDArray[np.float64], what: str) -> None:

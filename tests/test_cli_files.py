@@ -60,6 +60,9 @@ class Hanging:
         faces = [np.stack([u, v, np.full_like(u, z)], axis=-1).reshape(-1, 3) for z in (1e-3, -1e-3)]
         return [np.tile(np.concatenate(faces).astype(np.float32), (len(t), 1, 1)) for t in times]
 
+    def equilibria(self, cases: Sequence[Case]) -> list[np.ndarray]:
+        return [motion[0] for motion in self.motions(cases, [np.zeros(1)] * len(cases))]
+
 
 class Diverging(Hanging):
     def motions(self, cases: Sequence[Case], times: Sequence[np.ndarray]) -> list[np.ndarray]:
@@ -178,7 +181,7 @@ def test_simulate(run: Run, hanging: type[Hanging], folder: Path) -> None:
     assert (code, json.loads(printed)) == (0, {"motion": str(out), "frames": 61, "points": 3362})
     assert hanging.asked[0].factors == {"membrane": 1.1}
     with np.load(out) as motion:
-        assert set(motion) == {"time", "points"}
+        assert set(motion) == {"time", "points", "triangles"}
         assert motion["time"].tolist() == [k / 60 for k in range(61)]
         assert (motion["points"].shape, motion["points"].dtype) == ((61, 3362, 3), np.float32)
     assert (hanging.side, hanging.options) == (41, {"self_contact": False})
@@ -306,6 +309,9 @@ BAD = [
     ("simulate cross.toml --pressures 1,2 --frame-rate 0 -o OUT", "above 0"),
     ("simulate cross.toml --pressures 1,2 --frame-rate fast -o OUT", "valid float"),
     ("simulate cross.toml --pressures 1,2", "Missing option"),
+    ("simulate cross.toml --pressures 1,2 --equilibrium --duration 1 -o OUT", "a shape at rest has none"),
+    ("simulate cross.toml --pressures 1,2 --mesh OUT.stl -o OUT", ".ply or .obj"),
+    ("simulate cross.toml --pressures 1,2 --mesh file/OUT.ply -o OUT", "cannot be written"),
     ("simulate newer.toml --pressures 1,2 -o OUT", "fabdesign.design/7"),
     ("simulate outside.toml --pressures 1,2 -o OUT", "lies outside the cloth"),
     ("simulate cross.toml --pressures 1,2 -o file/OUT", "cannot be written"),

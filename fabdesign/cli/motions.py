@@ -1,8 +1,9 @@
 """Motions of a design: simulate, predict what was measured, and say how far off that is."""
 
 import os
-from contextlib import nullcontext
+from contextlib import ExitStack, nullcontext
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -16,6 +17,8 @@ from fabdesign.errors import InputError
 @click.option("--model", type=FILE, help="A model file; the data sheet holds without one.")
 @click.option("--duration", type=float, help="Of the motion, s; the pressures' by default.")
 @click.option("--frame-rate", type=float, default=60.0, show_default=True, help="Hz.")
+@click.option("--equilibrium", is_flag=True, help="One frame: the shape at rest under the last pressures.")
+@click.option("--mesh", type=FILE, help="Meshes too, NAME.ply or NAME.obj: NAME_0000.ply, ..., a file a frame.")
 @click.option(
     "--self-contact", is_flag=True, help="Layers of the cloth do not pass through each other; 5 to 8 times slower."
 )
@@ -28,34 +31,55 @@ def simulate(
     model: Path | None,
     duration: float | None,
     frame_rate: float,
+    equilibrium: bool,
+    mesh: Path | None,
     self_contact: bool,
     grid: int | None,
     output: Path,
     as_json: bool,
 ) -> None:
     """Simulate the motion of a DESIGN under given pressures, from rest."""
+    import numpy as np
+
     from fabdesign.design_file import read_design
+    from fabdesign.mesh_file import mesh_paths, write_mesh
     from fabdesign.model_file import read_model
+    from fabdesign.motion_file import square_triangles, write_motion
     from fabdesign.output import new_file
     from fabdesign.pressure_file import constant_program, read_pressures
-    from studies.predict import frame_times, save_motion
+    from studies.predict import frame_times, rest
     from studies.predict import simulate as simulate_motion
 
     loaded = read_design(design)
     if pressures is None and loaded.channels:
         raise InputError(f"{design}: has {loaded.channels} channels; expected --pressures for them")
     program = constant_program([]) if pressures is None else read_pressures(pressures, loaded)
+    if equilibrium and duration is not None:
+        raise InputError(f"--duration {duration:g}: a shape at rest has none; expected it without --equilibrium")
     times = frame_times(program, duration=duration, frame_rate=frame_rate)
+    if equilibrium:
+        times = np.array([program.duration])  # a motion that is over
     fitted = None if model is None else read_model(model)
-    with new_file(output) as unfinished:
+    mesh_files = [] if mesh is None else mesh_paths(mesh, len(times))
+    with ExitStack() as stack:
+        unfinished = stack.enter_context(new_file(output))
+        meshes = [stack.enter_context(new_file(file)) for file in mesh_files]
         os.environ.setdefault("FABDESIGN_LANES", "2")  # kernels for a lone design
         from sim import Simulator
 
         simulator = Simulator(points_per_side(grid, fitted), self_contact=self_contact)
-        points = simulate_motion(simulator, loaded, program, times, model=fitted)
-        save_motion(unfinished, times, points)
-    result = {"motion": str(output), "frames": len(times), "points": points.shape[1]}
-    print_result(result, f"{output}: {len(times)} frames of {points.shape[1]} points", as_json)
+        if equilibrium:
+            points = rest(simulator, loaded, program, model=fitted)[None]
+        else:
+            points = simulate_motion(simulator, loaded, program, times, model=fitted)
+        write_motion(unfinished, times, points)
+        for file, frame in zip(meshes, points, strict=mesh is not None):
+            write_mesh(file, frame, square_triangles(len(frame)))
+    result: dict[str, Any] = {"motion": str(output), "frames": len(times), "points": points.shape[1]}
+    if mesh_files:
+        result["meshes"] = [str(file) for file in mesh_files]
+    what = "the shape at rest," if equilibrium else f"{len(times)} frames of"
+    print_result(result, f"{output}: {what} {points.shape[1]} points", as_json)
 
 
 @commands.command()
