@@ -1,59 +1,92 @@
-"""Clouds from files: a PLY, an npz of points, a trial's frame, or a mesh that is sampled."""
+"""Clouds and meshes from files, whatever their kind: one strict reader for targets, recordings and `check`."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.bounded_file import LARGEST, read_bytes
 from fabdesign.errors import InputError
 from fabdesign.measured_points import require_cloud
 from fabdesign.npz_file import open_npz
+from fabdesign.obj import read_obj
 from fabdesign.ply import read_ply
+from fabdesign.stl import read_stl
 from fabdesign.surface import Surface
 from fabdesign.trial_file import read_trial
+from fabdesign.xyz import read_xyz
 
 POINTS = 3362  # drawn on a mesh by default: as many as the simulator's faces have
-MESHES = (".obj", ".stl", ".off", ".glb", ".gltf", ".3mf")
+OTHER_MESHES = (".off", ".glb", ".gltf", ".3mf")  # through trimesh
+KINDS = (".ply", ".obj", ".stl", ".xyz", ".csv", ".npz", *OTHER_MESHES)
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """What a file holds, in the file's own unit and frame."""
+
+    points: NDArray[np.float64]  # (n, 3), finite, n > 0; of a mesh its vertices
+    triangles: NDArray[np.intp]  # (t, 3); (0, 3) of a cloud
+
+    @property
+    def is_mesh(self) -> bool:
+        return len(self.triangles) > 0
+
+    def sample(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+        """A cloud's points as they are; of a mesh (count, 3) even draws."""
+        return Surface(self.points, self.triangles).sample(count, rng)[0] if self.is_mesh else self.points
+
+
+def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
+    """Read a cloud or a mesh: PLY, OBJ, STL, XYZ, CSV, an npz with `points` (n, 3), or the given `frame` of a trial's
+    npz; .off, .glb, .gltf and .3mf through trimesh.
+
+    Raises InputError, with one line, for a file that is not there, damaged, cut short, too large or of another kind,
+    for coordinates that are not finite, for no points, and for a mesh without area.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    none = np.zeros((0, 3), dtype=np.intp)
+    if suffix == ".npz":
+        found = Geometry(_npz(path, frame), none)
+    elif suffix == ".ply":
+        ply = read_ply(path)
+        found = Geometry(ply.points, ply.triangles)
+    elif suffix == ".stl":
+        corners = read_stl(path).reshape(-1, 3)
+        if not len(corners):
+            raise InputError(f"{path}: has no triangles; expected a mesh")
+        found = Geometry(corners, np.arange(len(corners)).reshape(-1, 3))
+    elif suffix == ".obj":
+        found = Geometry(*read_obj(path))
+    elif suffix in (".xyz", ".csv"):
+        found = Geometry(read_xyz(path), none)
+    elif suffix in OTHER_MESHES:
+        found = _foreign_mesh(path)
+    else:
+        raise InputError(f"{path}: is of no kind that is read; expected a cloud or mesh ({', '.join(KINDS)})")
+    require_cloud(found.points, str(path), size=np.inf)
+    return _with_area(found, path) if found.is_mesh else found
 
 
 def read_cloud(
     path: Path | str, *, frame: int = -1, points: int = POINTS, seed: int = 0, size: float | None = None
 ) -> NDArray[np.float64]:
-    """(n, 3) m, finite and not empty.
+    """(n, 3) m of a file in metres, as `read_geometry` takes it; a mesh gives `points` even draws with `seed`.
 
-    A PLY without faces and an npz with `points` (n, 3) are taken as they are, of a trial's npz the given `frame`;
-    a mesh (a PLY with faces; .obj, .stl and others through trimesh) gives `points` even draws with `seed`.
     size: the cloth's longer side [m], for the hint that a cloud is in millimetres. Raises InputError.
     """
-    path = Path(path)
-    if path.suffix.lower() == ".npz":
-        cloud = _npz(path, frame, size)
-    else:
-        mesh = read_mesh(path, size=size)
-        cloud = mesh.sample(points, np.random.default_rng(seed))[0] if len(mesh.triangles) else mesh.vertices
+    cloud = read_geometry(path, frame=frame).sample(points, np.random.default_rng(seed))
     require_cloud(cloud, str(path), size=size)
     return cloud
 
 
-def read_mesh(path: Path | str, *, size: float | None = None) -> Surface:
-    """The triangles of a mesh file, in m; a PLY cloud gives none. Raises InputError."""
-    path = Path(path)
-    if path.suffix.lower() == ".ply":
-        ply = read_ply(path)
-        mesh = Surface(ply.points, ply.triangles)
-    elif path.suffix.lower() in MESHES:
-        mesh = _foreign_mesh(path)
-    else:
-        raise InputError(f"{path}: expected a cloud (.ply, .npz) or a mesh ({', '.join(MESHES)})")
-    require_cloud(mesh.vertices, str(path), size=size)
-    return mesh
-
-
-def _npz(path: Path, frame: int, size: float | None) -> NDArray[np.float64]:
+def _npz(path: Path, frame: int) -> NDArray[np.float64]:
     with open_npz(path, "points (n, 3)") as arrays:
         points = None if "offsets" in arrays else arrays.get("points")
     if points is None:
-        frames = read_trial(path, size=size).frames
+        frames = read_trial(path, size=np.inf).frames
         if not -len(frames) <= frame < len(frames):
             raise InputError(f"{path}: frame {frame}; expected -{len(frames)} to {len(frames) - 1}")
         return frames[frame]
@@ -62,13 +95,20 @@ def _npz(path: Path, frame: int, size: float | None) -> NDArray[np.float64]:
     return points.astype(np.float64)
 
 
-def _foreign_mesh(path: Path) -> Surface:
+def _with_area(mesh: Geometry, path: Path) -> Geometry:
+    """The mesh without triangles that are a line or a point."""
+    areas = Surface(mesh.points, mesh.triangles).areas
+    if not np.isfinite(areas.sum()) or areas.sum() <= 0:
+        raise InputError(f"{path}: its triangles have no area; expected a mesh")
+    return Geometry(mesh.points, mesh.triangles[areas > 0])
+
+
+def _foreign_mesh(path: Path) -> Geometry:
     try:
         import trimesh
     except ImportError:
-        raise InputError(f"{path}: meshes need the package trimesh; pip install fabdesign[mesh]") from None
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
+        raise InputError(f"{path}: this kind needs the package trimesh; pip install fabdesign[mesh]") from None
+    read_bytes(path, "a mesh", largest=LARGEST // 10)  # what is packed grows
     try:
         mesh = trimesh.load(path, force="mesh", process=False)
         vertices, triangles = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.intp)
@@ -76,4 +116,6 @@ def _foreign_mesh(path: Path) -> Surface:
         raise InputError(f"{path}: cannot be read as a mesh ({type(error).__name__})") from None
     if not len(triangles):
         raise InputError(f"{path}: has no triangles; expected a mesh")
-    return Surface(vertices, triangles)
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        raise InputError(f"{path}: a face names vertex {triangles.max()} of {len(vertices)}; expected a sound mesh")
+    return Geometry(vertices, triangles)

@@ -10,6 +10,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.bounded_file import read_bytes
 from fabdesign.errors import InputError
 from fabdesign.output import new_file
 
@@ -18,6 +19,7 @@ _TYPES |= {"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": 
 _TYPES |= {"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"}
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _LONGEST_HEADER = 65536  # bytes
+_BLOCK = 16  # rows looked at together for lists of one length, at first
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +45,7 @@ class _Element:
 def read_ply(path: Path | str) -> Ply:
     """Vertices and faces of a PLY. Raises InputError, with one line, for anything that is not exactly a sound file."""
     path = Path(path)
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    content = read_bytes(path, "a PLY")
     order, elements, start = _header(content, path)
     body: _AsciiBody | _BinaryBody
     body = _AsciiBody(content[start:], path) if order == "" else _BinaryBody(content[start:], order, path)
@@ -58,12 +55,13 @@ def read_ply(path: Path | str) -> Ply:
         if element.name == "vertex":
             if not {"x", "y", "z"} <= columns.keys():
                 _refuse(path, "its vertices have no x, y, z")
-            axes = [np.concatenate([np.zeros(0), *columns[axis]]) for axis in "xyz"]
-            if any(len(axis) != element.count for axis in axes):
+            if any(p.count_kind is not None for p in element.properties if p.name in ("x", "y", "z")):
                 _refuse(path, "its vertices have lists for x, y, z")
-            points = np.stack(axes, axis=1)
+            points = np.stack([np.concatenate([np.zeros(0), *columns[axis]]) for axis in "xyz"], axis=1)
         elif element.name == "face":
             corners = next((columns[n] for n in ("vertex_indices", "vertex_index") if n in columns), [])
+            if any(block.ndim != 2 or not _whole(block) for block in corners):
+                _refuse(path, "its faces are no lists of whole numbers")
             triangles = _fans(corners)
     body.finish()
     if points is None:
@@ -124,6 +122,10 @@ def _header(content: bytes, path: Path) -> tuple[str, list[_Element], int]:
                 _refuse(path, f'its header has the line "{" ".join(words)[:60]}"')
     if order is None:
         _refuse(path, "its header names no format")
+    for element in elements:
+        names = [p.name for p in element.properties]
+        if not names or len(set(names)) < len(names):
+            _refuse(path, f"its {element.name} has no properties, or two of one name")
     return order, elements, stop
 
 
@@ -131,13 +133,19 @@ def _with(element: _Element, new: _Property) -> _Element:
     return _Element(element.name, element.count, (*element.properties, new))
 
 
-def _fans(faces: list[NDArray[np.generic]]) -> NDArray[np.intp]:
-    corners = [face.astype(np.intp) for face in faces if len(face) >= 3]
-    fans = [np.stack([np.full(len(f) - 2, f[0]), f[1:-1], f[2:]], axis=1) for f in corners]
+def _whole(block: NDArray[Any]) -> bool:
+    return bool(np.all((np.abs(block) < 2**31) & (block == np.rint(block))))
+
+
+def _fans(faces: list[NDArray[Any]]) -> NDArray[np.intp]:
+    """(t, 3) of blocks (n, corners)."""
+    corners = [block.astype(np.intp) for block in faces if block.shape[1] >= 3]
+    fans = [np.stack([f[:, [0] * (f.shape[1] - 2)], f[:, 1:-1], f[:, 2:]], axis=2).reshape(-1, 3) for f in corners]
     return np.concatenate(fans) if fans else np.zeros((0, 3), dtype=np.intp)
 
 
-Columns = dict[str, list[NDArray[np.generic]]]  # per property: one array a row, or one array for all rows
+# per property the blocks of its rows: (n,), or (n, length) of a list
+Columns = dict[str, list[NDArray[Any]]]
 
 
 class _AsciiBody:
@@ -151,26 +159,47 @@ class _AsciiBody:
         if len(rows) < element.count:
             _refuse(self._path, f"ends after {len(rows)} of {element.count} {element.name} rows")
         self._next += element.count
+        try:  # as a rule all rows are as long as the first
+            values = np.loadtxt(rows, comments=None, ndmin=2) if rows else np.zeros((0, 0))
+            return _columns(element, values)
+        except ValueError:
+            pass
         columns: Columns = {p.name: [] for p in element.properties}
         for i, row in enumerate(rows):
             try:
-                values = np.array(row.split(), dtype=np.float64)
+                values = np.array([row.split()], dtype=np.float64)
             except ValueError:
                 _refuse(self._path, f"{element.name} row {i} is no row of numbers")
-            at = 0
-            for p in element.properties:
-                size = 1
-                if p.count_kind is not None:
-                    size, at = int(values[at]) if at < len(values) and values[at] >= 0 else len(values), at + 1
-                columns[p.name].append(values[at : at + size])
-                at += size
-            if at != len(values):
-                _refuse(self._path, f"{element.name} row {i} has {len(values)} values; the header says {at}")
+            try:
+                for name, blocks in _columns(element, values).items():
+                    columns[name] += blocks
+            except ValueError as error:
+                _refuse(self._path, f"{element.name} row {i} {error}")
         return columns
 
     def finish(self) -> None:
         if self._next != len(self._lines):
             _refuse(self._path, f"has {len(self._lines) - self._next} rows more than its header says")
+
+
+def _columns(element: _Element, values: NDArray[np.float64]) -> Columns:
+    """The properties in rows whose lists have the same lengths. ValueError where they have others."""
+    columns: Columns = {p.name: [] for p in element.properties}
+    if not len(values):
+        return columns
+    at, width = 0, values.shape[1]
+    for p in element.properties:
+        size = 1
+        if p.count_kind is not None:
+            if at >= width or not np.all(values[:, at] == values[0, at]) or not 0 <= values[0, at] <= width:
+                raise ValueError(f"has {width} values; a list's length is not among them")
+            size, at = int(values[0, at]), at + 1
+        block = values[:, at : at + size]
+        columns[p.name].append(block[:, 0] if p.count_kind is None and block.shape[1] else block)
+        at += size
+    if at != width:
+        raise ValueError(f"has {width} values; the header says {at}")
+    return columns
 
 
 class _BinaryBody:
@@ -183,19 +212,42 @@ class _BinaryBody:
     def read(self, element: _Element) -> Columns:
         if all(p.count_kind is None for p in element.properties):
             names = [p.name for p in element.properties]
-            if len(set(names)) < len(names):
-                _refuse(self._path, f"its {element.name} properties repeat a name")
             row = np.dtype([(p.name, self._order + p.kind) for p in element.properties])
             rows: NDArray[Any] = self._take(row, element.count, element, 0)
             return {name: [rows[name]] for name in names}
         columns: Columns = {p.name: [] for p in element.properties}
-        for i in range(element.count):
+        done, block = 0, _BLOCK
+        while done < element.count:  # rows alike are read as one block
+            row = self._next_row(element, done)
+            fits = (len(self._body) - self._at) // row.itemsize
+            rows = np.frombuffer(self._body, row, min(fits, element.count - done, block), self._at)
+            lists = [p.name for p in element.properties if p.count_kind is not None]
+            alike = np.all([rows["n " + name] == rows["n " + name][:1] for name in lists], axis=0)
+            block = 4 * block if alike.all() else _BLOCK
+            rows = rows[: len(rows) if alike.all() else int(alike.argmin())]
+            if not len(rows):
+                self._take(row, 1, element, done)
             for p in element.properties:
-                size = 1
-                if p.count_kind is not None:
-                    size = int(self._take(np.dtype(self._order + p.count_kind), 1, element, i)[0])
-                columns[p.name].append(self._take(np.dtype(self._order + p.kind), size, element, i))
+                columns[p.name].append(rows[p.name])
+            self._at, done = self._at + row.itemsize * len(rows), done + len(rows)
         return columns
+
+    def _next_row(self, element: _Element, number: int) -> np.dtype[Any]:
+        """What the next row is made of, by the lengths of its own lists."""
+        start = self._at
+        fields: list[tuple[Any, ...]] = []
+        for p in element.properties:
+            kind = np.dtype(self._order + p.kind)
+            if p.count_kind is None:
+                fields.append((p.name, kind))
+                self._take(kind, 1, element, number)
+                continue
+            count = np.dtype(self._order + p.count_kind)
+            size = int(self._take(count, 1, element, number)[0])
+            self._take(kind, size, element, number)
+            fields += [("n " + p.name, count), (p.name, kind, (size,))]
+        self._at = start
+        return np.dtype(fields)
 
     def _take(self, kind: np.dtype[np.generic], count: int, element: _Element, row: int) -> NDArray[Any]:
         stop = self._at + kind.itemsize * count

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fabdesign.cloud_file import read_cloud, read_mesh
+from fabdesign.cloud_file import read_cloud, read_geometry
 from fabdesign.errors import InputError
 from fabdesign.ply import read_ply, write_ply
+from tests.meshes import sheet, write_obj, write_stl, write_xyz
 
 DATA = Path(os.environ.get("FABDESIGN_DATA", Path(__file__).resolve().parents[1] / "../shared/data"))
 SQUARE = np.array([[0, 0, 0], [0.1, 0, 0], [0.1, 0.1, 0], [0, 0.1, 0]])
@@ -111,8 +112,8 @@ def test_clouds_that_no_computation_should_see(write, tmp_path):
             read_cloud(write(content))
     with pytest.raises(InputError, match="no such file"):
         read_cloud(tmp_path / "none.ply")
-    with pytest.raises(InputError, match="expected a cloud"):
-        read_cloud(write("x", "cloud.xyz"))
+    with pytest.raises(InputError, match=r"of no kind that is read; expected a cloud or mesh \(.ply, .obj"):
+        read_cloud(write("x", "cloud.doc"))
     with pytest.raises(InputError, match="damaged or cut short"):
         read_cloud(write(b"PK\x03\x04 cut", "cloud.npz"))
     np.savez(tmp_path / "other.npz", vertices=SQUARE)
@@ -132,19 +133,144 @@ def test_clouds_and_meshes_from_their_files(tmp_path):
     np.savez(tmp_path / "points.npz", points=SQUARE)
     np.testing.assert_array_equal(read_cloud(tmp_path / "points.npz"), SQUARE)
     write_ply(tmp_path / "mesh.ply", SQUARE, FACES)
-    assert read_mesh(tmp_path / "mesh.ply").areas.sum() == pytest.approx(0.01)
+    assert read_geometry(tmp_path / "mesh.ply").is_mesh
     drawn = read_cloud(tmp_path / "mesh.ply", points=50, seed=3)
     assert drawn.shape == (50, 3)
     assert np.ptp(drawn[:, :2], axis=0).min() > 0.08
     np.testing.assert_array_equal(drawn, read_cloud(tmp_path / "mesh.ply", points=50, seed=3))
 
 
-def test_foreign_meshes_through_trimesh(write):
+POINTS, TRIANGLES = sheet(4, 3, roll=9.0)
+
+
+@pytest.mark.parametrize("kind", ["obj", "ascii.stl", "binary.stl", "ply"])
+def test_a_mesh_is_the_same_surface_from_every_kind_of_file(tmp_path, kind):
+    path = tmp_path / f"sheet.{kind}"
+    if kind == "obj":
+        write_obj(path, POINTS, TRIANGLES)
+    elif kind == "ply":
+        write_ply(path, POINTS, TRIANGLES)
+    else:
+        write_stl(path, POINTS, TRIANGLES, ascii=kind.startswith("ascii"))
+    read = read_geometry(path)
+    assert read.is_mesh
+    np.testing.assert_allclose(read.points[read.triangles], POINTS[TRIANGLES], atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("name", "mark", "header"),
+    [
+        ("a.xyz", " ", ""),
+        ("a.xyz", "\t", "# made here"),
+        ("a.csv", ",", ""),
+        ("a.csv", ";", "X;Y;Z"),
+        ("a.csv", ",", "x,y,z"),
+    ],
+)
+def test_clouds_as_text(tmp_path, name, mark, header):
+    read = read_geometry(write_xyz(tmp_path / name, POINTS, mark=mark, header=header))
+    assert not read.is_mesh
+    np.testing.assert_array_equal(read.points, POINTS)
+
+
+def test_columns_go_by_their_header_and_what_follows_xyz_is_left(write):
+    np.testing.assert_array_equal(read_cloud(write("id,z,x,y\n7,.3,.1,.2\n", "a.csv")), [[0.1, 0.2, 0.3]])
+    np.testing.assert_array_equal(read_cloud(write("0.1 0.2 0.3 255 0 0\n", "a.xyz")), [[0.1, 0.2, 0.3]])
+
+
+def test_obj_polygons_relative_corners_and_a_cloud(write):
+    square = "v 0 0 0\nv 1 0 0 # corner\nv 1 1 0 0.5 0.5 0.5\nv 0 1 0\n"
+    for face in ("f 1//1 2//1 3//1 4//1\n", "f -4 -3 \\\n -2 -1\n"):
+        np.testing.assert_array_equal(read_geometry(write(square + face, "a.obj")).triangles, FACES)
+    assert not read_geometry(write(square, "a.obj")).is_mesh
+
+
+@pytest.mark.parametrize("kind", ["obj", "ascii.stl", "binary.stl"])
+def test_a_mesh_that_is_cut_short_is_refused(tmp_path, kind):
+    path = tmp_path / f"sheet.{kind}"
+    points, triangles = sheet(12, 12)
+    if kind == "obj":
+        write_obj(path, points, triangles)
+    else:
+        write_stl(path, points, triangles, ascii=kind.startswith("ascii"))
+    content = path.read_bytes()
+    for share in (0.1, 0.4, 0.72, 0.9):
+        path.write_bytes(content[: int(share * len(content))])
+        if kind != "obj" or share > 0.6:  # an obj's vertices alone are a sound cloud
+            with pytest.raises(InputError) as error:
+                read_geometry(path)
+            assert one_line(error)
+
+
+STL = (
+    "solid s\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid s\n"
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("a.stl", "no mesh at all", "has 14 bytes; a header has 84"),
+        ("a.stl", b"\0" * 200, "has 200 bytes; its 0 facets need 84"),
+        ("a.stl", STL.replace("endsolid s", ""), "a solid has no end"),
+        ("a.stl", STL.replace("vertex 1 0 0\n", ""), "facet 0 is not whole"),
+        ("a.stl", STL.replace("vertex 1 0 0", "vertex 1 0 one"), "a word where a number should be"),
+        ("a.stl", STL.replace("vertex 1 0 0", "vertex 1 0 nan"), "1 of 3 points are not finite"),
+        ("a.stl", STL.replace("vertex 1 0 0", "vertex 0 2 0"), "its triangles have no area"),
+        ("a.stl", "solid s\nendsolid s\n", "has no triangles"),
+        ("a.obj", "v 0 0\n", 'line 1: "v 0 0" is no whole vertex or face'),
+        ("a.obj", "v 0 0 0\nv 1 0 0\nf 1 2\n", 'line 3: "f 1 2" is no whole'),
+        ("a.obj", "v 0 0 0\nv 1 0 0\nf 1 2 3\n", "a face names vertex 3 of 2"),
+        ("a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 0 1 2\n", "line 4"),
+        ("a.obj", "garbage 1 2 3\n", 'line 1: "garbage 1 2 3"'),
+        ("a.obj", "# nothing\n", "has no vertices"),
+        ("a.xyz", "0 0 0\n0 1\n", 'line 2: "0 1" is no row of numbers as the first'),
+        ("a.xyz", "0 0 0\n0 1 one\n", 'line 2: "0 1 one" is no row'),
+        ("a.xyz", "0 0 0\n0 nan 1\n", "1 of 2 points are not finite"),
+        ("a.xyz", "# nothing\n", "the cloud is empty"),
+        ("a.csv", "u,v\n1,2\n", 'line 1: "u,v" is neither a point nor a header'),
+        ("a.csv", "1,2,3,4\n", "has no header"),
+        ("a.csv", b"\xff\xfe\x00", "is not a text file"),
+    ],
+)
+def test_unsound_meshes_and_texts_are_refused(write, name, content, message):
+    with pytest.raises(InputError, match=message) as error:
+        read_geometry(write(content, name))
+    assert one_line(error)
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".stl", ".xyz", ".csv", ".off"])
+def test_files_without_end_are_refused_before_they_are_read(tmp_path, suffix):
+    if suffix == ".off":
+        pytest.importorskip("trimesh", reason="the optional package trimesh is not installed")
+    path = tmp_path / f"large{suffix}"
+    with path.open("wb") as stream:
+        stream.truncate(10**10)  # sparse: takes no room
+    with pytest.raises(InputError, match=r"has 10000 MB; expected .* of at most"):
+        read_geometry(path)
+    (tmp_path / f"device{suffix}").symlink_to("/dev/zero")
+    with pytest.raises(InputError, match="is no plain file"):
+        read_geometry(tmp_path / f"device{suffix}")
+
+
+def test_ply_faces_of_several_lengths_and_odd_lists(write):
+    extra = "element face {}\nproperty list uchar int vertex_indices\n"
+    rows = [" ".join(map(str, p)) for p in SQUARE]
+    read = read_ply(write(ascii_ply([*rows, "4 0 1 2 3", "3 0 1 2"], 4, extra.format(2))))
+    np.testing.assert_array_equal(read.triangles, [*FACES, FACES[0]])
+    for face in ("3 0 1 inf", "3 0 1 1.5", "inf 0 1 2", "3 0 1", "3 0 1 2 3"):
+        with pytest.raises(InputError):
+            read_ply(write(ascii_ply([*rows, face], 4, extra.format(1))))
+    with pytest.raises(InputError, match="face has no properties"):
+        read_ply(write(ascii_ply(rows, extra="element face 1000000000000\n").replace("ascii", "binary_big_endian")))
+
+
+def test_other_meshes_through_trimesh(write):
     pytest.importorskip("trimesh", reason="the optional package trimesh is not installed")
-    rows = [f"v {x} {y} {z}" for x, y, z in SQUARE] + ["f 1 2 3", "f 1 3 4"]
-    assert read_cloud(write("\n".join(rows), "mesh.obj"), points=10).shape == (10, 3)
+    rows = ["OFF", "4 2 0", *("{} {} {}".format(*p) for p in SQUARE), "3 0 1 2", "3 0 2 3", ""]
+    assert read_cloud(write("\n".join(rows), "mesh.off"), points=10).shape == (10, 3)
     with pytest.raises(InputError, match=r"cannot be read as a mesh|no triangles"):
-        read_cloud(write("no mesh at all", "bad.stl"))
+        read_cloud(write("no mesh at all", "bad.off"))
 
 
 @pytest.mark.skipif(not (DATA / "rig_c").exists(), reason="shared/data is not here")
