@@ -6,13 +6,14 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError
 
 _FAR = 10.0  # cloth sizes; a cloud so far off is in another unit, not badly placed
+_CENTIMETRES = 200.0  # cloth sizes, below which hundredths are likelier than thousandths
 
 
 def require_cloud(points: NDArray[np.float64], where: str, *, size: float | None = None) -> None:
     """Raise InputError unless `points` is an (n, 3) cloud in m with n > 0 and finite coordinates.
 
     size: the cloth's longer side [m], 1 m where it is not known; a cloud ten times as far away is taken to be in
-    millimetres.
+    another unit.
     """
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"{where}: points of shape {points.shape}; expected (n, 3)")
@@ -23,6 +24,7 @@ def require_cloud(points: NDArray[np.float64], where: str, *, size: float | None
         raise InputError(f"{where}: {int(bad.sum())} of {len(points)} points are not finite; expected metres")
     distance = float(np.median(np.linalg.norm(points, axis=1)))
     if distance > _FAR * (size or 1.0):
+        unit = "centimetres" if size is not None and distance < _CENTIMETRES * size else "millimetres"
         raise InputError(
-            f"{where}: points lie {distance:.0f} m from the cloth's top edge; expected metres (is it in millimetres?)"
+            f"{where}: points lie {distance:.0f} m from the cloth's top edge; expected metres (is it in {unit}?)"
         )

@@ -44,7 +44,14 @@ def read_set(path: Path | str) -> MeasurementSet:
         if any(file.name == trial.file.name for trial in trials):
             raise InputError(f"{table.where}: file name {file.name} is taken by another trial")
         role: Role = table.text("role", choices=("fit", "test"))
-        trials.append(Trial(file, design_name, designs[design_name], table.integer("order"), role))
+        order = table.integer("order")
+        for other in trials:
+            if (other.design_name, other.order) == (design_name, order):
+                raise InputError(
+                    f"{table.where}: order = {order} is that of {other.file.name} too; expected each trial's own place "
+                    f"in the session of {design_name}"
+                )
+        trials.append(Trial(file, design_name, designs[design_name], order, role))
         table.finish()
     root.finish()
     if not trials:

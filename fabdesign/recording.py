@@ -14,6 +14,7 @@ from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
 from fabdesign.measured_points import require_cloud
+from fabdesign.measured_units import require_measured_pressures, require_seconds
 from fabdesign.ply import write_ply
 from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.pressure_file import read_pressures, write_pressures
@@ -105,6 +106,7 @@ def read_recording(path: Path | str, *, convention: Convention = "forward") -> R
     root.finish()
     program = read_pressures(folder / "pressure.csv", design)
     require_pressures(program, design, str(folder / "pressure.csv"))
+    require_measured_pressures(program.pressure, str(folder / "pressure.csv"))
     return Recording(folder, name, design, times, sensors, program, convention)
 
 
@@ -161,6 +163,7 @@ def _times(root: Table, folder: Path, names: Sequence[str]) -> Array:
         root.take("frame_rate", None)
         if len(times) == 0 or times[0] < 0 or (np.diff(times) <= 0).any():
             raise root.bad("times", "seconds after rest that rise")
+        require_seconds(times, f"{folder / 'recording.toml'}")
         return times
     rate = root.number("frame_rate", above=0)
     frames = folder / "frames"

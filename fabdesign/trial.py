@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from fabdesign.design import Design
 from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.trial_file import TrialData, program_of, read_trial, read_trial_pressures
+from fabdesign.trial_place import require_on_cloth
 
 Role = Literal["fit", "test"]
 
@@ -43,9 +44,11 @@ class Trial:
         return program
 
     def load(self) -> TrialData:
-        """All arrays, checked; the clouds are not kept by the trial."""
+        """All arrays, checked, also against the design: its channels, its limits, where its cloth can be. The clouds
+        are not kept by the trial."""
         data = read_trial(self.file, size=max(self.design.fabric.width, self.design.fabric.height))
         require_pressures(data.program, self.design, str(self.file))
+        require_on_cloth(data.frames, data.time, self.design.fabric, str(self.file))
         return data
 
 

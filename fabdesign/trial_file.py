@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.measured_points import require_cloud
+from fabdesign.measured_units import require_measured_pressures, require_seconds
 from fabdesign.npz_file import NpzArrays, open_npz
 from fabdesign.output import new_file
 from fabdesign.pressure import PressureProgram
@@ -97,6 +98,8 @@ def _time_and_pressure(arrays: NpzArrays, path: Path) -> tuple[Floats, Floats]:
         raise InputError(f"{path}: pressure is {_shape(kilopascal)}; expected ({len(time)}, channels) float32, kPa")
     # a tenth of a pascal, a thousandth of the regulator's step: takes off what float32 adds
     pressure = np.round(kilopascal.astype(np.float64) * 1e3, 1)
+    require_seconds(seconds, str(path))
+    require_measured_pressures(pressure, str(path))
     return seconds, pressure
 
 

@@ -21,7 +21,7 @@ def trials(draw: st.DrawFn) -> TrialData:
     frames = draw(st.integers(1, 4))
     rng = np.random.default_rng(draw(st.integers(0, 2**32)))
     time = np.cumsum(rng.uniform(0.01, 0.1, frames))
-    pressure = rng.integers(0, 10_000_000, (frames, draw(st.integers(0, 3)))) / 10  # to 0.1 Pa
+    pressure = rng.integers(10_001, 10_000_000, (frames, draw(st.integers(0, 3)))) / 10  # to 0.1 Pa, above 1 kPa
     clouds = tuple(rng.integers(-3000, 3000, (rng.integers(1, 9), 3)) * 1e-4 for _ in range(frames))
     return TrialData(time, pressure, clouds)
 

@@ -1,0 +1,136 @@
+"""Where a trial's clouds must lie: on a cloth that is held at its hung edge and hangs from it.
+
+Axes exchanged, an axis turned round, another unit or another origin: what cannot be is refused, with the likely cause.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError
+from fabdesign.fabric import Fabric
+
+Array = NDArray[np.float64]
+
+_FRAMES = 6  # looked at, evenly over the trial
+_EARLY = 0.2  # s after rest, before which a cloth has hardly moved
+# degrees between gravity and the way from the hung edge to the middle of the cloth. A pinned cloth's centre hangs below
+# its edge: 13 at most over all frames of the synthetic rigs; exchanged axes make it about 90, a turned one 180.
+_LEANING = 60.0
+_LEANING_CLAMPED = 100.0  # of a clamped cloth, whose muscles may hold it out
+_ALONG = 30.0  # degrees, within which the flat cloth itself must hang for that to be asked
+_MIDDLE = 0.15  # of the cloth's height: a tight roll's centre is too near the edge to have a direction
+_HELD = 0.25  # of the cloth's shorter side: three quarters of the hung edge have a point nearer than that
+_ABOVE = 0.25  # of the shorter side above the hung edge, where ...
+_FEW = 0.2  # ... no more than this share of the points may be
+_SPANNED = 0.3  # of the hung edge, that the points span at least: it is held straight
+_REACH = 1.5  # of the farthest place of the flat cloth from the hung edge
+
+# what may have been done to the points -> what takes it back
+_CAUSES: Mapping[str, Callable[[Array], Array]] = {
+    "is y turned round?": lambda p: p * [1, -1, 1],
+    "are y and z exchanged?": lambda p: p[:, [0, 2, 1]],
+    "are y and z exchanged, with z down?": lambda p: p[:, [0, 2, 1]] * [1, -1, 1],
+    "are x and y exchanged?": lambda p: p[:, [1, 0, 2]],
+    "are x and y exchanged, with x to the left?": lambda p: p[:, [1, 0, 2]] * [1, -1, 1],
+    "are x and z exchanged?": lambda p: p[:, [2, 1, 0]],
+    "are they in millimetres?": lambda p: p * 1e-3,
+    "are they in inches?": lambda p: p * 0.0254,
+    "are they in centimetres?": lambda p: p * 1e-2,
+    "were millimetres taken to metres twice?": lambda p: p * 1e3,
+}
+
+
+def require_on_cloth(frames: Sequence[Array], time: Array, fabric: Fabric, where: str) -> None:
+    """Raise InputError unless clouds (n_t, 3) m, at `time` (T,) s after rest, can be those of a cloth hung as `fabric`.
+
+    A cloth that nothing holds (`hung = "none"`) is not judged.
+    """
+    hung = _hung_places(fabric)
+    if len(hung) == 0:
+        return
+    chosen = np.unique(np.linspace(0, len(frames) - 1, _FRAMES).round().astype(int))
+    clouds = [frames[i] for i in chosen]
+    early = bool(time[0] <= _EARLY)
+    middle = np.mean([np.median(cloud, axis=0) for cloud in (clouds[:1] if early else clouds)], axis=0)
+    leaning = _LEANING if early or fabric.support == "pinned" else _LEANING_CLAMPED
+    points = np.concatenate(clouds)
+    found = _fault(points, middle, hung, fabric, leaning)
+    if found is None:
+        return
+    for cause, undone in _CAUSES.items():
+        if _hangs_well(undone(points), undone(middle[None])[0], hung, fabric):
+            raise InputError(f"{where}: {found} ({cause})")
+    moved = _flat(fabric).mean(axis=0) - middle
+    if _hangs_well(points + moved, middle + moved, hung, fabric):
+        raise InputError(f"{where}: {found} (does its frame start elsewhere? the middle is {_mm(moved)} mm off)")
+    raise InputError(f"{where}: {found}")
+
+
+def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: float) -> str | None:
+    """What points (n, 3) m with the given middle cannot be, and what was expected; None where all is well."""
+    from scipy.spatial import cKDTree
+
+    flat, short = _flat(fabric), min(fabric.width, fabric.height)
+    span = float(np.ptp(np.quantile(points, [0.02, 0.98], axis=0), axis=0).max())
+    held = float(np.linalg.norm(np.ptp(hung, axis=0)))
+    if span < _SPANNED * held:
+        return f"the points span {1e3 * span:.3g} mm; expected a cloth held along {1e3 * held:.0f} mm"
+    to_edge = cKDTree(hung)
+    farthest = float(to_edge.query(flat)[0].max())
+    reached = float(np.quantile(to_edge.query(points)[0], 0.9))
+    if reached > _REACH * farthest:
+        return f"points lie {1e3 * reached:.0f} mm from where the cloth is held; expected {1e3 * farthest:.0f} at most"
+    sparse = 2 * np.sqrt(fabric.width * fabric.height / len(points))  # of points drawn by chance, the widest gaps
+    gap = float(np.quantile(cKDTree(points).query(hung)[0], 0.75))
+    if gap > max(_HELD * short, sparse):
+        return f"no point within {1e3 * gap:.0f} mm of where the cloth is held; expected some along all of it"
+    gravity = np.array(fabric.gravity)
+    hangs, lies = middle - hung.mean(axis=0), flat.mean(axis=0) - hung.mean(axis=0)
+    if _degrees(lies, gravity) > _ALONG:
+        return None
+    angle, far = _degrees(hangs, gravity), np.linalg.norm(hangs) >= _MIDDLE * short
+    if far and angle > leaning:
+        return f"the cloth lies {angle:.0f} degrees off gravity, seen from where it is held; expected it to hang"
+    height = (hung.mean(axis=0) - points) @ gravity / np.linalg.norm(gravity)
+    if np.mean(height > _ABOVE * short) > _FEW:
+        return f"{100 * np.mean(height > 0):.0f} % of the points lie above where the cloth is held; expected it to hang"
+    return None
+
+
+def _hangs_well(points: Array, middle: Array, hung: Array, fabric: Fabric) -> bool:
+    """Whether points are what a cloth hung as `fabric` gives most often: a likely reading, not just a possible one."""
+    below = float(np.linalg.norm(middle - hung.mean(axis=0))) >= _MIDDLE * min(fabric.width, fabric.height)
+    return below and _fault(points, middle, hung, fabric, _ALONG) is None
+
+
+def _hung_places(fabric: Fabric) -> Array:
+    """(n, 3) m, places that are held, of the cloth at rest."""
+    if fabric.hung == "none":
+        return np.zeros((0, 3))
+    if isinstance(fabric.hung, tuple):
+        return _at_rest(np.array(fabric.hung), fabric)
+    along = np.linspace(0.0, 1.0, 21)
+    ends = {"top": (along, 0 * along), "bottom": (along, 0 * along + 1), "left": (0 * along, along)}
+    u, v = ends.get(fabric.hung, (0 * along + 1, along))
+    return _at_rest(np.stack([u * fabric.width, v * fabric.height], axis=1), fabric)
+
+
+def _flat(fabric: Fabric) -> Array:
+    u, v = np.meshgrid(np.linspace(0, fabric.width, 5), np.linspace(0, fabric.height, 5))
+    return _at_rest(np.stack([u.ravel(), v.ravel()], axis=1), fabric)
+
+
+def _at_rest(uv: Array, fabric: Fabric) -> Array:
+    return np.stack([uv[:, 0] - fabric.width / 2, -uv[:, 1], np.zeros(len(uv))], axis=1)
+
+
+def _degrees(a: Array, b: Array) -> float:
+    """Between two directions; 0 where one has no length."""
+    lengths = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(np.degrees(np.arccos(np.clip(a @ b / lengths, -1.0, 1.0)))) if lengths > 0 else 0.0
+
+
+def _mm(vector: Array) -> str:
+    return f"{1e3 * float(np.linalg.norm(vector)):.0f}"
