@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.loops import interpolation_weights
+from sim.design.loops import interpolation_weights
 
 SIDE = 41  # points a side of every output
 
@@ -11,7 +11,7 @@ SIDE = 41  # points a side of every output
 def faces(middle: NDArray[np.float32], thickness: float) -> NDArray[np.float32]:
     """(T, 2 * 41 * 41, 3) m from mid-surfaces (T, n, n, 3): half the thickness along the normal, front then back.
 
-    Another grid than 41 x 41 is interpolated (cubic, sim.loops).
+    Another grid than 41 x 41 is interpolated (cubic, sim.design.loops).
     """
     rows = _resample(middle.shape[1]).astype(middle.dtype)
     if middle.shape[1] != SIDE:

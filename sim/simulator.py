@@ -11,18 +11,18 @@ from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.forward import Case
 from fabdesign.model import POINTS_PER_SIDE
-from sim import fields
-from sim.contact_pairs import Touching
+from sim.design.loading import load_batch, load_constants
+from sim.design.support import FREE, hung_code
 from sim.faces import faces
-from sim.loading import load_batch, load_constants
-from sim.model import FREE, hung_code
+from sim.forces.contact_pairs import Touching
+from sim.kernels import fields
+from sim.kernels.transfer import halt, read
 from sim.motion import Motion, motion_of
-from sim.schedule import alike, by_block, of_motions
-from sim.scheme import Batch, Scheme
-from sim.seats import seat
 from sim.step import march
-from sim.steps import Steps, jumps_of, steps_of
-from sim.transfer import halt, read
+from sim.time.packing import seat
+from sim.time.schedule import alike, by_block, of_motions
+from sim.time.scheme import Batch, Scheme
+from sim.time.steps import Steps, jumps_of, steps_of
 
 Array = NDArray[np.float64]
 BLOCKS = 8  # of LANES designs in the fields at once
@@ -49,7 +49,7 @@ class Simulator:
     """
 
     points_per_side: int = POINTS_PER_SIDE
-    time_step: float = 1 / 1920  # s, right after a jump of pressure; more in one as time goes on (sim/steps.py)
+    time_step: float = 1 / 1920  # s, right after a jump of pressure; more in one as time goes on (sim/time/steps.py)
     calm_steps: int | None = None  # time steps in one, later on; 8 by default, on finer grids 4, with self_contact 1
     iterations: int = 16  # at most, in a step
     tolerance: float = 2e-7  # m, RMS over nodes of a step's last update; what it still lacks the next step makes up

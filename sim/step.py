@@ -3,33 +3,33 @@
 Time: generalised-alpha (Chung and Hulbert 1993, their equations 8-13) with spectral radius rho at infinity. The unknown
 is the position q at the evaluation time; velocity and acceleration there are linear in it, v = cv q + hv and
 a = ca q + ha. The residual r(q) = f(q, v) - M a is the XPBD system of all constraints at once.
-Space: a constraint C of compliance alpha gives f = -grad C^T C / alpha (sim/sheet.py, sim/lacing.py).
-Solve: sim/conjugate_gradients.py, preconditioned by the linear problem of the flat cloth (sim/sheet_solve.py) and its
-muscles (sim/muscle_solve.py) in frames that follow the shape (sim/frames.py), and by what a bent sheet's softest modes
-are (sim/coarse_space.py). A lane whose update is below the
-tolerance no longer moves, so that a design's result does not depend on its neighbours. What its residual then is, a
-force, acts in the next step: errors of the solve cancel instead of adding up to a drift.
+Space: a constraint C of compliance alpha gives f = -grad C^T C / alpha (sim/forces/cloth.py, sim/forces/muscles.py).
+Solve: sim/solver/conjugate_gradients.py, preconditioned by the linear problem of the flat cloth
+(sim/solver/flat_cloth.py) and its muscles (sim/solver/muscles.py) in frames that follow the shape
+(sim/solver/frames.py), and by what a bent sheet's softest modes are (sim/solver/coarse_space.py). A lane whose update
+is below the tolerance no longer moves, so that a design's result does not depend on its neighbours. What its residual
+then is, a force, acts in the next step: errors of the solve cancel instead of adding up to a drift.
 """
 
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from sim.coarse_space import assemble
-from sim.conjugate_gradients import LEFT, direction, first_residual, step_length
-from sim.contact import contact
-from sim.fields import AF, AM, BA, CARRIED, GAMMA, GOES_ON, IA, LANES, RY, SPREAD, F, H, Timed, X
-from sim.frames import frames
-from sim.lacing import back, points_pos, points_rate, sample, seg_to_points, tension
-from sim.model import FREE
-from sim.muscle_modes import green
-from sim.muscle_solve import woodbury
-from sim.schedule import FACTORED, IDLE, Schedule
-from sim.scheme import Batch
-from sim.sheet import fabric_force
-from sim.sheet_solve import factor
-from sim.transfer import record
-from sim.vectors import thrice
+from sim.design.support import FREE
+from sim.forces.cloth import fabric_force
+from sim.forces.contact import contact
+from sim.forces.muscles import back, points_pos, points_rate, sample, seg_to_points, tension
+from sim.kernels.fields import AF, AM, BA, CARRIED, GAMMA, GOES_ON, IA, LANES, RY, SPREAD, F, H, Timed, X
+from sim.kernels.transfer import record
+from sim.kernels.vectors import thrice
+from sim.solver.coarse_space import assemble
+from sim.solver.conjugate_gradients import LEFT, direction, first_residual, step_length
+from sim.solver.flat_cloth import factor
+from sim.solver.frames import frames
+from sim.solver.muscle_modes import green
+from sim.solver.muscles import woodbury
+from sim.time.schedule import FACTORED, IDLE, Schedule
+from sim.time.scheme import Batch
 
 AT_ONCE = 64  # steps in one call of the kernel: an interrupt waits for its end
 

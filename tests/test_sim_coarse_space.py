@@ -6,14 +6,14 @@ import scipy.linalg
 import taichi as ti
 
 from sim import Simulator
-from sim.coarse_bent import bent
-from sim.coarse_flat import flat, pull
-from sim.coarse_solve import factor
-from sim.coarse_space import copy
-from sim.fields import COARSE, COARSE_ACROSS, COARSE_DOWN, LANES, SPREAD, C, F
-from sim.modes import modes_across, modes_down
-from sim.muscle_solve import solve
-from sim.scheme import Scheme
+from sim.kernels.fields import COARSE, COARSE_ACROSS, COARSE_DOWN, LANES, SPREAD, C, F
+from sim.solver.coarse_bent import bent
+from sim.solver.coarse_flat import flat, pull
+from sim.solver.coarse_solve import factor
+from sim.solver.coarse_space import copy
+from sim.solver.modes import modes_across, modes_down
+from sim.solver.muscles import solve
+from sim.time.scheme import Scheme
 from tests.sim_designs import held, laced
 from tests.sim_reference import ReferenceSheet
 

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import taichi as ti
 
-from sim import Simulator, fields
-from sim.contact import contact, put
-from sim.contact_pairs import STIFFNESS, Pairs, Sheet, find
-from sim.fields import LANES, F
+from sim import Simulator
+from sim.forces.contact import contact, put
+from sim.forces.contact_pairs import STIFFNESS, Pairs, Sheet, find
+from sim.kernels import fields
+from sim.kernels.fields import LANES, F
 from tests.layers import depth
 from tests.sim_designs import cloth, held, laced, rolled
 from tests.sim_reference import ReferenceSheet

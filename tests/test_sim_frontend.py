@@ -4,9 +4,9 @@ import pytest
 import taichi as ti
 from taichi.lang.ast.ast_transformer_utils import Builder
 
-from sim import fields
-from sim.fields import Timed
-from sim.frontend import brief
+from sim.kernels import fields
+from sim.kernels.fields import Timed
+from sim.kernels.frontend import brief
 
 
 @ti.func

@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from fabdesign.forward import Case
 from fabdesign.pressure import PressureProgram
 from sim import Simulator
-from sim.fields import LANES
-from sim.schedule import FACTORED, IDLE, of_motions
-from sim.scheme import Batch
-from sim.seats import seat
-from sim.steps import LARGE, Steps, jumps_of, steps_of
+from sim.kernels.fields import LANES
+from sim.time.packing import seat
+from sim.time.schedule import FACTORED, IDLE, of_motions
+from sim.time.scheme import Batch
+from sim.time.steps import LARGE, Steps, jumps_of, steps_of
 from tests.sim_designs import laced
 
 TICK, CALM = 1 / 1920, 8

@@ -5,9 +5,9 @@ import pytest
 import taichi as ti
 
 from sim import Simulator
-from sim.fields import GREEN, LANES, SPREAD, F, X
-from sim.model import lace, touched
-from sim.muscle_solve import solve
+from sim.design.lacing import lace, touched
+from sim.kernels.fields import GREEN, LANES, SPREAD, F, X
+from sim.solver.muscles import solve
 from tests.sim_designs import held, laced
 
 N = 21

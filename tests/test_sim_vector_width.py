@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from sim import vector_width
+from sim.kernels import vector_width
 
 PACKED = """
 import sys
 import taichi as ti
-from sim.vector_width import widen
+from sim.kernels.vector_width import widen
 if sys.argv[1] == "wide":
     print(widen())
 ti.init(arch=ti.cpu, offline_cache=False, print_kernel_llvm_ir_optimized=True)

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from sim import fields
-from sim.fields import LANES, F
+from sim.kernels import fields
+from sim.kernels.fields import LANES, F
 from sim.simulator import Simulator
-from sim.steps import Jumps, steps_of
+from sim.time.steps import Jumps, steps_of
 from tests.sim_designs import held
 
 

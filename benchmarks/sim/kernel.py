@@ -15,16 +15,16 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from benchmarks.sim.cases import reference
-from sim import fields
-from sim.fields import SPREAD, F, Timed
-from sim.loading import load_batch
-from sim.model import FREE
-from sim.muscle_solve import solve
-from sim.scheme import Scheme
-from sim.sheet import fabric_force
-from sim.sheet_solve import factor
+from sim.design.loading import load_batch
+from sim.design.support import FREE
+from sim.forces.cloth import fabric_force
+from sim.kernels import fields
+from sim.kernels.fields import SPREAD, F, Timed
+from sim.kernels.vector_width import has_avx2
 from sim.simulator import BLOCKS
-from sim.vector_width import has_avx2
+from sim.solver.flat_cloth import factor
+from sim.solver.muscles import solve
+from sim.time.scheme import Scheme
 
 Array = NDArray[np.float32]
 SCHEME = Scheme(1 / 480, 0.6)

@@ -10,7 +10,7 @@ from scipy.optimize import brentq, fsolve
 from fabdesign.muscle import BenchTable, Muscle, MuscleType
 from fabdesign.muscle_law import MuscleLaw
 from sim import Simulator
-from sim.loops import LOOP
+from sim.design.loops import LOOP
 from tests.sim_designs import around, cloth, held, laced, linear_muscle, middle
 
 SIMULATOR = Simulator()

@@ -1,0 +1,1 @@
+"""From a design to the numbers that the kernels take."""

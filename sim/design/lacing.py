@@ -1,0 +1,59 @@
+"""The fixed points of a design on the grid: which nodes each holds, and the intervals between them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.design import Design
+from sim.design.loops import line_weights, patch_size
+from sim.kernels import fields as f
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Lacing:
+    """The fixed points of one design on an n x n grid; interval k runs from point k to k + 1 where `active`."""
+
+    base: NDArray[np.int32]  # (p, 2) row and column of the first node
+    weights: Array  # (6, p, PATCH): wu, wv, du, dv, eu, ev, zeros behind
+    offset: Array  # (p,) m, signed: positive on the front
+    active: Array  # (p,) 1 where an interval starts
+    rest: Array  # (p,) m
+    channel: NDArray[np.int32]  # (p,)
+    kind: tuple[str, ...]  # (p,) muscle type
+
+
+def touched(design: Design, n: int) -> tuple[int, int]:
+    """How many nodes across and down a loop of this design can touch."""
+    return patch_size(n, design.fabric.width / (n - 1)), patch_size(n, design.fabric.height / (n - 1))
+
+
+def lace(design: Design, n: int, across: int, down: int) -> Lacing:
+    """The fixed points with the weights of across x down nodes around each."""
+    hu, hv = design.fabric.width / (n - 1), design.fabric.height / (n - 1)
+    weights = [np.zeros((6, 0, f.PATCH))]
+    base: list[tuple[int, int]] = []
+    offset, active, rest, channel, kind = [], [], [], [], []
+    for muscle in design.muscles:
+        points = muscle.fixed_points()
+        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        side = 1.0 if muscle.side == "front" else -1.0
+        i, wu, du, eu = line_weights(points[:, 0], n, hu, across)
+        j, wv, dv, ev = line_weights(points[:, 1], n, hv, down)
+        base += zip(j, i, strict=True)
+        touching = np.zeros((6, len(points), f.PATCH))
+        touching[::2, :, :across], touching[1::2, :, :down] = (wu, du, eu), (wv, dv, ev)
+        weights.append(touching)
+        for q in range(len(points)):
+            offset.append(side * design.muscle_types[muscle.type].axis_offset)
+            last = q == len(points) - 1
+            active.append(0.0 if last else 1.0)
+            rest.append(1.0 if last else lengths[q])
+            channel.append(muscle.channel)
+            kind.append(muscle.type)
+    return Lacing(
+        np.array(base, np.int32).reshape(-1, 2), np.concatenate(weights, axis=1),
+        np.array(offset), np.array(active), np.array(rest), np.array(channel, np.int32), tuple(kind),
+    )  # fmt: skip

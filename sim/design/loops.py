@@ -1,0 +1,93 @@
+"""Where a fixed point holds the cloth: weights of the nodes around it.
+
+A muscle is laced through interstices of tape 10.5 mm wide, so a fixed point holds the cloth by a loop, not by a
+mathematical point, which would pull infinitely far into it: displacement ~ F ln(r) / (2 pi k). The loop's share of the
+cloth is a cubic B-spline with knots LOOP apart in both directions: its variance is that of a square of 2 LOOP. A grid
+of spacing h gives way to so narrow a load more than the sheet does, so that WIDENED h^2 is added to LOOP^2. Closer to a
+hem than LOOP the knots are as far apart as the hem is away, so that a muscle that ends on a held edge is held.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim.kernels.fields import PATCH
+
+Array = NDArray[np.float64]
+LOOP = 0.005  # m; the trials of rig_c (synthetic) that may be fitted like 4 to 5 mm best, 0 or 7 mm less
+WIDENED = 1 / 8  # with it grids of 10 and 5 mm come nearest to fine ones (docs/results/simulator.md)
+
+
+def patch_size(nodes: int, spacing: float) -> int:
+    """How many nodes of a line with `spacing` [m] a loop can touch; with spacings under 1.25 mm it is narrower."""
+    return min(4 * max(1, int(np.ceil(LOOP / spacing - 1e-9))), 4 * (nodes // 4), PATCH)
+
+
+def line_weights(t: ArrayLike, nodes: int, spacing: float, count: int) -> tuple[NDArray[np.int_], Array, Array, Array]:
+    """Of loops at `t` (...) [m] on a line of nodes: first node (...), weights (..., count), derivatives of these [1/m],
+    first moments [m].
+
+    `count`: of weights, patch_size at least. B-spline weights, with knots a spacing apart at least, and Catmull-Rom
+    weights, of no variance, are mixed for the loop's. Beyond the ends of the line the quadratic of three nodes goes on.
+    """
+    at = np.asarray(t, dtype=float)[..., None]
+    around = _around(at / spacing, nodes, count)
+    x = np.asarray(around * spacing - at)
+    knots = np.clip(np.minimum(at, (nodes - 1) * spacing - at), 0.0, LOOP)
+    scale = np.minimum(np.maximum(knots, spacing), spacing * count / 4)
+    value, slope = _spline(x, scale)
+    sharp, rise = _catmull_rom(np.asarray(x / spacing))
+    share = np.minimum(1.0, (knots / scale) ** 2) * (1 + WIDENED * (spacing / LOOP) ** 2)
+    value, slope = sharp + share * (value - sharp), rise / spacing + share * (slope - rise / spacing)
+    first, fold = _fold(around, nodes)
+    value, slope = (np.einsum("...nk,...k->...n", fold, w) for w in (value, slope))
+    return first, value, slope, value * ((first[..., None] + np.arange(count)) * spacing - at)
+
+
+def interpolation_weights(t: float, nodes: int) -> tuple[int, Array]:
+    """First of four nodes and their weights at `t` node spacings along a line: Catmull-Rom."""
+    around = _around(np.array([t]), nodes, 4)
+    first, fold = _fold(around, nodes)
+    return int(first), fold @ _catmull_rom(np.asarray(around - t))[0]
+
+
+def _around(t: Array, nodes: int, count: int) -> NDArray[np.int_]:
+    """(..., count) nodes around `t` (..., 1) node spacings along a line; some may lie beyond its ends."""
+    below = np.clip(np.floor(t).astype(int), 0, nodes - 2)
+    return np.asarray(below - count // 2 + 1 + np.arange(count))
+
+
+def _spline(x: Array, scale: Array) -> tuple[Array, Array]:
+    """Cubic B-spline weights of nodes at x [m] from the loop's middle, and their derivatives [1/m] when the loop moves
+    up the line; linear functions of x are reproduced for any ratio of scale and spacing."""
+
+    def total(values: Array) -> Array:
+        return np.asarray(values.sum(axis=-1, keepdims=True))
+
+    r = np.abs(x) / scale
+    value = np.where(r < 1, 4 - 6 * r**2 + 3 * r**3, np.clip(2 - r, 0, None) ** 3)
+    slope = np.where(r < 1, 12 * r - 9 * r**2, 3 * np.clip(2 - r, 0, None) ** 2) * np.sign(x)
+    value, slope = value / total(value), slope / total(slope * x)
+    mean = total(value * x)
+    value = value * (1 - mean * (x - mean) / (total(value * x**2) - mean**2))
+    return value, slope - total(slope) * value
+
+
+def _catmull_rom(x: Array) -> tuple[Array, Array]:
+    """The same for the interpolation that reproduces quadratics, in node spacings."""
+    r = np.abs(x)
+    value = np.where(r < 1, 2 - 5 * r**2 + 3 * r**3, np.clip(2 - r, 0, None) ** 2 * (1 - r)) / 2
+    slope = np.where(r < 1, 10 * r - 9 * r**2, np.clip(2 - r, 0, None) * (4 - 3 * r)) * np.sign(x) / 2
+    return value, slope
+
+
+def _fold(around: NDArray[np.int_], nodes: int) -> tuple[NDArray[np.int_], Array]:
+    """The first (...) of as many nodes on the line, and the matrices (..., count, count) that take weights of `around`
+    (..., count) to them."""
+    first = np.clip(around[..., 0], 0, nodes - around.shape[-1])
+    held = first[..., None] + np.arange(around.shape[-1])
+    fold = (held[..., :, None] == around[..., None, :]).astype(float)
+    beyond = np.clip(np.maximum(-around, around - nodes + 1), 0, None)
+    end = np.stack([(beyond + 1) * (beyond + 2) / 2, -beyond * (beyond + 2), beyond * (beyond + 1) / 2], axis=-2)
+    fold[..., :3, :] += end * (around < 0)[..., None, :]
+    fold[..., -3:, :] += end[..., ::-1, :] * (around >= nodes)[..., None, :]
+    return first, fold

@@ -1,0 +1,1 @@
+"""Forces of the cloth, its muscles and its contacts, each with the stiffness that the solver takes from it."""

@@ -1,0 +1,109 @@
+"""Bending of the cloth at its nodes (equations 4 and 5 of docs/model.md) and at a clamp."""
+
+import taichi as ti
+
+from sim.kernels.fields import AREA, B1, B2, D1, D2, D12, DCLAMP, HU, HV, IHU, IHV, F
+from sim.kernels.vectors import cross, difference, dot, load, parts, store, thrice
+
+
+@ti.func
+def star_row(b, nu, nv, j):
+    """node normals, curvatures, bending moments, and the moments' couples on the normal"""
+    s = nu + 2
+    i = 0
+    while i < nu:
+        k = (j + 1) * s + i + 1
+        w = k - 1
+        e = k + 1
+        n = k - s
+        d = k + s
+        has1 = ti.f32(1.0)
+        has2 = ti.f32(1.0)
+        wt = ti.f32(1.0)
+        if i == 0 or i == nu - 1:
+            has1 = ti.f32(0.0)
+            wt *= 0.5
+        if j == 0 or j == nv - 1:
+            has2 = ti.f32(0.0)
+            wt *= 0.5
+        if i == 0:
+            w = k
+        if i == nu - 1:
+            e = k
+        if j == 0:
+            n = k
+        if j == nv - 1:
+            d = k
+        hh = has1 * has2
+        ax, ay, az = difference(b, F.q + w, F.q + e)
+        bx, by, bz = difference(b, F.q + n, F.q + d)
+        nx, ny, nz = cross(bx, by, bz, ax, ay, az)
+        il = 1.0 / ti.sqrt(dot(nx, ny, nz, nx, ny, nz))
+        nx, ny, nz = nx * il, ny * il, nz * il
+        # second differences over h, edge by edge: neighbours lie close, so that their difference is exact
+        x = F.node3[b, F.q + k]
+        turn_u = thrice(F.lane[b, IHU]) * ((F.node3[b, F.q + e] - x) - (x - F.node3[b, F.q + w]))
+        turn_v = thrice(F.lane[b, IHV]) * ((F.node3[b, F.q + d] - x) - (x - F.node3[b, F.q + n]))
+        ux, uy, uz = parts(turn_u)
+        vx, vy, vz = parts(turn_v)
+        k1 = dot(nx, ny, nz, ux, uy, uz)
+        k2 = dot(nx, ny, nz, vx, vy, vz)
+        A = F.lane[b, AREA] * wt
+        M1 = (
+            F.lane[b, IHU] * (has1 * F.lane[b, B1] + hh * (F.lane[b, D1] - F.lane[b, B1])) * k1 * F.lane[b, IHU]
+            + hh * F.lane[b, IHU] * F.lane[b, D12] * F.lane[b, IHV] * k2
+        ) * A
+        M2 = (
+            F.lane[b, IHV] * (has2 * F.lane[b, B2] + hh * (F.lane[b, D2] - F.lane[b, B2])) * k2 * F.lane[b, IHV]
+            + hh * F.lane[b, IHV] * F.lane[b, D12] * F.lane[b, IHU] * k1
+        ) * A
+        F.node[b, F.s1 + k] = M1
+        F.node[b, F.s2 + k] = M2
+        # couple on the normal, tangential part
+        mx, my, mz = M1 * ux + M2 * vx, M1 * uy + M2 * vy, M1 * uz + M2 * vz
+        cn = dot(mx, my, mz, nx, ny, nz)
+        cx, cy, cz = (mx - cn * nx) * il, (my - cn * ny) * il, (mz - cn * nz) * il
+        store(b, F.n + k, nx, ny, nz)
+        ex, ey, ez = cross(bx, by, bz, cx, cy, cz)
+        store(b, F.na + k, ex, ey, ez)
+        ex, ey, ez = cross(cx, cy, cz, ax, ay, az)
+        store(b, F.nb + k, ex, ey, ez)
+        i = F.after[i]
+
+
+@ti.func
+def clamp_pass(b, nu, nv, hung):
+    """Half a cell of bending between the held normal (0, 0, 1) of a clamped edge and the first edges of the cloth."""
+    s = nu + 2
+    count = nu
+    h = F.lane[b, HV]
+    width = F.lane[b, HU]
+    stiffness = F.lane[b, B2]
+    if hung > 1:
+        count = nv
+        h = F.lane[b, HU]
+        width = F.lane[b, HV]
+        stiffness = F.lane[b, B1]
+    i = 0
+    while i < count:
+        k = s + i + 1
+        e = k + s
+        if hung == 1:
+            k = nv * s + i + 1
+            e = k - s
+        if hung == 2:
+            k = (i + 1) * s + 1
+            e = k + 1
+        if hung == 3:
+            k = (i + 1) * s + nu
+            e = k - 1
+        w = ti.f32(1.0)
+        if i == 0 or i == count - 1:
+            w = 0.5
+        dx, dy, dz = difference(b, F.q + k, F.q + e)
+        il = 1.0 / ti.sqrt(dx * dx + dy * dy + dz * dz)
+        tz = dz * il
+        m = w * F.lane[b, DCLAMP] * stiffness * width * 2.0 / h * tz * il
+        fx, fy, fz = load(b, F.f + e)
+        store(b, F.f + e, fx + m * tz * dx * il, fy + m * tz * dy * il, fz - m * (1.0 - tz * tz))
+        i = F.after[i]

@@ -1,0 +1,158 @@
+"""Muscles: fixed points on the cloth, tension of the intervals between them, its force on the nodes.
+
+Equations 7-10 of docs/model.md.
+"""
+
+import taichi as ti
+
+from sim.kernels.fields import CONTRACTION_STEP, CV, FIRST_CONTRACTION, LANES, PATCH, PRESSURE_STEP, TABLE, F, X
+from sim.kernels.patch import gather, scatter, weigh_across, weigh_rows
+from sim.kernels.vectors import Wide, cross, dot, load_point, parts, store_point, sum3, thrice
+
+
+@ti.func
+def sample(b, nu, npt, first, second, dst):
+    """Vectors of the planes `first` and `second` of F.node3 at the fixed points: values and derivatives along u and v
+    to three planes of F.point3 each, from dst on. Loops for what is written once: a kernel loads the faster."""
+    pt = 0
+    while pt < npt:
+        turn = 0
+        while turn < 2:
+            gather(b, nu, pt, first + turn * (second - first))
+            r = 0
+            while r < F.touched[1]:
+                along_u = 0
+                while along_u < 2:
+                    weigh_across(b, X.wu + along_u * (X.du - X.wu) + PATCH * pt, r, along_u * PATCH + r)
+                    along_u = F.after[along_u]
+                r = F.after[r]
+            kind = 0  # value, derivative along u, along v
+            while kind < 3:
+                weights = X.wv + kind // 2 * (X.dv - X.wv) + PATCH * pt
+                weigh_rows(b, weights, kind % 2 * PATCH, dst + (3 * turn + kind) * F.points + pt)
+                kind = F.after[kind]
+            turn = F.after[turn]
+        pt = F.after[pt]
+
+
+@ti.func
+def points_pos(b, npt):
+    """Positions and normals of the fixed points, from the cloth's below."""
+    pt = 0
+    while pt < npt:
+        ax, ay, az = load_point(b, X.tan_u + pt)
+        bx, by, bz = load_point(b, X.tan_v + pt)
+        cx, cy, cz = cross(bx, by, bz, ax, ay, az)
+        il = 1.0 / ti.sqrt(dot(cx, cy, cz, cx, cy, cz))
+        normal = Wide(cx * il, cy * il, cz * il)
+        F.point[b, X.inv_area + pt] = il
+        F.point3[b, X.normal + pt] = normal
+        F.point3[b, X.pos + pt] = F.point3[b, X.pos + pt] + thrice(F.point[b, X.offset + pt]) * normal
+        pt = F.after[pt]
+
+
+@ti.func
+def points_rate(b, npt):
+    """Velocities of the fixed points, from the cloth's below."""
+    pt = 0
+    while pt < npt:
+        ax, ay, az = load_point(b, X.tan_u + pt)
+        bx, by, bz = load_point(b, X.tan_v + pt)
+        ex, ey, ez = load_point(b, X.vel_u + pt)
+        gx, gy, gz = load_point(b, X.vel_v + pt)
+        cx, cy, cz = cross(gx, gy, gz, ax, ay, az)
+        dx, dy, dz = cross(bx, by, bz, ex, ey, ez)
+        turn = thrice(F.point[b, X.inv_area + pt]) * Wide(cx + dx, cy + dy, cz + dz)
+        normal = F.point3[b, X.normal + pt]
+        tangential = turn - thrice(sum3(turn * normal)) * normal
+        F.point3[b, X.vel + pt] = F.point3[b, X.vel + pt] + thrice(F.point[b, X.offset + pt]) * tangential
+        pt = F.after[pt]
+
+
+@ti.func
+def back(b, nu, npt, dst):
+    """adds the fixed points' forces to the nodes"""
+    pt = 0
+    while pt < npt:
+        force = F.point3[b, X.force + pt]
+        normal = F.point3[b, X.normal + pt]
+        lever = thrice(F.point[b, X.offset + pt] * F.point[b, X.inv_area + pt])
+        couple = lever * (force - thrice(sum3(force * normal)) * normal)
+        tx, ty, tz = parts(couple)
+        ax, ay, az = load_point(b, X.tan_u + pt)
+        bx, by, bz = load_point(b, X.tan_v + pt)
+        cx, cy, cz = cross(tx, ty, tz, bx, by, bz)
+        store_point(b, X.grad_u + pt, cx, cy, cz)
+        cx, cy, cz = cross(ax, ay, az, tx, ty, tz)
+        store_point(b, X.grad_v + pt, cx, cy, cz)
+        pt = F.after[pt]
+    pt = 0
+    while pt < npt:
+        force = F.point3[b, X.force + pt]
+        along_u = F.point3[b, X.grad_u + pt]
+        along_v = F.point3[b, X.grad_v + pt]
+        r = 0
+        while r < F.touched[1]:
+            value = thrice(F.point[b, X.wv + PATCH * pt + r])
+            w0 = value * force + thrice(F.point[b, X.dv + PATCH * pt + r]) * along_v
+            w1 = value * along_u
+            m = 0
+            while m < F.touched[0]:
+                F.patch3[b, r * PATCH + m] = (
+                    thrice(F.point[b, X.wu + PATCH * pt + m]) * w0 + thrice(F.point[b, X.du + PATCH * pt + m]) * w1
+                )
+                m = F.after[m]
+            r = F.after[r]
+        scatter(b, nu, pt, dst)
+        pt = F.after[pt]
+
+
+@ti.func
+def tension(b, npt):
+    """Direction, length, contraction, tension and compliance of every interval; X.vel must hold the points' velocity"""
+    k = 0
+    while k < npt - 1:
+        along = F.point3[b, X.pos + k + 1] - F.point3[b, X.pos + k]
+        il = 1.0 / ti.sqrt(sum3(along * along) + 1e-16)
+        along = along * thrice(il)
+        F.point3[b, X.dir + k] = along
+        F.point[b, X.eps + k] = 1.0 - 1.0 / (il * F.point[b, X.rest + k])
+        stretching = sum3(along * (F.point3[b, X.vel + k + 1] - F.point3[b, X.vel + k]))
+        F.point[b, X.rate + k] = -stretching / F.point[b, X.rest + k]
+        lane = 0
+        while lane < LANES:
+            x = (F.point[b, X.eps + k][lane] - FIRST_CONTRACTION) / CONTRACTION_STEP
+            i = ti.min(ti.max(int(x), 0), TABLE[1] - 2)
+            f = x - i
+            pp = F.point[b, X.pressure + k][lane] / PRESSURE_STEP
+            j = ti.min(ti.max(int(pp), 0), TABLE[0] - 2)
+            g = pp - j
+            ty = F.kind[b, k][lane]
+            f0 = F.table[ty, 0, i]
+            f1 = F.table[ty, 0, i + 1]
+            e0 = (1 - g) * F.table[ty, j, i] + g * F.table[ty, j + 1, i]
+            e1 = (1 - g) * F.table[ty, j, i + 1] + g * F.table[ty, j + 1, i + 1]
+            h0 = f0 + F.point[b, X.gain + k][lane] * (e0 - f0)
+            h1 = f1 + F.point[b, X.gain + k][lane] * (e1 - f1)
+            F.point[b, X.tension + k][lane] = h0 + f * (h1 - h0)
+            F.point[b, X.compliance + k][lane] = (h0 - h1) / CONTRACTION_STEP
+            lane = F.after[lane]
+        F.point[b, X.tension + k] = F.point[b, X.active + k] * (
+            F.point[b, X.tension + k] - F.point[b, X.viscosity + k] * F.point[b, X.rate + k]
+        )
+        F.point[b, X.compliance + k] = F.point[b, X.rest + k] / (
+            F.point[b, X.compliance + k] + F.point[b, X.viscosity + k] * F.scheme[b, CV]
+        )
+        k = F.after[k]
+
+
+@ti.func
+def seg_to_points(b, npt, src):
+    """What tensions pull their fixed points with."""
+    F.point3[b, X.force] = thrice(F.point[b, src]) * F.point3[b, X.dir]
+    k = 1
+    while k < npt:
+        F.point3[b, X.force + k] = -thrice(F.point[b, src + k - 1]) * F.point3[b, X.dir + k - 1]
+        if k < npt - 1:
+            F.point3[b, X.force + k] = F.point3[b, X.force + k] + thrice(F.point[b, src + k]) * F.point3[b, X.dir + k]
+        k = F.after[k]

@@ -1,0 +1,1 @@
+"""What all kernels share: Taichi, its fields, vectors, transfers."""

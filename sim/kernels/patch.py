@@ -1,0 +1,57 @@
+"""The nodes around a fixed point, F.touched across and down: from the grid to F.patch3 and back, weighted sums."""
+
+import taichi as ti
+
+from sim.kernels.fields import LANES, PATCH, F
+from sim.kernels.vectors import thrice
+
+
+@ti.func
+def gather(b, nu, pt, src):
+    """F.patch3 = vectors of the plane of F.node3 that begins at src."""
+    r = 0
+    while r < F.touched[1]:
+        m = 0
+        while m < F.touched[0]:
+            for lane in range(LANES):
+                k = src + F.base[b, pt][lane] + r * (nu + 2) + m
+                for c in ti.static(range(3)):
+                    F.patch3[b, r * PATCH + m][c * LANES + lane] = F.node3[b, k][c * LANES + lane]
+            m = F.after[m]
+        r = F.after[r]
+
+
+@ti.func
+def scatter(b, nu, pt, dst):
+    """Adds F.patch3 to where `gather` takes it from."""
+    r = 0
+    while r < F.touched[1]:
+        m = 0
+        while m < F.touched[0]:
+            for lane in range(LANES):
+                k = dst + F.base[b, pt][lane] + r * (nu + 2) + m
+                for c in ti.static(range(3)):
+                    e = c * LANES + lane
+                    F.node3[b, k][e] = F.node3[b, k][e] + F.patch3[b, r * PATCH + m][e]
+            m = F.after[m]
+        r = F.after[r]
+
+
+@ti.func
+def weigh_across(b, o, r, dst):
+    """F.row3 at dst = sum of row r of the patch by the weights that lie at o of F.point."""
+    F.row3[b, dst] = thrice(F.point[b, o]) * F.patch3[b, r * PATCH]
+    m = 1
+    while m < F.touched[0]:
+        F.row3[b, dst] = F.row3[b, dst] + thrice(F.point[b, o + m]) * F.patch3[b, r * PATCH + m]
+        m = F.after[m]
+
+
+@ti.func
+def weigh_rows(b, o, first, dst):
+    """F.point3 at dst = sum of what lies at `first` of F.row3, a row each, by the weights that lie at o of F.point."""
+    F.point3[b, dst] = thrice(F.point[b, o]) * F.row3[b, first]
+    r = 1
+    while r < F.touched[1]:
+        F.point3[b, dst] = F.point3[b, dst] + thrice(F.point[b, o + r]) * F.row3[b, first + r]
+        r = F.after[r]

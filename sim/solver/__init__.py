@@ -1,0 +1,1 @@
+"""What solves a step: conjugate gradients and their preconditioner."""

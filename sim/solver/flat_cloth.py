@@ -1,0 +1,235 @@
+"""The flat cloth's own linear problem, solved exactly: eigenvectors across, banded factors along v."""
+
+import taichi as ti
+
+from sim.kernels.fields import (
+    AIR,
+    B2,
+    CA,
+    CV,
+    D1,
+    D2,
+    D12,
+    DBOT,
+    DCLAMP,
+    DTOP,
+    HU,
+    HV,
+    IHU,
+    IHV,
+    KH1,
+    KH2,
+    MBAR,
+    SH,
+    TG,
+    TW,
+    VISC,
+    F,
+)
+from sim.kernels.vectors import Lanes, Wide, thrice
+
+# 1/m in both directions: a bent cloth resists normal motion by its membrane, which is flat here; with more, soft modes
+# seem to have converged when they have not
+CURVATURE = 7.0
+
+
+@ti.func
+def membrane(b):
+    """N/m along u, along v and of shear in a step, viscosity included."""
+    vis = F.lane[b, VISC] * F.scheme[b, CV]
+    return F.lane[b, KH1] + vis, F.lane[b, KH2] + vis, F.lane[b, SH] + 0.5 * vis
+
+
+@ti.func
+def normal_stiffness(b):
+    """N/m of a node: what the membrane of a bent cloth resists normal motion with."""
+    k1, k2, _ = membrane(b)
+    return F.lane[b, HU] * F.lane[b, HV] * CURVATURE**2 * (k1 + k2)
+
+
+@ti.func
+def inertia(b):
+    """N/m of a node: its inertia and the air's drag in a step."""
+    mb = F.lane[b, MBAR] * F.scheme[b, CA] + F.lane[b, AIR] * F.scheme[b, CV]
+    return F.lane[b, HU] * F.lane[b, HV] * mb
+
+
+@ti.func
+def bending_down(b):
+    """N/m of second differences along v, between the edges and, beside it, of a clamped top edge."""
+    hu = F.lane[b, HU]
+    ihv = F.lane[b, IHV]
+    bend = hu * F.lane[b, D2] * ihv * ihv * ihv
+    clamp = F.lane[b, DTOP] * F.lane[b, DCLAMP] * 2.0 * hu * F.lane[b, B2] * ihv * ihv * ihv
+    return bend, clamp
+
+
+@ti.func
+def factor(b, nu, nv):
+    """LDL^T in v of every mode across, for the three components (u, v, normal) at once: planes of F.factor3 hold l of
+    the row before, l of the one before that (zero but for the normal component), and 1 / d."""
+    N = nu * nv
+    hu = F.lane[b, HU]
+    ihu = F.lane[b, IHU]
+    ihv = F.lane[b, IHV]
+    k1, k2, sh = membrane(b)
+    mass = inertia(b)
+    hoop = normal_stiffness(b)
+    bend, clamp = bending_down(b)
+    free_top = 1.0 - F.lane[b, DTOP]
+    for j in range(nv):
+        wj = ti.f32(1.0)
+        kj = ti.f32(2.0)
+        bj = ti.f32(6.0)
+        b1 = ti.f32(-4.0)
+        if j == 0 or j == nv - 1:
+            wj = ti.f32(0.5)
+            kj = ti.f32(1.0)
+            bj = ti.f32(1.0)
+        if j == 1 or j == nv - 2:
+            bj = ti.f32(5.0)
+        if j == 1 or j == nv - 1:
+            b1 = ti.f32(-2.0)
+        fm = Lanes(1.0)
+        fm2 = Lanes(1.0)
+        own = Lanes(0.0)
+        extra = Lanes(0.0)
+        if j == 0:
+            own = F.lane[b, DTOP]
+        if j == nv - 1:
+            own = F.lane[b, DBOT]
+            fm = 1.0 - own
+            fm2 = fm
+        if j == 1:
+            fm = free_top
+            extra = clamp
+        if j == 2:
+            fm2 = free_top
+        k = 0
+        while k < nu:
+            lam = F.eigen[k][0] * ihu
+            o = j * nu + k
+            twist = hu * F.lane[b, TG] + 2.0 * (F.lane[b, D12] + F.lane[b, TW]) * F.eigen[k][2] * ihu
+            a = Wide(
+                (mass + k1 * F.lane[b, HV] * lam) * wj + hu * sh * kj * ihv,
+                (mass + sh * F.lane[b, HV] * lam) * wj + hu * k2 * kj * ihv,
+                (mass + hoop + F.lane[b, D1] * F.lane[b, HV] * F.eigen[k][1] * ihu * ihu * ihu) * wj
+                + twist * kj * ihv
+                + bend * bj
+                + extra,
+            )
+            e1 = thrice(fm) * Wide(-hu * sh * ihv, -hu * k2 * ihv, b1 * bend - twist * ihv)
+            e2 = Wide(Lanes(0.0), Lanes(0.0), fm2 * bend)
+            d = thrice(1.0 - own) * a + thrice(own)
+            l1 = Wide(0.0)
+            l2 = Wide(0.0)
+            if j > 1:
+                before = F.factor3[b, 2 * N + o - 2 * nu]
+                l2 = e2 * before
+                e1 -= l2 * F.factor3[b, o - nu] / before
+                d -= l2 * e2
+            if j > 0:
+                l1 = e1 * F.factor3[b, 2 * N + o - nu]
+                d -= l1 * e1
+            F.factor3[b, o] = l1
+            F.factor3[b, N + o] = l2
+            F.factor3[b, 2 * N + o] = 1.0 / d
+            k = F.after[k]
+
+
+@ti.func
+def butterfly(b, nu, row):
+    """Entries i and nu - 1 - i of a row of F.modal3 become their sum and difference if the basis has odd vectors."""
+    w = 0
+    while w < F.odd[None]:
+        x = F.modal3[b, row + w]
+        y = F.modal3[b, row + nu - 1 - w]
+        F.modal3[b, row + w] = x + y
+        F.modal3[b, row + nu - 1 - w] = x - y
+        w = F.after[w]
+
+
+@ti.func
+def transform(b, nu, nv, src, dst, inverse):
+    """Rows of F.modal3 at src times the basis across (its transpose where inverse = 1), to dst; even and odd vectors
+    apart. Spends src."""
+    for j in range(nv):
+        row = src + j * nu
+        if inverse == 0:
+            butterfly(b, nu, row)
+        even = nu - F.odd[None]
+        C = inverse * (quads(even) * even + quads(F.odd[None]) * F.odd[None])
+        first = 0
+        count = even
+        for _ in range(2):
+            multiply_row(b, row + first, dst + j * nu + first, C, count)
+            C += quads(count) * count
+            first += count
+            count = F.odd[None]
+        if inverse == 1:
+            butterfly(b, nu, dst + j * nu)
+
+
+@ti.func
+def quads(count):
+    return (count + 3) // 4
+
+
+@ti.func
+def entry(tangential, normal):
+    return Wide(Lanes(tangential), Lanes(tangential), Lanes(normal))
+
+
+@ti.func
+def multiply_row(b, x, y, C, count):
+    """`count` entries of F.modal3 at y = those at x times a count x count matrix, whose rows lie in F.basis at C by
+    four for both bases, zeros below; up to three entries behind x are read for them."""
+    k = 0
+    while k < count:
+        F.modal3[b, y + k] = Wide(0.0)
+        k = F.after[k]
+    for quad in range(quads(count)):
+        a0 = F.modal3[b, x + 4 * quad]
+        a1 = F.modal3[b, x + 4 * quad + 1]
+        a2 = F.modal3[b, x + 4 * quad + 2]
+        a3 = F.modal3[b, x + 4 * quad + 3]
+        k = 0
+        while k < count:
+            m = F.basis[C + quad * count + k]
+            F.modal3[b, y + k] = F.modal3[b, y + k] + (
+                (entry(m[0], m[4]) * a0 + entry(m[1], m[5]) * a1) + (entry(m[2], m[6]) * a2 + entry(m[3], m[7]) * a3)
+            )
+            k = F.after[k]
+
+
+@ti.func
+def solve_modes(b, nu, nv):
+    """The banded systems along v of all modes across, whose right sides lie in the second plane of F.modal3; nothing
+    acts on a held edge."""
+    N = nu * nv
+    k = 0
+    while k < nu:
+        F.modal3[b, N + k] = F.modal3[b, N + k] * thrice(1.0 - F.lane[b, DTOP])
+        F.modal3[b, 2 * N - nu + k] = F.modal3[b, 2 * N - nu + k] * thrice(1.0 - F.lane[b, DBOT])
+        k = F.after[k]
+    for j in range(1, nv):
+        two = nu if j > 1 else 0  # in the second row the factor of the row before the last is zero
+        o = j * nu
+        while o < (j + 1) * nu:
+            F.modal3[b, N + o] = F.modal3[b, N + o] - (
+                F.factor3[b, o] * F.modal3[b, N + o - nu] + F.factor3[b, N + o] * F.modal3[b, N + o - nu - two]
+            )
+            o = F.after[o]
+    for back in range(nv):
+        j = nv - 1 - back
+        one = nu if back > 0 else 0
+        two = nu if back > 1 else 0
+        o = j * nu
+        while o < (j + 1) * nu:
+            z = F.modal3[b, N + o] * F.factor3[b, 2 * N + o]
+            if back > 0:
+                z -= F.factor3[b, o + nu] * F.modal3[b, N + o + one]
+            if back > 1:
+                z -= F.factor3[b, N + o + 2 * nu] * F.modal3[b, N + o + one + two]
+            F.modal3[b, N + o] = z
+            o = F.after[o]

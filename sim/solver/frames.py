@@ -1,0 +1,68 @@
+"""Smoothed local frames of the preconditioner: world components into theirs and back."""
+
+import taichi as ti
+
+from sim.kernels.fields import F
+from sim.kernels.vectors import Wide, cross, difference, dot, load, parts, store, thrice
+
+
+@ti.func
+def frames(b, nu, nv, reach):
+    s = nu + 2
+    for j in range(nv):
+        i = 0
+        while i < nu:
+            k = (j + 1) * s + i + 1
+            w = k - ti.min(reach, i)
+            e = k + ti.min(reach, nu - 1 - i)
+            n = k - s * ti.min(reach, j)
+            d = k + s * ti.min(reach, nv - 1 - j)
+            ax, ay, az = difference(b, F.q + w, F.q + e)
+            bx, by, bz = difference(b, F.q + n, F.q + d)
+            cx, cy, cz = cross(bx, by, bz, ax, ay, az)
+            il = 1.0 / ti.sqrt(cx * cx + cy * cy + cz * cz)
+            store(b, F.fn + k, cx * il, cy * il, cz * il)
+            ia = 1.0 / ti.sqrt(ax * ax + ay * ay + az * az)
+            store(b, F.fu + k, ax * ia, ay * ia, az * ia)
+            i = F.after[i]
+
+
+@ti.func
+def axes(b, k):
+    """The unit vectors along u, along v and normal."""
+    ux, uy, uz = load(b, F.fu + k)
+    nx, ny, nz = load(b, F.fn + k)
+    vx, vy, vz = cross(ux, uy, uz, nx, ny, nz)
+    return ux, uy, uz, vx, vy, vz, nx, ny, nz
+
+
+@ti.func
+def warp(b, nu, nv, src):
+    s = nu + 2
+    for j in range(nv):
+        i = 0
+        while i < nu:
+            k = (j + 1) * s + i + 1
+            o = j * nu + i
+            free = F.node3[b, src + k] * thrice(F.node[b, F.free + k])
+            x, y, z = parts(free)
+            ux, uy, uz, vx, vy, vz, nx, ny, nz = axes(b, k)
+            local = Wide(dot(ux, uy, uz, x, y, z), dot(vx, vy, vz, x, y, z), dot(nx, ny, nz, x, y, z))
+            F.modal3[b, o] = local
+            i = F.after[i]
+
+
+@ti.func
+def unwarp(b, nu, nv, dst):
+    """dst = world components of the warped field in F.modal3"""
+    s = nu + 2
+    for j in range(nv):
+        i = 0
+        while i < nu:
+            k = (j + 1) * s + i + 1
+            o = j * nu + i
+            local = F.modal3[b, o] * thrice(F.node[b, F.free + k])
+            u, v, w = parts(local)
+            ux, uy, uz, vx, vy, vz, nx, ny, nz = axes(b, k)
+            store(b, dst + k, u * ux + v * vx + w * nx, u * uy + v * vy + w * ny, u * uz + v * vz + w * nz)
+            i = F.after[i]

@@ -1,0 +1,1 @@
+"""Time integration: schemes, steps, schedules, and which case rides in which lane."""

@@ -1,0 +1,27 @@
+"""Which case rides in which lane."""
+
+import os
+from collections.abc import Sequence
+from itertools import groupby
+
+import numpy as np
+
+from sim.kernels.fields import LANES
+
+
+def seat(kinds: Sequence[tuple]) -> list[list[int]]:
+    """Blocks of LANES indices each, of cases whose steps are of the `kinds` (sortable): those alike together, for a
+    block takes as many steps as the lane with the most, and factors whenever one of them changes; spare lanes repeat
+    the last case. Unlike cases are spread over all threads."""
+    order = sorted(range(len(kinds)), key=lambda i: (kinds[i], i))
+    groups = [list(group) for _, group in groupby(order, key=lambda i: kinds[i])]
+    blocks = [group[k : k + LANES] for group in groups for k in range(0, len(group) - LANES + 1, LANES)]
+    left = [group[len(group) // LANES * LANES :] for group in groups]
+    rest = [i for group in left for i in group]
+    if rest:
+        count = -(-len(rest) // LANES)
+        if sum(map(bool, left)) > 1:
+            threads = os.cpu_count() or 1
+            count = min(-(-count // threads) * threads, len(rest))
+        blocks += [part.tolist() for part in np.array_split(rest, count)]
+    return [block + block[-1:] * (LANES - len(block)) for block in blocks]
