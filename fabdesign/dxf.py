@@ -6,8 +6,9 @@ from fabdesign.design import Design
 from fabdesign.output import new_file
 
 
-def write_dxf(design: Design, path: Path) -> None:
-    """Write outline (layer CLOTH), muscle lines, fixed points and channel labels (layers FRONT and BACK).
+def write_dxf(design: Design, path: Path, *, seam_allowance: float) -> None:
+    """Write the cloth's edge (layer CLOTH), the line to cut (CUT, `seam_allowance` [m] outside it), muscle lines, fixed
+    points and channel labels (layers FRONT and BACK).
 
     x right, y up, origin at the cloth's top left corner. Needs the extra `dxf` (ezdxf).
     """
@@ -16,12 +17,14 @@ def write_dxf(design: Design, path: Path) -> None:
 
     drawing = ezdxf.new(setup=True)
     drawing.units = units.MM
-    for layer, colour in (("CLOTH", 7), ("FRONT", 5), ("BACK", 1)):
+    for layer, colour in (("CUT", 3), ("CLOTH", 7), ("FRONT", 5), ("BACK", 1)):
         drawing.layers.add(layer, color=colour)
     space = drawing.modelspace()
     width, height = design.fabric.width * 1e3, design.fabric.height * 1e3
-    corners = [(0, 0), (width, 0), (width, -height), (0, -height)]
-    space.add_lwpolyline(corners, close=True, dxfattribs={"layer": "CLOTH"})
+    for layer, out in (("CUT", seam_allowance * 1e3), ("CLOTH", 0.0)):
+        right, bottom = width + out, -height - out
+        corners = [(-out, out), (right, out), (right, bottom), (-out, bottom)]
+        space.add_lwpolyline(corners, close=True, dxfattribs={"layer": layer})
     for number, muscle in enumerate(design.muscles, start=1):
         face = {"layer": muscle.side.upper()}
         space.add_lwpolyline([(u * 1e3, -v * 1e3) for u, v in muscle.path], dxfattribs=face)

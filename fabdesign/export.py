@@ -1,25 +1,60 @@
 """Everything that a workshop needs to make a design."""
 
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 
 from fabdesign.cut_list import write_cut_list
 from fabdesign.design import Design
 from fabdesign.dxf import write_dxf
+from fabdesign.errors import InputError
 from fabdesign.output import new_folder
-from fabdesign.template import write_template
+from fabdesign.pages import PAPERS
+from fabdesign.pdf import write_pages
+from fabdesign.svg import write_svg
+from fabdesign.template import whole_template
+
+_LONGEST = {"seam allowance": 0.1, "tail length": 1.0}  # m; what is longer was surely meant in millimetres
 
 
-def export_design(design: Design, folder: Path, *, stem: str) -> list[Path]:
-    """Write the templates of both faces, the cut list and, where ezdxf is installed, a DXF; the files written.
+@dataclass(frozen=True)
+class Exported:
+    files: tuple[Path, ...]
+    left_out: tuple[str, ...]  # what could not be made, and what would help
 
-    Raises InputError where the folder cannot be written and where a muscle is longer than its stock.
+
+def export_design(
+    design: Design,
+    folder: Path,
+    *,
+    stem: str,
+    paper: str | None = "a4",
+    seam_allowance: float = 0.01,
+    tail_length: float | None = None,
+) -> Exported:
+    """Write both faces' templates as SVG, their pages as PDF, the cut list and, where ezdxf is installed, a DXF.
+
+    paper: "a4" or "letter"; None: no pages. seam_allowance: of cloth outside the cloth's edge [m]. tail_length: of a
+    muscle, left free at each end [m], in place of the muscle types' own.
+    Raises InputError where a muscle type in use has no tail length, where a muscle is longer than its stock, for a
+    length out of range, for too many pages, and where the folder cannot be written.
     """
+    if paper is not None and paper not in PAPERS:
+        raise InputError(f"paper {paper}; expected one of {', '.join(PAPERS)}")
+    for name, value in (("seam allowance", seam_allowance), ("tail length", tail_length)):
+        if value is not None and not 0 <= value <= _LONGEST[name]:
+            raise InputError(f"{name} = {value:g} m; expected 0 to {_LONGEST[name]:g} m")
+    left_out = []
     with new_folder(folder) as unfinished:
+        write_cut_list(design, unfinished / f"{stem}_cut_list.csv", tail_length=tail_length)
         for side in ("front", "back"):
-            write_template(design, side, unfinished / f"{stem}_{side}.svg")
-        write_cut_list(design, unfinished / f"{stem}_cut_list.csv")
+            drawing = whole_template(design, side, seam_allowance=seam_allowance)
+            write_svg(drawing, unfinished / f"{stem}_{side}.svg", title=f"{design.name}, {side}")
+        if paper is not None:
+            write_pages(design, unfinished / f"{stem}_{paper}.pdf", paper=paper, seam_allowance=seam_allowance)
         if find_spec("ezdxf"):
-            write_dxf(design, unfinished / f"{stem}.dxf")
+            write_dxf(design, unfinished / f"{stem}.dxf", seam_allowance=seam_allowance)
+        else:
+            left_out.append("no DXF: pip install 'fabdesign[dxf]'")
         names = sorted(file.name for file in unfinished.iterdir())
-    return [folder / name for name in names]
+    return Exported(tuple(folder / name for name in names), tuple(left_out))

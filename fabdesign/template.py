@@ -1,130 +1,121 @@
-"""Sewing templates: a face of the design at 1:1, as SVG in millimetres."""
+"""Sewing templates: what is to be cut, hung and laced, a face of the design in millimetres as that face is seen."""
 
-from pathlib import Path
-from xml.etree import ElementTree as ET
+from math import atan2, cos, degrees, dist, radians, sin
 
 from fabdesign.design import Design
+from fabdesign.drawing import Circle, Drawing, Line, Point, Shape, Words, cross, holding, scale_bar
 from fabdesign.muscle import Muscle
-from fabdesign.output import write_text
 
-_MARGIN = 15.0  # mm around the cloth
-_FOOT = 22.0  # mm below it, for the calibration bar
+_MARGIN = 15.0  # mm around the cloth that is cut
 _HEAD = 12.0  # mm above it, for the title
-_BAR = 50.0  # mm
+_FOOT = 18.0  # mm below it, for the bar
+_BAR = 100.0  # mm
+_TWO_LABELS = 60.0  # mm: a muscle as long as this is labelled at both ends
 # Okabe and Ito's colours: they differ for colour-blind people too
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8a7a00")
 
 
-def write_template(design: Design, side: str, path: Path) -> None:
-    """Write the template of one face ("front" or "back") as that face is seen, so the back is mirrored.
+def face_drawing(design: Design, side: str, *, seam_allowance: float) -> Drawing:
+    """One face ("front" or "back") as it is seen, so the back is mirrored; origin at the upper corner on the left.
 
-    It shows the cloth's outline and hung edge, each muscle's line, its fixed points and channel, and a 50 mm bar to
-    check the print by. Raises InputError where `path` cannot be written.
+    It shows the cloth's outline and hung edge, the line to cut along `seam_allowance` [m] outside it, and each
+    muscle's line with its fixed points, number and channel.
     """
-    fabric = design.fabric
-    width, height = fabric.width * 1e3, fabric.height * 1e3
-    page = (width + 2 * _MARGIN, height + 2 * _MARGIN + _HEAD + _FOOT)
-    svg = ET.Element(
-        "svg",
-        {
-            "xmlns": "http://www.w3.org/2000/svg",
-            "width": f"{page[0]:g}mm",
-            "height": f"{page[1]:g}mm",
-            "viewBox": f"0 0 {page[0]:g} {page[1]:g}",
-            "font-family": "sans-serif",
-        },
-    )
-    ET.SubElement(svg, "title").text = f"{design.name}, {side}"
-    ET.SubElement(svg, "rect", {"width": "100%", "height": "100%", "fill": "white"})
-    seen = "as seen from behind (mirrored)" if side == "back" else "as seen from the front"
-    _text(svg, _MARGIN, _MARGIN - 2, f"{design.name}: {side} face", 5, bold=True)
-    _text(svg, _MARGIN, _MARGIN + 4, f"{seen}; cloth {width:g} x {height:g} mm; print at 100 %", 3.2)
-    cloth = ET.SubElement(svg, "g", {"transform": f"translate({_MARGIN:g} {_MARGIN + _HEAD:g})"})
-    _outline(cloth, design, side, width, height)
+    width, height = design.fabric.width * 1e3, design.fabric.height * 1e3
+    shapes = [*_outlines(width, height, seam_allowance * 1e3), *_hung(design, side)]
     for number, muscle in enumerate(design.muscles, start=1):
         if muscle.side == side:
-            _muscle(cloth, muscle, number, fabric.width)
-    _calibration_bar(svg, _MARGIN, page[1] - _MARGIN)
-    ET.indent(svg)
-    write_text(path, ET.tostring(svg, encoding="unicode", xml_declaration=False) + "\n")
+            shapes += _muscle(muscle, number, design.fabric.width)
+    around = max(seam_allowance * 1e3, 5.0)
+    return Drawing(tuple(shapes), (-around, -around, width + around, height + around))
 
 
-def _seen(point: tuple[float, float], side: str, width: float) -> tuple[float, float]:
+def whole_template(design: Design, side: str, *, seam_allowance: float) -> Drawing:
+    """A face with its title and a bar of 100 mm to check the print by, on one sheet."""
+    face = face_drawing(design, side, seam_allowance=seam_allowance)
+    left, top, _, bottom = face.box
+    shapes: list[Shape] = [
+        Words((left, top - _HEAD), f"{design.name}: {side} face", 5, bold=True),
+        Words((left, top - _HEAD + 6), f"{what_it_shows(design, side, seam_allowance)}; print at 100 %", 3.2),
+        *face.shapes,
+        *scale_bar((left, bottom + _FOOT - 4), _BAR),
+    ]
+    inside = holding([face.box, (left, top - _HEAD - 4, left + _BAR, bottom + _FOOT)])
+    box = (inside[0] - _MARGIN, inside[1] - _MARGIN, inside[2] + _MARGIN, inside[3] + _MARGIN)
+    return Drawing(tuple(shapes), box)
+
+
+def what_it_shows(design: Design, side: str, seam_allowance: float) -> str:
+    """In words: which way the face is seen, the cloth's size and its seam allowance."""
+    seen = "as seen from behind (mirrored)" if side == "back" else "as seen from the front"
+    cloth = f"cloth {design.fabric.width * 1e3:g} x {design.fabric.height * 1e3:g} mm"
+    return f"{seen}; {cloth}, seam allowance {seam_allowance * 1e3:g} mm"
+
+
+def _outlines(width: float, height: float, allowance: float) -> list[Shape]:
+    """The edge of the finished cloth; where something is to be added for the seam, dashed, and the cut around it."""
+    cloth = Line(_corners(0.0, width, height), 0.4, closed=True, dashed=allowance > 0)
+    if allowance == 0:
+        return [cloth]
+    cut = Line(_corners(allowance, width, height), 0.4, closed=True)
+    words = [Words((0.0, height + allowance - 1.2), f"cut here, {allowance:g} mm outside the cloth's edge", 2.6)]
+    return [cut, cloth, *(words if allowance >= 4 else [])]
+
+
+def _corners(around: float, width: float, height: float) -> tuple[Point, ...]:
+    left, right, bottom = -around, width + around, height + around
+    return ((left, left), (right, left), (right, bottom), (left, bottom))
+
+
+def _seen(point: tuple[float, float], side: str, width: float) -> Point:
     """(u, v) m on the cloth as (right, down) mm on the page."""
     u, v = point
     return (width - u if side == "back" else u) * 1e3, v * 1e3
 
 
-def _outline(group: ET.Element, design: Design, side: str, width: float, height: float) -> None:
-    box = {"width": f"{width:g}", "height": f"{height:g}"}
-    ET.SubElement(group, "rect", {**box, "fill": "none", "stroke": "black", "stroke-width": "0.4"})
-    hung = design.fabric.hung
-    if isinstance(hung, tuple):
-        for point in hung:
-            x, y = _seen(point, side, design.fabric.width)
-            ET.SubElement(group, "circle", {"cx": f"{x:g}", "cy": f"{y:g}", "r": "2.5", "fill": "black"})
-            _text(group, x + 3, y + 4, "hung here", 2.8)
-        return
+def _hung(design: Design, side: str) -> list[Shape]:
+    fabric = design.fabric
+    width, height = fabric.width * 1e3, fabric.height * 1e3
+    if isinstance(fabric.hung, tuple):
+        shapes: list[Shape] = []
+        for x, y in (_seen(point, side, fabric.width) for point in fabric.hung):
+            shapes += [Circle((x, y), 2.5, 0.3, fill="black"), Words((x + 3.5, y + 4), "hung here", 2.8)]
+        return shapes
     mirrored = {"left": "right", "right": "left"}
-    edge = mirrored.get(hung, hung) if side == "back" else hung
-    ends = {
-        "top": (0.0, 0.0, width, 0.0),
-        "bottom": (0.0, height, width, height),
-        "left": (0.0, 0.0, 0.0, height),
-        "right": (width, 0.0, width, height),
+    edge = mirrored.get(fabric.hung, fabric.hung) if side == "back" else fabric.hung
+    edges: dict[str, tuple[Point, Point, Point, float]] = {  # both ends, the label's place and turn
+        "top": ((0, 0), (width, 0), (width / 2, -1.8), 0),
+        "bottom": ((0, height), (width, height), (width / 2, height - 1.8), 0),
+        "left": ((0, 0), (0, height), (-1.8, height / 2), -90),
+        "right": ((width, 0), (width, height), (width + 1.8, height / 2), 90),
     }
-    if edge in ends:
-        x1, y1, x2, y2 = ends[edge]
-        _line(group, x1, y1, x2, y2, "black", 1.4)
-        label = _text(group, 0, 0, "hung edge", 2.8)
-        label.set("text-anchor", "middle")
-        turn = {"bottom": "translate({0} {2})", "left": "translate(-2 {1}) rotate(-90)"}
-        turn |= {"top": "translate({0} -1.5)", "right": "translate({3} {1}) rotate(90)"}
-        label.set("transform", turn[edge].format(width / 2, height / 2, height + 4, width + 2))
+    if edge not in edges:
+        return []
+    start, end, place, turn = edges[edge]
+    return [Line((start, end), 1.4), Words(place, "hung edge", 2.8, anchor="middle", turn=turn)]
 
 
-def _muscle(group: ET.Element, muscle: Muscle, number: int, width: float) -> None:
+def _muscle(muscle: Muscle, number: int, width: float) -> list[Shape]:
     colour = _COLOURS[muscle.channel % len(_COLOURS)]
-    corners = [_seen(point, muscle.side, width) for point in muscle.path]
-    ET.SubElement(
-        group,
-        "polyline",
-        {
-            "points": " ".join(f"{x:.3f},{y:.3f}" for x, y in corners),
-            "fill": "none",
-            "stroke": colour,
-            "stroke-width": "0.6",
-        },
-    )
+    corners = tuple(_seen(point, muscle.side, width) for point in muscle.path)
+    shapes: list[Shape] = [Line(corners, 0.6, colour)]
     for u, v in muscle.fixed_points():
-        x, y = _seen((float(u), float(v)), muscle.side, width)
-        attributes = {"cx": f"{x:.3f}", "cy": f"{y:.3f}", "r": "1.2", "fill": "white", "stroke": colour}
-        ET.SubElement(group, "circle", {**attributes, "stroke-width": "0.3"})
-        _line(group, x - 0.6, y, x + 0.6, y, colour, 0.2)
-        _line(group, x, y - 0.6, x, y + 0.6, colour, 0.2)
-    x, y = corners[0]
-    x = min(max(x, 10.0), max(width * 1e3 - 10.0, 10.0))  # the label stays on the cloth
-    label = _text(group, x, y - 2.2, f"{number} (channel {muscle.channel})", 2.6, colour=colour)
-    label.set("text-anchor", "middle")
+        place = _seen((float(u), float(v)), muscle.side, width)
+        shapes += [Circle(place, 1.2, 0.3, colour), *cross(place, 1.2, 0.2, colour)]
+    text = f"{number} (channel {muscle.channel})"
+    shapes.append(_label(corners[0], corners[1], text, colour))
+    if muscle.length * 1e3 >= _TWO_LABELS:  # so that a page that shows its end alone says whose it is
+        shapes.append(_label(corners[-1], corners[-2], text, colour))
+    return shapes
 
 
-def _calibration_bar(svg: ET.Element, x: float, y: float) -> None:
-    _line(svg, x, y, x + _BAR, y, "black", 0.5)
-    for millimetres in range(0, int(_BAR) + 1, 10):
-        long = millimetres in (0, int(_BAR))
-        _line(svg, x + millimetres, y - (4 if long else 2), x + millimetres, y, "black", 0.3)
-    _text(svg, x, y + 5, "this bar is 50 mm long on a true print", 3.2)
-
-
-def _line(parent: ET.Element, x1: float, y1: float, x2: float, y2: float, colour: str, width: float) -> None:
-    ends = {"x1": f"{x1:.3f}", "y1": f"{y1:.3f}", "x2": f"{x2:.3f}", "y2": f"{y2:.3f}"}
-    ET.SubElement(parent, "line", {**ends, "stroke": colour, "stroke-width": f"{width:g}"})
-
-
-def _text(
-    parent: ET.Element, x: float, y: float, words: str, size: float, *, bold: bool = False, colour: str = "black"
-) -> ET.Element:
-    style = {"x": f"{x:.3f}", "y": f"{y:.3f}", "font-size": f"{size:g}", "fill": colour}
-    element = ET.SubElement(parent, "text", {**style, **({"font-weight": "bold"} if bold else {})})
-    element.text = words
-    return element
+def _label(end: Point, towards: Point, text: str, colour: str) -> Words:
+    """Beside the line, from just inside its `end`: neighbours a few millimetres apart keep theirs apart too."""
+    angle = degrees(atan2(towards[1] - end[1], towards[0] - end[0]))
+    upright = -90 <= angle < 90  # else the words start at their far end, or they would stand on their heads
+    turn = angle if upright else angle - 180 if angle > 0 else angle + 180
+    along = 3.0 / max(dist(end, towards), 3.0)
+    x, y = (a + along * (b - a) for a, b in zip(end, towards, strict=True))
+    off = 2.2  # mm from the line, above the words' base line
+    place = (x + off * sin(radians(turn)), y - off * cos(radians(turn)))
+    return Words(place, text, 2.6, colour, anchor="start" if upright else "end", turn=turn)

@@ -61,12 +61,32 @@ def check(files: tuple[Path, ...], as_json: bool) -> None:
 
 @commands.command()
 @click.argument("design", type=FILE)
+@click.option(
+    "--tail-length", type=float, help="Of muscle free at each end for tube and knot, m; the types' own without."
+)
+@click.option("--seam-allowance", type=float, default=0.01, show_default=True, help="Of cloth outside its edge, m.")
+@click.option(
+    "--paper", type=click.Choice(["a4", "letter", "none"]), default="a4", show_default=True, help="Of the PDF's pages."
+)
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to.")
 @json_option
-def export(design: Path, output: Path, as_json: bool) -> None:
-    """Write 1:1 sewing templates of a DESIGN (SVG, one a face; DXF with the extra dxf) and its cut list (CSV)."""
+def export(
+    design: Path, tail_length: float | None, seam_allowance: float, paper: str, output: Path, as_json: bool
+) -> None:
+    """Write what a workshop needs to make a DESIGN: templates at 1:1 and a cut list.
+
+    Templates come as pages to print and glue (PDF), whole (SVG, one a face), and with the extra dxf as DXF.
+    """
     from fabdesign.design_file import read_design
     from fabdesign.export import export_design
 
-    files = [str(file) for file in export_design(read_design(design), output, stem=design.stem)]
-    print_result({"files": files}, "\n".join(files), as_json)
+    made = export_design(
+        read_design(design),
+        output,
+        stem=design.stem,
+        paper=None if paper == "none" else paper,
+        seam_allowance=seam_allowance,
+        tail_length=tail_length,
+    )
+    files = [str(file) for file in made.files]
+    print_result({"files": files, "left_out": list(made.left_out)}, "\n".join([*files, *made.left_out]), as_json)

@@ -1,0 +1,179 @@
+"""Sewing: templates, pages, DXF and cut list are at 1:1, and what is missing is said."""
+
+import re
+import zlib
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fabdesign.catalogue import build, standard
+from fabdesign.design import Design
+from fabdesign.errors import InputError
+from fabdesign.export import export_design
+from fabdesign.pages import NAMES, OVERLAP, PAPERS, joints, page_name, tiled, window
+
+POINT = 72 / 25.4  # PDF points in a millimetre
+
+
+def with_type(design: Design, **changes: float) -> Design:
+    return replace(design, muscle_types={k: replace(t, **changes) for k, t in design.muscle_types.items()})
+
+
+def svg_points(element: ET.Element) -> list[list[float]]:
+    return [[float(x) for x in point.split(",")] for point in element.attrib["points"].split()]
+
+
+@pytest.mark.parametrize(("side", "first"), [("front", 250 / 8), ("back", 250 * 7 / 8)])
+def test_svg_is_at_one_to_one_and_the_back_is_mirrored(side: str, first: float, tmp_path: Path) -> None:
+    design = build("basic", width=0.25)
+    export_design(design, tmp_path, stem="d", paper=None, seam_allowance=0.012, tail_length=0.0)
+    svg = ET.parse(tmp_path / f"d_{side}.svg").getroot()
+    page = [float(size) for size in svg.attrib["viewBox"].split()[2:]]
+    assert [svg.attrib["width"], svg.attrib["height"]] == [f"{size:g}mm" for size in page]  # 1 unit is 1 mm
+    cut, cloth = (svg_points(outline) for outline in svg.findall("{*}polygon"))
+    assert cloth == [[0, 0], [250, 0], [250, 200], [0, 200]]
+    assert cut == [[-12, -12], [262, -12], [262, 212], [-12, 212]]
+    lines = [line for line in svg.findall("{*}polyline") if line.attrib["stroke-width"] == "0.6"]
+    assert svg_points(lines[0]) == [[first, 8], [first, 192]]
+    mine = [muscle for muscle in design.muscles if muscle.side == side]
+    assert len(svg.findall("{*}circle")) == sum(len(muscle.fixed_points()) for muscle in mine)
+    assert any(
+        ends[0][1] == ends[1][1] and ends[1][0] - ends[0][0] == 100
+        for ends in map(svg_points, svg.iter("{http://www.w3.org/2000/svg}polyline"))
+    )
+
+
+def test_without_allowance_the_cloth_is_what_is_cut(tmp_path: Path) -> None:
+    export_design(build("side"), tmp_path, stem="d", paper=None, seam_allowance=0.0, tail_length=0.0)
+    (outline,) = ET.parse(tmp_path / "d_front.svg").getroot().findall("{*}polygon")
+    assert svg_points(outline)[2] == [200, 200]
+    assert "stroke-dasharray" not in outline.attrib
+
+
+@given(
+    width=st.floats(1, 3000),
+    height=st.floats(1, 3000),
+    paper=st.sampled_from(sorted(PAPERS)),
+)
+def test_pages_hold_all_and_share_joint_lines(width: float, height: float, paper: str) -> None:
+    tiling = tiled((-10.0, 5.0, width - 10, height + 5), paper)
+    boxes = {place: tiling.box_of(*place) for place in tiling.pages()}
+    assert sorted(tiling.page) == sorted(PAPERS[paper])
+    assert min(box[0] for box in boxes.values()) <= -10 + 1e-9
+    assert min(box[1] for box in boxes.values()) <= 5 + 1e-9
+    assert max(box[2] for box in boxes.values()) >= width - 10 - 1e-9
+    assert max(box[3] for box in boxes.values()) >= height + 5 - 1e-9
+    for (row, column), box in boxes.items():
+        assert (box[2] - box[0], box[3] - box[1]) == pytest.approx(window(tiling.page))
+        if (right := boxes.get((row, column + 1))) is not None:
+            assert box[2] - right[0] == pytest.approx(OVERLAP)
+        if (below := boxes.get((row + 1, column))) is not None:
+            assert box[3] - below[1] == pytest.approx(OVERLAP)
+    if tiling.columns > 1:  # not one page more than needed
+        assert (tiling.columns - 1) * (window(tiling.page)[0] - OVERLAP) + OVERLAP < width
+
+
+def test_neighbours_show_the_same_registration_marks() -> None:
+    tiling = tiled((0.0, 0.0, 400.0, 450.0), "a4")
+
+    def circles(row: int, column: int) -> set[tuple[float, float]]:
+        inside, _ = joints(tiling, row, column)
+        return {(round(s.centre[0], 6), round(s.centre[1], 6)) for s in inside if hasattr(s, "centre")}
+
+    for row, column in tiling.pages():
+        if column + 1 < tiling.columns:
+            assert len(circles(row, column) & circles(row, column + 1)) == 2
+        if row + 1 < tiling.rows:
+            assert len(circles(row, column) & circles(row + 1, column)) == 2
+
+
+def test_names_of_pages() -> None:
+    assert [page_name(row, 0) for row in (0, 25, 26)] == ["A1", "Z1", "AA1"]
+
+
+@pytest.mark.parametrize("paper", ["a4", "letter"])
+def test_pdf_pages_are_at_one_to_one(paper: str, tmp_path: Path) -> None:
+    made = export_design(build("cross"), tmp_path, stem="d", paper=paper, tail_length=0.02)
+    assert tmp_path / f"d_{paper}.pdf" in made.files
+    content = (tmp_path / f"d_{paper}.pdf").read_bytes()
+    boxes = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", content)
+    assert len(boxes) == 3  # an overview, and 220 mm of cloth and seam on two pages
+    for box in boxes:
+        assert [float(x) / POINT for x in box] == pytest.approx(PAPERS[paper], abs=0.01)
+    pages = [
+        zlib.decompress(stream).decode("latin-1")
+        for stream in re.findall(rb"/Filter /FlateDecode[^>]*>>\s*stream\r?\n(.*?)\r?\nendstream", content, re.DOTALL)
+        if b" l\n" in zlib.decompress(stream)
+    ]
+    drawn = pages[-2:]
+    for page in drawn:
+        lines = [
+            [float(x) / POINT for x in ends]
+            for ends in re.findall(r"([-\d.]+) ([-\d.]+) m\n([-\d.]+) ([-\d.]+) l\n", page)
+        ]
+        assert any(a[1] == b and x - a[0] == pytest.approx(100, abs=1e-3) for *a, x, b in lines)  # the bar
+        heights = [float(y) / POINT for y in _cut_line(page)[1::2]]
+        assert max(heights) - min(heights) == pytest.approx(220, abs=1e-3)  # of cloth with its seam
+    left = min(float(x) / POINT for x in _cut_line(drawn[0])[::2])
+    right = max(float(x) / POINT for x in _cut_line(drawn[1])[::2])
+    # the right half lies one window less the overlap further on
+    assert right + window(PAPERS[paper])[0] - OVERLAP - left == pytest.approx(220, abs=1e-3)
+
+
+def _cut_line(page: str) -> list[str]:
+    """x, y, x, y, ... of the first path that is stroked: the line to cut, as far as the page reaches."""
+    path = page[page.index("\nf\n") : page.index("\nS\n")]  # after the paper's white
+    return [x for point in re.findall(r"([-\d.]+) ([-\d.]+) [ml]\n", path) for x in point]
+
+
+def test_pages_are_limited(tmp_path: Path) -> None:
+    with pytest.raises(
+        InputError, match=r"pages of A4 for a cloth of 10 x 10 m; expected at most 200, or --paper none"
+    ):
+        export_design(build("basic", width=10, height=10), tmp_path / "out", stem="d", tail_length=0.0)
+    assert not (tmp_path / "out").exists()
+    assert set(NAMES) == set(PAPERS)
+
+
+def test_dxf_layers(tmp_path: Path) -> None:
+    ezdxf = pytest.importorskip("ezdxf")
+    export_design(build("cross"), tmp_path, stem="d", paper=None, tail_length=0.0)
+    space = ezdxf.readfile(tmp_path / "d.dxf").modelspace()
+    outlines = {
+        line.dxf.layer: [p[:2] for p in line.get_points()] for line in space.query("LWPOLYLINE[layer!='FRONT']")
+    }
+    assert outlines["CLOTH"] == [(0, 0), (200, 0), (200, -200), (0, -200)]
+    assert outlines["CUT"] == [(-10, 10), (210, 10), (210, -210), (-10, -210)]
+
+
+def test_a_missing_dxf_extra_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fabdesign.export.find_spec", lambda name: None)
+    made = export_design(build("cross"), tmp_path, stem="d", paper=None, tail_length=0.0)
+    assert made.left_out == ("no DXF: pip install 'fabdesign[dxf]'",)
+    assert not (tmp_path / "d.dxf").exists()
+
+
+def test_cut_list_has_tails(tmp_path: Path) -> None:
+    design = with_type(build("cross"), tail_length=0.05, stock_length=0.4)
+    export_design(design, tmp_path, stem="d", paper=None)
+    rows = (tmp_path / "d_cut_list.csv").read_text().splitlines()
+    assert rows[1] == "1,EM20,front,0,240.4,50.0,340.4,13"  # 170 mm sqrt(2), and a tail at each end
+    export_design(design, tmp_path / "asked", stem="d", paper=None, tail_length=0.03)
+    assert "240.4,30.0,300.4" in (tmp_path / "asked" / "d_cut_list.csv").read_text()
+
+
+def test_no_cut_list_without_tails(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"EM20 has no tail_length.*expected --tail-length, in m"):
+        export_design(build("cross"), tmp_path / "out", stem="d")
+    assert not (tmp_path / "out").exists()
+    export_design(standard(), tmp_path, stem="d", paper=None)  # no muscles, no tails
+
+
+def test_muscle_longer_than_its_stock(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"muscle 1 needs 340.4 mm; expected at most its stock, 300 mm of EM20"):
+        export_design(with_type(build("cross"), stock_length=0.3), tmp_path / "out", stem="d", tail_length=0.05)
+    assert not (tmp_path / "out").exists()
