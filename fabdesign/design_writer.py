@@ -14,7 +14,7 @@ from fabdesign.design import Design
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.muscle import BenchTable, Muscle, MuscleType
-from fabdesign.output import new_file
+from fabdesign.output import whole_file
 from fabdesign.table import kilopascals
 
 
@@ -25,7 +25,7 @@ def write_design(design: Design, path: Path | str) -> None:
     a membrane curve as `STEM_membrane.csv`. Raises InputError where `path` cannot be written.
     """
     path = Path(path)
-    with new_file(path) as unfinished:  # first, so that nothing lies beside a file that cannot be written
+    with whole_file(path) as unfinished:  # first, so that nothing lies beside a file that cannot be written
         unfinished.write_text(_document(design, path), encoding="utf-8", newline="\n")
 
 

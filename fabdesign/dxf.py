@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from fabdesign.design import Design
-from fabdesign.output import new_file
+from fabdesign.output import whole_file
 
 
 def write_dxf(design: Design, path: Path, *, seam_allowance: float) -> None:
@@ -33,5 +33,5 @@ def write_dxf(design: Design, path: Path, *, seam_allowance: float) -> None:
         u, v = muscle.path[0]
         label = space.add_text(f"{number} (channel {muscle.channel})", height=2.5, dxfattribs=face)
         label.set_placement((u * 1e3, -v * 1e3 + 2))
-    with new_file(path) as unfinished:
+    with whole_file(path) as unfinished:
         drawing.saveas(unfinished)

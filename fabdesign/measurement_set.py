@@ -9,7 +9,7 @@ import tomlkit
 from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
-from fabdesign.output import new_folder
+from fabdesign.output import Inputs, new_folder
 from fabdesign.table import load_toml, nearest
 from fabdesign.trial import MeasurementSet, Role, Trial
 from fabdesign.trial_file import TrialData, write_trial
@@ -79,10 +79,14 @@ def write_set(
     description: str = "",
     frame_rate: float | None = None,
     scale: float = 1e-4,
+    made_by: str = "write_set",
+    force: bool = False,
+    inputs: Inputs = (),
 ) -> None:
     """Write a set, whole or not at all; `trials` may be a generator, one is held at a time.
 
-    Points are stored in units of `scale` [m]. Raises InputError where the folder cannot be written.
+    Points are stored in units of `scale` [m]. made_by, force, inputs: as `new_folder` takes them. Raises InputError
+    like it.
     """
     document = tomlkit.document()
     document["format"] = FORMAT
@@ -95,7 +99,7 @@ def write_set(
         document["frame_rate"] = rate
     document["designs"] = {key: f"{key}.toml" for key in designs}
     listed = tomlkit.aot()
-    with new_folder(Path(folder)) as unfinished:
+    with new_folder(folder, made_by=made_by, force=force, inputs=inputs) as unfinished:
         for key, design in designs.items():
             write_design(design, unfinished / f"{key}.toml")
         for trial in trials:

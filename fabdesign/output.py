@@ -1,97 +1,258 @@
-"""Output that is whole or not there: write beside the goal, then rename."""
+"""Output that is whole or not there, that replaces nothing unasked, and never an input.
+
+A command opens its output before it computes anything:
+
+    with new_file(path, force=force, inputs=[design, pressures]) as unfinished:    # one file
+    with new_files(path, force=force, inputs=[bench]) as unfinished:               # a file, and others beside it
+    with new_folder(path, made_by="rig", force=force, inputs=[design]) as unfinished:
+
+and writes to `unfinished`, which becomes `path` when the block ends well. `work_folder` is for what goes on in its
+folder. `whole_file` and `write_text` replace: they are for a piece of one's own unfinished output.
+"""
 
 import shutil
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from uuid import uuid4
 
 from fabdesign.errors import InputError
+from fabdesign.inputs import require_apart
+from fabdesign.mark import MARK, files_in, own_files, read_mark, write_mark
+from fabdesign.scratch import PREFIX, Scratch, cannot_write, make_folders, scratch, unmake
+
+Inputs = Iterable[Path | str]
+_COMPLETE = "complete"  # in a folder's scratch: the new content is whole, and is being moved to its place
 
 
 @contextmanager
-def new_file(path: Path) -> Iterator[Path]:
-    """A temporary path in `path`'s folder; it becomes `path` when the block ends well, and goes when it does not.
+def new_file(path: Path | str, *, force: bool = False, inputs: Inputs = ()) -> Iterator[Path]:
+    """A path to write to, of the same name, in a hidden folder beside `path`; it becomes `path` when the block ends
+    well, and goes when it does not.
 
-    Opened before anything is computed, so that a place that cannot be written is refused at once (InputError).
-    Folders above `path` are made, and unmade after a failure.
+    inputs: what the command reads, files and folders. Folders above `path` are made, and unmade after a failure.
+    Raises InputError for an input, with or without `force`; for a file that is there, unless `force`; where another
+    process writes the same file; and where nothing can be written.
+    """
+    with new_files(path, force=force, inputs=inputs) as unfinished:
+        yield unfinished
+
+
+@contextmanager
+def new_files(
+    path: Path | str, *, companions: Iterable[str] = (), force: bool = False, inputs: Inputs = ()
+) -> Iterator[Path]:
+    """Like `new_file`, for a file with companions: whatever is written beside the unfinished one comes to lie beside
+    `path`.
+
+    A companion that is there with the same content stays; one with other content is refused like `path`, before any
+    file has moved. companions: names of those that are known now and refused now.
+    """
+    path, inputs = Path(path), [*inputs]
+    goal = path.resolve()
+    for name in (path.name, *companions):
+        place = goal if name == path.name else goal.with_name(name)
+        _require_free_file(path.with_name(name), place, force, inputs)
+    with scratch(path, goal.with_name(f"{PREFIX}-{goal.name}")) as held:
+        folder = held.at / "new"
+        _clear(folder, path)
+        yield folder / goal.name
+        moves = {folder / name: goal.with_name(name) for name in sorted(files_in(folder))}
+        for source, place in moves.items():
+            if place == goal or not (place.is_file() and place.read_bytes() == source.read_bytes()):
+                _require_free_file(path.with_name(place.name), place, force, inputs)
+        for source, place in moves.items():
+            source.replace(place)
+
+
+@contextmanager
+def new_folder(path: Path | str, *, made_by: str, force: bool = False, inputs: Inputs = ()) -> Iterator[Path]:
+    """A folder to write to, of the same name, hidden in `path`; its content becomes that of `path` when the block ends
+    well. made_by: the command, for the mark.
+
+    An empty `path` serves. One that this program made is refused unless `force`, which replaces all of its content by
+    the new; one with anything else in it, and one that holds an input, always. Raises InputError otherwise like
+    `new_file`.
+    """
+    with _held(Path(path), force, inputs) as held:
+        _require_free_folder(Path(path), force)
+        unfinished = _anew(held, Path(path))
+        _clear(unfinished, Path(path))
+        yield unfinished
+        _replace_content(held.at, unfinished, made_by)
+
+
+class WorkFolder:
+    """`folder`: where the work goes on. `anew`: it is to take the place of content that is there; set `complete` to
+    False and it does not, for now."""
+
+    def __init__(self, folder: Path, made_by: str, hidden: Path, *, anew: bool) -> None:
+        self.folder, self.anew, self.complete = folder, anew, True
+        self._made_by, self._hidden = made_by, hidden
+        folder.mkdir(parents=True, exist_ok=True)
+        self.claim()
+
+    def claim(self, *names: str) -> None:
+        """Mark files of these names in `folder` as this program's, before they are there."""
+        mark = read_mark(self.folder)
+        if mark is None or not mark.files.issuperset(names):
+            files = frozenset() if mark is None else mark.files
+            write_mark(self.folder, self._made_by, files | set(names))
+
+    def clear(self) -> None:
+        """Drop what an earlier `--force` has left to go on from."""
+        if self.anew:
+            _clear(self.folder, self.folder)
+            self.claim()
+
+    @contextmanager
+    def adding(self) -> Iterator[Path]:
+        """An empty folder; when the block ends well, its files move into `folder`, over those of the same name."""
+        piece = self._hidden / "piece"
+        _clear(piece, self.folder)
+        yield piece
+        self.claim(*files_in(piece))
+        _move(piece, self.folder)
+
+
+@contextmanager
+def work_folder(path: Path | str, *, made_by: str, force: bool = False, inputs: Inputs = ()) -> Iterator[WorkFolder]:
+    """A folder that work goes on in: an empty one, or one that `made_by` made; only one process works there.
+
+    force: the work begins anew in a hidden folder, and takes the place of the old when the block ends well, unless
+    `complete` is False by then. Left so, or by an exception, the same call goes on there. Raises InputError like
+    `new_folder`.
+    """
+    path = Path(path)
+    with _held(path, force, inputs) as held:
+        mark = read_mark(path)
+        if mark is None or mark.made_by != made_by or force:
+            _require_free_folder(path, force)
+        anew = _anew(held, path)
+        staged = force and own_files(path) > {MARK}
+        folder = anew if staged else path.resolve()
+        try:
+            work = WorkFolder(folder, made_by, held.at, anew=staged)
+            yield work
+        except BaseException:
+            if own_files(folder) <= {MARK}:  # nothing was done
+                (folder / MARK).unlink(missing_ok=True)
+            held.release(keep=bool(own_files(anew)))
+            raise
+        if staged and work.complete:
+            _replace_content(held.at, anew, made_by)
+        held.release(keep=staged and not work.complete)
+
+
+@contextmanager
+def whole_file(path: Path | str) -> Iterator[Path]:
+    """A temporary path beside `path`; it replaces `path` when the block ends well, and goes when it does not.
+
+    Folders above `path` are made. Raises InputError where nothing can be written.
     """
     path = Path(path)
     if path.is_dir():
         raise InputError(f"{path}: is a folder; expected a file name to write to")
-    made = _make_folders(path.parent)
-    temporary = path.with_name(f".unfinished-{uuid4().hex}{path.suffix}")
+    made = make_folders(path.parent, path)
+    temporary = path.with_name(f"{PREFIX}-{uuid4().hex}{path.suffix}")
     try:
         temporary.touch(exist_ok=False)
     except OSError as error:
-        _unmake(made)
-        raise _cannot_write(path, error) from None
+        unmake(made)
+        raise cannot_write(path, error) from None
     try:
         yield temporary
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)
-        _unmake(made)
+        unmake(made)
         raise
 
 
-@contextmanager
-def new_folder(path: Path) -> Iterator[Path]:
-    """A temporary folder in `path`; its files move into `path` when the block ends well.
-
-    Files that `path` already has under the same names are replaced, others stay. Raises InputError like `new_file`.
-    """
-    path = Path(path)
-    if path.exists() and not path.is_dir():
-        raise InputError(f"{path}: is a file; expected a folder to write to")
-    made = _make_folders(path)
-    temporary = path / f".unfinished-{uuid4().hex}"
-    try:
-        temporary.mkdir()
-    except OSError as error:
-        _unmake(made)
-        raise _cannot_write(path, error) from None
-    try:
-        yield temporary
-        for source in sorted(p for p in temporary.rglob("*") if p.is_file()):
-            goal = path / source.relative_to(temporary)
-            goal.parent.mkdir(parents=True, exist_ok=True)
-            source.replace(goal)
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        _unmake(made)
-        raise
-    shutil.rmtree(temporary)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text file (UTF-8) whole or not at all."""
-    with new_file(path) as temporary:
+def write_text(path: Path | str, text: str) -> None:
+    """Write a text file (UTF-8) whole or not at all; it replaces one that is there."""
+    with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
-def _make_folders(path: Path) -> list[Path]:
-    """Make `path` and what is missing above it; the ones made, deepest first."""
-    missing: list[Path] = []
-    above = path
-    while not above.exists() and above != above.parent:
-        missing.append(above)
-        above = above.parent
+def _require_free_file(path: Path, goal: Path, force: bool, inputs: Inputs) -> None:
+    if goal.is_dir():
+        raise InputError(f"{path}: is a folder; expected a file name to write to")
+    require_apart(path, inputs)
+    if goal.exists() and not goal.is_file():
+        raise InputError(f"{path}: is not a regular file; expected another file name to write to")
+    if goal.exists() and not force:
+        raise InputError(f"{path}: exists; --force replaces it")
+
+
+@contextmanager
+def _held(path: Path, force: bool, inputs: Inputs) -> Iterator[Scratch]:
+    """The scratch of the folder `path`, which is made; an interrupted move is finished first."""
+    goal = path.resolve()
+    if goal.exists() and not goal.is_dir():
+        raise InputError(f"{path}: is a file; expected a folder to write to")
+    require_apart(path, inputs)
+    if read_mark(goal) is None:
+        _require_free_folder(goal, force, path)  # nothing is locked, swept or written in a folder of other files
+    with scratch(path, goal / PREFIX) as held:
+        if (held.at / _COMPLETE).exists():
+            _finish(held.at)
+        yield held
+
+
+def _require_free_folder(folder: Path, force: bool, shown: Path | None = None) -> None:
+    shown = shown or folder
+    found = files_in(folder)
+    if not found:
+        return
+    others = found - own_files(folder)
+    if others:
+        raise InputError(
+            f"{shown}: holds {min(others)}, which fabdesign did not make there; expected a new folder, or an empty one"
+        )
+    if not force:
+        mark = read_mark(folder)
+        by = "" if mark is None else f", made by fabdesign {mark.made_by}"
+        raise InputError(f"{shown}: exists{by}; --force replaces it")
+
+
+def _anew(held: Scratch, path: Path) -> Path:
+    """Where new content of the folder `path` lies until it is complete."""
+    return held.at / "new" / path.resolve().name
+
+
+def _clear(folder: Path, goal: Path) -> None:
+    """An empty folder, whatever a killed process left there."""
     try:
-        path.mkdir(parents=True, exist_ok=True)
+        if folder.exists():
+            shutil.rmtree(folder)
+        folder.mkdir(parents=True)
     except OSError as error:
-        _unmake(missing)
-        raise _cannot_write(path, error) from None
-    return missing
+        raise cannot_write(goal, error) from None
 
 
-def _unmake(folders: list[Path]) -> None:
-    for folder in folders:
-        try:
-            folder.rmdir()
-        except OSError:
-            return  # not empty, or never made
+def _replace_content(hidden: Path, new: Path, made_by: str) -> None:
+    """The content of `new`, which lies in the hidden folder of its goal, becomes that of the goal."""
+    write_mark(new, made_by, files_in(new) - {MARK})
+    (hidden / _COMPLETE).write_text(new.name, encoding="utf-8")
+    _finish(hidden)
 
 
-def _cannot_write(path: Path, error: OSError) -> InputError:
-    return InputError(f"{path}: cannot be written ({error.strerror})")
+def _finish(hidden: Path) -> None:
+    """Do, or go on with, what `_replace_content` began; the mark moves last, so that it can always go on."""
+    goal, new = hidden.parent, hidden / "new" / (hidden / _COMPLETE).read_text(encoding="utf-8")
+    mark = read_mark(new)
+    if mark is not None:
+        for name in own_files(goal) - mark.files - {MARK}:
+            (goal / name).unlink(missing_ok=True)
+            with suppress(OSError):
+                for above in Path(name).parents:
+                    (goal / above).rmdir()
+        _move(new, goal)
+    (hidden / _COMPLETE).unlink()
+
+
+def _move(source: Path, goal: Path) -> None:
+    for name in sorted(files_in(source), key=lambda name: name == MARK):
+        (goal / name).parent.mkdir(parents=True, exist_ok=True)
+        (source / name).replace(goal / name)

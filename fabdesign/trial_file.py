@@ -12,7 +12,7 @@ from fabdesign.errors import InputError
 from fabdesign.measured_points import require_cloud
 from fabdesign.measured_units import require_measured_pressures, require_seconds
 from fabdesign.npz_file import NpzArrays, open_npz
-from fabdesign.output import new_file
+from fabdesign.output import whole_file
 from fabdesign.pressure import PressureProgram
 
 Floats = NDArray[np.float64]
@@ -76,7 +76,7 @@ def write_trial(data: TrialData, path: Path, *, scale: float = 1e-4) -> None:
         raise InputError(
             f"trial {path.stem}: points {farthest:.3g} m from the middle of the top edge; expected at most {most:.3g} m"
         )
-    with new_file(path) as temporary, temporary.open("wb") as stream:
+    with whole_file(path) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(
             stream,
             time=data.time.astype(np.float64),

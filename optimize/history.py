@@ -2,19 +2,25 @@
 
 import json
 import sqlite3
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from fabdesign.errors import InputError
+
 _SCHEMA = """
-create table if not exists study (key text);
+create table if not exists content (field text primary key, value text);
 create table if not exists evaluations
     (number integer primary key, seconds real, stage text, objective real, diverged integer, x text);
 create table if not exists checkpoint
     (id integer primary key check (id = 0), evaluations integer, seconds real, state text);
 """
+
+
+_SAID = 3  # differences between studies
+_SHOWN = 50  # characters of a value
 
 
 @dataclass(frozen=True)
@@ -28,20 +34,36 @@ class Entry:
     x: tuple[float, ...]
 
 
-class History:
-    """A SQLite file of one study's evaluations. `key` says which study: another key's content is dropped.
+class OtherStudy(InputError):
+    """A history of another study than the one that is to go on."""
 
+
+class History:
+    """A SQLite file of one study's evaluations. `study`: its name, or what its search depends on, by field.
+
+    Raises OtherStudy, which says what differs, where the file is that of another study; nothing in it changes.
     Opening drops what came after the last checkpoint, so that a search resumed there repeats it identically.
     """
 
-    def __init__(self, path: Path | str, key: str) -> None:
+    def __init__(self, path: Path | str, study: Mapping[str, str] | str) -> None:
+        self._path = path
         self._file = sqlite3.connect(path)
+        try:
+            self._open({"study": study} if isinstance(study, str) else study)
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _open(self, study: Mapping[str, str]) -> None:
         self._file.execute("pragma journal_mode = wal")
         self._file.executescript(_SCHEMA)
-        if self._file.execute("select key from study").fetchall() != [(key,)]:
-            for table in ("study", "evaluations", "checkpoint"):
-                self._file.execute(f"delete from {table}")
-            self._file.execute("insert into study values (?)", (key,))
+        known = dict(self._file.execute("select field, value from content").fetchall())
+        if known and known != study:
+            raise OtherStudy(
+                f"{Path(self._path).parent}: holds the search of another study ({_differences(known, study)}); "
+                "expected the same one, or --force to start anew"
+            )
+        self._file.executemany("insert or replace into content values (?, ?)", study.items())
         kept = self._file.execute("select evaluations, seconds from checkpoint").fetchone() or (0, 0.0)
         self._file.execute("delete from evaluations where number > ?", kept[:1])
         self._file.commit()
@@ -86,3 +108,17 @@ class History:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._file.close()
+        if error is not None and not self.evaluations and isinstance(self._path, Path):
+            self._path.unlink(missing_ok=True)  # nothing to go on from
+
+
+def _differences(known: Mapping[str, str], study: Mapping[str, str]) -> str:
+    """A clause a field, of the first few."""
+    differing = [name for name in {**known, **study} if known.get(name) != study.get(name)]
+    said = []
+    for name in differing[:_SAID]:
+        before, now = known.get(name, "not there"), study.get(name, "not there")
+        long = max(len(before), len(now)) > _SHOWN
+        said.append(f"{name} differs" if long else f"{name} was {before}, now {now}")
+    more = len(differing) - len(said)
+    return "; ".join([*said, *([f"and {more} more"] if more else [])])

@@ -11,7 +11,7 @@ from studies.evaluate import ERRORS, Evaluation, histogram
 
 def write_evaluation(evaluation: Evaluation, out: Path) -> None:
     """Write `evaluation.json`, `trials.csv`, `evaluation.md` and `histogram.png` into the folder `out`, all or none."""
-    with new_folder(out) as unfinished:
+    with new_folder(out, made_by="evaluate") as unfinished:
         text = json.dumps(evaluation.as_json(), indent=1)
         (unfinished / "evaluation.json").write_text(text + "\n", encoding="utf-8")
         (unfinished / "evaluation.md").write_text(tables_markdown(evaluation), encoding="utf-8")

@@ -61,7 +61,7 @@ def predict(
     Raises InputError and SimulationError; then nothing is written.
     """
     factors = factors_of(model)
-    with new_folder(out) as unfinished:
+    with new_folder(out, made_by="predict") as unfinished:
         cases = [Case(trial.design, trial.program, factors) for trial in trials]
         for first in range(0, len(trials), _AT_ONCE):
             batch = trials[first : first + _AT_ONCE]

@@ -1,6 +1,10 @@
 """The command line. Each command parses, calls one function and prints; heavy imports stay inside the commands."""
 
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
 
 import click
 
@@ -11,10 +15,20 @@ from fabdesign.errors import InputError, SimulationError
 _EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "numba": "rig", "ezdxf": "dxf"}
 
 
+class Terminated(BaseException):
+    """A signal asked the program to end. Like KeyboardInterrupt no Exception, so that all is cleaned up on its way."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(f"terminated by {signal.Signals(number).name}")
+        self.number = number
+
+
 def main() -> None:
-    """Run the command line: exit 0 on success, 2 on bad input and 1 on other failures, each with one line."""
+    """Run the command line: exit 0 on success, 2 on bad input 1 on other failures, 130 and 143 where it was stopped
+    by Ctrl-C and by SIGTERM, each with one line."""
     try:
-        commands.main(prog_name="fabdesign", standalone_mode=False)
+        with _ended_by_signals():
+            commands.main(prog_name="fabdesign", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         sys.exit(2)
@@ -28,8 +42,31 @@ def main() -> None:
         if error.name not in _EXTRAS:
             raise
         _fail(f"needs {error.name}; install it with: pip install 'fabdesign[{_EXTRAS[error.name]}]'", 1)
-    except click.exceptions.Abort:
+    except Terminated as stop:
+        _fail(str(stop), 128 + stop.number)
+    except (click.exceptions.Abort, KeyboardInterrupt):
         _fail("interrupted", 130)
+
+
+@contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """SIGTERM and SIGHUP raise Terminated, once; where they are ignored (`nohup`), they stay so."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        for each in before:
+            signal.signal(each, signal.SIG_IGN)  # what follows is cleaning up
+        raise Terminated(number)
+
+    wanted = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {number: signal.getsignal(number) for number in wanted}
+    before = {number: handler for number, handler in before.items() if handler is signal.SIG_DFL}
+    for number in before:
+        signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _fail(message: str, code: int) -> None:

@@ -12,6 +12,9 @@ from fabdesign.model import Model
 
 FILE = click.Path(path_type=Path)
 grid_option = click.option("--grid", type=int, help="Grid points a side; by default the model's, or 41.")
+force_option = click.option(
+    "--force", is_flag=True, help="Replace output that exists, once the new is complete; never other people's files."
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print a machine-readable result.")
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from fabdesign.cli.console import FILE, commands, json_option, print_result
+from fabdesign.cli.console import FILE, commands, force_option, json_option, print_result
 
 
 @commands.command()
@@ -17,6 +17,7 @@ from fabdesign.cli.console import FILE, commands, json_option, print_result
 @click.option("--height", type=float, help="Of the cloth, m.")
 @click.option("--muscles", type=int, help="How many.")
 @click.option("--pitch", type=float, default=0.02, show_default=True, help="Of the fixed points, m.")
+@force_option
 @json_option
 def new(
     layout: str,
@@ -26,14 +27,17 @@ def new(
     height: float | None,
     muscles: int | None,
     pitch: float,
+    force: bool,
     as_json: bool,
 ) -> None:
     """Write a catalogue LAYOUT (basic, side, cross, vertical) as a design file."""
     from fabdesign.catalogue import build
     from fabdesign.design_file import write_design
+    from fabdesign.output import new_files
 
     design = build(layout, width=width, height=height, muscles=muscles, fixed_point_pitch=pitch, name=name)
-    write_design(design, output)
+    with new_files(output, force=force) as unfinished:
+        write_design(design, unfinished)
     result = {"design": str(output), "muscles": len(design.muscles), "channels": design.channels}
     print_result(result, f"{output}: {layout}, {len(design.muscles)} muscles on {design.channels} channels", as_json)
 
@@ -69,9 +73,16 @@ def check(files: tuple[Path, ...], as_json: bool) -> None:
     "--paper", type=click.Choice(["a4", "letter", "none"]), default="a4", show_default=True, help="Of the PDF's pages."
 )
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to.")
+@force_option
 @json_option
 def export(
-    design: Path, tail_length: float | None, seam_allowance: float, paper: str, output: Path, as_json: bool
+    design: Path,
+    tail_length: float | None,
+    seam_allowance: float,
+    paper: str,
+    output: Path,
+    force: bool,
+    as_json: bool,
 ) -> None:
     """Write what a workshop needs to make a DESIGN: templates at 1:1 and a cut list.
 
@@ -87,6 +98,8 @@ def export(
         paper=None if paper == "none" else paper,
         seam_allowance=seam_allowance,
         tail_length=tail_length,
+        force=force,
+        inputs=[design],
     )
     files = [str(file) for file in made.files]
     print_result({"files": files, "left_out": list(made.left_out)}, "\n".join([*files, *made.left_out]), as_json)

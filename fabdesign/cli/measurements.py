@@ -6,7 +6,7 @@ from typing import Literal
 
 import click
 
-from fabdesign.cli.console import FILE, commands, json_option, print_result, progress
+from fabdesign.cli.console import FILE, commands, force_option, json_option, print_result, progress
 from fabdesign.model import POINTS_PER_SIDE
 
 
@@ -24,6 +24,7 @@ from fabdesign.model import POINTS_PER_SIDE
 @click.option("--skip-bad", is_flag=True, help="Leave out what is unsound, and list it.")
 @click.option("--seed", type=int, default=0, show_default=True)
 @click.option("-o", "--output", type=FILE, required=True, help="The measurement set to write.")
+@force_option
 @json_option
 def fuse(
     recording: Path,
@@ -33,6 +34,7 @@ def fuse(
     skip_bad: bool,
     seed: int,
     output: Path,
+    force: bool,
     as_json: bool,
 ) -> None:
     """Register and fuse the depth sensors of a RECORDING into a measurement set."""
@@ -46,6 +48,7 @@ def fuse(
         convention=convention,
         skip_bad=skip_bad,
         seed=seed,
+        force=force,
         progress=progress("fused", "frames"),
     )
     worst = max(sensor.residual_mm for sensor in report.sensors)
@@ -60,11 +63,21 @@ def fuse(
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the points and frames drawn.")
 @click.option("--grid", default=61, show_default=True, help="Grid points a side of the last iterations; the model's.")
 @click.option("-o", "--output", type=FILE, required=True, help="The model, or of a bench the type, to write (TOML).")
+@force_option
 @json_option
-def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, grid: int, output: Path, as_json: bool) -> None:
+def calibrate(
+    source: Path,
+    fit: str | None,
+    skip_bad: bool,
+    seed: int,
+    grid: int,
+    output: Path,
+    force: bool,
+    as_json: bool,
+) -> None:
     """Fit the declared parameters to SOURCE, a measurement set; or the law of a bench (a folder with bench.toml)."""
     if source.name == "bench.toml" or (source / "bench.toml").is_file():
-        _calibrate_bench(source, fit, output, as_json)
+        _calibrate_bench(source, fit, output, force, as_json)
         return
     from fabdesign.measurement_set import read_set
     from fabdesign.model_file import write_model
@@ -76,7 +89,7 @@ def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, grid: in
 
     measured, skipped = sound_trials(read_set(source), skip_bad=skip_bad)
     orders = None if fit is None else orders_of(fit)
-    with new_file(output) as unfinished:
+    with new_file(output, force=force, inputs=[source]) as unfinished:
         from sim import Simulator
 
         found = calibrate_set(
@@ -94,11 +107,13 @@ def calibrate(source: Path, fit: str | None, skip_bad: bool, seed: int, grid: in
     print_result(found.as_json() | {"model": str(output)}, f"{output}: {as_text(found)}", as_json)
 
 
-def _calibrate_bench(source: Path, fit: str | None, output: Path, as_json: bool) -> None:
+def _calibrate_bench(source: Path, fit: str | None, output: Path, force: bool, as_json: bool) -> None:
+    from fabdesign.output import new_files
     from studies.benches.calibrate import calibrate_bench, write_bench_type
 
-    fitted = calibrate_bench(source, fit=None if fit is None else fit.split(","))
-    files = [str(file) for file in write_bench_type(fitted, output)]
+    with new_files(output, force=force, inputs=[source]) as unfinished:
+        fitted = calibrate_bench(source, fit=None if fit is None else fit.split(","))
+        files = [str(output.with_name(file.name)) for file in write_bench_type(fitted, unfinished)]
     result = {
         "bench": fitted.bench.name,
         "unit": fitted.unit,
@@ -121,6 +136,7 @@ def _calibrate_bench(source: Path, fit: str | None, output: Path, as_json: bool)
 @click.option("--recording", type=FILE, help="A folder for four depth cameras' raw clouds of the first trial.")
 @click.option("--test-trials", type=int, default=0, show_default=True, help="How many of the last have role test.")
 @click.option("-o", "--output", type=FILE, required=True, help="The measurement set to write.")
+@force_option
 @json_option
 def rig(
     design: Path,
@@ -130,6 +146,7 @@ def rig(
     recording: Path | None,
     test_trials: int,
     output: Path,
+    force: bool,
     as_json: bool,
 ) -> None:
     """Measure a DESIGN on a virtual rig, another engine than `simulate`'s, as a measurement set."""
@@ -143,6 +160,7 @@ def rig(
         key=key,
         recording=recording,
         test_trials=test_trials,
+        force=force,
         progress=progress("measured"),
     )
     recorded = None if recording is None else str(recording)

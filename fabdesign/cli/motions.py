@@ -7,7 +7,16 @@ from typing import Any
 
 import click
 
-from fabdesign.cli.console import FILE, commands, grid_option, json_option, points_per_side, print_result, progress
+from fabdesign.cli.console import (
+    FILE,
+    commands,
+    force_option,
+    grid_option,
+    json_option,
+    points_per_side,
+    print_result,
+    progress,
+)
 from fabdesign.errors import InputError
 
 
@@ -24,6 +33,7 @@ from fabdesign.errors import InputError
 )
 @grid_option
 @click.option("-o", "--output", type=FILE, required=True, help="The npz to write: time, points.")
+@force_option
 @json_option
 def simulate(
     design: Path,
@@ -36,6 +46,7 @@ def simulate(
     self_contact: bool,
     grid: int | None,
     output: Path,
+    force: bool,
     as_json: bool,
 ) -> None:
     """Simulate the motion of a DESIGN under given pressures, from rest."""
@@ -45,7 +56,7 @@ def simulate(
     from fabdesign.mesh_file import mesh_paths, write_mesh
     from fabdesign.model_file import read_model
     from fabdesign.motion_file import square_triangles, write_motion
-    from fabdesign.output import new_file
+    from fabdesign.output import new_file, new_files
     from fabdesign.pressure_file import constant_program, read_pressures
     from studies.predict import frame_times, rest
     from studies.predict import simulate as simulate_motion
@@ -61,9 +72,15 @@ def simulate(
         times = np.array([program.duration])  # a motion that is over
     fitted = None if model is None else read_model(model)
     mesh_files = [] if mesh is None else mesh_paths(mesh, len(times))
+    inputs = [file for file in (design, model, pressures) if file is not None]
     with ExitStack() as stack:
-        unfinished = stack.enter_context(new_file(output))
-        meshes = [stack.enter_context(new_file(file)) for file in mesh_files]
+        unfinished = stack.enter_context(new_file(output, force=force, inputs=inputs))
+        meshes: list[Path] = []
+        if mesh_files:
+            names = [file.name for file in mesh_files]
+            first = new_files(mesh_files[0], companions=names[1:], force=force, inputs=inputs)
+            folder = stack.enter_context(first).parent
+            meshes = [folder / name for name in names]
         os.environ.setdefault("FABDESIGN_LANES", "2")  # kernels for a lone design
         from sim import Simulator
 
@@ -88,19 +105,32 @@ def simulate(
 @click.option("--design", type=FILE, help="Of a lone trial; a set names its own.")
 @grid_option
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to.")
+@force_option
 @json_option
-def predict(source: Path, model: Path, design: Path | None, grid: int | None, output: Path, as_json: bool) -> None:
+def predict(
+    source: Path,
+    model: Path,
+    design: Path | None,
+    grid: int | None,
+    output: Path,
+    force: bool,
+    as_json: bool,
+) -> None:
     """Predict every trial of a set, or a lone TRIAL.npz, at its own times, as OUTPUT/trials/NAME.npz."""
     from fabdesign.design_file import read_design
     from fabdesign.model_file import read_model
+    from fabdesign.output import new_folder
     from studies.predict import predict as predict_trials
     from studies.predict import trials_of
 
     fitted = read_model(model)
     trials = trials_of(source, None if design is None else read_design(design))
-    from sim import Simulator
+    inputs = [file for file in (source, model, design) if file is not None]
+    with new_folder(output, made_by="predict", force=force, inputs=inputs) as unfinished:
+        from sim import Simulator
 
-    predict_trials(Simulator(points_per_side(grid, fitted)), fitted, trials, output, progress=progress("predicted"))
+        simulator = Simulator(points_per_side(grid, fitted))
+        predict_trials(simulator, fitted, trials, unfinished, progress=progress("predicted"))
     files = [str(output / "trials" / trial.file.name) for trial in trials]
     print_result({"motions": files}, f"{output / 'trials'}: {len(files)} motions", as_json)
 
@@ -112,6 +142,7 @@ def predict(source: Path, model: Path, design: Path | None, grid: int | None, ou
 @click.option("--skip-bad", is_flag=True, help="Leave out a set's unsound trials, and list them.")
 @grid_option
 @click.option("-o", "--output", type=FILE, help="A folder for tables, a picture and the whole result.")
+@force_option
 @json_option
 def evaluate(
     sets: tuple[Path, ...],
@@ -120,6 +151,7 @@ def evaluate(
     skip_bad: bool,
     grid: int | None,
     output: Path | None,
+    force: bool,
     as_json: bool,
 ) -> None:
     """Say how far a model's motions are from the measured ones of SETS, before and after, in mm."""
@@ -135,7 +167,10 @@ def evaluate(
     factors_of(fitted)
     checked = [sound_trials(read_set(path), skip_bad=skip_bad) for path in sets]
     measured, skipped = [found for found, _ in checked], [line for _, lines in checked for line in lines]
-    with nullcontext() if output is None else new_folder(output) as unfinished:
+    place = (
+        nullcontext() if output is None else new_folder(output, made_by="evaluate", force=force, inputs=[*sets, model])
+    )
+    with place as unfinished:
         from sim import Simulator
 
         evaluation = evaluate_sets(

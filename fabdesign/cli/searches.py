@@ -4,34 +4,36 @@ from pathlib import Path
 
 import click
 
-from fabdesign.cli.console import FILE, commands, json_option, print_result
+from fabdesign.cli.console import FILE, commands, force_option, json_option, print_result
 
 
 @commands.command()
 @click.option("-o", "--output", type=FILE, default=Path("demo"), show_default=True, help="The folder to write to.")
+@force_option
 @json_option
-def demo(output: Path, as_json: bool) -> None:
+def demo(output: Path, force: bool, as_json: bool) -> None:
     """Do the main job on embedded data: a measured cloud becomes a layout, pressures and a report."""
     from studies.layouts.demo import as_json as json_of
     from studies.layouts.demo import as_text, run_demo
     from studies.layouts.progress import LiveLine
 
     with LiveLine("demo") as line:
-        results = run_demo(output, progress=lambda name, evaluations: line.show(evaluations))
+        results = run_demo(output, force=force, progress=lambda name, evaluations: line.show(evaluations))
     print_result(json_of(results), f"{as_text(results)}\nreport: {output / 'report.html'}", as_json)
 
 
 @commands.command()
 @click.argument("study", type=FILE)
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in.")
+@force_option
 @json_option
-def optimize(study: Path, output: Path, as_json: bool) -> None:
+def optimize(study: Path, output: Path, force: bool, as_json: bool) -> None:
     """Find the layout and pressures that come closest to the target of a STUDY (TOML). Ctrl-C ends with the best."""
     from studies.layouts.progress import LiveLine
     from studies.layouts.run import run_study
 
     with LiveLine(study.stem) as line:
-        result = run_study(study, output, progress=line.show).as_json()
+        result = run_study(study, output, force=force, progress=line.show).as_json()
     text = (
         f"{output}: {result['objective_mm']:.3f} mm (Chamfer {result['chamfer']:.3f}, floor "
         f"{result['chamfer_floor']:.3f}) after {result['evaluations']} evaluations; {result['stop_reason']}"

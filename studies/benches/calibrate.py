@@ -15,7 +15,7 @@ from fabdesign.csv_table import write_rows
 from fabdesign.curve_file import write_membrane_curve
 from fabdesign.errors import InputError
 from fabdesign.model import Quantity
-from fabdesign.output import new_folder
+from fabdesign.output import write_text
 from studies.benches.actuator import StaticCurve, hold_of
 from studies.benches.cylinder import CylinderLaw
 from studies.benches.muscle import BenchMuscle
@@ -92,29 +92,28 @@ def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
     bench, law = calibration.bench, calibration.law
     document = tomlkit.document()
     document.add(tomlkit.comment(f"fitted to the bench {bench.name}: {bench.source or bench.description}"))
-    with new_folder(output.parent) as folder:
-        table = folder / f"{output.stem}_{'bench' if isinstance(law, BenchMuscle) else 'law'}.csv"
-        if isinstance(law, BenchMuscle):
-            document["format"] = "fabdesign.design/1"
-            entry = tomlkit.table()
-            for key in ("outer_diameter", "mass_per_length", "axis_offset"):
-                entry[key] = bench.constant(key)
-            if law.viscosity is not None:
-                entry["viscosity"] = law.viscosity
-            entry["bench"] = table.name
-            document["muscle_types"] = {bench.name: entry}
-            write_bench_table(law.table(), table)
-        elif isinstance(law, StripLaw) and "width" in bench.constants:
-            document["format"] = "fabdesign.design/1"
-            document["fabric"] = {"membrane_curve": table.name}
-            direction = bench.constants.get("direction")
-            curve = law.membrane_curve(bench.constant("width"), across=direction != 2, down=direction != 1)
-            write_membrane_curve(curve, table)
-        else:
-            document["format"] = "fabdesign.bench-law/1"
-            document["law"] = {"specimen": bench.specimen, "output": bench.output} | _law_entries(calibration, table)
-        (folder / output.name).write_text(tomlkit.dumps(document), encoding="utf-8", newline="\n")
-    return [output, output.parent / table.name]
+    table = output.with_name(f"{output.stem}_{'bench' if isinstance(law, BenchMuscle) else 'law'}.csv")
+    if isinstance(law, BenchMuscle):
+        document["format"] = "fabdesign.design/1"
+        entry = tomlkit.table()
+        for key in ("outer_diameter", "mass_per_length", "axis_offset"):
+            entry[key] = bench.constant(key)
+        if law.viscosity is not None:
+            entry["viscosity"] = law.viscosity
+        entry["bench"] = table.name
+        document["muscle_types"] = {bench.name: entry}
+        write_bench_table(law.table(), table)
+    elif isinstance(law, StripLaw) and "width" in bench.constants:
+        document["format"] = "fabdesign.design/1"
+        document["fabric"] = {"membrane_curve": table.name}
+        direction = bench.constants.get("direction")
+        curve = law.membrane_curve(bench.constant("width"), across=direction != 2, down=direction != 1)
+        write_membrane_curve(curve, table)
+    else:
+        document["format"] = "fabdesign.bench-law/1"
+        document["law"] = {"specimen": bench.specimen, "output": bench.output} | _law_entries(calibration, table)
+    write_text(output, tomlkit.dumps(document))
+    return [output, table]
 
 
 def _fit(bench: Bench, records: Sequence[BenchRecord], *, intervals: bool) -> Law:

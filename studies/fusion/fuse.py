@@ -64,12 +64,14 @@ def fuse(
     convention: Convention = "forward",
     skip_bad: bool = False,
     seed: int = 0,
+    force: bool = False,
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> FusionReport:
     """Fuse a recording into the measurement set `out`: one trial, role fit, `points` points a frame.
 
     per_frame: refine the poses for each frame on its own, from the shared ones. convention: of the clouds' axes (see
-    read_recording). skip_bad: leave out what is unsound and list it, instead of raising. Raises InputError.
+    read_recording). skip_bad: leave out what is unsound and list it, instead of raising. force: replace a set
+    that this program made. Raises InputError.
     """
     started = time.monotonic()
     if points < 2:
@@ -79,7 +81,7 @@ def fuse(
 
     given = recording if isinstance(recording, Recording) else read_recording(recording, convention=convention)
     tolerance = Tolerance(skip_bad)
-    with new_folder(Path(out)) as unfinished:
+    with new_folder(out, made_by="fuse", force=force, inputs=[given.folder]) as unfinished:
         anchored = fuse_input.anchor_sensors(given, tolerance)
         views = fuse_input.read_views(given, anchored, tolerance)
         views, poses = fuse_input.consistent(given, anchored, views, tolerance)

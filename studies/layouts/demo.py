@@ -2,15 +2,17 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any
 
 from fabdesign.catalogue import build
 from fabdesign.forward import ForwardModel
-from fabdesign.output import new_folder, write_text
+from fabdesign.output import work_folder, write_text
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
 from optimize.evaluations import Evaluations
+from optimize.history import OtherStudy
 from studies.layouts.picture import save_picture
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult
@@ -28,30 +30,44 @@ def run_demo(
     *,
     forward: ForwardModel | None = None,
     coarse: ForwardModel | None = None,
+    force: bool = False,
     progress: Callable[[str, Evaluations], None] = lambda name, evaluations: None,
 ) -> list[StudyResult]:
     """Run both studies, `basic` and `free`, into folders of these names in `out`, and write `out/report.html` and
     `out/demo.png`.
 
     The target's cloth differs from its data sheet, which the simulator uses; the pressures found make up for it.
-    Ctrl-C ends the study under way with its result and leaves out the next.
-    Raises InputError where `out` cannot be written.
+    Ctrl-C ends the study under way with its result and leaves out the next; the same call goes on, and ends at once
+    where all is done. force: search anew. Raises InputError like `run_study`.
     """
-    with new_folder(out):
-        pass  # a place that cannot be written is refused before the simulator starts
-    fine, quick = forward_models(forward, coarse)
+    with work_folder(out, made_by="demo", force=force) as work:
+        fine, quick = forward_models(forward, coarse)
+        results = _run_studies(work.folder, fine, quick, progress)
+        work.complete = not results[-1].interrupted
+        sections = [Section(TITLES[result.study.name], result) for result in results]
+        with work.adding() as files:
+            write_text(files / "report.html", render_report("A measured shape becomes a layout", sections))
+            save_picture([(section.title, section.result) for section in sections], files / "demo.png")
+    return results
+
+
+def _run_studies(
+    out: Path, fine: ForwardModel, quick: ForwardModel, progress: Callable[[str, Evaluations], None]
+) -> list[StudyResult]:
     results: list[StudyResult] = []
     with as_file(files("fabdesign") / "data" / TARGET) as target:
         for study in demo_studies(target):
             show = _named(progress, study.name)
             if results:  # what eight muscles were found to need is worth knowing where there are four
                 study = replace(study, start_pressures=results[0].pressures[0])
-            results.append(run_study(study, out / study.name, forward=fine, coarse=quick, progress=show))
-            if results[-1].interrupted:
+            search = partial(run_study, study, out / study.name, forward=fine, coarse=quick, progress=show)
+            try:
+                result = search()
+            except OtherStudy:  # of an earlier version, or from other start pressures; the folder is the demo's own
+                result = search(force=True)
+            results.append(result)
+            if result.interrupted:
                 break
-    sections = [Section(TITLES[result.study.name], result) for result in results]
-    write_text(out / "report.html", render_report("A measured shape becomes a layout", sections))
-    save_picture([(section.title, section.result) for section in sections], out / "demo.png")
     return results
 
 

@@ -14,7 +14,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from mpl_toolkits.mplot3d import Axes3D
 
-from fabdesign.output import new_file
+from fabdesign.output import whole_file
 from studies.layouts.drawing import LEAST, MIDDLE, MOST
 from studies.layouts.result import StudyResult
 
@@ -33,7 +33,7 @@ def save_picture(results: Sequence[tuple[str, StudyResult]], path: Path) -> None
             _draw_face(axes, side, result)
         highest = result.study.limits.pressure[1] / 1e3
         figure.colorbar(ScalarMappable(Normalize(0, highest), COLOURS), ax=flat, label="kPa", shrink=0.7)
-    with new_file(path) as temporary:
+    with whole_file(path) as temporary:
         figure.savefig(temporary, dpi=90, format="png")
     plt.close(figure)
 

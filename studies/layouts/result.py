@@ -39,7 +39,7 @@ class StudyResult:
     @property
     def interrupted(self) -> bool:
         """By Ctrl-C."""
-        return self.stop_reason == INTERRUPTED
+        return self.stop_reason.startswith(INTERRUPTED)
 
     @property
     def objective(self) -> float:

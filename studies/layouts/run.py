@@ -1,9 +1,8 @@
 """A target cloud becomes a layout with pressures: one study from its file to its report."""
 
-import hashlib
 import sqlite3
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +10,15 @@ import numpy as np
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import ForwardModel
 from fabdesign.model import POINTS_PER_SIDE, Model
-from fabdesign.output import write_text
+from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.study_file import Study, read_study, require_searchable
 from optimize.design_space import DesignSpace, Limits, constraint_margins
 from optimize.evaluations import Evaluations, Stage
-from optimize.history import History
+from optimize.history import History, OtherStudy
 from optimize.objective import Objective, Target
 from optimize.search import search
 from optimize.starts import Start, layout_starts, pressure_starts, thinned_starts
+from studies.layouts.content import study_content
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult, pressures_kpa, write_best
 from studies.layouts.target import LoadedTarget, load_target, target_errors
@@ -36,6 +36,7 @@ def run_study(
     *,
     forward: ForwardModel | None = None,
     coarse: ForwardModel | None = None,
+    force: bool = False,
     progress: Callable[[Evaluations], None] = lambda _: None,
 ) -> StudyResult:
     """Search, and write `result.json`, `design.toml`, `pressures.csv` and `report.html` into `out`.
@@ -43,17 +44,43 @@ def run_study(
     The search runs on `coarse` and ends on `forward` (by default the simulator with 21 points a side and with the
     study's model's or 41; `forward` alone serves for both). While it runs, `out` always has the best so far; the same
     call on the same folder goes on after an interruption, and does not search again what is finished. Further poses'
-    pressures are `pressures_2.csv` and so on. Ctrl-C ends the search with a result. Raises InputError before anything
-    is computed.
+    pressures are `pressures_2.csv` and so on. Ctrl-C ends the search with a result.
+
+    A folder of another study (optimize.history.OtherStudy) or of other files, and one where another search runs, are
+    refused: InputError, like other bad input before anything is computed. force: search anew in such a folder of
+    another or of the same study; its old content stays until the search has ended, or, interrupted, goes on by the
+    same call.
     """
-    out = Path(out)
+    out, given = Path(out), study
     study = study if isinstance(study, Study) else read_study(study)
     require_searchable(study, study.name)
     factors = factors_of(study.model)
     targets = tuple(load_target(target, study.design, seed=study.seed) for target in study.targets)
     objective = Objective([Target(t.points, t.time) for t in targets], factors, study.objective)
     starts = _starts(study)
-    with _open_history(out, _key(study, targets)) as history:
+    inputs = [*([] if isinstance(given, Study) else [given]), *(target.file for target in study.targets)]
+    with work_folder(out, made_by="optimize", force=force, inputs=inputs) as work:
+        result = _search_in(work, study, targets, objective, starts, forward, coarse, progress)
+        if work.anew and result.interrupted:
+            work.complete = False
+            result = replace(result, stop_reason=f"{result.stop_reason}; {out} holds the earlier result until then")
+        with work.adding() as files:
+            result.write(files)
+            write_text(files / "report.html", render_report(study.name, [Section(study.name, result)]))
+    return result
+
+
+def _search_in(
+    work: WorkFolder,
+    study: Study,
+    targets: tuple[LoadedTarget, ...],
+    objective: Objective,
+    starts: list[Start],
+    forward: ForwardModel | None,
+    coarse: ForwardModel | None,
+    progress: Callable[[Evaluations], None],
+) -> StudyResult:
+    with _open_history(work, study_content(study, targets)) as history:
         fine, quick = forward_models(forward, coarse, points_per_side=(study.model or Model()).points_per_side)
         evaluations = Evaluations(
             objective,
@@ -62,13 +89,10 @@ def run_study(
             history,
             seconds=study.limits.seconds,
             evaluations=study.limits.evaluations,
-            on_progress=_keeping_best(out, targets, progress),
+            on_progress=_keeping_best(work, targets, progress),
         )
         stop_reason = search(evaluations)
-        result = _result(study, targets, evaluations, fine, stop_reason)
-    result.write(out)
-    write_text(out / "report.html", render_report(study.name, [Section(study.name, result)]))
-    return result
+        return _result(study, targets, evaluations, fine, stop_reason)
 
 
 def forward_models(
@@ -122,29 +146,24 @@ def _stages(study: Study, coarse: ForwardModel, fine: ForwardModel) -> list[Stag
     ]
 
 
-def _key(study: Study, targets: tuple[LoadedTarget, ...]) -> str:
-    """A hash of all that the search depends on, its limits of time and evaluations left out: those may be raised."""
-    limits = {k: v for k, v in asdict(study.limits).items() if k not in ("seconds", "evaluations")}
-    content = [study.design, study.model, study.seed, study.pressures, study.positions, study.muscles, limits]
-    pressures = None if study.start_pressures is None else study.start_pressures.tolist()
-    digest = hashlib.sha256(repr([*content, study.objective, pressures]).encode())
-    for target in targets:
-        digest.update(repr(target.time).encode() + target.points.tobytes())
-    return digest.hexdigest()
-
-
-def _open_history(out: Path, key: str) -> History:
+def _open_history(work: WorkFolder, content: dict[str, str]) -> History:
+    work.claim(*(HISTORY + suffix for suffix in ("", "-wal", "-shm")))
+    file = work.folder / HISTORY
     try:
-        out.mkdir(parents=True, exist_ok=True)
-        return History(out / HISTORY, key)
-    except FileExistsError:
-        raise InputError(f"{out}: is a file; expected a folder to write to") from None
+        try:
+            return History(file, content)
+        except OtherStudy:
+            if not work.anew:
+                raise
+            work.clear()
+            work.claim(*(HISTORY + suffix for suffix in ("", "-wal", "-shm")))
+            return History(file, content)
     except (OSError, sqlite3.Error) as error:
-        raise InputError(f"{out}: cannot be written ({error})") from None
+        raise InputError(f"{file}: cannot be written ({error})") from None
 
 
 def _keeping_best(
-    out: Path, targets: tuple[LoadedTarget, ...], progress: Callable[[Evaluations], None]
+    work: WorkFolder, targets: tuple[LoadedTarget, ...], progress: Callable[[Evaluations], None]
 ) -> Callable[[Evaluations], None]:
     """Progress that also writes the best so far, as often as it changes."""
     written: list[float] = []
@@ -163,7 +182,8 @@ def _keeping_best(
                 "pressures_kpa": pressures_kpa(pressures),
                 "stop_reason": f"unfinished: the best so far, in stage {stage.name}",
             }
-            write_best(out, design, pressures, unfinished, [target.time for target in targets])
+            with work.adding() as files:
+                write_best(files, design, pressures, unfinished, [target.time for target in targets])
         progress(evaluations)
 
     return report

@@ -8,7 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fabdesign.output import new_folder, write_text
+from fabdesign.output import write_text
 from fabdesign.recording import Sensor, write_recording
 from studies.rig.motion import equilibrium
 from studies.rig.scene import Scene
@@ -32,8 +32,9 @@ MESH = 121  # points a side of the surface that is drawn
 FRAMES = 10
 
 
-def record(task: Task, folder: Path) -> None:
-    """Write the task's motion as FRAMES frames seen by the four cameras; true poses to FOLDER.truth.json beside it."""
+def record(task: Task, folder: Path, truth_file: Path) -> None:
+    """Write the task's motion as FRAMES frames seen by the four cameras into `folder`, its name that of the recording,
+    and their true poses to `truth_file`."""
     scene = prepare(task)
     rng = np.random.default_rng([task.key.seed, task.order, 2])
     nominal = [Sensor(name, _look(x * POSITION[0], z * POSITION[2])) for name, (x, z) in CAMERAS.items()]
@@ -43,13 +44,9 @@ def record(task: Task, folder: Path) -> None:
     rest = equilibrium(scene, scene.patch.flat(), np.zeros(task.design.channels))
     frames = [{s.name: view(scene, x, s, rng) for s in truth} for x in shapes]
     reference = {s.name: view(scene, rest, s, rng) for s in truth}
-    with new_folder(folder) as unfinished:
-        write_recording(unfinished, task.design, task.program, task.times[shown], nominal, frames, reference)
-        text = (unfinished / "recording.toml").read_text(encoding="utf-8")
-        named = text.replace(f'name = "{unfinished.name}"', f'name = "{folder.resolve().name}"')
-        (unfinished / "recording.toml").write_text(named, encoding="utf-8", newline="\n")
+    write_recording(folder, task.design, task.program, task.times[shown], nominal, frames, reference)
     poses = {s.name: s.camera_to_world.tolist() for s in truth}
-    write_text(folder.with_name(folder.name + ".truth.json"), json.dumps({"camera_to_world": poses}, indent=1))
+    write_text(truth_file, json.dumps({"camera_to_world": poses}, indent=1))
 
 
 def view(scene: Scene, x: Array, camera: Sensor, rng: np.random.Generator) -> Array:

@@ -2,10 +2,11 @@
 
 import multiprocessing
 import os
+import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ from fabdesign.design import Design
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
 from fabdesign.measurement_set import NewTrial, write_set
+from fabdesign.output import new_file, new_folder
 from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.pressure_file import read_pressures
 from fabdesign.trial import Role
@@ -38,14 +40,18 @@ def run_rig(
     test_trials: int = 0,
     resolution: Resolution = DEFAULT,
     workers: int | None = None,
+    force: bool = False,
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> None:
     """Measure a design on the virtual rig: one trial a pressure program, in session order, into the set `out`.
 
     The last `test_trials` trials get role "test". `recording`: a folder for the raw clouds of four virtual depth
-    cameras of the first program; their true poses go beside it, to RECORDING.truth.json. progress(done, of) is called
-    after each trial. Raises InputError; studies.rig.solver.RigDiverged where a motion has no solution.
+    cameras of the first program; their true poses go beside it, to RECORDING.truth.json. force: replace folders that
+    this program made, and that file. progress(done, of) is called after each trial. Raises InputError;
+    studies.rig.solver.RigDiverged where a motion has no solution.
     """
+    inputs = [given for given in (design, key, *pressures) if isinstance(given, Path | str)]
+    out, recording = Path(out), None if recording is None else Path(recording)
     design = design if isinstance(design, Design) else read_design(design)
     key = key if isinstance(key, Key) else Key() if key is None else read_key(key)
     if not pressures:
@@ -56,19 +62,44 @@ def run_rig(
     tasks = [_task(design, p, order, key, resolution) for order, p in enumerate(programs)]
     first_test = len(tasks) - test_trials
 
-    def trials() -> Iterator[NewTrial]:
-        for task, shapes in zip(tasks, _shapes(tasks, workers), strict=True):
-            role: Role = "test" if task.order >= first_test else "fit"
-            yield NewTrial(f"{task.order:03d}", design.name, task.order, role, _sense(task, shapes))
-            progress(task.order + 1, len(tasks))
+    def trials() -> Generator[NewTrial, None, None]:
+        with closing(_shapes(tasks, workers)) as motions:
+            for task, shapes in zip(tasks, motions, strict=True):
+                role: Role = "test" if task.order >= first_test else "fit"
+                yield NewTrial(f"{task.order:03d}", design.name, task.order, role, _sense(task, shapes))
+                progress(task.order + 1, len(tasks))
 
-    name = Path(out).resolve().name
-    rate = key.sensing.frame_rate
-    write_set(out, {design.name: design}, trials(), name=name, description="virtual rig; synthetic", frame_rate=rate)
-    if recording is not None:
-        from studies.rig.cameras import record
+    name, rate = out.resolve().name, key.sensing.frame_rate
+    with (  # opened before anything is computed
+        new_folder(out, made_by="rig", force=force, inputs=inputs) as unfinished,
+        _recording_places(recording, out, force, inputs) as recorded,
+        closing(trials()) as measured,
+    ):
+        description = "virtual rig; synthetic"
+        write_set(unfinished, {design.name: design}, measured, name=name, description=description, frame_rate=rate)
+        if recorded is not None:
+            from studies.rig.cameras import record
 
-        record(tasks[0], Path(recording))
+            record(tasks[0], *recorded)
+
+
+@contextmanager
+def _recording_places(
+    recording: Path | None, out: Path, force: bool, inputs: Sequence[Path | str]
+) -> Iterator[tuple[Path, Path] | None]:
+    """Where the recording, if any, and the true poses are to be written."""
+    if recording is None:
+        yield None
+        return
+    one, other = recording.resolve(), out.resolve()
+    if one == other or one in other.parents or other in one.parents:
+        raise InputError(f"recording {recording}: not apart from the set, {out}; expected folders beside each other")
+    poses = recording.with_name(recording.name + ".truth.json")
+    with (
+        new_folder(recording, made_by="rig", force=force, inputs=inputs) as clouds,
+        new_file(poses, force=force, inputs=inputs) as truth,
+    ):
+        yield clouds, truth
 
 
 def _task(design: Design, program: PressureProgram, order: int, key: Key, resolution: Resolution) -> Task:
@@ -87,7 +118,7 @@ def _sense(task: Task, shapes: Array) -> TrialData:
     return TrialData(task.times, task.program.at(task.times - 1e-6), clouds)
 
 
-def _shapes(tasks: Sequence[Task], workers: int | None) -> Iterator[Array]:
+def _shapes(tasks: Sequence[Task], workers: int | None) -> Generator[Array, None, None]:
     """Control points of every task, in order; on several cores where there are several tasks."""
     count = min(workers or os.cpu_count() or 1, len(tasks))
     if count == 1:
@@ -97,11 +128,17 @@ def _shapes(tasks: Sequence[Task], workers: int | None) -> Iterator[Array]:
         _single_threaded_children(),
         ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer=end_with_parent) as pool,
     ):
-        yield from pool.map(control_points, tasks)
+        try:
+            yield from pool.map(control_points, tasks)
+        except BaseException:  # the pool would wait for the motions under way
+            for child in multiprocessing.active_children():
+                child.terminate()
+            raise
 
 
 def end_with_parent() -> None:
-    """A worker would outlive its killed parent, waiting for work for ever."""
+    """A worker would outlive its killed parent, waiting for work for ever. Ctrl-C is the parent's to answer."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = multiprocessing.parent_process()
     assert parent is not None
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fabdesign import muscle_law
 from fabdesign.design import Design
-from fabdesign.output import new_file
+from fabdesign.output import whole_file
 from fabdesign.pressure import PressureProgram
 from studies.rig.effects import EFFECTS
 from studies.rig.key import Key
@@ -59,7 +59,7 @@ def control_points(task: Task) -> Array:
     if file.is_file():
         return np.asarray(np.load(file))
     result = _run(task)
-    with new_file(file) as temporary, temporary.open("wb") as stream:
+    with whole_file(file) as temporary, temporary.open("wb") as stream:
         np.save(stream, result)
     return result
 

@@ -1,0 +1,63 @@
+"""What a command reads, so that it is never written over."""
+
+import tomllib
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from fabdesign.errors import InputError
+
+_HEADS = ("set.toml", "recording.toml", "bench.toml")  # of the folders that are read as one
+
+
+def require_apart(goal: Path, inputs: Iterable[Path | str]) -> None:
+    """Raise InputError where writing `goal` would write over one of `inputs`, or over a file that one of them names.
+
+    goal: a file, or a folder that all its content goes with. inputs: files and folders; what is not there is passed
+    over.
+    """
+    where = goal.resolve()
+    for given in map(Path, inputs):
+        for found in _with_named(given):
+            if found == where or (where.is_file() and where.samefile(found)):
+                raise InputError(f"{goal}: is an input; expected another place to write to")
+            if where in found.parents:
+                raise InputError(f"{goal}: holds the input {found.relative_to(where)}; expected another folder")
+            if where.is_file() and found in where.parents:
+                raise InputError(f"{goal}: is part of the input {given}; expected another place to write to")
+
+
+def _with_named(path: Path) -> Iterator[Path]:
+    """The file or folder, and the files that it names, that those name, and so on: resolved, each once."""
+    seen: set[Path] = set()
+    left = [path]
+    while left:
+        found = left.pop()
+        try:
+            found = found.resolve()
+            if found in seen or not (found.is_file() or (found.is_dir() and not seen)):
+                continue
+        except (OSError, ValueError):  # "400,0,200" repeated: no name that a file could have
+            continue
+        seen.add(found)
+        yield found
+        if found.is_dir():
+            left += [found / head for head in _HEADS]
+        elif found.suffix == ".toml":
+            left += [found.parent / text for text in _texts(found)]
+
+
+def _texts(path: Path) -> Iterator[str]:
+    """All strings in a TOML file; of one that cannot be read, none: whoever reads it says so."""
+    try:
+        left: list[Any] = [tomllib.loads(path.read_text(encoding="utf-8"))]
+    except (OSError, ValueError):
+        return
+    while left:
+        value = left.pop()
+        if isinstance(value, str) and value:
+            yield value
+        elif isinstance(value, dict):
+            left += [entry for key, entry in value.items() if key not in ("name", "description")]
+        elif isinstance(value, list):
+            left += value

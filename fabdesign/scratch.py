@@ -1,0 +1,135 @@
+"""Hidden folders for output under way: locked while their process lives, swept when it was killed."""
+
+import os
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO
+
+from fabdesign.errors import InputError
+from fabdesign.lock import try_lock
+
+PREFIX = ".unfinished"
+_LOCK = "lock"
+_OLD = 3600.0  # s: a lone unfinished file takes a moment to write
+
+
+class Scratch:
+    """A folder `at`, this process's until `release`."""
+
+    def __init__(self, at: Path, lock: IO[bytes], made: list[Path]) -> None:
+        self.at, self._lock, self._made = at, lock, made
+
+    def release(self, *, keep: bool = False) -> None:
+        """Give it up; without `keep` it goes, and so do folders above that were made for it and hold nothing."""
+        if not keep:
+            _remove(self.at, self._lock)
+            unmake(self._made)
+        self._lock.close()
+
+
+@contextmanager
+def scratch(goal: Path, at: Path) -> Iterator[Scratch]:
+    """Hold the folder `at` while `goal` is written; `release` what is held within the block, or it goes at its end.
+
+    Folders above are made. What killed processes left beside `at` is swept; what one left in it is there still.
+    Raises InputError where another process holds it and where it cannot be written.
+    """
+    made = make_folders(at.parent, goal)
+    _sweep(at)
+    try:
+        lock = _acquire(at)
+    except OSError as error:
+        unmake(made)
+        raise cannot_write(goal, error) from None
+    if lock is None:
+        raise InputError(f"{goal}: another run is writing there; expected to be the only one")
+    held = Scratch(at, lock, made)
+    try:
+        yield held
+    finally:
+        if not lock.closed:
+            held.release()
+
+
+def _acquire(at: Path) -> IO[bytes] | None:
+    """The lock of the folder `at`, made where it is not there; None where another process has it."""
+    while True:
+        at.mkdir(exist_ok=True)
+        try:
+            lock = (at / _LOCK).open("ab")
+        except FileNotFoundError:
+            continue  # another process swept the folder meanwhile
+        if not try_lock(lock):
+            lock.close()
+            return None
+        if _same(at / _LOCK, lock):
+            return lock
+        lock.close()
+
+
+def _same(path: Path, stream: IO[bytes]) -> bool:
+    """Whether the file opened is still the one at `path`: its last holder may have removed it before letting go."""
+    try:
+        return os.path.samestat(path.stat(), os.fstat(stream.fileno()))
+    except FileNotFoundError:
+        return False
+
+
+def _remove(at: Path, lock: IO[bytes]) -> None:
+    """The lock goes last, so that whoever takes it meanwhile finds all of the folder or none of it."""
+    for entry in at.iterdir():
+        if entry.is_dir() and not entry.is_symlink():
+            shutil.rmtree(entry, ignore_errors=True)
+        elif entry.name != _LOCK:
+            entry.unlink(missing_ok=True)
+    if os.name == "nt":
+        lock.close()  # an open file cannot be removed there
+    with suppress(OSError):
+        (at / _LOCK).unlink()
+        at.rmdir()
+
+
+def _sweep(at: Path) -> None:
+    """Remove what killed processes left beside `at`."""
+    for entry in at.parent.glob(f"{PREFIX}*"):
+        if entry == at:
+            continue
+        with suppress(OSError):
+            if entry.is_file():
+                if time.time() - entry.stat().st_mtime > _OLD:
+                    entry.unlink()
+            elif (entry / _LOCK).is_file():
+                with (entry / _LOCK).open("ab") as lock:
+                    if try_lock(lock):
+                        _remove(entry, lock)
+
+
+def make_folders(path: Path, goal: Path) -> list[Path]:
+    """Make `path` and what is missing above it; the ones made, deepest first. InputError names `goal`."""
+    missing: list[Path] = []
+    above = path
+    while not above.exists() and above != above.parent:
+        missing.append(above)
+        above = above.parent
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        unmake(missing)
+        raise cannot_write(goal, error) from None
+    return missing
+
+
+def unmake(folders: list[Path]) -> None:
+    """Remove folders, deepest first, as far as they hold nothing."""
+    for folder in folders:
+        try:
+            folder.rmdir()
+        except OSError:
+            return  # not empty, or never made
+
+
+def cannot_write(path: Path, error: OSError) -> InputError:
+    return InputError(f"{path}: cannot be written ({error.strerror})")

@@ -1,0 +1,49 @@
+"""What makes a study the same study: all that its search depends on, by field."""
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+
+from fabdesign.study_file import Study
+from studies.layouts.target import LoadedTarget
+
+_RAISED = ("limits.seconds", "limits.evaluations")  # without another result up to there
+_NO_MATTER = ("name", "targets")  # the targets' points count, not their files
+_LONGEST = 200  # characters that are kept of a value; of longer ones their hash
+
+
+def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, str]:
+    """Field (`limits.spacing`, `design.fabric.thickness`, `target.points`) to value, as text; pressures in kPa."""
+    content: dict[str, Any] = {}
+    for field in fields(study):
+        if field.name not in _NO_MATTER:
+            content |= _flat(getattr(study, field.name), field.name)
+    content["limits.pressure"] = [pressure / 1e3 for pressure in study.limits.pressure]
+    if study.start_pressures is not None:
+        content["start_pressures"] = (study.start_pressures / 1e3).tolist()
+    for number, target in enumerate(targets, start=1):
+        name = "target" if len(targets) == 1 else f"target {number}"
+        content[f"{name}.time"] = target.time
+        content[f"{name}.points"] = hashlib.sha256(target.points.tobytes()).hexdigest()
+    return {name: _short(str(value)) for name, value in content.items() if name not in _RAISED}
+
+
+def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    if is_dataclass(value):
+        for field in fields(value):
+            yield from _flat(getattr(value, field.name), f"{name}.{field.name}")
+    elif isinstance(value, Mapping):
+        for key, entry in value.items():
+            yield from _flat(entry, f"{name}.{key}")
+    elif isinstance(value, tuple) and any(map(is_dataclass, value)):
+        for number, entry in enumerate(value, start=1):
+            yield from _flat(entry, f"{name} {number}")
+    else:
+        yield name, value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= _LONGEST else "sha256 " + hashlib.sha256(text.encode()).hexdigest()
