@@ -146,7 +146,7 @@ def test_simulate(run: Run, hanging: type[Hanging], folder: Path) -> None:
         assert (motion["points"].shape, motion["points"].dtype) == ((61, 3362, 3), np.float32)
     assert (hanging.side, hanging.options) == (41, {"self_contact": False})
     options = ("--self-contact", "--grid", 81)
-    run("simulate", folder / "bare.toml", "--duration", 0.1, "--frame-rate", 100, *options, "-o", out)
+    run("simulate", folder / "bare.toml", "--duration", 0.1, "--frame-rate", 100, *options, "-o", out, "--force")
     assert np.load(out)["time"].tolist() == [k / 100 for k in range(11)]
     assert (hanging.side, hanging.options) == (81, {"self_contact": True})
 
@@ -201,7 +201,7 @@ def test_model_is_used_on_the_grid_that_it_was_fitted_on(run: Run, hanging: type
         hanging.side = 0
         assert run(*arguments)[0] == 0
         assert hanging.side == 61
-    assert run(*simulate, "--grid", 21)[0] == 0
+    assert run(*simulate, "--grid", 21, "--force")[0] == 0
     assert hanging.side == 21
     assert run("calibrate", folder / "set", "--grid", 31, "-o", folder / "coarser.toml")[0] == 0
     assert (hanging.side, read_model(folder / "coarser.toml").points_per_side) == (31, 31)

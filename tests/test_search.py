@@ -1,5 +1,6 @@
 """The search on a cloth in closed form: known truths, limits, failures, and what survives an interruption."""
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ from fabdesign.catalogue import build
 from fabdesign.forward import Case
 from optimize.design_space import DesignSpace, Limits
 from optimize.evaluations import Evaluations, Stage
-from optimize.history import History
+from optimize.history import History, OtherStudy
 from optimize.objective import Measure, Objective, Target
 from optimize.search import search
 from optimize.starts import layout_starts, pressure_starts
@@ -187,10 +188,16 @@ def test_another_study_does_not_take_over_a_history(tmp_path: Path) -> None:
     with History(tmp_path / "history.sqlite", "a") as history:
         search(within(history, evaluations=9))
         assert history.evaluations == 9
-    with History(tmp_path / "history.sqlite", "b") as history:
-        assert history.evaluations == 0
-        assert history.load() is None
-        assert history.entries() == []
+    content = {"seed": "1", "long": 99 * "x", "a": "1", "b": "1", "c": "1"}
+    with pytest.raises(OtherStudy, match=re.escape("(study was a, now b);")):
+        History(tmp_path / "history.sqlite", "b")
+    with History(tmp_path / "history.sqlite", "a") as history:
+        assert history.evaluations == 9
+    with History(tmp_path / "other.sqlite", content):
+        pass
+    other = {"seed": "2", "long": 99 * "y", "d": "1"}
+    with pytest.raises(OtherStudy, match="seed was 1, now 2; long differs; a was 1, now not there; and 3 more"):
+        History(tmp_path / "other.sqlite", other)
 
 
 def test_every_call_is_a_full_batch() -> None:
