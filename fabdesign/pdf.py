@@ -6,7 +6,7 @@ from typing import Any
 from fabdesign.design import Design
 from fabdesign.drawing import Circle, Drawing, Line, Shape, Words, scale_bar
 from fabdesign.errors import InputError
-from fabdesign.output import new_file
+from fabdesign.output import whole_file
 from fabdesign.pages import FOOT, HEAD, MARGIN, NAMES, PAPERS, Tiling, grid_drawing, joints, page_name, tiled
 from fabdesign.template import face_drawing, what_it_shows
 
@@ -40,7 +40,7 @@ def write_pages(design: Design, path: Path, *, paper: str, seam_allowance: float
     from matplotlib import rc_context
     from matplotlib.backends.backend_pdf import PdfPages
 
-    with new_file(path) as unfinished, rc_context({"pdf.fonttype": 42}):  # words stay words
+    with whole_file(path) as unfinished, rc_context({"pdf.fonttype": 42}):  # words stay words
         about = {"Title": f"{design.name}, sewing template", "CreationDate": None}
         with PdfPages(unfinished, metadata=about) as pdf:
             pdf.savefig(_overview(design, list(zip(sides, faces, tilings, strict=True)), paper, count))

@@ -141,9 +141,9 @@ def test_companions_are_refused_all_or_none_and_kept_where_they_are_the_same(tmp
     (tmp_path / "bench.csv").write_text("another's")
     write(force=True)
     assert content(tmp_path) == {"a.toml": "new", "bench.csv": "bench"}
-    with pytest.raises(InputError, match=r"bench.csv: exists; --force"):
-        with new_files(tmp_path / "b.toml", companions=["bench.csv"]):
-            raise AssertionError("computed all the same")
+    known = new_files(tmp_path / "b.toml", companions=["bench.csv"])
+    with pytest.raises(InputError, match=r"bench.csv: exists; --force"), known:
+        raise AssertionError("computed all the same")
 
 
 def test_an_input_is_never_an_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,16 +162,16 @@ def test_an_input_is_never_an_output(tmp_path: Path, monkeypatch: pytest.MonkeyP
         with pytest.raises(InputError, match="input"), new_file(name, force=True, inputs=["d.toml", "set", "1,2" * 99]):
             pass
     (tmp_path / "set" / "old.toml").write_text("")
-    with pytest.raises(InputError, match="part of the input set"):
-        with new_file("set/old.toml", force=True, inputs=["set"]):
-            pass
+    within = new_file("set/old.toml", force=True, inputs=["set"])
+    with pytest.raises(InputError, match="part of the input set"), within:
+        pass
     (tmp_path / "set" / "old.toml").unlink()
     fill(tmp_path / "own", x="")
     (tmp_path / "own" / "x.toml").write_text("")
     for name, inputs in ((".", ["d.toml"]), ("deep", ["d.toml"]), ("set", ["set"]), ("own", ["own/x.toml"])):
-        with pytest.raises(InputError, match="input"):
-            with new_folder(name, made_by="test", force=True, inputs=inputs):
-                pass
+        around = new_folder(name, made_by="test", force=True, inputs=inputs)
+        with pytest.raises(InputError, match="input"), around:
+            pass
     assert {name: text for name, text in content(tmp_path).items() if not name.startswith("own")} == before
     with new_folder("out", made_by="test", inputs=["d.toml"]):  # which is the design's name, and no file
         pass
@@ -225,7 +225,7 @@ def test_replacement_that_was_cut_off_is_finished(moved: int, tmp_path: Path, mo
 
     with monkeypatch.context() as patch:
         patch.setattr(Path, "replace", killed)
-        patch.setattr("fabdesign.scratch.Scratch.release", lambda held: held._lock.close())  # noqa: SLF001
+        patch.setattr("fabdesign.scratch.Scratch.release", lambda held: held._lock.close())
         if moved < 4:  # three files and the mark
             with pytest.raises(OSError, match="killed"):
                 fill(folder, force=True, a="new", b="new", c="new")

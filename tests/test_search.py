@@ -188,6 +188,7 @@ def test_another_study_does_not_take_over_a_history(tmp_path: Path) -> None:
     with History(tmp_path / "history.sqlite", "a") as history:
         search(within(history, evaluations=9))
         assert history.evaluations == 9
+        history.save("somewhere", 1.0)
     content = {"seed": "1", "long": 99 * "x", "a": "1", "b": "1", "c": "1"}
     with pytest.raises(OtherStudy, match=re.escape("(study was a, now b);")):
         History(tmp_path / "history.sqlite", "b")
