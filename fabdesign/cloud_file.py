@@ -28,6 +28,9 @@ class Geometry:
 
     points: NDArray[np.float64]  # (n, 3), finite, n > 0; of a mesh its vertices
     triangles: NDArray[np.intp]  # (t, 3); (0, 3) of a cloud
+    trial: bool = False  # a frame of a measured trial, in m
+    time: float | None = None  # s after rest, of a frame
+    frame: int | None = None  # from 0
 
     @property
     def is_mesh(self) -> bool:
@@ -49,7 +52,7 @@ def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
     suffix = path.suffix.lower()
     none = np.zeros((0, 3), dtype=np.intp)
     if suffix == ".npz":
-        found = Geometry(_npz(path, frame), none)
+        found = _npz(path, frame)
     elif suffix == ".ply":
         ply = read_ply(path)
         found = Geometry(ply.points, ply.triangles)
@@ -82,17 +85,23 @@ def read_cloud(
     return cloud
 
 
-def _npz(path: Path, frame: int) -> NDArray[np.float64]:
+def _npz(path: Path, frame: int) -> Geometry:
+    none = np.zeros((0, 3), dtype=np.intp)
     with open_npz(path, "points (n, 3)") as arrays:
         points = None if "offsets" in arrays else arrays.get("points")
     if points is None:
-        frames = read_trial(path, size=np.inf).frames
-        if not -len(frames) <= frame < len(frames):
-            raise InputError(f"{path}: frame {frame}; expected -{len(frames)} to {len(frames) - 1}")
-        return frames[frame]
+        trial = read_trial(path, size=np.inf)
+        index = _frame(frame, len(trial.frames), path)
+        return Geometry(trial.frames[index], none, trial=True, time=float(trial.time[index]), frame=index)
     if points.dtype.kind not in "fiu":
         raise InputError(f"{path}: points is {points.shape} {points.dtype}; expected numbers (n, 3)")
-    return points.astype(np.float64)
+    return Geometry(points.astype(np.float64), none)
+
+
+def _frame(frame: int, count: int, path: Path) -> int:
+    if not -count <= frame < count:
+        raise InputError(f"{path}: frame {frame}; expected -{count} to {count - 1}")
+    return frame % count
 
 
 def _with_area(mesh: Geometry, path: Path) -> Geometry:

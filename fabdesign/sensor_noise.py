@@ -23,6 +23,7 @@ _ALONE = 0.5  # second neighbour over farthest of a patch: of a flat sheet three
 _HIDDEN = 5  # sigmas off its face, below which a stray is taken for noise
 _TERMS = 6  # of a quadric
 _SIGMA0 = 0.001  # m, start
+_LEAST = 1e-6  # m: made clouds have none
 _STRAY_REACH0 = 0.015  # m, how far off the surface strays are looked for
 
 
@@ -57,6 +58,9 @@ class SensorNoise:
         return np.split(offsets, np.cumsum(fallen)[:-1])
 
 
+NOISE_FREE = SensorNoise(0.0, 0.0, 0.0)
+
+
 def estimate_noise(frames: Sequence[Floats], thickness: float) -> SensorNoise:
     """The noise in clouds (n_t, 3) m of a cloth of known thickness [m], without any model of its shape.
 
@@ -81,7 +85,8 @@ def estimate_noise(frames: Sequence[Floats], thickness: float) -> SensorNoise:
     sigma, strays = _SIGMA0, 0.01
     for _ in range(_ROUNDS):
         squared = sheets.expect(sigma, strays)
-        last, sigma = sigma, float(np.sqrt(squared[flat].sum() / (sheets.weight[flat].sum() - _TERMS * flat.sum())))
+        mean = squared[flat].sum() / (sheets.weight[flat].sum() - _TERMS * flat.sum())
+        last, sigma = sigma, max(float(np.sqrt(max(mean, 0.0))), _LEAST)
         strays = float(np.clip(1 - sheets.weight[:, 0].mean(), 1e-6, 0.5))
         if abs(sigma - last) < _CONVERGED * sigma:
             break

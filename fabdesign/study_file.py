@@ -12,6 +12,7 @@ from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
 from fabdesign.model import Model
 from fabdesign.model_file import read_model
+from fabdesign.placement import UNITS, Unit
 from fabdesign.pressure import LARGEST, limits
 from fabdesign.table import Table, load_toml, pascals
 
@@ -24,11 +25,20 @@ HIGHEST = 400e3  # Pa, of the pressures searched where the study does not say
 
 @dataclass(frozen=True)
 class TargetFile:
-    """A trial's npz with the frame that counts, or a PLY cloud or mesh (its frame is not used)."""
+    """A trial's npz with the frame that counts, or a cloud or mesh of any kind that `read_geometry` takes.
+
+    Its points are scaled, turned and shifted in this order; `fit`: registered to the hanging cloth, with
+    axes exchanged as need be unless there is a `rotation`.
+    """
 
     file: Path
     frame: int = -1
     description: str = ""  # where it comes from; by default what its measurement set says
+    unit: Unit = "m"
+    scale: float = 1.0  # beside the unit
+    rotation: tuple[float, float, float] | None = None  # degrees about the fixed axes x, y, z, in this order
+    translation: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
+    place: Literal["given", "fit"] = "given"
 
 
 @dataclass(frozen=True)
@@ -127,7 +137,18 @@ def _targets(root: Table, path: Path) -> tuple[TargetFile, ...]:
         raise InputError(f"{path}: expected one [target], or [[targets]] that share one layout")
     targets = []
     for table in [single] if single is not None else tables:
-        target = TargetFile(path.parent / table.text("file"), table.integer("frame", -1), table.text("description", ""))
+        target = TargetFile(
+            file=path.parent / table.text("file"),
+            frame=table.integer("frame", -1),
+            description=table.text("description", ""),
+            unit=table.text("unit", "m", choices=tuple(UNITS)),
+            scale=table.number("scale", 1.0, above=0),
+            rotation=table.numbers("rotation", None, count=3),
+            translation=table.numbers("translation", (0.0, 0.0, 0.0), count=3),
+            place=table.text("place", "given", choices=("given", "fit")),
+        )
+        if target.place == "fit" and "translation" in table:
+            raise table.bad("translation", 'none beside place = "fit", which finds it')
         table.finish()
         if not target.file.is_file():
             raise InputError(f"{table.where}: file {target.file} is not there")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
+from fabdesign.hung_cloth import at_rest, degrees_between, held_places
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,7 @@ def require_on_cloth(frames: Sequence[Array], time: Array, fabric: Fabric, where
 
     A cloth that nothing holds (`hung = "none"`) is not judged.
     """
-    hung = _hung_places(fabric)
+    hung = held_places(fabric)
     if len(hung) == 0:
         return
     chosen = np.unique(np.linspace(0, len(frames) - 1, _FRAMES).round().astype(int))
@@ -62,7 +63,7 @@ def require_on_cloth(frames: Sequence[Array], time: Array, fabric: Fabric, where
     for cause, undone in _CAUSES.items():
         if _hangs_well(undone(points), undone(middle[None])[0], hung, fabric):
             raise InputError(f"{where}: {found} ({cause})")
-    moved = _flat(fabric).mean(axis=0) - middle
+    moved = at_rest(fabric, 5, 5).mean(axis=0) - middle
     if _hangs_well(points + moved, middle + moved, hung, fabric):
         raise InputError(f"{where}: {found} (does its frame start elsewhere? the middle is {_mm(moved)} mm off)")
     raise InputError(f"{where}: {found}")
@@ -72,7 +73,7 @@ def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: f
     """What points (n, 3) m with the given middle cannot be, and what was expected; None where all is well."""
     from scipy.spatial import cKDTree
 
-    flat, short = _flat(fabric), min(fabric.width, fabric.height)
+    flat, short = at_rest(fabric, 5, 5), min(fabric.width, fabric.height)
     span = float(np.ptp(np.quantile(points, [0.02, 0.98], axis=0), axis=0).max())
     held = float(np.linalg.norm(np.ptp(hung, axis=0)))
     if span < _SPANNED * held:
@@ -88,9 +89,9 @@ def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: f
         return f"no point within {1e3 * gap:.0f} mm of where the cloth is held; expected some along all of it"
     gravity = np.array(fabric.gravity)
     hangs, lies = middle - hung.mean(axis=0), flat.mean(axis=0) - hung.mean(axis=0)
-    if _degrees(lies, gravity) > _ALONG:
+    if degrees_between(lies, gravity) > _ALONG:
         return None
-    angle, far = _degrees(hangs, gravity), np.linalg.norm(hangs) >= _MIDDLE * short
+    angle, far = degrees_between(hangs, gravity), np.linalg.norm(hangs) >= _MIDDLE * short
     if far and angle > leaning:
         return f"the cloth lies {angle:.0f} degrees off gravity, seen from where it is held; expected it to hang"
     height = (hung.mean(axis=0) - points) @ gravity / np.linalg.norm(gravity)
@@ -103,33 +104,6 @@ def _hangs_well(points: Array, middle: Array, hung: Array, fabric: Fabric) -> bo
     """Whether points are what a cloth hung as `fabric` gives most often: a likely reading, not just a possible one."""
     below = float(np.linalg.norm(middle - hung.mean(axis=0))) >= _MIDDLE * min(fabric.width, fabric.height)
     return below and _fault(points, middle, hung, fabric, _ALONG) is None
-
-
-def _hung_places(fabric: Fabric) -> Array:
-    """(n, 3) m, places that are held, of the cloth at rest."""
-    if fabric.hung == "none":
-        return np.zeros((0, 3))
-    if isinstance(fabric.hung, tuple):
-        return _at_rest(np.array(fabric.hung), fabric)
-    along = np.linspace(0.0, 1.0, 21)
-    ends = {"top": (along, 0 * along), "bottom": (along, 0 * along + 1), "left": (0 * along, along)}
-    u, v = ends.get(fabric.hung, (0 * along + 1, along))
-    return _at_rest(np.stack([u * fabric.width, v * fabric.height], axis=1), fabric)
-
-
-def _flat(fabric: Fabric) -> Array:
-    u, v = np.meshgrid(np.linspace(0, fabric.width, 5), np.linspace(0, fabric.height, 5))
-    return _at_rest(np.stack([u.ravel(), v.ravel()], axis=1), fabric)
-
-
-def _at_rest(uv: Array, fabric: Fabric) -> Array:
-    return np.stack([uv[:, 0] - fabric.width / 2, -uv[:, 1], np.zeros(len(uv))], axis=1)
-
-
-def _degrees(a: Array, b: Array) -> float:
-    """Between two directions; 0 where one has no length."""
-    lengths = float(np.linalg.norm(a) * np.linalg.norm(b))
-    return float(np.degrees(np.arccos(np.clip(a @ b / lengths, -1.0, 1.0)))) if lengths > 0 else 0.0
 
 
 def _mm(vector: Array) -> str:

@@ -38,4 +38,5 @@ def optimize(study: Path, output: Path, force: bool, as_json: bool) -> None:
         f"{output}: {result['objective_mm']:.3f} mm (Chamfer {result['chamfer']:.3f}, floor "
         f"{result['chamfer_floor']:.3f}) after {result['evaluations']} evaluations; {result['stop_reason']}"
     )
+    text = "\n".join([*(f"target: {target}" for target in result["targets"]), text])
     print_result(result, text, as_json)

@@ -45,6 +45,7 @@ def render_report(title: str, sections: Sequence[Section]) -> str:
         title=title,
         sections=sections,
         targets=first.targets,
+        measured=any(target.measured for target in first.targets),
         synthetic=any(target.synthetic for target in first.targets),
         points_per_side=(first.study.model or Model()).points_per_side,
         errors=_error_cells,

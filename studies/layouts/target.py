@@ -1,24 +1,23 @@
 """Targets: the clouds that studies come close to, and how close a result came."""
 
 import hashlib
-import zipfile
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.cloud_file import read_cloud
 from fabdesign.design import Design
-from fabdesign.errors import InputError
 from fabdesign.metrics import DRAWS, Errors, trial_errors
-from fabdesign.sensor_noise import SensorNoise, estimate_noise
+from fabdesign.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
 from fabdesign.study_file import TargetFile
 from fabdesign.table import load_toml
-from fabdesign.trial_file import read_trial
+from fabdesign.target_file import PlacedTarget, read_target
 
 FEWEST = 200  # points from which noise can be told from shape
+ENOUGH = 4000  # points for the same
+NOISELESS = 1e-4  # m: bends that a quadric does not follow look like less noise than that
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +27,12 @@ class LoadedTarget:
     points: NDArray[np.float64]  # (n, 3) m
     time: float | None
     description: str
+    noise: SensorNoise = NOISE_FREE  # what the cloud shows; none on a mesh
+
+    @property
+    def measured(self) -> bool:
+        """By a sensor, whose noise it shows."""
+        return self.noise.sigma > 0
 
     @property
     def synthetic(self) -> bool:
@@ -40,36 +45,56 @@ class LoadedTarget:
 
 
 def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedTarget:
-    """Read a trial's frame (.npz), a cloud (.ply, .npz) or a mesh, sampled with `seed`. Raises InputError."""
-    size = max(design.fabric.width, design.fabric.height)
-    if not _is_trial(target.file):
-        points = read_cloud(target.file, seed=seed, size=size)
-        return LoadedTarget(points, None, target.description or target.file.name)
-    trial = read_trial(target.file, size=size)
-    count = len(trial.frames)
-    if not -count <= target.frame < count:
-        raise InputError(f"{target.file}: frame {target.frame}; expected -{count} to {count - 1}")
-    time = float(trial.time[target.frame])
-    where = f"frame {target.frame % count} of {target.file.stem}, {time:.3g} s after rest"
-    description = ", ".join(filter(None, [target.description or where, _set_description(target.file)]))
-    return LoadedTarget(trial.frames[target.frame], time, description)
+    """Read a target, sampled with `seed` where it is a mesh, and place it. Raises InputError."""
+    placed = read_target(target, design.fabric, seed=seed)
+    frame, path = placed.geometry, target.file
+    where = path.name
+    if frame.trial:
+        where = f"frame {frame.frame} of {path.stem}, {frame.time:.3g} s after rest"
+    parts = [target.description or where, *_placed(target, placed)]
+    if frame.trial:
+        parts.append(_set_description(path))
+    noise = _noise(placed, design.fabric.thickness)
+    return LoadedTarget(placed.points, frame.time, ", ".join(filter(None, parts)), noise)
 
 
 def target_errors(
     targets: Sequence[LoadedTarget], shapes: NDArray[np.float64], design: Design, *, seed: int = 0, draws: int = DRAWS
 ) -> Errors:
-    """Mean over the targets, of shapes (poses, 2 n, 3) m. The floors take the noise that the targets show."""
-    clouds = [target.points for target in targets]
-    enough = [cloud for cloud in clouds if len(cloud) >= FEWEST]
-    noise = estimate_noise(enough, design.fabric.thickness) if enough else SensorNoise(0.0, 0.0, 0.0)
-    return trial_errors(clouds, shapes, noise, seed=seed, draws=draws)
+    """Mean over the targets, of shapes (poses, 2 n, 3) m. The floors take the noise that each target shows."""
+    own = -(-draws // len(targets))
+    found = [
+        astuple(trial_errors([target.points], shape[None], target.noise, seed=seed + pose, draws=own))
+        for pose, (target, shape) in enumerate(zip(targets, shapes, strict=True))
+    ]
+    return Errors(*np.mean(found, axis=0).tolist())
 
 
-def _is_trial(path: Path) -> bool:
-    if path.suffix.lower() != ".npz" or not zipfile.is_zipfile(path):
-        return False
-    with zipfile.ZipFile(path) as archive:
-        return "offsets.npy" in archive.namelist()
+def _placed(target: TargetFile, placed: PlacedTarget) -> list[str]:
+    """What was done to the file's points, for people."""
+    parts = []
+    if target.unit != "m" or target.scale != 1:
+        parts.append(f"{target.unit} times {target.scale:g}" if target.scale != 1 else f"in {target.unit}")
+    if len(placed.points) < len(placed.geometry.points) and not placed.geometry.is_mesh:
+        parts.append(f"{len(placed.points)} of its {len(placed.geometry.points)} points")
+    if target.place == "fit":
+        parts.append(f"placed by fit with {placed.placement}")
+        if placed.turned_over is not None:
+            parts.append(f"as well as with rotation {placed.turned_over.turn}, front and back changed")
+    elif target.rotation or any(target.translation):
+        parts.append(f"placed with {placed.placement}")
+    return parts
+
+
+def _noise(placed: PlacedTarget, thickness: float) -> SensorNoise:
+    """None on a mesh; a trial's is that of a cloth of this thickness [m], another cloud's also that of a single layer,
+    if that is less. So little that no sensor is so good is none."""
+    if placed.geometry.is_mesh or len(placed.points) < FEWEST:
+        return NOISE_FREE
+    some = placed.points[:: -(-len(placed.points) // ENOUGH)]
+    layers = (thickness,) if placed.geometry.trial else (thickness, 0.0)
+    least = min((estimate_noise([some], depth) for depth in layers), key=lambda noise: noise.sigma)
+    return least if least.sigma > NOISELESS else NOISE_FREE
 
 
 def _set_description(trial: Path) -> str:

@@ -1,0 +1,94 @@
+"""A target from its file: read, placed in the world, and refused where no cloth could be there."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.cloud_file import POINTS, Geometry, read_geometry
+from fabdesign.errors import InputError
+from fabdesign.fabric import Fabric
+from fabdesign.hung_cloth import misplaced
+from fabdesign.measured_points import require_cloud
+from fabdesign.placement import UNITS, Fit, Placement, Unit, fit_placement
+from fabdesign.study_file import TargetFile
+
+MOST = 10_000  # points that are compared: more cost time and say nothing new
+_DENSE = 20_000  # points on a mesh by which it is registered
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedTarget:
+    points: Array  # (n, 3) m
+    geometry: Geometry  # as the file has it
+    placement: Placement
+    turned_over: Placement | None = None  # of a fitted one that fits as well with front and back changed
+
+
+def read_target(target: TargetFile, fabric: Fabric, *, seed: int = 0) -> PlacedTarget:
+    """Read a target and place it: POINTS points drawn on a mesh with `seed`, at most MOST of a cloud.
+
+    Raises InputError for a file that `read_geometry` refuses, and for a target that cannot be a cloth held as `fabric`,
+    with the unit, or the registration, that would do.
+    """
+    geometry, rng = read_geometry(target.file, frame=target.frame), np.random.default_rng(seed)
+    if geometry.trial and (target.unit != "m" or target.scale != 1):
+        raise InputError(f"{target.file}: unit or scale for a trial, which says its own; expected none")
+    if geometry.trial:
+        require_cloud(geometry.points, f"{target.file} frame {geometry.frame}", size=max(fabric.width, fabric.height))
+    raw = geometry.sample(POINTS, rng)
+    if len(raw) > MOST and not geometry.trial:
+        raw = raw[np.sort(rng.choice(len(raw), MOST, replace=False))]
+    factor, turned_over = UNITS[target.unit] * target.scale, None
+    if target.place == "fit":
+        fit = _fit(geometry, raw, fabric, factor, target)
+        if fit.rival is not None:
+            ways = " or ".join(p.turn for p in (fit.placement, fit.rival))
+            raise InputError(
+                f"{target.file}: two of its edges fit the hung one, {ways}; expected one of them as rotation"
+            )
+        placement, turned_over = fit.placement, fit.turned_over
+    else:
+        placement = Placement(factor, target.rotation or (0.0, 0.0, 0.0), target.translation)
+    points = placement.apply(raw)
+    fault = misplaced(points, fabric)
+    if fault is not None:
+        raise InputError(f"{target.file}: {fault}{next(_remedies(geometry, raw, fabric, target), '')}")
+    return PlacedTarget(points, geometry, placement, turned_over)
+
+
+def _fit(geometry: Geometry, raw: Array, fabric: Fabric, factor: float, target: TargetFile) -> Fit:
+    """With the vertices of a mesh, and points drawn on it closely: its edge is then known exactly. A trial's axes are
+    the world's."""
+    if fabric.hung != "top":
+        raise InputError(f'{target.file}: place = "fit" for a cloth held elsewhere; expected one hung by its top edge')
+    points = raw
+    if geometry.is_mesh:
+        drawn = geometry.sample(_DENSE, np.random.default_rng(0))
+        points = np.concatenate([geometry.points[np.unique(geometry.triangles)], drawn])
+    rotation = target.rotation or ((0.0, 0.0, 0.0) if geometry.trial else None)
+    return fit_placement(points, fabric, factor=factor, rotation=rotation, drawn=not geometry.is_mesh)
+
+
+def _remedies(geometry: Geometry, raw: Array, fabric: Fabric, target: TargetFile) -> Iterator[str]:
+    """What would make the target one that the cloth could take, the least change first, as hints."""
+    others: list[Unit] = [] if geometry.trial else [unit for unit in UNITS if unit != target.unit]
+    for unit in others:
+        placement = Placement(UNITS[unit] * target.scale, target.rotation or (0.0, 0.0, 0.0), target.translation)
+        if target.place != "fit" and misplaced(placement.apply(raw), fabric) is None:
+            yield f' (is it in {unit}? unit = "{unit}")'
+    largest = 2 * np.hypot(fabric.width, fabric.height)
+    free = replace(target, rotation=None)
+    for unit in [target.unit, *others]:
+        factor = UNITS[unit] * target.scale
+        span = factor * float(np.linalg.norm(np.ptp(raw, axis=0)))
+        if fabric.hung != "top" or not largest / 5 < span < largest:
+            continue
+        fit = _fit(geometry, raw, fabric, factor, free)
+        if misplaced(fit.placement.apply(raw), fabric) is None:
+            unit_too = "" if unit == target.unit else f'unit = "{unit}" and '
+            alone = ", without rotation or translation," if target.rotation or any(target.translation) else ""
+            yield f' ({unit_too}place = "fit"{alone} would bring it onto the cloth)'
