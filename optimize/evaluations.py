@@ -115,6 +115,20 @@ class Evaluations:
         if self.elapsed + needed > self._seconds:
             raise Stop(f"the limit of {self._seconds:g} s is reached")
 
+    def set_down(self, reason: str = "") -> None:
+        """Keep the best, and what was spent, at an end within a round. reason: of an end by a limit."""
+        state = self.history.load()
+        if state is not None and self.best is not None:
+            state["best"] = [self.best.start, self.best.x.tolist(), self.best.value, self.best.stage]
+            state["ended"] = [reason, self._seconds, self._most]
+            self.history.save(state, self.elapsed)
+
+    def ended(self) -> str:
+        """Why this history's search has ended by a limit, if it would end by the same one now; else empty."""
+        state = self.history.load() or {}
+        reason, seconds, most = state.get("ended", ["", 0.0, 0])
+        return str(reason) if seconds >= self._seconds and most >= self._most else ""
+
     def _evaluate_batch(
         self, number: int, batch: Sequence[Point], cheap: ForwardModel | None
     ) -> list[tuple[float, Shape]]:

@@ -26,6 +26,8 @@ def search(evaluations: Evaluations) -> str:
     """
     try:
         at, searches = _load(evaluations)
+        if reason := evaluations.ended():
+            return reason
         for number in range(at, len(evaluations.stages)):
             if number > at or not searches:
                 searches = _enter(evaluations, number, searches or _screen(evaluations))
@@ -34,8 +36,10 @@ def search(evaluations: Evaluations) -> str:
                 _round(evaluations, number, going)
                 _save(evaluations, number, searches)
     except Stop as stop:
+        evaluations.set_down(str(stop))
         return str(stop)
     except KeyboardInterrupt:
+        evaluations.set_down()
         return INTERRUPTED
     return "converged: no search promises a further gain"
 
