@@ -23,7 +23,7 @@ def read_bytes(path: Path, what: str, *, largest: int = LARGEST) -> bytes:
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror})") from None
     if size > largest:
-        raise InputError(f"{path}: has {size / 1e6:.0f} MB; expected {what} of at most {largest / 1e6:.0f} MB, thinned")
+        raise InputError(f"{path}: has {size / 1e6:.0f} MB; expected {what} of at most {largest / 1e6:.0f} MB")
     return content
 
 

@@ -7,9 +7,11 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from importlib.resources import as_file, files
+from math import inf
 
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
+from fabdesign.effort import CLOSEST, MUSCLES
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.muscle import Muscle, MuscleType
@@ -19,6 +21,7 @@ Path = tuple[tuple[float, float], ...]
 
 _END = 0.04  # share of the length that a straight muscle leaves free at each end, for its tubes
 _CROSS = 0.075  # the same for the ends of crossed muscles
+_ROUNDING = 1e-6  # m, of a path's points
 _STOCK = (0.2, 0.8)  # where the outermost muscles of *vertical* lie, as shares of the width
 
 
@@ -91,14 +94,18 @@ def build(
     muscles: how many; each has a channel of its own. `basic` and `side` share them between the faces (the front has
     one more of an odd number), `cross` lays pairs side by side, `vertical` spreads them over the front.
     fixed_point_pitch: [m].
-    Raises InputError for an unknown layout, a size or count below 1, and muscles closer than their diameter.
+    Raises InputError for an unknown layout, a size or count out of range, and muscles closer than their diameter.
     """
     if layout not in _LAYOUTS:
         raise InputError(f"layout {layout}: expected one of {', '.join(LAYOUTS)}{nearest(layout, LAYOUTS)}")
     paths, default_count = _LAYOUTS[layout]
     count = default_count if muscles is None else muscles
-    if count < 1:
-        raise InputError(f"layout {layout}: muscles = {count}; expected at least 1")
+    if not 1 <= count <= MUSCLES:
+        raise InputError(f"layout {layout}: muscles = {count}; expected 1 to {MUSCLES}")
+    if not CLOSEST <= fixed_point_pitch < inf:
+        raise InputError(
+            f"layout {layout}: fixed points {fixed_point_pitch:g} m apart; expected at least {CLOSEST:g} m"
+        )
     cloth = fabric or standard().fabric
     cloth = replace(
         cloth,
@@ -127,8 +134,8 @@ def _require_room(layout: str, muscles: tuple[Muscle, ...], diameter: float) -> 
     for i, a in enumerate(muscles):
         for b in muscles[i + 1 :]:
             starts = max(abs(a.path[0][0] - b.path[0][0]), abs(a.path[0][1] - b.path[0][1]))
-            if a.side == b.side and starts < diameter:
+            if a.side == b.side and starts < diameter - _ROUNDING:
                 raise InputError(
-                    f"layout {layout}: {len(muscles)} muscles lie {starts * 1e3:.2g} mm apart; "
-                    f"expected at least their diameter, {diameter * 1e3:g} mm"
+                    f"layout {layout}: {len(muscles)} muscles lie {starts * 1e3:.3f} mm apart; "
+                    f"expected at least their diameter, {diameter * 1e3:.3f} mm: fewer of them or a wider cloth"
                 )

@@ -4,6 +4,7 @@ import csv
 import io
 from collections.abc import Iterable, Sequence
 from decimal import Decimal, InvalidOperation
+from math import isfinite
 from pathlib import Path
 
 from fabdesign.errors import InputError
@@ -13,8 +14,11 @@ from fabdesign.table import read_text
 
 def read_rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """The header's names and every row with its line number; InputError where a row has another width."""
-    lines = csv.reader(io.StringIO(read_text(path)))
-    rows = [(i, [cell.strip() for cell in row]) for i, row in enumerate(lines, start=1) if any(c.strip() for c in row)]
+    lines = enumerate(csv.reader(io.StringIO(read_text(path))), start=1)
+    try:
+        rows = [(i, [cell.strip() for cell in row]) for i, row in lines if any(c.strip() for c in row)]
+    except csv.Error as error:
+        raise InputError(f"{path}: is no sound table ({error})") from None
     if not rows:
         raise InputError(f"{path}: is empty; expected a header line and rows of numbers")
     header = rows[0][1]
@@ -32,7 +36,7 @@ def decimal(text: str, path: Path, line: int, column: str) -> Decimal:
         value = Decimal(text)
     except InvalidOperation:
         value = Decimal("nan")
-    if not value.is_finite():
+    if not isfinite(float(value)):
         raise InputError(f"{path} line {line}: {column} = {text!r}; expected a finite number")
     return value
 

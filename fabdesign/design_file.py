@@ -8,6 +8,7 @@ from fabdesign.curve import MembraneCurve
 from fabdesign.curve_file import read_membrane_curve
 from fabdesign.design import Design
 from fabdesign.design_writer import write_design
+from fabdesign.effort import CLOSEST, MUSCLES
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.muscle import Muscle, MuscleType
@@ -35,7 +36,10 @@ def read_design(path: Path | str) -> Design:
     if not fabric_tables:
         raise InputError(f"{path}: no [fabric] table")
     fabric = _fabric(_merged(fabric_tables, scene))
-    muscles = tuple(_muscle(table, fabric, types) for table in root.tables("muscles"))
+    tables = root.tables("muscles")
+    if len(tables) > MUSCLES:
+        raise InputError(f"{path}: {len(tables)} muscles; expected at most {MUSCLES}")
+    muscles = tuple(_muscle(table, fabric, types) for table in tables)
     root.finish()
     return Design(name, fabric, types, muscles)
 
@@ -165,9 +169,9 @@ def _muscle(table: Table, fabric: Fabric, types: dict[str, MuscleType]) -> Muscl
     muscle = Muscle(
         type=kind,
         side=table.text("side", choices=("front", "back")),
-        channel=table.integer("channel", least=0),
+        channel=table.integer("channel", least=0, most=MUSCLES - 1),
         path=path,
-        fixed_point_pitch=table.number("fixed_point_pitch", above=0),
+        fixed_point_pitch=table.number("fixed_point_pitch", least=CLOSEST),
     )
     table.finish()
     return muscle

@@ -11,6 +11,7 @@ from fabdesign.design import Design
 from fabdesign.pressure import PressureProgram
 
 PARAMETERS = ("membrane", "shear", "bending", "areal_density", "damping", "muscle_gain", "axis_offset")
+FACTORS = 0.001, 1000.0  # what a factor on a declared value may be: beyond, the declared value is another thing's
 
 
 @dataclass(frozen=True)

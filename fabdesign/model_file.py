@@ -6,8 +6,9 @@ from typing import Any
 
 import tomlkit
 
+from fabdesign.effort import COARSEST, FINEST
 from fabdesign.errors import InputError
-from fabdesign.forward import PARAMETERS
+from fabdesign.forward import FACTORS, PARAMETERS
 from fabdesign.model import POINTS_PER_SIDE, EffectTerm, Model, Parameter, Provenance, Quantity
 from fabdesign.output import write_text
 from fabdesign.table import Table, load_toml, nearest
@@ -39,7 +40,7 @@ def read_model(path: Path | str) -> Model:
             raise InputError(f"{path}: corrector: weights {corrector} is not there")
     points_per_side = POINTS_PER_SIDE
     if (simulator := root.table("simulator", None)) is not None:
-        points_per_side = simulator.integer("points_per_side", least=9)
+        points_per_side = simulator.integer("points_per_side", least=COARSEST, most=FINEST)
         simulator.finish()
     provenance = root.table("provenance", None)
     origin = Provenance() if provenance is None else _provenance(provenance)
@@ -88,7 +89,7 @@ def _quantity_items(quantity: Quantity) -> dict[str, Any]:
 
 
 def _parameter(table: Table) -> Parameter:
-    parameter = Parameter(table.number("factor", above=0), _interval(table, "interval90"))
+    parameter = Parameter(table.number("factor", least=FACTORS[0], most=FACTORS[1]), _interval(table, "interval90"))
     table.finish()
     return parameter
 

@@ -14,8 +14,11 @@ from fabdesign.errors import InputError
 
 # what numpy and zipfile raise for damaged bytes
 _DAMAGED = (
-    OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, RuntimeError, zipfile.BadZipFile, zlib.error
+    OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, RuntimeError, zipfile.BadZipFile, zlib.error,
+    MemoryError, OverflowError, SyntaxError, NotImplementedError,
 )  # fmt: skip
+_NPY = b"\x93NUMPY"
+LARGEST = 600_000_000  # bytes of all arrays: what they grow to on the way still has room
 
 
 class NpzArrays:
@@ -39,10 +42,14 @@ class NpzArrays:
 def open_npz(path: Path, expected: str) -> Iterator[NpzArrays]:
     """Raises InputError, which names what was `expected`, for no file, another one, and damage met inside the block."""
     try:
+        if path.exists() and not path.is_file():
+            raise InputError(f"{path}: is no plain file; expected an npz with {expected}")
         with path.open("rb") as stream:
-            archive = np.load(stream, allow_pickle=False)
-            if not isinstance(archive, np.lib.npyio.NpzFile):
+            if stream.read(len(_NPY)) == _NPY:
                 raise InputError(f"{path}: holds one array; expected an npz with {expected}")
+            stream.seek(0)
+            archive = np.load(stream, allow_pickle=False)
+            _require_small(archive, path, expected)
             yield NpzArrays(archive, path)
     except InputError:  # a ValueError, of this block's own
         raise
@@ -50,3 +57,13 @@ def open_npz(path: Path, expected: str) -> Iterator[NpzArrays]:
         raise InputError(f"{path}: no such file") from None
     except _DAMAGED:
         raise InputError(f"{path}: is damaged or cut short; expected an npz with {expected}") from None
+
+
+def _require_small(archive: np.lib.npyio.NpzFile, path: Path, expected: str) -> None:
+    """By what the archive says of itself: nothing is read beyond it, and what an array's header claims is not there."""
+    assert archive.zip is not None
+    size = sum(member.file_size for member in archive.zip.infolist())
+    if size > LARGEST:
+        raise InputError(
+            f"{path}: unpacks to {size / 1e6:.0f} MB; expected an npz with {expected} of at most {LARGEST / 1e6:.0f} MB"
+        )

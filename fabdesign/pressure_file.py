@@ -1,7 +1,6 @@
 """Pressures in: a CSV, a trial's npz, or one constant row such as "400,0,200". Pressures out: the CSV."""
 
 import re
-from decimal import InvalidOperation
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from fabdesign.csv_table import decimal, read_rows, write_rows
 from fabdesign.design import Design
+from fabdesign.effort import LONGEST
 from fabdesign.errors import InputError
 from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.table import kilopascals, pascals
@@ -60,15 +60,22 @@ def _read(spec: str | Path) -> PressureProgram:
     path = Path(spec)
     if path.suffix == ".npz":
         return program_of(*read_trial_pressures(path))
-    if isinstance(spec, str) and path.suffix != ".csv" and not path.exists() and _CONSTANT.fullmatch(spec):
+    if isinstance(spec, str) and path.suffix != ".csv" and _CONSTANT.fullmatch(spec) and not _exists(path):
         return _read_constant(spec)
     return read_csv(path)
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # no file's name is that long
+        return False
 
 
 def _read_constant(spec: str) -> PressureProgram:
     try:
         row = [pascals(cell.strip()) for cell in spec.strip().rstrip(",").split(",")]
-    except InvalidOperation:
+    except ArithmeticError:
         raise InputError(f"{spec}: no such file, and no row of pressures in kPa such as 400,0,200") from None
     return constant_program(row)
 
@@ -88,6 +95,8 @@ def read_csv(path: Path) -> PressureProgram:
             raise InputError(f"{path} line {line}: a pressure below 0; expected kPa from 0")
         if len(time) == 1 and time[0] != 0:
             raise InputError(f"{path} line {line}: time_s = {time[0]:g}; expected the first row at 0")
+        if time[-1] > LONGEST:
+            raise InputError(f"{path} line {line}: time_s = {time[-1]:g}; expected at most {LONGEST:g} s")
         if len(time) > 1 and time[-1] <= time[-2]:
             raise InputError(f"{path} line {line}: time_s = {time[-1]:g} does not rise from the row before")
     duration = round(2 * time[-1] - time[-2], 9) if len(time) > 1 else SINGLE_ROW_DURATION

@@ -25,6 +25,7 @@ Convention = Literal["forward", "backward"]  # z forward and y down; or (x, -y, 
 
 FORMAT = "fabdesign.recording/1"
 _ORTHONORMAL = 1e-3
+_FRAMES = 9999  # NNNN has four digits
 _SIZE = 4.0  # m; a cloud ten times as far from its camera is in another unit
 
 
@@ -168,7 +169,12 @@ def _times(root: Table, folder: Path, names: Sequence[str]) -> Array:
     rate = root.number("frame_rate", above=0)
     frames = folder / "frames"
     by_sensor = frames / names[0]
-    numbers = [p.stem for p in (by_sensor if by_sensor.is_dir() else frames).glob("[0-9]*")]
+    stems = [p.stem for p in (by_sensor if by_sensor.is_dir() else frames).glob("[0-9]*")]
+    numbers = [int(stem) for stem in stems if stem.isdecimal()]
     if not numbers:
         raise InputError(f"{frames}: no frames; expected NNNN/SENSOR.ply or SENSOR/NNNN.ply")
-    return np.arange(1, max(int(n) for n in numbers) + 2) / rate
+    if max(numbers) > _FRAMES:
+        raise InputError(f"{frames}: frame {max(numbers)}; expected numbers from 0 to {_FRAMES}")
+    times = np.arange(1, max(numbers) + 2) / rate
+    require_seconds(times, f"{folder / 'recording.toml'}")
+    return times

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
+from fabdesign.effort import MUSCLES
 from fabdesign.errors import InputError
 from fabdesign.model import Model
 from fabdesign.model_file import read_model
@@ -160,8 +161,10 @@ def _choice(variables: Table) -> MuscleChoice | None:
     table = variables.table("muscles", None)
     if table is None:
         return None
-    least = table.integer("min", 1, least=1)
-    choice = MuscleChoice(least, table.integer("max", least=least), table.texts("sides", ("front", "back")))
+    least = table.integer("min", 1, least=1, most=MUSCLES)
+    choice = MuscleChoice(
+        least, table.integer("max", least=least, most=MUSCLES), table.texts("sides", ("front", "back"))
+    )
     if not choice.sides or not set(choice.sides) <= {"front", "back"}:
         raise table.bad("sides", '"front", "back" or both')
     table.finish()

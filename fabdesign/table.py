@@ -8,9 +8,12 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from fabdesign.bounded_file import decode, read_bytes
 from fabdesign.errors import InputError
 
 _REQUIRED: Any = object()
+LARGEST_TEXT = 50_000_000  # bytes: a table of some million rows
+LARGEST_TOML = 2_000_000
 
 
 class Table:
@@ -75,12 +78,13 @@ class Table:
         kpa = self.number(key, default, above=above)
         return pascals(self._values[key]) if key in self._values else kpa
 
-    def integer(self, key: str, default: Any = _REQUIRED, *, least: int | None = None) -> Any:
+    def integer(self, key: str, default: Any = _REQUIRED, *, least: int | None = None, most: int | None = None) -> Any:
         value = self.take(key, default)
         if key not in self._values:
             return value
-        if isinstance(value, bool) or not isinstance(value, int) or (least is not None and value < least):
-            raise self.bad(key, _range("a whole number", None, least, None))
+        outside = isinstance(value, bool) or not isinstance(value, int)
+        if outside or (least is not None and value < least) or (most is not None and value > most):
+            raise self.bad(key, _range("a whole number", None, least, most))
         return value
 
     def flag(self, key: str, default: Any = _REQUIRED) -> Any:
@@ -174,9 +178,13 @@ def load_toml(path: Path, form: str, *, partial: bool = False) -> Table:
 def parse_toml(path: Path) -> dict[str, Any]:
     """The file as plain values, floats as Decimal; InputError where it is not TOML."""
     try:
-        return tomllib.loads(read_text(path), parse_float=Decimal)
-    except tomllib.TOMLDecodeError as error:
+        return tomllib.loads(read_text(path, largest=LARGEST_TOML), parse_float=Decimal)
+    except (ValueError, ArithmeticError) as error:  # of the grammar, or numbers of thousands of digits
+        if isinstance(error, InputError):
+            raise
         raise InputError(f"{path}: is not sound TOML: {' '.join(str(error).split())}") from None
+    except RecursionError:
+        raise InputError(f"{path}: is not sound TOML: nested too deep") from None
 
 
 def nearest(word: str, known: Sequence[str]) -> str:
@@ -185,16 +193,9 @@ def nearest(word: str, known: Sequence[str]) -> str:
     return f" (did you mean {close[0]}?)" if close else ""
 
 
-def read_text(path: Path) -> str:
-    """A text file's content; InputError where it cannot be read."""
-    try:
-        return path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{path}: is not a text file (UTF-8)") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+def read_text(path: Path, *, largest: int = LARGEST_TEXT) -> str:
+    """A plain text file's content, of at most `largest` bytes; InputError where it cannot be read."""
+    return decode(read_bytes(path, "a text file", largest=largest), path)
 
 
 def pascals(kilopascals: Decimal | int | str) -> float:
@@ -210,7 +211,10 @@ def kilopascals(pressure: float) -> Decimal:
 def _number(value: Any) -> float | None:
     if isinstance(value, bool) or not isinstance(value, int | Decimal):
         return None
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError:
+        return float("inf")
 
 
 def _numbers(value: Any, count: int | None) -> tuple[float, ...] | None:

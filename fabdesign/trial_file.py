@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.effort import LONGEST
 from fabdesign.errors import InputError
 from fabdesign.measured_points import require_cloud
 from fabdesign.measured_units import require_measured_pressures, require_seconds
@@ -94,6 +95,8 @@ def _time_and_pressure(arrays: NpzArrays, path: Path) -> tuple[Floats, Floats]:
     seconds = time.astype(np.float64)
     if not np.isfinite(seconds).all() or seconds[0] < 0 or (np.diff(seconds) <= 0).any():
         raise InputError(f"{path}: time does not rise from 0 s or later, frame by frame")
+    if seconds[-1] > LONGEST:
+        raise InputError(f"{path}: time goes to {seconds[-1]:g} s; expected at most {LONGEST:g} s")
     if kilopascal.ndim != 2 or len(kilopascal) != len(time) or kilopascal.dtype.kind not in "fiu":
         raise InputError(f"{path}: pressure is {_shape(kilopascal)}; expected ({len(time)}, channels) float32, kPa")
     # a tenth of a pascal, a thousandth of the regulator's step: takes off what float32 adds

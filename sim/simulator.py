@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.effort import COARSEST, FINEST, require_motion
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.forward import Case
@@ -57,8 +58,8 @@ class Simulator:
     self_contact: bool = False  # whether layers of the cloth keep a thickness apart
 
     def __post_init__(self) -> None:
-        if self.points_per_side < 9:
-            raise InputError(f"points_per_side is {self.points_per_side}: expected at least 9")
+        if not COARSEST <= self.points_per_side <= FINEST:
+            raise InputError(f"points_per_side is {self.points_per_side}; expected {COARSEST} to {FINEST}")
 
     @property
     def _calm(self) -> int:
@@ -76,6 +77,7 @@ class Simulator:
     def run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
         """Motions with mid-surfaces, contractions and tensions; each starts from equilibrium at zero pressure, a free
         cloth flat and at rest. One that diverges is tried once more with half the steps and twice the iterations."""
+        self._require_room(cases, times)
         motions = self._run(cases, times)
         lost = [i for i, motion in enumerate(motions) if motion.diverged]
         if lost:
@@ -83,6 +85,12 @@ class Simulator:
             for i, motion in zip(lost, again, strict=True):
                 motions[i] = motion
         return motions
+
+    def _require_room(self, cases: Sequence[Case], times: Sequence[Array]) -> None:
+        """Raise InputError where the motions, all together in memory, would take too much."""
+        ends = [max(t[-1] if len(t) else 0.0, c.program.time[-1]) for c, t in zip(cases, times, strict=True)]
+        channels = max((case.program.pressure.shape[1] for case in cases), default=0)
+        require_motion(max(ends, default=0.0), sum(map(len, times)), self.points_per_side, channels=channels)
 
     def _finer(self) -> "Simulator":
         calm = max(1, self._calm // 2)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fabdesign.effort import batches
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.metrics import Closed, Errors, Statistics, closed, statistics, trial_errors
@@ -100,8 +101,8 @@ def evaluate_sets(
     for found, role, title, trials in jobs:
         noise = noise_of(trials)
         results: list[TrialResult] = []
-        for first in range(0, len(trials), _AT_ONCE):
-            batch = trials[first : first + _AT_ONCE]
+        for part in batches([2 * len(trial.times) for trial in trials], _AT_ONCE):
+            batch = trials[part]
             for trial, *predicted in zip(batch, *_motions(batch, before, after), strict=True):
                 clouds = trial.load().frames
                 errors = [trial_errors(clouds, motion, noise, seed=seed + trial.order) for motion in predicted]

@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.design import Design
+from fabdesign.effort import batches, require_motion
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.measurement_set import Trial, read_set
-from fabdesign.model import Model
+from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.motion_file import write_motion
 from fabdesign.output import new_folder
 from fabdesign.pressure import PressureProgram
@@ -20,12 +21,18 @@ _AT_ONCE = 32  # motions in memory
 
 
 def frame_times(
-    program: PressureProgram, *, duration: float | None = None, frame_rate: float = FRAME_RATE
+    program: PressureProgram,
+    *,
+    duration: float | None = None,
+    frame_rate: float = FRAME_RATE,
+    points_per_side: int = POINTS_PER_SIDE,
 ) -> NDArray[np.float64]:
-    """(T,) s: k / frame_rate from rest (k = 0) to `duration` s, by default the program's."""
+    """(T,) s: k / frame_rate from rest (k = 0) to `duration` s, by default the program's. Raises InputError where a
+    motion on a grid of `points_per_side` would take too much."""
     last = program.duration if duration is None else duration
-    if not (frame_rate > 0 and last >= 0):
+    if not (0 < frame_rate < np.inf and 0 <= last < np.inf):
         raise InputError(f"duration = {last:g} s at frame rate {frame_rate:g} Hz; expected numbers above 0")
+    require_motion(last, last * frame_rate + 1, points_per_side, channels=program.pressure.shape[1])
     return np.arange(int(last * frame_rate + 1e-6) + 1) / frame_rate
 
 
@@ -63,16 +70,16 @@ def predict(
     factors = factors_of(model)
     with new_folder(out, made_by="predict") as unfinished:
         cases = [Case(trial.design, trial.program, factors) for trial in trials]
-        for first in range(0, len(trials), _AT_ONCE):
-            batch = trials[first : first + _AT_ONCE]
+        for part in batches([len(trial.times) for trial in trials], _AT_ONCE):
+            batch = trials[part]
             times = [trial.times for trial in batch]
-            motions = forward.motions(cases[first : first + _AT_ONCE], times)
+            motions = forward.motions(cases[part], times)
             for trial, at, points in zip(batch, times, motions, strict=True):
                 _require_finite(points, at, str(trial.file))
                 file = unfinished / "trials" / trial.file.name
                 file.parent.mkdir(exist_ok=True)
                 write_motion(file, at, points)
-            progress(first + len(batch), len(trials))
+            progress(part.stop, len(trials))
 
 
 def factors_of(model: Model | None) -> dict[str, float]:

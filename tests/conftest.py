@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from tests.command_line import folder, hanging, run  # noqa: F401 fixtures
+
 # how long an example takes says how busy the machine is, not whether the code is right
 settings.register_profile("shared", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("shared")
@@ -17,10 +19,10 @@ ROOT = Path(__file__).parents[1]
 @pytest.fixture(scope="session")
 def data() -> Path:
     """The folder of measured data: FABDESIGN_DATA, or shared/data beside the repository; skips where it is absent."""
-    folder = Path(os.environ.get("FABDESIGN_DATA", ROOT.parent / "shared" / "data"))
-    if not (folder / "rig_a" / "set.toml").is_file():
-        pytest.skip(f"no measured data at {folder}; set FABDESIGN_DATA")
-    return folder
+    there = Path(os.environ.get("FABDESIGN_DATA", ROOT.parent / "shared" / "data"))
+    if not (there / "rig_a" / "set.toml").is_file():
+        pytest.skip(f"no measured data at {there}; set FABDESIGN_DATA")
+    return there
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -45,9 +45,9 @@ def held(design: Design, kpa=(), **factors: float) -> Case:
     return Case(design, PressureProgram(np.zeros(1), pressure, 1.5), factors)
 
 
-def laced(layout="basic", muscles=4, **changes) -> Design:
+def laced(layout="basic", muscles=4, fixed_point_pitch=0.02, **changes) -> Design:
     """A catalogue layout on CLOTH with changed values."""
-    return build(layout, muscles=muscles, fabric=replace(CLOTH, **changes))
+    return build(layout, muscles=muscles, fabric=replace(CLOTH, **changes), fixed_point_pitch=fixed_point_pitch)
 
 
 def rolled(bending=6e-4, height=0.26) -> Case:

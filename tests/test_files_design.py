@@ -90,7 +90,7 @@ def designs(draw: st.DrawFn) -> Design:
             side=draw(st.sampled_from(["front", "back"])),
             channel=draw(st.integers(0, 9)),
             path=tuple(draw(st.lists(points, min_size=2, max_size=4, unique=True))),
-            fixed_point_pitch=draw(positive),
+            fixed_point_pitch=draw(st.floats(0.001, 10)),
         )
         for _ in range(draw(st.integers(0, 3)) if types else 0)
     ]
@@ -122,9 +122,9 @@ def test_catalogue_fits_any_cloth(layout: str, muscles: int) -> None:
     ("arguments", "problem"),
     [
         ({"layout": "basik"}, "did you mean basic"),
-        ({"layout": "basic", "muscles": 0}, "at least 1"),
+        ({"layout": "basic", "muscles": 0}, "1 to 256"),
         ({"layout": "cross", "muscles": 3}, "even"),
-        ({"layout": "basic", "muscles": 400}, "apart"),
+        ({"layout": "basic", "muscles": 250}, "1.600 mm apart.*2.000 mm"),
         ({"layout": "basic", "width": 200.0}, "10 m"),
         ({"layout": "basic", "width": 0.0}, "10 m"),
     ],
@@ -205,7 +205,7 @@ BAD = [
     ('side = "front"', 'side = "top"', "front, back"),
     ("channel = 0", "channel = -1", "from 0"),
     ("channel = 0", "channel = true", "whole number"),
-    ("fixed_point_pitch = 0.02", "fixed_point_pitch = 0", "above 0"),
+    ("fixed_point_pitch = 0.02", "fixed_point_pitch = 0", "from 0.001"),
     ("[fabric]", "[fabric", "sound TOML"),
     ("[fabric]", "include = ['d.toml']\n[fabric]", "comes back"),
     ("[fabric]", "gravity = [0, 0, 0]\n[fabric]", "top level"),

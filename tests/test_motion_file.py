@@ -11,8 +11,8 @@ from fabdesign.motion_file import read_motion, write_motion
 from fabdesign.ply import read_ply
 from fabdesign.pressure_file import constant_program
 from fabdesign.surface import Surface, face_triangles
+from tests.command_line import Run
 from tests.sim_designs import laced
-from tests.test_cli_files import Run, folder, hanging, run  # noqa: F401 fixtures
 
 TIME = np.array([0.0, 0.1])
 MOTION = np.random.default_rng(3).normal(0, 0.1, (2, 2 * 5 * 5, 3)).astype(np.float32)
@@ -64,7 +64,7 @@ def test_unsound_motion(arrays: dict, problem: str, tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("hanging")
 @pytest.mark.parametrize("suffix", ["ply", "obj"])
-def test_meshes_of_a_motion_read_back(suffix: str, run: Run, folder: Path) -> None:  # noqa: F811
+def test_meshes_of_a_motion_read_back(suffix: str, run: Run, folder: Path) -> None:
     trimesh = pytest.importorskip("trimesh")
     out, name = folder / "out.npz", folder / "meshes" / f"m.{suffix}"
     shown = ("simulate", folder / "bare.toml", "--duration", 0.05, "--mesh", name, "-o", out)
@@ -79,7 +79,7 @@ def test_meshes_of_a_motion_read_back(suffix: str, run: Run, folder: Path) -> No
         assert np.array_equal(mesh.faces, motion.triangles)
 
 
-def test_equilibrium_is_the_simulators(run: Run, folder: Path) -> None:  # noqa: F811
+def test_equilibrium_is_the_simulators(run: Run, folder: Path) -> None:
     from fabdesign.design_file import write_design
     from sim import Simulator
 

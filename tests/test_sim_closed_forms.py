@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fabdesign.errors import InputError
 from fabdesign.muscle import Muscle
 from fabdesign.muscle_law import MuscleLaw
 from sim import Simulator
@@ -86,6 +87,18 @@ def test_free_cloth_starts_flat_and_falls(gravity):
             fallen = np.array(gravity) * time**2 / 2
             off = np.abs(middle(points) - flat - fallen).max()
             assert off < 1e-7 + 1e-3 * np.linalg.norm(fallen)
+
+
+@pytest.mark.parametrize(
+    ("design", "times", "problem"),
+    [
+        (laced(), np.arange(20_000) / 1e4, "20000 frames in 1.9999 s with 21 grid points a side take 2.6 GB"),
+        (laced(fixed_point_pitch=0.001), np.zeros(1), "740 fixed points in a design; expected at most 528"),
+    ],
+)
+def test_what_memory_cannot_hold_is_refused(design, times, problem):
+    with pytest.raises(InputError, match=problem):
+        SIMULATOR.motions([held(design, (0,) * 4)], [times])
 
 
 @pytest.mark.parametrize(

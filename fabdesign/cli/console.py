@@ -2,16 +2,32 @@
 
 import json
 from collections.abc import Callable
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import click
 
 from fabdesign import __version__
+from fabdesign.effort import COARSEST, FINEST
 from fabdesign.model import Model
 
+
+class _Finite(click.types.FloatParamType):
+    """A float that is neither infinite nor NaN."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        number = super().convert(value, param, ctx)
+        if not isfinite(number):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        return number
+
+
 FILE = click.Path(path_type=Path)
-grid_option = click.option("--grid", type=int, help="Grid points a side; by default the model's, or 41.")
+FINITE = _Finite()
+GRID = click.IntRange(COARSEST, FINEST)
+SEED = click.IntRange(0)
+grid_option = click.option("--grid", type=GRID, help="Grid points a side; by default the model's, or 41.")
 force_option = click.option(
     "--force", is_flag=True, help="Replace output that exists, once the new is complete; never other people's files."
 )

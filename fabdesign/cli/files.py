@@ -6,17 +6,17 @@ from pathlib import Path
 
 import click
 
-from fabdesign.cli.console import FILE, commands, force_option, json_option, print_result
+from fabdesign.cli.console import FILE, FINITE, commands, force_option, json_option, print_result
 
 
 @commands.command()
 @click.argument("layout")
 @click.option("-o", "--output", type=FILE, required=True, help="The design file to write (TOML).")
 @click.option("--name", help="The design's name; the layout's by default.")
-@click.option("--width", type=float, help="Of the cloth, m.")
-@click.option("--height", type=float, help="Of the cloth, m.")
+@click.option("--width", type=FINITE, help="Of the cloth, m.")
+@click.option("--height", type=FINITE, help="Of the cloth, m.")
 @click.option("--muscles", type=int, help="How many.")
-@click.option("--pitch", type=float, default=0.02, show_default=True, help="Of the fixed points, m.")
+@click.option("--pitch", type=FINITE, default=0.02, show_default=True, help="Of the fixed points, m.")
 @force_option
 @json_option
 def new(

@@ -6,13 +6,13 @@ from typing import Literal
 
 import click
 
-from fabdesign.cli.console import FILE, commands, force_option, json_option, print_result, progress
+from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json_option, print_result, progress
 from fabdesign.model import POINTS_PER_SIDE
 
 
 @commands.command()
 @click.argument("recording", type=FILE)
-@click.option("--points", type=int, default=3362, show_default=True, help="Sampled a frame.")
+@click.option("--points", type=click.IntRange(1, 100_000), default=3362, show_default=True, help="Sampled a frame.")
 @click.option("--per-frame", is_flag=True, help="Refine the sensors' poses for each frame.")
 @click.option(
     "--convention",
@@ -22,7 +22,7 @@ from fabdesign.model import POINTS_PER_SIDE
     help="Camera axes of the clouds: z forward and y down, or (x, -y, -z) as RealSense SDKs export.",
 )
 @click.option("--skip-bad", is_flag=True, help="Leave out what is unsound, and list it.")
-@click.option("--seed", type=int, default=0, show_default=True)
+@click.option("--seed", type=SEED, default=0, show_default=True)
 @click.option("-o", "--output", type=FILE, required=True, help="The measurement set to write.")
 @force_option
 @json_option
@@ -60,8 +60,10 @@ def fuse(
 @click.argument("source", type=FILE)
 @click.option("--fit", help="What to fit, by comma: orders of trials, names of records; all of role fit without it.")
 @click.option("--skip-bad", is_flag=True, help="Leave out a set's unsound trials, and list them.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the points and frames drawn.")
-@click.option("--grid", default=61, show_default=True, help="Grid points a side of the last iterations; the model's.")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Of the points and frames drawn.")
+@click.option(
+    "--grid", type=GRID, default=61, show_default=True, help="Grid points a side of the last iterations; the model's."
+)
 @click.option("-o", "--output", type=FILE, required=True, help="The model, or of a bench the type, to write (TOML).")
 @force_option
 @json_option

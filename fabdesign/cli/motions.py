@@ -9,6 +9,7 @@ import click
 
 from fabdesign.cli.console import (
     FILE,
+    FINITE,
     commands,
     force_option,
     grid_option,
@@ -24,8 +25,8 @@ from fabdesign.errors import InputError
 @click.argument("design", type=FILE)
 @click.option("--pressures", help='kPa: a CSV, a trial\'s npz, or one constant row such as "400,0,200".')
 @click.option("--model", type=FILE, help="A model file; the data sheet holds without one.")
-@click.option("--duration", type=float, help="Of the motion, s; the pressures' by default.")
-@click.option("--frame-rate", type=float, default=60.0, show_default=True, help="Hz.")
+@click.option("--duration", type=FINITE, help="Of the motion, s; the pressures' by default.")
+@click.option("--frame-rate", type=FINITE, default=60.0, show_default=True, help="Hz.")
 @click.option("--equilibrium", is_flag=True, help="One frame: the shape at rest under the last pressures.")
 @click.option("--mesh", type=FILE, help="Meshes too, NAME.ply or NAME.obj: NAME_0000.ply, ..., a file a frame.")
 @click.option(
@@ -67,10 +68,11 @@ def simulate(
     program = constant_program([]) if pressures is None else read_pressures(pressures, loaded)
     if equilibrium and duration is not None:
         raise InputError(f"--duration {duration:g}: a shape at rest has none; expected it without --equilibrium")
-    times = frame_times(program, duration=duration, frame_rate=frame_rate)
+    fitted = None if model is None else read_model(model)
+    side = points_per_side(grid, fitted)
+    times = frame_times(program, duration=duration, frame_rate=frame_rate, points_per_side=side)
     if equilibrium:
         times = np.array([program.duration])  # a motion that is over
-    fitted = None if model is None else read_model(model)
     mesh_files = [] if mesh is None else mesh_paths(mesh, len(times))
     inputs = [file for file in (design, model, pressures) if file is not None]
     with ExitStack() as stack:
@@ -84,7 +86,7 @@ def simulate(
         os.environ.setdefault("FABDESIGN_LANES", "2")  # kernels for a lone design
         from sim import Simulator
 
-        simulator = Simulator(points_per_side(grid, fitted), self_contact=self_contact)
+        simulator = Simulator(side, self_contact=self_contact)
         if equilibrium:
             points = rest(simulator, loaded, program, model=fitted)[None]
         else:

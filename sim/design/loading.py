@@ -5,13 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.effort import MEMORY
 from fabdesign.errors import InputError
 from fabdesign.forward import Case
 from fabdesign.muscle import MuscleType
 from sim.design.lacing import Lacing, lace, touched
 from sim.design.muscle_law import bench_grid
 from sim.design.nodes import node_arrays
-from sim.kernels.fields import COARSE_DOWN, LANE_CONSTANTS, LANES, PATCH, TABLE, TYPES, F, X, allocate
+from sim.kernels.fields import COARSE_DOWN, GREEN, LANE_CONSTANTS, LANES, PATCH, TABLE, TYPES, F, X, allocate
 from sim.kernels.transfer import LOADED, load, load_materials
 from sim.materials import lane_constants
 from sim.solver.coarse_tables import tables
@@ -26,6 +27,7 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
     Returns the largest number of fixed points of any case.
     """
     points = max(sum(len(m.fixed_points()) for m in case.design.muscles) for case in cases)
+    _require_room(points, blocks)
     side, room = next(((a, b) for a, b in SIZES if a >= n + 2 and b >= points), (n + 2, points))
     allocate(side * side, room, side, blocks=blocks)
     across, down = np.max([touched(case.design, n) for case in cases], axis=0).tolist()
@@ -66,6 +68,15 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
         shared, place, coarse.reshape(used, -1, LANES),
     )  # fmt: skip
     return points
+
+
+def _require_room(points: int, blocks: int) -> None:
+    """Every fixed point acts on every other: memory goes with the square of their number."""
+    pair = blocks * LANES * 4 * (GREEN + 1)
+    if points**2 * pair > MEMORY:
+        raise InputError(
+            f"{points} fixed points in a design; expected at most {int((MEMORY / pair) ** 0.5)}: a wider pitch"
+        )
 
 
 def load_constants(cases: Sequence[Case], n: int) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from fabdesign.errors import InputError
-from fabdesign.forward import PARAMETERS
+from fabdesign.forward import FACTORS, PARAMETERS
 from fabdesign.table import Table, load_toml, nearest
 from studies.rig.effects import EFFECTS
 
@@ -54,9 +54,9 @@ def read_key(path: Path | str) -> Key:
     sensing = Sensing()
     if (table := root.table("sensing", None)) is not None:
         sensing = Sensing(
-            table.number("frame_rate", sensing.frame_rate, above=0),
-            table.integer("points", sensing.points, least=1),
-            table.number("noise_m", sensing.noise, least=0),
+            table.number("frame_rate", sensing.frame_rate, above=0, most=1000.0),
+            table.integer("points", sensing.points, least=1, most=100_000),
+            table.number("noise_m", sensing.noise, least=0, most=0.1),
             table.number("strays", sensing.strays, least=0, most=0.5),
         )
         table.finish()
@@ -67,10 +67,10 @@ def read_key(path: Path | str) -> Key:
 def _factor(table: Table, name: str) -> float:
     """NAME = 1.1, or a table with `factor` as in a model file."""
     if not isinstance(table.take(name), dict):
-        return float(table.number(name, above=0))
+        return float(table.number(name, least=FACTORS[0], most=FACTORS[1]))
     inner = table.table(name)
     inner.take("interval90", None)
-    factor = float(inner.number("factor", above=0))
+    factor = float(inner.number("factor", least=FACTORS[0], most=FACTORS[1]))
     inner.finish()
     return factor
 

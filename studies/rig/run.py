@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
+from fabdesign.effort import LONGEST
 from fabdesign.errors import InputError
 from fabdesign.measurement_set import NewTrial, write_set
 from fabdesign.output import new_file, new_folder
@@ -21,6 +22,7 @@ from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.pressure_file import read_pressures
 from fabdesign.trial import Role
 from fabdesign.trial_file import TrialData, program_of
+from studies.rig.effort import require_room
 from studies.rig.key import Key, read_key
 from studies.rig.scene import DEFAULT, Resolution
 from studies.rig.sensor import measure
@@ -57,9 +59,10 @@ def run_rig(
     if not pressures:
         raise InputError(f"design {design.name}: no pressures; expected at least one program")
     if not 0 <= test_trials <= len(pressures):
-        raise InputError(f"{test_trials} test trials of {len(pressures)} in all")
+        raise InputError(f"test_trials = {test_trials}; expected 0 to {len(pressures)}, the number of programs")
     programs = [p if isinstance(p, PressureProgram) else read_pressures(p, design) for p in pressures]
     tasks = [_task(design, p, order, key, resolution) for order, p in enumerate(programs)]
+    workers = min(workers or os.cpu_count() or 1, require_room(tasks, resolution))
     first_test = len(tasks) - test_trials
 
     def trials() -> Generator[NewTrial, None, None]:
@@ -106,6 +109,8 @@ def _task(design: Design, program: PressureProgram, order: int, key: Key, resolu
     """The trial's frames, and the program as the trial's file will state it: a set point a frame interval."""
     require_pressures(program, design, f"program {order}")
     rate = key.sensing.frame_rate
+    if program.duration > LONGEST:
+        raise InputError(f"program {order}: lasts {program.duration:g} s; expected at most {LONGEST:g} s")
     times = np.arange(1, max(1, round(program.duration * rate)) + 1) / rate
     rows = program.at(times - 1e-6)
     return Task(design, program_of(times, rows), times, order, key, resolution)
@@ -118,9 +123,9 @@ def _sense(task: Task, shapes: Array) -> TrialData:
     return TrialData(task.times, task.program.at(task.times - 1e-6), clouds)
 
 
-def _shapes(tasks: Sequence[Task], workers: int | None) -> Generator[Array, None, None]:
+def _shapes(tasks: Sequence[Task], workers: int) -> Generator[Array, None, None]:
     """Control points of every task, in order; on several cores where there are several tasks."""
-    count = min(workers or os.cpu_count() or 1, len(tasks))
+    count = min(workers, len(tasks))
     if count == 1:
         yield from map(control_points, tasks)
         return

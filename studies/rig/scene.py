@@ -162,14 +162,32 @@ def _law(bench: BenchTable) -> MuscleLaw:
     return MuscleLaw.fit(bench)
 
 
+def control_counts(design: Design, resolution: Resolution) -> tuple[int, int, int]:
+    """Of the patch: blocks of control points, control points of a block, and blocks that one reaches."""
+    fabric, reach = design.fabric, _reach(design)
+    sizes = (fabric.width, fabric.height) if reach[0] <= reach[1] else (fabric.height, fabric.width)
+    blocks, within = (_elements(length, resolution) + resolution.degree for length in sizes)
+    return blocks, within, min(blocks, int(min(reach) / resolution.element) + resolution.degree + 1)
+
+
 def _patch(design: Design, resolution: Resolution) -> Patch:
-    axes = []
-    for length in (design.fabric.width, design.fabric.height):
-        elements = max(3, round(length / resolution.element))
-        axes.append(Axis(np.linspace(0.0, length, elements + 1), resolution.degree))
-    spans = [np.abs(np.diff(m.fixed_points(), axis=0)).max(axis=0) for m in design.muscles]
-    reach_u, reach_v = np.max(spans, axis=0) if spans else (0.0, 0.0)
+    axes = [
+        Axis(np.linspace(0.0, length, _elements(length, resolution) + 1), resolution.degree)
+        for length in (design.fabric.width, design.fabric.height)
+    ]
+    reach_u, reach_v = _reach(design)
     return Patch(axes[0], axes[1], u_slow=bool(reach_u <= reach_v))  # muscles stay within a block: a narrow band
+
+
+def _elements(length: float, resolution: Resolution) -> int:
+    return max(3, round(length / resolution.element))
+
+
+def _reach(design: Design) -> tuple[float, float]:
+    """m across and down between neighbouring fixed points at most."""
+    spans = [np.abs(np.diff(m.fixed_points(), axis=0)).max(axis=0) for m in design.muscles]
+    across, down = np.max(spans, axis=0) if spans else (0.0, 0.0)
+    return float(across), float(down)
 
 
 def _moduli(design: Design, membrane: float, shear: float, bending: float) -> Array:
