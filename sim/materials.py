@@ -1,15 +1,22 @@
-"""Materials and geometry of a lane: the constants that its kernels take."""
+"""Constants of a lane: materials and geometry of one design, by name, with unit and formula.
 
-from collections.abc import Mapping
+Kernels read them as F.lane[b, M.NAME]; the symbols are those of docs/model.md.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.fabric import Fabric
+from fabdesign.forward import Case
 from fabdesign.least_squares import non_negative
-from sim.design.support import hung_code
-from sim.kernels import fields as f
+from sim.design.support import Support
 
 Array = NDArray[np.float64]
 
@@ -36,33 +43,119 @@ def membrane_polynomial(fabric: Fabric, direction: int) -> tuple[float, float, f
     return float(k), float(q), float(r)
 
 
-def lane_constants(design: Design, factors: Mapping[str, float], n: int) -> Array:
-    """(LANE_CONSTANTS,) materials and geometry of one design, in the order of sim.kernels.fields."""
-    fabric = design.fabric
-    hu, hv = fabric.width / (n - 1), fabric.height / (n - 1)
-    membrane, bending = factors.get("membrane", 1.0), factors.get("bending", 1.0)
-    damping, density = factors.get("damping", 1.0), factors.get("areal_density", 1.0)
-    (k1, q1, r1), (k2, q2, r2) = (membrane_polynomial(fabric, d) for d in (0, 1))
-    nu21 = fabric.poisson * k2 / k1
-    scale = membrane / (1 - fabric.poisson * nu21)
-    d1, d2, d12, twist = (bending * d for d in bending_rigidities(fabric))
-    laced = sum(design.muscle_types[m.type].mass_per_length * m.length for m in design.muscles)
-    mass = density * fabric.areal_density + laced / (fabric.width * fabric.height)
-    hung = hung_code(fabric)
-    c = np.zeros(f.LANE_CONSTANTS)
-    c[[f.HU, f.HV, f.IHU, f.IHV, f.AREA]] = hu, hv, 1 / hu, 1 / hv, hu * hv
-    c[[f.KH1, f.KH2, f.K12, f.SH]] = (
-        scale * k1,
-        scale * k2,
-        scale * nu21 * k1,
-        factors.get("shear", 1.0) * fabric.shear_stiffness,
-    )
-    c[[f.Q1, f.R1, f.Q2, f.R2]] = membrane * np.array([q1, r1, q2, r2])
-    c[[f.D1, f.D2, f.D12, f.TW]] = d1, d2, d12, twist
-    c[[f.B1, f.B2]] = bending * np.array(fabric.bending_stiffness)
-    c[[f.VISC, f.AIR]] = damping * fabric.viscosity, damping * fabric.air_damping
-    c[[f.GX, f.GY, f.GZ]] = fabric.gravity
-    c[f.MBAR], c[f.DTOP], c[f.DBOT] = mass, hung == 0, hung == 1
-    c[f.TG] = max(0.0, -0.5 * mass * fabric.gravity[1] * fabric.height) if hung == 0 else 0.0
-    c[f.DCLAMP] = fabric.support == "clamped"
-    return c
+@dataclass(frozen=True)
+class Lane:
+    """One design with its scale factors on an n x n grid."""
+
+    design: Design
+    factors: Mapping[str, float]
+    n: int
+
+    @classmethod
+    def of(cls, case: Case, n: int) -> "Lane":
+        return cls(case.design, case.factors, n)
+
+    def factor(self, name: str) -> float:
+        """The scale factor on a declared value."""
+        return self.factors.get(name, 1.0)
+
+    @property
+    def fabric(self) -> Fabric:
+        return self.design.fabric
+
+    @property
+    def support(self) -> Support:
+        return Support.of(self.fabric)
+
+    @property
+    def spacing(self) -> tuple[float, float]:
+        """m, along u and v"""
+        return self.fabric.width / (self.n - 1), self.fabric.height / (self.n - 1)
+
+    @cached_property
+    def membrane(self) -> tuple[float, float, float]:
+        """K_1, K_2, K_12 [N/m]"""
+        (k1, _, _), (k2, _, _) = self.polynomials
+        nu21 = self.fabric.poisson * k2 / k1
+        scale = self.factor("membrane") / (1 - self.fabric.poisson * nu21)
+        return scale * k1, scale * k2, scale * nu21 * k1
+
+    @cached_property
+    def polynomials(self) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+        return membrane_polynomial(self.fabric, 0), membrane_polynomial(self.fabric, 1)
+
+    @cached_property
+    def bending(self) -> tuple[float, float, float, float]:
+        """D_1, D_2, D_12 and twist [N m]"""
+        d1, d2, d12, twist = (self.factor("bending") * d for d in bending_rigidities(self.fabric))
+        return d1, d2, d12, twist
+
+    @cached_property
+    def mean_mass(self) -> float:
+        """kg/m^2, muscles included"""
+        types = self.design.muscle_types
+        laced = sum(types[m.type].mass_per_length * m.length for m in self.design.muscles)
+        cloth = self.factor("areal_density") * self.fabric.areal_density
+        return cloth + laced / (self.fabric.width * self.fabric.height)
+
+    @property
+    def weight_tension(self) -> float:
+        """N/m, mean tension of a cloth under its weight, hung by its top"""
+        if self.support != Support.TOP:
+            return 0.0
+        return max(0.0, -0.5 * self.mean_mass * self.fabric.gravity[1] * self.fabric.height)
+
+
+@dataclass(frozen=True)
+class Constant:
+    unit: str
+    what: str
+    value: Callable[[Lane], float]
+
+
+CONSTANTS: dict[str, Constant] = {
+    "HU": Constant("m", "h_1, spacing along u", lambda c: c.spacing[0]),
+    "HV": Constant("m", "h_2, spacing along v", lambda c: c.spacing[1]),
+    "IHU": Constant("1/m", "1 / h_1", lambda c: 1 / c.spacing[0]),
+    "IHV": Constant("1/m", "1 / h_2", lambda c: 1 / c.spacing[1]),
+    "AREA": Constant("m^2", "h_1 h_2, of a cell", lambda c: c.spacing[0] * c.spacing[1]),
+    "K1": Constant("N/m", "K_1, membrane along u", lambda c: c.membrane[0]),
+    "K2": Constant("N/m", "K_2, membrane along v", lambda c: c.membrane[1]),
+    "K12": Constant("N/m", "K_12, membrane, coupled", lambda c: c.membrane[2]),
+    "Q1": Constant("N/m", "q_1, of a membrane curve", lambda c: c.factor("membrane") * c.polynomials[0][1]),
+    "R1": Constant("N/m", "r_1, of a membrane curve", lambda c: c.factor("membrane") * c.polynomials[0][2]),
+    "Q2": Constant("N/m", "q_2, of a membrane curve", lambda c: c.factor("membrane") * c.polynomials[1][1]),
+    "R2": Constant("N/m", "r_2, of a membrane curve", lambda c: c.factor("membrane") * c.polynomials[1][2]),
+    "S": Constant("N/m", "S, shear", lambda c: c.factor("shear") * c.fabric.shear_stiffness),
+    "B1": Constant("N m", "B_1, of a strip along u", lambda c: c.factor("bending") * c.fabric.bending_stiffness[0]),
+    "B2": Constant("N m", "B_2, of a strip along v", lambda c: c.factor("bending") * c.fabric.bending_stiffness[1]),
+    "D1": Constant("N m", "D_1, bending along u", lambda c: c.bending[0]),
+    "D2": Constant("N m", "D_2, bending along v", lambda c: c.bending[1]),
+    "D12": Constant("N m", "D_12, bending, coupled", lambda c: c.bending[2]),
+    "T": Constant("N m", "T, twist", lambda c: c.bending[3]),
+    "VISCOSITY": Constant("N s/m", "of strain", lambda c: c.factor("damping") * c.fabric.viscosity),
+    "AIR": Constant("N s/m^3", "c, air damping", lambda c: c.factor("damping") * c.fabric.air_damping),
+    # three in this order, one vector
+    "GX": Constant("m/s^2", "gravity along x", lambda c: c.fabric.gravity[0]),
+    "GY": Constant("m/s^2", "gravity along y", lambda c: c.fabric.gravity[1]),
+    "GZ": Constant("m/s^2", "gravity along z", lambda c: c.fabric.gravity[2]),
+    # of the solver's flat cloth
+    "MEAN_MASS": Constant("kg/m^2", "muscles included", lambda c: c.mean_mass),
+    "WEIGHT_TENSION": Constant("N/m", "mean, of a cloth hung by its top", lambda c: c.weight_tension),
+    "TOP_HELD": Constant("1", "1 where the top edge is held", lambda c: float(c.support == Support.TOP)),
+    "BOTTOM_HELD": Constant("1", "1 where the bottom edge is held", lambda c: float(c.support == Support.BOTTOM)),
+    "CLAMPED": Constant("1", "1 where the held edge is clamped", lambda c: float(c.fabric.support == "clamped")),
+}
+M: Any = SimpleNamespace(**{name: index for index, name in enumerate(CONSTANTS)})
+
+
+def declare(name: str, constant: Constant) -> None:
+    """One more, by an effect's own file: before the first batch, or the fields are made anew."""
+    if CONSTANTS.setdefault(name, constant) is not constant:
+        raise ValueError(f"constant {name!r}: there is one of this name already")
+    setattr(M, name, list(CONSTANTS).index(name))
+
+
+def lane_constants(lane: Lane) -> Array:
+    """(constants,) of one design, in the order of CONSTANTS."""
+    return np.array([constant.value(lane) for constant in CONSTANTS.values()])

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.forward import Case
+from sim.design.support import Support
 from sim.faces import faces
 
 Array = NDArray[np.float64]
@@ -31,7 +32,7 @@ class Motion:
 
 def motion_of(case: Case, time: Array, middle: NDArray[np.float32], state: NDArray[np.float32]) -> Motion:
     fabric = case.design.fabric
-    fallen = np.linalg.norm(fabric.gravity) * time**2 / 2 if fabric.hung == "none" else np.zeros(len(time))
+    fallen = np.linalg.norm(fabric.gravity) * time**2 / 2 if Support.of(fabric) == Support.NONE else np.zeros(len(time))
     bad = ~(np.abs(middle) < FARTHEST + fallen[:, None, None, None])  # NaN compares false
     diverged = None
     if bad.any():

@@ -13,21 +13,22 @@ from fabdesign.fabric import Fabric
 from fabdesign.forward import Case
 from fabdesign.model import POINTS_PER_SIDE
 from sim.design.loading import load_batch, load_constants
-from sim.design.support import FREE, hung_code
+from sim.design.support import Support
 from sim.faces import faces
 from sim.forces.contact_pairs import Touching
 from sim.kernels import fields
 from sim.kernels.transfer import halt, read
 from sim.motion import Motion, motion_of
 from sim.step import march
+from sim.time.batch import Batch
 from sim.time.packing import seat
 from sim.time.schedule import alike, by_block, of_motions
-from sim.time.scheme import Batch, Scheme
+from sim.time.scheme import Integrator, Scheme
 from sim.time.steps import Steps, jumps_of, steps_of
 
 Array = NDArray[np.float64]
 BLOCKS = 8  # of LANES designs in the fields at once
-REACH = 0.020  # m, half width over which the preconditioner's frames are averaged
+SMOOTHING = 0.020  # m, half width over which the preconditioner's frames are averaged
 # To rest: (step [s], duration [s], times the tolerance) with backward Euler and so much air damping that a swing of
 # SWING rad/s dies out
 SETTLE = ((1 / 240, 1 / 15, 5), (1 / 120, 1 / 10, 5), (1 / 30, 1.0, 2))
@@ -145,13 +146,13 @@ class Simulator:
         return [shape for shape in results if shape is not None]
 
     def _chunks(self, cases: Sequence[Case], kinds: Sequence[tuple]) -> list[tuple[list[int], list[int]]]:
-        """Cases that one call can take, hung alike and so that a design's result does not depend on its neighbours, at
+        """Cases that one call can take, held alike and so that a design's result does not depend on its neighbours, at
         most BLOCKS blocks; and which of these rides in each lane."""
-        groups: dict[tuple[int, bool, bool, int], list[int]] = {}
+        groups: dict[tuple[Support, bool, bool, int], list[int]] = {}
         for i, case in enumerate(cases):
             fabric = case.design.fabric
             start = _is_free(fabric), _swings_to_rest(fabric)
-            groups.setdefault((hung_code(fabric), *start, self._reach(fabric)), []).append(i)
+            groups.setdefault((Support.of(fabric), *start, self._smoothing(fabric)), []).append(i)
         chunks: list[tuple[list[int], list[int]]] = []
         for group in groups.values():
             blocks = seat([kinds[i] for i in group])
@@ -164,14 +165,14 @@ class Simulator:
     def _load(self, cases: Sequence[Case], seats: Sequence[int]) -> Batch:
         n = self.points_per_side
         fabric = cases[0].design.fabric
-        hung, reach = hung_code(fabric), self._reach(fabric)
-        points = load_batch([cases[i] for i in seats], n, hung=hung, blocks=BLOCKS)
+        support, smoothing = Support.of(fabric), self._smoothing(fabric)
+        points = load_batch([cases[i] for i in seats], n, support=support, blocks=BLOCKS)
         touching = Touching(cases, seats, n) if self.self_contact else None
-        return Batch(len(seats) // fields.LANES, n, n, points, hung, reach, touching)
+        return Batch(len(seats) // fields.LANES, n, n, points, support, smoothing, touching)
 
-    def _reach(self, fabric: Fabric) -> int:
+    def _smoothing(self, fabric: Fabric) -> int:
         """In nodes."""
-        return max(1, round(REACH * (self.points_per_side - 1) / fabric.height))
+        return max(1, round(SMOOTHING * (self.points_per_side - 1) / fabric.height))
 
     def _at_rest(self, cases: Sequence[Case], seats: Sequence[int]) -> Batch:
         """Load the cases and bring them to equilibrium at zero pressure; a free cloth stays flat where it lies."""
@@ -192,24 +193,24 @@ class Simulator:
     def _hang(self, batch: Batch, pressure: NDArray[np.float32]) -> None:
         """From the flat cloth to equilibrium in its plane."""
         for h, steps in HANG:
-            if batch.hung == FREE:  # nothing but inertia holds the rigid motions: float32 wants a share of it
+            if not batch.support.is_edge:  # nothing but inertia holds the rigid motions: float32 wants a share of it
                 h = min(h, 1 / 30)
             for k in range(steps):
-                step = alike(batch, Scheme(h, -1.0), pressure[None], anew=k == 0)
+                step = alike(batch, Scheme(h, Integrator.BACKWARD_EULER), pressure[None], anew=k == 0)
                 march(batch, step, iterations=self._most, tolerance=self.tolerance)
                 halt(*batch.grid)
 
     def _settle(self, batch: Batch, pressure: NDArray[np.float32], *, patient: bool) -> None:
         """A damped motion to rest under `pressure`, which rises over the first RAMP seconds."""
         begin = 0.0
-        stages: tuple[tuple[float, float, int], ...] = SETTLE_FREE if batch.hung == FREE else SETTLE
+        stages: tuple[tuple[float, float, int], ...] = SETTLE if batch.support.is_edge else SETTLE_FREE
         if patient:
             stages = (*((h / 2, duration, 1) for h, duration, _ in stages), (stages[-1][0] / 2, 2.0, 1))
         for h, duration, loose in stages:
             steps, iterations = round(duration / h), self._most if loose == 1 else 3 * self._most // 4
             share = np.minimum(1.0, (begin + h * np.arange(1, steps + 1)) / RAMP).astype(np.float32)
             begin += duration
-            schedule = alike(batch, Scheme(h, -1.0), share[:, None, None, None] * pressure)
+            schedule = alike(batch, Scheme(h, Integrator.BACKWARD_EULER), share[:, None, None, None] * pressure)
             march(batch, schedule, iterations=iterations, tolerance=loose * self.tolerance)
 
     def _roll(
@@ -235,12 +236,12 @@ class Simulator:
 
 def _is_free(fabric: Fabric) -> bool:
     """Whether nothing holds the cloth: what it would come to rest at is not there."""
-    return fabric.hung == "none"
+    return Support.of(fabric) == Support.NONE
 
 
 def _swings_to_rest(fabric: Fabric) -> bool:
     """Whether the cloth without pressure leaves the plane of the flat cloth, or turns in it."""
-    return fabric.gravity[2] != 0 or (not isinstance(fabric.hung, str) and any(fabric.gravity))
+    return fabric.gravity[2] != 0 or (Support.of(fabric) == Support.POINTS and any(fabric.gravity))
 
 
 def _damped(case: Case) -> Case:

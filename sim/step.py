@@ -15,11 +15,11 @@ import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
 
-from sim.design.support import FREE
+from sim.design.support import EDGES
 from sim.forces.cloth import fabric_force
 from sim.forces.contact import contact
 from sim.forces.muscles import back, points_pos, points_rate, sample, seg_to_points, tension
-from sim.kernels.fields import AF, AM, BA, CARRIED, GAMMA, GOES_ON, IA, LANES, RY, SPREAD, F, H, Timed, X
+from sim.kernels.fields import LANES, SPREAD, F, Timed, X
 from sim.kernels.transfer import record
 from sim.kernels.vectors import thrice
 from sim.solver.coarse_space import assemble
@@ -28,8 +28,9 @@ from sim.solver.flat_cloth import factor
 from sim.solver.frames import frames
 from sim.solver.muscle_modes import green
 from sim.solver.muscles import woodbury
+from sim.time.batch import Batch
 from sim.time.schedule import FACTORED, IDLE, Schedule
-from sim.time.scheme import Batch
+from sim.time.scheme import AF, AM, BA, CARRIED, GAMMA, IA, KNOWN, RY, H
 
 AT_ONCE = 64  # steps in one call of the kernel: an interrupt waits for its end
 
@@ -51,7 +52,7 @@ def march(
         if batch.touching:
             batch.touching.refresh(batch.blocks, part.scheme[0, :, H].ravel())
         _march(
-            *batch.grid, batch.points, batch.hung, batch.reach, iterations, part.turns, tolerance,
+            *batch.grid, batch.points, batch.support, batch.smoothing, iterations, part.turns, tolerance,
             part.scheme, part.work, part.pressure, part.first, part.theta, shapes, states,
         )  # fmt: skip
     return shapes[:frames], states[:frames, : batch.points]
@@ -59,7 +60,8 @@ def march(
 
 @ti.kernel
 def _march_kernel(
-    nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, hung: ti.i32, reach: ti.i32, iterations: ti.i32, turns: ti.i32,
+    nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, smoothing: ti.i32,
+    iterations: ti.i32, turns: ti.i32,
     tolerance: ti.f32,
     scheme: ti.types.ndarray(dtype=ti.f32, ndim=4),
     work: ti.types.ndarray(dtype=ti.i32, ndim=2),
@@ -77,7 +79,22 @@ def _march_kernel(
                     kept = 0
                     for lane in range(LANES):
                         kept = ti.max(kept, ti.min(1, first[m + 1, b, lane] - first[m, b, lane]))
-                    step(b, m, nu, nv, npt, hung, reach, iterations, turns, tolerance, kept, work, scheme, pressure)
+                    step(
+                        b,
+                        m,
+                        nu,
+                        nv,
+                        npt,
+                        support,
+                        smoothing,
+                        iterations,
+                        turns,
+                        tolerance,
+                        kept,
+                        work,
+                        scheme,
+                        pressure,
+                    )
                     for lane in range(LANES):
                         frame = first[m, b, lane]
                         while frame < first[m + 1, b, lane]:
@@ -87,7 +104,7 @@ def _march_kernel(
 
 @ti.func
 def step(
-    b, m, nu, nv, npt, hung, reach, iterations, turns, tolerance, kept,
+    b, m, nu, nv, npt, support, smoothing, iterations, turns, tolerance, kept,
     work: ti.template(), scheme: ti.template(), pressure: ti.template(),
 ):  # fmt: skip
     """Step m of one block. kept: 1 where frames are kept of it, for which muscles are evaluated once more: a lane that
@@ -100,22 +117,22 @@ def step(
     i = 0
     last = iterations
     while i <= last + kept:
-        fabric_force(b, nu, nv, hung)
+        fabric_force(b, nu, nv, support)
         if npt > 0:
             muscles(b, nu, npt)
         contact(b, nu)
         if i == 0:
             first_residual(b, nu, nv)
         elif i <= last:
-            step_length(b, nu, nv, hung < FREE)
+            step_length(b, nu, nv, support < EDGES)
         if i < last:
             if i < turns:
-                frames(b, nu, nv, reach)
+                frames(b, nu, nv, smoothing)
                 if npt > 0:
                     woodbury(b, nu, npt)
-            if hung < FREE and i == 0:
+            if support < EDGES and i == 0:
                 assemble(b, nu, nv, npt)
-            if direction(b, nu, nv, npt, hung < FREE, i > 1, tolerance) == 0:
+            if direction(b, nu, nv, npt, support < EDGES, i > 1, tolerance) == 0:
                 last = i + 1
         i += 1
     finish(b, nu, nv)
@@ -151,7 +168,7 @@ def predict(b, nu, nv):
     """Histories: v = cv (q - x0) + hv and a = ca (q - x0) + ha, and the first guess. Of q - x0, not of q: rounded
     coefficients of far larger terms would push the cloth. Where a lane did not converge, no acceleration is known."""
     h, am, af, ga, ia, ry, ba = coefficients(b)
-    known = thrice(F.scheme[b, GOES_ON] * (1.0 - F.reduce[b, LEFT])) * 0.5 * h * h
+    known = thrice(F.scheme[b, KNOWN] * (1.0 - F.reduce[b, LEFT])) * 0.5 * h * h
     P = (nu + 2) * (nv + 2)
     k = 0
     while k < P:
@@ -196,7 +213,7 @@ def finish(b, nu, nv):
         F.node3[b, F.x0 + k] = x0 + d
         F.node3[b, F.v0 + k] = v0 + h * ((1 - ga) * a0 + ga * a1)
         F.node3[b, F.a0 + k] = a1
-        F.node3[b, F.carry + k] = carried * F.node3[b, F.r + k]
+        F.node3[b, F.carried + k] = carried * F.node3[b, F.r + k]
         k = F.after[k]
 
 

@@ -6,19 +6,21 @@ import scipy.linalg
 import taichi as ti
 
 from sim import Simulator
-from sim.kernels.fields import COARSE, COARSE_ACROSS, COARSE_DOWN, LANES, SPREAD, C, F
+from sim.design.support import Support
+from sim.kernels.fields import LANES, SPREAD, C, F
 from sim.solver.coarse_bent import bent
 from sim.solver.coarse_flat import flat, pull
 from sim.solver.coarse_solve import factor
 from sim.solver.coarse_space import copy
 from sim.solver.modes import modes_across, modes_down
 from sim.solver.muscles import solve
-from sim.time.scheme import Scheme
+from sim.state import COARSE, COARSE_ACROSS, COARSE_DOWN
+from sim.time.scheme import Integrator, Scheme
 from tests.sim_designs import held, laced
 from tests.sim_reference import ReferenceSheet
 
 N = 21
-SCHEME = Scheme(1 / 120, 0.6)  # of the last step below, whose muscles are in the matrices
+SCHEME = Scheme(1 / 120, Integrator.GENERALISED_ALPHA)  # of the last step below, whose muscles are in the matrices
 
 
 @ti.kernel
@@ -53,7 +55,7 @@ def matrix(start: int) -> np.ndarray:
 
 def modes() -> np.ndarray:
     """(N N, 3, COARSE): components u, v and normal."""
-    across, (down, _) = modes_across(N, 0), modes_down(N, 0)
+    across, (down, _) = modes_across(N, Support.TOP), modes_down(N, Support.TOP)
     soft = np.argsort(across.stretching, kind="stable")[:COARSE_ACROSS]
     count = COARSE_ACROSS * COARSE_DOWN
     w = np.zeros((N * N, 3, COARSE))
@@ -121,21 +123,21 @@ def test_solve_adds_what_the_matrices_say(bent_sheet):
 
 def test_normal_modes_are_those_of_a_free_beam():
     # cos x cosh x = 1: x = 4.7300, 7.8532, 10.9956; eigenvalue (x / (n - 1))^4 of nodes a unit apart
-    found = np.sort(modes_across(161, 0).bending)
+    found = np.sort(modes_across(161, Support.TOP).bending)
     assert found[:2] == pytest.approx([0, 0], abs=1e-12)
     assert found[2:5] == pytest.approx((np.array([4.7300, 7.8532, 10.9956]) / 160) ** 4, rel=0.03)
 
 
-@pytest.mark.parametrize("hung", [0, 2, 3])
+@pytest.mark.parametrize("support", [Support.TOP, Support.LEFT, Support.RIGHT])
 @pytest.mark.parametrize("n", [20, 21])
-def test_modes_are_orthonormal(n, hung):
-    across = modes_across(n, hung)
+def test_modes_are_orthonormal(n, support):
+    across = modes_across(n, support)
     weight = np.ones(n)
     weight[[0, -1]] = 0.5
-    free = n if hung == 0 else n - 1
+    free = n if support == Support.TOP else n - 1
     for basis in (across.tangential, across.normal):
         assert (basis.T * weight) @ basis == pytest.approx(np.diag([1.0] * free + [0.0] * (n - free)), abs=1e-9)
-    if hung == 0:
+    if support == Support.TOP:
         even = n - across.odd
         assert across.normal[::-1, :even] == pytest.approx(across.normal[:, :even], abs=1e-9)
         assert across.normal[::-1, even:] == pytest.approx(-across.normal[:, even:], abs=1e-9)

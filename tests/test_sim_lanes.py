@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from fabdesign.forward import Case
 from fabdesign.pressure import PressureProgram
 from sim import Simulator
+from sim.design.support import Support
 from sim.kernels.fields import LANES
+from sim.time.batch import Batch
 from sim.time.packing import seat
 from sim.time.schedule import FACTORED, IDLE, of_motions
-from sim.time.scheme import Batch
 from sim.time.steps import LARGE, Steps, jumps_of, steps_of
 from tests.sim_designs import laced
 
@@ -91,7 +92,7 @@ def test_schedule_of_lanes_with_other_ends():
         motion([8, 8], [False, False], [1]),
     ]
     seats = [0] * (LANES - 1) + [1] + [1] * LANES
-    schedule, begins = of_motions(Batch(2, 9, 9, 0, 0, 1), seats, motions, tick=TICK, rho=0.6)
+    schedule, begins = of_motions(Batch(2, 9, 9, 0, Support.TOP, 1), seats, motions, tick=TICK, rho=0.6)
     assert begins.tolist() == [0, 3, 4]
     h = schedule.scheme[:, :, 0]
     assert np.allclose(h[:, 0, 0] / TICK, [1, 1, 8, 8, 8]) and np.allclose(h[:, 0, -1] / TICK, 8)

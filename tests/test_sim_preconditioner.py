@@ -6,8 +6,9 @@ import taichi as ti
 
 from sim import Simulator
 from sim.design.lacing import lace, touched
-from sim.kernels.fields import GREEN, LANES, SPREAD, F, X
+from sim.kernels.fields import LANES, SPREAD, F, X
 from sim.solver.muscles import solve
+from sim.state import GREEN
 from tests.sim_designs import held, laced
 
 N = 21

@@ -2,7 +2,7 @@
    (sim/muscle_solve.py: solve, no muscles) of one block of 8 designs, by hand with AVX2: the yardstick of benchmarks/sim/kernel.py.
    Same arithmetic, order of rows and data layout as the Taichi kernels; float32.
 
-   Offsets of planes and constants (P_Q, ..., L_KH1, ...) come as -D from kernel.py, as they are constants of the
+   Offsets of planes and constants (P_Q, ..., L_K1, ...) come as -D from kernel.py, as they are constants of the
    compiled Taichi kernels too; sizes of the grid are run-time values there and here. */
 
 #include "kernel_vectors.h"
@@ -18,8 +18,8 @@ static void velocity_row(int nu, int j, L cv)
 static void cell_row(int nu, int j)
 {
     int s = nu + 2;
-    L A = constant(L_AREA), SA = constant(L_SH) * A, VA = all(0.5f) * constant(L_VISC) * A, half = all(0.5f);
-    L ihh = constant(L_IHU) * constant(L_IHV), TA = all(2.0f) * constant(L_TW) * A * ihh * ihh;
+    L A = constant(L_AREA), SA = constant(L_S) * A, VA = all(0.5f) * constant(L_VISCOSITY) * A, half = all(0.5f);
+    L ihh = constant(L_IHU) * constant(L_IHV), TA = all(2.0f) * constant(L_T) * A * ihh * ihh;
     for (int i = 0; i < nu - 1; i++) {
         int k = (j + 1) * s + i + 1;
         V q0 = vec(P_Q + k), q1 = vec(P_Q + k + 1), q2 = vec(P_Q + k + s), q3 = vec(P_Q + k + s + 1);
@@ -48,9 +48,9 @@ static inline __attribute__((always_inline)) void edge_row(int nu, int nv, int j
 {
     int s = nu + 2, step = along_u ? 1 : s, count = along_u ? nu - 1 : nu;
     int t_ = along_u ? P_TU : P_TV, strain = along_u ? P_EU : P_EV, tension = along_u ? P_SU : P_SV;
-    L ih = constant(along_u ? L_IHU : L_IHV), A = constant(L_AREA), kA = constant(along_u ? L_KH1 : L_KH2) * A;
+    L ih = constant(along_u ? L_IHU : L_IHV), A = constant(L_AREA), kA = constant(along_u ? L_K1 : L_K2) * A;
     L quadratic = constant(along_u ? L_Q1 : L_Q2), cubic = constant(along_u ? L_R1 : L_R2);
-    L vA = constant(L_VISC) * A * ih, one = all(1.0f);
+    L vA = constant(L_VISCOSITY) * A * ih, one = all(1.0f);
     for (int i = 0; i < count; i++) {
         int k = (j + 1) * s + i + 1, e = k + step;
         float w = (along_u ? j == 0 || j == nv - 1 : i == 0 || i == nu - 1) ? 0.5f : 1.0f;
@@ -136,7 +136,7 @@ static void gather_row(int nu, int nv, int j, L ca)
         f = add(f, add(add(vec(P_CA + k - s - 1), vec(P_CB + k - s - 1)), vec(P_CD + k - s - 1)));
         f = add(f, mul(num(P_MASS + k), sub(sub(g, mul(ca, sub(vec(P_Q + k), vec(P_X0 + k)))), vec(P_HA + k))));
         f = sub(f, mul(all(w1 * w2) * drag, vec(P_V + k)));
-        put(P_F + k, add(f, vec(P_CARRY + k)));
+        put(P_F + k, add(f, vec(P_CARRIED + k)));
     }
 }
 

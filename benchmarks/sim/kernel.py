@@ -16,24 +16,26 @@ from numpy.typing import NDArray
 
 from benchmarks.sim.cases import reference
 from sim.design.loading import load_batch
-from sim.design.support import FREE
+from sim.design.support import Support
 from sim.forces.cloth import fabric_force
 from sim.kernels import fields
 from sim.kernels.fields import SPREAD, F, Timed
 from sim.kernels.vector_width import has_avx2
+from sim.materials import M
 from sim.simulator import BLOCKS
 from sim.solver.flat_cloth import factor
 from sim.solver.muscles import solve
-from sim.time.scheme import Scheme
+from sim.time.scheme import Integrator, Scheme
 
 Array = NDArray[np.float32]
-SCHEME = Scheme(1 / 480, 0.6)
+SCHEME = Scheme(1 / 480, Integrator.GENERALISED_ALPHA)
+FREE = int(Support.NONE)
 REPEATS = 50  # evaluations in one call
-PLANES3 = ("q", "x0", "v", "hv", "ha", "f", "carry", "tu", "tv", "n", "na", "nb", "ca", "cb", "cd", "pu", "pv")
+PLANES3 = ("q", "x0", "v", "hv", "ha", "f", "carried", "tu", "tv", "n", "na", "nb", "ca", "cb", "cd", "pu", "pv")
 PLANES = ("eu", "ev", "su", "sv", "s1", "s2", "mass")
 CONSTANTS = (
-    "IHU", "IHV", "KH1", "KH2", "K12", "SH", "D1", "D2", "D12", "B1", "B2", "TW", "VISC", "AIR", "GX", "AREA",
-    "DTOP", "DBOT", "Q1", "R1", "Q2", "R2",
+    "IHU", "IHV", "K1", "K2", "K12", "S", "D1", "D2", "D12", "B1", "B2", "T", "VISCOSITY", "AIR", "GX", "AREA",
+    "TOP_HELD", "BOTTOM_HELD", "Q1", "R1", "Q2", "R2",
 )  # fmt: skip
 
 
@@ -85,9 +87,9 @@ class ByTaichi:
         self.n = n
         [case] = reference(1)
         bare = replace(case, design=replace(case.design, muscle_types={}, muscles=()))  # no bench table to fit
-        load_batch([bare] * fields.LANES, n, hung=0, blocks=BLOCKS)
+        load_batch([bare] * fields.LANES, n, support=Support.TOP, blocks=BLOCKS)
         scheme = F.scheme.to_numpy()
-        scheme[0] = np.array(SCHEME.entries(FREE))[:, None]
+        scheme[0] = np.array(SCHEME.entries(Support.NONE))[:, None]
         F.scheme.from_numpy(scheme)
         _factor(n, n)
         rng = np.random.default_rng(7)
@@ -95,7 +97,7 @@ class ByTaichi:
         state = F.node3.to_numpy()
         state[0, F.q + inside] *= 1.02
         state[0, F.x0 + inside] = state[0, F.q + inside]
-        for plane, size in ((F.q, 1e-4), (F.hv, 0.5), (F.ha, 1.0), (F.carry, 1e-4)):  # m, m/s, m/s^2, N
+        for plane, size in ((F.q, 1e-4), (F.hv, 0.5), (F.ha, 1.0), (F.carried, 1e-4)):  # m, m/s, m/s^2, N
             state[0, plane + inside] += size * rng.standard_normal((n * n, 3 * fields.LANES)).astype(np.float32)
         F.node3.from_numpy(state)
         right = F.modal3.to_numpy()
@@ -121,7 +123,7 @@ class ByHand:
     def __init__(self, n: int) -> None:
         self.library, self.n = _compile(), n
         self.node3, self.node, self.lane, self.modal, self.factors = (
-            _aligned(field.to_numpy()[0]) for field in (F.node3, F.node, F.lane, F.modal3, F.factor3)
+            _aligned(field.to_numpy()[0]) for field in (F.node3, F.node, F.lane, F.modal3, F.bands3)
         )
         self.basis, self.odd = _aligned(F.basis.to_numpy()), F.odd[None]
 
@@ -172,7 +174,7 @@ def seconds(n: int, rounds: int) -> NDArray[np.float64]:
 
 def _compile() -> Any:
     names = {f"P_{name.upper()}": getattr(F, name) for name in (*PLANES3, *PLANES)}
-    names |= {f"L_{name}": getattr(fields, name) for name in CONSTANTS}
+    names |= {f"L_{name}": getattr(M, name) for name in CONSTANTS}
     options = ["-O3", "-march=native", "-ffast-math", "-fPIC", *(f"-D{k}={v}" for k, v in names.items())]
     with tempfile.TemporaryDirectory() as folder:
         compiled, made = Path(folder) / "kernel.o", Path(folder) / "kernel.so"

@@ -77,7 +77,7 @@ void solve(float *modal_, float *factors_, float *basis_, float *lane_, int nu, 
 {
     modal = modal_, factors = factors_, basis = basis_, lane = lane_;
     int N = nu * nv;
-    V top = {all(1.0f) - constant(L_DTOP), top.x, top.x}, bottom = {all(1.0f) - constant(L_DBOT), bottom.x, bottom.x};
+    V top = {all(1.0f) - constant(L_TOP_HELD), top.x, top.x}, bottom = {all(1.0f) - constant(L_BOTTOM_HELD), bottom.x, bottom.x};
     for (int repeat = 0; repeat < repeats; repeat++) {
         for (int k = 0; k < N; k++)
             set(modal, k, get(modal, 2 * N + k));

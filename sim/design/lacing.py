@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from sim.design.loops import line_weights, patch_size
-from sim.kernels import fields as f
+from sim.state import PATCH
 
 Array = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ class Lacing:
     active: Array  # (p,) 1 where an interval starts
     rest: Array  # (p,) m
     channel: NDArray[np.int32]  # (p,)
-    kind: tuple[str, ...]  # (p,) muscle type
+    muscle_type: tuple[str, ...]  # (p,)
 
 
 def touched(design: Design, n: int) -> tuple[int, int]:
@@ -33,9 +33,9 @@ def touched(design: Design, n: int) -> tuple[int, int]:
 def lace(design: Design, n: int, across: int, down: int) -> Lacing:
     """The fixed points with the weights of across x down nodes around each."""
     hu, hv = design.fabric.width / (n - 1), design.fabric.height / (n - 1)
-    weights = [np.zeros((6, 0, f.PATCH))]
+    weights = [np.zeros((6, 0, PATCH))]
     base: list[tuple[int, int]] = []
-    offset, active, rest, channel, kind = [], [], [], [], []
+    offset, active, rest, channel, types = [], [], [], [], []
     for muscle in design.muscles:
         points = muscle.fixed_points()
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
@@ -43,7 +43,7 @@ def lace(design: Design, n: int, across: int, down: int) -> Lacing:
         i, wu, du, eu = line_weights(points[:, 0], n, hu, across)
         j, wv, dv, ev = line_weights(points[:, 1], n, hv, down)
         base += zip(j, i, strict=True)
-        touching = np.zeros((6, len(points), f.PATCH))
+        touching = np.zeros((6, len(points), PATCH))
         touching[::2, :, :across], touching[1::2, :, :down] = (wu, du, eu), (wv, dv, ev)
         weights.append(touching)
         for q in range(len(points)):
@@ -52,8 +52,8 @@ def lace(design: Design, n: int, across: int, down: int) -> Lacing:
             active.append(0.0 if last else 1.0)
             rest.append(1.0 if last else lengths[q])
             channel.append(muscle.channel)
-            kind.append(muscle.type)
+            types.append(muscle.type)
     return Lacing(
         np.array(base, np.int32).reshape(-1, 2), np.concatenate(weights, axis=1),
-        np.array(offset), np.array(active), np.array(rest), np.array(channel, np.int32), tuple(kind),
+        np.array(offset), np.array(active), np.array(rest), np.array(channel, np.int32), tuple(types),
     )  # fmt: skip

@@ -12,16 +12,18 @@ from fabdesign.muscle import MuscleType
 from sim.design.lacing import Lacing, lace, touched
 from sim.design.muscle_law import bench_grid
 from sim.design.nodes import node_arrays
-from sim.kernels.fields import COARSE_DOWN, GREEN, LANE_CONSTANTS, LANES, PATCH, TABLE, TYPES, F, X, allocate
-from sim.kernels.transfer import LOADED, load, load_materials
-from sim.materials import lane_constants
+from sim.design.support import Support
+from sim.kernels.fields import LANES, TABLE, TYPES, F, allocate
+from sim.kernels.transfer import Shared, load, put
+from sim.materials import Lane, lane_constants
 from sim.solver.coarse_tables import tables
 from sim.solver.modes import Modes, by_four, modes_across, modes_down
+from sim.state import COARSE_DOWN, GREEN, PATCH
 
 SIZES = ((43, 96), (43, 256), (83, 96), (163, 96))  # (padded nodes a side, fixed points) that fields are made for
 
 
-def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
+def load_batch(cases: Sequence[Case], n: int, *, support: Support, blocks: int) -> int:
     """Put `cases`, one a lane, on n x n grids into the fields, and the preconditioner's basis.
 
     Returns the largest number of fixed points of any case.
@@ -34,39 +36,29 @@ def load_batch(cases: Sequence[Case], n: int, *, hung: int, blocks: int) -> int:
     designs = {id(case.design): case.design for case in cases}
     laced = {key: lace(design, n, across, down) for key, design in designs.items()}
     lacings = [laced[id(case.design)] for case in cases]
-    kinds = _types(cases)
-    used = len(cases) // LANES
-    node = np.zeros((used, LOADED, n + 2, n + 2, LANES), np.float32)
-    planes = X.gain // F.points + 1  # those before the kernels' own
-    point = np.zeros((used, planes, F.points, LANES), np.float32)
-    index = np.zeros((used, 3, F.points, LANES), np.int32)
-    modes, (down_modes, down_eigen) = modes_across(n, hung), modes_down(n, hung)
-    basis, eigen = np.zeros((*F.basis.shape, 8), np.float32), np.zeros((*F.eigen.shape, 3), np.float32)
-    quads = by_four(modes)
-    basis[: len(quads)] = quads
-    eigen[:n] = np.stack([modes.stretching, modes.bending, modes.slopes], axis=1)
-    shared, place = tables(modes, down_modes, down_eigen)
+    types = _types(cases)
+    modes, (down_modes, down_eigen) = modes_across(n, support), modes_down(n, support)
     modal = {key: _modal_weights(lacing, modes, points) for key, lacing in laced.items()}
-    weight = np.zeros((used, *next(iter(modal.values())).shape, LANES), np.float32)
-    coarse = np.zeros((used, points, 3, COARSE_DOWN, LANES), np.float32)
     modal_down = {key: value[1, :, :3, :n] @ down_modes[:, :COARSE_DOWN] for key, value in modal.items()}
-    for k in range(used * LANES):
-        b, at = k // LANES, k % LANES
-        design, factors = cases[k].design, cases[k].factors
-        rest, mass, free = node_arrays(design, factors, n)
-        node[b, :3, 1:-1, 1:-1, at] = rest.reshape(n, n, 3).transpose(2, 0, 1)
-        node[b, 3, 1:-1, 1:-1, at], node[b, 4, 1:-1, 1:-1, at] = mass.reshape(n, n), free.reshape(n, n)
-        weight[b, ..., at] = modal[id(design)]
-        coarse[b, ..., at] = modal_down[id(design)]
-        if points:
-            _put_lacing(point[b, ..., at], index[b, ..., at], lacings[k], cases[k], kinds, n)
-    table = np.array([bench_grid(kind.bench) for _, kind in kinds], np.float32).reshape(-1, *TABLE)
-    load(
-        used, n, n, across, down, modes.odd, basis, eigen, table, _constants(cases, n),
-        node.reshape(used, LOADED, -1, LANES), point.reshape(used, -1, LANES), index,
-        weight.reshape(used, 2, -1, LANES), _rows(lacings, n, used, points, down),
-        shared, place, coarse.reshape(used, -1, LANES),
+    lanes = []
+    for case, lacing in zip(cases, lacings, strict=True):
+        weights = modal[id(case.design)]
+        lanes.append(
+            _nodes(case, n)
+            | _fixed_points(lacing, case, types, n)
+            | {"across": weights[0], "down": weights[1], "coarse_down": modal_down[id(case.design)]}
+        )
+    values = {name: _side_by_side([lane[name] for lane in lanes]) for name in lanes[0]}
+    coarse, place = tables(modes, down_modes, down_eigen)
+    shared = Shared(
+        across, down, modes.odd,
+        basis=by_four(modes).astype(np.float32),
+        eigen=np.stack([modes.stretching, modes.bending, modes.slopes], axis=1).astype(np.float32),
+        table=np.array([bench_grid(kind.bench) for _, kind in types], np.float32).reshape(-1, *TABLE),
+        coarse=coarse, place=place,
+        rows=_rows(lacings, n, len(cases) // LANES, points, down),
     )  # fmt: skip
+    load(len(cases) // LANES, values | {"lane": _constants(cases, n)}, shared)
     return points
 
 
@@ -81,14 +73,31 @@ def _require_room(points: int, blocks: int) -> None:
 
 def load_constants(cases: Sequence[Case], n: int) -> None:
     """Replace the materials of the batch that lies in the fields by those of `cases`."""
-    constants = _constants(cases, n)
-    load_materials(len(constants), constants)
+    put(len(cases) // LANES, {"lane": _constants(cases, n)})
 
 
 def _constants(cases: Sequence[Case], n: int) -> NDArray[np.float32]:
-    """(blocks, LANE_CONSTANTS, LANES)"""
-    rows = [lane_constants(case.design, case.factors, n) for case in cases]
-    return np.array(rows, np.float32).reshape(-1, LANES, LANE_CONSTANTS).transpose(0, 2, 1).copy()
+    """(blocks, constants, LANES)"""
+    return _side_by_side([lane_constants(Lane.of(case, n)).astype(np.float32) for case in cases])
+
+
+def _side_by_side(values: Sequence[NDArray]) -> NDArray:
+    """One array of each lane to (blocks, entries, LANES); of vectors (3, entries) to (blocks, entries, 3, LANES)."""
+    whole = values[0].dtype.kind == "i"
+    vectors = values[0].ndim == 2 and len(values[0]) == 3
+    lanes = np.array([value.T if vectors else value.ravel() for value in values], np.int32 if whole else np.float32)
+    return np.ascontiguousarray(np.moveaxis(lanes.reshape(len(lanes) // LANES, LANES, *lanes.shape[1:]), 1, -1))
+
+
+def _nodes(case: Case, n: int) -> dict[str, NDArray]:
+    """What a lane has on the padded grid."""
+    rest, mass, free = node_arrays(case.design, case.factors, n)
+
+    def padded(values: NDArray) -> NDArray:
+        return np.pad(values.reshape(n, n), 1).ravel()
+
+    positions = np.array([padded(component) for component in rest.T])
+    return {"x0": positions, "q": positions, "mass": padded(mass), "free": padded(free)}
 
 
 def _types(cases: Sequence[Case]) -> dict[tuple[str, MuscleType], int]:
@@ -101,39 +110,32 @@ def _types(cases: Sequence[Case]) -> dict[tuple[str, MuscleType], int]:
     return kinds
 
 
-def _put_lacing(
-    point: NDArray[np.float32],
-    index: NDArray[np.int32],
-    lacing: Lacing,
-    case: Case,
-    kinds: dict[tuple[str, MuscleType], int],
-    n: int,
-) -> None:
-    """point (planes, p), index (3, p) of one lane; spare points lie at rest inside the cloth with no interval."""
+def _fixed_points(lacing: Lacing, case: Case, types: dict[tuple[str, MuscleType], int], n: int) -> dict[str, NDArray]:
+    """What a lane has at its fixed points; spare ones lie at rest inside the cloth with no interval."""
     gain, lever = case.factors.get("muscle_gain", 1.0), case.factors.get("axis_offset", 1.0)
     damping = case.factors.get("damping", 1.0)
-    count, room = len(lacing.offset), point.shape[1]
+    count, room = len(lacing.offset), F.points
     spare, first = np.zeros((4, PATCH)), (n - 1) // 2
     spare[:2, 0], spare[2:4, 0], spare[2:4, 1] = 1, -1, 1  # at a node, tangents to the next
     weights = np.concatenate([lacing.weights[:4], np.repeat(spare[:, None], room - count, axis=1)], axis=1)
     base = np.concatenate([lacing.base, np.full((room - count, 2), first, np.int32)])
-    for name, group in zip(("wu", "wv", "du", "dv"), weights, strict=True):
-        start = getattr(X, name) // F.points  # a group of planes holds the weights point by point
-        point[start : start + PATCH] = group.reshape(PATCH, room)
-    kind = [case.design.muscle_types[name] for name in lacing.kind]
-    rows = {
-        "offset": lever * lacing.offset,
-        "active": lacing.active,
-        "gain": np.full(count, gain),
-        "viscosity": damping * np.array([k.viscosity for k in kind]),
+    kind = [case.design.muscle_types[name] for name in lacing.muscle_type]
+    table = [types[name, own] for name, own in zip(lacing.muscle_type, kind, strict=True)]
+
+    def filled(values: NDArray, spare: float = 0) -> NDArray:
+        return np.pad(values, (0, room - count), constant_values=spare)
+
+    return {
+        **dict(zip(("wu", "wv", "du", "dv"), weights, strict=True)),
+        "offset": filled(lever * lacing.offset),
+        "active": filled(lacing.active),
+        "rest": filled(lacing.rest, 1.0),
+        "gain": filled(np.full(count, gain)),
+        "viscosity": filled(damping * np.array([k.viscosity for k in kind])),
+        "base": (base[:, 0] + 1) * (n + 2) + base[:, 1] + 1,
+        "channel": filled(lacing.channel),
+        "muscle_type": filled(np.array(table, np.int32)),
     }
-    for name, values in rows.items():
-        point[getattr(X, name) // F.points, :count] = values
-    point[X.rest // F.points] = 1.0
-    point[X.rest // F.points, :count] = lacing.rest
-    index[0] = (base[:, 0] + 1) * (n + 2) + base[:, 1] + 1
-    index[1, :count] = lacing.channel
-    index[2, :count] = [kinds[(name, k)] for name, k in zip(lacing.kind, kind, strict=True)]
 
 
 def _modal_weights(lacing: Lacing, modes: Modes, points: int) -> NDArray[np.float32]:

@@ -10,7 +10,7 @@ hem than LOOP the knots are as far apart as the hem is away, so that a muscle th
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.kernels.fields import PATCH
+from sim.state import PATCH
 
 Array = NDArray[np.float64]
 LOOP = 0.005  # m; the trials of rig_c (synthetic) that may be fitted like 4 to 5 mm best, 0 or 7 mm less

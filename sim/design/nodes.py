@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.design import Design
+from sim.design.support import Support
 
 Array = NDArray[np.float64]
 
@@ -24,11 +25,12 @@ def node_arrays(design: Design, factors: Mapping[str, float], n: int) -> tuple[A
     for muscle in design.muscles:
         _add_line_mass(mass, muscle.path, design.muscle_types[muscle.type].mass_per_length, u[1], v[1])
     free = np.ones((n, n))
-    if not isinstance(fabric.hung, str):
+    support = Support.of(fabric)
+    if support.is_edge:
+        free[support.nodes] = 0
+    elif not isinstance(fabric.hung, str):
         for pu, pv in fabric.hung:
             free[round(pv / v[1]), round(pu / u[1])] = 0
-    elif fabric.hung != "none":
-        free[{"top": (0,), "bottom": (-1,), "left": (slice(None), 0), "right": (slice(None), -1)}[fabric.hung]] = 0
     return rest, mass.ravel(), free.ravel()
 
 

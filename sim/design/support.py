@@ -1,11 +1,35 @@
-"""How a cloth is held."""
+"""How a cloth is held: by an edge, at points, or not at all."""
+
+from enum import IntEnum
 
 from fabdesign.fabric import Fabric
 
-HUNG = {"top": 0, "bottom": 1, "left": 2, "right": 3, "none": 4}
-FREE = HUNG["none"]  # also: held at points
+
+class Support(IntEnum):
+    """What is held. Kernels take the number; edges come first."""
+
+    TOP = 0
+    BOTTOM = 1
+    LEFT = 2
+    RIGHT = 3
+    NONE = 4
+    POINTS = 5
+
+    @classmethod
+    def of(cls, fabric: Fabric) -> "Support":
+        return cls[fabric.hung.upper()] if isinstance(fabric.hung, str) else cls.POINTS
+
+    @property
+    def is_edge(self) -> bool:
+        """Whether the preconditioner knows what is held: it does not know single nodes."""
+        return self < EDGES
+
+    @property
+    def nodes(self) -> tuple[int | slice, int | slice]:
+        """Of a held edge: which rows and columns of the grid."""
+        every = slice(None)
+        return ((0, every), (-1, every), (every, 0), (every, -1))[self]
 
 
-def hung_code(fabric: Fabric) -> int:
-    """Of HUNG; held at points is free to the preconditioner."""
-    return HUNG[fabric.hung] if isinstance(fabric.hung, str) else FREE
+EDGES = 4  # kinds of support below this are edges
+TOP, BOTTOM, LEFT, RIGHT = range(EDGES)  # for kernels

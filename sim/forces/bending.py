@@ -2,8 +2,10 @@
 
 import taichi as ti
 
-from sim.kernels.fields import AREA, B1, B2, D1, D2, D12, DCLAMP, HU, HV, IHU, IHV, F
+from sim.design.support import BOTTOM, LEFT, RIGHT
+from sim.kernels.fields import F
 from sim.kernels.vectors import cross, difference, dot, load, parts, store, thrice
+from sim.materials import M
 
 
 @ti.func
@@ -42,20 +44,26 @@ def star_row(b, nu, nv, j):
         nx, ny, nz = nx * il, ny * il, nz * il
         # second differences over h, edge by edge: neighbours lie close, so that their difference is exact
         x = F.node3[b, F.q + k]
-        turn_u = thrice(F.lane[b, IHU]) * ((F.node3[b, F.q + e] - x) - (x - F.node3[b, F.q + w]))
-        turn_v = thrice(F.lane[b, IHV]) * ((F.node3[b, F.q + d] - x) - (x - F.node3[b, F.q + n]))
+        turn_u = thrice(F.lane[b, M.IHU]) * ((F.node3[b, F.q + e] - x) - (x - F.node3[b, F.q + w]))
+        turn_v = thrice(F.lane[b, M.IHV]) * ((F.node3[b, F.q + d] - x) - (x - F.node3[b, F.q + n]))
         ux, uy, uz = parts(turn_u)
         vx, vy, vz = parts(turn_v)
         k1 = dot(nx, ny, nz, ux, uy, uz)
         k2 = dot(nx, ny, nz, vx, vy, vz)
-        A = F.lane[b, AREA] * wt
+        A = F.lane[b, M.AREA] * wt
         M1 = (
-            F.lane[b, IHU] * (has1 * F.lane[b, B1] + hh * (F.lane[b, D1] - F.lane[b, B1])) * k1 * F.lane[b, IHU]
-            + hh * F.lane[b, IHU] * F.lane[b, D12] * F.lane[b, IHV] * k2
+            F.lane[b, M.IHU]
+            * (has1 * F.lane[b, M.B1] + hh * (F.lane[b, M.D1] - F.lane[b, M.B1]))
+            * k1
+            * F.lane[b, M.IHU]
+            + hh * F.lane[b, M.IHU] * F.lane[b, M.D12] * F.lane[b, M.IHV] * k2
         ) * A
         M2 = (
-            F.lane[b, IHV] * (has2 * F.lane[b, B2] + hh * (F.lane[b, D2] - F.lane[b, B2])) * k2 * F.lane[b, IHV]
-            + hh * F.lane[b, IHV] * F.lane[b, D12] * F.lane[b, IHU] * k1
+            F.lane[b, M.IHV]
+            * (has2 * F.lane[b, M.B2] + hh * (F.lane[b, M.D2] - F.lane[b, M.B2]))
+            * k2
+            * F.lane[b, M.IHV]
+            + hh * F.lane[b, M.IHV] * F.lane[b, M.D12] * F.lane[b, M.IHU] * k1
         ) * A
         F.node[b, F.s1 + k] = M1
         F.node[b, F.s2 + k] = M2
@@ -72,29 +80,29 @@ def star_row(b, nu, nv, j):
 
 
 @ti.func
-def clamp_pass(b, nu, nv, hung):
+def clamp_pass(b, nu, nv, support):
     """Half a cell of bending between the held normal (0, 0, 1) of a clamped edge and the first edges of the cloth."""
     s = nu + 2
     count = nu
-    h = F.lane[b, HV]
-    width = F.lane[b, HU]
-    stiffness = F.lane[b, B2]
-    if hung > 1:
+    h = F.lane[b, M.HV]
+    width = F.lane[b, M.HU]
+    stiffness = F.lane[b, M.B2]
+    if support > BOTTOM:
         count = nv
-        h = F.lane[b, HU]
-        width = F.lane[b, HV]
-        stiffness = F.lane[b, B1]
+        h = F.lane[b, M.HU]
+        width = F.lane[b, M.HV]
+        stiffness = F.lane[b, M.B1]
     i = 0
     while i < count:
         k = s + i + 1
         e = k + s
-        if hung == 1:
+        if support == BOTTOM:
             k = nv * s + i + 1
             e = k - s
-        if hung == 2:
+        if support == LEFT:
             k = (i + 1) * s + 1
             e = k + 1
-        if hung == 3:
+        if support == RIGHT:
             k = (i + 1) * s + nu
             e = k - 1
         w = ti.f32(1.0)
@@ -103,7 +111,7 @@ def clamp_pass(b, nu, nv, hung):
         dx, dy, dz = difference(b, F.q + k, F.q + e)
         il = 1.0 / ti.sqrt(dx * dx + dy * dy + dz * dz)
         tz = dz * il
-        m = w * F.lane[b, DCLAMP] * stiffness * width * 2.0 / h * tz * il
+        m = w * F.lane[b, M.CLAMPED] * stiffness * width * 2.0 / h * tz * il
         fx, fy, fz = load(b, F.f + e)
         store(b, F.f + e, fx + m * tz * dx * il, fy + m * tz * dy * il, fz - m * (1.0 - tz * tz))
         i = F.after[i]

@@ -5,15 +5,18 @@ Equations 1-6 of docs/model.md.
 
 import taichi as ti
 
+from sim.design.support import EDGES
 from sim.forces.bending import clamp_pass, star_row
 from sim.forces.membrane import edge_force_row, edge_row, velocity_row
 from sim.forces.shear_twist import cell_row
-from sim.kernels.fields import AIR, AREA, CA, GX, F
+from sim.kernels.fields import F
 from sim.kernels.vectors import Wide, thrice
+from sim.materials import M
+from sim.time.scheme import CA
 
 
 @ti.func
-def fabric_force(b, nu, nv, hung):
+def fabric_force(b, nu, nv, support):
     """v = cv (q - x0) + hv, and f = forces of the cloth - M a: row by row, each stage as soon as the rows that it
     reads are there, so that they still lie in the cache."""
     for j in range(-1, nv + 2):
@@ -31,8 +34,8 @@ def fabric_force(b, nu, nv, hung):
             edge_force_row(b, nu, nv, j - 2, False)
         if j >= 2:
             gather_row(b, nu, nv, j - 2)
-    if 0 <= hung < 4:
-        clamp_pass(b, nu, nv, hung)
+    if 0 <= support < EDGES:
+        clamp_pass(b, nu, nv, support)
 
 
 @ti.func
@@ -53,9 +56,9 @@ def border(i, n):
 def gather_row(b, nu, nv, j):
     """f = internal forces + gravity - air damping - M a"""
     s = nu + 2
-    g = Wide(F.lane[b, GX], F.lane[b, GX + 1], F.lane[b, GX + 2])
+    g = Wide(F.lane[b, M.GX], F.lane[b, M.GY], F.lane[b, M.GZ])
     ca = thrice(F.scheme[b, CA])
-    drag = thrice(F.lane[b, AIR] * F.lane[b, AREA])
+    drag = thrice(F.lane[b, M.AIR] * F.lane[b, M.AREA])
     i = 0
     while i < nu:
         k = (j + 1) * s + i + 1
@@ -83,6 +86,6 @@ def gather_row(b, nu, nv, j):
             + thrice(F.node[b, F.mass + k])
             * (g - ca * (F.node3[b, F.q + k] - F.node3[b, F.x0 + k]) - F.node3[b, F.ha + k])
             - w1 * w2 * drag * F.node3[b, F.v + k]
-            + F.node3[b, F.carry + k]
+            + F.node3[b, F.carried + k]
         )
         i = F.after[i]

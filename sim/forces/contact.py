@@ -7,7 +7,8 @@ implicit.
 
 import taichi as ti
 
-from sim.kernels.fields import LANES, PAIR, F, Timed
+from sim.kernels.fields import LANES, F, Timed
+from sim.state import PAIR
 
 
 @ti.func

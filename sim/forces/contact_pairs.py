@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from fabdesign.forward import Case
 from sim.forces.contact import put
-from sim.kernels.fields import LANES, PAIR, F
+from sim.kernels.fields import LANES, F
 from sim.kernels.transfer import read
+from sim.state import PAIR
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int_]

@@ -2,8 +2,10 @@
 
 import taichi as ti
 
-from sim.kernels.fields import AREA, CV, IHU, IHV, K12, KH1, KH2, Q1, Q2, R1, R2, VISC, F
+from sim.kernels.fields import F
 from sim.kernels.vectors import Wide, difference, dot, load, store, thrice
+from sim.materials import M
+from sim.time.scheme import CV
 
 
 @ti.func
@@ -25,13 +27,13 @@ def edge_row(b, nu, nv, j, along_u: ti.template()):
     s = nu + 2
     step = 1 if ti.static(along_u) else s
     count = nu - 1 if ti.static(along_u) else nu
-    ih = F.lane[b, IHU] if ti.static(along_u) else F.lane[b, IHV]
-    kh = F.lane[b, KH1] if ti.static(along_u) else F.lane[b, KH2]
-    A = F.lane[b, AREA]
+    ih = F.lane[b, M.IHU] if ti.static(along_u) else F.lane[b, M.IHV]
+    kh = F.lane[b, M.K1] if ti.static(along_u) else F.lane[b, M.K2]
+    A = F.lane[b, M.AREA]
     kA = kh * A
-    quadratic = F.lane[b, Q1] if ti.static(along_u) else F.lane[b, Q2]
-    cubic = F.lane[b, R1] if ti.static(along_u) else F.lane[b, R2]
-    vA = F.lane[b, VISC] * A * ih
+    quadratic = F.lane[b, M.Q1] if ti.static(along_u) else F.lane[b, M.Q2]
+    cubic = F.lane[b, M.R1] if ti.static(along_u) else F.lane[b, M.R2]
+    vA = F.lane[b, M.VISCOSITY] * A * ih
     i = 0
     while i < count:
         k = (j + 1) * s + i + 1
@@ -68,8 +70,8 @@ def edge_force_row(b, nu, nv, j, along_u: ti.template()):
     step = 1 if ti.static(along_u) else s
     sideways = s if ti.static(along_u) else 1
     count = nu - 1 if ti.static(along_u) else nu
-    ih = F.lane[b, IHU] if ti.static(along_u) else F.lane[b, IHV]
-    kc = 0.25 * F.lane[b, K12] * F.lane[b, AREA]
+    ih = F.lane[b, M.IHU] if ti.static(along_u) else F.lane[b, M.IHV]
+    kc = 0.25 * F.lane[b, M.K12] * F.lane[b, M.AREA]
     i = 0
     while i < count:
         k = (j + 1) * s + i + 1

@@ -5,9 +5,11 @@ Equations 7-10 of docs/model.md.
 
 import taichi as ti
 
-from sim.kernels.fields import CONTRACTION_STEP, CV, FIRST_CONTRACTION, LANES, PATCH, PRESSURE_STEP, TABLE, F, X
+from sim.kernels.fields import CONTRACTION_STEP, FIRST_CONTRACTION, LANES, PRESSURE_STEP, TABLE, F, X
 from sim.kernels.patch import gather, scatter, weigh_across, weigh_rows
 from sim.kernels.vectors import Wide, cross, dot, load_point, parts, store_point, sum3, thrice
+from sim.state import PATCH
+from sim.time.scheme import CV
 
 
 @ti.func
@@ -127,7 +129,7 @@ def tension(b, npt):
             pp = F.point[b, X.pressure + k][lane] / PRESSURE_STEP
             j = ti.min(ti.max(int(pp), 0), TABLE[0] - 2)
             g = pp - j
-            ty = F.kind[b, k][lane]
+            ty = F.muscle_type[b, k][lane]
             f0 = F.table[ty, 0, i]
             f1 = F.table[ty, 0, i + 1]
             e0 = (1 - g) * F.table[ty, j, i] + g * F.table[ty, j + 1, i]

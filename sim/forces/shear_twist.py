@@ -2,8 +2,9 @@
 
 import taichi as ti
 
-from sim.kernels.fields import AREA, IHU, IHV, SH, TW, VISC, F
+from sim.kernels.fields import F
 from sim.kernels.vectors import cross, dot, parts, store
+from sim.materials import M
 
 
 @ti.func
@@ -21,10 +22,10 @@ def edge_means(b, k, s):
 @ti.func
 def cell_row(b, nu, nv, j):
     s = nu + 2
-    SA = F.lane[b, SH] * F.lane[b, AREA]
-    VA = 0.5 * F.lane[b, VISC] * F.lane[b, AREA]
-    ihh = F.lane[b, IHU] * F.lane[b, IHV]
-    TA = 2.0 * F.lane[b, TW] * F.lane[b, AREA] * ihh * ihh
+    SA = F.lane[b, M.S] * F.lane[b, M.AREA]
+    VA = 0.5 * F.lane[b, M.VISCOSITY] * F.lane[b, M.AREA]
+    ihh = F.lane[b, M.IHU] * F.lane[b, M.IHV]
+    TA = 2.0 * F.lane[b, M.T] * F.lane[b, M.AREA] * ihh * ihh
     i = 0
     while i < nu - 1:
         k = (j + 1) * s + i + 1

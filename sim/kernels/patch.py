@@ -2,8 +2,9 @@
 
 import taichi as ti
 
-from sim.kernels.fields import LANES, PATCH, F
+from sim.kernels.fields import LANES, F
 from sim.kernels.vectors import thrice
+from sim.state import PATCH
 
 
 @ti.func

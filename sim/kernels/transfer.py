@@ -3,33 +3,142 @@
 A loop that threads share costs 10 ms of every start, so short ones are serial.
 """
 
+import math
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass
+
+import numpy as np
 import taichi as ti
+from numpy.typing import NDArray
 
-from sim.kernels.fields import LANES, C, F, H, Timed, X
+from sim import state
+from sim.kernels.fields import LANES, WIDE, C, F, Timed, X
 from sim.kernels.vectors import Lanes, Wide
+from sim.time.scheme import H
 
-LOADED = 5  # planes of the node array that `load` takes: x, y, z, mass, free
+Floats = NDArray[np.float32]
+Ints = NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class Shared:
+    """What all lanes of a batch have in common."""
+
+    across: int  # nodes that a fixed point may touch
+    down: int
+    odd: int  # of the modes across
+    basis: Floats  # (entries, 8) both bases (sim.solver.modes.by_four)
+    eigen: Floats  # (modes, 3)
+    table: Floats  # (types, pressures, contractions) N
+    coarse: Floats  # (entries,) of C.shared (sim/solver/coarse_tables.py)
+    place: Ints  # (entries,) of C.place
+    rows: Ints  # (blocks, points, 2) of F.rows
+
+
+def load(blocks: int, values: Mapping[str, NDArray], shared: Shared) -> None:
+    """Put a batch into the first `blocks` blocks, and zero there whatever is not put in and may be read before it is
+    written (`life` in sim/state.py).
+
+    values: of every plane and array that is declared as loaded, by name, and of "lane", the constants:
+    (blocks, entries, LANES), for vectors (blocks, entries, 3, LANES), from its first entry on.
+    """
+    if values.keys() != state.loaded() | {"lane"}:
+        raise ValueError(f"a batch must load {sorted(state.loaded())} and lane; got {sorted(values)}")
+    _load_shared(blocks, *astuple(shared))
+    put(blocks, values, anew=True)
+
+
+def put(blocks: int, values: Mapping[str, NDArray], *, anew: bool = False) -> None:
+    """Put values in their places by name, as in `load`. anew: after all else is zeroed."""
+    spans, parts = [], ([np.zeros((blocks, 1, LANES), np.float32)], [np.zeros((blocks, 1, WIDE), np.float32)],
+                        [np.zeros((blocks, 1, LANES), np.int32)])  # fmt: skip
+    filled = [1, 1, 1]
+    for name, value in values.items():
+        field, first = _place(name)
+        sort = 2 if value.dtype.kind == "i" else int(value.ndim == 4)
+        part = value.reshape(*value.shape[:2], math.prod(value.shape[2:]))
+        spans.append((FIELDS.index(field), first, filled[sort], value.shape[1]))
+        parts[sort].append(part)
+        filled[sort] += value.shape[1]
+    _put(blocks, int(anew), np.array(spans, np.int32), *(np.concatenate(part, axis=1) for part in parts))
+
+
+def _place(name: str) -> tuple[str, int]:
+    """The field that holds a plane or an array, and its first entry there."""
+    for plane in state.PLANES:
+        if plane.name == name and plane.life == state.LOADED:
+            return plane.field, getattr(F if plane.on in state.BY_NODE else X, name)
+    return name, 0
+
+
+# fields of each lane by name; numbers, vectors and integers that can be put in, and those that a batch zeroes
+NUMBERS = ("node", "point", "lane", *(a.name for a in state.ARRAYS if a.life == state.LOADED and not a.whole))
+VECTORS = ("node3",)
+WHOLE = tuple(a.name for a in state.ARRAYS if a.life == state.LOADED and a.whole)
+FIELDS = (*NUMBERS, *VECTORS, *WHOLE)
+OTHERS = tuple(a for a in state.ARRAYS if a.life not in (state.LOADED, state.SCRATCH))
+ZEROED = ("node", "point", *(a.name for a in OTHERS if not a.vector))
+ZEROED3 = ("node3", "point3", *(a.name for a in OTHERS if a.vector))
 
 
 @ti.kernel
-def _load_kernel(
-    nb: ti.i32, nu: ti.i32, nv: ti.i32, across: ti.i32, down: ti.i32, odd: ti.i32,
+def _put_kernel(
+    nb: ti.i32, anew: ti.i32,
+    spans: ti.types.ndarray(dtype=ti.i32, ndim=2),
+    numbers: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    vectors: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    whole: ti.types.ndarray(dtype=ti.i32, ndim=3),
+):  # fmt: skip
+    """spans (n, 4): field, its first entry, the first entry of the values, how many."""
+    ti.loop_config(serialize=True)
+    for b in range(nb):
+        if anew == 1:
+            F.pairs[b] = 0
+            for name in ti.static(ZEROED):
+                zero(b, ti.static(getattr(F, name)), Lanes(0.0))
+            for name in ti.static(ZEROED3):
+                zero(b, ti.static(getattr(F, name)), Wide(0.0))
+        for s in range(spans.shape[0]):
+            for name in ti.static(NUMBERS):
+                copy(b, ti.static(FIELDS.index(name)), ti.static(getattr(F, name)), s, spans, numbers, LANES)
+            for name in ti.static(VECTORS):
+                copy(b, ti.static(FIELDS.index(name)), ti.static(getattr(F, name)), s, spans, vectors, WIDE)
+            for name in ti.static(WHOLE):
+                copy(b, ti.static(FIELDS.index(name)), ti.static(getattr(F, name)), s, spans, whole, LANES)
+
+
+@ti.func
+def zero(b, field: ti.template(), nothing):
+    k = 0
+    while k < field.shape[1]:
+        field[b, k] = nothing
+        k = F.after[k]
+
+
+@ti.func
+def copy(b, index: ti.template(), field: ti.template(), s, spans: ti.template(), values: ti.template(), width):
+    if spans[s, 0] == index:
+        first = spans[s, 1]
+        source = spans[s, 2]
+        lane = 0
+        while lane < width:
+            k = 0
+            while k < spans[s, 3]:
+                field[b, first + k][lane] = values[b, source + k, lane]
+                k = F.after[k]
+            lane = F.after[lane]
+
+
+@ti.kernel
+def _shared_kernel(
+    nb: ti.i32, across: ti.i32, down: ti.i32, odd: ti.i32,
     basis: ti.types.ndarray(dtype=ti.f32, ndim=2),
     eigen: ti.types.ndarray(dtype=ti.f32, ndim=2),
     table: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    constants: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    node: ti.types.ndarray(dtype=ti.f32, ndim=4),
-    point: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    index: ti.types.ndarray(dtype=ti.i32, ndim=4),
-    weight: ti.types.ndarray(dtype=ti.f32, ndim=4),
-    rows: ti.types.ndarray(dtype=ti.i32, ndim=3),
     shared: ti.types.ndarray(dtype=ti.f32, ndim=1),
     place: ti.types.ndarray(dtype=ti.i32, ndim=1),
-    coarse: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    rows: ti.types.ndarray(dtype=ti.i32, ndim=3),
 ):  # fmt: skip
-    """What all designs share; then zero every other array, and to their places: constants (nb, constants, LANES),
-    node (nb, 5, P, LANES), point (nb, first entries, LANES), index (nb, 3, points, LANES: base node,
-    channel, type), weight (nb, 2, entries, LANES: F.across, F.down), rows (nb, points, 2)."""
     F.touched[0], F.touched[1], F.odd[None] = across, down, odd
     k = 0
     while k < F.after.shape[0]:
@@ -62,77 +171,11 @@ def _load_kernel(
                 k = F.after[k]
     ti.loop_config(serialize=True)
     for b in range(nb):
-        F.pairs[b] = 0
-        P = (nu + 2) * (nv + 2)
-        k = 0
-        while k < F.node3.shape[1]:
-            F.node3[b, k] = Wide(0.0)
-            k = F.after[k]
-        k = 0
-        while k < F.mass:
-            F.node[b, k] = Lanes(0.0)
-            k = F.after[k]
-        k = 0
-        while k < F.modal3.shape[1]:  # a product with a zero entry of the basis must not meet an old NaN
-            F.modal3[b, k] = Wide(0.0)
-            k = F.after[k]
-        put_constants(b, constants)
-        lane = 0
-        while lane < LANES:
-            k = 0
-            while k < P:
-                c = 0
-                while c < 3:
-                    F.node3[b, F.x0 + k][c * LANES + lane] = node[b, c, k, lane]
-                    F.node3[b, F.q + k][c * LANES + lane] = node[b, c, k, lane]
-                    c = F.after[c]
-                F.node[b, F.mass + k][lane] = node[b, 3, k, lane]
-                F.node[b, F.free + k][lane] = node[b, 4, k, lane]
-                k = F.after[k]
-            k = 0
-            while k < point.shape[1]:
-                F.point[b, k][lane] = point[b, k, lane]
-                k = F.after[k]
-            k = 0
-            while k < index.shape[2]:
-                F.base[b, k][lane] = index[b, 0, k, lane]
-                F.channel[b, k][lane] = index[b, 1, k, lane]
-                F.kind[b, k][lane] = index[b, 2, k, lane]
-                k = F.after[k]
-            k = 0
-            while k < weight.shape[2]:
-                F.across[b, k][lane] = weight[b, 0, k, lane]
-                F.down[b, k][lane] = weight[b, 1, k, lane]
-                k = F.after[k]
-            k = 0
-            while k < coarse.shape[1]:
-                F.coarse_down[b, k][lane] = coarse[b, k, lane]
-                k = F.after[k]
-            lane = F.after[lane]
         k = 0
         while k < rows.shape[1]:
             F.rows[b, k][0] = rows[b, k, 0]
             F.rows[b, k][1] = rows[b, k, 1]
             k = F.after[k]
-
-
-@ti.kernel
-def _constants_kernel(nb: ti.i32, constants: ti.types.ndarray(dtype=ti.f32, ndim=3)):
-    ti.loop_config(serialize=True)
-    for b in range(nb):
-        put_constants(b, constants)
-
-
-@ti.func
-def put_constants(b, constants: ti.template()):
-    """constants (nb, constants, LANES) of one block."""
-    lane = 0
-    while lane < LANES:
-        k = 0
-        while k < constants.shape[1]:
-            F.lane[b, k][lane] = constants[b, k, lane]
-            k = F.after[k]
-        lane = F.after[lane]
 
 
 @ti.kernel
@@ -187,9 +230,9 @@ def record(b, nu, nv, npt, lane, theta, frame, shapes: ti.template(), states: ti
         k = F.after[k]
 
 
-load, load_materials, halt, read = (
-    Timed(_load_kernel),
-    Timed(_constants_kernel),
+_put, _load_shared, halt, read = (
+    Timed(_put_kernel),
+    Timed(_shared_kernel),
     Timed(_halt_kernel),
     Timed(_read_kernel),
 )

@@ -2,10 +2,12 @@
 
 import taichi as ti
 
-from sim.kernels.fields import COARSE, COARSE_ACROSS, COARSE_DOWN, COARSE_SAMPLES, HU, HV, IHU, IHV, C, F
+from sim.kernels.fields import C, F
 from sim.kernels.vectors import Lanes, difference, dot
+from sim.materials import M
 from sim.solver.flat_cloth import membrane
 from sim.solver.frames import axes
+from sim.state import COARSE, COARSE_ACROSS, COARSE_DOWN, COARSE_SAMPLES
 
 
 @ti.func
@@ -56,9 +58,9 @@ def weighed(b, a, x):
 def sample(b, nu, nv):
     """Curvatures of the frames at the sampled nodes, times stiffness and area."""
     size = COARSE_SAMPLES * COARSE_SAMPLES
-    ihu = F.lane[b, IHU]
-    ihv = F.lane[b, IHV]
-    area = F.lane[b, HU] * F.lane[b, HV] * ((nu - 1) * (nv - 1) * 1.0 / size)
+    ihu = F.lane[b, M.IHU]
+    ihv = F.lane[b, M.IHV]
+    area = F.lane[b, M.HU] * F.lane[b, M.HV] * ((nu - 1) * (nv - 1) * 1.0 / size)
     k1, k2, sh = membrane(b)
     k1, k2, sh = area * k1, area * k2, area * sh
     reach = ti.max(1, (nu - 1) // (2 * COARSE_SAMPLES))

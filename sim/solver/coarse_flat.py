@@ -2,26 +2,13 @@
 
 import taichi as ti
 
-from sim.kernels.fields import (
-    COARSE,
-    COARSE_ACROSS,
-    COARSE_DOWN,
-    D1,
-    D12,
-    HU,
-    HV,
-    IHU,
-    IHV,
-    TG,
-    TW,
-    C,
-    F,
-    X,
-)
+from sim.kernels.fields import C, F, X
 from sim.kernels.vectors import Lanes
+from sim.materials import M
 from sim.solver.coarse_solve import add_rows
 from sim.solver.flat_cloth import bending_down, inertia, membrane
 from sim.solver.muscle_modes import MEAN, MOMENT, SLOPE, TANGENTIAL, at
+from sim.state import COARSE, COARSE_ACROSS, COARSE_DOWN
 
 
 @ti.func
@@ -31,16 +18,16 @@ def flat(b):
     while k < COARSE * COARSE:
         F.coarse[b, C.alone + k] = Lanes(0.0)
         k = F.after[k]
-    hu = F.lane[b, HU]
-    hv = F.lane[b, HV]
-    ihv = F.lane[b, IHV]
+    hu = F.lane[b, M.HU]
+    hv = F.lane[b, M.HV]
+    ihv = F.lane[b, M.IHV]
     mass = inertia(b)
     k1, k2, sh = membrane(b)
     bend, clamp = bending_down(b)
     k = 0
     while k < COARSE_ACROSS:
         eigen = F.eigen[C.place[k]]
-        ihu = F.lane[b, IHU]
+        ihu = F.lane[b, M.IHU]
         lam = eigen[0] * ihu
         m = 0
         while m < COARSE_DOWN:
@@ -53,8 +40,10 @@ def flat(b):
             w = v + COARSE_ACROSS * COARSE_DOWN * (COARSE + 1) - m
             F.coarse[b, w + m] = (
                 mass
-                + F.lane[b, D1] * hv * eigen[1] * ihu * ihu * ihu
-                + (hu * F.lane[b, TG] + 2.0 * (F.lane[b, D12] + F.lane[b, TW]) * eigen[2] * ihu) * ihv * mu
+                + F.lane[b, M.D1] * hv * eigen[1] * ihu * ihu * ihu
+                + (hu * F.lane[b, M.WEIGHT_TENSION] + 2.0 * (F.lane[b, M.D12] + F.lane[b, M.T]) * eigen[2] * ihu)
+                * ihv
+                * mu
             )
             o = m
             while o < COARSE_DOWN:

@@ -2,8 +2,9 @@
 
 import taichi as ti
 
-from sim.kernels.fields import COARSE, COARSE_ACROSS, COARSE_DOWN, C, F
+from sim.kernels.fields import C, F
 from sim.kernels.vectors import Wide, parts
+from sim.state import COARSE, COARSE_ACROSS, COARSE_DOWN
 
 
 @ti.func

@@ -11,11 +11,12 @@ nodes.
 
 import taichi as ti
 
-from sim.kernels.fields import COARSE, COARSE_ACROSS, COARSE_DOWN, C, F
+from sim.kernels.fields import C, F
 from sim.solver.coarse_bent import bent
 from sim.solver.coarse_flat import flat, pull
 from sim.solver.coarse_solve import factor
 from sim.solver.flat_cloth import normal_stiffness
+from sim.state import COARSE, COARSE_ACROSS, COARSE_DOWN
 
 # of the flat cloth's normal stiffness (CURVATURE) in E: with none, more cloths that snap run away; with much, a flat
 # cloth seems at rest when it is not

@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.kernels.fields import COARSE_ACROSS, COARSE_DOWN, COARSE_SAMPLES
 from sim.solver.modes import Modes
+from sim.state import COARSE_ACROSS, COARSE_DOWN, COARSE_SAMPLES
 
 # Products of strains that couple components: of rows and columns (0 u, 1 v, 2 w), which tables across and down.
 # u' kappa_1 w, u-shear w, v' kappa_2 w, v-shear w; (kappa w)^2 thrice; u-shear v-shear

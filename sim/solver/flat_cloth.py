@@ -2,31 +2,10 @@
 
 import taichi as ti
 
-from sim.kernels.fields import (
-    AIR,
-    B2,
-    CA,
-    CV,
-    D1,
-    D2,
-    D12,
-    DBOT,
-    DCLAMP,
-    DTOP,
-    HU,
-    HV,
-    IHU,
-    IHV,
-    KH1,
-    KH2,
-    MBAR,
-    SH,
-    TG,
-    TW,
-    VISC,
-    F,
-)
+from sim.kernels.fields import F
 from sim.kernels.vectors import Lanes, Wide, thrice
+from sim.materials import M
+from sim.time.scheme import CA, CV
 
 # 1/m in both directions: a bent cloth resists normal motion by its membrane, which is flat here; with more, soft modes
 # seem to have converged when they have not
@@ -36,47 +15,47 @@ CURVATURE = 7.0
 @ti.func
 def membrane(b):
     """N/m along u, along v and of shear in a step, viscosity included."""
-    vis = F.lane[b, VISC] * F.scheme[b, CV]
-    return F.lane[b, KH1] + vis, F.lane[b, KH2] + vis, F.lane[b, SH] + 0.5 * vis
+    vis = F.lane[b, M.VISCOSITY] * F.scheme[b, CV]
+    return F.lane[b, M.K1] + vis, F.lane[b, M.K2] + vis, F.lane[b, M.S] + 0.5 * vis
 
 
 @ti.func
 def normal_stiffness(b):
     """N/m of a node: what the membrane of a bent cloth resists normal motion with."""
     k1, k2, _ = membrane(b)
-    return F.lane[b, HU] * F.lane[b, HV] * CURVATURE**2 * (k1 + k2)
+    return F.lane[b, M.HU] * F.lane[b, M.HV] * CURVATURE**2 * (k1 + k2)
 
 
 @ti.func
 def inertia(b):
     """N/m of a node: its inertia and the air's drag in a step."""
-    mb = F.lane[b, MBAR] * F.scheme[b, CA] + F.lane[b, AIR] * F.scheme[b, CV]
-    return F.lane[b, HU] * F.lane[b, HV] * mb
+    mb = F.lane[b, M.MEAN_MASS] * F.scheme[b, CA] + F.lane[b, M.AIR] * F.scheme[b, CV]
+    return F.lane[b, M.HU] * F.lane[b, M.HV] * mb
 
 
 @ti.func
 def bending_down(b):
     """N/m of second differences along v, between the edges and, beside it, of a clamped top edge."""
-    hu = F.lane[b, HU]
-    ihv = F.lane[b, IHV]
-    bend = hu * F.lane[b, D2] * ihv * ihv * ihv
-    clamp = F.lane[b, DTOP] * F.lane[b, DCLAMP] * 2.0 * hu * F.lane[b, B2] * ihv * ihv * ihv
+    hu = F.lane[b, M.HU]
+    ihv = F.lane[b, M.IHV]
+    bend = hu * F.lane[b, M.D2] * ihv * ihv * ihv
+    clamp = F.lane[b, M.TOP_HELD] * F.lane[b, M.CLAMPED] * 2.0 * hu * F.lane[b, M.B2] * ihv * ihv * ihv
     return bend, clamp
 
 
 @ti.func
 def factor(b, nu, nv):
-    """LDL^T in v of every mode across, for the three components (u, v, normal) at once: planes of F.factor3 hold l of
+    """LDL^T in v of every mode across, for the three components (u, v, normal) at once: planes of F.bands3 hold l of
     the row before, l of the one before that (zero but for the normal component), and 1 / d."""
     N = nu * nv
-    hu = F.lane[b, HU]
-    ihu = F.lane[b, IHU]
-    ihv = F.lane[b, IHV]
+    hu = F.lane[b, M.HU]
+    ihu = F.lane[b, M.IHU]
+    ihv = F.lane[b, M.IHV]
     k1, k2, sh = membrane(b)
     mass = inertia(b)
     hoop = normal_stiffness(b)
     bend, clamp = bending_down(b)
-    free_top = 1.0 - F.lane[b, DTOP]
+    free_top = 1.0 - F.lane[b, M.TOP_HELD]
     for j in range(nv):
         wj = ti.f32(1.0)
         kj = ti.f32(2.0)
@@ -95,9 +74,9 @@ def factor(b, nu, nv):
         own = Lanes(0.0)
         extra = Lanes(0.0)
         if j == 0:
-            own = F.lane[b, DTOP]
+            own = F.lane[b, M.TOP_HELD]
         if j == nv - 1:
-            own = F.lane[b, DBOT]
+            own = F.lane[b, M.BOTTOM_HELD]
             fm = 1.0 - own
             fm2 = fm
         if j == 1:
@@ -109,11 +88,11 @@ def factor(b, nu, nv):
         while k < nu:
             lam = F.eigen[k][0] * ihu
             o = j * nu + k
-            twist = hu * F.lane[b, TG] + 2.0 * (F.lane[b, D12] + F.lane[b, TW]) * F.eigen[k][2] * ihu
+            twist = hu * F.lane[b, M.WEIGHT_TENSION] + 2.0 * (F.lane[b, M.D12] + F.lane[b, M.T]) * F.eigen[k][2] * ihu
             a = Wide(
-                (mass + k1 * F.lane[b, HV] * lam) * wj + hu * sh * kj * ihv,
-                (mass + sh * F.lane[b, HV] * lam) * wj + hu * k2 * kj * ihv,
-                (mass + hoop + F.lane[b, D1] * F.lane[b, HV] * F.eigen[k][1] * ihu * ihu * ihu) * wj
+                (mass + k1 * F.lane[b, M.HV] * lam) * wj + hu * sh * kj * ihv,
+                (mass + sh * F.lane[b, M.HV] * lam) * wj + hu * k2 * kj * ihv,
+                (mass + hoop + F.lane[b, M.D1] * F.lane[b, M.HV] * F.eigen[k][1] * ihu * ihu * ihu) * wj
                 + twist * kj * ihv
                 + bend * bj
                 + extra,
@@ -124,16 +103,16 @@ def factor(b, nu, nv):
             l1 = Wide(0.0)
             l2 = Wide(0.0)
             if j > 1:
-                before = F.factor3[b, 2 * N + o - 2 * nu]
+                before = F.bands3[b, 2 * N + o - 2 * nu]
                 l2 = e2 * before
-                e1 -= l2 * F.factor3[b, o - nu] / before
+                e1 -= l2 * F.bands3[b, o - nu] / before
                 d -= l2 * e2
             if j > 0:
-                l1 = e1 * F.factor3[b, 2 * N + o - nu]
+                l1 = e1 * F.bands3[b, 2 * N + o - nu]
                 d -= l1 * e1
-            F.factor3[b, o] = l1
-            F.factor3[b, N + o] = l2
-            F.factor3[b, 2 * N + o] = 1.0 / d
+            F.bands3[b, o] = l1
+            F.bands3[b, N + o] = l2
+            F.bands3[b, 2 * N + o] = 1.0 / d
             k = F.after[k]
 
 
@@ -209,15 +188,15 @@ def solve_modes(b, nu, nv):
     N = nu * nv
     k = 0
     while k < nu:
-        F.modal3[b, N + k] = F.modal3[b, N + k] * thrice(1.0 - F.lane[b, DTOP])
-        F.modal3[b, 2 * N - nu + k] = F.modal3[b, 2 * N - nu + k] * thrice(1.0 - F.lane[b, DBOT])
+        F.modal3[b, N + k] = F.modal3[b, N + k] * thrice(1.0 - F.lane[b, M.TOP_HELD])
+        F.modal3[b, 2 * N - nu + k] = F.modal3[b, 2 * N - nu + k] * thrice(1.0 - F.lane[b, M.BOTTOM_HELD])
         k = F.after[k]
     for j in range(1, nv):
         two = nu if j > 1 else 0  # in the second row the factor of the row before the last is zero
         o = j * nu
         while o < (j + 1) * nu:
             F.modal3[b, N + o] = F.modal3[b, N + o] - (
-                F.factor3[b, o] * F.modal3[b, N + o - nu] + F.factor3[b, N + o] * F.modal3[b, N + o - nu - two]
+                F.bands3[b, o] * F.modal3[b, N + o - nu] + F.bands3[b, N + o] * F.modal3[b, N + o - nu - two]
             )
             o = F.after[o]
     for back in range(nv):
@@ -226,10 +205,10 @@ def solve_modes(b, nu, nv):
         two = nu if back > 1 else 0
         o = j * nu
         while o < (j + 1) * nu:
-            z = F.modal3[b, N + o] * F.factor3[b, 2 * N + o]
+            z = F.modal3[b, N + o] * F.bands3[b, 2 * N + o]
             if back > 0:
-                z -= F.factor3[b, o + nu] * F.modal3[b, N + o + one]
+                z -= F.bands3[b, o + nu] * F.modal3[b, N + o + one]
             if back > 1:
-                z -= F.factor3[b, N + o + 2 * nu] * F.modal3[b, N + o + one + two]
+                z -= F.bands3[b, N + o + 2 * nu] * F.modal3[b, N + o + one + two]
             F.modal3[b, N + o] = z
             o = F.after[o]

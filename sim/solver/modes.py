@@ -2,7 +2,7 @@
 
 Tangential components: of the second difference with free ends; the normal component: of bending with free ends, a free
 beam's modes (with those of the second difference, a free edge would be clamped against turning). W weighs an end node
-by a half. A hung side edge is held.
+by a half. A side edge may be held.
 """
 
 from dataclasses import dataclass
@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.design.support import Support
+
 Array = NDArray[np.float64]
-TOP, BOTTOM, LEFT, RIGHT, FREE = range(5)  # as in sim.design.support
 
 
 @dataclass(frozen=True)
@@ -26,8 +27,8 @@ class Modes:
     slopes: Array  # (n,) what the second difference is of each normal mode
 
 
-def modes_across(n: int, hung: int) -> Modes:
-    keep = slice(1 if hung == LEFT else 0, n - 1 if hung == RIGHT else n)
+def modes_across(n: int, support: Support) -> Modes:
+    keep = slice(1 if support == Support.LEFT else 0, n - 1 if support == Support.RIGHT else n)
     first, second = np.diff(np.eye(n), axis=0), np.diff(np.eye(n), n=2, axis=0)
     stretching, tangential = _eigenvectors(first.T @ first, keep)
     bending, normal = _eigenvectors(second.T @ second, keep)
@@ -35,9 +36,10 @@ def modes_across(n: int, hung: int) -> Modes:
     return Modes(tangential, normal, odd, stretching, bending, np.square(first @ normal).sum(axis=0))
 
 
-def modes_down(n: int, hung: int) -> tuple[Array, Array]:
+def modes_down(n: int, support: Support) -> tuple[Array, Array]:
     """Tangential modes along v (n, n), softest first, and their eigenvalues."""
-    across = modes_across(n, {TOP: LEFT, BOTTOM: RIGHT}.get(hung, FREE))
+    turned = {Support.TOP: Support.LEFT, Support.BOTTOM: Support.RIGHT}.get(support, Support.NONE)
+    across = modes_across(n, turned)
     order = np.argsort(across.stretching, kind="stable")
     return across.tangential[:, order], across.stretching[order]
 

@@ -7,9 +7,10 @@ the normal component's. F.rows holds its first row and how many times four rows 
 
 import taichi as ti
 
-from sim.kernels.fields import GREEN, F
+from sim.kernels.fields import F
 from sim.kernels.vectors import Lanes, Wide, parts, thrice
 from sim.solver.flat_cloth import solve_modes
+from sim.state import GREEN
 
 MEAN, SLOPE, MOMENT, TANGENTIAL = range(4)  # normal means, derivatives, first moments; tangential means
 

@@ -3,11 +3,12 @@
 import taichi as ti
 
 from sim.forces.muscles import sample
-from sim.kernels.fields import GREEN, F, X
+from sim.kernels.fields import F, X
 from sim.kernels.vectors import Lanes, cross, dot, load_point
 from sim.solver.coarse_solve import prolong, restrict
 from sim.solver.flat_cloth import solve_modes, transform
 from sim.solver.muscle_modes import add_sources, contract_rows, functionals
+from sim.state import GREEN
 
 
 @ti.func

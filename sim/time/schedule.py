@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.kernels.fields import LANES
-from sim.time.scheme import MIDPOINT, Batch, Scheme
+from sim.time.batch import Batch
+from sim.time.scheme import Integrator, Scheme
 from sim.time.steps import Steps
 
 PLAIN, FACTORED, IDLE = range(3)  # what a block does: a step, one with the preconditioner factored anew, nothing
@@ -39,7 +40,7 @@ def alike(batch: Batch, scheme: Scheme, pressure: Floats, *, anew: bool = True) 
     """The same step for all lanes under `pressure` (S, blocks, channels, LANES) Pa, no frames. anew: whether the steps
     before it, if any, were others."""
     steps = len(pressure)
-    entries = np.array(scheme.entries(batch.hung), np.float32)
+    entries = np.array(scheme.entries(batch.support), np.float32)
     work = np.full((steps, batch.blocks), PLAIN, np.int32)
     work[0] = FACTORED if anew else PLAIN
     return Schedule(
@@ -70,8 +71,10 @@ def of_motions(
     own = list(enumerate(lanes))
     kind = np.stack([2 * m.ticks[whole[:, k]] + m.jumps[whole[:, k]] for k, m in own], axis=1)
     kinds, code = np.unique(kind, return_inverse=True)
-    schemes = [Scheme(tick * float(k // 2), MIDPOINT if k % 2 else rho) for k in kinds]
-    entries = np.array([scheme.entries(batch.hung) for scheme in schemes], np.float32)
+    schemes = [
+        Scheme(tick * float(k // 2), Integrator.MIDPOINT if k % 2 else Integrator.GENERALISED_ALPHA, rho) for k in kinds
+    ]
+    entries = np.array([scheme.entries(batch.support) for scheme in schemes], np.float32)
     channels = max(1, *(m.pressure.shape[1] for m in lanes))
     pressure = np.zeros((count, channels, len(lanes)))
     for k, m in own:

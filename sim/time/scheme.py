@@ -1,31 +1,52 @@
-"""Time integration and sizes of a batch."""
+"""Time integration: what rule a step follows."""
 
 from dataclasses import dataclass
+from enum import Enum
 
-from sim.design.support import FREE
-from sim.forces.contact_pairs import Touching
+from sim.design.support import Support
 
-MIDPOINT = 2.0  # Scheme.rho of the implicit midpoint rule
 GOES_ON = 0.75  # of an acceleration: vibrations that a step cannot resolve do not go on
+
+# What the kernels take of a lane's step, entries of F.scheme
+ENTRIES = {
+    "H": "h [s]",
+    "AM": "alpha_m",
+    "AF": "alpha_f",
+    "GAMMA": "gamma",
+    "IA": "1 / (beta h^2) [1/s^2]",
+    "RY": "1 / (1 - alpha_f)",
+    "BA": "1 / (2 beta) - 1",
+    "CA": "d a / d q [1/s^2]",
+    "CV": "d v / d q [1/s]",
+    "KNOWN": "share of the acceleration before the step in its first guess",
+    "CARRIED": "share of the residual that the step leaves that acts in the next one",
+}
+H, AM, AF, GAMMA, IA, RY, BA, CA, CV, KNOWN, CARRIED = range(len(ENTRIES))
+
+
+class Integrator(Enum):
+    """GENERALISED_ALPHA: Chung and Hulbert 1993. MIDPOINT: the implicit midpoint rule, which needs no acceleration from
+    before and so keeps second order where the pressure jumps. BACKWARD_EULER: to rest."""
+
+    GENERALISED_ALPHA = "generalised-alpha"
+    MIDPOINT = "implicit midpoint"
+    BACKWARD_EULER = "backward Euler"
 
 
 @dataclass(frozen=True)
 class Scheme:
-    """Coefficients of one step of `h` seconds.
-
-    rho in [0, 1]: generalised-alpha. rho = MIDPOINT: the implicit midpoint rule, which needs no acceleration from
-    before and so keeps second order where the pressure jumps. rho < 0: backward Euler.
-    """
+    """One step of `h` seconds by `rule`; rho in [0, 1] is generalised-alpha's spectral radius at infinity."""
 
     h: float
-    rho: float
+    rule: Integrator
+    rho: float = 0.6
 
     @property
     def coefficients(self) -> tuple[float, ...]:
         """h, alpha_m, alpha_f, gamma, 1 / (beta h^2), 1 / (1 - alpha_f), 1 / (2 beta) - 1."""
-        if self.rho < 0:
+        if self.rule is Integrator.BACKWARD_EULER:
             return self.h, 0.0, 0.0, 1.0, 1.0 / self.h**2, 1.0, 0.0
-        if self.rho == MIDPOINT:
+        if self.rule is Integrator.MIDPOINT:
             return self.h, 0.0, 0.5, 1.0, 2.0 / self.h**2, 2.0, 0.0
         am, af = (2 * self.rho - 1) / (self.rho + 1), self.rho / (self.rho + 1)
         gamma, beta = 0.5 - am + af, 0.25 * (1 - am + af) ** 2
@@ -43,28 +64,9 @@ class Scheme:
         h, _, _, gamma, ia, _, _ = self.coefficients
         return h * gamma * ia
 
-    def entries(self, hung: int) -> tuple[float, ...]:
-        """Of F.scheme: the coefficients; ca and cv; the share of the acceleration before the step in its first guess,
-        none through a jump or to rest; the share of what the step lacks that the next one makes up."""
-        goes_on = GOES_ON if 0 <= self.rho <= 1 else 0.0
-        # where nodes are held one by one, long steps to rest have no use for what they carry: it keeps them from
-        # resting
-        carried = 0.0 if hung == FREE and self.rho < 0 else 1.0
-        return *self.coefficients, self.ca, self.cv, goes_on, carried
-
-
-@dataclass(frozen=True)
-class Batch:
-    """Sizes of the batch that lies in the fields."""
-
-    blocks: int
-    nu: int
-    nv: int
-    points: int  # fixed points, the most of any lane; 0 without muscles
-    hung: int  # 0 top, 1 bottom, 2 left, 3 right, 4 none or points
-    reach: int  # nodes over which the preconditioner's frames are averaged
-    touching: Touching | None = None  # with self_contact
-
-    @property
-    def grid(self) -> tuple[int, int, int]:
-        return self.blocks, self.nu, self.nv
+    def entries(self, support: Support) -> tuple[float, ...]:
+        """In the order of ENTRIES. An acceleration is not known through a jump or to rest. Where no edge is held, long
+        steps to rest have no use for the residual that they carry over: it keeps them from resting."""
+        known = GOES_ON if self.rule is Integrator.GENERALISED_ALPHA else 0.0
+        carried = 0.0 if not support.is_edge and self.rule is Integrator.BACKWARD_EULER else 1.0
+        return *self.coefficients, self.ca, self.cv, known, carried
