@@ -18,8 +18,8 @@ from fabdesign.design_file import write_design
 from fabdesign.measurement_set import NewTrial, TrialData, write_set
 from fabdesign.metrics import Errors
 from tests.analytic_cloth import AnalyticCloth
+from tests.command_line import Run, one_line
 from tests.conftest import ROOT
-from tests.test_cli_files import Run, folder, hanging, one_line, run  # noqa: F401 fixtures
 
 WRITING = [name for name, command in commands.commands.items() if any("-o" in p.opts for p in command.params)]
 STUDY = 'kind = "optimize"\ndesign = "vertical.toml"\n[target]\nfile = "target.npz"\n[limits]\nseconds = 60\n'
@@ -48,9 +48,9 @@ AGAIN = [
 @pytest.mark.parametrize("line", AGAIN)
 def test_output_is_refused_and_replaced_with_force(
     line: str,
-    run: Run,  # noqa: F811
-    hanging: type,  # noqa: F811
-    folder: Path,  # noqa: F811
+    run: Run,
+    hanging: type,
+    folder: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(folder)
@@ -96,9 +96,9 @@ INTO_INPUTS = [
 def test_an_input_is_never_an_output(
     line: str,
     problem: str,
-    run: Run,  # noqa: F811
-    hanging: type,  # noqa: F811
-    folder: Path,  # noqa: F811
+    run: Run,
+    hanging: type,
+    folder: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(folder)
@@ -128,7 +128,7 @@ def write_recording(place: Path) -> None:
     (place / "front.npz").rename(place / "frames" / "0000" / "front.npz")
 
 
-def test_new_does_not_keep_another_bench_table_unasked(run: Run, tmp_path: Path) -> None:  # noqa: F811
+def test_new_does_not_keep_another_bench_table_unasked(run: Run, tmp_path: Path) -> None:
     assert run("new", "basic", "-o", tmp_path / "a.toml")[0] == 0
     bench = tmp_path / "em20_bench.csv"
     catalogue = bench.read_text()
@@ -159,7 +159,7 @@ def result(out: str = "out") -> dict[str, object]:
     return dict(json.loads(Path(out, "result.json").read_text()))
 
 
-def test_the_same_search_goes_on_and_further_with_more(run: Run, study: Path) -> None:  # noqa: F811
+def test_the_same_search_goes_on_and_further_with_more(run: Run, study: Path) -> None:
     assert run("optimize", study, "-o", "out")[0] == 0
     first = result()
     assert (first["evaluations"], first["stop_reason"]) == (60, "the limit of 60 evaluations is reached")
@@ -185,7 +185,7 @@ def test_a_changed_study_is_refused_with_what_differs(
     old: str,
     new: str,
     problem: str,
-    run: Run,  # noqa: F811
+    run: Run,
     study: Path,
 ) -> None:
     design, trial = Path("vertical.toml").read_text(), np.load("target.npz")
@@ -202,7 +202,7 @@ def test_a_changed_study_is_refused_with_what_differs(
 
 
 def test_force_searches_anew_and_the_old_stays_until_then(
-    run: Run,  # noqa: F811
+    run: Run,
     study: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -229,7 +229,7 @@ def test_force_searches_anew_and_the_old_stays_until_then(
     assert run("optimize", study, "-o", "out")[0] == 0  # the folder is the new study's
 
 
-def test_a_folder_of_another_command_is_no_place_for_a_search(run: Run, study: Path) -> None:  # noqa: F811
+def test_a_folder_of_another_command_is_no_place_for_a_search(run: Run, study: Path) -> None:
     assert run("export", "vertical.toml", "--tail-length", 0.05, "-o", "out")[0] == 0
     one_line(run("optimize", study, "-o", "out"), "out: exists, made by fabdesign export; --force replaces it")
     assert run("optimize", study, "-o", "out", "--force")[0] == 0
@@ -237,7 +237,7 @@ def test_a_folder_of_another_command_is_no_place_for_a_search(run: Run, study: P
 
 
 def test_demo_again_and_after_an_interruption(
-    run: Run,  # noqa: F811
+    run: Run,
     study: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -325,9 +325,9 @@ PREDICT = "predict set --model model.toml -o new/predicted"
 @pytest.mark.parametrize("line", [SIMULATE, PREDICT])
 def test_sigterm_leaves_nothing_and_kill_is_swept(
     line: str,
-    folder: Path,  # noqa: F811
-    hanging: type,  # noqa: F811
-    run: Run,  # noqa: F811
+    folder: Path,
+    hanging: type,
+    run: Run,
     start: Start,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -350,7 +350,7 @@ def test_sigterm_leaves_nothing_and_kill_is_swept(
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no signals")
-def test_two_searches_at_once_and_what_signals_leave_of_one(run: Run, study: Path, start: Start) -> None:  # noqa: F811
+def test_two_searches_at_once_and_what_signals_leave_of_one(run: Run, study: Path, start: Start) -> None:
     first = start("optimize study.toml -o out")
     second = start("optimize study.toml -o out")
     _, error = second.communicate()
