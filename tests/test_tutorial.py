@@ -1,0 +1,74 @@
+"""The tutorial runs as it is printed, and prints what it shows."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from tests.conftest import ROOT
+
+CHANCE = re.compile(r"\d+ (?=iterations)")  # a step more or less is another machine's rounding
+NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e-?\d+)?")
+
+
+class Step(NamedTuple):
+    commands: str
+    shown: str  # on standard output
+    within: float  # of a number, besides 5 % of it
+
+
+def steps(page: str) -> list[Step]:
+    """The ```sh blocks with the ```text that follows; a comment `within N` between them widens the tolerance."""
+    block = r"```sh\n(.*?)```\n(?:\n(?:<!-- within ([\d.]+) -->\n)?```text\n(.*?)```\n)?"
+    return [Step(found[1], found[3] or "", float(found[2] or 0.06)) for found in re.finditer(block, page, re.DOTALL)]
+
+
+def differences(shown: str, printed: str, within: float) -> list[str]:
+    """Lines that differ in more than the size of their numbers."""
+    pairs = list(zip(shown.splitlines(), printed.splitlines(), strict=False))
+    bad = [f"{a!r} is {b!r}" for a, b in pairs if not _alike(a, b, within)]
+    if len(shown.splitlines()) != len(printed.splitlines()):
+        bad.append(f"{len(shown.splitlines())} lines are {len(printed.splitlines())}:\n{printed}")
+    return bad
+
+
+def _alike(shown: str, printed: str, within: float) -> bool:
+    shown, printed = CHANCE.sub("", shown), CHANCE.sub("", printed)
+    if NUMBER.sub("#", shown) != NUMBER.sub("#", printed):
+        return False
+    pairs = zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=True)
+    return all(abs(float(a) - float(b)) <= within + 0.05 * abs(float(a)) for a, b in pairs)
+
+
+def test_comparison_sees_what_differs() -> None:
+    assert differences("a 1.00\nb 2\n", "a 1.05\nb 2\n", 0.06) == []
+    assert differences("a 1.00\n", "a 1.50\n", 0.06)
+    assert differences("a 1.00\n", "c 1.00\n", 0.06)
+    assert differences("a 1.00\n", "a 1.00\nb\n", 0.06)
+
+
+def test_tutorial(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("ezdxf")
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    program = tmp_path / "bin" / "fabdesign"
+    program.parent.mkdir()
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m fabdesign "$@"\n')
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{program.parent}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setenv("PYTHONPATH", str(ROOT))
+    monkeypatch.delenv("FABDESIGN_LANES", raising=False)
+    found = steps((ROOT / "docs" / "tutorial.md").read_text(encoding="utf-8"))
+    assert len(found) >= 8
+    place = tmp_path
+    for step in found:
+        script = f"set -eu\n{step.commands}\npwd > '{tmp_path}/place'\n"
+        ran = subprocess.run(["bash", "-c", script], cwd=place, capture_output=True, text=True)
+        assert ran.returncode == 0, ran.stderr
+        assert differences(step.shown, ran.stdout, step.within) == [], step.commands
+        place = Path((tmp_path / "place").read_text().strip())
+    assert (tmp_path / "tutorial" / "result" / "report.html").is_file()
+    assert (tmp_path / "tutorial" / "templates" / "design_a4.pdf").is_file()
