@@ -130,7 +130,7 @@ def work_folder(path: Path | str, *, made_by: str, force: bool = False, inputs: 
             _require_free_folder(path, force)
         anew = _anew(held, path)
         staged = force and own_files(path) > {MARK}
-        folder = anew if staged else path.resolve()
+        folder = anew if staged else path
         try:
             work = WorkFolder(folder, made_by, held.at, anew=staged)
             yield work

@@ -1,6 +1,7 @@
 """The virtual rig against closed forms, its effects against their formulas, and what it writes."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -19,6 +20,7 @@ pytest.importorskip("numba")
 
 from fabdesign.catalogue import build
 from fabdesign.design import Design
+from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
 from fabdesign.measurement_set import read_set
 from fabdesign.muscle import Muscle
@@ -251,32 +253,40 @@ def test_a_set_holds_points_with_the_stated_noise_and_not_the_key(tmp_path: Path
 
 
 CHILDREN = Path(f"/proc/self/task/{os.getpid()}/children")
-KILLED = """
-import sys
-from fabdesign.catalogue import build
-from fabdesign.pressure_file import constant_program
-from studies.rig import run_rig
-import numpy as np
+RIG = """
+import os
+from fabdesign.cli import main
 
 if __name__ == "__main__":
-    still = constant_program(np.zeros(3), 60.0)
-    run_rig(build("vertical"), [still, still], out=sys.argv[1], workers=2)
+    os.cpu_count = lambda: 2
+    main()
 """
 
 
 @pytest.mark.skipif(not CHILDREN.exists(), reason="a system that does not list a process's children in /proc")
-def test_workers_end_with_a_killed_rig_and_no_half_set_is_left(tmp_path: Path) -> None:
-    (tmp_path / "make.py").write_text(KILLED)
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_workers_end_with_a_rig_and_no_half_set_is_left(number: signal.Signals, tmp_path: Path) -> None:
+    (tmp_path / "rig.py").write_text(RIG)
+    write_design(build("vertical"), tmp_path / "vertical.toml")
+    (tmp_path / "p.csv").write_text("time_s,channel_0,channel_1,channel_2\n0,0,0,0\n60,0,0,0\n")
     environment = os.environ | {"FABDESIGN_CACHE": str(tmp_path / "cache"), "PYTHONPATH": os.pathsep.join(sys.path)}
-    rig = subprocess.Popen([sys.executable, tmp_path / "make.py", tmp_path / "set"], env=environment)
+    words = "rig vertical.toml --pressures p.csv p.csv -o set --recording raw"
+    line = [sys.executable, "rig.py", *words.split()]
+    before = set(tmp_path.iterdir())
+    rig = subprocess.Popen(line, env=environment, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     born = Path(f"/proc/{rig.pid}/task/{rig.pid}/children")
     workers = wait_for(lambda: [*filter(is_worker, born.read_text().split())], lambda found: len(found) == 2)
     time.sleep(3)  # until they are at work
     assert all(map(is_worker, workers))
-    rig.kill()
-    rig.wait()
+    rig.send_signal(number)
+    _, error = rig.communicate()
     wait_for(lambda: [*filter(is_worker, workers)], lambda left: not left)
-    assert not [path for path in (tmp_path / "set").iterdir() if not path.name.startswith(".unfinished-")]
+    if number is signal.SIGTERM:
+        assert (rig.returncode, error) == (143, "fabdesign: terminated by SIGTERM\n")
+        assert set(tmp_path.iterdir()) - {tmp_path / "cache"} == before
+        assert not list(tmp_path.rglob(".unfinished*"))
+    else:
+        assert [path.name for path in (tmp_path / "set").iterdir()] == [".unfinished"]
 
 
 def is_worker(pid: str) -> bool:
