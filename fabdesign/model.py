@@ -10,7 +10,8 @@ class Parameter:
     """A factor on one declared value (`forward.PARAMETERS`), with its 90 % interval."""
 
     factor: float
-    interval90: tuple[float, float]
+    interval90: tuple[float, float] | None = None  # None: not known
+    believable: bool = True  # False: fitted by a model that left too much for its intervals to hold
 
 
 @dataclass(frozen=True)

@@ -55,10 +55,7 @@ def write_model(model: Model, path: Path | str) -> None:
     path = Path(path)
     document = tomlkit.document()
     document["format"] = FORMAT
-    document["parameters"] = {
-        name: {"factor": float(p.factor), "interval90": [float(x) for x in p.interval90]}
-        for name, p in model.parameters.items()
-    }
+    document["parameters"] = {name: _parameter_items(parameter) for name, parameter in model.parameters.items()}
     if model.effects:
         document["effects"] = [
             {"name": effect.name, "parameters": {name: _quantity_items(q) for name, q in effect.parameters.items()}}
@@ -81,6 +78,15 @@ def write_model(model: Model, path: Path | str) -> None:
     write_text(path, tomlkit.dumps(document))
 
 
+def _parameter_items(parameter: Parameter) -> dict[str, Any]:
+    items: dict[str, Any] = {"factor": float(parameter.factor)}
+    if parameter.interval90 is not None:
+        items["interval90"] = [float(x) for x in parameter.interval90]
+    if not parameter.believable:
+        items["believable"] = False
+    return items
+
+
 def _quantity_items(quantity: Quantity) -> dict[str, Any]:
     items: dict[str, Any] = {"value": float(quantity.value), "unit": quantity.unit}
     if quantity.interval95 is not None:
@@ -89,7 +95,9 @@ def _quantity_items(quantity: Quantity) -> dict[str, Any]:
 
 
 def _parameter(table: Table) -> Parameter:
-    parameter = Parameter(table.number("factor", least=FACTORS[0], most=FACTORS[1]), _interval(table, "interval90"))
+    factor = table.number("factor", least=FACTORS[0], most=FACTORS[1])
+    interval = _interval(table, "interval90") if "interval90" in table else None
+    parameter = Parameter(factor, interval, table.flag("believable", True))
     table.finish()
     return parameter
 

@@ -13,9 +13,10 @@ from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
 from fabdesign.model_file import read_model, write_model
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.splits import fit_trials
-from fabdesign.surface import Surface
+from fabdesign.surface import Surface, capped_rms
 from fabdesign.trial_file import write_trial
 from studies.bad_data import sound_trials
+from studies.calibration.belief import doubts, noise_rms
 from studies.calibration.calibrate import calibrate
 from studies.calibration.clouds import Match, Sample, derivatives, match
 from studies.calibration.engine_difference import engine_difference
@@ -276,6 +277,38 @@ def test_trials_that_agree_are_not_simulated_again_for_their_clocks(measured):
     assert forward.last == [len(TIMES)] * len(forward.last)  # other clocks would be other times
 
 
+@pytest.mark.parametrize(
+    ("rms", "astray", "expected"),
+    [
+        (0.0006, 0.0, []),  # the noise alone
+        (0.00078, 0.029, []),  # sqrt(0.78^2 - 0.6^2) = 0.498
+        (0.00079, 0.0, ["the fit leaves 0.51 mm over the noise, expected at most 0.5"]),
+        (0.0006, 0.17, ["17% of the frames fitted are far off, expected under 3%"]),
+        (np.nan, 0.0, ["the fit leaves nan mm over the noise, expected at most 0.5"]),
+    ],
+)
+def test_intervals_are_believed_where_the_fit_leaves_the_noise(rms, astray, expected):
+    assert doubts(rms, astray, SensorNoise(0.0006, 0.0, 0.05)) == expected
+
+
+def test_noise_of_points_drawn_with_strays_is_what_it_is_taken_for():
+    rng = np.random.default_rng(1)
+    noise = SensorNoise(0.0006, 0.02, 0.03)
+    strays = rng.random(400_000) < noise.strays
+    distance = np.where(strays, 0.03 * rng.uniform(-1, 1, 400_000), 0.0006 * rng.standard_normal(400_000))
+    assert noise_rms(noise) == pytest.approx(capped_rms(distance), rel=0.02)
+
+
+def test_a_lag_that_the_model_lacks_marks_the_intervals(tmp_path):
+    measured = write(tmp_path / "set", [100, 150, 250, 300, 200], forward=Curler(lag=0.9))
+    found = calibrate(measured, Curler(), engines=ONE_ENGINE)
+    assert found.doubts
+    assert not found.as_json()["believable"]
+    assert "not believable" in as_text(found) and "NOT to be believed: the fit leaves" in as_text(found)
+    write_model(found.model, tmp_path / "model.toml")
+    assert not any(p.believable for p in read_model(tmp_path / "model.toml").parameters.values())
+
+
 def test_a_diverging_trial_is_left_out_from_there_on(tmp_path):
     measured = write(tmp_path / "set", [100, 200, 395, 150])
     found = calibrate(measured, Curler(loses=True))
@@ -283,7 +316,8 @@ def test_a_diverging_trial_is_left_out_from_there_on(tmp_path):
     assert "002: the motion diverged; left out from 0.70 s on" in as_text(found)
     lost = np.mean(TIMES >= 0.7 - 1e-9) / 3  # of one trial of three
     assert found.fit.astray == found.as_json()["astray"] == pytest.approx(lost)
-    assert f"{lost:.0%} of the frames fitted are far off" in as_text(found)
+    assert f"NOT to be believed: {lost:.0%} of the frames fitted are far off" in as_text(found)
+    assert not any(p.believable for p in found.model.parameters.values())
     alone = dataclasses.replace(measured, trials=measured.trials[2:3])
     with pytest.raises(SimulationError, match="every motion"):
         calibrate(alone, Lost())

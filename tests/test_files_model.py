@@ -23,7 +23,9 @@ lists = st.lists(words, max_size=3).map(tuple)
 models = st.builds(
     Model,
     parameters=st.dictionaries(
-        st.sampled_from(PARAMETERS), st.builds(Parameter, floats(1e-3, 1e3), intervals), max_size=7
+        st.sampled_from(PARAMETERS),
+        st.builds(Parameter, floats(1e-3, 1e3), st.none() | intervals, st.booleans()),
+        max_size=7,
     ),
     effects=st.lists(
         st.builds(
@@ -69,7 +71,7 @@ def test_weights_move_with_the_model(tmp_path: Path) -> None:
         ('format = "fabdesign.model/2"', "fabdesign.model/2"),
         ('format = "fabdesign.model/1"\n[parameters.bendin]\nfactor = 1', "did you mean bending"),
         ('format = "fabdesign.model/1"\n[parameters.bending]\nfactor = 0.0', "from 0.001 to 1000"),
-        ('format = "fabdesign.model/1"\n[parameters.bending]\nfactor = 1.0', "interval90 is missing"),
+        ('format = "fabdesign.model/1"\n[parameters.bending]\nfactor = 1.0\nbelievable = 3', "true or false"),
         ('format = "fabdesign.model/1"\n[parameters.bending]\nfactor = 1.0\ninterval90 = [2, 1]', "low, high"),
         ('format = "fabdesign.model/1"\n[corrector]\nweights = "none"', "is not there"),
         ('format = "fabdesign.model/1"\n[[effects]]\nname = 3', "a text"),

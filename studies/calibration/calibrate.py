@@ -18,6 +18,7 @@ from fabdesign.splits import fit_trials
 from fabdesign.trial import MeasurementSet, Trial
 from studies.bad_data import Tolerance
 from studies.calibration.ambiguities import ambiguities
+from studies.calibration.belief import doubts, excess
 from studies.calibration.clouds import Sample, evenly, sample_trial
 from studies.calibration.engine_difference import data_share, engine_difference
 from studies.calibration.fit import Fit, fit
@@ -39,12 +40,14 @@ class Calibration:
     noise: SensorNoise
     correlation: np.ndarray  # (7, 7), in the order of PARAMETERS, of the logarithms
     statements: tuple[str, ...]  # what these data cannot tell
+    doubts: tuple[str, ...]  # why the intervals are not to be believed
     skipped: tuple[str, ...]  # bad trials left out, a line each
 
     def as_json(self) -> dict[str, Any]:
         """What `calibrate --json` prints: factors, mm."""
         parameters = {
-            name: {"factor": p.factor, "interval90": list(p.interval90)} for name, p in self.model.parameters.items()
+            name: {"factor": p.factor, "interval90": p.interval90 and list(p.interval90), "believable": p.believable}
+            for name, p in self.model.parameters.items()
         }
         lost = [{"trial": trial, "from_s": time} for trial, time in self.fit.lost]
         return {
@@ -54,7 +57,10 @@ class Calibration:
                 for i, a in enumerate(PARAMETERS)
             },
             "statements": list(self.statements),
+            "believable": not self.doubts,
+            "doubts": list(self.doubts),
             "residual": {"before": 1e3 * self.fit.before, "after": 1e3 * self.fit.after, "unit": "mm"},
+            "excess": {"after": 1e3 * excess(self.fit.after, self.noise), "unit": "mm"},
             "noise": {"sigma": 1e3 * self.noise.sigma, "strays": self.noise.strays, "unit": "mm"},
             "fitted": list(self.model.provenance.fitted),
             "held_out": list(self.model.provenance.held_out),
@@ -103,9 +109,12 @@ def calibrate(
         found = fit(samples, forward, slopes=slopes, progress=progress)
     covariance = _with_engines(found.covariance, engine_difference() if engines is None else engines)
     deviation = np.sqrt(np.diag(covariance))
+    why = doubts(found.after, found.astray, noise)
     model = Model(
         {
-            name: Parameter(float(np.exp(x)), (float(np.exp(x - QUANTILE * s)), float(np.exp(x + QUANTILE * s))))
+            name: Parameter(
+                float(np.exp(x)), (float(np.exp(x - QUANTILE * s)), float(np.exp(x + QUANTILE * s))), not why
+            )
             for name, x, s in zip(PARAMETERS, found.x, deviation, strict=True)
         },
         points_per_side=points_per_side,
@@ -117,6 +126,7 @@ def calibrate(
         noise=noise,
         correlation=covariance / np.outer(deviation, deviation),
         statements=ambiguities(found, covariance),
+        doubts=tuple(why),
         skipped=tuple(skipped),
     )
 

@@ -69,7 +69,8 @@ def _factor(table: Table, name: str) -> float:
     if not isinstance(table.take(name), dict):
         return float(table.number(name, least=FACTORS[0], most=FACTORS[1]))
     inner = table.table(name)
-    inner.take("interval90", None)
+    for key in ("interval90", "believable"):
+        inner.take(key, None)
     factor = float(inner.number("factor", least=FACTORS[0], most=FACTORS[1]))
     inner.finish()
     return factor

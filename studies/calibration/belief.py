@@ -1,0 +1,32 @@
+"""Whether a fit's intervals can be believed: they hold only if the model is right but for its factors."""
+
+import numpy as np
+
+from fabdesign.sensor_noise import SensorNoise
+
+EXCESS = 0.0005  # m over the noise that a right model may leave
+ASTRAY = 0.03  # share of frames far off from which on it is said
+CAP = 0.010  # m, of every residual
+
+
+def noise_rms(noise: SensorNoise) -> float:
+    """m, RMS of capped distances of points that lie on the surface but for the sensor's noise and strays."""
+    reach = max(noise.stray_reach, 1e-12)
+    inner = min(reach, CAP)  # strays are even over the reach
+    stray = (inner**3 / 3 + (reach - inner) * CAP**2) / reach
+    return float(np.sqrt((1 - noise.strays) * noise.sigma**2 + noise.strays * stray))
+
+
+def excess(rms: float, noise: SensorNoise) -> float:
+    """m: what a capped RMS `rms` [m] has over the noise, in quadrature."""
+    return float(np.sqrt(max(rms**2 - noise_rms(noise) ** 2, 0.0)))
+
+
+def doubts(rms: float, astray: float, noise: SensorNoise) -> list[str]:
+    """Why the intervals of a fit that leaves `rms` [m] and a share of frames far off are not to be believed."""
+    found = []
+    if not (left := excess(rms, noise)) <= EXCESS:
+        found.append(f"the fit leaves {1e3 * left:.2f} mm over the noise, expected at most {1e3 * EXCESS:g}")
+    if astray >= ASTRAY:
+        found.append(f"{astray:.0%} of the frames fitted are far off, expected under {ASTRAY:.0%}")
+    return found
