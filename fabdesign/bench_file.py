@@ -8,6 +8,7 @@ import numpy as np
 from fabdesign.bench import Array, Bench, BenchRecord
 from fabdesign.csv_table import decimal, read_rows
 from fabdesign.errors import InputError
+from fabdesign.measured_units import require_measured_pressures
 from fabdesign.table import Table, load_toml
 
 FORMAT = "fabdesign.bench/1"
@@ -39,6 +40,7 @@ def read_bench(path: Path | str) -> Bench:
     names = [record.name for record in records]
     for twice in {name for name in names if names.count(name) > 1}:
         raise InputError(f"{path}: two records are called {twice}")
+    _require_units(records, path)
     bare = tuple(_bare(column)[0] for column in inputs)
     return Bench(name, specimen, bare, _bare(output)[0], constants, records, description, source, path)
 
@@ -48,6 +50,12 @@ def _record(table: Table, path: Path, needed: tuple[str, ...]) -> BenchRecord:
     role = table.text("role", "fit", choices=("fit", "test"))
     labels = _numbers(table)
     table.finish()
+    return BenchRecord(file.stem, read_record(file, needed), labels, role)
+
+
+def read_record(file: Path, needed: tuple[str, ...] = ()) -> dict[str, Array]:
+    """Columns (n,) of a record's CSV, SI, by their names without unit. Raises InputError where a `needed` one is not
+    there, for two of one name, a value that is no finite number and a time that does not rise."""
     header, rows = read_rows(file)
     for column in needed:
         if column not in header:
@@ -61,7 +69,20 @@ def _record(table: Table, path: Path, needed: tuple[str, ...]) -> BenchRecord:
     if "time" in columns and (np.diff(columns["time"]) <= 0).any():
         late = int(np.argmax(np.diff(columns["time"]) <= 0)) + 1
         raise InputError(f"{file} line {rows[late][0]}: time_s = {columns['time'][late]:g} does not rise")
-    return BenchRecord(file.stem, columns, labels, role)
+    return columns
+
+
+def _require_units(records: tuple[BenchRecord, ...], path: Path) -> None:
+    """Over all records, for one of them may be taken at no pressure or at rest."""
+    pressures = [c for record in records for name, c in record.columns.items() if name.startswith("pressure")]
+    if pressures:
+        require_measured_pressures(np.concatenate(pressures), str(path))
+    for record in records:
+        contraction, stretch = (record.columns.get(name) for name in ("contraction", "stretch"))
+        if contraction is not None and (contraction >= 1).any():
+            raise InputError(f"{path}: {record.name}: contraction is {contraction.max():g}; expected 1 - l/l0")
+        if stretch is not None and not 0.5 < stretch.max() < 20:
+            raise InputError(f"{path}: {record.name}: stretch is {stretch.max():g}; expected l/l0, 1 at rest")
 
 
 def _numbers(table: Table) -> dict[str, float]:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from fabdesign.csv_table import decimal, read_rows, write_rows
 from fabdesign.errors import InputError
+from fabdesign.measured_units import require_measured_pressures
 from fabdesign.muscle import BenchTable
 from fabdesign.table import kilopascals, pascals
 
@@ -12,7 +13,7 @@ COLUMNS = ["pressure_kpa", "contraction", "force_n"]
 
 def read_bench_table(path: Path) -> BenchTable:
     """Read a bench table. Raises InputError for another header, a bad number, a pressure below 0, a contraction of
-    1 or more, and a table that spans fewer than two pressures or two contractions."""
+    1 or more, pressures that are in MPa or Pa, and a table that spans fewer than two pressures or two contractions."""
     header, rows = read_rows(path)
     if header != COLUMNS:
         raise InputError(f"{path}: columns are {','.join(header)}; expected {','.join(COLUMNS)}")
@@ -29,6 +30,7 @@ def read_bench_table(path: Path) -> BenchTable:
     for name, values in (("pressure_kpa", pressure), ("contraction", contraction)):
         if len(set(values)) < 2:
             raise InputError(f"{path}: {name} has one value only; a muscle's law needs at least two")
+    require_measured_pressures(pressure, str(path))
     return BenchTable(tuple(pressure), tuple(contraction), tuple(force))
 
 

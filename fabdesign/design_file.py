@@ -1,8 +1,13 @@
 """Design files: `fabdesign.design/1`. Read here, written by `design_writer`."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
+from fabdesign.bench_law_file import FORMAT as BENCH_LAW
+from fabdesign.bench_law_file import why_not_included
 from fabdesign.bench_table_file import read_bench_table
 from fabdesign.curve import MembraneCurve
 from fabdesign.curve_file import read_membrane_curve
@@ -12,9 +17,9 @@ from fabdesign.effort import CLOSEST, MUSCLES
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.muscle import Muscle, MuscleType
-from fabdesign.table import Table, load_toml, nearest
+from fabdesign.table import Table, load_toml, nearest, parse_toml
 
-__all__ = ["read_design", "write_design"]
+__all__ = ["Part", "is_part", "read_design", "read_part", "write_design"]
 
 FORMAT = "fabdesign.design/1"
 EDGES = ("top", "bottom", "left", "right", "none")
@@ -44,6 +49,45 @@ def read_design(path: Path | str) -> Design:
     return Design(name, fabric, types, muscles)
 
 
+@dataclass(frozen=True)
+class Part:
+    """What a file holds that designs include: muscle types, and keys of a cloth, checked one by one."""
+
+    types: Mapping[str, MuscleType]
+    fabric: Fabric | None  # where the part has keys of one; those in `keys` are the part's own, the others a stand-in
+    keys: frozenset[str]
+
+
+# what stands in for the keys that a part leaves to the design: any sound values do
+_STAND_IN = {"width": 1, "height": 1, "poisson": 0} | dict.fromkeys(
+    ("thickness", "areal_density", "membrane_stiffness", "shear_stiffness", "bending_stiffness"), Decimal(1)
+)
+
+
+def is_part(path: Path) -> bool:
+    """Whether a file can only be included: without muscles, and without the size of a cloth."""
+    root = parse_toml(path)
+    fabric = root.get("fabric", {})
+    sized = isinstance(fabric, dict) and {"width", "height"} <= fabric.keys()
+    holds = "muscle_types" in root or bool(fabric)
+    return holds and not sized and not {"muscles", "include"} & root.keys()
+
+
+def read_part(path: Path | str) -> Part:
+    """Read a file that designs include. Raises InputError for what no design that includes it could read."""
+    path = Path(path)
+    root = load_toml(path, FORMAT, partial=True)
+    root.text("name", None)
+    fabrics, types = _fabrics_and_types(root, path, ())
+    root.finish()
+    if not fabrics:
+        return Part(types, None, frozenset())
+    given = _merged(fabrics, {})
+    keys = frozenset(given.names())
+    values = _STAND_IN | {key: given.take(key) for key in given.names()}
+    return Part(types, _fabric(Table(values, given.where)), keys)
+
+
 def _fabrics_and_types(
     root: Table, path: Path, above: tuple[Path, ...]
 ) -> tuple[list[tuple[Path, Table]], dict[str, MuscleType]]:
@@ -55,6 +99,8 @@ def _fabrics_and_types(
         included = path.parent / name
         if included.resolve() in above:
             raise InputError(f"{path}: include {name} comes back to a file that includes it")
+        if parse_toml(included).get("format") == BENCH_LAW:
+            raise InputError(f"{path}: include {name}: {included} {why_not_included(included)}")
         table = load_toml(included, FORMAT, partial=True)
         table.text("name", None)
         more_fabrics, more_types = _fabrics_and_types(table, included, above)
@@ -173,6 +219,8 @@ def _muscle(table: Table, fabric: Fabric, types: dict[str, MuscleType]) -> Muscl
         path=path,
         fixed_point_pitch=table.number("fixed_point_pitch", least=CLOSEST),
     )
+    if muscle.fixed_point_pitch > _LARGEST:
+        raise table.bad("fixed_point_pitch", "metres (is it in millimetres?)")
     table.finish()
     return muscle
 

@@ -7,9 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from fabdesign.bench import BenchRecord
 from fabdesign.bench_file import read_bench
+from fabdesign.bench_law_file import TABLES, BenchLaw, read_bench_law, write_bench_law
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
 from studies.benches.actuator import StaticCurve
@@ -203,7 +206,7 @@ def test_a_muscle_becomes_a_type_that_a_design_includes(bench, tmp_path):
     result = calibrate_bench(bench("muscle", record, header, inputs=inputs, constants=sizes))
     assert result.constants["viscosity"].value == pytest.approx(6, rel=0.15)
     unsized = dataclasses.replace(result, bench=dataclasses.replace(result.bench, constants={}))
-    with pytest.raises(InputError, match="outer_diameter of the specimen is missing"):
+    with pytest.raises(InputError, match="lack outer_diameter"):
         write_bench_type(unsized, tmp_path / "out/TYPE.toml")
     assert not (tmp_path / "out").exists()
     write_bench_type(result, tmp_path / "out/TYPE.toml")
@@ -255,3 +258,62 @@ def test_real_knit_and_cylinder_beat_the_plain_laws():
     four = next(r for r in kidney.records if r.labels["supply_bar"] == 4)
     error = CylinderLaw.fit(fit).predict(four) - four.columns["force"]
     assert np.sqrt(np.mean(error**2)) < 5.8
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    rows=st.lists(st.floats(1e-3, 1e3), min_size=2, max_size=20, unique=True),
+    specimen=st.sampled_from(["strip", "cylinder", "actuator"]),
+    presliding=st.floats(1e-5, 1e-2),
+)
+def test_a_written_law_reads_the_same(rows, specimen, presliding, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("law")
+    columns = {name: np.sort(rows) for name in TABLES[specimen] if name != "term"}
+    cylinder = {"terms": ("s p",) * len(rows), "form": "friction", "presliding": presliding}
+    law = BenchLaw(specimen, "force", columns, **(cylinder if specimen == "cylinder" else {}))
+    write_bench_law(law, folder / "l.toml", folder / "l.csv", comment="a test")
+    read = read_bench_law(folder / "l.toml")
+    assert (read.specimen, read.output, read.terms, read.form) == (specimen, "force", law.terms, law.form)
+    assert read.presliding == law.presliding
+    assert all(np.array_equal(read.columns[name], column) for name, column in columns.items())
+
+
+@pytest.mark.parametrize(
+    ("specimen", "records", "header", "why"),
+    [
+        (
+            "strip",
+            strip_records(3),
+            "stretch,force_n",
+            "the force law of a strip whose width is not known; state width",
+        ),
+        (
+            "cylinder",
+            [cylinder_record(p) for p in (1e5, 2e5, 3e5)],
+            "displacement_m,pressure_kpa,force_n",
+            "the law of a cylinder; a design has muscles and a cloth",
+        ),
+    ],
+)
+def test_a_law_alone_is_read_back_and_not_included(specimen, records, header, why, tmp_path):
+    names = header.split(",")
+    text = f'format = "fabdesign.bench/1"\nspecimen = "{specimen}"\ninput = ["{names[0]}"]\noutput = "force_n"\n'
+    for record in records:
+        columns = [record.columns[n.rpartition("_")[0] or n] / (1e3 if n == "pressure_kpa" else 1) for n in names]
+        np.savetxt(tmp_path / f"{record.name}.csv", np.stack(columns, 1), delimiter=",", header=header, comments="")
+        text += f'[[records]]\nfile = "{record.name}.csv"\n'
+    (tmp_path / "bench.toml").write_text(text)
+    result = calibrate_bench(tmp_path)
+    write_bench_type(result, tmp_path / "out/LAW.toml")
+    law = read_bench_law(tmp_path / "out/LAW.toml")
+    assert law.specimen == specimen
+    if specimen == "strip":
+        assert law.columns["force_n"] == pytest.approx(result.law.force(1 + law.columns["strain"]))
+    else:
+        assert dict(zip(law.terms, law.columns["coefficient_n"], strict=True)) == pytest.approx(
+            dict(zip(result.law.terms, result.law.coefficients, strict=True))
+        )
+    (tmp_path / "out/d.toml").write_text(f'format = "fabdesign.design/1"\ninclude = ["LAW.toml"]\n{FABRIC}')
+    with pytest.raises(InputError, match=f"include LAW.toml: .*is {why}") as caught:
+        read_design(tmp_path / "out/d.toml")
+    assert "\n" not in str(caught.value)

@@ -40,7 +40,7 @@ def curves(draw: st.DrawFn) -> MembraneCurve | None:
 
 @st.composite
 def benches(draw: st.DrawFn) -> BenchTable:
-    pressure = draw(st.lists(floats(0, 9e5), min_size=2, max_size=3, unique=True))
+    pressure = [*draw(st.lists(floats(0, 9e5), min_size=1, max_size=2, unique=True)), 9.5e5]
     contraction = draw(st.lists(floats(-0.1, 0.5), min_size=2, max_size=3, unique=True))
     rows = [(p, c, draw(floats(-10, 100))) for p in pressure for c in contraction]
     return BenchTable(*map(tuple, zip(*rows, strict=True)))

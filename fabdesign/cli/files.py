@@ -46,20 +46,24 @@ def new(
 @click.argument("files", nargs=-1, required=True, type=FILE)
 @json_option
 def check(files: tuple[Path, ...], as_json: bool) -> None:
-    """Say whether FILES are sound: designs, studies, sets, trials, recordings, clouds, pressures, benches, models."""
-    from fabdesign.check import problems
+    """Say whether FILES are sound, and warn of what is implausible: any file or folder that a command reads."""
+    from studies.check import inspect
 
-    found = {str(file): problems(file) for file in files}
+    found = {str(file): inspect(file) for file in files}
     if as_json:
-        click.echo(
-            json.dumps({"files": {name: {"sound": not lines, "problems": lines} for name, lines in found.items()}})
-        )
-    for name, lines in found.items():
-        for line in lines:
+        listed = {
+            name: {"sound": not of.problems, "problems": [*of.problems], "warnings": [*of.warnings]}
+            for name, of in found.items()
+        }
+        click.echo(json.dumps({"files": listed}))
+    for name, of in found.items():
+        for line in of.problems:
             click.echo(f"fabdesign: {line}", err=True)
-        if not lines and not as_json:
-            click.echo(f"{name}: sound")
-    if any(found.values()):
+        for line in of.warnings:
+            click.echo(f"warning: {line}", err=True)
+        if not of.problems and not as_json:
+            click.echo(f"{name}: sound" + (f", {len(of.warnings)} warnings" if of.warnings else ""))
+    if any(of.problems for of in found.values()):
         sys.exit(2)
 
 

@@ -10,8 +10,8 @@ import tomlkit
 
 from fabdesign.bench import Bench, BenchRecord
 from fabdesign.bench_file import read_bench
+from fabdesign.bench_law_file import BenchLaw, write_bench_law
 from fabdesign.bench_table_file import write_bench_table
-from fabdesign.csv_table import write_rows
 from fabdesign.curve_file import write_membrane_curve
 from fabdesign.errors import InputError
 from fabdesign.model import Quantity
@@ -19,6 +19,7 @@ from fabdesign.output import write_text
 from studies.benches.actuator import StaticCurve, hold_of
 from studies.benches.cylinder import CylinderLaw
 from studies.benches.muscle import BenchMuscle
+from studies.benches.needs import SIZES, require_columns, require_sizes
 from studies.benches.strip import StripLaw
 
 Law = BenchMuscle | StripLaw | CylinderLaw | StaticCurve
@@ -64,12 +65,13 @@ def calibrate_bench(path: Path | str, *, fit: Sequence[str] | None = None) -> Be
         chosen = [record for record in chosen if record.name in fit]
     if not chosen:
         raise InputError(f"{bench.file}: no record of role fit; expected at least one")
+    tests = [record for record in bench.records if record.role == "test"]
+    require_columns(bench, [*chosen, *tests])
     law = _fit(bench, chosen, intervals=True)
     left_out = []
     for i in range(len(chosen) if len(chosen) > 2 else 0):
         others = chosen[:i] + chosen[i + 1 :]
         left_out.append(_rms(_fit(bench, others, intervals=False), [chosen[i]]))
-    tests = [record for record in bench.records if record.role == "test"]
     return BenchCalibration(
         bench=bench,
         law=law,
@@ -87,16 +89,18 @@ def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
     A muscle becomes [muscle_types.NAME], with the sizes that the bench states as constants (outer_diameter,
     mass_per_length, axis_offset); a strip whose width is stated a [fabric] with its membrane_curve, in the
     `direction` (1 across, 2 down) that is stated or both. A design takes either by `include`. Anything else becomes a
-    file of the law alone, [law]. Raises InputError for a missing size and where `output` cannot be written.
+    file of the law alone (`fabdesign.bench-law/1`). Raises InputError for a missing size and where `output` cannot be
+    written.
     """
     bench, law = calibration.bench, calibration.law
+    require_sizes(bench)
     document = tomlkit.document()
-    document.add(tomlkit.comment(f"fitted to the bench {bench.name}: {bench.source or bench.description}"))
+    document.add(tomlkit.comment(_origin(bench)))
     table = output.with_name(f"{output.stem}_{'bench' if isinstance(law, BenchMuscle) else 'law'}.csv")
     if isinstance(law, BenchMuscle):
         document["format"] = "fabdesign.design/1"
         entry = tomlkit.table()
-        for key in ("outer_diameter", "mass_per_length", "axis_offset"):
+        for key in SIZES:
             entry[key] = bench.constant(key)
         if law.viscosity is not None:
             entry["viscosity"] = law.viscosity
@@ -110,8 +114,8 @@ def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
         curve = law.membrane_curve(bench.constant("width"), across=direction != 2, down=direction != 1)
         write_membrane_curve(curve, table)
     else:
-        document["format"] = "fabdesign.bench-law/1"
-        document["law"] = {"specimen": bench.specimen, "output": bench.output} | _law_entries(calibration, table)
+        write_bench_law(_bench_law(bench, law), output, table, comment=_origin(bench))
+        return [output, table]
     write_text(output, tomlkit.dumps(document))
     return [output, table]
 
@@ -149,23 +153,20 @@ def _constants(law: Law) -> dict[str, Quantity]:
     return {}
 
 
-def _law_entries(calibration: BenchCalibration, table: Path) -> dict[str, object]:
-    """Keys of [law], and its table written."""
-    law = calibration.law
+def _origin(bench: Bench) -> str:
+    return f"fitted to the bench {bench.name}: {bench.source or bench.description}"
+
+
+def _bench_law(bench: Bench, law: Law) -> BenchLaw:
+    """As it is written to a file."""
     if isinstance(law, CylinderLaw):
-        # p: pressure / 100 kPa, x: displacement / 10 mm, s: state of friction
-        header = ["term", "coefficient_n", "low90_n", "high90_n"]
-        rows = zip(law.terms, law.coefficients.tolist(), *law.interval90.T.tolist(), strict=True)
-        write_rows(table, header, list(rows))
-        return {"form": law.form, "presliding": law.presliding, "table": table.name}
+        low, high = law.interval90.T
+        columns = {"coefficient_n": law.coefficients, "low90_n": low, "high90_n": high}
+        return BenchLaw("cylinder", bench.output, columns, law.terms, law.form, law.presliding)
     if isinstance(law, StaticCurve):
-        rows = zip((law.pressure / 1e3).tolist(), law.level.tolist(), strict=True)
-        write_rows(table, ["pressure_kpa", "displacement_m"], list(rows))
-        return {"table": table.name}
+        return BenchLaw("actuator", bench.output, {"pressure_kpa": law.pressure / 1e3, "displacement_m": law.level})
     assert isinstance(law, StripLaw)
     strain, _ = law.samples()
-    force = law.force(1 + strain)
     low, high = law.interval90(1 + strain)
-    rows = zip(strain.tolist(), force.tolist(), low.tolist(), high.tolist(), strict=True)
-    write_rows(table, ["strain", "force_n", "low90_n", "high90_n"], list(rows))
-    return {"table": table.name}
+    columns = {"strain": strain, "force_n": law.force(1 + strain), "low90_n": low, "high90_n": high}
+    return BenchLaw("strip", bench.output, columns)

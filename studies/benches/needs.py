@@ -1,0 +1,36 @@
+"""What a specimen's records must hold for `calibrate` to find its law."""
+
+from collections.abc import Mapping, Sequence
+
+from fabdesign.bench import Bench, BenchRecord, Specimen
+from fabdesign.errors import InputError
+from studies.benches import actuator, muscle
+
+# of each group of columns, one is needed
+COLUMNS: Mapping[Specimen, tuple[tuple[str, ...], ...]] = {
+    "muscle": (muscle.PRESSURES, ("contraction",), muscle.FORCES),
+    "strip": (("stretch",), ("force",)),
+    "cylinder": (("pressure",), ("displacement",), ("force",)),
+    "actuator": (("time",), actuator.PRESSURES, ("displacement",)),
+}
+SIZES = ("outer_diameter", "mass_per_length", "axis_offset")  # m, kg/m, m: a muscle type has them, no bench shows them
+
+
+def require_columns(bench: Bench, records: Sequence[BenchRecord]) -> None:
+    """Raise InputError for a record without a column that the specimen's law is fitted to."""
+    for record in records:
+        for group in COLUMNS[bench.specimen]:
+            if not set(group) & record.columns.keys():
+                raise InputError(
+                    f"{bench.file}: {record.name}: no column {' or '.join(group)}, which a {bench.specimen} needs; "
+                    f"it has {', '.join(record.columns)}"
+                )
+
+
+def require_sizes(bench: Bench) -> None:
+    """Raise InputError for a muscle bench that does not state what a muscle type needs beyond its law."""
+    missing = [name for name in SIZES if name not in bench.constants]
+    if bench.specimen == "muscle" and missing:
+        raise InputError(
+            f"{bench.file}: [constants] lack {', '.join(missing)}; expected numbers in SI units, for a muscle type"
+        )

@@ -1,0 +1,139 @@
+"""Can a design be made, and are its values those of cloth and muscles?"""
+
+from collections.abc import Iterator, Mapping
+from itertools import combinations, pairwise
+
+import numpy as np
+
+from fabdesign.design import Design
+from fabdesign.design_file import Part
+from fabdesign.fabric import Fabric
+from fabdesign.muscle import BenchTable, MuscleType
+from optimize.geometry import bend_radius, clearance
+from studies.check.findings import Findings
+from studies.check.ranges import BLOCKED, FABRIC, FREE_CONTRACTION, GRAVITY, MUSCLE_TYPE, beyond
+
+SPACING = 0.006  # m, that `optimize` keeps between muscles on one face where a study says nothing
+_ROUNDING = 1e-6  # m
+_ROWS = 4  # of a bench table, that a muscle's law is fitted to
+_THICK = 0.1  # of the cloth's shorter side
+
+
+def design_findings(design: Design, where: str) -> Findings:
+    """Of a design as a whole."""
+    warnings = [*_fabric(design.fabric, FABRIC), *_types(design.muscle_types), *_scene(design)]
+    problems = [
+        f"muscle_types.{name}: bench has {len(kind.bench.force)} rows; expected at least {_ROWS}, for a law"
+        for name, kind in design.muscle_types.items()
+        if len(kind.bench.force) < _ROWS
+    ]
+    for number, muscle in enumerate(design.muscles):
+        kind, called = design.muscle_types[muscle.type], f"muscles[{number}]"
+        needed = muscle.length + 2 * (kind.tail_length or 0.0)
+        if kind.stock_length is not None and needed > kind.stock_length + _ROUNDING:
+            tails = f" with tails of {1e3 * kind.tail_length:g} mm" if kind.tail_length else ""
+            problems.append(
+                f"{called} needs {1e3 * needed:.1f} mm{tails}; expected at most stock_length, "
+                f"{1e3 * kind.stock_length:g} mm of {kind.name}"
+            )
+        if kind.min_bend_radius is not None and len(muscle.path) > 2:
+            radius = bend_radius(np.array(muscle.path))
+            if radius < kind.min_bend_radius - _ROUNDING:
+                problems.append(
+                    f"{called} has a corner that no arc of more than {1e3 * radius:.1f} mm rounds; "
+                    f"expected min_bend_radius, {1e3 * kind.min_bend_radius:g} mm of {kind.name}"
+                )
+        longest = max(float(np.linalg.norm(np.subtract(b, a))) for a, b in pairwise(muscle.path))
+        if longest < 2 * muscle.fixed_point_pitch - _ROUNDING:
+            warnings.append(
+                f"{called}: fixed_point_pitch = {muscle.fixed_point_pitch:g} m leaves one interval in a leg of "
+                f"{longest:.3g} m; a muscle bends the cloth between fixed points"
+            )
+    too_close, close = spacing(design, SPACING)
+    problems += too_close
+    warnings += close
+    prefixed = [tuple(f"{where}: {line}" for line in lines) for lines in (problems, warnings)]
+    return Findings(prefixed[0], prefixed[1])
+
+
+def part_findings(part: Part, where: str) -> Findings:
+    """Of a file that designs include."""
+    known = {key: expected for key, expected in FABRIC.items() if key in part.keys}
+    lines = [*(_fabric(part.fabric, known) if part.fabric else ()), *_types(part.types)]
+    return Findings(warnings=tuple(f"{where}: {line}" for line in lines))
+
+
+def spacing(design: Design, least: float) -> tuple[list[str], list[str]]:
+    """A line on each pair of muscles on one face that lie in each other's place, and on each that crosses or lies less
+    than `least` m apart."""
+    overlapping, close = [], []
+    for (i, a), (j, b) in combinations(enumerate(design.muscles), 2):
+        if a.side != b.side:
+            continue
+        gap = clearance(np.array(a.path), np.array(b.path))
+        wide = (design.muscle_types[a.type].outer_diameter + design.muscle_types[b.type].outer_diameter) / 2
+        both = f"muscles[{i}] and muscles[{j}]"
+        if gap < 0:
+            close.append(f"{both} cross on the {a.side}; optimize keeps muscles of one face apart")
+        elif gap < wide - _ROUNDING:
+            overlapping.append(
+                f"{both} lie {1e3 * gap:.3g} mm apart on the {a.side}; expected their diameter, {1e3 * wide:g}"
+            )
+        elif gap < least - _ROUNDING:
+            close.append(f"{both} lie {1e3 * gap:.3g} mm apart on the {a.side}; optimize keeps {1e3 * least:g} mm")
+    return overlapping, close
+
+
+def _fabric(fabric: Fabric, ranges: Mapping[str, object]) -> Iterator[str]:
+    for key in ranges:
+        yield from (f"fabric: {line}" for line in beyond(key, getattr(fabric, key), FABRIC[key]))
+    short = min(fabric.width, fabric.height)
+    if fabric.thickness > _THICK * short and {"width", "thickness"} <= ranges.keys():
+        yield f"fabric: thickness = {fabric.thickness:g} m on a cloth of {short:g} m; expected a thin sheet"
+    yield from (f"fabric: {line}" for line in beyond("gravity", float(np.linalg.norm(fabric.gravity)), GRAVITY))
+
+
+def _types(types: Mapping[str, MuscleType]) -> Iterator[str]:
+    for name, kind in types.items():
+        for key, expected in MUSCLE_TYPE.items():
+            yield from (f"muscle_types.{name}: {line}" for line in beyond(key, getattr(kind, key), expected))
+        yield from (
+            f"muscle_types.{name}: bench: {line}" for line in bench_table_lines(kind.bench, kind.outer_diameter)
+        )
+        highest = max(kind.bench.pressure)
+        if kind.max_pressure is not None and kind.max_pressure > 1.05 * highest:
+            yield (
+                f"muscle_types.{name}: max_pressure = {kind.max_pressure / 1e3:g} kPa, but its bench ends at "
+                f"{highest / 1e3:g}; beyond it the law is a guess"
+            )
+
+
+def bench_table_lines(bench: BenchTable, diameter: float | None = None) -> Iterator[str]:
+    """What is implausible in a bench table; with a muscle's diameter [m] its forces too."""
+    pressure, contraction, force = (np.array(x) for x in (bench.pressure, bench.contraction, bench.force))
+    most = pressure >= pressure.max() * (1 - 1e-9)
+    pulls = contraction[most & (force > 0)]
+    if len(pulls):
+        yield from beyond("contraction that still pulls", float(pulls.max()), FREE_CONTRACTION)
+    else:
+        yield f"no tension at {pressure.max() / 1e3:g} kPa; expected positive force_n where the muscle pulls"
+    if len(np.unique(contraction[most])) > 1 and np.polyfit(contraction[most], force[most], 1)[0] >= 0:
+        yield "force rises with contraction; expected it to fall (is contraction negative where the muscle shortens?)"
+    if diameter is not None and len(pulls):
+        blocked = float(np.abs(force[most]).max() / (pressure.max() * np.pi * diameter**2 / 4))
+        yield from beyond("largest force over pressure times cross-section", blocked, BLOCKED)
+
+
+def _scene(design: Design) -> Iterator[str]:
+    used = {muscle.channel for muscle in design.muscles}
+    unused = design.channels - len(used)
+    if unused:
+        first = next(channel for channel in range(design.channels) if channel not in used)
+        yield f"channel {first} has no muscle; its pressures have to be given all the same ({unused} such channels)"
+    for name, kind in design.muscle_types.items():
+        reach = design.fabric.thickness / 2 + kind.outer_diameter
+        if kind.axis_offset > reach:
+            yield (
+                f"muscle_types.{name}: axis_offset = {kind.axis_offset:g} m; expected at most half the thickness and "
+                f"the muscle's diameter, {reach:g} m"
+            )

@@ -1,0 +1,217 @@
+"""Every kind of file that a command reads: how it is recognised, and what is asked of it."""
+
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from fabdesign.bench_file import read_bench, read_record
+from fabdesign.bench_law_file import TABLES, read_bench_law, read_law_table
+from fabdesign.bench_table_file import COLUMNS as BENCH_TABLE
+from fabdesign.bench_table_file import read_bench_table
+from fabdesign.cloud_file import KINDS, read_geometry
+from fabdesign.csv_table import read_rows
+from fabdesign.curve_file import read_membrane_curve
+from fabdesign.design_file import is_part, read_design, read_part
+from fabdesign.errors import InputError
+from fabdesign.measurement_set import read_set
+from fabdesign.model_file import read_model
+from fabdesign.motion_file import read_motion
+from fabdesign.npz_file import open_npz
+from fabdesign.pressure import PressureProgram
+from fabdesign.pressure_file import read_csv, read_pressures
+from fabdesign.recording import Recording, read_recording
+from fabdesign.table import nearest, parse_toml
+from fabdesign.trial_file import read_trial
+from studies.check.design import bench_table_lines, design_findings, part_findings
+from studies.check.findings import Findings, failures
+from studies.check.ranges import FACTOR, PRESSURE, beyond
+from studies.check.study import study_findings
+
+_STUDY = "fabdesign.study/1"  # whose file may leave the line out
+_DESIGN = "fabdesign.design/1"  # as may a file that designs include
+_FOLDERS = ("set.toml", "recording.toml", "bench.toml", "model.toml", "design.toml")
+_LARGEST = 10.0  # m across, of a cloud in metres
+_SLOW = 8.0  # s between a program's rows, from which milliseconds are likelier
+
+
+def inspect(path: Path) -> Findings:
+    """Everything that is wrong with a file or folder, and what is implausible. Of a set every trial is read, of a
+    recording every cloud, of a study every target."""
+    try:
+        if path.is_dir():
+            return _folder(path)
+        if not path.exists():
+            raise InputError(f"{path}: no such file")
+        suffix = path.suffix.lower()
+        if suffix == ".npz":
+            return _npz(path)
+        if suffix == ".csv":
+            return _csv(path)
+        if suffix in KINDS:
+            return _cloud(path)
+        return _BY_FORMAT[_format(path)](path)
+    except InputError as error:
+        return Findings((str(error),))
+
+
+def _folder(path: Path) -> Findings:
+    main = next((path / name for name in _FOLDERS if (path / name).is_file()), None)
+    if main is None:
+        raise InputError(f"{path}: a folder without {', '.join(_FOLDERS)}")
+    found = _BY_FORMAT[_format(main)](main)
+    pressures = sorted(path.glob("pressures*.csv")) if main.name == "design.toml" and not found.problems else []
+    return found + failures(partial(read_pressures, file, read_design(main)) for file in pressures)
+
+
+def _format(path: Path) -> str:
+    root = parse_toml(path)
+    usual = _STUDY if "kind" in root else _DESIGN if {"fabric", "muscle_types"} & root.keys() else None
+    form = root.get("format", usual if usual == _STUDY or not {"muscles", "include"} & root.keys() else None)
+    if form not in _BY_FORMAT:
+        shown = "no format line" if form is None else f'format is "{form}"'
+        known = [*_BY_FORMAT]
+        raise InputError(f"{path}: {shown}; expected one of {', '.join(known)}{nearest(str(form), known)}")
+    return str(form)
+
+
+def _design(path: Path) -> Findings:
+    if is_part(path):
+        return part_findings(read_part(path), str(path))
+    return design_findings(read_design(path), str(path))
+
+
+def _set(path: Path) -> Findings:
+    measured = read_set(path)
+    found = Findings()
+    for name, design in measured.designs.items():
+        found += design_findings(design, f"{path}: designs.{name}")
+    found += failures(trial.load for trial in measured.trials)
+    for trial in measured.trials:
+        try:
+            found += _programs(trial.program, str(trial.file), measured_at=trial.times)
+            interval = float(np.median(np.diff(trial.times))) if len(trial.times) > 1 else 0.0
+        except InputError:
+            continue  # `load` has said so
+        if measured.frame_rate and interval and not 0.5 < interval * measured.frame_rate < 2:
+            line = (
+                f"{trial.file}: a frame every {interval:.3g} s; set.toml says frame_rate = {measured.frame_rate:g} Hz"
+            )
+            found += Findings(warnings=(line,))
+    return found
+
+
+def _recording(path: Path) -> Findings:
+    recording = read_recording(path)
+    return design_findings(recording.design, f"{path}: design") + failures(_clouds(recording))
+
+
+def _clouds(recording: Recording) -> Iterator[Callable[[], object]]:
+    for sensor in recording.sensors:
+        if recording.has_reference():
+            yield partial(recording.reference, sensor)
+        for index in range(len(recording.times)):
+            yield partial(recording.frame, sensor, index)
+
+
+def _model(path: Path) -> Findings:
+    model = read_model(path)
+    lines = [line for name, factor in model.factors.items() for line in beyond(f"{name}: factor", factor, FACTOR)]
+    if model.effects or model.corrector:
+        lines.append("has effects or a corrector, which this version's commands refuse to predict with")
+    return Findings(warnings=tuple(f"{path}: {line}" for line in lines))
+
+
+def _key(path: Path) -> Findings:
+    from studies.rig.key import read_key  # here: the rig needs an extra
+
+    key = read_key(path)
+    lines = [line for name, factor in key.parameters.items() for line in beyond(name, factor, FACTOR)]
+    return Findings(warnings=tuple(f"{path}: parameters: {line}" for line in lines))
+
+
+def _bench(path: Path) -> Findings:
+    from studies.benches.needs import require_columns, require_sizes
+
+    bench = read_bench(path)
+    return failures([partial(require_columns, bench, bench.records), partial(require_sizes, bench)])
+
+
+def _bench_law(path: Path) -> Findings:
+    read_bench_law(path)
+    return Findings()
+
+
+def _npz(path: Path) -> Findings:
+    with open_npz(path, "a trial's, a motion's or a cloud's arrays") as arrays:
+        trial, dimensions = "offsets" in arrays, arrays.get("points").ndim
+    if trial:
+        return _programs(read_trial(path).program, str(path))
+    if dimensions == 3:
+        read_motion(path)
+        return Findings()
+    return _cloud(path)
+
+
+def _cloud(path: Path) -> Findings:
+    """Of a cloud or mesh, which may stand in any unit and frame: a study says which."""
+    far = float(np.linalg.norm(np.ptp(read_geometry(path).points, axis=0)))
+    line = f'{path}: is {far:.3g} m across; a cloth is not (a study\'s target in millimetres says unit = "mm")'
+    return Findings(warnings=(line,) if far > _LARGEST else ())
+
+
+def _csv(path: Path) -> Findings:
+    header, _ = read_rows(path)
+    names = {column.lower() for column in header}
+    if header == BENCH_TABLE:
+        lines = bench_table_lines(read_bench_table(path))
+        return Findings(warnings=tuple(f"{path}: {line}" for line in lines))
+    if header[:2] == ["strain", "tension_n_per_m"]:
+        read_membrane_curve(path)
+        return Findings()
+    specimen = next((specimen for specimen, columns in TABLES.items() if header == [*columns]), None)
+    if specimen is not None:
+        read_law_table(path, specimen)
+        return Findings()
+    if names & {"stretch", "force_n", "load_n", "displacement_m", "contraction"}:
+        read_record(path)
+        return Findings()
+    if {"x", "y", "z"} <= names or all(_is_number(cell) for cell in header):
+        return _cloud(path)
+    if not names & {"time_s", "channel_0"}:
+        raise InputError(
+            f"{path}: columns are {','.join(header)}; expected pressures (time_s,channel_0,...), a bench table "
+            f"({','.join(BENCH_TABLE)}), a membrane curve (strain,tension_n_per_m), a bench record or a cloud (x,y,z)"
+        )
+    return _programs(read_csv(path), str(path))
+
+
+def _programs(program: PressureProgram, where: str, *, measured_at: object = None) -> Findings:
+    """What is implausible in set points."""
+    largest = float(program.pressure.max(initial=0.0))
+    lines = [*beyond("largest pressure", largest, PRESSURE)] if largest > 0 else []
+    gaps = np.diff(program.time)
+    if measured_at is None and len(gaps) and float(np.median(gaps)) >= _SLOW:
+        lines.append(f"rows lie {np.median(gaps):.4g} s apart; expected seconds (is it in ms?)")
+    return Findings(warnings=tuple(f"{where}: {line}" for line in lines))
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+_BY_FORMAT: Mapping[str, Callable[[Path], Findings]] = {
+    _DESIGN: _design,
+    "fabdesign.model/1": _model,
+    "fabdesign.bench/1": _bench,
+    "fabdesign.bench-law/1": _bench_law,
+    "fabdesign.recording/1": _recording,
+    _STUDY: study_findings,
+    "fabdesign.measurement-set/1": _set,
+    "fabdesign.key/1": _key,
+}

@@ -1,0 +1,32 @@
+"""What `check` says of one file or folder."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+
+from fabdesign.errors import InputError
+
+
+@dataclass(frozen=True)
+class Findings:
+    """A line each. problems: what a command refuses or a workshop cannot make; warnings: what is implausible."""
+
+    problems: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    def __add__(self, other: "Findings") -> "Findings":
+        """Both, a line that both have once."""
+        return Findings(
+            tuple(dict.fromkeys((*self.problems, *other.problems))),
+            tuple(dict.fromkeys((*self.warnings, *other.warnings))),
+        )
+
+
+def failures(reads: Iterable[Callable[[], object]]) -> Findings:
+    """The lines of those that raise InputError."""
+    found = []
+    for read in reads:
+        try:
+            read()
+        except InputError as error:
+            found.append(str(error))
+    return Findings(tuple(found))

@@ -1,0 +1,22 @@
+"""What `optimize` will say of a study: its targets opened, its start against its limits."""
+
+from functools import partial
+from pathlib import Path
+
+from fabdesign.study_file import read_study
+from studies.check.design import design_findings, spacing
+from studies.check.findings import Findings, failures
+from studies.layouts.target import load_target
+
+
+def study_findings(path: Path) -> Findings:
+    """Of a study, its design and all its targets. Raises InputError for what reading refuses."""
+    study = read_study(path)
+    found = design_findings(study.design, f"{path}: design")
+    found += failures(partial(load_target, target, study.design, seed=study.seed) for target in study.targets)
+    least = study.limits.spacing
+    _, close = spacing(study.design, least)
+    if study.muscles is None and study.positions:
+        lines = [f"{path}: {line}: the search starts outside its limits" for line in close]
+        found += Findings(warnings=tuple(lines))
+    return found
