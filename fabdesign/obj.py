@@ -57,7 +57,7 @@ def _corner(word: str, count: int) -> int:
     """Index from 0 of the vertex in `5`, `5/2/1`, `5//1` or `-1`. Raises ValueError."""
     index = int(word.split("/", 1)[0])
     index = index - 1 if index > 0 else count + index
-    if not 0 <= index < 2**31 or word.startswith(("0", "-0")):
+    if index < 0 or word.startswith(("0", "-0")):
         raise ValueError
     return index
 

@@ -15,6 +15,7 @@ from fabdesign.model import Model
 from fabdesign.model_file import read_model
 from fabdesign.placement import UNITS, Unit
 from fabdesign.pressure import LARGEST, limits
+from fabdesign.pressure_file import read_pressures
 from fabdesign.table import Table, load_toml, pascals
 
 FORMAT = "fabdesign.study/1"
@@ -50,6 +51,19 @@ class MuscleChoice:
     most: int
     sides: tuple[Side, ...] = ("front", "back")
 
+    @property
+    def counts(self) -> range:
+        return range(self.least, self.most + 1)
+
+
+@dataclass(frozen=True, eq=False)
+class EarlierResult:
+    """What an earlier search found, to begin with."""
+
+    file: Path
+    design: Design
+    pressures: NDArray[np.float64]  # (poses, channels) Pa
+
 
 @dataclass(frozen=True)
 class StudyLimits:
@@ -79,6 +93,7 @@ class Study:
     limits: StudyLimits = StudyLimits()
     objective: Measure = "chamfer"
     start_pressures: NDArray[np.float64] | None = None
+    earlier: EarlierResult | None = None
 
 
 def read_study(path: Path | str) -> Study:
@@ -112,6 +127,7 @@ def read_study(path: Path | str) -> Study:
         limits=_limits(root, path, design),
         objective=root.text("objective", "chamfer", choices=("chamfer", "surface_rms")),
         start_pressures=_start_pressures(root, design),
+        earlier=_earlier(root, path),
     )
     root.finish()
     require_searchable(study, str(path))
@@ -203,3 +219,18 @@ def _start_pressures(root: Table, design: Design) -> NDArray[np.float64] | None:
     if len(values) != design.channels or min(values) < 0:
         raise root.bad("start_pressures", f"{design.channels} pressures in kPa, from 0")
     return np.array([pascals(str(value)) for value in values])
+
+
+def _earlier(root: Table, path: Path) -> EarlierResult | None:
+    """`start = "DIR"`, the folder of an earlier result: its design.toml, pressures.csv, pressures_2.csv, ..."""
+    name = root.text("start", None)
+    if name is None:
+        return None
+    folder = path.parent / name
+    if not (folder / "design.toml").is_file() or not (folder / "pressures.csv").is_file():
+        raise root.bad("start", "the folder of an earlier result, with design.toml and pressures.csv")
+    design = read_design(folder / "design.toml")
+    files = [folder / "pressures.csv"]
+    while (further := folder / f"pressures_{len(files) + 1}.csv").is_file():
+        files.append(further)
+    return EarlierResult(folder, design, np.array([read_pressures(file, design).pressure[-1] for file in files]))

@@ -21,7 +21,8 @@ PENALTY = 1.0  # m, for a diverged design, or twice the worst seen: worse than a
 class Stage:
     """The best `keep` of what came before go on for up to `rounds` rounds each, on this forward model.
 
-    No round begins after the share `until` of the search's seconds, so that a slow machine gets to the last stage too.
+    No round begins after the share `until` of the seconds that were left when the campaign began, so that a slow
+    machine gets to the last stage too.
     slopes: a cheaper model of the same shape that finite differences are taken on; `forward` itself by default.
     """
 
@@ -64,8 +65,9 @@ class Evaluations:
         evaluations: int,
         on_progress: Callable[["Evaluations"], None] = lambda _: None,
     ) -> None:
-        self.starts, self.stages, self.history = starts, stages, history
+        self.starts, self.stages, self.history = [*starts], stages, history
         self.best: Best | None = None
+        self.campaign_began = 0.0  # s of search, when the campaign under way began
         self.stage = "start"  # under way
         self.objective, self._on_progress = objective, on_progress
         self._seconds, self._most = seconds, evaluations
@@ -89,8 +91,8 @@ class Evaluations:
 
     def may_begin(self, number: int) -> bool:
         """Whether there is time for another round of the stage of this number."""
-        until = self.stages[number].until
-        return until == 1.0 or self.elapsed < until * self._seconds
+        until, began = self.stages[number].until, self.campaign_began
+        return until == 1.0 or self.elapsed < began + until * (self._seconds - began)
 
     def evaluate(
         self, number: int, points: Sequence[Point], cheap: ForwardModel | None = None
@@ -113,7 +115,7 @@ class Evaluations:
     def require_time(self, needed: float = 0.0) -> None:
         """Raises Stop where less than `needed` s are left."""
         if self.elapsed + needed > self._seconds:
-            raise Stop(f"the limit of {self._seconds:g} s is reached")
+            raise Stop(f"time used: the limit of {self._seconds:g} s is reached")
 
     def set_down(self, reason: str = "") -> None:
         """Keep the best, and what was spent, at an end within a round. reason: of an end by a limit."""
@@ -152,7 +154,14 @@ class Evaluations:
             for value, raw, (_, x) in zip(values, found, batch, strict=True)
         )
         for value, space, (start, x) in zip(values, spaces, batch, strict=True) if cheap is None else ():
-            known = self.best is not None and self.stages[self.best.stage].forward is stage.forward
-            if space.feasible(x) and not (known and self.best is not None and self.best.value <= value):
+            if space.feasible(x) and self._better(number, value):
                 self.best = Best(start, x.copy(), value, number)
         return list(zip(values, shapes, strict=True))
+
+    def _better(self, number: int, value: float) -> bool:
+        """Than the best so far; of different forward models a later stage's knows better, whatever it says."""
+        if self.best is None:
+            return True
+        if self.stages[self.best.stage].forward is self.stages[number].forward:
+            return value < self.best.value
+        return number > self.best.stage

@@ -1,54 +1,137 @@
-"""The search: screen many starts, follow the best side by side, finish the best of those on the full model.
+"""The search: campaigns, each of which screens many starts, follows the best side by side, and finishes the best of
+those on the full model. Campaigns go on from fresh starts until those agree, or the target is reached, or the time is.
 
 Every forward evaluation is part of a batch: the screening, and in a round the trial steps of all searches with the
 finite differences around them. A round of a search is a linear model of the shape, NLopt's best step on it, and that
-step tried at several lengths at once. Nothing depends on time or order, so that a seed gives one result.
+step tried at several lengths at once. Nothing but where the limits cut depends on time or order, so that a seed gives
+one result.
 """
 
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from fabdesign.forward import ForwardModel
-from optimize.design_space import Vector
+from optimize.design_space import DesignSpace, Vector
 from optimize.evaluations import Best, Evaluations, Stop
 from optimize.local_search import LocalSearch
 from optimize.objective import Shape
 
 INTERRUPTED = "interrupted; the same command goes on from here"
+NOTHING_NEW = "ended: no search promises a further gain, and there are no fresh starts"
+AGREE = 3  # searches from different starts that end as near as the best one does, itself included
+ALIKE = 0.01  # of the best value, by which such ends may differ
+
+Start = tuple[DesignSpace, Vector]
+# of campaign k = 1, 2, ... and the best so far: starts, and whether they owe nothing to the best
+Fresh = Callable[[int, Start], tuple[Sequence[Start], bool]]
 
 
-def search(evaluations: Evaluations) -> str:
-    """Run the stages of `evaluations`, whose `best` is the result whatever ends it; why it ended, as a sentence.
+@dataclass
+class _Progress:
+    """Where a search stands."""
 
-    The first stage screens the starts. The same search on the same history goes on after the last round that was
+    stage: int = 0
+    searches: list[LocalSearch] = field(default_factory=list)
+    first: int = 0  # of the starts, that the campaign under way began with
+    independent: bool = True  # whether these owe nothing to what was best
+    bests: list[list[Any]] = field(default_factory=list)  # of the campaigns after the first: what was best before each
+    ends: list[float] = field(default_factory=list)  # m, of searches from fresh starts on the last stage
+    reason: str = ""  # why it ended
+
+
+def search(
+    evaluations: Evaluations, *, fresh: Fresh | None = None, floor: Callable[[Shape], float] | None = None
+) -> str:
+    """Run campaigns over the stages of `evaluations`, whose `best` is the result whatever ends it; why it ended, as a
+    sentence.
+
+    The first campaign takes the starts of `evaluations`, `fresh` gives those of further ones; without it there is one.
+    Only searches from starts that owe nothing to the best can agree with it. floor: m, what points of a shape itself
+    would have as value. The same search on the same history goes on after the last round that was
     finished, and ends where it would have ended.
     """
     try:
-        at, searches = _load(evaluations)
+        at = _load(evaluations, fresh)
         if reason := evaluations.ended():
             return reason
-        for number in range(at, len(evaluations.stages)):
-            if number > at or not searches:
-                searches = _enter(evaluations, number, searches or _screen(evaluations))
-                _save(evaluations, number, searches)
-            while (going := [s for s in searches if not s.done]) and evaluations.may_begin(number):
-                _round(evaluations, number, going)
-                _save(evaluations, number, searches)
+        while not at.reason:
+            _campaign(evaluations, at)
+            if at.independent:
+                at.ends += [s.value for s in at.searches]
+            at.reason = _reason_to_end(evaluations, at, floor)
+            if not at.reason and not _begin(evaluations, at, fresh):
+                at.reason = NOTHING_NEW
+            _save(evaluations, at)
+        return at.reason
     except Stop as stop:
         evaluations.set_down(str(stop))
         return str(stop)
     except KeyboardInterrupt:
         evaluations.set_down()
         return INTERRUPTED
-    return "converged: no search promises a further gain"
 
 
-def _screen(evaluations: Evaluations) -> list[LocalSearch]:
-    spaces = [evaluations.space(i, 0) for i in range(len(evaluations.starts))]
-    xs = [own.encode(*space.decode(x)) for own, (space, x) in zip(spaces, evaluations.starts, strict=True)]
-    values = evaluations.evaluate(0, list(enumerate(xs)))
-    return [LocalSearch(i, spaces[i], xs[i], value, shape=shape) for i, (value, shape) in enumerate(values)]
+def _reason_to_end(evaluations: Evaluations, at: _Progress, floor: Callable[[Shape], float] | None) -> str:
+    """After a campaign; empty while there is none."""
+    best = evaluations.best
+    if best is None:
+        return ""
+    nearest = min(at.searches, key=lambda s: s.value)
+    if nearest.shape is None:  # after a checkpoint
+        [(_, nearest.shape)] = evaluations.evaluate(at.stage, [(nearest.start, nearest.x)])
+    if floor is not None and nearest.value <= (1 + ALIKE) * floor(nearest.shape):
+        return "at the floor: points of this very shape, as many and as noisy, are no nearer"
+    if sum(end <= (1 + ALIKE) * best.value for end in at.ends) >= AGREE:
+        return f"converged: {AGREE} searches from different starts end within {ALIKE:.0%} of the best"
+    return ""
+
+
+def _campaign(evaluations: Evaluations, at: _Progress) -> None:
+    """From where it stands through all stages."""
+    for number in range(at.stage, len(evaluations.stages)):
+        if number > at.stage or not at.searches:
+            at.searches = _enter(evaluations, number, at.searches or _screen(evaluations, at))
+            at.stage = number
+            _save(evaluations, at)
+        while (going := [s for s in at.searches if not s.done]) and evaluations.may_begin(number):
+            _round(evaluations, number, going)
+            _save(evaluations, at)
+
+
+def _begin(evaluations: Evaluations, at: _Progress, fresh: Fresh | None) -> bool:
+    """The next campaign, if it has starts."""
+    best = evaluations.best
+    if fresh is None or best is None:
+        return False
+    at.bests.append([best.start, best.x.tolist(), best.value, best.stage])
+    at.stage, at.searches = 0, []
+    evaluations.campaign_began = evaluations.elapsed
+    _add_starts(evaluations, at, fresh)
+    return len(evaluations.starts) > at.first
+
+
+def _add_starts(evaluations: Evaluations, at: _Progress, fresh: Fresh) -> None:
+    """Those of the last campaign of `at`."""
+    start, x, _, stage = at.bests[-1]
+    new, at.independent = fresh(len(at.bests), (evaluations.space(start, stage), np.array(x)))
+    at.first = len(evaluations.starts)
+    evaluations.starts += new
+
+
+def _screen(evaluations: Evaluations, at: _Progress) -> list[LocalSearch]:
+    own = range(at.first, len(evaluations.starts))
+    spaces = [evaluations.space(i, 0) for i in own]
+    xs = [
+        mine.encode(*space.decode(x)) for mine, (space, x) in zip(spaces, evaluations.starts[at.first :], strict=True)
+    ]
+    values = evaluations.evaluate(0, list(zip(own, xs, strict=True)))
+    return [
+        LocalSearch(i, space, x, value, shape=shape)
+        for i, space, x, (value, shape) in zip(own, spaces, xs, values, strict=True)
+    ]
 
 
 def _enter(evaluations: Evaluations, number: int, searches: list[LocalSearch]) -> list[LocalSearch]:
@@ -118,7 +201,7 @@ def _evaluate_all(
     return [[next(results) for _ in own] for own in xs]
 
 
-def _save(evaluations: Evaluations, number: int, searches: list[LocalSearch]) -> None:
+def _save(evaluations: Evaluations, at: _Progress) -> None:
     found = evaluations.best
     best = None if found is None else [found.start, found.x.tolist(), found.value, found.stage]
     rows = [
@@ -131,22 +214,38 @@ def _save(evaluations: Evaluations, number: int, searches: list[LocalSearch]) ->
             s.done,
             None if s.slopes_at is None else s.slopes_at.tolist(),
         ]
-        for s in searches
+        for s in at.searches
     ]
-    evaluations.history.save({"stage": number, "best": best, "searches": rows}, evaluations.elapsed)
+    state = {
+        "stage": at.stage,
+        "best": best,
+        "searches": rows,
+        "bests": at.bests,
+        "ends": at.ends,
+        "began": evaluations.campaign_began,
+        "reason": at.reason,
+    }
+    evaluations.history.save(state, evaluations.elapsed)
 
 
-def _load(evaluations: Evaluations) -> tuple[int, list[LocalSearch]]:
+def _load(evaluations: Evaluations, fresh: Fresh | None) -> _Progress:
     state: Any = evaluations.history.load()
+    at = _Progress()
     if state is None:
-        return 0, []
+        return at
+    if fresh is not None:
+        for best in state["bests"]:
+            at.bests.append(best)
+            _add_starts(evaluations, at, fresh)
+    at.stage, at.ends, at.reason = state["stage"], state["ends"], state["reason"]
+    evaluations.campaign_began = state["began"]
     if state["best"] is not None:
-        start, x, value, at = state["best"]
-        evaluations.best = Best(start, np.array(x), value, at)
-    searches = [
+        start, x, value, stage = state["best"]
+        evaluations.best = Best(start, np.array(x), value, stage)
+    at.searches = [
         LocalSearch(
             start,
-            evaluations.space(start, state["stage"]),
+            evaluations.space(start, at.stage),
             np.array(x),
             value,
             radius,
@@ -156,4 +255,4 @@ def _load(evaluations: Evaluations) -> tuple[int, list[LocalSearch]]:
         )
         for start, x, value, radius, rounds, done, slopes_at in state["searches"]
     ]
-    return state["stage"], searches
+    return at

@@ -10,7 +10,9 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 from scipy.stats import qmc
 
+from fabdesign.catalogue import LAYOUTS, build
 from fabdesign.design import Design
+from fabdesign.errors import InputError
 from fabdesign.muscle import Muscle
 from optimize.design_space import DesignSpace, Limits, Vector
 
@@ -18,6 +20,7 @@ Side = Literal["front", "back"]
 Start = tuple[DesignSpace, Vector]
 
 TRIES = 60  # draws of a layout before a muscle count counts as too many for the cloth
+ONE_WAY = 0.6  # of the drawn layouts have all muscles on one face, and as many one pressure for all
 PITCH = 0.02  # m, between fixed points, where the design has no muscle to copy it from
 ANGLES = (0.0, np.pi / 2, np.pi / 4, -np.pi / 4)  # of parallel muscles against the v axis; and any angle
 
@@ -31,20 +34,43 @@ def pressure_starts(space: DesignSpace, count: int, seed: int) -> list[Start]:
     return [(space, first), *((space, row) for row in rows)]
 
 
+def catalogue_starts(
+    design: Design, limits: Limits, poses: int, *, counts: range, sides: Sequence[Side]
+) -> list[Start]:
+    """The catalogue's layouts and even lines through the whole cloth on each side, of the most and of about half as
+    many muscles, all at the highest pressure and at the middle; those that keep the limits."""
+    kind = next(iter(design.muscle_types.values()))
+    pitch = design.muscles[0].fixed_point_pitch if design.muscles else PITCH
+    starts: list[Start] = []
+    for count in sorted({max(counts), max(counts[0], (max(counts) + 1) // 2)}, reverse=True):
+        levels = [np.full((poses, count), level) for level in (limits.pressure[1], np.mean(limits.pressure))]
+        starts += _even(design, limits, poses, count, sides)
+        for layout in LAYOUTS:
+            try:
+                drawn = build(
+                    layout, fabric=design.fabric, muscle_type=kind, muscles=count, fixed_point_pitch=pitch
+                ).muscles
+            except InputError:  # no such count, or no room for it
+                continue
+            if {muscle.side for muscle in drawn} <= set(sides):
+                starts += filter(None, (_start_with(design, limits, drawn, pressures) for pressures in levels))
+    return starts
+
+
 def layout_starts(
     design: Design, limits: Limits, poses: int, *, counts: range, sides: Sequence[Side], number: int, seed: int
 ) -> list[Start]:
-    """Up to `number` layouts on the design's cloth, each with pressures and a channel of its own for every muscle.
+    """Up to `number` drawn layouts on the design's cloth, each with a channel of its own for every muscle.
 
-    The first are even lines through the whole cloth, upright and level, the most muscles on each side. Of the others a
-    count comes as often as it is large: there is more to draw. Half are parallel lines (upright, level, diagonal or
-    at any angle), half loose lines; all keep the limits, so that counts that do not fit the cloth are absent.
+    A count comes as often as it is large: there is more to draw. Half are parallel lines (upright, level, diagonal or
+    at any angle), half loose lines; more than half have all muscles on one face and one pressure, as large shapes
+    want them; all keep the limits, so that counts that do not fit the cloth are absent.
     """
     rng = np.random.default_rng(seed)
     turns = [n for lowest in range(max(counts), 0, -1) for n in counts if n >= lowest]
-    starts = _even(design, limits, poses, max(counts), sides)[:number]
+    starts: list[Start] = []
     crowded = set()
-    for i in range(number - len(starts)):
+    for i in range(number):
         count = turns[i % len(turns)]
         start = None if count in crowded else _draw(design, limits, poses, count, sides, rng)
         if start is None:
@@ -73,12 +99,14 @@ def thinned_starts(
 
 
 def _even(design: Design, limits: Limits, poses: int, count: int, sides: Sequence[Side]) -> list[Start]:
-    kind, pressures = next(iter(design.muscle_types)), np.full((poses, count), np.mean(limits.pressure))
+    """Upright and level lines through the whole cloth."""
+    kind = next(iter(design.muscle_types))
     gaps = (np.arange(count) + 0.5) / count - 0.5
     found = [
         _start(design, limits, _lines(design, limits, gaps, angle), [kind] * count, [side] * count, pressures)
         for side in sides
         for angle in (0.0, np.pi / 2)
+        for pressures in (np.full((poses, count), level) for level in (limits.pressure[1], np.mean(limits.pressure)))
     ]
     return [start for start in found if start is not None]
 
@@ -89,8 +117,13 @@ def _draw(
     for _ in range(TRIES):
         lines = _parallel(design, limits, count, rng) if rng.random() < 0.5 else _loose(design, limits, count, rng)
         kinds = [str(rng.choice(list(design.muscle_types))) for _ in range(count)]
-        drawn = [sides[int(rng.integers(len(sides)))] for _ in range(count)]
-        start = _start(design, limits, lines, kinds, drawn, rng.uniform(*limits.pressure, (poses, count)))
+        drawn = [sides[int(k)] for k in rng.integers(len(sides), size=count)]
+        pressures = rng.uniform(*limits.pressure, (poses, count))
+        if rng.random() < ONE_WAY:
+            drawn = drawn[:1] * count
+        if rng.random() < ONE_WAY:
+            pressures[:] = limits.pressure[0] + rng.uniform(0.5, 1.0) * np.ptp(limits.pressure)
+        start = _start(design, limits, lines, kinds, drawn, pressures)
         if start is not None:
             return start
     return None

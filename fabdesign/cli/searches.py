@@ -25,18 +25,19 @@ def demo(output: Path, force: bool, as_json: bool) -> None:
 @commands.command()
 @click.argument("study", type=FILE)
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in.")
+@click.option("--seconds", type=click.FloatRange(min=0, min_open=True), help="Of search; by default the study's.")
 @force_option
 @json_option
-def optimize(study: Path, output: Path, force: bool, as_json: bool) -> None:
+def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_json: bool) -> None:
     """Find the layout and pressures that come closest to the target of a STUDY (TOML). Ctrl-C ends with the best."""
     from studies.layouts.progress import LiveLine
     from studies.layouts.run import run_study
 
     with LiveLine(study.stem) as line:
-        result = run_study(study, output, force=force, progress=line.show).as_json()
+        result = run_study(study, output, seconds=seconds, force=force, progress=line.show).as_json()
     text = (
         f"{output}: {result['objective_mm']:.3f} mm (Chamfer {result['chamfer']:.3f}, floor "
         f"{result['chamfer_floor']:.3f}) after {result['evaluations']} evaluations; {result['stop_reason']}"
     )
-    text = "\n".join([*(f"target: {target}" for target in result["targets"]), text])
+    text = "\n".join([*(f"target: {target}" for target in result["targets"]), text, *result["reach"]["said"]])
     print_result(result, text, as_json)

@@ -21,7 +21,7 @@ from studies.layouts.run import forward_models, run_study
 TARGET = "demo_target.npz"
 SOURCE = "last frame, 1.5 s after rest, of trial 078 of set rig_a, a basic motion measured on a synthetic rig"
 MOST_MUSCLES = 4
-SECONDS = {"basic": 85.0, "free": 145.0}  # of search at most, so that a slow machine ends in five minutes too
+SECONDS = {"basic": 60.0, "free": 120.0}  # of search at most: the demo ends in some three minutes
 TITLES = {"basic": "basic: pressures of eight muscles", "free": "free: a layout of at most four muscles"}
 
 

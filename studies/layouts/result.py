@@ -16,6 +16,7 @@ from fabdesign.pressure_file import SINGLE_ROW_DURATION, constant_program, write
 from fabdesign.study_file import Study
 from optimize.history import Entry
 from optimize.search import INTERRUPTED
+from studies.layouts.reach import Reach
 from studies.layouts.target import LoadedTarget
 
 
@@ -35,6 +36,7 @@ class StudyResult:
     history: tuple[Entry, ...]
     wall_s: float  # of the search, earlier sessions included
     stop_reason: str
+    reach: Reach
 
     @property
     def interrupted(self) -> bool:
@@ -58,6 +60,7 @@ class StudyResult:
             "pressures_kpa": pressures_kpa(self.pressures),
             "constraints": {k: v / 1e3 if k == "pressure" else v for k, v in self.constraints.items()},
             "stop_reason": self.stop_reason,
+            "reach": self.reach.as_json(),
             "seed": self.study.seed,
             "targets": [target.description for target in self.targets],
         }

@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import ForwardModel
@@ -17,16 +18,15 @@ from optimize.evaluations import Evaluations, Stage
 from optimize.history import History, OtherStudy
 from optimize.objective import Objective, Target
 from optimize.search import search
-from optimize.starts import Start, layout_starts, pressure_starts, thinned_starts
+from optimize.starts import Start
+from studies.layouts.begin import first_starts, fresh_starts, limits_of
 from studies.layouts.content import study_content
+from studies.layouts.reach import reach_of
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult, pressures_kpa, write_best
 from studies.layouts.target import LoadedTarget, load_target, target_errors
 from studies.predict import factors_of
 
-PRESSURE_STARTS = 31  # screened before pressures are searched
-LAYOUT_STARTS = 64  # screened before layouts are searched; a multiple of what the simulator takes at once
-THINNED_STARTS = 72  # of the design's own muscles, where it has more than the layout may
 HISTORY = "history.sqlite"
 
 
@@ -36,6 +36,7 @@ def run_study(
     *,
     forward: ForwardModel | None = None,
     coarse: ForwardModel | None = None,
+    seconds: float | None = None,
     force: bool = False,
     progress: Callable[[Evaluations], None] = lambda _: None,
 ) -> StudyResult:
@@ -44,7 +45,8 @@ def run_study(
     The search runs on `coarse` and ends on `forward` (by default the simulator with 21 points a side and with the
     study's model's or 41; `forward` alone serves for both). While it runs, `out` always has the best so far; the same
     call on the same folder goes on after an interruption, and does not search again what is finished. Further poses'
-    pressures are `pressures_2.csv` and so on. Ctrl-C ends the search with a result.
+    pressures are `pressures_2.csv` and so on. `seconds` takes the place of the limit of the study. Ctrl-C ends the
+    search with a result.
 
     A folder of another study (optimize.history.OtherStudy) or of other files, and one where another search runs, are
     refused: InputError, like other bad input before anything is computed. force: search anew in such a folder of
@@ -53,11 +55,13 @@ def run_study(
     """
     out, given = Path(out), study
     study = study if isinstance(study, Study) else read_study(study)
+    if seconds is not None:
+        study = replace(study, limits=replace(study.limits, seconds=seconds))
     require_searchable(study, study.name)
     factors = factors_of(study.model)
     targets = tuple(load_target(target, study.design, seed=study.seed) for target in study.targets)
     objective = Objective([Target(t.points, t.time) for t in targets], factors, study.objective)
-    starts = _starts(study)
+    starts = first_starts(study)
     inputs = [*([] if isinstance(given, Study) else [given]), *(target.file for target in study.targets)]
     with work_folder(out, made_by="optimize", force=force, inputs=inputs) as work:
         result = _search_in(work, study, targets, objective, starts, forward, coarse, progress)
@@ -91,7 +95,7 @@ def _search_in(
             evaluations=study.limits.evaluations,
             on_progress=_keeping_best(work, targets, progress),
         )
-        stop_reason = search(evaluations)
+        stop_reason = search(evaluations, fresh=fresh_starts(study), floor=_floor(study, targets))
         return _result(study, targets, evaluations, fine, stop_reason)
 
 
@@ -110,35 +114,13 @@ def _limits(study: Study) -> Limits:
     return Limits(study.limits.pressure, study.limits.spacing, study.limits.edge)
 
 
-def _starts(study: Study) -> list[Start]:
-    limits, poses, middle = _limits(study), len(study.targets), np.mean(study.limits.pressure)
-    own = np.full(study.design.channels, middle) if study.start_pressures is None else study.start_pressures
-    space = DesignSpace(study.design, limits, np.tile(own, (poses, 1)), vary_pressures=study.pressures)
-    if study.muscles is None:
-        return pressure_starts(space, PRESSURE_STARTS if study.pressures else 0, study.seed)
-    choice, design = study.muscles, study.design
-    counts = range(choice.least, choice.most + 1)
-    drawn = layout_starts(
-        design, limits, poses, counts=counts, sides=choice.sides, number=LAYOUT_STARTS, seed=study.seed
-    )
-    sides = {muscle.side for muscle in design.muscles}
-    if len(design.muscles) in counts and sides <= set(choice.sides):
-        drawn.insert(0, (space, space.encode(design, space.start_pressures)))
-    elif len(design.muscles) > choice.most and sides <= set(choice.sides):
-        given = space.start_pressures
-        drawn += thinned_starts(design, limits, given, choice.most, number=THINNED_STARTS, seed=study.seed)
-    if not drawn:
-        raise InputError(f"{study.name}: no layout of {choice.least} muscles keeps the limits; expected wider ones")
-    return drawn
-
-
 def _stages(study: Study, coarse: ForwardModel, fine: ForwardModel) -> list[Stage]:
     if study.muscles is not None:
         return [
             Stage("pressures of drawn layouts", coarse, keep=10, rounds=1, until=0.4),
             Stage("layouts", coarse, keep=4, rounds=4, vary_positions=study.positions, until=0.5),
-            Stage("best layouts", coarse, keep=2, rounds=6, vary_positions=study.positions, until=0.6),
-            Stage("full model", fine, keep=1, rounds=16, vary_positions=study.positions, slopes=coarse),
+            Stage("best layouts", coarse, keep=2, rounds=12, vary_positions=study.positions, until=0.65),
+            Stage("full model", fine, keep=1, rounds=32, vary_positions=study.positions, slopes=coarse),
         ]
     return [
         Stage("coarse model", coarse, keep=2, rounds=8, vary_positions=study.positions, until=0.5),
@@ -189,6 +171,16 @@ def _keeping_best(
     return report
 
 
+def _floor(study: Study, targets: tuple[LoadedTarget, ...]) -> Callable[[NDArray[np.float64]], float]:
+    """m of a result's shapes (poses, 2 n, 3) m, in the measure that is searched."""
+
+    def floor(shapes: NDArray[np.float64]) -> float:
+        errors = target_errors(targets, shapes, study.design, seed=study.seed)
+        return errors.chamfer_floor if study.objective == "chamfer" else errors.surface_floor
+
+    return floor
+
+
 def _result(
     study: Study,
     targets: tuple[LoadedTarget, ...],
@@ -199,10 +191,12 @@ def _result(
     """The best, valued once more on the full model, and the resting cloth beside it."""
     space, x = evaluations.best_point()
     design, pressures = space.decode(x)
-    still = DesignSpace(design, _limits(study), np.zeros_like(pressures), vary_pressures=False)
+    still = DesignSpace(design, limits_of(study), np.zeros_like(pressures), vary_pressures=False)
     shape, rest = evaluations.objective.shapes(forward, [(space, x), (still, np.empty(0))])
     if not (np.all(np.isfinite(shape)) and np.all(np.isfinite(rest))):
         raise SimulationError(f"{study.name}: the best design diverges on the full model; {stop_reason}")
+    errors = target_errors(targets, shape, design, seed=study.seed)
+    margins = constraint_margins(design, pressures, limits_of(study))
     return StudyResult(
         study=study,
         design=design,
@@ -210,10 +204,11 @@ def _result(
         targets=targets,
         points=shape,
         rest=rest[0],
-        errors=target_errors(targets, shape, design, seed=study.seed),
+        errors=errors,
         rest_errors=target_errors(targets, rest, design, seed=study.seed, draws=1),
-        constraints=constraint_margins(design, pressures, _limits(study)),
+        constraints=margins,
         history=tuple(evaluations.history.entries()),
         wall_s=evaluations.elapsed,
         stop_reason=stop_reason,
+        reach=reach_of(study, design, pressures, shape, errors, margins),
     )

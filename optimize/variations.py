@@ -1,0 +1,92 @@
+"""Layouts near a good one: where a search begins anew that has come to the end of its slopes."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from fabdesign.muscle import Muscle
+from optimize.design_space import DesignSpace, Limits, Vector
+from optimize.starts import Side, Start
+
+Layout = tuple[list[Muscle], NDArray[np.float64]]  # and (poses, muscles) Pa
+TRIES = 40  # of a variation before it is left out
+SHIFT = 0.15  # of the cloth: a line's end moves by as much, as a standard deviation
+SLIGHT = 0.05  # the same where all lines move
+
+
+def variations(best: Start, *, counts: range, sides: Sequence[Side], number: int, seed: int) -> list[Start]:
+    """Up to `number` layouts that differ from `best` by a move or two: a muscle added, left out, on the other face,
+    drawn anew, or its ends or pressure moved; all lines shifted or moved a little. All keep the limits.
+
+    A muscle that shares its channel gets one of its own.
+    """
+    space, x = best
+    design, pressures = space.decode(x)
+    rng = np.random.default_rng(seed)
+    found: list[Start] = []
+    for _ in range(number):
+        for _ in range(TRIES):
+            layout: Layout = ([*design.muscles], pressures[:, [m.channel for m in design.muscles]].copy())
+            for _ in range(int(rng.integers(1, 3))):
+                layout = _moved(layout, space, counts, sides, rng)
+            start = _start(layout, space)
+            if start is not None:
+                found.append(start)
+                break
+    return found
+
+
+def _start(layout: Layout, space: DesignSpace) -> Start | None:
+    muscles = tuple(replace(muscle, channel=channel) for channel, muscle in enumerate(layout[0]))
+    own = DesignSpace(
+        replace(space.design, muscles=muscles), space.limits, layout[1], space.vary_pressures, vary_positions=True
+    )
+    x = own.encode(own.design, layout[1])
+    return (own, x) if own.feasible(x) else None
+
+
+def _moved(layout: Layout, space: DesignSpace, counts: range, sides: Sequence[Side], rng: Generator) -> Layout:
+    muscles, pressures = [*layout[0]], layout[1].copy()
+    k = int(rng.integers(len(muscles)))
+    size = np.array([space.design.fabric.width, space.design.fabric.height])
+    move = rng.choice(["add", "drop", "flip", "draw", "ends", "pressure", "shift", "all"])
+    if move == "add" and len(muscles) + 1 in counts:
+        muscles.append(
+            _with_path(muscles[k], _path(muscles[k]) + SHIFT * size * rng.standard_normal(2), space.limits, size)
+        )
+        pressures = np.concatenate([pressures, pressures[:, k : k + 1]], axis=1)
+    elif move == "drop" and len(muscles) - 1 in counts:
+        del muscles[k]
+        pressures = np.delete(pressures, k, axis=1)
+    elif move == "flip":
+        muscles[k] = replace(muscles[k], side=sides[int(rng.integers(len(sides)))])
+        pressures[:, k] = pressures.max(axis=1)  # what was idle on one face may pull on the other
+    elif move == "draw":
+        muscles[k] = _with_path(muscles[k], rng.uniform(0.0, 1.0, (2, 2)) * size, space.limits, size)
+    elif move == "ends":
+        noise = SHIFT * size * rng.standard_normal((len(muscles[k].path), 2))
+        muscles[k] = _with_path(muscles[k], _path(muscles[k]) + noise, space.limits, size)
+    elif move == "pressure":
+        pressures[:, k] = rng.uniform(*space.limits.pressure, len(pressures))
+    elif move == "shift":
+        step = SHIFT * size * rng.standard_normal(2)
+        muscles = [_with_path(m, _path(m) + step, space.limits, size) for m in muscles]
+    elif move == "all":
+        muscles = [
+            _with_path(m, _path(m) + SLIGHT * size * rng.standard_normal((len(m.path), 2)), space.limits, size)
+            for m in muscles
+        ]
+    return muscles, pressures
+
+
+def _path(muscle: Muscle) -> Vector:
+    return np.array(muscle.path)
+
+
+def _with_path(muscle: Muscle, path: Vector, limits: Limits, size: Vector) -> Muscle:
+    """Kept within the cloth less its edge."""
+    inside = np.clip(path, limits.edge, size - limits.edge)
+    return replace(muscle, path=tuple((float(u), float(v)) for u, v in inside))

@@ -1,0 +1,98 @@
+"""What a search reached: how far over the floor, what holds it back, and whether the shape can be."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.design import Design
+from fabdesign.metrics import Errors
+from fabdesign.self_intersection import pierced
+from fabdesign.study_file import Study
+
+LEAST_GAP = 1e-3  # m over the floor from which a target counts as out of reach,
+GAP = 0.25  # and at least this share of the floor
+AT_LIMIT = 0.01  # of the pressure range
+TOUCHING = 2e-4  # m of a limit's margin
+
+
+@dataclass(frozen=True)
+class Reach:
+    """gap: m, of the searched measure over its floor. held_by: what the result has come up against, a clause each.
+    crossing: (u, v) m where the cloth passes through itself, a pose each, None where it does not."""
+
+    gap: float
+    out_of_reach: bool
+    held_by: tuple[str, ...]
+    crossing: tuple[tuple[float, float] | None, ...]
+
+    @property
+    def passes_through_itself(self) -> bool:
+        return any(place is not None for place in self.crossing)
+
+    @property
+    def sentences(self) -> list[str]:
+        said = []
+        if self.out_of_reach:
+            held = ", ".join(self.held_by) or "no limit: another kind of layout, or a longer search, may come nearer"
+            said.append(f"Out of reach: {1e3 * self.gap:.1f} mm over the floor. What holds it back: {held}.")
+        for pose, place in enumerate(self.crossing, start=1):
+            if place is not None:
+                of = f" of pose {pose}" if len(self.crossing) > 1 else ""
+                where = f"around u {1e3 * place[0]:.0f}, v {1e3 * place[1]:.0f} mm"
+                said.append(f"No real cloth takes this shape{of}: it passes through itself {where}.")
+        return said
+
+    def as_json(self) -> dict[str, Any]:
+        """What `reach` in result.json holds: mm."""
+        return {
+            "gap_mm": 1e3 * self.gap,
+            "out_of_reach": self.out_of_reach,
+            "held_by": list(self.held_by),
+            "passes_through_itself": self.passes_through_itself,
+            "said": self.sentences,
+        }
+
+
+def reach_of(
+    study: Study,
+    design: Design,
+    pressures: NDArray[np.float64],
+    shapes: NDArray[np.float64],
+    errors: Errors,
+    margins: Mapping[str, float],
+) -> Reach:
+    """pressures (poses, channels) Pa, shapes (poses, 2 n, 3) m and `margins` (`constraint_margins`) of the result."""
+    chamfer = study.objective == "chamfer"
+    value, floor = (errors.chamfer, errors.chamfer_floor) if chamfer else (errors.surface_rms, errors.surface_floor)
+    size = design.fabric.width, design.fabric.height
+    places = [pierced(shape) for shape in shapes]
+    return Reach(
+        gap=value - floor,
+        out_of_reach=value - floor > max(LEAST_GAP, GAP * floor),
+        held_by=tuple(_held_by(study, design, pressures, margins)),
+        crossing=tuple(None if p is None else (float(p[0] * size[0]), float(p[1] * size[1])) for p in places),
+    )
+
+
+def _held_by(
+    study: Study, design: Design, pressures: NDArray[np.float64], margins: Mapping[str, float]
+) -> Sequence[str]:
+    low, high = study.limits.pressure
+    acting = pressures[:, [muscle.channel for muscle in design.muscles]]
+    at_most = (acting > high - AT_LIMIT * (high - low)).any(axis=0).sum()
+    held = []
+    if study.pressures and at_most:
+        count = "all muscles" if at_most == acting.shape[1] else f"{at_most} of {acting.shape[1]} muscles"
+        held.append(f"{count} at {high / 1e3:g} kPa")
+    if study.muscles is not None and len(design.muscles) == study.muscles.most:
+        held.append(f"all {study.muscles.most} muscles used")
+    if study.positions:
+        held += [
+            f"{name.replace('_', ' ')} at its limit"
+            for name in ("spacing", "stock_length", "min_bend_radius")
+            if margins.get(name, np.inf) < TOUCHING
+        ]
+    return held

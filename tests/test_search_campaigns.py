@@ -1,0 +1,181 @@
+"""Campaigns: what a search begins with, when it may say that it converged, and what it says of its result."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fabdesign.catalogue import LAYOUTS, build
+from fabdesign.design_file import write_design
+from fabdesign.errors import InputError
+from fabdesign.metrics import Errors
+from fabdesign.muscle import Muscle
+from fabdesign.pressure_file import constant_program, write_pressures
+from fabdesign.self_intersection import pierced
+from fabdesign.study_file import MuscleChoice, Study, StudyLimits, read_study
+from optimize.design_space import DesignSpace, Limits
+from optimize.history import History
+from optimize.search import search
+from optimize.starts import Start, pressure_starts
+from optimize.variations import variations
+from studies.layouts.begin import first_starts
+from studies.layouts.reach import Reach, reach_of
+from tests.test_search import DESIGN, SPACE, Interrupted, drawn_anew, found_pressures, within
+
+LIMITS = Limits()
+EIGHT = MuscleChoice(1, 8)
+
+
+def study_of(**changes: object) -> Study:
+    return replace(Study("s", build("basic"), (Path("target.npz"),), muscles=EIGHT, positions=True), **changes)
+
+
+def test_the_own_design_and_the_layouts_of_the_catalogue_are_among_the_starts() -> None:
+    starts = first_starts(study_of())
+    found = [(space.design.muscles, pressures) for space, x in starts for _, pressures in [space.decode(x)]]
+    assert found[0][0] == build("basic").muscles
+    for layout in set(LAYOUTS) - {"cross"}:  # whose muscles cross on one face, closer than the spacing allows
+        muscles = build(layout, muscles=8).muscles
+        levels = [pressures.max() for other, pressures in found if np.allclose(_paths(other), _paths(muscles), 0, 1e-4)]
+        assert {200e3, 400e3} <= {float(round(level)) for level in levels}, layout
+
+
+def _paths(muscles: Sequence[Muscle]) -> np.ndarray:
+    """(8, 5): ends and side; of other counts nothing alike."""
+    if len(muscles) != 8:
+        return np.full((8, 5), np.inf)
+    return np.array([[*m.path[0], *m.path[-1], m.side == "front"] for m in muscles])
+
+
+def test_variations_keep_the_limits_and_differ() -> None:
+    space = DesignSpace(build("basic"), LIMITS, np.full((2, 8), 300e3), vary_positions=True)
+    x = space.encode(space.design, space.start_pressures)
+    found = variations((space, x), counts=range(6, 10), sides=("front", "back"), number=40, seed=3)
+    assert len(found) > 30
+    assert all(own.feasible(y) for own, y in found)
+    assert {len(own.design.muscles) for own, _ in found} >= {7, 8, 9}
+    same = [len(own.design.muscles) == 8 and np.allclose(y, x) for own, y in found]
+    assert sum(same) < len(found) / 4
+    again = variations((space, x), counts=range(6, 10), sides=("front", "back"), number=40, seed=3)
+    assert all(np.array_equal(a[1], b[1]) for a, b in zip(found, again, strict=True))
+
+
+def test_variations_of_the_best_cannot_agree_with_it() -> None:
+    def near(campaign: int, best: Start) -> tuple[list[Start], bool]:
+        return pressure_starts(SPACE, 3, seed=campaign)[1:], False
+
+    with History(":memory:", "a") as history:
+        reason = search(within(history, evaluations=400, starts=0), fresh=near)
+    assert reason == "the limit of 400 evaluations is reached"
+
+
+def test_a_search_ends_where_fresh_ones_agree() -> None:
+    with History(":memory:", "a") as history:
+        searched = within(history)
+        assert search(searched, fresh=drawn_anew).startswith("converged: 3 searches from different starts")
+        full = [entry.objective for entry in history.entries() if entry.stage == "full model"]
+    assert searched.best is not None
+    assert searched.best.value == min(full)  # a later campaign's coarse values take nothing away
+    with History(":memory:", "a") as history:
+        assert search(within(history)).startswith("ended")  # one campaign agrees with nothing
+
+
+def test_a_search_ends_at_the_floor() -> None:
+    with History(":memory:", "a") as history:
+        assert search(within(history), floor=lambda shape: 1.0).startswith("at the floor")
+    with History(":memory:", "a") as history:
+        assert search(within(history), floor=lambda shape: 1e-6).startswith("ended")
+
+
+@pytest.mark.parametrize("call", [12, 20])
+def test_a_search_killed_in_a_later_campaign_goes_on_to_the_same_end(tmp_path: Path, call: int) -> None:
+    with History(tmp_path / "whole.sqlite", "a") as history:
+        whole = within(history)
+        reason = search(whole, fresh=drawn_anew)
+    with History(tmp_path / "cut.sqlite", "a") as history, pytest.raises(SystemExit):
+        search(within(history, forward=Interrupted(call, SystemExit)), fresh=drawn_anew)
+    with History(tmp_path / "cut.sqlite", "a") as history:
+        resumed = within(history)
+        assert search(resumed, fresh=drawn_anew) == reason
+    np.testing.assert_array_equal(found_pressures(resumed), found_pressures(whole))
+
+
+@pytest.fixture
+def earlier(tmp_path: Path) -> Path:
+    """A study file beside an earlier result of one pose."""
+    (tmp_path / "old").mkdir()
+    write_design(DESIGN, tmp_path / "old" / "design.toml")
+    write_design(DESIGN, tmp_path / "design.toml")
+    write_pressures(constant_program([300e3, 100e3, 0.0]), tmp_path / "old" / "pressures.csv")
+    (tmp_path / "cloud.ply").write_text("ply\n")
+    text = 'kind = "optimize"\ndesign = "design.toml"\nstart = "old"\n[target]\nfile = "cloud.ply"\n'
+    (tmp_path / "study.toml").write_text(text + "[variables]\nmuscles = { max = 4 }\n")
+    return tmp_path / "study.toml"
+
+
+def test_an_earlier_result_is_the_first_start(earlier: Path) -> None:
+    space, x = first_starts(read_study(earlier))[0]
+    assert space.design.muscles == DESIGN.muscles
+    np.testing.assert_allclose(space.decode(x)[1], [[300e3, 100e3, 0.0]])
+
+
+def test_an_earlier_result_that_is_no_layout_of_the_study_is_refused(earlier: Path) -> None:
+    with pytest.raises(InputError, match="old: has 3 muscles; expected 1 to 2"):
+        first_starts(replace(read_study(earlier), muscles=MuscleChoice(1, 2)))
+    earlier.write_text(earlier.read_text().replace('"old"', '"none"'))
+    with pytest.raises(InputError, match="the folder of an earlier result"):
+        read_study(earlier)
+
+
+def _reach(pressures: Sequence[float], chamfer: float, shape: np.ndarray, most: int = 4) -> Reach:
+    study = Study("s", DESIGN, (), muscles=MuscleChoice(1, most), positions=True, limits=StudyLimits())
+    errors = Errors(chamfer, 4e-3, 1e-3, 1e-3)
+    return reach_of(study, DESIGN, np.array([pressures]), shape[None], errors, {"spacing": 1e-5})
+
+
+def sheet(bend: float) -> np.ndarray:
+    """(2 * 41 * 41, 3) m: a cloth of 0.2 m bent by `bend` turns down its length, 1 mm thick."""
+    turn = 2 * np.pi * bend * np.linspace(0, 1, 41)
+    step = 0.2 / 40
+    z, y = np.cumsum(np.sin(turn)) * step, -np.cumsum(np.cos(turn)) * step
+    x = np.linspace(-0.1, 0.1, 41)
+    faces = []
+    for s in (5e-4, -5e-4):
+        rows = [np.tile(c[:, None], (1, 41)) for c in (y + s * np.sin(turn), z + s * np.cos(turn))]
+        faces.append(np.stack([np.tile(x, (41, 1)), *rows], axis=-1).reshape(-1, 3))
+    return np.concatenate(faces)
+
+
+def test_what_holds_a_result_back_is_said() -> None:
+    flat = sheet(0.0)
+    said = _reach([400e3, 400e3, 399e3], 9e-3, flat, most=3)
+    assert said.out_of_reach
+    assert said.sentences == [
+        "Out of reach: 5.0 mm over the floor. What holds it back: all muscles at 400 kPa, all 3 muscles used, "
+        "spacing at its limit."
+    ]
+    assert _reach([400e3, 0.0, 100e3], 9e-3, flat).held_by == ("1 of 3 muscles at 400 kPa", "spacing at its limit")
+    assert not _reach([400e3, 400e3, 400e3], 4.5e-3, flat).out_of_reach
+
+
+def test_a_cloth_that_passes_through_itself_is_found() -> None:
+    assert pierced(sheet(0.0)) is None
+    assert pierced(sheet(0.9)) is None  # nearly a whole turn: its end comes near its top
+    crossed = _crossed()
+    u, v = pierced(crossed)
+    assert 0.28 < v < 0.74  # an edge of either layer: at 0.3 and 0.72 of the height
+    assert 0.2 < u < 0.8
+    assert "passes through itself" in _reach([0.0, 0.0, 0.0], 4e-3, crossed).sentences[0]
+
+
+def _crossed() -> np.ndarray:
+    """A sheet folded back so that its lower half cuts the upper one at an angle."""
+    v = np.linspace(0, 0.2, 41)
+    upper = v < 0.1
+    y = np.where(upper, -v, -0.1 + 0.9 * (v - 0.1))
+    z = np.where(upper, 0.0, 0.02 - 0.45 * (v - 0.1))
+    x = np.linspace(-0.1, 0.1, 41)
+    middle = np.stack([np.tile(x, (41, 1)), np.tile(y[:, None], (1, 41)), np.tile(z[:, None], (1, 41))], -1)
+    return np.concatenate([middle.reshape(-1, 3)] * 2)
