@@ -14,31 +14,23 @@ from fabdesign.forward import Case
 from fabdesign.model import POINTS_PER_SIDE
 from sim.design.loading import load_batch, load_constants
 from sim.design.support import Support
+from sim.equilibrium import RESTED, damped, equilibrate, equilibrate_in_plane
 from sim.faces import faces
 from sim.forces.contact_pairs import Touching
+from sim.forces.memory import ForceWithMemory
 from sim.kernels import fields
 from sim.kernels.transfer import halt, read
 from sim.motion import Motion, motion_of
-from sim.step import march
+from sim.step import Solve, advance
 from sim.time.batch import Batch
-from sim.time.packing import seat
-from sim.time.schedule import alike, by_block, of_motions
-from sim.time.scheme import Integrator, Scheme
+from sim.time.packing import pack
+from sim.time.schedule import by_block, of_motions
+from sim.time.scheme import Memory
 from sim.time.steps import Steps, jumps_of, steps_of
 
 Array = NDArray[np.float64]
 BLOCKS = 8  # of LANES designs in the fields at once
 SMOOTHING = 0.020  # m, half width over which the preconditioner's frames are averaged
-# To rest: (step [s], duration [s], times the tolerance) with backward Euler and so much air damping that a swing of
-# SWING rad/s dies out
-SETTLE = ((1 / 240, 1 / 15, 5), (1 / 120, 1 / 10, 5), (1 / 30, 1.0, 2))
-# where only inertia holds the rigid motions, it must show in float32
-SETTLE_FREE = ((1 / 960, 1 / 15, 1), (1 / 480, 1 / 10, 1), (1 / 240, 2.0, 1))
-RESTED = 3e-5  # m, RMS over nodes of what the last of these steps may still move
-RAMP = 1 / 15  # s in which the pressures rise to their values
-SWING = 8.0  # rad/s
-# To the shape without pressure, from the flat cloth: velocities are forgotten after each long step
-HANG = ((0.05, 4), (0.5, 8))
 
 
 @dataclass(frozen=True)
@@ -57,6 +49,7 @@ class Simulator:
     tolerance: float = 2e-7  # m, RMS over nodes of a step's last update; what it still lacks the next step makes up
     rho: float = 0.6  # spectral radius at infinity of generalised-alpha
     self_contact: bool = False  # whether layers of the cloth keep a thickness apart
+    forces: tuple[ForceWithMemory, ...] = ()  # more of them, summed with those of cloth and muscles
 
     def __post_init__(self) -> None:
         if not COARSEST <= self.points_per_side <= FINEST:
@@ -65,6 +58,10 @@ class Simulator:
     @property
     def _calm(self) -> int:
         return self.calm_steps or (1 if self.self_contact else 8 if self.points_per_side <= 41 else 4)
+
+    @property
+    def _solve(self) -> Solve:
+        return Solve(self._most, self.tolerance, self.forces)
 
     @property
     def _most(self) -> int:
@@ -103,16 +100,14 @@ class Simulator:
         jumps = [jumps_of(case.program, self.time_step, released=_is_free(case.design.fabric)) for case in cases]
         kinds = [(t[-1] if len(t) else 0.0, jump.large, jump.every) for t, jump in zip(wanted, jumps, strict=True)]
         with fields.lock:
-            for chosen, seats in self._chunks(cases, kinds):
-                batch = self._at_rest([cases[i] for i in chosen], seats)
+            for chosen, packed in self._chunks(cases, kinds):
+                batch = self._at_rest([cases[i] for i in chosen], packed)
                 steps = [
                     steps_of(cases[i].program, wanted[i], jumps[i], tick=self.time_step, calm=self._calm)
                     for i in chosen
                 ]
-                for i, motion in zip(
-                    chosen, self._roll(batch, seats, [cases[i] for i in chosen], [wanted[i] for i in chosen], steps),
-                    strict=True,
-                ):  # fmt: skip
+                own, due = [cases[i] for i in chosen], [wanted[i] for i in chosen]
+                for i, motion in zip(chosen, self._simulate(batch, packed, own, due, steps), strict=True):
                     results[i] = motion
         return [motion for motion in results if motion is not None]
 
@@ -129,19 +124,19 @@ class Simulator:
     def _equilibria(self, cases: Sequence[Case], *, patient: bool) -> list[NDArray[np.float32]]:
         results: list[NDArray[np.float32] | None] = [None] * len(cases)
         with fields.lock:
-            for chosen, seats in self._chunks(cases, [()] * len(cases)):
-                batch = self._load([_damped(cases[i]) for i in chosen], seats)
+            for chosen, packed in self._chunks(cases, [()] * len(cases)):
+                batch = self._load([damped(cases[i]) for i in chosen], packed)
                 pressures = [cases[i].program.pressure[-1] for i in chosen]
-                pressure = np.zeros((max(1, *map(len, pressures)), len(seats)))
-                for lane, i in enumerate(seats):
+                pressure = np.zeros((max(1, *map(len, pressures)), len(packed)))
+                for lane, i in enumerate(packed):
                     pressure[: len(pressures[i]), lane] = pressures[i]
-                self._settle(batch, by_block(pressure), patient=patient)
+                equilibrate(batch, by_block(pressure), self._solve, patient=patient, memory=Memory.AT_LIMIT)
                 middle = self._middle(batch, fields.F.x0)
                 moved = middle - self._middle(batch, fields.F.xp)
                 rested = np.sqrt(np.square(moved).sum(axis=-1).mean(axis=(1, 2))) < RESTED  # NaN compares false
                 middle[~rested] = np.nan
                 for k, i in enumerate(chosen):
-                    lane = seats.index(k)
+                    lane = packed.index(k)
                     results[i] = faces(middle[lane : lane + 1], cases[i].design.fabric.thickness)[0]
         return [shape for shape in results if shape is not None]
 
@@ -155,71 +150,48 @@ class Simulator:
             groups.setdefault((Support.of(fabric), *start, self._smoothing(fabric)), []).append(i)
         chunks: list[tuple[list[int], list[int]]] = []
         for group in groups.values():
-            blocks = seat([kinds[i] for i in group])
+            blocks = pack([kinds[i] for i in group])
             for k in range(0, len(blocks), BLOCKS):
                 lanes = [i for block in blocks[k : k + BLOCKS] for i in block]
                 own = list(dict.fromkeys(lanes))
                 chunks.append(([group[i] for i in own], [own.index(i) for i in lanes]))
         return chunks
 
-    def _load(self, cases: Sequence[Case], seats: Sequence[int]) -> Batch:
+    def _load(self, cases: Sequence[Case], packed: Sequence[int]) -> Batch:
         n = self.points_per_side
         fabric = cases[0].design.fabric
         support, smoothing = Support.of(fabric), self._smoothing(fabric)
-        points = load_batch([cases[i] for i in seats], n, support=support, blocks=BLOCKS)
-        touching = Touching(cases, seats, n) if self.self_contact else None
-        return Batch(len(seats) // fields.LANES, n, n, points, support, smoothing, touching)
+        points = load_batch([cases[i] for i in packed], n, support=support, blocks=BLOCKS)
+        touching = Touching(cases, packed, n) if self.self_contact else None
+        return Batch(len(packed) // fields.LANES, n, n, points, support, smoothing, touching)
 
     def _smoothing(self, fabric: Fabric) -> int:
         """In nodes."""
         return max(1, round(SMOOTHING * (self.points_per_side - 1) / fabric.height))
 
-    def _at_rest(self, cases: Sequence[Case], seats: Sequence[int]) -> Batch:
+    def _at_rest(self, cases: Sequence[Case], packed: Sequence[int]) -> Batch:
         """Load the cases and bring them to equilibrium at zero pressure; a free cloth stays flat where it lies."""
         if _is_free(cases[0].design.fabric):
-            return self._load(cases, seats)
+            return self._load(cases, packed)
         channels = max(max(1, case.program.pressure.shape[1]) for case in cases)
-        pressure = np.zeros((len(seats) // fields.LANES, channels, fields.LANES), np.float32)
+        pressure = np.zeros((len(packed) // fields.LANES, channels, fields.LANES), np.float32)
         if _swings_to_rest(cases[0].design.fabric):
-            batch = self._load([_damped(case) for case in cases], seats)
-            self._settle(batch, pressure, patient=True)
-            load_constants([cases[i] for i in seats], self.points_per_side)
+            batch = self._load([damped(case) for case in cases], packed)
+            equilibrate(batch, pressure, self._solve, patient=True, memory=Memory.AT_REST)
+            load_constants([cases[i] for i in packed], self.points_per_side)
             halt(*batch.grid)
             return batch
-        batch = self._load(cases, seats)
-        self._hang(batch, pressure)
+        batch = self._load(cases, packed)
+        equilibrate_in_plane(batch, pressure, self._solve)
         return batch
 
-    def _hang(self, batch: Batch, pressure: NDArray[np.float32]) -> None:
-        """From the flat cloth to equilibrium in its plane."""
-        for h, steps in HANG:
-            if not batch.support.is_edge:  # nothing but inertia holds the rigid motions: float32 wants a share of it
-                h = min(h, 1 / 30)
-            for k in range(steps):
-                step = alike(batch, Scheme(h, Integrator.BACKWARD_EULER), pressure[None], anew=k == 0)
-                march(batch, step, iterations=self._most, tolerance=self.tolerance)
-                halt(*batch.grid)
-
-    def _settle(self, batch: Batch, pressure: NDArray[np.float32], *, patient: bool) -> None:
-        """A damped motion to rest under `pressure`, which rises over the first RAMP seconds."""
-        begin = 0.0
-        stages: tuple[tuple[float, float, int], ...] = SETTLE if batch.support.is_edge else SETTLE_FREE
-        if patient:
-            stages = (*((h / 2, duration, 1) for h, duration, _ in stages), (stages[-1][0] / 2, 2.0, 1))
-        for h, duration, loose in stages:
-            steps, iterations = round(duration / h), self._most if loose == 1 else 3 * self._most // 4
-            share = np.minimum(1.0, (begin + h * np.arange(1, steps + 1)) / RAMP).astype(np.float32)
-            begin += duration
-            schedule = alike(batch, Scheme(h, Integrator.BACKWARD_EULER), share[:, None, None, None] * pressure)
-            march(batch, schedule, iterations=iterations, tolerance=loose * self.tolerance)
-
-    def _roll(
-        self, batch: Batch, seats: Sequence[int], cases: Sequence[Case], times: Sequence[Array], steps: Sequence[Steps]
+    def _simulate(
+        self, batch: Batch, packed: Sequence[int], cases: Sequence[Case], times: Sequence[Array], steps: Sequence[Steps]
     ) -> list[Motion]:
         """The motions from where the batch is."""
         n = self.points_per_side
-        schedule, begins = of_motions(batch, seats, steps, tick=self.time_step, rho=self.rho)
-        shapes, states = march(batch, schedule, iterations=self._most, tolerance=self.tolerance, frames=int(begins[-1]))
+        schedule, begins = of_motions(batch, packed, steps, tick=self.time_step, rho=self.rho)
+        shapes, states = advance(batch, schedule, self._solve, frames=int(begins[-1]))
         own = [slice(*span) for span in pairwise(begins)]
         return [
             motion_of(case, t, shapes[span].reshape(-1, n, n, 3), states[span])
@@ -242,10 +214,3 @@ def _is_free(fabric: Fabric) -> bool:
 def _swings_to_rest(fabric: Fabric) -> bool:
     """Whether the cloth without pressure leaves the plane of the flat cloth, or turns in it."""
     return fabric.gravity[2] != 0 or (Support.of(fabric) == Support.POINTS and any(fabric.gravity))
-
-
-def _damped(case: Case) -> Case:
-    """The same equilibrium with critical air damping of a swing."""
-    fabric = case.design.fabric
-    drag = max(fabric.air_damping, 2 * SWING * fabric.areal_density)
-    return replace(case, design=replace(case.design, fabric=replace(fabric, air_damping=drag)))

@@ -8,7 +8,7 @@ sim/materials.py, those of its step that of sim/time/scheme.py.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Literal
 
@@ -198,12 +198,14 @@ ARRAYS: list[Array] = [
 
 
 def planes(field: str) -> list[Plane]:
-    """Those in one field. A remembered plane is followed by the others, then all their successors in the same order."""
-    own = [plane for plane in PLANES if plane.field == field]
-    lasting = [plane for plane in own if plane.life != REMEMBERED]
-    memory = [plane for plane in own if plane.life == REMEMBERED]
-    after = [Plane(m.name + NEXT, m.on, m.unit, WORK, m.what, m.vector, m.entries) for m in memory]
-    return lasting + memory + after
+    """Those in one field, last the successors of the remembered ones."""
+    successors = [replace(plane, name=plane.name + NEXT, life=WORK) for plane in remembered(field)]
+    return [plane for plane in PLANES if plane.field == field] + successors
+
+
+def remembered(field: str) -> list[Plane]:
+    """The remembered planes of one field."""
+    return [plane for plane in PLANES if plane.field == field and plane.life == REMEMBERED]
 
 
 def offsets(planes: list[Plane], places: int) -> tuple[dict[str, int], int]:

@@ -11,6 +11,9 @@ is below the tolerance no longer moves, so that a design's result does not depen
 then is, a force, acts in the next step: errors of the solve cancel instead of adding up to a drift.
 """
 
+import functools
+from dataclasses import dataclass
+
 import numpy as np
 import taichi as ti
 from numpy.typing import NDArray
@@ -18,102 +21,106 @@ from numpy.typing import NDArray
 from sim.design.support import EDGES
 from sim.forces.cloth import fabric_force
 from sim.forces.contact import contact
-from sim.forces.muscles import back, points_pos, points_rate, sample, seg_to_points, tension
+from sim.forces.memory import ForceWithMemory, remember
+from sim.forces.muscles import points_pos, points_rate, pull, sample, spread, tension
 from sim.kernels.fields import LANES, SPREAD, F, Timed, X
 from sim.kernels.transfer import record
 from sim.kernels.vectors import thrice
 from sim.solver.coarse_space import assemble
-from sim.solver.conjugate_gradients import LEFT, direction, first_residual, step_length
-from sim.solver.flat_cloth import factor
+from sim.solver.conjugate_gradients import UNCONVERGED, direction, first_residual, step_length
+from sim.solver.flat_cloth import factorise
 from sim.solver.frames import frames
 from sim.solver.muscle_modes import green
 from sim.solver.muscles import woodbury
 from sim.time.batch import Batch
-from sim.time.schedule import FACTORED, IDLE, Schedule
+from sim.time.schedule import FACTORISED, IDLE, Schedule
 from sim.time.scheme import AF, AM, BA, CARRIED, GAMMA, IA, KNOWN, RY, H
 
 AT_ONCE = 64  # steps in one call of the kernel: an interrupt waits for its end
 
 
-def march(
-    batch: Batch, schedule: Schedule, *, iterations: int, tolerance: float, frames: int = 0
+@dataclass(frozen=True)
+class Solve:
+    """How a step is solved."""
+
+    iterations: int  # at most
+    tolerance: float  # m; a lane has converged when the RMS over nodes of its preconditioned residual falls below it
+    forces: tuple[ForceWithMemory, ...] = ()
+
+
+def advance(
+    batch: Batch, schedule: Schedule, solve: Solve, *, frames: int = 0
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Advance all lanes by the steps of `schedule`. Returns its `frames` frames: (frames, nu nv, 3) m, mid-surface, and
-    (frames, points, 2), contraction and tension [N] of every interval.
-
-    tolerance [m]: a lane has converged when the RMS over nodes of its preconditioned residual falls below it.
-    """
+    (frames, points, 2), contraction and tension [N] of every interval."""
     shapes = np.full((max(frames, 1), batch.nu * batch.nv, 3), np.nan, np.float32)
     states = np.zeros((max(frames, 1), max(batch.points, 1), 2), np.float32)
+    kernel = _advance(solve.forces)
     steps = len(schedule.work)
     at_once = 1 if batch.touching else AT_ONCE
     for begin in range(0, steps, at_once):
         part = schedule.part(begin, min(begin + at_once, steps))
         if batch.touching:
             batch.touching.refresh(batch.blocks, part.scheme[0, :, H].ravel())
-        _march(
-            *batch.grid, batch.points, batch.support, batch.smoothing, iterations, part.turns, tolerance,
-            part.scheme, part.work, part.pressure, part.first, part.theta, shapes, states,
+        kernel(
+            *batch.grid, batch.points, batch.support, batch.smoothing, solve.iterations, part.frame_updates,
+            solve.tolerance, part.scheme, part.work, part.pressure, part.first, part.theta, shapes, states,
         )  # fmt: skip
     return shapes[:frames], states[:frames, : batch.points]
 
 
-@ti.kernel
-def _march_kernel(
-    nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, smoothing: ti.i32,
-    iterations: ti.i32, turns: ti.i32,
-    tolerance: ti.f32,
-    scheme: ti.types.ndarray(dtype=ti.f32, ndim=4),
-    work: ti.types.ndarray(dtype=ti.i32, ndim=2),
-    pressure: ti.types.ndarray(dtype=ti.f32, ndim=4),
-    first: ti.types.ndarray(dtype=ti.i32, ndim=3),
-    theta: ti.types.ndarray(dtype=ti.f32, ndim=1),
-    shapes: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    states: ti.types.ndarray(dtype=ti.f32, ndim=3),
-):  # fmt: skip
-    for task in range(nb * SPREAD):
-        if task % SPREAD == 0:
-            b = task // SPREAD
-            for m in range(work.shape[0]):
-                if work[m, b] != IDLE:
-                    kept = 0
-                    for lane in range(LANES):
-                        kept = ti.max(kept, ti.min(1, first[m + 1, b, lane] - first[m, b, lane]))
-                    step(
-                        b,
-                        m,
-                        nu,
-                        nv,
-                        npt,
-                        support,
-                        smoothing,
-                        iterations,
-                        turns,
-                        tolerance,
-                        kept,
-                        work,
-                        scheme,
-                        pressure,
-                    )
-                    for lane in range(LANES):
-                        frame = first[m, b, lane]
-                        while frame < first[m + 1, b, lane]:
-                            record(b, nu, nv, npt, lane, theta[frame], frame, shapes, states)
-                            frame += 1
+@functools.cache
+def _advance(forces: tuple[ForceWithMemory, ...]) -> Timed:
+    """The kernel with these forces with memory; the one without does not pay for them."""
+    summed = tuple(one.force for one in forces)
+
+    @ti.kernel
+    def advance_kernel(
+        nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, smoothing: ti.i32,
+        iterations: ti.i32, frame_updates: ti.i32, tolerance: ti.f32,
+        scheme: ti.types.ndarray(dtype=ti.f32, ndim=4),
+        work: ti.types.ndarray(dtype=ti.i32, ndim=2),
+        pressure: ti.types.ndarray(dtype=ti.f32, ndim=4),
+        first: ti.types.ndarray(dtype=ti.i32, ndim=3),
+        theta: ti.types.ndarray(dtype=ti.f32, ndim=1),
+        shapes: ti.types.ndarray(dtype=ti.f32, ndim=3),
+        states: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    ):  # fmt: skip
+        for task in range(nb * SPREAD):
+            if task % SPREAD == 0:
+                b = task // SPREAD
+                for m in range(work.shape[0]):
+                    if work[m, b] != IDLE:
+                        kept = 0
+                        for lane in range(LANES):
+                            kept = ti.max(kept, ti.min(1, first[m + 1, b, lane] - first[m, b, lane]))
+                        step(
+                            b, m, nu, nv, npt, support, smoothing, iterations, frame_updates, tolerance, kept, summed,
+                            work, scheme, pressure,
+                        )  # fmt: skip
+                        for lane in range(LANES):
+                            frame = first[m, b, lane]
+                            while frame < first[m + 1, b, lane]:
+                                record(b, nu, nv, npt, lane, theta[frame], frame, shapes, states)
+                                frame += 1
+
+    return Timed(advance_kernel)
 
 
 @ti.func
 def step(
-    b, m, nu, nv, npt, support, smoothing, iterations, turns, tolerance, kept,
+    b, m, nu, nv, npt, support, smoothing, iterations, frame_updates, tolerance, kept, summed: ti.template(),
     work: ti.template(), scheme: ti.template(), pressure: ti.template(),
 ):  # fmt: skip
     """Step m of one block. kept: 1 where frames are kept of it, for which muscles are evaluated once more: a lane that
-    has converged has moved since."""
+    has converged has moved since. So is memory. summed: forces with memory."""
     begin(b, m, npt, scheme, pressure)
-    if work[m, b] == FACTORED:
-        factor(b, nu, nv)
+    if work[m, b] == FACTORISED:
+        factorise(b, nu, nv)
         green(b, nu, nv, npt)
     predict(b, nu, nv)
+    if ti.static(len(summed) > 0):
+        kept = 1
     i = 0
     last = iterations
     while i <= last + kept:
@@ -121,12 +128,14 @@ def step(
         if npt > 0:
             muscles(b, nu, npt)
         contact(b, nu)
+        for force in ti.static(summed):
+            force(b, nu, nv, npt)
         if i == 0:
             first_residual(b, nu, nv)
         elif i <= last:
             step_length(b, nu, nv, support < EDGES)
         if i < last:
-            if i < turns:
+            if i < frame_updates:
                 frames(b, nu, nv, smoothing)
                 if npt > 0:
                     woodbury(b, nu, npt)
@@ -136,6 +145,8 @@ def step(
                 last = i + 1
         i += 1
     finish(b, nu, nv)
+    if ti.static(len(summed) > 0):
+        remember(b)
 
 
 @ti.func
@@ -168,7 +179,7 @@ def predict(b, nu, nv):
     """Histories: v = cv (q - x0) + hv and a = ca (q - x0) + ha, and the first guess. Of q - x0, not of q: rounded
     coefficients of far larger terms would push the cloth. Where a lane did not converge, no acceleration is known."""
     h, am, af, ga, ia, ry, ba = coefficients(b)
-    known = thrice(F.scheme[b, KNOWN] * (1.0 - F.reduce[b, LEFT])) * 0.5 * h * h
+    known = thrice(F.scheme[b, KNOWN] * (1.0 - F.reduce[b, UNCONVERGED])) * 0.5 * h * h
     P = (nu + 2) * (nv + 2)
     k = 0
     while k < P:
@@ -192,15 +203,15 @@ def muscles(b, nu, npt):
     points_pos(b, npt)
     points_rate(b, npt)
     tension(b, npt)
-    seg_to_points(b, npt, X.tension)
-    back(b, nu, npt, F.f)
+    pull(b, npt, X.tension)
+    spread(b, nu, npt, F.f)
 
 
 @ti.func
 def finish(b, nu, nv):
     """From the evaluation point to the end of the step; what a lane that has converged still lacks is carried over."""
     h, _, _, ga, ia, ry, ba = coefficients(b)
-    carried = thrice(F.scheme[b, CARRIED] * (1.0 - F.reduce[b, LEFT]))
+    carried = thrice(F.scheme[b, CARRIED] * (1.0 - F.reduce[b, UNCONVERGED]))
     P = (nu + 2) * (nv + 2)
     k = 0
     while k < P:
@@ -215,6 +226,3 @@ def finish(b, nu, nv):
         F.node3[b, F.a0 + k] = a1
         F.node3[b, F.carried + k] = carried * F.node3[b, F.r + k]
         k = F.after[k]
-
-
-_march = Timed(_march_kernel)

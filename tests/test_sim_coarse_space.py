@@ -10,7 +10,7 @@ from sim.design.support import Support
 from sim.kernels.fields import LANES, SPREAD, C, F
 from sim.solver.coarse_bent import bent
 from sim.solver.coarse_flat import flat, pull
-from sim.solver.coarse_solve import factor
+from sim.solver.coarse_solve import factorise
 from sim.solver.coarse_space import copy
 from sim.solver.modes import modes_across, modes_down
 from sim.solver.muscles import solve
@@ -37,8 +37,8 @@ def _matrices(points: ti.i32):
 def _factor():
     for task in range(SPREAD):
         if task == 0:
-            factor(0, C.coupled)
-            factor(0, C.alone)
+            factorise(0, C.coupled)
+            factorise(0, C.alone)
 
 
 @ti.kernel

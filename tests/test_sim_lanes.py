@@ -1,4 +1,4 @@
-"""Motions whose pressures jump at other instants, side by side: bits, seats, and which frames a step holds."""
+"""Motions whose pressures jump at other instants, side by side: bits, packed, and which frames a step holds."""
 
 import os
 from itertools import pairwise
@@ -13,8 +13,8 @@ from sim import Simulator
 from sim.design.support import Support
 from sim.kernels.fields import LANES
 from sim.time.batch import Batch
-from sim.time.packing import seat
-from sim.time.schedule import FACTORED, IDLE, of_motions
+from sim.time.packing import pack
+from sim.time.schedule import FACTORISED, IDLE, of_motions
 from sim.time.steps import LARGE, Steps, jumps_of, steps_of
 from tests.sim_designs import laced
 
@@ -47,8 +47,8 @@ def test_motions_with_other_jumps_give_the_bits_they_give_alone():
 
 
 @given(st.lists(st.integers(0, 6), min_size=1, max_size=70))
-def test_seats(kinds):
-    blocks = seat([(k,) for k in kinds])
+def test_packing(kinds):
+    blocks = pack([(k,) for k in kinds])
     assert all(len(block) == LANES for block in blocks)
     seated = [i for block in blocks for i in dict.fromkeys(block)]
     assert sorted(seated) == list(range(len(kinds)))  # each in one block
@@ -91,13 +91,19 @@ def test_schedule_of_lanes_with_other_ends():
         motion([1, 1, 8, 8, 8], [True, False, False, False, False], [0, 0, 4]),
         motion([8, 8], [False, False], [1]),
     ]
-    seats = [0] * (LANES - 1) + [1] + [1] * LANES
-    schedule, begins = of_motions(Batch(2, 9, 9, 0, Support.TOP, 1), seats, motions, tick=TICK, rho=0.6)
+    packed = [0] * (LANES - 1) + [1] + [1] * LANES
+    schedule, begins = of_motions(Batch(2, 9, 9, 0, Support.TOP, 1), packed, motions, tick=TICK, rho=0.6)
     assert begins.tolist() == [0, 3, 4]
     h = schedule.scheme[:, :, 0]
     assert np.allclose(h[:, 0, 0] / TICK, [1, 1, 8, 8, 8]) and np.allclose(h[:, 0, -1] / TICK, 8)
-    assert schedule.work[:, 0].tolist() == [FACTORED, FACTORED, FACTORED, 0, 0]  # the rule changes, then the length
-    assert schedule.work[:, 1].tolist() == [FACTORED, 0, IDLE, IDLE, IDLE]
+    assert schedule.work[:, 0].tolist() == [
+        FACTORISED,
+        FACTORISED,
+        FACTORISED,
+        0,
+        0,
+    ]  # the rule changes, then the length
+    assert schedule.work[:, 1].tolist() == [FACTORISED, 0, IDLE, IDLE, IDLE]
     assert schedule.pressure[:, 0, 0, -1].tolist() == [0, 1, 1, 1, 1]
     first = schedule.first
     assert first[:, 0, 0].tolist() == [0, 2, 2, 2, 2, 3] and first[:, 0, LANES - 1].tolist() == [3, 3, 4, 4, 4, 4]

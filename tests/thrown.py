@@ -14,8 +14,8 @@ def thrown(simulator: Simulator, design, velocity, times, *, positions=None):
     at `velocity` (n, n, 3) m/s."""
     case, n = held(design, (0,)), simulator.points_per_side
     with fields.lock:
-        seats = [0] * LANES
-        batch = simulator._at_rest([case], seats)
+        packed = [0] * LANES
+        batch = simulator._at_rest([case], packed)
         state = F.node3.to_numpy()
         for first, values in ((F.v0, velocity), (F.x0, positions)):
             if values is not None:
@@ -24,5 +24,5 @@ def thrown(simulator: Simulator, design, velocity, times, *, positions=None):
                 state[0, first : first + (n + 2) ** 2] = np.repeat(plane.reshape(-1, 3), LANES, axis=1)
         F.node3.from_numpy(state)
         steps = steps_of(case.program, times, Jumps((), ()), tick=simulator.time_step, calm=simulator._calm)
-        [motion] = simulator._roll(batch, seats, [case], [times], [steps])
+        [motion] = simulator._simulate(batch, packed, [case], [times], [steps])
     return motion.middle.astype(float)

@@ -23,7 +23,7 @@ from sim.kernels.fields import SPREAD, F, Timed
 from sim.kernels.vector_width import has_avx2
 from sim.materials import M
 from sim.simulator import BLOCKS
-from sim.solver.flat_cloth import factor
+from sim.solver.flat_cloth import factorise
 from sim.solver.muscles import solve
 from sim.time.scheme import Integrator, Scheme
 
@@ -63,7 +63,7 @@ def _solve_kernel(nu: ti.i32, nv: ti.i32, repeats: ti.i32):
 def _factor_kernel(nu: ti.i32, nv: ti.i32):
     for task in range(SPREAD):
         if task == 0:
-            factor(0, nu, nv)
+            factorise(0, nu, nv)
 
 
 _forces, _solve, _factor = Timed(_forces_kernel), Timed(_solve_kernel), Timed(_factor_kernel)

@@ -115,3 +115,13 @@ def clamp_pass(b, nu, nv, support):
         fx, fy, fz = load(b, F.f + e)
         store(b, F.f + e, fx + m * tz * dx * il, fy + m * tz * dy * il, fz - m * (1.0 - tz * tz))
         i = F.after[i]
+
+
+@ti.func
+def bending_down(b):
+    """N/m of second differences along v, between the edges and, beside it, of a clamped top edge."""
+    hu = F.lane[b, M.HU]
+    ihv = F.lane[b, M.IHV]
+    bend = hu * F.lane[b, M.D2] * ihv * ihv * ihv
+    clamp = F.lane[b, M.TOP_HELD] * F.lane[b, M.CLAMPED] * 2.0 * hu * F.lane[b, M.B2] * ihv * ihv * ihv
+    return bend, clamp

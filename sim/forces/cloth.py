@@ -12,7 +12,7 @@ from sim.forces.shear_twist import cell_row
 from sim.kernels.fields import F
 from sim.kernels.vectors import Wide, thrice
 from sim.materials import M
-from sim.time.scheme import CA
+from sim.time.scheme import CA, CV
 
 
 @ti.func
@@ -89,3 +89,10 @@ def gather_row(b, nu, nv, j):
             + F.node3[b, F.carried + k]
         )
         i = F.after[i]
+
+
+@ti.func
+def inertia(b):
+    """N/m of a node: its inertia and the air's drag in a step."""
+    mb = F.lane[b, M.MEAN_MASS] * F.scheme[b, CA] + F.lane[b, M.AIR] * F.scheme[b, CV]
+    return F.lane[b, M.HU] * F.lane[b, M.HV] * mb

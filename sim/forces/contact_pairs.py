@@ -132,10 +132,10 @@ def _close(rows: Ints, columns: Ints, sheet: Sheet) -> NDArray[np.bool_]:
 
 class Touching:
     """The pairs of a batch, found anew for a design when it has moved: each for itself, so that a design's bits do not
-    depend on its neighbours. seats: which of the cases rides in each lane."""
+    depend on its neighbours. packed: which of the cases rides in each lane."""
 
-    def __init__(self, cases: Sequence[Case], seats: Sequence[int], n: int) -> None:
-        self.seats = seats
+    def __init__(self, cases: Sequence[Case], packed: Sequence[int], n: int) -> None:
+        self.packed = packed
         self.sheets, self.n = [Sheet.of(case, n) for case in cases], n
         self.pairs = [Pairs.none(n * n) for _ in cases]
         self.found_at: list[Array | None] = [None] * len(cases)
@@ -146,7 +146,7 @@ class Touching:
     def refresh(self, blocks: int, h: NDArray[np.floating[Any]]) -> None:
         """Before a step of h (lanes,) s."""
         n = self.n
-        own = [self.seats.index(i) for i in range(len(self.sheets))]
+        own = [self.packed.index(i) for i in range(len(self.sheets))]
         out = np.empty((blocks, LANES, n * n, 3), np.float32)
         read(blocks, n, n, F.x0, out)
         shapes = out.reshape(-1, n, n, 3)[own].astype(float)
@@ -185,7 +185,7 @@ class Touching:
         room = max(1, *(index.shape[1] for index, _ in entries))
         index = np.zeros((blocks, 2, room, LANES), np.int32)
         value = np.zeros((blocks, PAIR, room, LANES), np.float32)
-        for lane, case in enumerate(self.seats):
+        for lane, case in enumerate(self.packed):
             i, v = entries[case]
             index[lane // LANES, :, : i.shape[1], lane % LANES] = i
             value[lane // LANES, :, : i.shape[1], lane % LANES] = v

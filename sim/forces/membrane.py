@@ -7,6 +7,10 @@ from sim.kernels.vectors import Wide, difference, dot, load, store, thrice
 from sim.materials import M
 from sim.time.scheme import CV
 
+# 1/m in both directions: a bent cloth resists normal motion by its membrane, which is flat here; with more, soft modes
+# seem to have converged when they have not
+CURVATURE = 7.0
+
 
 @ti.func
 def velocity_row(b, nu, nv, j):
@@ -98,3 +102,17 @@ def edge_force_row(b, nu, nv, j, along_u: ti.template()):
         i = F.after[i]
     if ti.static(along_u):  # the last column carries no edge, and was scratch
         F.node3[b, out + (j + 1) * s + nu] = Wide(0.0)
+
+
+@ti.func
+def membrane(b):
+    """N/m along u, along v and of shear in a step, viscosity included."""
+    vis = F.lane[b, M.VISCOSITY] * F.scheme[b, CV]
+    return F.lane[b, M.K1] + vis, F.lane[b, M.K2] + vis, F.lane[b, M.S] + 0.5 * vis
+
+
+@ti.func
+def normal_stiffness(b):
+    """N/m of a node: what the membrane of a bent cloth resists normal motion with."""
+    k1, k2, _ = membrane(b)
+    return F.lane[b, M.HU] * F.lane[b, M.HV] * CURVATURE**2 * (k1 + k2)

@@ -72,7 +72,7 @@ def points_rate(b, npt):
 
 
 @ti.func
-def back(b, nu, npt, dst):
+def spread(b, nu, npt, dst):
     """adds the fixed points' forces to the nodes"""
     pt = 0
     while pt < npt:
@@ -149,7 +149,7 @@ def tension(b, npt):
 
 
 @ti.func
-def seg_to_points(b, npt, src):
+def pull(b, npt, src):
     """What tensions pull their fixed points with."""
     F.point3[b, X.force] = thrice(F.point[b, src]) * F.point3[b, X.dir]
     k = 1

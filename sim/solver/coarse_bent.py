@@ -2,10 +2,10 @@
 
 import taichi as ti
 
+from sim.forces.membrane import membrane
 from sim.kernels.fields import C, F
 from sim.kernels.vectors import Lanes, difference, dot
 from sim.materials import M
-from sim.solver.flat_cloth import membrane
 from sim.solver.frames import axes
 from sim.state import COARSE, COARSE_ACROSS, COARSE_DOWN, COARSE_SAMPLES
 

@@ -2,11 +2,13 @@
 
 import taichi as ti
 
+from sim.forces.bending import bending_down
+from sim.forces.cloth import inertia
+from sim.forces.membrane import membrane
 from sim.kernels.fields import C, F, X
 from sim.kernels.vectors import Lanes
 from sim.materials import M
 from sim.solver.coarse_solve import add_rows
-from sim.solver.flat_cloth import bending_down, inertia, membrane
 from sim.solver.muscle_modes import MEAN, MOMENT, SLOPE, TANGENTIAL, at
 from sim.state import COARSE, COARSE_ACROSS, COARSE_DOWN
 

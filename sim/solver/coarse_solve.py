@@ -8,7 +8,7 @@ from sim.state import COARSE, COARSE_ACROSS, COARSE_DOWN
 
 
 @ti.func
-def factor(b, matrix):
+def factorise(b, matrix):
     """U^T D^-1 U in place, four rows at a time: a row of the upper triangle keeps U, its diagonal 1 / d."""
     k = 0
     while k < COARSE:

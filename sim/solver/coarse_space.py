@@ -11,11 +11,11 @@ nodes.
 
 import taichi as ti
 
+from sim.forces.membrane import normal_stiffness
 from sim.kernels.fields import C, F
 from sim.solver.coarse_bent import bent
 from sim.solver.coarse_flat import flat, pull
-from sim.solver.coarse_solve import factor
-from sim.solver.flat_cloth import normal_stiffness
+from sim.solver.coarse_solve import factorise
 from sim.state import COARSE, COARSE_ACROSS, COARSE_DOWN
 
 # of the flat cloth's normal stiffness (CURVATURE) in E: with none, more cloths that snap run away; with much, a flat
@@ -32,7 +32,7 @@ def assemble(b, nu, nv, npt):
     copy(b)
     bent(b, nu, nv)
     for which in range(2):
-        factor(b, C.coupled + which * COARSE * COARSE)
+        factorise(b, C.coupled + which * COARSE * COARSE)
 
 
 @ti.func

@@ -8,11 +8,11 @@ import taichi as ti
 
 from sim.kernels.fields import LANES, F
 from sim.kernels.vectors import Lanes, Wide, sum3, thrice
-from sim.solver.frames import unwarp, warp
+from sim.solver.frames import from_frames, to_frames
 from sim.solver.muscles import solve
 
 RZ, BETA, ALPHA = 4, 5, 7  # slots of F.reduce
-ACTIVE, LEFT, DOUBT = 6, 8, 9  # 1 where a lane moves, will still move after, and looks again first
+ACTIVE, UNCONVERGED, REEVALUATES = 6, 8, 9  # 1 where a lane moves, will still move after, and looks again first
 LEAST = 1e-6  # step length: what hangs at single nodes, or is folded, is stiffer by far than in the preconditioner
 SHORT = 0.1  # step length below which the residual is evaluated anew; else snapping cloths run away
 DIVERGED = 1e4  # m^2, a squared update that no lane comes back from; others do not wait for it, nor for a NaN
@@ -27,8 +27,8 @@ def first_residual(b, nu, nv):
         F.node3[b, F.p + k] = Wide(0.0)
         k = F.after[k]
     F.reduce[b, RZ] = Lanes(0.0)
-    F.reduce[b, LEFT] = Lanes(1.0)
-    F.reduce[b, DOUBT] = Lanes(0.0)
+    F.reduce[b, UNCONVERGED] = Lanes(1.0)
+    F.reduce[b, REEVALUATES] = Lanes(0.0)
 
 
 @ti.func
@@ -53,10 +53,10 @@ def step_length(b, nu, nv, edge):
         if F.reduce[b, 2][lane] > 0:
             alpha = ti.min(2.0, ti.max(LEAST, F.reduce[b, 1][lane] / F.reduce[b, 2][lane]))
         short = edge and alpha < SHORT and F.reduce[b, ACTIVE][lane] > 0
-        if F.reduce[b, DOUBT][lane] > 0:  # with p = 0: r becomes f
+        if F.reduce[b, REEVALUATES][lane] > 0:  # with p = 0: r becomes f
             alpha = 1.0
             short = False
-        F.reduce[b, DOUBT][lane] = ti.select(short, 1.0, 0.0)
+        F.reduce[b, REEVALUATES][lane] = ti.select(short, 1.0, 0.0)
         F.reduce[b, ALPHA][lane] = alpha * F.reduce[b, ACTIVE][lane]
         lane = F.after[lane]
     alpha = thrice(F.reduce[b, ALPHA])
@@ -72,9 +72,9 @@ def step_length(b, nu, nv, edge):
 def direction(b, nu, nv, npt, edge, same, tolerance):
     """y = P^-1 r, then p = y + beta p and q += p in the lanes that have not converged. Where y is below the tolerance
     that was the last time; returns how many lanes go on. same: whether P is that of the last iterations."""
-    warp(b, nu, nv, F.r)
+    to_frames(b, nu, nv, F.r)
     solve(b, nu, nv, npt, edge)
-    unwarp(b, nu, nv, F.y)
+    from_frames(b, nu, nv, F.y)
     P = (nu + 2) * (nv + 2)
     for slot in range(3):
         F.reduce[b, slot] = Lanes(0.0)
@@ -86,8 +86,8 @@ def direction(b, nu, nv, npt, edge, same, tolerance):
         F.reduce[b, 2] = F.reduce[b, 2] - sum3(y * F.node3[b, F.f + k])
         k = F.after[k]
     F.reduce[b, 2] = F.reduce[b, ALPHA] * F.reduce[b, 2]  # y . (r - r before)
-    left = 0
-    F.reduce[b, ACTIVE] = F.reduce[b, LEFT]
+    unconverged = 0
+    F.reduce[b, ACTIVE] = F.reduce[b, UNCONVERGED]
     lane = 0
     while lane < LANES:
         beta = ti.f32(0.0)
@@ -95,17 +95,17 @@ def direction(b, nu, nv, npt, edge, same, tolerance):
             beta = ti.max(0.0, F.reduce[b, 2][lane] / F.reduce[b, RZ][lane])
         F.reduce[b, BETA][lane] = beta
         F.reduce[b, RZ][lane] = F.reduce[b, 1][lane]
-        if F.reduce[b, 0][lane] < tolerance * tolerance * nu * nv and F.reduce[b, DOUBT][lane] == 0:
-            F.reduce[b, LEFT][lane] = 0.0
-        if F.reduce[b, LEFT][lane] > 0 and F.reduce[b, 0][lane] < DIVERGED:
-            left += 1
+        if F.reduce[b, 0][lane] < tolerance * tolerance * nu * nv and F.reduce[b, REEVALUATES][lane] == 0:
+            F.reduce[b, UNCONVERGED][lane] = 0.0
+        if F.reduce[b, UNCONVERGED][lane] > 0 and F.reduce[b, 0][lane] < DIVERGED:
+            unconverged += 1
         lane = F.after[lane]
     beta = thrice(F.reduce[b, BETA])
-    moving = thrice(F.reduce[b, ACTIVE] * (1.0 - F.reduce[b, DOUBT]))
+    moving = thrice(F.reduce[b, ACTIVE] * (1.0 - F.reduce[b, REEVALUATES]))
     k = 0
     while k < P:
         d = (F.node3[b, F.y + k] + beta * F.node3[b, F.p + k]) * moving
         F.node3[b, F.p + k] = d
         F.node3[b, F.q + k] = F.node3[b, F.q + k] + d
         k = F.after[k]
-    return left
+    return unconverged

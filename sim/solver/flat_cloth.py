@@ -2,49 +2,16 @@
 
 import taichi as ti
 
+from sim.forces.bending import bending_down
+from sim.forces.cloth import inertia
+from sim.forces.membrane import membrane, normal_stiffness
 from sim.kernels.fields import F
 from sim.kernels.vectors import Lanes, Wide, thrice
 from sim.materials import M
-from sim.time.scheme import CA, CV
-
-# 1/m in both directions: a bent cloth resists normal motion by its membrane, which is flat here; with more, soft modes
-# seem to have converged when they have not
-CURVATURE = 7.0
 
 
 @ti.func
-def membrane(b):
-    """N/m along u, along v and of shear in a step, viscosity included."""
-    vis = F.lane[b, M.VISCOSITY] * F.scheme[b, CV]
-    return F.lane[b, M.K1] + vis, F.lane[b, M.K2] + vis, F.lane[b, M.S] + 0.5 * vis
-
-
-@ti.func
-def normal_stiffness(b):
-    """N/m of a node: what the membrane of a bent cloth resists normal motion with."""
-    k1, k2, _ = membrane(b)
-    return F.lane[b, M.HU] * F.lane[b, M.HV] * CURVATURE**2 * (k1 + k2)
-
-
-@ti.func
-def inertia(b):
-    """N/m of a node: its inertia and the air's drag in a step."""
-    mb = F.lane[b, M.MEAN_MASS] * F.scheme[b, CA] + F.lane[b, M.AIR] * F.scheme[b, CV]
-    return F.lane[b, M.HU] * F.lane[b, M.HV] * mb
-
-
-@ti.func
-def bending_down(b):
-    """N/m of second differences along v, between the edges and, beside it, of a clamped top edge."""
-    hu = F.lane[b, M.HU]
-    ihv = F.lane[b, M.IHV]
-    bend = hu * F.lane[b, M.D2] * ihv * ihv * ihv
-    clamp = F.lane[b, M.TOP_HELD] * F.lane[b, M.CLAMPED] * 2.0 * hu * F.lane[b, M.B2] * ihv * ihv * ihv
-    return bend, clamp
-
-
-@ti.func
-def factor(b, nu, nv):
+def factorise(b, nu, nv):
     """LDL^T in v of every mode across, for the three components (u, v, normal) at once: planes of F.bands3 hold l of
     the row before, l of the one before that (zero but for the normal component), and 1 / d."""
     N = nu * nv

@@ -37,7 +37,8 @@ def axes(b, k):
 
 
 @ti.func
-def warp(b, nu, nv, src):
+def to_frames(b, nu, nv, src):
+    """F.modal3 = components in the frames of the plane src of F.node3, zero where nodes are held"""
     s = nu + 2
     for j in range(nv):
         i = 0
@@ -53,8 +54,8 @@ def warp(b, nu, nv, src):
 
 
 @ti.func
-def unwarp(b, nu, nv, dst):
-    """dst = world components of the warped field in F.modal3"""
+def from_frames(b, nu, nv, dst):
+    """dst = world components of the field in F.modal3"""
     s = nu + 2
     for j in range(nv):
         i = 0

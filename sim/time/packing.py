@@ -9,12 +9,12 @@ import numpy as np
 from sim.kernels.fields import LANES
 
 
-def seat(kinds: Sequence[tuple]) -> list[list[int]]:
-    """Blocks of LANES indices each, of cases whose steps are of the `kinds` (sortable): those alike together, for a
+def pack(patterns: Sequence[tuple]) -> list[list[int]]:
+    """Blocks of LANES indices each, of cases whose steps are of the `patterns` (sortable): those alike together, for a
     block takes as many steps as the lane with the most, and factors whenever one of them changes; spare lanes repeat
     the last case. Unlike cases are spread over all threads."""
-    order = sorted(range(len(kinds)), key=lambda i: (kinds[i], i))
-    groups = [list(group) for _, group in groupby(order, key=lambda i: kinds[i])]
+    order = sorted(range(len(patterns)), key=lambda i: (patterns[i], i))
+    groups = [list(group) for _, group in groupby(order, key=lambda i: patterns[i])]
     blocks = [group[k : k + LANES] for group in groups for k in range(0, len(group) - LANES + 1, LANES)]
     left = [group[len(group) // LANES * LANES :] for group in groups]
     rest = [i for group in left for i in group]

@@ -12,7 +12,7 @@ from sim.time.batch import Batch
 from sim.time.scheme import Integrator, Scheme
 from sim.time.steps import Steps
 
-PLAIN, FACTORED, IDLE = range(3)  # what a block does: a step, one with the preconditioner factored anew, nothing
+PLAIN, FACTORISED, IDLE = range(3)  # what a block does: a step, one with the preconditioner factored anew, nothing
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]
 
@@ -22,11 +22,11 @@ class Schedule:
     """S steps of all lanes, and the frames that are kept of them."""
 
     scheme: Floats  # (S, blocks, entries of F.scheme, LANES)
-    work: Ints  # (S, blocks) PLAIN; FACTORED where a lane's scheme is another than before; IDLE after all lanes' ends
+    work: Ints  # (S, blocks) PLAIN; FACTORISED where a lane's scheme is another than before; IDLE after all lanes' ends
     pressure: Floats  # (S, blocks, channels, LANES) Pa
     first: Ints  # (S + 1, blocks, LANES): a lane's frames from first[k] until first[k + 1] fall into step k
     theta: Floats  # (frames or 1,) the fraction of its step at which a frame lies
-    turns: int  # in so many of a step's first iterations the preconditioner turns with the shape
+    frame_updates: int  # in so many of a step's first iterations the preconditioner frame_updates with the shape
 
     def part(self, begin: int, end: int) -> "Schedule":
         steps = slice(begin, end)
@@ -42,14 +42,14 @@ def alike(batch: Batch, scheme: Scheme, pressure: Floats, *, anew: bool = True) 
     steps = len(pressure)
     entries = np.array(scheme.entries(batch.support), np.float32)
     work = np.full((steps, batch.blocks), PLAIN, np.int32)
-    work[0] = FACTORED if anew else PLAIN
+    work[0] = FACTORISED if anew else PLAIN
     return Schedule(
         scheme=np.broadcast_to(entries[:, None], (steps, batch.blocks, len(entries), LANES)).copy(),
         work=work,
         pressure=np.ascontiguousarray(pressure, np.float32),
         first=np.zeros((steps + 1, batch.blocks, LANES), np.int32),
         theta=np.zeros(1, np.float32),
-        turns=2,  # the first guess of a long step may be far off
+        frame_updates=2,  # the first guess of a long step may be far off
     )
 
 
@@ -60,12 +60,12 @@ def by_block(values: NDArray[np.floating[Any]]) -> Floats:
 
 
 def of_motions(
-    batch: Batch, seats: Sequence[int], motions: Sequence[Steps], *, tick: float, rho: float
+    batch: Batch, packed: Sequence[int], motions: Sequence[Steps], *, tick: float, rho: float
 ) -> tuple[Schedule, NDArray[np.int_]]:
-    """The steps of `motions`, of which lane k takes motions[seats[k]], by generalised-alpha with spectral radius rho at
-    infinity and the midpoint rule through jumps; a lane that has come to its end goes on as it was. And (motions + 1,)
-    where the frames of each begin among all."""
-    lanes = [motions[i] for i in seats]
+    """The steps of `motions`, of which lane k takes motions[packed[k]], by generalised-alpha with spectral radius rho
+    at infinity and the midpoint rule through jumps; a lane that has come to its end goes on as it was. And
+    (motions + 1,) where the frames of each begin among all."""
+    lanes = [motions[i] for i in packed]
     count = max(len(motion.ticks) for motion in lanes)
     whole = np.minimum(np.arange(count)[:, None], [len(m.ticks) - 1 for m in lanes])  # (S, lanes) their own steps
     own = list(enumerate(lanes))
@@ -82,7 +82,7 @@ def of_motions(
     begins = np.concatenate([[0], np.cumsum([len(m.due) for m in motions])])
     first = np.zeros((count + 1, len(lanes)), np.int32)
     for i, m in enumerate(motions):
-        first[:, seats.index(i)] = begins[i] + np.searchsorted(m.due, np.arange(count + 1))
+        first[:, packed.index(i)] = begins[i] + np.searchsorted(m.due, np.arange(count + 1))
     blocks = batch.blocks, LANES
     change = (np.diff(kind, axis=0, prepend=-1) != 0).reshape(count, *blocks).any(axis=2)
     ends = np.array([len(m.ticks) for m in lanes]).reshape(blocks).max(axis=1)
@@ -90,10 +90,10 @@ def of_motions(
     theta = np.concatenate([m.theta for m in motions])
     schedule = Schedule(
         scheme=by_block(np.swapaxes(entries[code.reshape(kind.shape)], 1, 2)),
-        work=np.where(idle, IDLE, np.where(change, FACTORED, PLAIN)).astype(np.int32),
+        work=np.where(idle, IDLE, np.where(change, FACTORISED, PLAIN)).astype(np.int32),
         pressure=by_block(pressure),
         first=first.reshape(count + 1, *blocks),
         theta=(theta if len(theta) else np.zeros(1)).astype(np.float32),
-        turns=1,
+        frame_updates=1,
     )
     return schedule, begins

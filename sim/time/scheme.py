@@ -20,8 +20,9 @@ ENTRIES = {
     "CV": "d v / d q [1/s]",
     "KNOWN": "share of the acceleration before the step in its first guess",
     "CARRIED": "share of the residual that the step leaves that acts in the next one",
+    "AGES": "time by which memory ages [s]",
 }
-H, AM, AF, GAMMA, IA, RY, BA, CA, CV, KNOWN, CARRIED = range(len(ENTRIES))
+H, AM, AF, GAMMA, IA, RY, BA, CA, CV, KNOWN, CARRIED, AGES = range(len(ENTRIES))
 
 
 class Integrator(Enum):
@@ -33,6 +34,18 @@ class Integrator(Enum):
     BACKWARD_EULER = "backward Euler"
 
 
+class Memory(Enum):
+    """What a step does to the memory of forces: in a motion it AGES by the step; on the way to where a motion starts
+    it stays AT_REST; in an equilibrium it comes to what it has AT_LIMIT."""
+
+    AGES = "ages"
+    AT_REST = "at rest"
+    AT_LIMIT = "at its limit"
+
+
+FOR_EVER = 1e9  # s
+
+
 @dataclass(frozen=True)
 class Scheme:
     """One step of `h` seconds by `rule`; rho in [0, 1] is generalised-alpha's spectral radius at infinity."""
@@ -40,6 +53,7 @@ class Scheme:
     h: float
     rule: Integrator
     rho: float = 0.6
+    memory: Memory = Memory.AGES
 
     @property
     def coefficients(self) -> tuple[float, ...]:
@@ -69,4 +83,5 @@ class Scheme:
         steps to rest have no use for the residual that they carry over: it keeps them from resting."""
         known = GOES_ON if self.rule is Integrator.GENERALISED_ALPHA else 0.0
         carried = 0.0 if not support.is_edge and self.rule is Integrator.BACKWARD_EULER else 1.0
-        return *self.coefficients, self.ca, self.cv, known, carried
+        ages = {Memory.AGES: self.h, Memory.AT_REST: 0.0, Memory.AT_LIMIT: FOR_EVER}[self.memory]
+        return *self.coefficients, self.ca, self.cv, known, carried, ages
