@@ -5,9 +5,10 @@ import numpy as np
 from fabdesign.catalogue import build
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.pressure_file import constant_program
-from optimize.design_space import DesignSpace, Limits
+from optimize.design_space import DesignSpace
 from optimize.evaluations import Evaluations, Stage
 from optimize.history import History
+from optimize.margins import Limits
 from optimize.objective import Objective, Target
 from optimize.search import search
 from optimize.starts import pressure_starts

@@ -1,14 +1,14 @@
 """What a search may change, and what it must respect: a vector in [0, 1]^n stands for a design and its pressures."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.muscle import Muscle
-from optimize.geometry import bend_radius, clearance
+from optimize.margins import Limits, Margins
 
 Vector = NDArray[np.float64]
 
@@ -16,15 +16,6 @@ PRESSURE_STEP = 0.04  # of the pressure range: 16 kPa of 400, above the simulato
 POSITION_STEP = 0.01  # of the cloth: 2 mm of 200, a fraction of a mesh width
 PRESSURE_REACH = 1.0  # of the pressure range that a trust region of radius 1 spans
 POSITION_REACH = 0.5  # of the cloth: positions act less linearly than pressures
-
-
-@dataclass(frozen=True)
-class Limits:
-    """What every proposal respects. Lengths in m, pressures in Pa."""
-
-    pressure: tuple[float, float] = (0.0, 400e3)
-    spacing: float = 0.006  # between muscles on one face
-    edge: float = 0.005  # from a muscle's corner points to the cloth's edge
 
 
 @dataclass(frozen=True)
@@ -92,45 +83,19 @@ class DesignSpace:
         return np.full(2, edge), np.array([fabric.width, fabric.height]) - 2 * edge
 
     def margins(self, x: Vector) -> Vector:
-        """(k,) m, nowhere negative for a vector that may be built; empty where positions are fixed."""
+        """(..., k) m of vectors (..., n), nowhere negative for what may be built; empty where positions are fixed."""
         if not self.vary_positions:
-            return np.empty(0)
-        return np.array(list(_margins(self.decode(x)[0], self.limits).values()))
+            return np.empty((*x.shape[:-1], 0))
+        low, span = self._position_range()
+        corners = x[..., : self.position_count].reshape(*x.shape[:-1], -1, 2)
+        return self._margins.at(low + span * corners)
+
+    @cached_property
+    def _margins(self) -> Margins:
+        return Margins(self.design, self.limits)
 
     def feasible(self, x: Vector) -> bool:
         return bool(np.all(self.margins(x) >= -1e-7))
-
-
-def constraint_margins(design: Design, pressures: NDArray[np.float64], limits: Limits) -> dict[str, float]:
-    """The least margin of every limit by name: m, and Pa for `pressure`. Negative: violated.
-
-    `spacing` is absent where no face has two muscles, `min_bend_radius` and `stock_length` where no type states one.
-    """
-    fabric = design.fabric
-    least: dict[str, float] = {}
-    for (name, _), margin in _margins(design, limits).items():
-        least[name] = min(margin, least.get(name, np.inf))
-    corners = np.concatenate([np.array(m.path) for m in design.muscles])
-    least["inside_cloth"] = float(np.min([corners, np.array([fabric.width, fabric.height]) - corners]))
-    least["pressure"] = float(min(np.min(pressures) - limits.pressure[0], limits.pressure[1] - np.max(pressures)))
-    return least
-
-
-def _margins(design: Design, limits: Limits) -> Mapping[tuple[str, tuple[int, ...]], float]:
-    """m by (limit, muscle or pair of muscles)."""
-    margins: dict[tuple[str, tuple[int, ...]], float] = {}
-    for i, muscle in enumerate(design.muscles):
-        kind = design.muscle_types[muscle.type]
-        margins["shortest", (i,)] = muscle.length - 2 * muscle.fixed_point_pitch  # fewer intervals bend next to nothing
-        if kind.stock_length is not None:
-            margins["stock_length", (i,)] = kind.stock_length - 2 * (kind.tail_length or 0.0) - muscle.length
-        if kind.min_bend_radius is not None and len(muscle.path) > 2:
-            margins["min_bend_radius", (i,)] = bend_radius(np.array(muscle.path)) - kind.min_bend_radius
-        for j in range(i):
-            if design.muscles[j].side == muscle.side:
-                gap = clearance(np.array(design.muscles[j].path), np.array(muscle.path))
-                margins["spacing", (j, i)] = gap - limits.spacing
-    return margins
 
 
 def _with_corners(muscles: tuple[Muscle, ...], corners: NDArray[np.float64]) -> tuple[Muscle, ...]:

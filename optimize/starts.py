@@ -14,7 +14,8 @@ from fabdesign.catalogue import LAYOUTS, build
 from fabdesign.design import Design
 from fabdesign.errors import InputError
 from fabdesign.muscle import Muscle
-from optimize.design_space import DesignSpace, Limits, Vector
+from optimize.design_space import DesignSpace, Vector
+from optimize.margins import Limits
 
 Side = Literal["front", "back"]
 Start = tuple[DesignSpace, Vector]

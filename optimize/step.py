@@ -55,10 +55,9 @@ def best_step(model: LinearShape, objective: Objective, space: DesignSpace, radi
         result[:] = -margins
         if gradient.size:
             gradient[:] = 0.0
-            for i in range(space.position_count):
-                moved = x.copy()
-                moved[i] += MARGIN_STEP
-                gradient[:, i] = -(space.margins(moved) - margins) / MARGIN_STEP
+            moving = space.position_count
+            moved = x + MARGIN_STEP * np.eye(moving, len(x))
+            gradient[:, :moving] = -(space.margins(moved) - margins).T / MARGIN_STEP
 
     solver = nlopt.opt(nlopt.LD_SLSQP, len(model.centre))
     solver.set_lower_bounds(lower)

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from fabdesign.catalogue import build
 from fabdesign.design import Design
 from fabdesign.muscle import Muscle
-from optimize.design_space import DesignSpace, Limits, constraint_margins
+from optimize.design_space import DesignSpace
 from optimize.geometry import bend_radius, clearance
+from optimize.margins import Limits, constraint_margins
 from optimize.starts import layout_starts, pressure_starts, thinned_starts
 
 BASIC = build("basic")

@@ -7,7 +7,8 @@ import pytest
 
 from fabdesign.catalogue import build
 from fabdesign.forward import Case
-from optimize.design_space import DesignSpace, Limits
+from optimize.design_space import DesignSpace
+from optimize.margins import Limits
 from optimize.objective import Measure, Objective, Target
 from tests.analytic_cloth import AnalyticCloth
 

@@ -10,9 +10,10 @@ import pytest
 
 from fabdesign.catalogue import build
 from fabdesign.forward import Case
-from optimize.design_space import DesignSpace, Limits
+from optimize.design_space import DesignSpace
 from optimize.evaluations import Evaluations, Stage
 from optimize.history import History, OtherStudy
+from optimize.margins import Limits
 from optimize.objective import Measure, Objective, Target
 from optimize.search import search
 from optimize.starts import Start, layout_starts, pressure_starts

@@ -13,9 +13,10 @@ from fabdesign.forward import ForwardModel
 from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.study_file import Study, read_study, require_searchable
-from optimize.design_space import DesignSpace, Limits, constraint_margins
+from optimize.design_space import DesignSpace
 from optimize.evaluations import Evaluations, Stage
 from optimize.history import History, OtherStudy
+from optimize.margins import Limits, constraint_margins
 from optimize.objective import Objective, Target
 from optimize.search import search
 from optimize.starts import Start
