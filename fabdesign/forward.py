@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from fabdesign.design import Design
 from fabdesign.pressure import PressureProgram
 
+SIDE = 41  # points a side of each face
 PARAMETERS = ("membrane", "shear", "bending", "areal_density", "damping", "muscle_gain", "axis_offset")
 FACTORS = 0.001, 1000.0  # what a factor on a declared value may be: beyond, the declared value is another thing's
 
@@ -26,7 +27,7 @@ class Case:
 class ForwardModel(Protocol):
     def motions(self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float32]]:
         """(T, 2 n, 3) points [m] of each case at its `times` [s after rest]: front face, then back face,
-        each by rising v, then rising u (41 x 41 a face by default). A diverged case holds NaN from then on."""
+        each by rising v, then rising u (SIDE x SIDE a face). A diverged case holds NaN from then on."""
         ...
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:

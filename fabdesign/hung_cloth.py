@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from fabdesign.fabric import Fabric
+from fabdesign.forward import SIDE
 
 Array = NDArray[np.float64]
 
@@ -64,7 +65,7 @@ def held_places(fabric: Fabric) -> Array:
     if isinstance(fabric.hung, tuple):
         u, v = np.array(fabric.hung).T
         return np.stack([u - fabric.width / 2, -v, 0 * u], axis=1)
-    rows = at_rest(fabric, 41, 41).reshape(41, 41, 3)
+    rows = at_rest(fabric, SIDE, SIDE).reshape(SIDE, SIDE, 3)
     return {"top": rows[0], "bottom": rows[-1], "left": rows[:, 0], "right": rows[:, -1]}[fabric.hung]
 
 

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from fabdesign.forward import SIDE
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -43,7 +45,7 @@ class Provenance:
     seed: int | None = None
 
 
-POINTS_PER_SIDE = 41  # of the simulator's grid, unless something else is asked for
+POINTS_PER_SIDE = SIDE  # of the simulator's grid, unless something else is asked for
 
 
 @dataclass(frozen=True)

@@ -155,6 +155,9 @@ def face_triangles(rows: int, cols: int) -> Indices:
     return triangles
 
 
-def capped_rms(distance: Array, cap: float = 0.010) -> float:
+CAP = 0.010  # m, of a distance to a surface: strays beyond it do not decide
+
+
+def capped_rms(distance: Array, cap: float = CAP) -> float:
     """Root mean square [m] of distances capped at `cap` [m], so that strays cannot decide it."""
     return float(np.sqrt(np.mean(np.square(np.minimum(np.abs(distance), cap)))))

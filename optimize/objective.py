@@ -11,17 +11,15 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial import KDTree
 
 from fabdesign.distances import chamfer
-from fabdesign.forward import Case, ForwardModel
+from fabdesign.forward import SIDE, Case, ForwardModel
 from fabdesign.pressure import PressureProgram
-from fabdesign.surface import Surface, capped_rms
+from fabdesign.surface import CAP, Surface, capped_rms
 from optimize.design_space import DesignSpace, Vector
 
 Measure = Literal["chamfer", "surface_rms"]
 Shape = NDArray[np.float64]  # (poses, 2 n, 3) m: one design under each pose's pressures
 THIN = 2  # a step is chosen on every second point of target and model: cheaper, the same step
 SURFACE_THIN = 6  # the same for surface RMS, of the target alone: triangles cost more, and blur less, than points
-CAP = 0.010  # m, of the surface RMS: strays beyond it have no slope
-POINTS_PER_SIDE = 41  # a coarser forward model's faces are interpolated to this many before they are compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +107,7 @@ def _surface_gradient(measured: NDArray[np.float64], model: NDArray[np.float64])
     value = capped_rms(near.distance)
     corners = surface.triangles[near.triangle]  # (n, 3)
     pull = np.einsum("nk,nkd->nd", near.weights, model[corners]) - measured
-    pull[near.distance >= CAP] = 0.0
+    pull[near.distance >= CAP] = 0.0  # strays beyond it have no slope
     shares = (near.weights[:, :, None] * pull[:, None, :] / (len(measured) * max(value, 1e-12))).reshape(-1, 3)
     columns = [np.bincount(corners.ravel(), shares[:, axis], len(model)) for axis in range(3)]
     return value, np.stack(columns, axis=1)
@@ -117,7 +115,7 @@ def _surface_gradient(measured: NDArray[np.float64], model: NDArray[np.float64])
 
 def _refined(cloud: NDArray[np.float64]) -> NDArray[np.float64]:
     side = round(np.sqrt(len(cloud) / 2))
-    if side >= POINTS_PER_SIDE:
+    if side >= SIDE:
         return cloud
     weights = _spline_weights(side)
     faces = np.einsum("ai,bj,fijc->fabc", weights, weights, cloud.reshape(2, side, side, 3), optimize=True)
@@ -126,6 +124,6 @@ def _refined(cloud: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @lru_cache(maxsize=8)
 def _spline_weights(side: int) -> NDArray[np.float64]:
-    """(41, side) cubic interpolation from `side` even nodes."""
-    nodes, dense = np.linspace(0, 1, side), np.linspace(0, 1, POINTS_PER_SIDE)
+    """(SIDE, side) cubic interpolation from `side` even nodes."""
+    nodes, dense = np.linspace(0, 1, side), np.linspace(0, 1, SIDE)
     return np.asarray(make_interp_spline(nodes, np.eye(side), k=3)(dense))

@@ -1,4 +1,4 @@
-"""The simulator: extended position-based dynamics of cloth with laced muscles."""
+"""The simulator of cloth with laced muscles: constraints with compliances, solved to convergence by implicit steps."""
 
 from sim.motion import Motion
 from sim.simulator import Simulator

@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.forward import SIDE
 from sim.design.loops import interpolation_weights
-
-SIDE = 41  # points a side of every output
 
 
 def faces(middle: NDArray[np.float32], thickness: float) -> NDArray[np.float32]:

@@ -1,8 +1,10 @@
 """The public way in: a batch of cases becomes motions or equilibrium shapes."""
 
+import numbers
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,15 +33,34 @@ from sim.time.steps import Steps, jumps_of, steps_of
 Array = NDArray[np.float64]
 BLOCKS = 8  # of LANES designs in the fields at once
 SMOOTHING = 0.020  # m, half width over which the preconditioner's frames are averaged
+TIME_STEPS = 1e-6, 1 / 240  # s
+MOST_CALM, MOST_ITERATIONS = 64, 1000
+TOLERANCES = 1e-12, 1e-3  # m
 
 
 @dataclass(frozen=True)
 class Simulator:
-    """Extended position-based dynamics of laced cloth (Macklin et al. 2016; docs/model.md), many designs at once.
+    """Motions and equilibria of laced cloth, many designs at once (docs/model.md).
 
-    Implements fabdesign.forward.ForwardModel. Limits: muscles do not slip, at most 8 muscle types a batch. The cloth
-    passes through itself unless `self_contact`: then nodes meet cells, without friction and without the thickness of
-    muscles; borders that meet head on can pass. Steps then stay short, which costs 5 to 8 times as much.
+    Cloth and muscles are constraints with compliances, the system of extended position-based dynamics (XPBD, Macklin et
+    al. 2016), here solved to convergence: an implicit step (generalised-alpha, Chung and Hulbert 1993) by
+    preconditioned conjugate gradients, so that stiffness does not depend on a number of iterations.
+
+    Implements fabdesign.forward.ForwardModel: SI units in and out. Limits: muscles do not slip, at most 8 muscle types
+    a batch. The cloth passes through itself unless `self_contact`: then nodes meet cells, without friction and without
+    the thickness of muscles; borders that meet head on can pass. Steps then stay short, which costs 5 to 8 times as
+    much. Raises InputError where an option is out of range.
+
+    >>> import numpy as np
+    >>> from fabdesign.catalogue import build
+    >>> from fabdesign.forward import Case
+    >>> from fabdesign.pressure import PressureProgram
+    >>> from sim import Simulator
+    >>> program = PressureProgram(np.array([0.0]), np.array([[200e3, 0.0]]), 1.0)  # Pa, from 0 s on
+    >>> cases = [Case(build("cross", muscles=2), program)]
+    >>> points = Simulator(points_per_side=21).motions(cases, [np.array([0.0, 0.1])])[0]  # m at 0 and 0.1 s
+    >>> points.shape
+    (2, 3362, 3)
     """
 
     points_per_side: int = POINTS_PER_SIDE
@@ -52,8 +73,17 @@ class Simulator:
     forces: tuple[ForceWithMemory, ...] = ()  # more of them, summed with those of cloth and muscles
 
     def __post_init__(self) -> None:
-        if not COARSEST <= self.points_per_side <= FINEST:
-            raise InputError(f"points_per_side is {self.points_per_side}; expected {COARSEST} to {FINEST}")
+        _require("points_per_side", self.points_per_side, COARSEST, FINEST, whole=True)
+        _require("time_step", self.time_step, *TIME_STEPS, unit=" s")
+        if self.calm_steps is not None:
+            _require("calm_steps", self.calm_steps, 1, MOST_CALM, whole=True)
+        _require("iterations", self.iterations, 1, MOST_ITERATIONS, whole=True)
+        _require("tolerance", self.tolerance, *TOLERANCES, unit=" m")
+        _require("rho", self.rho, 0, 1)
+        if not isinstance(self.self_contact, bool):
+            raise InputError(f"self_contact is {self.self_contact!r}; expected True or False")
+        if not isinstance(self.forces, tuple) or not all(isinstance(one, ForceWithMemory) for one in self.forces):
+            raise InputError(f"forces is {self.forces!r}; expected a tuple of ForceWithMemory")
 
     @property
     def _calm(self) -> int:
@@ -92,7 +122,12 @@ class Simulator:
 
     def _finer(self) -> "Simulator":
         calm = max(1, self._calm // 2)
-        return replace(self, time_step=self.time_step / 2, calm_steps=calm, iterations=2 * self.iterations)
+        return replace(
+            self,
+            time_step=max(self.time_step / 2, TIME_STEPS[0]),
+            calm_steps=calm,
+            iterations=min(2 * self.iterations, MOST_ITERATIONS),
+        )
 
     def _run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
         results: list[Motion | None] = [None] * len(cases)
@@ -204,6 +239,15 @@ class Simulator:
         out = np.empty((batch.blocks, fields.LANES, n * n, 3), np.float32)
         read(*batch.grid, plane, out)
         return out.reshape(-1, n, n, 3)
+
+
+def _require(name: str, value: Any, least: float, most: float, *, whole: bool = False, unit: str = "") -> None:
+    """Raise InputError where an option is no number of that range."""
+    sort = numbers.Integral if whole else numbers.Real
+    number = isinstance(value, sort) and not isinstance(value, bool)
+    if not number or not least <= float(value) <= most:
+        kind = " whole" if whole else ""
+        raise InputError(f"{name} is {value!r}; expected a{kind} number from {least:g} to {most:g}{unit}")
 
 
 def _is_free(fabric: Fabric) -> bool:

@@ -12,7 +12,6 @@ from fabdesign.errors import InputError
 from fabdesign.least_squares import least_squares_with_inequalities
 from fabdesign.muscle import BenchTable
 from fabdesign.muscle_law import MuscleLaw
-from fabdesign.tondu_lopez import TonduLopez
 
 DATA = Path(os.environ.get("FABDESIGN_DATA", Path(__file__).resolve().parents[1] / "../shared/data"))
 
@@ -124,17 +123,6 @@ def test_too_few_rows_and_bad_values_are_one_line():
         MuscleLaw.fit(BenchTable(good.pressure, good.contraction, (float("nan"), *good.force[1:])))
     with pytest.raises(InputError, match="pressure -50 kPa"):
         MuscleLaw.fit(BenchTable((-50e3, *good.pressure[1:]), good.contraction, good.force))
-
-
-def test_tondu_lopez_recovers_its_own_parameters():
-    p, eps = np.meshgrid(np.arange(100e3, 500e3, 25e3), np.arange(0, 0.3, 0.01), indexing="ij")
-    truth = TonduLopez(0.0008, np.radians(22), 1.25, 0, 0, 0)
-    force = truth.tension(p, eps) + 0.005 * np.random.default_rng(1).standard_normal(p.shape)
-    fitted = TonduLopez.fit(table(p, eps, force))
-    assert fitted.radius == pytest.approx(0.0008, rel=0.05)
-    assert fitted.braid_angle == pytest.approx(np.radians(22), rel=0.05)
-    assert fitted.end_factor == pytest.approx(1.25, rel=0.05)
-    assert 0.004 < fitted.misfit < 0.006
 
 
 def test_inequalities_against_an_obvious_projection():

@@ -6,7 +6,7 @@ Equations 7-10 of docs/model.md.
 import taichi as ti
 
 from sim.kernels.fields import CONTRACTION_STEP, FIRST_CONTRACTION, LANES, PRESSURE_STEP, TABLE, F, X
-from sim.kernels.patch import gather, scatter, weigh_across, weigh_rows
+from sim.kernels.patch import exchange, weigh_across, weigh_rows
 from sim.kernels.vectors import Wide, cross, dot, load_point, parts, store_point, sum3, thrice
 from sim.state import PATCH
 from sim.time.scheme import CV
@@ -20,7 +20,7 @@ def sample(b, nu, npt, first, second, dst):
     while pt < npt:
         turn = 0
         while turn < 2:
-            gather(b, nu, pt, first + turn * (second - first))
+            exchange(b, nu, pt, first + turn * (second - first), False)
             r = 0
             while r < F.touched[1]:
                 along_u = 0
@@ -105,7 +105,7 @@ def spread(b, nu, npt, dst):
                 )
                 m = F.after[m]
             r = F.after[r]
-        scatter(b, nu, pt, dst)
+        exchange(b, nu, pt, dst, True)
         pt = F.after[pt]
 
 

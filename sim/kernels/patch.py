@@ -8,32 +8,20 @@ from sim.state import PATCH
 
 
 @ti.func
-def gather(b, nu, pt, src):
-    """F.patch3 = vectors of the plane of F.node3 that begins at src."""
+def exchange(b, nu, pt, plane, adds: ti.template()):
+    """F.patch3 = vectors of the plane of F.node3 that begins at `plane`; if adds, F.patch3 is added to these."""
     r = 0
     while r < F.touched[1]:
         m = 0
         while m < F.touched[0]:
             for lane in range(LANES):
-                k = src + F.base[b, pt][lane] + r * (nu + 2) + m
-                for c in ti.static(range(3)):
-                    F.patch3[b, r * PATCH + m][c * LANES + lane] = F.node3[b, k][c * LANES + lane]
-            m = F.after[m]
-        r = F.after[r]
-
-
-@ti.func
-def scatter(b, nu, pt, dst):
-    """Adds F.patch3 to where `gather` takes it from."""
-    r = 0
-    while r < F.touched[1]:
-        m = 0
-        while m < F.touched[0]:
-            for lane in range(LANES):
-                k = dst + F.base[b, pt][lane] + r * (nu + 2) + m
+                k = plane + F.base[b, pt][lane] + r * (nu + 2) + m
                 for c in ti.static(range(3)):
                     e = c * LANES + lane
-                    F.node3[b, k][e] = F.node3[b, k][e] + F.patch3[b, r * PATCH + m][e]
+                    if ti.static(adds):
+                        F.node3[b, k][e] = F.node3[b, k][e] + F.patch3[b, r * PATCH + m][e]
+                    else:
+                        F.patch3[b, r * PATCH + m][e] = F.node3[b, k][e]
             m = F.after[m]
         r = F.after[r]
 

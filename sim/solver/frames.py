@@ -37,33 +37,23 @@ def axes(b, k):
 
 
 @ti.func
-def to_frames(b, nu, nv, src):
-    """F.modal3 = components in the frames of the plane src of F.node3, zero where nodes are held"""
-    s = nu + 2
+def turn(b, nu, nv, plane, into: ti.template()):
+    """into: F.modal3 = components of a plane of F.node3 in the frames; else the plane = world components of F.modal3.
+    Zero where nodes are held."""
     for j in range(nv):
         i = 0
         while i < nu:
-            k = (j + 1) * s + i + 1
+            k = (j + 1) * (nu + 2) + i + 1
             o = j * nu + i
-            free = F.node3[b, src + k] * thrice(F.node[b, F.free + k])
-            x, y, z = parts(free)
-            ux, uy, uz, vx, vy, vz, nx, ny, nz = axes(b, k)
-            local = Wide(dot(ux, uy, uz, x, y, z), dot(vx, vy, vz, x, y, z), dot(nx, ny, nz, x, y, z))
-            F.modal3[b, o] = local
-            i = F.after[i]
-
-
-@ti.func
-def from_frames(b, nu, nv, dst):
-    """dst = world components of the field in F.modal3"""
-    s = nu + 2
-    for j in range(nv):
-        i = 0
-        while i < nu:
-            k = (j + 1) * s + i + 1
-            o = j * nu + i
-            local = F.modal3[b, o] * thrice(F.node[b, F.free + k])
-            u, v, w = parts(local)
-            ux, uy, uz, vx, vy, vz, nx, ny, nz = axes(b, k)
-            store(b, dst + k, u * ux + v * vx + w * nx, u * uy + v * vy + w * ny, u * uz + v * vz + w * nz)
+            if ti.static(into):
+                world = F.node3[b, plane + k] * thrice(F.node[b, F.free + k])
+                x, y, z = parts(world)
+                ux, uy, uz, vx, vy, vz, nx, ny, nz = axes(b, k)
+                local = Wide(dot(ux, uy, uz, x, y, z), dot(vx, vy, vz, x, y, z), dot(nx, ny, nz, x, y, z))
+                F.modal3[b, o] = local
+            else:
+                local = F.modal3[b, o] * thrice(F.node[b, F.free + k])
+                u, v, w = parts(local)
+                ux, uy, uz, vx, vy, vz, nx, ny, nz = axes(b, k)
+                store(b, plane + k, u * ux + v * vx + w * nx, u * uy + v * vy + w * ny, u * uz + v * vz + w * nz)
             i = F.after[i]

@@ -3,10 +3,10 @@
 import numpy as np
 
 from fabdesign.sensor_noise import SensorNoise
+from fabdesign.surface import CAP
 
 EXCESS = 0.0005  # m over the noise that a right model may leave
 ASTRAY = 0.03  # share of frames far off from which on it is said
-CAP = 0.010  # m, of every residual
 
 
 def noise_rms(noise: SensorNoise) -> float:

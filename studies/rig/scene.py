@@ -14,6 +14,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from fabdesign.design import Design
+from fabdesign.forward import PARAMETERS
 from fabdesign.muscle import BenchTable
 from fabdesign.muscle_law import MuscleLaw
 from studies.rig.cables import Cables, lace
@@ -105,7 +106,7 @@ def build_scene(
     design: Design, factors: Mapping[str, float], resolution: Resolution, *, max_pressure: float, seed: int = 0
 ) -> Scene:
     """The declared design. `factors` by the names of fabdesign.forward.PARAMETERS; max_pressure [Pa] sizes tables."""
-    f = {name: factors.get(name, 1.0) for name in _FACTORS}
+    f = {name: factors.get(name, 1.0) for name in PARAMETERS}
     cloth = design.fabric
     patch = _patch(design, resolution)
     uv, weight = patch.quadrature()
@@ -152,9 +153,6 @@ def build_scene(
         tie_stiffness=np.full(len(hung_uv), PIN_STIFFNESS),
         tied_to=np.stack([hung_uv[:, 0] - cloth.width / 2, -hung_uv[:, 1], np.zeros(len(hung_uv))], axis=1),
     )
-
-
-_FACTORS = ("membrane", "shear", "bending", "areal_density", "damping", "muscle_gain", "axis_offset")
 
 
 @lru_cache(maxsize=16)
