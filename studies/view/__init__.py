@@ -1,0 +1,1 @@
+"""Motions, measured clouds and predictions side by side: a page, a picture, an animation."""

@@ -1,0 +1,110 @@
+"""What is looked at: motions, trials, clouds and predictions, each as frames of points with their times."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.cloud_file import read_geometry
+from fabdesign.design import Design
+from fabdesign.design_file import read_design
+from fabdesign.errors import InputError
+from fabdesign.forward import Case, ForwardModel
+from fabdesign.measurement_set import read_set
+from fabdesign.model import Model
+from fabdesign.motion_file import read_motion, square_triangles
+from fabdesign.npz_file import open_npz
+from fabdesign.trial import Trial
+from fabdesign.trial_file import read_trial
+from studies.predict import factors_of
+
+LARGEST = 5.0  # m, of any coordinate: what is larger is in another unit
+MOST = 8  # side by side
+
+
+@dataclass(frozen=True, eq=False)
+class Item:
+    """One panel. frames: a sequence of T arrays (n_t, 3) m; times (T,) s, of which a still shape has one."""
+
+    title: str
+    times: NDArray[np.float64]
+    frames: Any
+    triangles: NDArray[np.intp] | None = None  # (t, 3), of all frames alike; None: a cloud
+
+    def nearest(self, time: float) -> int:
+        """The frame that is shown at `time` [s]."""
+        return int(np.argmin(np.abs(self.times - time)))
+
+
+def items_of(
+    files: Sequence[Path],
+    *,
+    trial: str | None = None,
+    design: Path | None = None,
+    model: Model | None = None,
+    forward: ForwardModel | None = None,
+) -> list[Item]:
+    """The panels of files: a motion's npz, a trial's npz, a measurement set (its `trial` by name, by default the
+    first), a cloud or mesh. With a model, each trial's prediction by `forward` follows it; a lone trial needs its
+    `design`.
+
+    Raises InputError for what cannot be shown.
+    """
+    items: list[Item] = []
+    for file in files:
+        items += _items(file, trial, design, model, forward)
+    if len(items) > MOST:
+        raise InputError(f"{len(items)} panels; expected at most {MOST} side by side")
+    for item in items:
+        if any(np.abs(frame).max(initial=0.0) > LARGEST for frame in item.frames):
+            raise InputError(f"{item.title}: points are beyond {LARGEST:g} m; expected metres")
+    return items
+
+
+def _items(
+    file: Path, name: str | None, design: Path | None, model: Model | None, forward: ForwardModel | None
+) -> list[Item]:
+    if file.is_dir() or file.name == "set.toml":
+        measured = read_set(file)
+        found = [t for t in measured.trials if name in (None, t.name)]
+        if not found:
+            known = ", ".join(t.name for t in measured.trials[:5])
+            raise InputError(f"{file}: has no trial {name}; expected one of {known}, ...")
+        said = f"{measured.name}/{found[0].name} ({found[0].design_name})"
+        source = "synthetic rig" if "synthetic" in measured.description else "measured"
+        return _trial(found[0], f"{said}, {source}", model, forward)
+    if file.suffix.lower() == ".npz":
+        with open_npz(file, "a motion's or a trial's arrays") as arrays:
+            is_trial, is_motion = "offsets" in arrays, "time" in arrays
+        if is_trial:
+            return _lone_trial(file, design, model, forward)
+        if is_motion:
+            motion = read_motion(file)
+            return [Item(file.stem, motion.time, motion.points, motion.triangles)]
+    shape = read_geometry(file)
+    return [Item(file.name, np.zeros(1), shape.points[None], shape.triangles if shape.is_mesh else None)]
+
+
+def _lone_trial(file: Path, design_file: Path | None, model: Model | None, forward: ForwardModel | None) -> list[Item]:
+    if design_file is not None:
+        design: Design = read_design(design_file)
+        return _trial(Trial(file, design.name, design, order=0, role="fit"), f"{file.stem}, measured", model, forward)
+    if model is not None:
+        raise InputError(f"{file}: a lone trial; expected --design with its design file to predict it")
+    data = read_trial(file)
+    return [Item(f"{file.stem}, measured", np.asarray(data.time, np.float64), data.frames)]
+
+
+def _trial(trial: Trial, title: str, model: Model | None, forward: ForwardModel | None) -> list[Item]:
+    data = trial.load()
+    items = [Item(title, np.asarray(data.time, np.float64), data.frames)]
+    if model is not None and forward is not None:
+        case = Case(trial.design, trial.program, factors_of(model))
+        points = forward.motions([case], [trial.times])[0]
+        if not np.isfinite(points).all():
+            raise InputError(f"{trial.file}: its prediction diverges; expected a model under which it can be shown")
+        items.append(Item(f"{trial.name}, predicted", trial.times, points, square_triangles(points.shape[1])))
+    return items

@@ -1,0 +1,117 @@
+"""Side by side: what the page, the picture and the animation hold."""
+
+import base64
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+
+from fabdesign.catalogue import build
+from fabdesign.cli.console import commands
+from fabdesign.errors import InputError
+from fabdesign.forward import Case
+from fabdesign.model import Model
+from fabdesign.motion_file import write_motion
+from fabdesign.pressure_file import constant_program
+from fabdesign.trial_file import TrialData, write_trial
+from studies.view.items import items_of
+from studies.view.page import LEVELS, render_page
+from tests.analytic_cloth import AnalyticCloth
+
+PRESSURES = [320e3, 60e3, 210e3]
+TIMES = np.array([0.2, 0.5, 1.0])
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[Path, Path]:
+    """A motion on 9 x 9 points, and a trial of it with other points in every frame."""
+    motion = AnalyticCloth(9).motions([Case(build("vertical"), constant_program(PRESSURES))], [TIMES])[0]
+    write_motion(tmp_path / "motion.npz", TIMES, motion)
+    frames = tuple(frame[k::2] for k, frame in enumerate(motion))
+    write_trial(TrialData(TIMES, np.tile(PRESSURES, (3, 1)), frames), tmp_path / "trial.npz")
+    return tmp_path / "motion.npz", tmp_path / "trial.npz"
+
+
+def test_the_page_holds_every_point_and_loads_nothing(files: tuple[Path, Path]) -> None:
+    items = items_of(files)
+    page = render_page("both", items)
+    assert not re.findall(r"(?:src|href)=|https?://", page)
+    data = json.loads(re.findall(r'id="data">(.*?)</script>', page)[0])
+    assert [panel["title"] for panel in data["items"]] == ["motion", "trial, measured"]
+    for item, panel in zip(items, data["items"], strict=True):
+        points = np.frombuffer(base64.b64decode(panel["points"]), "<i2").reshape(-1, 3) * data["scale"]
+        shown = np.concatenate([np.asarray(frame) for frame in item.frames])
+        assert panel["counts"] == [len(frame) for frame in item.frames]
+        assert panel["times"] == TIMES.tolist()
+        assert np.abs(points - shown).max() <= 0.5001 * np.abs(shown).max() / LEVELS * 2
+    corners = np.frombuffer(base64.b64decode(data["items"][0]["triangles"]), "<u4").reshape(-1, 3)
+    np.testing.assert_array_equal(corners, items[0].triangles)
+    assert data["items"][1]["triangles"] == ""
+
+
+def test_a_trial_stands_beside_its_prediction(files: tuple[Path, Path], tmp_path: Path) -> None:
+    from fabdesign.design_file import write_design
+
+    write_design(build("vertical"), tmp_path / "d.toml")
+    measured, predicted = items_of(files[1:], design=tmp_path / "d.toml", model=Model(), forward=AnalyticCloth(9))
+    assert (measured.title, predicted.title) == ("trial, measured", "trial, predicted")
+    np.testing.assert_allclose(predicted.frames[0][0::2], measured.frames[0], atol=1e-3)
+    with pytest.raises(InputError, match="a lone trial; expected --design"):
+        items_of(files[1:], model=Model(), forward=AnalyticCloth(9))
+
+
+def test_a_set_of_a_synthetic_rig_says_so(data: Path) -> None:
+    item, *others = items_of([data / "rig_c"], trial="008")
+    assert not others
+    assert item.title.endswith("synthetic rig")
+    with pytest.raises(InputError, match="has no trial nine; expected one of 000"):
+        items_of([data / "rig_c"], trial="nine")
+
+
+def run(*words: object) -> tuple[int, str]:
+    result = CliRunner().invoke(commands, ["view", *map(str, words)])
+    if isinstance(result.exception, InputError):
+        return 2, str(result.exception)
+    return result.exit_code, result.output
+
+
+def test_pictures_and_animations_are_images(files: tuple[Path, Path], tmp_path: Path) -> None:
+    assert run(*files, "--time", "0.2", "--time", "1", "-o", tmp_path / "a.png")[0] == 0
+    with Image.open(tmp_path / "a.png") as picture:
+        colours = picture.convert("RGB").getcolors(1_000_000)
+    assert colours is not None
+    red, dark = (sum(n for n, (r, g, b) in colours if test(r, g, b)) for test in (_red, _dark))
+    assert min(red, dark) > 300  # both panels are there
+    assert run(*files, "-o", tmp_path / "a.gif")[0] == 0
+    with Image.open(tmp_path / "a.gif") as animation:
+        assert animation.n_frames == 13  # 0.8 s at 15 Hz
+
+
+def _red(r: int, g: int, b: int) -> bool:
+    return r > 90 > max(g, b)
+
+
+def _dark(r: int, g: int, b: int) -> bool:
+    return max(r, g, b) < 80 and b > r + 10
+
+
+def test_what_cannot_be_shown_is_refused_and_nothing_is_written(files: tuple[Path, Path], tmp_path: Path) -> None:
+    (tmp_path / "notes.md").write_text("text")
+    far = tmp_path / "far.xyz"
+    far.write_text("0 0 0\n200 0 0\n0 200 0\n")
+    out = tmp_path / "out" / "p.html"
+    for words, said in (
+        ((tmp_path / "none.npz", "-o", out), "none.npz"),
+        ((tmp_path / "notes.md", "-o", out), "notes.md"),
+        ((far, "-o", out), "far.xyz: points are beyond 5 m; expected metres"),
+        ((*files, "-o", tmp_path / "out" / "p.pdf"), "expected a name that ends in .html, .png or .gif"),
+        ((*files, "--time", "1", "-o", out), "instants of a picture"),
+        (([files[0]] * 9)[:9] + ["-o", out], "9 panels; expected at most 8"),
+    ):
+        code, text = run(*words)
+        assert (code, said in text, text.count("\n")) == (2, True, 0), text
+        assert not (tmp_path / "out").exists()
