@@ -5,7 +5,7 @@ summed. Everything in m; people are shown mm.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, fields
 from itertools import islice
 from typing import Any, Literal
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fabdesign.distances import chamfer
 from fabdesign.sensor_noise import SensorNoise
-from fabdesign.surface import Surface, capped_rms
+from fabdesign.surface import CAP, Surface, capped_rms
 
 Floats = NDArray[np.floating[Any]]
 
@@ -30,6 +30,7 @@ class Errors:
     chamfer_floor: float
     surface_rms: float
     surface_floor: float
+    beyond: float = 0.0  # share of the measured points farther off than the cap, which count as if they were at it
 
 
 def surface_rms(measured: Floats, model: Floats) -> float:
@@ -66,7 +67,7 @@ def trial_errors(
     if len(measured) != len(predicted):
         raise ValueError(f"{len(measured)} measured frames, {len(predicted)} predicted")
     if not np.isfinite(predicted).all():
-        return Errors(np.nan, np.nan, np.nan, np.nan)
+        return Errors(*[np.nan] * 5)
     rng = np.random.default_rng(seed)
     per_frame = np.bincount(np.arange(draws) * len(measured) // draws, minlength=len(measured))
     counts = np.repeat([len(cloud) for cloud in measured], per_frame).tolist()
@@ -74,17 +75,27 @@ def trial_errors(
     distances, floors = [], []
     for cloud, model, repeats in zip(measured, predicted, per_frame, strict=True):
         surface = Surface.of_faces(model)
-        distances.append((chamfer(cloud, model), capped_rms(surface.nearest(cloud).distance)))
+        off = surface.nearest(cloud).distance
+        distances.append((chamfer(cloud, model), capped_rms(off), float(np.mean(off > CAP))))
         for strays in islice(offsets, repeats):
             drawn = noise.draw(surface, len(cloud), rng, strays)
             floors.append((chamfer(drawn, model), capped_rms(surface.nearest(drawn).distance)))
-    (c, s), (c_floor, s_floor) = np.mean(distances, axis=0), np.mean(floors, axis=0)
-    return Errors(float(c), float(c_floor), float(s), float(s_floor))
+    (c, s, beyond), (c_floor, s_floor) = np.mean(distances, axis=0), np.mean(floors, axis=0)
+    return Errors(float(c), float(c_floor), float(s), float(s_floor), float(beyond))
+
+
+MANY_BEYOND = 0.05  # share of the points from which on a capped figure hides how far off they are
+
+
+def told_beyond(share: float) -> str:
+    """In words: how many points lie beyond the cap, and what that means where they are many."""
+    said = f"{share:.1%} of the points lie more than {1e3 * CAP:g} mm off"
+    return said + (", so the surface RMS is capped: the shape is worse than it says" if share >= MANY_BEYOND else "")
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """Of one error over trials, m. std: that of the trials themselves (ddof 0)."""
+    """Of one error over trials, m (of `beyond` a share). std: that of the trials themselves (ddof 0)."""
 
     mean: float
     max: float
@@ -96,7 +107,7 @@ def statistics(trials: Sequence[Errors]) -> dict[str, Statistics]:
     """Each error's statistics over trials; those that diverged are left out. At least one must be left."""
     table = np.array([astuple(errors) for errors in trials])
     table = table[np.isfinite(table).all(axis=1)]
-    names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
+    names = [field.name for field in fields(Errors)]
     columns = zip(names, table.T, strict=True)
     return {name: Statistics(float(x.mean()), float(x.max()), float(x.min()), float(x.std())) for name, x in columns}
 

@@ -149,10 +149,13 @@ def _summarise(title: str, found: MeasurementSet, noise: SensorNoise, results: S
 
 def _as_json(design: DesignResult) -> dict[str, Any]:
     def millimetres(table: Mapping[str, Statistics]) -> dict[str, dict[str, float]]:
-        return {name: {key: 1e3 * x for key, x in asdict(values).items()} for name, values in table.items()}
+        distances = {name: {key: 1e3 * x for key, x in asdict(table[name]).items()} for name in ERRORS}
+        return distances | {"surface_beyond": asdict(table["beyond"])}
 
     def errors(values: Errors) -> dict[str, float | None]:
-        return {name: None if np.isnan(x) else 1e3 * x for name, x in asdict(values).items()}
+        if np.isnan(values.chamfer):
+            return dict.fromkeys((*ERRORS, "surface_beyond"))
+        return {name: 1e3 * getattr(values, name) for name in ERRORS} | {"surface_beyond": values.beyond}
 
     return {
         "before": millimetres(design.before),

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from fabdesign.csv_table import write_rows
-from fabdesign.metrics import Statistics
+from fabdesign.metrics import Statistics, told_beyond
 from fabdesign.output import new_folder
 from studies.evaluate import ERRORS, Evaluation, histogram
 
@@ -23,7 +23,8 @@ def tables_markdown(evaluation: Evaluation) -> str:
     """Both tables for people: mm, mean (min to max, std) over trials."""
     parts = [
         "Chamfer: unsquared, both directions summed. Surface RMS: measured points to the model's faces, capped at "
-        "10 mm. mm, mean (min to max, standard deviation) over trials; closed: share of the gap to the floor.\n"
+        "10 mm. mm, mean over trials, of several trials with (min to max, standard deviation). Closed: share of the "
+        "gap to the floor, * the one by which models are compared.\n"
     ]
     for heading, table in (("Trials of role test", evaluation.designs), ("Other trials", evaluation.others)):
         if table:
@@ -32,11 +33,12 @@ def tables_markdown(evaluation: Evaluation) -> str:
         for name, design in table.items():
             for error, floor in (("chamfer", "chamfer_floor"), ("surface_rms", "surface_floor")):
                 share = design.closed.chamfer if error == "chamfer" else design.closed.surface
-                mark = " (counts)" if error.startswith(design.closed.counts) else ""
+                mark = " *" if error.startswith(design.closed.counts) else ""
+                sound = len(design.trials) - len(design.diverged)
                 parts.append(
                     f"| {name} | {len(design.trials)} | {error} | {1e3 * design.after[floor].mean:.2f} "
-                    f"| {_shown(design.before[error])} | {_shown(design.after[error])} "
-                    f"| {'no gap' if share is None else f'{share:.0%}'}{mark} |"
+                    f"| {_shown(design.before[error], sound)} | {_shown(design.after[error], sound)} "
+                    f"| {_closed(share)}{mark} |"
                 )
         parts.append("")
         parts += [
@@ -45,24 +47,37 @@ def tables_markdown(evaluation: Evaluation) -> str:
             + (f"; diverged and left out: {', '.join(design.diverged)}" if design.diverged else "")
             for name, design in table.items()
         ]
+        for name, design in table.items():
+            before, after = design.before["beyond"].mean, design.after["beyond"].mean
+            parts.append(f"{name}: before, {told_beyond(before)}; after, {told_beyond(after)}")
         parts.append("")
     return "\n".join(parts).rstrip() + "\n"
 
 
-def _shown(values: Statistics) -> str:
+def _closed(share: float | None) -> str:
+    if share is None:
+        return "no gap"
+    return f"{share:.0%}" if share > -0.005 else f"the gap grew by {-share:.0%}"
+
+
+def _shown(values: Statistics, trials: int) -> str:
     mean, most, least, std = (1e3 * x for x in (values.mean, values.max, values.min, values.std))
+    if trials == 1:
+        return f"{mean:.2f}"
     return f"{mean:.2f} ({least:.2f} to {most:.2f}, {std:.2f})"
 
 
 def _write_trials(evaluation: Evaluation, path: Path) -> None:
     header = ["set", "design", "trial", "order", "role"]
     header += [f"{name}_{way}_mm" for way in ("before", "after") for name in ERRORS]
+    header += ["surface_beyond_before", "surface_beyond_after"]
     rows = []
     for table in (evaluation.designs, evaluation.others):
         for name, design in table.items():
             for r in design.trials:
                 numbers = [f"{1e3 * getattr(errors, error):.6g}" for errors in (r.before, r.after) for error in ERRORS]
-                rows.append([r.set_name, name, r.trial, r.order, r.role, *numbers])
+                beyond = [f"{errors.beyond:.6g}" for errors in (r.before, r.after)]
+                rows.append([r.set_name, name, r.trial, r.order, r.role, *numbers, *beyond])
     write_rows(path, header, rows)
 
 

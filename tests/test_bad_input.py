@@ -6,6 +6,7 @@ THE table of the product: a row is what to run in the folder of `damaged` and wh
 import importlib
 import io
 import os
+import re
 import time
 import zipfile
 from pathlib import Path
@@ -116,6 +117,10 @@ BAD = [
     ("simulate endless.toml --pressures 1,2 -o OUT", "endless.toml: is no plain file; expected a text file"),
     ("simulate pipe.toml --pressures 1,2 -o OUT", "pipe.toml: is no plain file; expected a text file"),
     ("simulate sparse.toml --pressures 1,2 -o OUT", "sparse.toml: has 10000 MB; expected a text file of at most 2 MB"),
+    (
+        "simulate hung.toml --pressures 1,2 -o OUT",
+        'hung = [[0.0, 0.0], "left", true]; expected a list of [u, v] points',
+    ),
     ("simulate nested.toml --pressures 1,2 -o OUT", "nested.toml: is not sound TOML: nested too deep"),
     ("simulate digits.toml --pressures 1,2 -o OUT", "digits.toml: is not sound TOML"),
     (
@@ -161,6 +166,8 @@ BAD = [
     ("rig cross.toml --pressures hour.csv -o OUT", "program 0: 3600 s of a cloth of 0.2 by 0.2 m"),
     ("rig wide.toml --pressures 1,2 -o OUT", "1.5 s of a cloth of 10 by 10 m"),
     ("optimize crowd_study.toml -o OUT", "max = 1000000000; expected a whole number from 1 to 256"),
+    ("optimize good_study.toml --seconds nan -o OUT", "'nan' is not a finite number"),
+    ("optimize good_study.toml --seconds -1 -o OUT", "-1.0 is not in the range x>0"),
     ("optimize endless.toml -o OUT", "endless.toml: is no plain file"),
 ]
 
@@ -234,6 +241,8 @@ def _oversized(folder: Path) -> None:
     (folder / "wide.toml").write_text(
         design.replace("width = 0.2", "width = 10.0").replace("height = 0.2", "height = 10.0")
     )
+    hung = 'hung = [[0.0, 0.0], "left", true]'
+    (folder / "hung.toml").write_text(re.sub("(?m)^hung = .*", hung, design))
     (folder / "nested.toml").write_text("a = " + 100_000 * "[")
     (folder / "digits.toml").write_text("a = " + 10_000 * "9")
     (folder / "wild.toml").write_text(model.replace("factor = 1.1", "factor = 1e9"))

@@ -16,7 +16,7 @@ from fabdesign.bench_law_file import TABLES, BenchLaw, read_bench_law, write_ben
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
 from studies.benches.actuator import StaticCurve
-from studies.benches.calibrate import calibrate_bench, write_bench_type
+from studies.benches.calibrate import calibrate_bench, errors_in_words, write_bench_type
 from studies.benches.cylinder import CylinderLaw, friction_state
 from studies.benches.muscle import BenchMuscle
 from studies.benches.strip import StripLaw, straight_line
@@ -317,3 +317,17 @@ def test_a_law_alone_is_read_back_and_not_included(specimen, records, header, wh
     with pytest.raises(InputError, match=f"include LAW.toml: .*is {why}") as caught:
         read_design(tmp_path / "out/d.toml")
     assert "\n" not in str(caught.value)
+
+
+def test_errors_of_a_bench_in_words():
+    @dataclasses.dataclass
+    class Found:
+        unit: str
+        error_fit: float
+        error_left_out: float | None = None
+        error_test: float | None = None
+
+    assert errors_in_words(Found("m", 9.91e-18)) == "under 0.001 mm RMS on the fit"
+    assert errors_in_words(Found("N", 0.25, 0.5, 1.0)) == (
+        "0.25 N RMS on the fit, 0.5 N RMS on records left out of it, 1 N RMS on records of role test"
+    )

@@ -113,6 +113,16 @@ def test_other_trials_have_a_table_of_their_own_and_diverged_ones_are_named(meas
     assert (tmp_path / "out/histogram.png").stat().st_size > 5000
 
 
+def test_lone_trial_has_no_spread_and_a_worse_model_is_said_to_be_worse(measured):
+    one = dataclasses.replace(measured, trials=measured.trials[1:2])
+    worse = Model(parameters={"bending": Parameter(2.0)})
+    text = tables_markdown(evaluate_sets(worse, [one], Curler(rest=1.2)))
+    rows = [row for row in text.splitlines() if row.startswith("| cross")]
+    assert all("(" not in row for row in rows)
+    assert "the gap grew by" in rows[0] and rows[0].endswith(" * |")
+    assert "of the points lie more than 10 mm off" in text
+
+
 def test_two_sets_with_one_design_and_sets_without_test_trials(measured):
     one = dataclasses.replace(measured, trials=measured.trials[1:2])
     both = evaluate_sets(SOFT, [one, dataclasses.replace(one, name="again")], Curler())

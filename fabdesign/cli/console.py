@@ -13,7 +13,7 @@ from fabdesign.effort import COARSEST, FINEST
 from fabdesign.model import Model
 
 
-class _Finite(click.types.FloatParamType):
+class _Finite(click.FloatRange):
     """A float that is neither infinite nor NaN."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
@@ -25,6 +25,7 @@ class _Finite(click.types.FloatParamType):
 
 FILE = click.Path(path_type=Path)
 FINITE = _Finite()
+SECONDS = _Finite(min=0, min_open=True)
 GRID = click.IntRange(COARSEST, FINEST)
 SEED = click.IntRange(0)
 grid_option = click.option("--grid", type=GRID, help="Grid points a side; by default the model's, or 41.")

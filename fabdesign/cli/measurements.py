@@ -111,7 +111,7 @@ def calibrate(
 
 def _calibrate_bench(source: Path, fit: str | None, output: Path, force: bool, as_json: bool) -> None:
     from fabdesign.output import new_files
-    from studies.benches.calibrate import calibrate_bench, write_bench_type
+    from studies.benches.calibrate import calibrate_bench, errors_in_words, write_bench_type
 
     with new_files(output, force=force, inputs=[source]) as unfinished:
         fitted = calibrate_bench(source, fit=None if fit is None else fit.split(","))
@@ -125,9 +125,7 @@ def _calibrate_bench(source: Path, fit: str | None, output: Path, force: bool, a
         "constants": {name: {"value": c.value, "unit": c.unit} for name, c in fitted.constants.items()},
         "files": files,
     }
-    print_result(
-        result, f"{files[0]}: {fitted.bench.name}, {fitted.error_fit:.3g} {fitted.unit} RMS on the fit", as_json
-    )
+    print_result(result, f"{files[0]}: {fitted.bench.name}, {errors_in_words(fitted)}", as_json)
 
 
 @commands.command()

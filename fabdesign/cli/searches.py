@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from fabdesign.cli.console import FILE, commands, force_option, json_option, print_result
+from fabdesign.cli.console import FILE, SECONDS, commands, force_option, json_option, print_result
 
 
 @commands.command()
@@ -25,11 +25,12 @@ def demo(output: Path, force: bool, as_json: bool) -> None:
 @commands.command()
 @click.argument("study", type=FILE)
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in.")
-@click.option("--seconds", type=click.FloatRange(min=0, min_open=True), help="Of search; by default the study's.")
+@click.option("--seconds", type=SECONDS, help="Of search; by default the study's.")
 @force_option
 @json_option
 def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_json: bool) -> None:
     """Find the layout and pressures that come closest to the target of a STUDY (TOML). Ctrl-C ends with the best."""
+    from fabdesign.metrics import MANY_BEYOND, told_beyond
     from studies.layouts.progress import LiveLine
     from studies.layouts.run import run_study
 
@@ -39,5 +40,8 @@ def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_j
         f"{output}: {result['objective_mm']:.3f} mm (Chamfer {result['chamfer']:.3f}, floor "
         f"{result['chamfer_floor']:.3f}) after {result['evaluations']} evaluations; {result['stop_reason']}"
     )
-    text = "\n".join([*(f"target: {target}" for target in result["targets"]), text, *result["reach"]["said"]])
+    said = [*result["reach"]["said"]]
+    if result["surface_beyond"] >= MANY_BEYOND:
+        said.append(told_beyond(result["surface_beyond"]))
+    text = "\n".join([*(f"target: {target}" for target in result["targets"]), text, *said])
     print_result(result, text, as_json)

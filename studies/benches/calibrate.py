@@ -22,6 +22,8 @@ from studies.benches.muscle import BenchMuscle
 from studies.benches.needs import SIZES, require_columns, require_sizes
 from studies.benches.strip import StripLaw
 
+_LEAST_SHOWN = 0.001  # mm or N: what no gauge reads
+
 Law = BenchMuscle | StripLaw | CylinderLaw | StaticCurve
 
 
@@ -81,6 +83,21 @@ def calibrate_bench(path: Path | str, *, fit: Sequence[str] | None = None) -> Be
         error_test=_rms(law, tests) if tests else None,
         constants=_constants(law),
     )
+
+
+def errors_in_words(calibration: BenchCalibration) -> str:
+    """Root mean squares for people: of the fit, of records left out of it, of those of role test."""
+    found = [
+        ("on the fit", calibration.error_fit),
+        ("on records left out of it", calibration.error_left_out),
+        ("on records of role test", calibration.error_test),
+    ]
+    return ", ".join(f"{_shown(error, calibration.unit)} {where}" for where, error in found if error is not None)
+
+
+def _shown(error: float, unit: str) -> str:
+    value, unit = (1e3 * error, "mm") if unit == "m" else (error, unit)
+    return f"{value:.3g} {unit} RMS" if value >= _LEAST_SHOWN else f"under {_LEAST_SHOWN} {unit} RMS"
 
 
 def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:

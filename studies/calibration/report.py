@@ -3,6 +3,10 @@
 from fabdesign.model import Parameter
 from studies.calibration.calibrate import Calibration
 
+_ENGINES = (
+    "the intervals hold the difference between this engine and the virtual rig's; a real cloth may differ by more"
+)
+
 
 def as_text(calibration: Calibration) -> str:
     """The table and the statements, for people."""
@@ -21,9 +25,7 @@ def as_text(calibration: Calibration) -> str:
     if calibration.doubts:
         lines.append("it may be an effect that the model lacks, or cloth that snaps, which a finer --grid follows")
     else:
-        lines.append(
-            "the intervals hold the difference between this engine and the virtual rig's; a real cloth may be farther"
-        )
+        lines.append(_ENGINES)
     lines += [f"{trial}: the motion diverged; left out from {time:.2f} s on" for trial, time in fit.lost]
     return "\n".join([*lines, *(f"skipped: {line}" for line in calibration.skipped)])
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from fabdesign.catalogue import build
 from fabdesign.forward import ForwardModel
+from fabdesign.metrics import MANY_BEYOND, told_beyond
 from fabdesign.output import work_folder, write_text
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
 from optimize.evaluations import Evaluations
@@ -90,18 +91,23 @@ def demo_studies(target: Path) -> list[Study]:
 
 def as_json(results: Sequence[StudyResult]) -> dict[str, Any]:
     """What `demo --json` prints; distances in mm."""
-    keys = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor", "evaluations", "wall_s")
+    keys = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor", "surface_beyond", "evaluations", "wall_s")
     found = [(result.study.name, result.as_json()) for result in results]
     return {"runs": [{"name": name, **{key: values[key] for key in keys}} for name, values in found]}
 
 
 def as_text(results: Sequence[StudyResult]) -> str:
     """A table for people; distances in mm."""
-    head = f"{'mm':8}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'evaluations':>13}{'seconds':>9}"
+    head = f"{'mm':8}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'beyond 10 mm':>14}{'evaluations':>13}{'seconds':>9}"
     rows = [f"target: {SOURCE}", head]
     for run in as_json(results)["runs"]:
-        distances = f"{run['chamfer']:9.2f}{run['chamfer_floor']:8.2f}{run['surface_rms']:13.2f}"
+        distances = (
+            f"{run['chamfer']:9.2f}{run['chamfer_floor']:8.2f}{run['surface_rms']:13.2f}{run['surface_beyond']:14.1%}"
+        )
         rows.append(f"{run['name']:8}{distances}{run['evaluations']:13}{run['wall_s']:9.0f}")
+    rows += [
+        f"{run.study.name}: {told_beyond(run.errors.beyond)}" for run in results if run.errors.beyond >= MANY_BEYOND
+    ]
     return "\n".join(rows)
 
 

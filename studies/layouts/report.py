@@ -13,7 +13,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from fabdesign import __version__
-from fabdesign.metrics import Errors
+from fabdesign.metrics import MANY_BEYOND, Errors, told_beyond
 from fabdesign.model import Model
 from studies.layouts.drawing import layout_svg
 from studies.layouts.figures import convergence_figure, scene_figure
@@ -49,6 +49,11 @@ def render_report(title: str, sections: Sequence[Section]) -> str:
         synthetic=any(target.synthetic for target in first.targets),
         points_per_side=(first.study.model or Model()).points_per_side,
         errors=_error_cells,
+        capped=[
+            f"{s.title}: {told_beyond(s.result.errors.beyond)}"
+            for s in sections
+            if s.result.errors.beyond >= MANY_BEYOND
+        ],
         failed=lambda result: sum(entry.diverged for entry in result.history),
         layout=_layout,
         place=lambda point: ", ".join(f"{1e3 * x:.0f}" for x in point),
@@ -61,6 +66,7 @@ def render_report(title: str, sections: Sequence[Section]) -> str:
 def _error_cells(errors: Errors, floors: bool = True) -> Markup:
     pairs = ((errors.chamfer, errors.chamfer_floor), (errors.surface_rms, errors.surface_floor))
     cells = [f"<td>{1e3 * found:.2f}</td><td>{f'{1e3 * floor:.2f}' if floors else ''}</td>" for found, floor in pairs]
+    cells.append(f"<td>{errors.beyond:.1%}</td>")
     return Markup("".join(cells))
 
 

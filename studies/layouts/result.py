@@ -49,10 +49,12 @@ class StudyResult:
         return self.errors.chamfer if self.study.objective == "chamfer" else self.errors.surface_rms
 
     def as_json(self) -> dict[str, Any]:
-        """What result.json holds: distances in mm, pressures in kPa, margins in m (kPa for pressure)."""
+        """What result.json holds: distances in mm, pressures in kPa, margins in m (kPa for pressure);
+        `surface_beyond` is a share of the points."""
         return {
             "objective_mm": 1e3 * self.objective,
-            **{name: 1e3 * value for name, value in asdict(self.errors).items()},
+            **{name: 1e3 * value for name, value in asdict(self.errors).items() if name != "beyond"},
+            "surface_beyond": self.errors.beyond,
             "evaluations": len(self.history),
             "diverged": sum(entry.diverged for entry in self.history),
             "wall_s": self.wall_s,
