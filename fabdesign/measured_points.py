@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError
 
 _FAR = 10.0  # cloth sizes; a cloud so far off is in another unit, not badly placed
-_CENTIMETRES = 200.0  # cloth sizes, below which hundredths are likelier than thousandths
+_CENTIMETRES = 100.0  # cloth sizes, below which hundredths are likelier than thousandths
 
 
 def require_cloud(points: NDArray[np.float64], where: str, *, size: float | None = None) -> None:

@@ -5,6 +5,7 @@ import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,11 +15,12 @@ pytest.importorskip("open3d", exc_type=Exception)
 
 from fabdesign.catalogue import build
 from fabdesign.errors import InputError
-from fabdesign.measurement_set import read_set
+from fabdesign.measurement_set import TrialData, read_set
 from fabdesign.ply import read_ply, write_ply
 from fabdesign.pressure_file import constant_program
-from fabdesign.recording import read_recording
-from studies.fusion.fuse import fuse
+from fabdesign.recording import Recording, read_recording
+from studies.fusion.frames import FusionReport
+from studies.fusion.fuse import fuse, fuse_all
 from studies.fusion.reference import off
 from studies.rig import Key, run_rig
 from studies.rig.scene import Resolution
@@ -172,6 +174,75 @@ def test_bad_data_are_named_in_one_line_or_skipped(
     assert len(report.skipped) >= 1
     assert says in report.skipped[0]
     assert report.frames == frames
+
+
+@pytest.fixture
+def three(copy: Path, tmp_path: Path) -> list[Path]:
+    """Two frames of a recording, of the specimen's next one, and of one of that design's name, its cloth 1 mm wider."""
+    folders = [copy, *(Path(shutil.copytree(copy, tmp_path / name)) for name in ("second", "wider"))]
+    for name, folder in zip(("first", "second", "wider"), folders, strict=True):
+        text = (folder / "recording.toml").read_text().replace('name = "recording"', f'name = "{name}"', 1)
+        kept = [
+            line if not line.startswith("times") else line.rsplit(",", FEW - 2)[0] + "]" for line in text.split("\n")
+        ]
+        (folder / "recording.toml").write_text("\n".join(kept))
+    design = folders[2] / "basic.toml"
+    design.write_text(design.read_text().replace("width = 0.2", "width = 0.201"))
+    return folders
+
+
+def test_several_recordings_become_one_set(three: list[Path], tmp_path: Path) -> None:
+    reports = fuse_all(three[:2], tmp_path / "set", points=500)
+    measured = read_set(tmp_path / "set")
+    assert [(t.order, t.role, t.design_name) for t in measured.trials] == [(0, "fit", "basic"), (1, "fit", "basic")]
+    first, second = (trial.load() for trial in measured.trials)
+    assert all(np.array_equal(a, b) for a, b in zip(first.frames, second.frames, strict=True))  # they are copies
+    assert [(report.recording, report.order, report.frames) for report in reports] == [
+        ("first", 0, 2),
+        ("second", 1, 2),
+    ]
+    report = json.loads((tmp_path / "set" / "fusion.json").read_text())
+    assert [trial["recording"] for trial in report["trials"]] == ["first", "second"]
+    assert (tmp_path / "set" / "fusion_001.png").is_file()
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Fusing without registration: a flat cloth for every frame; of a recording without frames, what fusing says."""
+
+    def fused(recording: Recording, *_: object) -> tuple[SimpleNamespace, FusionReport]:
+        recording.frame(recording.sensors[0], 0)
+        rng = np.random.default_rng(0)
+        frames = tuple(rng.uniform([-0.1, -0.2, -1e-3], [0.1, 0, 1e-3], (200, 3)) for _ in recording.times)
+        data = TrialData(recording.times, recording.program.at(recording.times), frames)
+        report = FusionReport(recording.name, len(frames), (), 2.0, 2.0, (), 0.0)
+        return SimpleNamespace(data=lambda: data, draw=lambda path: None), report
+
+    monkeypatch.setattr("studies.fusion.fuse._fused", fused)
+
+
+@pytest.mark.usefixtures("quick")
+def test_equal_designs_are_one_and_others_of_the_name_beside_it(three: list[Path], tmp_path: Path) -> None:
+    fuse_all(three, tmp_path / "set")
+    measured = read_set(tmp_path / "set")
+    assert [(t.order, t.design_name) for t in measured.trials] == [(0, "basic"), (1, "basic"), (2, "basic_2")]
+    assert [measured.designs[key].fabric.width for key in ("basic", "basic_2")] == [0.2, 0.201]
+
+
+@pytest.mark.usefixtures("quick")
+def test_a_bad_recording_among_several_is_named_or_left_out(three: list[Path], tmp_path: Path) -> None:
+    good, bad, _ = three
+    shutil.rmtree(bad / "frames")
+    with pytest.raises(InputError, match=r"recording .*second: frame 0: sensor front_left is missing"):
+        fuse_all([good, bad], tmp_path / "set")
+    with pytest.raises(InputError, match="is given twice"):
+        fuse_all([good, bad, good], tmp_path / "set")
+    with pytest.raises(InputError, match="no recording is left"):
+        fuse_all([bad, shutil.copytree(bad, tmp_path / "third")], tmp_path / "set", skip_bad=True)
+    assert not (tmp_path / "set").exists()
+    reports = fuse_all([bad, good], tmp_path / "set", skip_bad=True)
+    assert "second" in reports[0].skipped[0]
+    assert [trial.order for trial in read_set(tmp_path / "set").trials] == [1]
 
 
 def test_swapped_references_are_named(copy: Path, tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """Measured data: fuse recordings, calibrate on them, or measure a virtual rig."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Literal
 
@@ -11,7 +10,7 @@ from fabdesign.model import POINTS_PER_SIDE
 
 
 @commands.command()
-@click.argument("recording", type=FILE)
+@click.argument("recordings", type=FILE, nargs=-1, required=True, metavar="RECORDING...")
 @click.option("--points", type=click.IntRange(1, 100_000), default=3362, show_default=True, help="Sampled a frame.")
 @click.option("--per-frame", is_flag=True, help="Refine the sensors' poses for each frame.")
 @click.option(
@@ -27,7 +26,7 @@ from fabdesign.model import POINTS_PER_SIDE
 @force_option
 @json_option
 def fuse(
-    recording: Path,
+    recordings: tuple[Path, ...],
     points: int,
     per_frame: bool,
     convention: Literal["forward", "backward"],
@@ -37,11 +36,12 @@ def fuse(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Register and fuse the depth sensors of a RECORDING into a measurement set."""
-    from studies.fusion.fuse import fuse as fuse_recording
+    """Register and fuse the depth sensors of each RECORDING into a measurement set, a trial each in the order given."""
+    from studies.fusion.fuse import as_json as fused_as_json
+    from studies.fusion.fuse import fuse_all
 
-    report = fuse_recording(
-        recording,
+    reports = fuse_all(
+        recordings,
         output,
         points=points,
         per_frame=per_frame,
@@ -51,9 +51,16 @@ def fuse(
         force=force,
         progress=progress("fused", "frames"),
     )
-    worst = max(sensor.residual_mm for sensor in report.sensors)
-    lines = [f"{output}: {report.frames} frames, {len(report.sensors)} sensors within {worst:.2f} mm RMS of the cloth"]
-    print_result(asdict(report), "\n".join([*lines, *(f"skipped: {what}" for what in report.skipped)]), as_json)
+    lines = []
+    for report in reports:
+        worst = max(sensor.residual_mm for sensor in report.sensors)
+        of = "" if len(recordings) == 1 else f" of {report.recording}"
+        lines.append(
+            f"{output}: {report.frames} frames{of}, {len(report.sensors)} sensors within {worst:.2f} mm RMS of the "
+            "cloth"
+        )
+        lines += [f"skipped: {what}" for what in report.skipped]
+    print_result(fused_as_json(reports, len(recordings)), "\n".join(lines), as_json)
 
 
 @commands.command()

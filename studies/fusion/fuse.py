@@ -1,4 +1,4 @@
-"""`fabdesign fuse`: raw clouds of several depth sensors become a measurement set.
+"""`fabdesign fuse`: raw clouds of several depth sensors become a measurement set, a trial a recording.
 
 Every sensor is registered to the cloth at rest, all of them jointly to one another over all frames; then each frame is
 thinned on a grid, face by face, and sampled. docs/results/fuse.md has the figures.
@@ -6,53 +6,23 @@ thinned on a grid, face by face, and sampled. docs/results/fuse.md has the figur
 
 import json
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fabdesign.design import Design
 from fabdesign.errors import InputError
-from fabdesign.measurement_set import NewTrial, TrialData, write_set
+from fabdesign.measurement_set import NewTrial, write_set
 from fabdesign.output import new_folder
 from fabdesign.recording import Convention, Recording, read_recording
 from studies.bad_data import Tolerance
+from studies.fusion.frames import Fusion, FusionReport
 
-if TYPE_CHECKING:
-    from studies.fusion.input import Anchored
-    from studies.fusion.joint import View
-
-Array = NDArray[np.float64]
 POINTS = 3362  # a frame, as many as 41 x 41 points on two faces
-JUST_BEFORE = 1e-6  # s: a frame's set point is that of the interval it ends
-
-
-@dataclass(frozen=True)
-class SensorReport:
-    name: str
-    camera_to_world: list[list[float]]  # m
-    moved_mm: float  # from the nominal pose
-    turned_deg: float
-    residual_mm: float  # root mean square distance of its cleaned points to the fused face
-    points: int  # cleaned, over all frames
-    dropped: int  # strays, flying pixels and edge ribbons
-
-
-@dataclass(frozen=True)
-class FusionReport:
-    """What was done; in SET/fusion.json, with the picture SET/fusion.png."""
-
-    recording: str
-    frames: int
-    sensors: tuple[SensorReport, ...]
-    thickness_mm: float  # between the fused faces: median over points and frames
-    declared_thickness_mm: float
-    skipped: tuple[str, ...]
-    wall_s: float
-    frame_poses: dict[str, list[list[list[float]]]] | None = None  # by sensor, where they were asked for frame by frame
 
 
 def fuse(
@@ -67,133 +37,135 @@ def fuse(
     force: bool = False,
     progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> FusionReport:
-    """Fuse a recording into the measurement set `out`: one trial, role fit, `points` points a frame.
+    """Fuse a recording into the measurement set `out`: one trial of order 0. Otherwise as `fuse_all`."""
+    return fuse_all(
+        [recording],
+        out,
+        points=points,
+        per_frame=per_frame,
+        convention=convention,
+        skip_bad=skip_bad,
+        seed=seed,
+        force=force,
+        progress=progress,
+    )[0]
+
+
+def fuse_all(
+    recordings: Sequence[Path | str | Recording],
+    out: Path | str,
+    *,
+    points: int = POINTS,
+    per_frame: bool = False,
+    convention: Convention = "forward",
+    skip_bad: bool = False,
+    seed: int = 0,
+    force: bool = False,
+    progress: Callable[[int, int], None] = lambda done, of: None,
+) -> tuple[FusionReport, ...]:
+    """Fuse recordings into the measurement set `out`: a trial each, role fit, its order its place among those given,
+    `points` points a frame. Recordings of equal designs share one. A report on each trial.
 
     per_frame: refine the poses for each frame on its own, from the shared ones. convention: of the clouds' axes (see
-    read_recording). skip_bad: leave out what is unsound and list it, instead of raising. force: replace a set
-    that this program made. Raises InputError.
+    read_recording). skip_bad: leave out what is unsound, also a whole recording among several, and list it, instead of
+    raising. force: replace a set that this program made. progress is told a recording's frames done and in all.
+    Raises InputError.
     """
-    started = time.monotonic()
     if points < 2:
         raise InputError(f"points = {points}; expected at least 2")
     _require_open3d()
+    given = [r if isinstance(r, Recording) else read_recording(r, convention=convention) for r in recordings]
+    _require_different(given)
+    keys, designs = _designs(given)
+    reports: dict[int, FusionReport] = {}
+    skipped: list[str] = []  # of recordings that are left out whole
+
+    def trials(folder: Path) -> Iterator[NewTrial]:
+        for order, recording in enumerate(given):
+            tolerance = Tolerance(skip_bad)
+            try:
+                fusion, report = _fused(recording, tolerance, points, per_frame, seed, progress)
+            except InputError as error:
+                line = str(error) if len(given) == 1 else f"recording {recording.folder}: {error}"
+                if len(given) == 1 or not skip_bad:
+                    raise InputError(line) from None
+                skipped.append(line)
+                continue
+            reports[order] = replace(report, order=order)
+            fusion.draw(folder / ("fusion.png" if len(given) == 1 else f"fusion_{order:03d}.png"))
+            yield NewTrial(f"{order:03d}", keys[order], order, "fit", fusion.data())
+        if not reports:
+            raise InputError(f"{given[0].folder}: no recording is left; {skipped[0]}")
+
+    with new_folder(out, made_by="fuse", force=force, inputs=[r.folder for r in given]) as unfinished:
+        names = f"recording{'s' * (len(given) > 1)} {', '.join(r.name for r in given)}"
+        write_set(
+            unfinished,
+            designs,
+            trials(unfinished),
+            name=Path(out).resolve().name,
+            description=f"fused from the {names}",
+        )
+        first = min(reports)
+        reports[first] = replace(reports[first], skipped=(*skipped, *reports[first].skipped))
+        done = tuple(reports.values())
+        (unfinished / "fusion.json").write_text(json.dumps(as_json(done, len(given)), indent=1), encoding="utf-8")
+    return done
+
+
+def as_json(reports: Sequence[FusionReport], given: int) -> dict[str, Any]:
+    """What fusion.json holds and `fuse --json` prints: a lone recording's report, or {"trials": [...]} of several."""
+    listed = [asdict(report) for report in reports]
+    return listed[0] if given == 1 else {"trials": listed}
+
+
+def _require_different(recordings: Sequence[Recording]) -> None:
+    if not recordings:
+        raise InputError("fuse: no recordings; expected at least one")
+    folders = [recording.folder.resolve() for recording in recordings]
+    for i, folder in enumerate(folders):
+        if folder in folders[:i]:
+            raise InputError(f"{recordings[i].folder}: is given twice; expected every recording once")
+
+
+def _designs(recordings: Sequence[Recording]) -> tuple[list[str], dict[str, Design]]:
+    """Each recording's key in the set's designs, and those designs: equal ones once, another of one name as NAME_2."""
+    keys: list[str] = []
+    designs: dict[str, Design] = {}
+    for recording in recordings:
+        design, number = recording.design, 1
+        key = design.name
+        while designs.setdefault(key, design) != design:
+            number += 1
+            key = f"{design.name}_{number}"
+        keys.append(key)
+    return keys, designs
+
+
+def _fused(
+    recording: Recording,
+    tolerance: Tolerance,
+    points: int,
+    per_frame: bool,
+    seed: int,
+    progress: Callable[[int, int], None],
+) -> tuple[Fusion, FusionReport]:
+    """Raises InputError."""
     from studies.fusion import input as fuse_input
 
-    given = recording if isinstance(recording, Recording) else read_recording(recording, convention=convention)
-    tolerance = Tolerance(skip_bad)
-    with new_folder(out, made_by="fuse", force=force, inputs=[given.folder]) as unfinished:
-        anchored = fuse_input.anchor_sensors(given, tolerance)
-        views = fuse_input.read_views(given, anchored, tolerance)
-        views, poses = fuse_input.consistent(given, anchored, views, tolerance)
-        fusion = _Fusion(given, anchored, poses, points, per_frame, np.random.default_rng(seed))
-        indices = sorted({v.frame for v in views})
-        for done, index in enumerate(indices):
-            with tolerance.forgiving():
-                fusion.add(index, [v for v in views if v.frame == index])
-            progress(done + 1, len(indices))
-        if not fusion.frames:
-            raise InputError(f"recording {given.name}: no sound frame is left")
-        _write_set(given, fusion, unfinished, Path(out).resolve().name)
-        fusion.draw(unfinished / "fusion.png")
-        report = fusion.report(tuple(tolerance.skipped), time.monotonic() - started)
-        (unfinished / "fusion.json").write_text(json.dumps(asdict(report), indent=1), encoding="utf-8")
-    return report
-
-
-class _Fusion:
-    """Frames as they are fused, and what the report says of them."""
-
-    def __init__(
-        self,
-        recording: Recording,
-        anchored: "Anchored",
-        poses: Sequence[Array],
-        points: int,
-        per_frame: bool,
-        rng: np.random.Generator,
-    ) -> None:
-        self._recording, self._anchored, self._poses = recording, anchored, list(poses)
-        self._points, self._per_frame, self._rng = points, per_frame, rng
-        cameras = range(len(anchored.sensors))
-        self._squares: list[list[Array]] = [[] for _ in cameras]
-        self._dropped = [0 for _ in cameras]
-        self._frame_poses: list[list[Array]] = []
-        self._thickness: list[float] = []
-        self._last: list[View] = []
-        self.times: list[float] = []
-        self.frames: list[Array] = []
-
-    def add(self, index: int, views: "list[View]") -> None:
-        """Fuse one frame. Raises InputError."""
-        from studies.fusion import surface
-        from studies.fusion.joint import align_frame
-
-        fabric, sides = self._recording.design.fabric, self._anchored.sides
-        poses = align_frame(views, self._poses, sides, fabric.thickness) if self._per_frame else self._poses
-        placed = {v.camera: v.placed(poses[v.camera])[0] for v in views}
-        faces = {side: [placed[c] for c in placed if sides[c] == side] for side in ("front", "back")}
-        try:
-            thinned = surface.thin(faces, self._points, fabric.width * fabric.height)
-        except InputError as error:
-            raise InputError(f"frame {index}: {error}") from None
-        normals = {side: surface.normals(face) for side, face in thinned.items()}
-        for view in views:
-            side = sides[view.camera]
-            self._squares[view.camera].append(surface.distances(placed[view.camera], thinned[side], normals[side]) ** 2)
-            self._dropped[view.camera] += view.cloud.dropped
-        self._thickness.append(surface.thickness(thinned["front"], thinned["back"], normals["back"]))
-        both = np.concatenate(list(thinned.values()))
-        self.frames.append(both[self._rng.choice(len(both), self._points, replace=False)])
-        self.times.append(float(self._recording.times[index]))
-        self._frame_poses.append(poses)
-        self._last = views
-
-    def report(self, skipped: tuple[str, ...], wall: float) -> FusionReport:
-        from studies.fusion.reference import off
-
-        sensors = []
-        for camera, sensor in enumerate(self._anchored.sensors):
-            moved, turned = off(self._poses[camera], sensor.camera_to_world)
-            squares = np.concatenate([np.zeros(0), *self._squares[camera]])
-            residual = float(np.sqrt(squares.mean())) if len(squares) else float("nan")
-            pose = self._poses[camera].tolist()
-            counts = len(squares), self._dropped[camera]
-            sensors.append(SensorReport(sensor.name, pose, 1e3 * moved, turned, 1e3 * residual, *counts))
-        by_frame = None
-        if self._per_frame:
-            names = [s.name for s in self._anchored.sensors]
-            by_frame = {name: [poses[c].tolist() for poses in self._frame_poses] for c, name in enumerate(names)}
-        return FusionReport(
-            self._recording.name,
-            len(self.frames),
-            tuple(sensors),
-            1e3 * float(np.median(self._thickness)),
-            1e3 * self._recording.design.fabric.thickness,
-            skipped,
-            wall,
-            by_frame,
-        )
-
-    def draw(self, path: Path) -> None:
-        """The last frame before and after."""
-        from studies.fusion.picture import draw
-
-        index = int(np.searchsorted(self._recording.times, self.times[-1]))
-        before, after = {}, {}
-        for view in self._last:
-            sensor = self._anchored.sensors[view.camera]
-            cloud = self._recording.frame(sensor, index)
-            before[sensor.name] = cloud @ sensor.camera_to_world[:3, :3].T + sensor.position
-            after[sensor.name] = view.placed(self._frame_poses[-1][view.camera])[0]
-        draw(before, after, path, title=f"{self._recording.name}, {self.times[-1]:.3f} s")
-
-
-def _write_set(recording: Recording, fusion: _Fusion, folder: Path, name: str) -> None:
-    times = np.array(fusion.times)
-    pressure = recording.program.at(np.maximum(times - JUST_BEFORE, 0.0))
-    trial = NewTrial("000", recording.design.name, 0, "fit", TrialData(times, pressure, tuple(fusion.frames)))
-    description = f"fused from the recording {recording.name}"
-    write_set(folder, {recording.design.name: recording.design}, [trial], name=name, description=description)
+    started = time.monotonic()
+    anchored = fuse_input.anchor_sensors(recording, tolerance)
+    views = fuse_input.read_views(recording, anchored, tolerance)
+    views, poses = fuse_input.consistent(recording, anchored, views, tolerance)
+    fusion = Fusion(recording, anchored, poses, points, per_frame, np.random.default_rng(seed))
+    indices = sorted({v.frame for v in views})
+    for done, index in enumerate(indices):
+        with tolerance.forgiving():
+            fusion.add(index, [v for v in views if v.frame == index])
+        progress(done + 1, len(indices))
+    if not fusion.frames:
+        raise InputError(f"recording {recording.name}: no sound frame is left")
+    return fusion, fusion.report(tuple(tolerance.skipped), time.monotonic() - started)
 
 
 def _require_open3d() -> None:

@@ -1,0 +1,139 @@
+"""A recording's frames as they are fused, one after another, and what the report says of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError
+from fabdesign.measurement_set import TrialData
+from fabdesign.recording import Recording
+
+if TYPE_CHECKING:
+    from studies.fusion.input import Anchored
+    from studies.fusion.joint import View
+
+Array = NDArray[np.float64]
+JUST_BEFORE = 1e-6  # s: a frame's set point is that of the interval it ends
+
+
+@dataclass(frozen=True)
+class SensorReport:
+    name: str
+    camera_to_world: list[list[float]]  # m
+    moved_mm: float  # from the nominal pose
+    turned_deg: float
+    residual_mm: float  # root mean square distance of its cleaned points to the fused face
+    points: int  # cleaned, over all frames
+    dropped: int  # strays, flying pixels and edge ribbons
+
+
+@dataclass(frozen=True)
+class FusionReport:
+    """What was done; in SET/fusion.json, with the picture SET/fusion.png (of several, fusion_ORDER.png)."""
+
+    recording: str
+    frames: int
+    sensors: tuple[SensorReport, ...]
+    thickness_mm: float  # between the fused faces: median over points and frames
+    declared_thickness_mm: float
+    skipped: tuple[str, ...]
+    wall_s: float
+    frame_poses: dict[str, list[list[list[float]]]] | None = None  # by sensor, where they were asked for frame by frame
+    order: int = 0  # of its trial
+
+
+class Fusion:
+    """Frames as they are fused, and what the report says of them."""
+
+    def __init__(
+        self,
+        recording: Recording,
+        anchored: "Anchored",
+        poses: Sequence[Array],
+        points: int,
+        per_frame: bool,
+        rng: np.random.Generator,
+    ) -> None:
+        self._recording, self._anchored, self._poses = recording, anchored, list(poses)
+        self._points, self._per_frame, self._rng = points, per_frame, rng
+        cameras = range(len(anchored.sensors))
+        self._squares: list[list[Array]] = [[] for _ in cameras]
+        self._dropped = [0 for _ in cameras]
+        self._frame_poses: list[list[Array]] = []
+        self._thickness: list[float] = []
+        self._last: list[View] = []
+        self.times: list[float] = []
+        self.frames: list[Array] = []
+
+    def add(self, index: int, views: "list[View]") -> None:
+        """Fuse one frame. Raises InputError."""
+        from studies.fusion import surface
+        from studies.fusion.joint import align_frame
+
+        fabric, sides = self._recording.design.fabric, self._anchored.sides
+        poses = align_frame(views, self._poses, sides, fabric.thickness) if self._per_frame else self._poses
+        placed = {v.camera: v.placed(poses[v.camera])[0] for v in views}
+        faces = {side: [placed[c] for c in placed if sides[c] == side] for side in ("front", "back")}
+        try:
+            thinned = surface.thin(faces, self._points, fabric.width * fabric.height)
+        except InputError as error:
+            raise InputError(f"frame {index}: {error}") from None
+        normals = {side: surface.normals(face) for side, face in thinned.items()}
+        for view in views:
+            side = sides[view.camera]
+            self._squares[view.camera].append(surface.distances(placed[view.camera], thinned[side], normals[side]) ** 2)
+            self._dropped[view.camera] += view.cloud.dropped
+        self._thickness.append(surface.thickness(thinned["front"], thinned["back"], normals["back"]))
+        both = np.concatenate(list(thinned.values()))
+        self.frames.append(both[self._rng.choice(len(both), self._points, replace=False)])
+        self.times.append(float(self._recording.times[index]))
+        self._frame_poses.append(poses)
+        self._last = views
+
+    def report(self, skipped: tuple[str, ...], wall: float) -> FusionReport:
+        from studies.fusion.reference import off
+
+        sensors = []
+        for camera, sensor in enumerate(self._anchored.sensors):
+            moved, turned = off(self._poses[camera], sensor.camera_to_world)
+            squares = np.concatenate([np.zeros(0), *self._squares[camera]])
+            residual = float(np.sqrt(squares.mean())) if len(squares) else float("nan")
+            pose = self._poses[camera].tolist()
+            counts = len(squares), self._dropped[camera]
+            sensors.append(SensorReport(sensor.name, pose, 1e3 * moved, turned, 1e3 * residual, *counts))
+        by_frame = None
+        if self._per_frame:
+            names = [s.name for s in self._anchored.sensors]
+            by_frame = {name: [poses[c].tolist() for poses in self._frame_poses] for c, name in enumerate(names)}
+        return FusionReport(
+            self._recording.name,
+            len(self.frames),
+            tuple(sensors),
+            1e3 * float(np.median(self._thickness)),
+            1e3 * self._recording.design.fabric.thickness,
+            skipped,
+            wall,
+            by_frame,
+        )
+
+    def data(self) -> TrialData:
+        times = np.array(self.times)
+        pressure = self._recording.program.at(np.maximum(times - JUST_BEFORE, 0.0))
+        return TrialData(times, pressure, tuple(self.frames))
+
+    def draw(self, path: Path) -> None:
+        """The last frame before and after."""
+        from studies.fusion.picture import draw
+
+        index = int(np.searchsorted(self._recording.times, self.times[-1]))
+        before, after = {}, {}
+        for view in self._last:
+            sensor = self._anchored.sensors[view.camera]
+            cloud = self._recording.frame(sensor, index)
+            before[sensor.name] = cloud @ sensor.camera_to_world[:3, :3].T + sensor.position
+            after[sensor.name] = view.placed(self._frame_poses[-1][view.camera])[0]
+        draw(before, after, path, title=f"{self._recording.name}, {self.times[-1]:.3f} s")
