@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from fabdesign.errors import InputError
+from fabdesign.table import LARGEST_TOML, read_text
 
 _HEADS = ("set.toml", "recording.toml", "bench.toml")  # of the folders that are read as one
 
@@ -50,8 +51,8 @@ def _with_named(path: Path) -> Iterator[Path]:
 def _texts(path: Path) -> Iterator[str]:
     """All strings in a TOML file; of one that cannot be read, none: whoever reads it says so."""
     try:
-        left: list[Any] = [tomllib.loads(path.read_text(encoding="utf-8"))]
-    except (OSError, ValueError):
+        left: list[Any] = [tomllib.loads(read_text(path, largest=LARGEST_TOML))]
+    except ValueError:  # TOMLDecodeError, InputError
         return
     while left:
         value = left.pop()

@@ -2,7 +2,7 @@
 
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,25 +40,29 @@ def write_mark(folder: Path, made_by: str, files: Iterable[str]) -> None:
     unfinished.replace(folder / MARK)
 
 
-def files_in(folder: Path) -> set[str]:
+def files_in(folder: Path) -> Iterator[str]:
     """What lies in the folder and below it, but for empty folders and what is under way: relative, forward slashes."""
-    found: set[str] = set()
     for top, folders, files in os.walk(folder):
-        folders[:] = [name for name in folders if not name.startswith(PREFIX)]
+        folders[:] = sorted(name for name in folders if not name.startswith(PREFIX))
         links = [name for name in folders if (Path(top) / name).is_symlink()]  # which are not walked into
-        names = [name for name in files if not name.startswith(PREFIX)]
-        found |= {(Path(top) / name).relative_to(folder).as_posix() for name in [*names, *links]}
-    return found
+        for name in sorted([*files, *links]):
+            if not name.startswith(PREFIX):
+                yield (Path(top) / name).relative_to(folder).as_posix()
+
+
+def others_in(folder: Path) -> Iterator[str]:
+    """Those of `files_in` that this program did not make, as the mark of the folder and of those in it say."""
+    marks: dict[Path, Mark | None] = {}
+    for name in files_in(folder):
+        file = folder / name
+        above = [parent for parent in file.parents if parent == folder or folder in parent.parents]
+        marks |= {parent: read_mark(parent) for parent in above if parent not in marks}
+        known = [(parent, mark) for parent in above if (mark := marks[parent]) is not None]
+        marks_itself = file.name == MARK and marks[file.parent] is not None
+        if not marks_itself and not any(file.relative_to(p).as_posix() in mark.files for p, mark in known):
+            yield name
 
 
 def own_files(folder: Path) -> set[str]:
-    """Those of `files_in` that this program made, by the folder's mark or by that of a folder in it."""
-    found = files_in(folder)
-    own: set[str] = set()
-    for name in found:
-        if name == MARK or name.endswith(f"/{MARK}"):
-            inner = Path(name).parent
-            mark = read_mark(folder / inner)
-            if mark is not None:
-                own |= {name, *((inner / file).as_posix() for file in mark.files)}
-    return own & found
+    """Those of `files_in` that this program made."""
+    return set(files_in(folder)) - set(others_in(folder))

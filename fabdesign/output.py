@@ -18,7 +18,7 @@ from uuid import uuid4
 
 from fabdesign.errors import InputError
 from fabdesign.inputs import require_apart
-from fabdesign.mark import MARK, files_in, own_files, read_mark, write_mark
+from fabdesign.mark import MARK, files_in, others_in, own_files, read_mark, write_mark
 from fabdesign.scratch import PREFIX, Scratch, cannot_write, make_folders, scratch, unmake
 
 Inputs = Iterable[Path | str]
@@ -202,15 +202,11 @@ def _held(path: Path, force: bool, inputs: Inputs) -> Iterator[Scratch]:
 
 def _require_free_folder(folder: Path, force: bool, shown: Path | None = None) -> None:
     shown = shown or folder
-    found = files_in(folder)
-    if not found:
-        return
-    others = found - own_files(folder)
-    if others:
+    if (other := next(others_in(folder), None)) is not None:  # at the first: it may be a home folder
         raise InputError(
-            f"{shown}: holds {min(others)}, which fabdesign did not make there; expected a new folder, or an empty one"
+            f"{shown}: holds {other}, which fabdesign did not make there; expected a new folder, or an empty one"
         )
-    if not force:
+    if not force and next(files_in(folder), None) is not None:
         mark = read_mark(folder)
         by = "" if mark is None else f", made by fabdesign {mark.made_by}"
         raise InputError(f"{shown}: exists{by}; --force replaces it")
@@ -233,7 +229,7 @@ def _clear(folder: Path, goal: Path) -> None:
 
 def _replace_content(hidden: Path, new: Path, made_by: str) -> None:
     """The content of `new`, which lies in the hidden folder of its goal, becomes that of the goal."""
-    write_mark(new, made_by, files_in(new) - {MARK})
+    write_mark(new, made_by, {*files_in(new)} - {MARK})
     (hidden / _COMPLETE).write_text(new.name, encoding="utf-8")
     _finish(hidden)
 

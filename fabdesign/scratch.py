@@ -38,7 +38,7 @@ def scratch(goal: Path, at: Path) -> Iterator[Scratch]:
     Raises InputError where another process holds it and where it cannot be written.
     """
     made = make_folders(at.parent, goal)
-    _sweep(at)
+    sweep(at.parent, but=at)
     try:
         lock = _acquire(at)
     except OSError as error:
@@ -62,7 +62,7 @@ def _acquire(at: Path) -> IO[bytes] | None:
             lock = (at / _LOCK).open("ab")
         except FileNotFoundError:
             continue  # another process swept the folder meanwhile
-        if not try_lock(lock):
+        if try_lock(lock) is False:
             lock.close()
             return None
         if _same(at / _LOCK, lock):
@@ -92,10 +92,10 @@ def _remove(at: Path, lock: IO[bytes]) -> None:
         at.rmdir()
 
 
-def _sweep(at: Path) -> None:
-    """Remove what killed processes left beside `at`."""
-    for entry in at.parent.glob(f"{PREFIX}*"):
-        if entry == at:
+def sweep(folder: Path, *, but: Path | None = None) -> None:
+    """Remove what killed processes left in `folder`, except `but`."""
+    for entry in folder.glob(f"{PREFIX}*"):
+        if entry == but:
             continue
         with suppress(OSError):
             if entry.is_file():
@@ -103,7 +103,7 @@ def _sweep(at: Path) -> None:
                     entry.unlink()
             elif (entry / _LOCK).is_file():
                 with (entry / _LOCK).open("ab") as lock:
-                    if try_lock(lock):
+                    if try_lock(lock):  # where there are no locks, nothing says that it was left
                         _remove(entry, lock)
 
 

@@ -116,6 +116,23 @@ def test_a_mark_does_not_reach_out_of_its_folder(tmp_path: Path) -> None:
     assert content(tmp_path) == {"mine": "mine", "out/x": "new"}
 
 
+def test_a_folder_in_it_may_be_of_our_making_too(tmp_path: Path) -> None:
+    fill(tmp_path / "out" / "inner", x="inner")
+    with pytest.raises(InputError, match=r"out: exists; --force replaces it$"):
+        fill(tmp_path / "out", y="new")
+    fill(tmp_path / "out", y="new", force=True)
+    assert content(tmp_path) == {"out/y": "new"}
+
+
+def test_without_locks_output_is_written_and_nothing_swept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fabdesign.scratch.try_lock", lambda stream: None)
+    with new_file(tmp_path / "x.txt") as first:
+        first.write_text("first")
+        with new_file(tmp_path / "y.txt") as second:
+            second.write_text("second")
+    assert content(tmp_path) == {"x.txt": "first", "y.txt": "second"}
+
+
 def test_file_and_folder_in_each_others_place(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="is a folder"), new_file(tmp_path, force=True):

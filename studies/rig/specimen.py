@@ -12,6 +12,7 @@ from fabdesign import muscle_law
 from fabdesign.design import Design
 from fabdesign.output import whole_file
 from fabdesign.pressure import PressureProgram
+from fabdesign.scratch import sweep
 from studies.rig.effects import EFFECTS
 from studies.rig.key import Key
 from studies.rig.motion import run
@@ -59,6 +60,7 @@ def control_points(task: Task) -> Array:
     if file.is_file():
         return np.asarray(np.load(file))
     result = _run(task)
+    sweep(file.parent)
     with whole_file(file) as temporary, temporary.open("wb") as stream:
         np.save(stream, result)
     return result
