@@ -41,7 +41,7 @@ AGAIN = [
     "simulate cross.toml --pressures 1,2 --equilibrium -o e.npz --mesh shape.ply",
     "predict set --model model.toml -o predicted",
     "evaluate set --model model.toml --all -o evaluated",
-    "export cross.toml --tail-length 0.05 -o templates",
+    "export cross.toml --tail-length 0.05 --paper none -o templates",
 ]
 
 
@@ -53,6 +53,7 @@ def test_output_is_refused_and_replaced_with_force(
     folder: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr("studies.evaluation_report._write_histogram", lambda _, path: path.touch())  # is slow
     monkeypatch.chdir(folder)
     assert run(*line.split())[0] == 0
     before = snapshot(folder)
@@ -241,7 +242,7 @@ def test_demo_again_and_after_an_interruption(
     study: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("studies.layouts.demo.SECONDS", {"basic": 1.0, "free": 1.0})
+    monkeypatch.setattr("studies.layouts.demo.SECONDS", {"basic": 0.3, "free": 0.3})
     monkeypatch.setattr("studies.layouts.run.LAYOUT_STARTS", 8)
     monkeypatch.setattr("studies.layouts.run.THINNED_STARTS", 8)
     # what it writes counts here, not what stands in it
@@ -277,8 +278,7 @@ def test_demo_again_and_after_an_interruption(
 
 # the commands with a forward model that never ends; it says when it has begun
 SLOW = """
-import pathlib, sys, time
-import sim
+import pathlib, sys, time, types
 from tests.analytic_cloth import AnalyticCloth
 
 class Slow(AnalyticCloth):
@@ -290,7 +290,7 @@ class Slow(AnalyticCloth):
             time.sleep(600)
         return super().motions(cases, times)
 
-sim.Simulator = Slow
+sys.modules["sim"] = types.SimpleNamespace(Simulator=Slow)  # without taichi, which takes long to load
 from fabdesign.cli import main
 main()
 """
