@@ -243,8 +243,8 @@ def test_demo_again_and_after_an_interruption(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("studies.layouts.demo.SECONDS", {"basic": 0.3, "free": 0.3})
-    monkeypatch.setattr("studies.layouts.run.LAYOUT_STARTS", 8)
-    monkeypatch.setattr("studies.layouts.run.THINNED_STARTS", 8)
+    monkeypatch.setattr("studies.layouts.begin.LAYOUT_STARTS", 8)
+    monkeypatch.setattr("studies.layouts.begin.THINNED_STARTS", 8)
     # what it writes counts here, not what stands in it
     monkeypatch.setattr(
         "studies.layouts.run.target_errors", lambda _, shape, *args, **options: Errors(*[float(np.std(shape))] * 4)
