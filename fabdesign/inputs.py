@@ -60,5 +60,7 @@ def _texts(path: Path) -> Iterator[str]:
             yield value
         elif isinstance(value, dict):
             left += [entry for key, entry in value.items() if key not in ("name", "description")]
+            if isinstance(start := value.get("start"), str):  # of a study: the folder of a result
+                yield f"{start}/design.toml"
         elif isinstance(value, list):
             left += value

@@ -237,6 +237,15 @@ def test_a_folder_of_another_command_is_no_place_for_a_search(run: Run, study: P
     assert not list(Path("out").glob("*.svg"))
 
 
+def test_a_search_does_not_write_into_the_result_that_it_starts_from(run: Run, study: Path) -> None:
+    assert run("optimize", study, "-o", "out")[0] == 0
+    study.write_text('start = "out"\n' + study.read_text())
+    before = snapshot(Path("out"))
+    for force in ([], ["--force"]):
+        one_line(run("optimize", study, "-o", "out", *force), "out: holds the input design.toml")
+    assert snapshot(Path("out")) == before
+
+
 def test_demo_again_and_after_an_interruption(
     run: Run,
     study: Path,
