@@ -268,7 +268,7 @@ if __name__ == "__main__":
 def test_workers_end_with_a_rig_and_no_half_set_is_left(number: signal.Signals, tmp_path: Path) -> None:
     (tmp_path / "rig.py").write_text(RIG)
     write_design(build("vertical"), tmp_path / "vertical.toml")
-    (tmp_path / "p.csv").write_text("time_s,channel_0,channel_1,channel_2\n0,0,0,0\n60,0,0,0\n")
+    (tmp_path / "p.csv").write_text("time_s,channel_0,channel_1,channel_2\n0,0,0,0\n10,0,0,0\n")
     environment = os.environ | {"FABDESIGN_CACHE": str(tmp_path / "cache"), "PYTHONPATH": os.pathsep.join(sys.path)}
     words = "rig vertical.toml --pressures p.csv p.csv -o set --recording raw"
     line = [sys.executable, "rig.py", *words.split()]
