@@ -9,9 +9,20 @@ from fabdesign.muscle import Muscle, MuscleType
 
 @dataclass(frozen=True)
 class Design:
+    """A cloth, the muscle types laced into it by name, and the muscles with their paths: SI units throughout.
+
+    Holds what is given: fabdesign.design_file.read_design checks a file (paths within the cloth, types known, at most
+    256 muscles), fabdesign.catalogue.build makes the paper's layouts.
+
+    >>> from fabdesign.catalogue import build
+    >>> design = build("cross", muscles=2)
+    >>> design.channels, design.muscles[0].side, design.fabric.width  # width in m
+    (2, 'front', 0.2)
+    """
+
     name: str
     fabric: Fabric
-    muscle_types: Mapping[str, MuscleType]
+    muscle_types: Mapping[str, MuscleType]  # by the names in Muscle.type
     muscles: tuple[Muscle, ...]
 
     @property

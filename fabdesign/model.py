@@ -50,6 +50,14 @@ POINTS_PER_SIDE = SIDE  # of the simulator's grid, unless something else is aske
 
 @dataclass(frozen=True)
 class Model:
+    """What was fitted to a specimen: factors on declared values (1 is the data sheet), effects, corrector.
+
+    Limits: factors belong to the grid they were found on (`points_per_side`). fabdesign.model_file reads and writes it.
+
+    >>> Model({"bending": Parameter(1.2, (1.1, 1.3))}).factors
+    {'bending': 1.2}
+    """
+
     parameters: Mapping[str, Parameter] = field(default_factory=dict)  # what is absent stays as declared
     effects: tuple[EffectTerm, ...] = ()
     corrector: Path | None = None  # safetensors

@@ -19,6 +19,17 @@ class BenchTable:
 
 @dataclass(frozen=True)
 class MuscleType:
+    """A kind of thin McKibben muscle: its bench table says what it pulls, the rest how it is built and mounted.
+
+    Limits: one law for all lengths (tension by contraction and pressure); no hysteresis, no creep. `max_pressure`,
+    `stock_length`, `min_bend_radius` and `tail_length` bind designs and cut lists, not the simulator; None: not bound.
+
+    >>> table = BenchTable((0.0, 0.0, 200e3, 200e3), (0.0, 0.2, 0.0, 0.2), (0.0, -8.0, 12.0, 2.0))  # Pa, 1, N
+    >>> thin = MuscleType("thin", outer_diameter=0.002, mass_per_length=0.004, axis_offset=0.0015, bench=table)
+    >>> thin.max_pressure is None
+    True
+    """
+
     name: str
     outer_diameter: float  # m
     mass_per_length: float  # kg/m
