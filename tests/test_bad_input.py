@@ -7,13 +7,18 @@ import importlib
 import io
 import os
 import re
+import shutil
 import time
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fabdesign.catalogue import build
+from fabdesign.design import Design
+from fabdesign.design_file import write_design
 from fabdesign.model import EffectTerm, Model
 from fabdesign.model_file import write_model
 from tests.command_line import Run, one_line, write_sound
@@ -169,6 +174,29 @@ BAD = [
     ("optimize good_study.toml --seconds nan -o OUT", "'nan' is not a finite number"),
     ("optimize good_study.toml --seconds -1 -o OUT", "-1.0 is not in the range x>0"),
     ("optimize endless.toml -o OUT", "endless.toml: is no plain file"),
+    ("check swapped", "are y and z exchanged?"),
+    ("calibrate swapped -o OUT", "are y and z exchanged?"),
+    ("evaluate swapped --model model.toml --all", "are y and z exchanged?"),
+    ("check flipped", "is y turned round?"),
+    ("evaluate flipped --model model.toml --all", "is y turned round?"),
+    ("check megapascals", "the largest pressure is 0.2 kPa; expected kPa (is it in MPa?)"),
+    ("predict megapascals --model model.toml -o OUT", "expected kPa (is it in MPa?)"),
+    ("calibrate pascals -o OUT", "the largest pressure is 200000 kPa; expected kPa (is it in Pa?)"),
+    ("check milliseconds", "a frame every 100 s; expected seconds (is it in milliseconds?)"),
+    ("predict milliseconds --model model.toml -o OUT", "expected seconds (is it in milliseconds?)"),
+    ("check twice", "order = 0 is that of 000.npz too"),
+    ("calibrate twice -o OUT", "order = 0 is that of 000.npz too"),
+    ("check short.toml", "muscles[0] needs 200.0 mm; expected at most stock_length, 190 mm of EM20"),
+    ("check sharp.toml", "expected min_bend_radius, 300 mm of EM20"),
+    ("check overlapping.toml", "lie 1 mm apart on the front; expected their diameter, 2 mm"),
+    ("check coarse.toml", "fixed_point_pitch = 20; expected metres (is it in millimetres?)"),
+    ("check ply_study.toml", "cut.ply"),
+    ("check key.toml", "unknown parameter bendin"),
+    ("check bench", "no column stretch, which a strip needs"),
+    ("calibrate bench -o OUT", "no column stretch, which a strip needs"),
+    ("check included.toml", "include law.toml: law.toml is the law of an actuator; a design has muscles and a cloth"),
+    ("simulate included.toml --pressures 1,2 -o OUT", "is the law of an actuator; a design has muscles and a cloth"),
+    ("fuse none none -o OUT", "none: no such file"),
 ]
 
 
@@ -206,7 +234,54 @@ def damaged(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / f"{name}_study.toml").write_text("\n".join(lines))
     _endless(folder)
     _oversized(folder)
+    _impossible(folder)
     return folder
+
+
+def _impossible(folder: Path) -> None:
+    """Measured sets, designs and benches that are well formed and cannot be."""
+    for name, array, change in (
+        ("swapped", "points", lambda p: p[:, [0, 2, 1]]),
+        ("flipped", "points", lambda p: p * [1, -1, 1]),
+        ("megapascals", "pressure", lambda kpa: kpa / 1e3),
+        ("pascals", "pressure", lambda kpa: kpa * 1e3),
+        ("milliseconds", "time", lambda s: s * 1e3),
+    ):
+        shutil.copytree(folder / "set", folder / name)
+        file = folder / name / "trials" / "002.npz"
+        with np.load(file) as archive:
+            arrays = dict(archive)
+        np.savez(file, **{**arrays, array: change(arrays[array])})
+    shutil.copytree(folder / "set", folder / "twice")
+    text = (folder / "twice" / "set.toml").read_text()
+    (folder / "twice" / "set.toml").write_text(text.replace("order = 1", "order = 0"))
+    design = (folder / "cross.toml").read_text()
+    write_design(_hook(None, stock=0.19), folder / "short.toml")
+    (folder / "coarse.toml").write_text(design.replace("fixed_point_pitch = 0.02", "fixed_point_pitch = 20"))
+    write_design(_hook(0.3), folder / "sharp.toml")
+    write_design(_hook(None, beside=0.001), folder / "overlapping.toml")
+    law = '[law]\nspecimen = "actuator"\noutput = "displacement"\ntable = "law.csv"\n'
+    (folder / "law.toml").write_text(f'format = "fabdesign.bench-law/1"\n{law}')
+    (folder / "law.csv").write_text("pressure_kpa,displacement_m\n0,0\n100,0.01\n")
+    (folder / "included.toml").write_text(design.replace("[fabric]", 'include = ["law.toml"]\n\n[fabric]', 1))
+    (folder / "key.toml").write_text('format = "fabdesign.key/1"\n[parameters]\nbendin = 1.1\n')
+    (folder / "bench").mkdir()
+    (folder / "bench" / "r.csv").write_text("strain,force_n\n0,0\n0.1,1\n")
+    (folder / "bench" / "bench.toml").write_text(
+        'format = "fabdesign.bench/1"\nspecimen = "strip"\ninput = ["strain"]\noutput = "force_n"\n'
+        '[[records]]\nfile = "r.csv"\n'
+    )
+
+
+def _hook(radius: float | None, *, stock: float | None = None, beside: float | None = None) -> Design:
+    """A muscle of 0.2 m round a corner, with a least bend radius and a stock [m]; or two straight ones so far apart."""
+    design = build("vertical", muscles=1)
+    kind = replace(design.muscle_types["EM20"], min_bend_radius=radius, stock_length=stock)
+    path = ((0.05, 0.05), (0.15, 0.05), (0.15, 0.15))
+    muscles = [replace(design.muscles[0], path=path)]
+    if beside is not None:
+        muscles = [replace(design.muscles[0], path=((x, 0.0), (x, 0.2))) for x in (0.1, 0.1 + beside)]
+    return replace(design, muscle_types={"EM20": kind}, muscles=tuple(muscles))
 
 
 def _endless(folder: Path) -> None:

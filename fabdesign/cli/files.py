@@ -59,7 +59,7 @@ def check(files: tuple[Path, ...], as_json: bool) -> None:
     for name, of in found.items():
         for line in of.problems:
             click.echo(f"fabdesign: {line}", err=True)
-        for line in of.warnings:
+        for line in () if of.problems else of.warnings:  # what is not sound is mended first
             click.echo(f"warning: {line}", err=True)
         if not of.problems and not as_json:
             click.echo(f"{name}: sound" + (f", {len(of.warnings)} warnings" if of.warnings else ""))

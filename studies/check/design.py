@@ -76,9 +76,8 @@ def spacing(design: Design, least: float) -> tuple[list[str], list[str]]:
         if gap < 0:
             close.append(f"{both} cross on the {a.side}; optimize keeps muscles of one face apart")
         elif gap < wide - _ROUNDING:
-            overlapping.append(
-                f"{both} lie {1e3 * gap:.3g} mm apart on the {a.side}; expected their diameter, {1e3 * wide:g}"
-            )
+            expected = f"expected their diameter, {1e3 * wide:g} mm, or more"
+            overlapping.append(f"{both} lie {1e3 * gap:.3g} mm apart on the {a.side}; {expected}")
         elif gap < least - _ROUNDING:
             close.append(f"{both} lie {1e3 * gap:.3g} mm apart on the {a.side}; optimize keeps {1e3 * least:g} mm")
     return overlapping, close
