@@ -12,16 +12,36 @@ from fabdesign.pressure import PressureProgram
 
 SIDE = 41  # points a side of each face
 PARAMETERS = ("membrane", "shear", "bending", "areal_density", "damping", "muscle_gain", "axis_offset")
+OF_MUSCLES = ("muscle_gain", "axis_offset")  # those that belong to a muscle type
 FACTORS = 0.001, 1000.0  # what a factor on a declared value may be: beyond, the declared value is another thing's
+MUSCLE_TYPES = "muscle_types."  # begins a scope, or the name of a factor, that is one muscle type's
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect that acts: its name in fabdesign.effects.EFFECTS and its parameters' values, in their declared units.
+
+    scope: what it belongs to, such as "muscle_types.em20": then it acts on the muscles of that type alone.
+    """
+
+    name: str
+    values: Mapping[str, float] = field(default_factory=dict)  # what is absent has the declaration's typical value
+    scope: str | None = None
 
 
 @dataclass(frozen=True)
 class Case:
-    """One motion to predict. `factors` multiply the declared values, by the names in PARAMETERS."""
+    """One motion to predict.
+
+    factors: on the declared values, by the names in PARAMETERS; those of muscles also as "muscle_types.NAME.PARAMETER".
+    effects: in the order in which they act. order: the motion's place in the specimen's session, 0 when rested.
+    """
 
     design: Design
     program: PressureProgram
     factors: Mapping[str, float] = field(default_factory=dict)
+    effects: tuple[Term, ...] = ()
+    order: int = 0
 
 
 class ForwardModel(Protocol):
@@ -31,5 +51,10 @@ class ForwardModel(Protocol):
         ...
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
-        """(2 n, 3) points [m] at rest under each program's last pressures."""
+        """(2 n, 3) points [m] where each case comes to rest after its program's last pressures rose linearly within
+        RISE s, with effects that remember held for HOLD s more."""
         ...
+
+
+RISE = 1.0  # s
+HOLD = 10.0  # s

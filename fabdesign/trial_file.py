@@ -95,13 +95,13 @@ def _time_and_pressure(arrays: NpzArrays, path: Path) -> tuple[Floats, Floats]:
     seconds = time.astype(np.float64)
     if not np.isfinite(seconds).all() or seconds[0] < 0 or (np.diff(seconds) <= 0).any():
         raise InputError(f"{path}: time does not rise from 0 s or later, frame by frame")
+    require_seconds(seconds, str(path))
     if seconds[-1] > LONGEST:
         raise InputError(f"{path}: time goes to {seconds[-1]:g} s; expected at most {LONGEST:g} s")
     if kilopascal.ndim != 2 or len(kilopascal) != len(time) or kilopascal.dtype.kind not in "fiu":
         raise InputError(f"{path}: pressure is {_shape(kilopascal)}; expected ({len(time)}, channels) float32, kPa")
     # a tenth of a pascal, a thousandth of the regulator's step: takes off what float32 adds
     pressure = np.round(kilopascal.astype(np.float64) * 1e3, 1)
-    require_seconds(seconds, str(path))
     require_measured_pressures(pressure, str(path))
     return seconds, pressure
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.forward import Case
+from fabdesign.forward import RISE, Case
 from sim.kernels.transfer import halt
 from sim.step import Solve, advance
 from sim.time.batch import Batch
@@ -14,11 +14,10 @@ from sim.time.scheme import Integrator, Memory, Scheme
 
 RESTED = 3e-5  # m, RMS over nodes of what the last of the steps to rest may still move
 # (step [s], duration [s], times the tolerance) with backward Euler and so much air damping that a swing of SWING rad/s
-# dies out
-STAGES = ((1 / 240, 1 / 15, 5), (1 / 120, 1 / 10, 5), (1 / 30, 1.0, 2))
+# dies out: the pressures' rise, then rest
+STAGES = ((1 / 48, RISE, 5), (1 / 30, 1.0, 2))
 # where only inertia holds the rigid motions, it must show in float32
-STAGES_FREE = ((1 / 960, 1 / 15, 1), (1 / 480, 1 / 10, 1), (1 / 240, 2.0, 1))
-RAMP = 1 / 15  # s in which the pressures rise to their values
+STAGES_FREE = ((1 / 240, RISE, 1), (1 / 240, 2.0, 1))
 SWING = 8.0  # rad/s
 # (step [s], steps) to the shape without pressure, from the flat cloth: velocities are forgotten after each long step
 IN_PLANE = ((0.05, 4), (0.5, 8))
@@ -36,14 +35,14 @@ def equilibrate_in_plane(batch: Batch, pressure: NDArray[np.float32], solve: Sol
 
 
 def equilibrate(batch: Batch, pressure: NDArray[np.float32], solve: Solve, *, patient: bool, memory: Memory) -> None:
-    """A damped motion to rest under `pressure`, which rises over the first RAMP seconds."""
+    """A damped motion to rest under `pressure`, which rises linearly within RISE seconds."""
     begin = 0.0
     stages: tuple[tuple[float, float, int], ...] = STAGES if batch.support.is_edge else STAGES_FREE
     if patient:
         stages = (*((h / 2, duration, 1) for h, duration, _ in stages), (stages[-1][0] / 2, 2.0, 1))
     for h, duration, loose in stages:
         steps, iterations = round(duration / h), solve.iterations if loose == 1 else 3 * solve.iterations // 4
-        share = np.minimum(1.0, (begin + h * np.arange(1, steps + 1)) / RAMP).astype(np.float32)
+        share = np.minimum(1.0, (begin + h * np.arange(1, steps + 1)) / RISE).astype(np.float32)
         begin += duration
         scheme = Scheme(h, Integrator.BACKWARD_EULER, memory=memory)
         schedule = alike(batch, scheme, share[:, None, None, None] * pressure)

@@ -3,7 +3,7 @@
 Kernels read them as F.lane[b, M.NAME]; the symbols are those of docs/model.md.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from types import SimpleNamespace
@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
+from fabdesign.effects.specimen import Specimen
 from fabdesign.fabric import Fabric
-from fabdesign.forward import Case
 from fabdesign.least_squares import non_negative
 from sim.design.support import Support
 
@@ -45,23 +44,22 @@ def membrane_polynomial(fabric: Fabric, direction: int) -> tuple[float, float, f
 
 @dataclass(frozen=True)
 class Lane:
-    """One design with its scale factors on an n x n grid."""
+    """A specimen on an n x n grid."""
 
-    design: Design
-    factors: Mapping[str, float]
+    specimen: Specimen
     n: int
-
-    @classmethod
-    def of(cls, case: Case, n: int) -> "Lane":
-        return cls(case.design, case.factors, n)
 
     def factor(self, name: str) -> float:
         """The scale factor on a declared value."""
-        return self.factors.get(name, 1.0)
+        return self.specimen.factors.get(name, 1.0)
+
+    def constant(self, name: str) -> float:
+        """A constant that an effect gives to the whole specimen; 0 where none does."""
+        return self.specimen.constants.get(name, 0.0)
 
     @property
     def fabric(self) -> Fabric:
-        return self.design.fabric
+        return self.specimen.design.fabric
 
     @property
     def support(self) -> Support:
@@ -93,8 +91,8 @@ class Lane:
     @cached_property
     def mean_mass(self) -> float:
         """kg/m^2, muscles included"""
-        types = self.design.muscle_types
-        laced = sum(types[m.type].mass_per_length * m.length for m in self.design.muscles)
+        design = self.specimen.design
+        laced = sum(design.muscle_types[m.type].mass_per_length * m.length for m in design.muscles)
         cloth = self.factor("areal_density") * self.fabric.areal_density
         return cloth + laced / (self.fabric.width * self.fabric.height)
 

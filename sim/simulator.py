@@ -9,17 +9,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import sim.effects  # noqa: F401 declares its planes before the first batch
+from fabdesign.effects.acting import acting_pressure, active, specimen_of
+from fabdesign.effects.registry import EFFECTS, force_of
 from fabdesign.effort import COARSEST, FINEST, require_motion
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
-from fabdesign.forward import Case
+from fabdesign.forward import HOLD, RISE, Case
 from fabdesign.model import POINTS_PER_SIDE
+from fabdesign.pressure import PressureProgram
 from sim.design.loading import load_batch, load_constants
 from sim.design.support import Support
 from sim.equilibrium import RESTED, damped, equilibrate, equilibrate_in_plane
 from sim.faces import faces
+from sim.forces.added import AddedForce
 from sim.forces.contact_pairs import Touching
-from sim.forces.memory import ForceWithMemory
 from sim.kernels import fields
 from sim.kernels.transfer import halt, read
 from sim.motion import Motion, motion_of
@@ -36,6 +40,7 @@ SMOOTHING = 0.020  # m, half width over which the preconditioner's frames are av
 TIME_STEPS = 1e-6, 1 / 240  # s
 MOST_CALM, MOST_ITERATIONS = 64, 1000
 TOLERANCES = 1e-12, 1e-3  # m
+_RISE_STEPS = 60  # of the pressures' rise where what lies between regulator and muscle is followed to rest
 
 
 @dataclass(frozen=True)
@@ -70,7 +75,6 @@ class Simulator:
     tolerance: float = 2e-7  # m, RMS over nodes of a step's last update; what it still lacks the next step makes up
     rho: float = 0.6  # spectral radius at infinity of generalised-alpha
     self_contact: bool = False  # whether layers of the cloth keep a thickness apart
-    forces: tuple[ForceWithMemory, ...] = ()  # more of them, summed with those of cloth and muscles
 
     def __post_init__(self) -> None:
         _require("points_per_side", self.points_per_side, COARSEST, FINEST, whole=True)
@@ -82,16 +86,13 @@ class Simulator:
         _require("rho", self.rho, 0, 1)
         if not isinstance(self.self_contact, bool):
             raise InputError(f"self_contact is {self.self_contact!r}; expected True or False")
-        if not isinstance(self.forces, tuple) or not all(isinstance(one, ForceWithMemory) for one in self.forces):
-            raise InputError(f"forces is {self.forces!r}; expected a tuple of ForceWithMemory")
 
     @property
     def _calm(self) -> int:
         return self.calm_steps or (1 if self.self_contact else 8 if self.points_per_side <= 41 else 4)
 
-    @property
-    def _solve(self) -> Solve:
-        return Solve(self._most, self.tolerance, self.forces)
+    def _solve(self, batch: Batch) -> Solve:
+        return Solve(self._most, self.tolerance, batch.added)
 
     @property
     def _most(self) -> int:
@@ -132,15 +133,19 @@ class Simulator:
     def _run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
         results: list[Motion | None] = [None] * len(cases)
         wanted = [np.asarray(t, dtype=float) for t in times]
-        jumps = [jumps_of(case.program, self.time_step, released=_is_free(case.design.fabric)) for case in cases]
+        acting = [
+            acting_pressure(case, _ticks(t, self.time_step), self.time_step)
+            for case, t in zip(cases, wanted, strict=True)
+        ]
+        jumps = [
+            jumps_of(pressure.program, self.time_step, released=_is_free(case.design.fabric))
+            for case, pressure in zip(cases, acting, strict=True)
+        ]
         kinds = [(t[-1] if len(t) else 0.0, jump.large, jump.every) for t, jump in zip(wanted, jumps, strict=True)]
         with fields.lock:
             for chosen, packed in self._chunks(cases, kinds):
                 batch = self._at_rest([cases[i] for i in chosen], packed)
-                steps = [
-                    steps_of(cases[i].program, wanted[i], jumps[i], tick=self.time_step, calm=self._calm)
-                    for i in chosen
-                ]
+                steps = [steps_of(acting[i], wanted[i], jumps[i], calm=self._calm) for i in chosen]
                 own, due = [cases[i] for i in chosen], [wanted[i] for i in chosen]
                 for i, motion in zip(chosen, self._simulate(batch, packed, own, due, steps), strict=True):
                     results[i] = motion
@@ -161,11 +166,11 @@ class Simulator:
         with fields.lock:
             for chosen, packed in self._chunks(cases, [()] * len(cases)):
                 batch = self._load([damped(cases[i]) for i in chosen], packed)
-                pressures = [cases[i].program.pressure[-1] for i in chosen]
+                pressures = [_at_rest_pressure(cases[i]) for i in chosen]
                 pressure = np.zeros((max(1, *map(len, pressures)), len(packed)))
                 for lane, i in enumerate(packed):
                     pressure[: len(pressures[i]), lane] = pressures[i]
-                equilibrate(batch, by_block(pressure), self._solve, patient=patient, memory=Memory.AT_LIMIT)
+                equilibrate(batch, by_block(pressure), self._solve(batch), patient=patient, memory=Memory.AT_LIMIT)
                 middle = self._middle(batch, fields.F.x0)
                 moved = middle - self._middle(batch, fields.F.xp)
                 rested = np.sqrt(np.square(moved).sum(axis=-1).mean(axis=(1, 2))) < RESTED  # NaN compares false
@@ -178,11 +183,12 @@ class Simulator:
     def _chunks(self, cases: Sequence[Case], kinds: Sequence[tuple]) -> list[tuple[list[int], list[int]]]:
         """Cases that one call can take, held alike and so that a design's result does not depend on its neighbours, at
         most BLOCKS blocks; and which of these rides in each lane."""
-        groups: dict[tuple[Support, bool, bool, int], list[int]] = {}
+        groups: dict[tuple[Support, bool, bool, int, bool], list[int]] = {}
         for i, case in enumerate(cases):
-            fabric = case.design.fabric
+            fabric = specimen_of(case).design.fabric if case.effects else case.design.fabric
             start = _is_free(fabric), _swings_to_rest(fabric)
-            groups.setdefault((Support.of(fabric), *start, self._smoothing(fabric)), []).append(i)
+            alike = Support.of(fabric), *start, self._smoothing(fabric), _has_added_force(case)
+            groups.setdefault(alike, []).append(i)
         chunks: list[tuple[list[int], list[int]]] = []
         for group in groups.values():
             blocks = pack([kinds[i] for i in group])
@@ -198,7 +204,8 @@ class Simulator:
         support, smoothing = Support.of(fabric), self._smoothing(fabric)
         points = load_batch([cases[i] for i in packed], n, support=support, blocks=BLOCKS)
         touching = Touching(cases, packed, n) if self.self_contact else None
-        return Batch(len(packed) // fields.LANES, n, n, points, support, smoothing, touching)
+        added = _added_forces() if _has_added_force(cases[0]) else ()
+        return Batch(len(packed) // fields.LANES, n, n, points, support, smoothing, touching, added)
 
     def _smoothing(self, fabric: Fabric) -> int:
         """In nodes."""
@@ -210,14 +217,14 @@ class Simulator:
             return self._load(cases, packed)
         channels = max(max(1, case.program.pressure.shape[1]) for case in cases)
         pressure = np.zeros((len(packed) // fields.LANES, channels, fields.LANES), np.float32)
-        if _swings_to_rest(cases[0].design.fabric):
+        if _swings_to_rest(specimen_of(cases[0]).design.fabric):
             batch = self._load([damped(case) for case in cases], packed)
-            equilibrate(batch, pressure, self._solve, patient=True, memory=Memory.AT_REST)
+            equilibrate(batch, pressure, self._solve(batch), patient=True, memory=Memory.AT_REST)
             load_constants([cases[i] for i in packed], self.points_per_side)
             halt(*batch.grid)
             return batch
         batch = self._load(cases, packed)
-        equilibrate_in_plane(batch, pressure, self._solve)
+        equilibrate_in_plane(batch, pressure, self._solve(batch))
         return batch
 
     def _simulate(
@@ -226,7 +233,7 @@ class Simulator:
         """The motions from where the batch is."""
         n = self.points_per_side
         schedule, begins = of_motions(batch, packed, steps, tick=self.time_step, rho=self.rho)
-        shapes, states = advance(batch, schedule, self._solve, frames=int(begins[-1]))
+        shapes, states = advance(batch, schedule, self._solve(batch), frames=int(begins[-1]))
         own = [slice(*span) for span in pairwise(begins)]
         return [
             motion_of(case, t, shapes[span].reshape(-1, n, n, 3), states[span])
@@ -248,6 +255,31 @@ def _require(name: str, value: Any, least: float, most: float, *, whole: bool = 
     if not number or not least <= float(value) <= most:
         kind = " whole" if whole else ""
         raise InputError(f"{name} is {value!r}; expected a{kind} number from {least:g} to {most:g}{unit}")
+
+
+def _ticks(times: Array, tick: float) -> int:
+    """Ticks until the last of `times` [s]."""
+    return max(1, int(np.ceil(times[-1] / tick - 1e-6))) if len(times) else 1
+
+
+def _at_rest_pressure(case: Case) -> Array:
+    """(channels,) Pa that act at rest, once the program's last pressures rose linearly and were held."""
+    last = case.program.pressure[-1]
+    if not any(effect.pressure for effect, _, _ in active(case.effects)):
+        return last
+    rise = np.linspace(0, RISE, _RISE_STEPS, endpoint=False)
+    rising = PressureProgram(rise, np.outer((np.arange(_RISE_STEPS) + 1) / _RISE_STEPS, last), RISE + HOLD)
+    ticks = round((RISE + HOLD) * _RISE_STEPS / RISE)
+    return np.asarray(acting_pressure(replace(case, program=rising), ticks, RISE / _RISE_STEPS).means[-1])
+
+
+def _has_added_force(case: Case) -> bool:
+    return any(effect.force is not None for effect, _, _ in active(case.effects))
+
+
+def _added_forces() -> tuple[AddedForce, ...]:
+    """Those of all effects: one kernel serves them all, and values make them zero."""
+    return tuple(force_of(effect) for effect in EFFECTS.values() if effect.force is not None)
 
 
 def _is_free(fabric: Fabric) -> bool:

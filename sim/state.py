@@ -18,7 +18,7 @@ class Life(Enum):
 
     LOADED: put there by every batch. CARRIED: zero when a batch is loaded, then carried from step to step. WORK: zero
     when a batch is loaded; a step writes before it reads. SCRATCH: the same, but too large to be zeroed: nothing is
-    read that was not written since. REMEMBERED: carried, by a force with memory, which writes its memory as at the end
+    read that was not written since. REMEMBERED: carried, by an added force, which writes its memory as at the end
     of the step to the plane NAME_next: that replaces it when the step is done, and no sooner.
     """
 
@@ -28,7 +28,7 @@ class Life(Enum):
 LOADED, CARRIED, WORK, SCRATCH, REMEMBERED = Life
 Place = Literal["node", "edge", "cell", "fixed point", "interval"]
 BY_NODE, BY_POINT = ("node", "edge", "cell"), ("fixed point", "interval")
-NEXT = "_next"  # of the plane to which a force with memory writes
+NEXT = "_next"  # of the plane to which an added force writes
 
 FUNCTIONALS = 7  # of a displacement in local frames at a fixed point: u, v, w, (w s_u), (w s_v), w_u, w_v
 GREEN = 27  # numbers kept for each pair of fixed points: uu, vv, and 5 x 5 of the normal component
@@ -147,6 +147,7 @@ PLANES: list[Plane] = [
     Plane("rest", "interval", "m", LOADED, "length on the flat cloth"),
     Plane("viscosity", "interval", "N s", LOADED, "tension lost per contraction rate"),
     Plane("gain", "interval", "1", LOADED, "on what pressure adds to the tension"),
+    Plane("pressure_share", "interval", "1", LOADED, "of the channel's pressure that arrives"),
     Plane("inv_area", "fixed point", "1", WORK, "1 / |X_v x X_u|"),
     Plane("eps", "interval", "1", WORK, "contraction"),
     Plane("rate", "interval", "1/s", WORK, "contraction rate"),
@@ -157,6 +158,8 @@ PLANES: list[Plane] = [
     Plane("coef", "interval", "1", WORK, "how the functionals of both ends stretch it", entries=2 * FUNCTIONALS),
     Plane("resp", "fixed point", "m/N", WORK, "functionals that one interval's pull leads to", entries=FUNCTIONALS),
 ]
+
+BUILT_IN = len(PLANES)  # those behind are added forces'
 
 # parts of the array `coarse`: both Galerkin matrices; curvatures at the samples, their sums across; how modes stretch
 # four intervals; right sides
@@ -222,8 +225,13 @@ def loaded() -> set[str]:
     return {p.name for p in PLANES if p.life == LOADED} | {a.name for a in ARRAYS if a.life == LOADED}
 
 
+def added() -> list[Plane]:
+    """What added forces load: numbers of the specimen's muscles."""
+    return [plane for plane in PLANES[BUILT_IN:] if plane.life == LOADED]
+
+
 def declare(*more: Plane) -> None:
-    """Planes of a force with memory, by its own file: before the first batch, or the fields are made anew."""
+    """Planes of an added force, by its own file: before the first batch, or the fields are made anew."""
     for plane in more:
         if plane not in PLANES:
             if any(plane.name == other.name and plane.field == other.field for other in PLANES):

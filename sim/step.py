@@ -19,9 +19,9 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from sim.design.support import EDGES
+from sim.forces.added import AddedForce, remember
 from sim.forces.cloth import fabric_force
 from sim.forces.contact import contact
-from sim.forces.memory import ForceWithMemory, remember
 from sim.forces.muscles import points_pos, points_rate, pull, sample, spread, tension
 from sim.kernels.fields import LANES, SPREAD, F, Timed, X
 from sim.kernels.transfer import record
@@ -45,7 +45,7 @@ class Solve:
 
     iterations: int  # at most
     tolerance: float  # m; a lane has converged when the RMS over nodes of its preconditioned residual falls below it
-    forces: tuple[ForceWithMemory, ...] = ()
+    added: tuple[AddedForce, ...] = ()  # forces of effects
 
 
 def advance(
@@ -55,7 +55,7 @@ def advance(
     (frames, points, 2), contraction and tension [N] of every interval."""
     shapes = np.full((max(frames, 1), batch.nu * batch.nv, 3), np.nan, np.float32)
     states = np.zeros((max(frames, 1), max(batch.points, 1), 2), np.float32)
-    kernel = _advance(solve.forces)
+    kernel = _advance(solve.added)
     steps = len(schedule.work)
     at_once = 1 if batch.touching else AT_ONCE
     for begin in range(0, steps, at_once):
@@ -70,9 +70,8 @@ def advance(
 
 
 @functools.cache
-def _advance(forces: tuple[ForceWithMemory, ...]) -> Timed:
-    """The kernel with these forces with memory; the one without does not pay for them."""
-    summed = tuple(one.force for one in forces)
+def _advance(added: tuple[AddedForce, ...]) -> Timed:
+    """The kernel with these added forces; the one without does not pay for them."""
 
     @ti.kernel
     def advance_kernel(
@@ -95,7 +94,7 @@ def _advance(forces: tuple[ForceWithMemory, ...]) -> Timed:
                         for lane in range(LANES):
                             kept = ti.max(kept, ti.min(1, first[m + 1, b, lane] - first[m, b, lane]))
                         step(
-                            b, m, nu, nv, npt, support, smoothing, iterations, frame_updates, tolerance, kept, summed,
+                            b, m, nu, nv, npt, support, smoothing, iterations, frame_updates, tolerance, kept, added,
                             work, scheme, pressure,
                         )  # fmt: skip
                         for lane in range(LANES):
@@ -109,27 +108,28 @@ def _advance(forces: tuple[ForceWithMemory, ...]) -> Timed:
 
 @ti.func
 def step(
-    b, m, nu, nv, npt, support, smoothing, iterations, frame_updates, tolerance, kept, summed: ti.template(),
+    b, m, nu, nv, npt, support, smoothing, iterations, frame_updates, tolerance, kept, added: ti.template(),
     work: ti.template(), scheme: ti.template(), pressure: ti.template(),
 ):  # fmt: skip
     """Step m of one block. kept: 1 where frames are kept of it, for which muscles are evaluated once more: a lane that
-    has converged has moved since. So is memory. summed: forces with memory."""
+    has converged has moved since. So is memory. added: forces of effects."""
     begin(b, m, npt, scheme, pressure)
     if work[m, b] == FACTORISED:
         factorise(b, nu, nv)
         green(b, nu, nv, npt)
     predict(b, nu, nv)
-    if ti.static(len(summed) > 0):
+    if ti.static(len(added) > 0):
         kept = 1
     i = 0
     last = iterations
     while i <= last + kept:
         fabric_force(b, nu, nv, support)
         if npt > 0:
-            muscles(b, nu, npt)
+            muscles(b, nu, npt, added)
         contact(b, nu)
-        for force in ti.static(summed):
-            force(b, nu, nv, npt)
+        for force in ti.static(added):
+            if ti.static(force.has_cloth):
+                force.cloth(b, nu, nv, npt)
         if i == 0:
             first_residual(b, nu, nv)
         elif i <= last:
@@ -145,7 +145,7 @@ def step(
                 last = i + 1
         i += 1
     finish(b, nu, nv)
-    if ti.static(len(summed) > 0):
+    if ti.static(len(added) > 0):
         remember(b)
 
 
@@ -160,7 +160,8 @@ def begin(b, m, npt, scheme: ti.template(), pressure: ti.template()):
             k = F.after[k]
         k = 0
         while k < npt:
-            F.point[b, X.pressure + k][lane] = pressure[m, b, F.channel[b, k][lane], lane]
+            acting = pressure[m, b, F.channel[b, k][lane], lane]
+            F.point[b, X.pressure + k][lane] = F.point[b, X.pressure_share + k][lane] * acting
             k = F.after[k]
         lane = F.after[lane]
 
@@ -197,12 +198,12 @@ def predict(b, nu, nv):
 
 
 @ti.func
-def muscles(b, nu, npt):
-    """f += forces of the muscles."""
+def muscles(b, nu, npt, added: ti.template()):
+    """f += forces of the muscles, and what effects add to them."""
     sample(b, nu, npt, F.q, F.v, X.pos)
     points_pos(b, npt)
     points_rate(b, npt)
-    tension(b, npt)
+    tension(b, npt, added)
     pull(b, npt, X.tension)
     spread(b, nu, npt, F.f)
 

@@ -1,4 +1,5 @@
-"""A force with memory (tests/creep.py): its closed form, at rest at the start, at its limit, alone and among others."""
+"""A force with memory (examples/cloth_creep.py): its closed form, at rest at the start, at its limit, alone and among
+others."""
 
 from dataclasses import replace
 
@@ -6,14 +7,18 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from fabdesign.effects import register_file
+from fabdesign.forward import Term
 from sim import Simulator, state
-from sim.forces.memory import ForceWithMemory
+from sim.forces.added import AddedForce
 from sim.materials import Constant, declare
-from tests.creep import CREEP, TIMES
+from tests.conftest import ROOT
 from tests.sim_designs import cloth, held, laced
 
-SIMULATOR = Simulator(points_per_side=21, forces=(CREEP,))
-SHARES = {"creep_1": 0.15, "creep_2": 0.25}
+register_file(ROOT / "examples" / "cloth_creep.py")
+SIMULATOR = Simulator(points_per_side=21)
+SHARES, TIMES = (0.15, 0.25), (0.1, 0.5)  # s
+CREEP = (Term("cloth_creep", {"share_1": SHARES[0], "share_2": SHARES[1]}),)
 
 
 def strain(middle):
@@ -25,14 +30,14 @@ def strain(middle):
 def hanging():
     """Frames and strains under its own weight of a strip without transverse contraction, light damping."""
     times = np.array([0.0, 0.1, 0.2, 0.4, 0.8])
-    case = held(cloth(poisson=0.0, areal_density=6.0, air_damping=20.0), (), **SHARES)
+    case = replace(held(cloth(poisson=0.0, areal_density=6.0, air_damping=20.0), ()), effects=CREEP)
     return case, times, SIMULATOR.run([case], [times])[0]
 
 
 def test_creep_under_a_weight_is_its_closed_form(hanging):
     # K (e - z_1 - z_2) = T: d z_i / d t = (s_i (T / K + z_1 + z_2) - z_i) / tau_i, from z = 0
     _, times, motion = hanging
-    shares, taus = np.array(list(SHARES.values())), np.array(TIMES)
+    shares, taus = np.array(SHARES), np.array(TIMES)
     rate = (shares[:, None] - np.eye(2)) / taus[:, None]
     limit = np.linalg.solve(-rate, shares / taus)
     grown = [1 + (limit - scipy.linalg.expm(rate * t) @ limit).sum() for t in times]
@@ -59,18 +64,19 @@ def test_creep_halves_its_error_with_the_steps(hanging):
 
 
 def test_equilibrium_has_memory_at_its_limit():
-    case = held(cloth(poisson=0.0, areal_density=6.0), (0,), **SHARES)
-    crept, elastic = SIMULATOR.equilibria([case, replace(case, factors={})])
+    case = replace(held(cloth(poisson=0.0, areal_density=6.0), (0,)), effects=CREEP)
+    crept, elastic = SIMULATOR.equilibria([case, replace(case, effects=())])
     below = (shape.reshape(2, 41, 41, 3)[:, -1, :, 1].mean() + 0.2 for shape in (crept.astype(float), elastic))
-    assert next(below) / next(below) == pytest.approx(1 / (1 - sum(SHARES.values())), rel=0.02)
+    assert next(below) / next(below) == pytest.approx(1 / (1 - sum(SHARES)), rel=0.02)
 
 
 def test_lanes_with_and_without_ride_together_and_leave_nothing():
     design, times = laced(), np.array([0.02, 0.05])
-    plain, crept = held(design, (200, 100, 0, 50)), held(design, (200, 100, 0, 50), **SHARES)
+    plain = held(design, (200, 100, 0, 50))
+    crept = replace(plain, effects=CREEP)
     first, second = SIMULATOR.run([plain, crept], [times] * 2)
     [alone] = SIMULATOR.run([crept], [times])
-    [bare] = replace(SIMULATOR, forces=()).run([plain], [times])
+    [bare] = SIMULATOR.run([plain], [times])
     assert np.array_equal(second.middle, alone.middle)  # and nothing of the batch before is remembered
     assert np.array_equal(first.middle, bare.middle)
     assert np.abs(first.middle - second.middle).max() > 1e-5
@@ -78,7 +84,7 @@ def test_lanes_with_and_without_ride_together_and_leave_nothing():
 
 def test_a_force_declares_what_it_remembers():
     plane = state.Plane("slip", "interval", "m", state.WORK, "of a muscle through its fixed points")
-    with pytest.raises(ValueError, match="planes of a force with memory must be remembered"):
-        ForceWithMemory(CREEP.force, (plane,))
+    with pytest.raises(ValueError, match="planes of an added force are loaded or remembered"):
+        AddedForce(planes=(plane,))
     with pytest.raises(ValueError, match="constant 'S': there is one of this name already"):
         declare("S", Constant("N/m", "another", lambda lane: 0.0))

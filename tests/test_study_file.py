@@ -76,7 +76,7 @@ def test_several_targets_share_a_layout(folder: Path) -> None:
     [
         (LEAST.replace("vertical.toml", "none.toml"), "none.toml: no such file"),
         (LEAST.replace("target.ply", "none.ply"), "file .*none.ply is not there"),
-        (LEAST.replace("optimize", "optimise"), "kind = 'optimise'; expected one of optimize"),
+        (LEAST.replace("optimize", "optimise"), 'kind = "optimise"; expected one of optimize'),
         (LEAST.replace("optimize", "sensitivity"), 'kind = "sensitivity"; expected "optimize"'),
         ('format = "fabdesign.study/2"\n' + LEAST, 'format is "fabdesign.study/2"'),
         ('kind = "optimize"\ndesign = "vertical.toml"\n', r"expected one \[target\]"),

@@ -23,6 +23,8 @@ class Lacing:
     rest: Array  # (p,) m
     channel: NDArray[np.int32]  # (p,)
     muscle_type: tuple[str, ...]  # (p,)
+    muscle: NDArray[np.int32]  # (p,) which of the design's
+    along: Array  # (p,) the interval's middle from the muscle's first end, over its length
 
 
 def touched(design: Design, n: int) -> tuple[int, int]:
@@ -35,10 +37,12 @@ def lace(design: Design, n: int, across: int, down: int) -> Lacing:
     hu, hv = design.fabric.width / (n - 1), design.fabric.height / (n - 1)
     weights = [np.zeros((6, 0, PATCH))]
     base: list[tuple[int, int]] = []
-    offset, active, rest, channel, types = [], [], [], [], []
-    for muscle in design.muscles:
+    offset, active, rest, channel, types, own, along = [], [], [], [], [], [], []
+    for index, muscle in enumerate(design.muscles):
         points = muscle.fixed_points()
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        own += [index] * len(points)
+        along += [*((np.cumsum(lengths) - lengths / 2) / lengths.sum()), 0.0]
         side = 1.0 if muscle.side == "front" else -1.0
         i, wu, du, eu = line_weights(points[:, 0], n, hu, across)
         j, wv, dv, ev = line_weights(points[:, 1], n, hv, down)
@@ -56,4 +60,5 @@ def lace(design: Design, n: int, across: int, down: int) -> Lacing:
     return Lacing(
         np.array(base, np.int32).reshape(-1, 2), np.concatenate(weights, axis=1),
         np.array(offset), np.array(active), np.array(rest), np.array(channel, np.int32), tuple(types),
+        np.array(own, np.int32), np.array(along),
     )  # fmt: skip

@@ -5,10 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.effects.acting import specimen_of
+from fabdesign.effects.specimen import Specimen
 from fabdesign.effort import MEMORY
 from fabdesign.errors import InputError
 from fabdesign.forward import Case
 from fabdesign.muscle import MuscleType
+from sim import state
 from sim.design.lacing import Lacing, lace, touched
 from sim.design.muscle_law import bench_grid
 from sim.design.nodes import node_arrays
@@ -36,16 +39,17 @@ def load_batch(cases: Sequence[Case], n: int, *, support: Support, blocks: int) 
     designs = {id(case.design): case.design for case in cases}
     laced = {key: lace(design, n, across, down) for key, design in designs.items()}
     lacings = [laced[id(case.design)] for case in cases]
+    specimens = [specimen_of(case) for case in cases]
     types = _types(cases)
     modes, (down_modes, down_eigen) = modes_across(n, support), modes_down(n, support)
     modal = {key: _modal_weights(lacing, modes, points) for key, lacing in laced.items()}
     modal_down = {key: value[1, :, :3, :n] @ down_modes[:, :COARSE_DOWN] for key, value in modal.items()}
     lanes = []
-    for case, lacing in zip(cases, lacings, strict=True):
+    for case, specimen, lacing in zip(cases, specimens, lacings, strict=True):
         weights = modal[id(case.design)]
         lanes.append(
-            _nodes(case, n)
-            | _fixed_points(lacing, case, types, n)
+            _nodes(specimen, n)
+            | _fixed_points(lacing, specimen, types, n)
             | {"across": weights[0], "down": weights[1], "coarse_down": modal_down[id(case.design)]}
         )
     values = {name: _side_by_side([lane[name] for lane in lanes]) for name in lanes[0]}
@@ -58,7 +62,7 @@ def load_batch(cases: Sequence[Case], n: int, *, support: Support, blocks: int) 
         coarse=coarse, place=place,
         rows=_rows(lacings, n, len(cases) // LANES, points, down),
     )  # fmt: skip
-    load(len(cases) // LANES, values | {"lane": _constants(cases, n)}, shared)
+    load(len(cases) // LANES, values | {"lane": _constants(specimens, n)}, shared)
     return points
 
 
@@ -73,12 +77,12 @@ def _require_room(points: int, blocks: int) -> None:
 
 def load_constants(cases: Sequence[Case], n: int) -> None:
     """Replace the materials of the batch that lies in the fields by those of `cases`."""
-    put(len(cases) // LANES, {"lane": _constants(cases, n)})
+    put(len(cases) // LANES, {"lane": _constants([specimen_of(case) for case in cases], n)})
 
 
-def _constants(cases: Sequence[Case], n: int) -> NDArray[np.float32]:
+def _constants(specimens: Sequence[Specimen], n: int) -> NDArray[np.float32]:
     """(blocks, constants, LANES)"""
-    return _side_by_side([lane_constants(Lane.of(case, n)).astype(np.float32) for case in cases])
+    return _side_by_side([lane_constants(Lane(specimen, n)).astype(np.float32) for specimen in specimens])
 
 
 def _side_by_side(values: Sequence[NDArray]) -> NDArray:
@@ -89,9 +93,9 @@ def _side_by_side(values: Sequence[NDArray]) -> NDArray:
     return np.ascontiguousarray(np.moveaxis(lanes.reshape(len(lanes) // LANES, LANES, *lanes.shape[1:]), 1, -1))
 
 
-def _nodes(case: Case, n: int) -> dict[str, NDArray]:
+def _nodes(specimen: Specimen, n: int) -> dict[str, NDArray]:
     """What a lane has on the padded grid."""
-    rest, mass, free = node_arrays(case.design, case.factors, n)
+    rest, mass, free = node_arrays(specimen.design, specimen.factors, n)
 
     def padded(values: NDArray) -> NDArray:
         return np.pad(values.reshape(n, n), 1).ravel()
@@ -110,31 +114,38 @@ def _types(cases: Sequence[Case]) -> dict[tuple[str, MuscleType], int]:
     return kinds
 
 
-def _fixed_points(lacing: Lacing, case: Case, types: dict[tuple[str, MuscleType], int], n: int) -> dict[str, NDArray]:
+def _fixed_points(
+    lacing: Lacing, specimen: Specimen, types: dict[tuple[str, MuscleType], int], n: int
+) -> dict[str, NDArray]:
     """What a lane has at its fixed points; spare ones lie at rest inside the cloth with no interval."""
-    gain, lever = case.factors.get("muscle_gain", 1.0), case.factors.get("axis_offset", 1.0)
-    damping = case.factors.get("damping", 1.0)
+    damping = specimen.factors.get("damping", 1.0)
     count, room = len(lacing.offset), F.points
     spare, first = np.zeros((4, PATCH)), (n - 1) // 2
     spare[:2, 0], spare[2:4, 0], spare[2:4, 1] = 1, -1, 1  # at a node, tangents to the next
     weights = np.concatenate([lacing.weights[:4], np.repeat(spare[:, None], room - count, axis=1)], axis=1)
     base = np.concatenate([lacing.base, np.full((room - count, 2), first, np.int32)])
-    kind = [case.design.muscle_types[name] for name in lacing.muscle_type]
+    kind = [specimen.design.muscle_types[name] for name in lacing.muscle_type]
     table = [types[name, own] for name, own in zip(lacing.muscle_type, kind, strict=True)]
 
     def filled(values: NDArray, spare: float = 0) -> NDArray:
         return np.pad(values, (0, room - count), constant_values=spare)
 
+    def of_muscles(name: str) -> NDArray:
+        values = specimen.muscles.get(name)
+        return np.zeros(count) if values is None else values[lacing.muscle]
+
     return {
         **dict(zip(("wu", "wv", "du", "dv"), weights, strict=True)),
-        "offset": filled(lever * lacing.offset),
+        "offset": filled(of_muscles("lever") * lacing.offset),
         "active": filled(lacing.active),
         "rest": filled(lacing.rest, 1.0),
-        "gain": filled(np.full(count, gain)),
+        "gain": filled(of_muscles("gain")),
+        "pressure_share": filled(1 - of_muscles("pressure_loss") * lacing.along),
         "viscosity": filled(damping * np.array([k.viscosity for k in kind])),
         "base": (base[:, 0] + 1) * (n + 2) + base[:, 1] + 1,
         "channel": filled(lacing.channel),
         "muscle_type": filled(np.array(table, np.int32)),
+        **{plane.name: filled(of_muscles(plane.name)) for plane in state.added()},
     }
 
 

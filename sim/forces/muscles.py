@@ -7,7 +7,7 @@ import taichi as ti
 
 from sim.kernels.fields import CONTRACTION_STEP, FIRST_CONTRACTION, LANES, PRESSURE_STEP, TABLE, F, X
 from sim.kernels.patch import exchange, weigh_across, weigh_rows
-from sim.kernels.vectors import Wide, cross, dot, load_point, parts, store_point, sum3, thrice
+from sim.kernels.vectors import Lanes, Wide, cross, dot, load_point, parts, store_point, sum3, thrice
 from sim.state import PATCH
 from sim.time.scheme import CV
 
@@ -110,8 +110,9 @@ def spread(b, nu, npt, dst):
 
 
 @ti.func
-def tension(b, npt):
-    """Direction, length, contraction, tension and compliance of every interval; X.vel must hold the points' velocity"""
+def tension(b, npt, added: ti.template()):
+    """Direction, length, contraction, tension and compliance of every interval; X.vel must hold the points' velocity.
+    added: forces of effects, by whom the bench law may see less contraction than there is, and by whom more pulls."""
     k = 0
     while k < npt - 1:
         along = F.point3[b, X.pos + k + 1] - F.point3[b, X.pos + k]
@@ -121,9 +122,16 @@ def tension(b, npt):
         F.point[b, X.eps + k] = 1.0 - 1.0 / (il * F.point[b, X.rest + k])
         stretching = sum3(along * (F.point3[b, X.vel + k + 1] - F.point3[b, X.vel + k]))
         F.point[b, X.rate + k] = -stretching / F.point[b, X.rest + k]
+        seen = F.point[b, X.eps + k]
+        seen_share = Lanes(1.0)
+        for force in ti.static(added):
+            if ti.static(force.has_lent):
+                lent, share = force.lent(b, k)
+                seen -= lent
+                seen_share -= share
         lane = 0
         while lane < LANES:
-            x = (F.point[b, X.eps + k][lane] - FIRST_CONTRACTION) / CONTRACTION_STEP
+            x = (seen[lane] - FIRST_CONTRACTION) / CONTRACTION_STEP
             i = ti.min(ti.max(int(x), 0), TABLE[1] - 2)
             f = x - i
             pp = F.point[b, X.pressure + k][lane] / PRESSURE_STEP
@@ -139,6 +147,13 @@ def tension(b, npt):
             F.point[b, X.tension + k][lane] = h0 + f * (h1 - h0)
             F.point[b, X.compliance + k][lane] = (h0 - h1) / CONTRACTION_STEP
             lane = F.after[lane]
+        for force in ti.static(added):
+            if ti.static(force.has_lent):
+                F.point[b, X.compliance + k] = F.point[b, X.compliance + k] * seen_share
+            if ti.static(force.has_tension):
+                more, stiffness = force.tension(b, k)
+                F.point[b, X.tension + k] = F.point[b, X.tension + k] + more
+                F.point[b, X.compliance + k] = F.point[b, X.compliance + k] + stiffness
         F.point[b, X.tension + k] = F.point[b, X.active + k] * (
             F.point[b, X.tension + k] - F.point[b, X.viscosity + k] * F.point[b, X.rate + k]
         )

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from sim.design.support import Support
+from sim.forces.added import AddedForce
 from sim.forces.contact_pairs import Touching
 
 
@@ -17,6 +18,7 @@ class Batch:
     support: Support
     smoothing: int  # nodes over which the preconditioner's frames are averaged, to each side
     touching: Touching | None = None  # with self_contact
+    added: tuple[AddedForce, ...] = ()  # forces of effects
 
     @property
     def grid(self) -> tuple[int, int, int]:

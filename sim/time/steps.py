@@ -7,6 +7,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.effects.pressures import ActingPressure
 from fabdesign.pressure import PressureProgram
 
 Array = NDArray[np.float64]
@@ -34,17 +35,16 @@ class Steps:
     theta: Array  # (T,) and at which fraction of it
 
 
-def steps_of(program: PressureProgram, times: Array, jumps: Jumps, *, tick: float, calm: int) -> Steps:
-    """Steps of whole ticks of `tick` s, `calm` ticks far from jumps, up to the last of `times` (T,) s."""
-    ticks = max(1, int(np.ceil(times[-1] / tick - 1e-6))) if len(times) else 1
-    edges = step_edges(ticks, jumps.large, tick=tick, calm=calm)
-    instants = np.asarray(tick * edges, dtype=np.float64)
+def steps_of(acting: ActingPressure, times: Array, jumps: Jumps, *, calm: int) -> Steps:
+    """Steps of whole ticks of `acting`, `calm` ticks far from jumps, as far as its ticks go; frames at `times` (T,) s."""
+    edges = step_edges(acting.ticks, jumps.large, tick=acting.tick, calm=calm)
+    instants = np.asarray(acting.tick * edges, dtype=np.float64)
     due = np.clip(np.searchsorted(instants, times - 1e-9) - 1, 0, len(edges) - 2)
     within = np.searchsorted(jumps.every, edges)
     return Steps(
         ticks=np.diff(edges),
         jumps=np.diff(within) > 0,
-        pressure=program.means(instants),
+        pressure=acting.between(edges),
         due=due,
         theta=np.clip((times - instants[due]) / np.diff(instants)[due], 0.0, 1.0),
     )

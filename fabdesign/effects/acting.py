@@ -1,0 +1,85 @@
+"""A case's effects at work: the specimen and the pressures that they leave, and what is observed of it."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.effects.declaration import Array, Effect, Values
+from fabdesign.effects.pressures import ActingPressure
+from fabdesign.effects.registry import check_values, effect_named
+from fabdesign.effects.specimen import Specimen
+from fabdesign.forward import MUSCLE_TYPES, Case, Term
+
+
+def active(terms: tuple[Term, ...]) -> Iterator[tuple[Effect, dict[str, float], Term]]:
+    """Each effect that is not off, with all its values. Raises InputError for an unknown one or a bad value."""
+    for term in terms:
+        effect = effect_named(term.name, "effects")
+        check_values(effect, term.values, "effects")
+        if not effect.is_off(term.values):
+            yield effect, effect.values(term.values), term
+
+
+def specimen_of(case: Case) -> Specimen:
+    """The case's design with its scale factors and effects in its constants."""
+    muscles = case.design.muscles
+
+    def factors(name: str) -> Array:
+        common = case.factors.get(name, 1.0)
+        return np.array([case.factors.get(f"{MUSCLE_TYPES}{m.type}.{name}", common) for m in muscles], dtype=float)
+
+    specimen = Specimen(
+        case.design,
+        case.factors,
+        case.order,
+        {
+            "gain": factors("muscle_gain"),
+            "lever": factors("axis_offset"),
+            "pressure_loss": np.zeros(len(muscles)),
+        },
+    )
+    for effect, values, term in active(case.effects):
+        if effect.specimen is not None:
+            specimen = effect.specimen(specimen, values, muscles_of(case, term))
+    return specimen
+
+
+def muscles_of(case: Case, term: Term) -> NDArray[np.bool_]:
+    """(m,) whether a term acts on each muscle of the case's design."""
+    scope = term.scope
+    own = scope.removeprefix(MUSCLE_TYPES) if scope is not None and scope.startswith(MUSCLE_TYPES) else None
+    return np.array([own is None or muscle.type == own for muscle in case.design.muscles], dtype=bool)
+
+
+def acting_pressure(case: Case, ticks: int, tick: float) -> ActingPressure:
+    """The pressures that act in the case over `ticks` ticks of `tick` s each."""
+    acting = ActingPressure(case.program, ticks, tick)
+    for effect, values, _ in active(case.effects):
+        if effect.pressure is not None:
+            acting = effect.pressure(acting, values)
+    return acting
+
+
+def seen_at(terms: tuple[Term, ...], times: Array) -> Array:
+    """(T,) s: the instants whose shapes frames of these `times` show."""
+    for effect, values, _ in active(terms):
+        if effect.clock is not None:
+            times = effect.clock(times, values)
+    return times
+
+
+def observed(terms: tuple[Term, ...], points: NDArray[Any]) -> NDArray[Any]:
+    """(..., 3) m: points of the cloth as the sensors give them."""
+    for effect, values, _ in active(terms):
+        if effect.observed is not None:
+            points = effect.observed(points, values).astype(points.dtype)
+    return points
+
+
+def remembers(terms: tuple[Term, ...]) -> bool:
+    return any(effect.remembers for effect, _, _ in active(terms))
+
+
+__all__ = ["Values", "acting_pressure", "active", "muscles_of", "observed", "remembers", "seen_at", "specimen_of"]

@@ -1,0 +1,84 @@
+"""What an effect is: a physical part that a plain model lacks, declared with its parameters and what it changes.
+
+An effect acts at one or more of four seams: the pressure that acts, constants and geometry of the specimen, forces with
+memory (in the kernels, sim/forces/memory.py), and what is observed. Where its strength has the value `off`, the model
+is the one without it, and the derivative by the strength exists there.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.effects.pressures import ActingPressure
+from fabdesign.effects.specimen import Specimen
+
+Array = NDArray[np.float64]
+Values = Mapping[str, float]
+Site = Literal["muscle", "pneumatics", "fabric", "interface", "environment", "sensing"]
+Scope = Literal["muscle type", "rig", "fabric", "sensors"]
+
+
+@dataclass(frozen=True)
+class EffectParameter:
+    """One number of an effect, in `unit` in files and in the effect's own code.
+
+    A strength has a value at which the effect is `off`, the centre of its prior; other parameters only shape the
+    effect, about their typical value. Where both exist, several strengths are off together.
+    """
+
+    unit: str
+    what: str
+    typical: float  # the value where none is given
+    bounds: tuple[float, float]
+    deviation: float  # prior standard deviation, of the parameter or, by transform "log", of its logarithm
+    off: float | None = None
+    transform: Literal["linear", "log"] = "linear"
+    whole: bool = False  # a number of something, such as a channel: chosen, not fitted
+
+    @property
+    def centre(self) -> float:
+        """Of the prior."""
+        return self.typical if self.off is None else self.off
+
+
+@dataclass(frozen=True)
+class Effect:
+    """A declared effect.
+
+    pressure(acting, values): the pressures that act. specimen(specimen, values, muscles): constants and geometry;
+    muscles (m,) says which muscles the effect belongs to. clock(times, values): the instants [s] whose shape frames
+    show; observed(points, values): points [m] as a sensor gives them. force: the kernel's part, a
+    sim.forces.memory.ForceWithMemory or "module:NAME" of one. remembers: whether what was before the present pressures
+    still shows in the shape at rest.
+    """
+
+    name: str
+    site: Site
+    scope: Scope
+    what: str
+    signature: str  # what it looks like in data, and what tells it from others
+    source: str
+    parameters: Mapping[str, EffectParameter]
+    pressure: Callable[[ActingPressure, Values], ActingPressure] | None = None
+    specimen: Callable[[Specimen, Values, NDArray[np.bool_]], Specimen] | None = None
+    clock: Callable[[Array, Values], Array] | None = None
+    observed: Callable[[NDArray[Any], Values], NDArray[Any]] | None = None
+    force: Any = field(default=None, hash=False)
+    remembers: bool = False
+
+    @property
+    def strengths(self) -> tuple[str, ...]:
+        """The parameters that switch it off."""
+        return tuple(name for name, parameter in self.parameters.items() if parameter.off is not None)
+
+    def values(self, given: Values) -> dict[str, float]:
+        """All parameters: those given, the others typical."""
+        return {name: float(given.get(name, parameter.typical)) for name, parameter in self.parameters.items()}
+
+    def is_off(self, given: Values) -> bool:
+        """Whether it changes nothing at these values."""
+        values = self.values(given)
+        return bool(self.strengths) and all(values[name] == self.parameters[name].off for name in self.strengths)

@@ -1,0 +1,113 @@
+"""Effects by name: those of fabdesign, those of installed packages, and those that a file brings in."""
+
+import importlib
+import importlib.metadata
+import importlib.util
+import sys
+from pathlib import Path
+from typing import Any
+
+from fabdesign.effects.air_drag import AIR_DRAG
+from fabdesign.effects.braid_hysteresis import BRAID_HYSTERESIS
+from fabdesign.effects.dead_time import DEAD_TIME
+from fabdesign.effects.declaration import Effect, Values
+from fabdesign.effects.filling_lag import FILLING_LAG
+from fabdesign.effects.frame_tilt import FRAME_TILT
+from fabdesign.effects.line_loss import LINE_LOSS
+from fabdesign.effects.muscle_creep import MUSCLE_CREEP
+from fabdesign.effects.odd_muscle import ODD_MUSCLE
+from fabdesign.effects.orthotropy import ORTHOTROPY
+from fabdesign.effects.supply_droop import SUPPLY_DROOP
+from fabdesign.effects.time_offset import TIME_OFFSET
+from fabdesign.errors import InputError
+from fabdesign.table import nearest
+
+GROUP = "fabdesign.effects"  # entry points of installed packages, each an Effect
+
+EFFECTS: dict[str, Effect] = {
+    effect.name: effect
+    for effect in (
+        BRAID_HYSTERESIS, MUSCLE_CREEP, ODD_MUSCLE,
+        FILLING_LAG, DEAD_TIME, SUPPLY_DROOP, LINE_LOSS,
+        ORTHOTROPY,
+        AIR_DRAG, FRAME_TILT,
+        TIME_OFFSET,
+    )
+}  # fmt: skip
+BUILT_IN = tuple(EFFECTS)
+
+
+def register(effect: Effect, where: str = "register") -> None:
+    """One more. Raises InputError for a name that another effect has."""
+    if EFFECTS.setdefault(effect.name, effect) is not effect:
+        raise InputError(f"{where}: effect {effect.name}: there is one of this name already; expected another name")
+
+
+def register_installed() -> None:
+    """Those that installed packages declare as entry points of `fabdesign.effects`."""
+    for point in importlib.metadata.entry_points(group=GROUP):
+        effect = point.load()
+        if not isinstance(effect, Effect):
+            raise InputError(f"entry point {point.value}: {type(effect).__name__}; expected a fabdesign.effects.Effect")
+        register(effect, f"entry point {point.value}")
+
+
+def register_file(path: Path | str) -> None:
+    """All effects that a Python file declares at its top level; the file is run. Raises InputError."""
+    path = Path(path).resolve()
+    if not path.is_file() or path.suffix != ".py":
+        raise InputError(f"{path}: expected a Python file with effects")
+    module: Any
+    name = f"fabdesign_effects_{path.stem}"
+    if (module := sys.modules.get(name)) is None or module.__file__ != str(path):
+        spec = importlib.util.spec_from_file_location(name, path)
+        if spec is None or spec.loader is None:
+            raise InputError(f"{path}: expected a Python file with effects")
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module
+        try:
+            spec.loader.exec_module(module)
+        except Exception as error:
+            del sys.modules[name]
+            raise InputError(f"{path}: {type(error).__name__}: {error}; expected a file that Python runs") from error
+    found = [value for value in vars(module).values() if isinstance(value, Effect)]
+    if not found:
+        raise InputError(f"{path}: declares no effect; expected a fabdesign.effects.Effect at its top level")
+    for effect in found:
+        register(effect, str(path))
+
+
+def effect_named(name: str, where: str) -> Effect:
+    """Raises InputError for an unknown name, with the nearest one."""
+    if name not in EFFECTS:
+        raise InputError(
+            f"{where}: unknown effect {name}; expected one of {', '.join(EFFECTS)}{nearest(name, EFFECTS)}"
+        )
+    return EFFECTS[name]
+
+
+def check_values(effect: Effect, values: Values, where: str) -> None:
+    """Raise InputError for a parameter that the effect does not have, or a value beyond its bounds."""
+    for name, value in values.items():
+        if name not in effect.parameters:
+            known = effect.parameters
+            raise InputError(
+                f"{where}: {effect.name} has no parameter {name}; expected {', '.join(known)}{nearest(name, known)}"
+            )
+        parameter = effect.parameters[name]
+        low, high = parameter.bounds
+        if not low <= value <= high:
+            raise InputError(
+                f"{where}: {effect.name} {name} = {value:g} {parameter.unit}; expected {low:g} to {high:g} "
+                f"{parameter.unit}"
+            )
+        if parameter.whole and value != int(value):
+            raise InputError(f"{where}: {effect.name} {name} = {value:g}; expected a whole number")
+
+
+def force_of(effect: Effect) -> Any:
+    """The kernel's part of an effect, imported where it is named only; None where it has none."""
+    if not isinstance(effect.force, str):
+        return effect.force
+    module, name = effect.force.split(":")
+    return getattr(importlib.import_module(module), name)

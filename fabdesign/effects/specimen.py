@@ -1,0 +1,43 @@
+"""A specimen: a design as it really is, with scale factors and effects put into its constants."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.design import Design
+from fabdesign.fabric import Fabric
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Specimen:
+    """What a simulation of one case is made of.
+
+    muscles: (m,) numbers of every muscle by name: `gain` (on what pressure adds to the tension), `lever` (on the axis'
+    offset), `pressure_loss` (share of the pressure lost from a muscle's first end to its last), and those that an
+    effect's force asks for by its planes' names (zero where none says otherwise). constants: numbers of the whole
+    specimen that a force asks for, by name.
+    """
+
+    design: Design
+    factors: Mapping[str, float]
+    order: int = 0
+    muscles: Mapping[str, Array] = field(default_factory=dict)
+    constants: Mapping[str, float] = field(default_factory=dict)
+
+    def with_fabric(self, fabric: Fabric) -> "Specimen":
+        return replace(self, design=replace(self.design, fabric=fabric))
+
+    def with_muscles(self, where: NDArray[np.bool_], **values: float) -> "Specimen":
+        """Where `where` (m,) holds, the muscles' numbers by name are these."""
+        count = len(self.design.muscles)
+        changed = {
+            name: np.where(where, value, self.muscles.get(name, np.zeros(count))) for name, value in values.items()
+        }
+        return replace(self, muscles={**self.muscles, **changed})
+
+    def with_constants(self, **values: float) -> "Specimen":
+        return replace(self, constants={**self.constants, **values})

@@ -1,0 +1,86 @@
+"""Forces that effects add to a step: creep, friction, drag, whatever the cloth and its muscles have not of their own.
+
+An added force is one file: its planes, its constants, and functions of Taichi at one of three places of a step, each
+evaluated as often as a step is, lanes side by side:
+
+    cloth(b, nu, nv, npt)   adds to F.f what pulls at the nodes at positions F.q and velocities F.v (and strains F.eu,
+                            tangents F.tu, normals F.n, contractions X.eps, ... as cloth and muscles leave them)
+    lent(b, k)              contraction of interval k that the bench law does not see, and its derivative by contraction
+    tension(b, k)           tension added to that of interval k [N], and the stiffness -dT/d(contraction) it adds [N]
+
+Memory: a plane NAME declared as REMEMBERED holds it as the step before left it. A function ages it by the seconds
+F.scheme[b, AGES] and writes the result to NAME_next, in every evaluation anew: that becomes NAME when the step is done
+(`remember`), so that nothing ages by being evaluated twice. AGES is the step in a motion, zero on the way to where a
+motion starts, and 1e9 s in an equilibrium, so use a form that has both limits, such as 1 - exp(-AGES / tau). What a
+constant or a loaded plane makes zero must add zero: lanes with and without a force may ride in one block.
+
+Limits: the preconditioner knows the stiffness of `tension` and `lent`, not that of `cloth`; memory ages by whole steps
+with the state of the evaluation, of first order in the step.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import taichi as ti
+
+from sim import materials, state
+from sim.kernels.fields import F, X
+from sim.materials import Constant
+from sim.state import NEXT, Plane
+
+
+@dataclass(frozen=True)
+class AddedForce:
+    """Declares its planes and constants; step.py calls its functions. One object for each force: kernels are compiled
+    for it."""
+
+    cloth: Callable[..., Any] | None = None  # functions of Taichi, as above
+    lent: Callable[..., Any] | None = None
+    tension: Callable[..., Any] | None = None
+    # remembered ones, and loaded ones of intervals: numbers of the specimen's muscles by that name
+    planes: tuple[Plane, ...] = ()
+    constants: Mapping[str, Constant] = field(default_factory=dict, hash=False)  # M.NAME, from the specimen
+
+    @property
+    def has_cloth(self) -> bool:  # taichi knows no None
+        return self.cloth is not None
+
+    @property
+    def has_lent(self) -> bool:
+        return self.lent is not None
+
+    @property
+    def has_tension(self) -> bool:
+        return self.tension is not None
+
+    def __post_init__(self) -> None:
+        for plane in self.planes:
+            if plane.life == state.LOADED and plane.on != "interval":
+                raise ValueError(f"plane {plane.name}: on {plane.on}; what an effect loads is on intervals")
+            if plane.life not in (state.LOADED, state.REMEMBERED):
+                raise ValueError(f"plane {plane.name}: planes of an added force are loaded or remembered")
+        state.declare(*self.planes)
+        for name, constant in self.constants.items():
+            materials.declare(name, constant)
+
+
+@ti.func
+def remember(b):
+    """At a step's end: memory is what the last evaluation left."""
+    for plane in ti.static(state.remembered("node")):
+        keep(b, F.node, ti.static(getattr(F, plane.name)), ti.static(getattr(F, plane.name + NEXT)), F.nodes)
+    for plane in ti.static(state.remembered("node3")):
+        keep(b, F.node3, ti.static(getattr(F, plane.name)), ti.static(getattr(F, plane.name + NEXT)), F.nodes)
+    for plane in ti.static(state.remembered("point")):
+        keep(b, F.point, ti.static(getattr(X, plane.name)), ti.static(getattr(X, plane.name + NEXT)), F.points)
+    for plane in ti.static(state.remembered("point3")):
+        keep(b, F.point3, ti.static(getattr(X, plane.name)), ti.static(getattr(X, plane.name + NEXT)), F.points)
+
+
+@ti.func
+def keep(b, field: ti.template(), memory, successor, count):
+    k = 0
+    while k < count:
+        field[b, memory + k] = field[b, successor + k]
+        k = F.after[k]
