@@ -7,6 +7,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fabdesign.effects import ActingPressure
 from fabdesign.forward import Case
 from fabdesign.pressure import PressureProgram
 from sim import Simulator
@@ -69,7 +70,8 @@ def test_steps_of_a_motion(later, times):
     kpa = np.array([value for _, value in rows])
     p, times = program(*((k * TICK, (value,)) for k, value in rows)), np.sort(times)
     jumps = jumps_of(p, TICK)
-    steps = steps_of(p, times, jumps, tick=TICK, calm=CALM)
+    ticks = max(1, int(np.ceil(times[-1] / TICK - 1e-6))) if len(times) else 1
+    steps = steps_of(ActingPressure(p, ticks, TICK), times, jumps, calm=CALM)
     edges = np.concatenate([[0], np.cumsum(steps.ticks)])
     assert edges[-1] * TICK >= (times[-1] if len(times) else 0) - 1e-9
     large = [k for (k, _), change in zip(rows, np.diff(kpa, prepend=0.0), strict=True) if 1e3 * abs(change) > LARGE]

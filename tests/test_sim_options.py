@@ -26,7 +26,6 @@ from sim import Simulator
         ("tolerance", -1e-7, "tolerance is -1e-07; expected a number from 1e-12 to 0.001 m"),
         ("rho", 2.0, "rho is 2.0; expected a number from 0 to 1"),
         ("self_contact", 1, "self_contact is 1; expected True or False"),
-        ("forces", ("creep",), r"forces is \('creep',\); expected a tuple of ForceWithMemory"),
     ],
 )
 def test_option_out_of_range_is_told_in_a_line(option, value, said):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import taichi as ti
 
+from fabdesign.effects.acting import specimen_of
 from sim import Simulator, state
 from sim.kernels.fields import LANES, F, X
 from sim.kernels.transfer import ZEROED, ZEROED3, Shared, load
@@ -62,7 +63,7 @@ def test_planes_lie_apart():
 
 
 def test_constants_have_names_units_and_values():
-    values = lane_constants(Lane.of(held(laced(support="clamped"), (), bending=2.0, shear=0.5), 41))
+    values = lane_constants(Lane(specimen_of(held(laced(support="clamped"), (), bending=2.0, shear=0.5)), 41))
     assert [getattr(M, name) for name in CONSTANTS] == list(range(len(CONSTANTS)))
     assert values[M.HU] == pytest.approx(0.005) and values[M.AREA] == pytest.approx(25e-6)
     assert values[M.S] == 0.5 * 130 and values[M.B1] == 2 * 0.006 and values[M.GY] == -9.81

@@ -29,7 +29,7 @@ class ActingPressure:
         """(ticks, channels) Pa, over every tick."""
         if self.smooth is not None:
             return self.smooth
-        return self.program.means(self.tick * np.arange(self.ticks + 1))
+        return self.between(np.arange(self.ticks + 1))
 
     def between(self, edges: NDArray[np.int_]) -> Array:
         """(n - 1, channels) Pa, means between ticks `edges` (n,), rising; the last tick's holds beyond the ticks."""

@@ -80,9 +80,8 @@ def register_file(path: Path | str) -> None:
 def effect_named(name: str, where: str) -> Effect:
     """Raises InputError for an unknown name, with the nearest one."""
     if name not in EFFECTS:
-        raise InputError(
-            f"{where}: unknown effect {name}; expected one of {', '.join(EFFECTS)}{nearest(name, EFFECTS)}"
-        )
+        known = [*EFFECTS]
+        raise InputError(f"{where}: unknown effect {name}; expected one of {', '.join(known)}{nearest(name, known)}")
     return EFFECTS[name]
 
 
@@ -90,7 +89,7 @@ def check_values(effect: Effect, values: Values, where: str) -> None:
     """Raise InputError for a parameter that the effect does not have, or a value beyond its bounds."""
     for name, value in values.items():
         if name not in effect.parameters:
-            known = effect.parameters
+            known = [*effect.parameters]
             raise InputError(
                 f"{where}: {effect.name} has no parameter {name}; expected {', '.join(known)}{nearest(name, known)}"
             )

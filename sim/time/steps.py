@@ -36,7 +36,7 @@ class Steps:
 
 
 def steps_of(acting: ActingPressure, times: Array, jumps: Jumps, *, calm: int) -> Steps:
-    """Steps of whole ticks of `acting`, `calm` ticks far from jumps, as far as its ticks go; frames at `times` (T,) s."""
+    """Steps of whole ticks of `acting`, `calm` ticks far from jumps, to its end; frames at `times` (T,) s."""
     edges = step_edges(acting.ticks, jumps.large, tick=acting.tick, calm=calm)
     instants = np.asarray(acting.tick * edges, dtype=np.float64)
     due = np.clip(np.searchsorted(instants, times - 1e-9) - 1, 0, len(edges) - 2)
