@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from fabdesign.fabric import Fabric
 from fabdesign.muscle import Muscle, MuscleType
+from fabdesign.term import Term
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class Design:
     fabric: Fabric
     muscle_types: Mapping[str, MuscleType]  # by the names in Muscle.type
     muscles: tuple[Muscle, ...]
+    effects: tuple[Term, ...] = ()  # found on the benches of its muscle types and its cloth
 
     @property
     def channels(self) -> int:

@@ -9,24 +9,14 @@ from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.pressure import PressureProgram
+from fabdesign.term import MUSCLE_TYPES, Term
+
+__all__ = ["FACTORS", "HOLD", "MUSCLE_TYPES", "OF_MUSCLES", "PARAMETERS", "RISE", "SIDE", "Case", "ForwardModel", "Term"]
 
 SIDE = 41  # points a side of each face
 PARAMETERS = ("membrane", "shear", "bending", "areal_density", "damping", "muscle_gain", "axis_offset")
 OF_MUSCLES = ("muscle_gain", "axis_offset")  # those that belong to a muscle type
 FACTORS = 0.001, 1000.0  # what a factor on a declared value may be: beyond, the declared value is another thing's
-MUSCLE_TYPES = "muscle_types."  # begins a scope, or the name of a factor, that is one muscle type's
-
-
-@dataclass(frozen=True)
-class Term:
-    """An effect that acts: its name in fabdesign.effects.EFFECTS and its parameters' values, in their declared units.
-
-    scope: what it belongs to, such as "muscle_types.em20": then it acts on the muscles of that type alone.
-    """
-
-    name: str
-    values: Mapping[str, float] = field(default_factory=dict)  # what is absent has the declaration's typical value
-    scope: str | None = None
 
 
 @dataclass(frozen=True)
