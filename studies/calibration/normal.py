@@ -13,7 +13,7 @@ from studies.calibration.state import Place, State
 
 HUBER = 1.345  # of the scale: 95 % efficient on normal noise (Huber 1981)
 BLOCK = 0.5  # s: residuals of one trial within it count as one observation, about half a swing of the cloth
-FAR = 2.0  # times the usual median residual: a frame astray, which counts less
+FAR = 2.0  # times the usual median residual: an outlying frame, which counts less
 _CHANGE = 0.2e-3  # m, RMS of the residuals' change that later differences aim at: ten times the noise of two motions
 _SHORTEST, _LONGEST = 0.1, 1.5  # of such a difference, in standard deviations of the prior
 _LARGEST = 0.4  # of a logarithm, in one iteration
