@@ -59,7 +59,7 @@ class Simulator:
     >>> import numpy as np
     >>> from fabdesign.catalogue import build
     >>> from fabdesign.forward import Case
-    >>> from fabdesign.pressure import RISE_STEPS, rising_program
+    >>> from fabdesign.pressure import PressureProgram
     >>> from sim import Simulator
     >>> program = PressureProgram(np.array([0.0]), np.array([[200e3, 0.0]]), 1.0)  # Pa, from 0 s on
     >>> cases = [Case(build("cross", muscles=2), program)]
