@@ -37,7 +37,7 @@ clean:
 	touch $@
 
 .venv/.ready-test: $(SETUP)
-	scripts/setup.sh clouds,dev,dxf,mesh,rig
+	scripts/setup.sh clouds,dev,dxf,mesh
 	touch $@
 
 .venv/.ready-reference: $(SETUP)

@@ -12,7 +12,7 @@ from fabdesign.cli import effects, files, measurements, motions, searches, viewi
 from fabdesign.cli.console import commands
 from fabdesign.errors import InputError, SimulationError
 
-_EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "numba": "rig", "ezdxf": "dxf"}
+_EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "ezdxf": "dxf"}
 
 
 class Terminated(BaseException):
