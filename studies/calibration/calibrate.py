@@ -101,7 +101,8 @@ def calibrate(
     progress: Progress = lambda line, share: None,
 ) -> Calibration:
     """The unknowns of `vector`, by default the seven factors of `fabdesign.forward.PARAMETERS`, from the trials of role
-    `fit`, or those of `orders` of each set; those of all sets and designs together. With effects, the factors are fitted without them first, which the model keeps.
+    `fit`, or those of `orders` of each set; those of all sets and designs together. With effects, the factors are
+    fitted without them first, which the model keeps.
 
     Of more than 16 trials, 16 spread over the session are fitted: 30 frames of the first 1.5 s of each, and 300 points
     of a frame, by `seed`. `slopes`: see `fit.fit`. points_per_side: of `forward`'s grid, noted in the model.

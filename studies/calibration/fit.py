@@ -105,8 +105,8 @@ def fit(
 
 
 def parts(progress: Progress, *ends: float) -> list[Progress]:
-    """Of work in parts one after another, what each tells its own share: the parts but the last end at the shares `ends`
-    of it all."""
+    """Of work in parts one after another, what each tells its own share: `ends` are the shares of it all at which the
+    parts but the last end."""
 
     def part(begin: float, end: float) -> Progress:
         return lambda line, share: progress(line, float(begin + share * (end - begin)))
