@@ -23,8 +23,9 @@ def enough_points(
 ) -> int:
     """Grid points a side for `trials`: the model's, or 41 where that moves the points by under 0.1 mm RMS.
 
-    Tried on the most strongly driven trial of each design, with the simulators `forward(points a side)`: cloth that snaps goes another
-    way on another grid, and it is there that it snaps. `tell` hears a line on what was found. Raises InputError.
+    Tried on the most strongly driven trial of each design, with the simulators `forward(points a side)`: cloth that
+    snaps goes another way on another grid, and it is there that it snaps. `tell` hears a line on what was found. Raises
+    InputError.
     """
     fine, coarse = model.points_per_side, POINTS_PER_SIDE
     tried = _driven(trials)
