@@ -121,7 +121,7 @@ def calibrate(
     fix: Sequence[str] = (),
     grid: int = 61,
     seed: int = 0,
-    progress: Callable[[str], None] = lambda line: None,
+    progress: Callable[[str, float], None] = lambda line, share: None,
 ) -> Calibration:
     """Declared parameters, and what `free` adds, fitted to a measurement set; `.model` is what came out.
 
