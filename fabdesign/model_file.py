@@ -7,17 +7,15 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from fabdesign.effects.registry import check_values, effect_named
+from fabdesign.effect_file import effect_items, read_effect, read_interval, read_scope
 from fabdesign.effort import COARSEST, FINEST
 from fabdesign.errors import InputError
 from fabdesign.forward import FACTORS, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
-from fabdesign.model import POINTS_PER_SIDE, Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
+from fabdesign.model import POINTS_PER_SIDE, Covariance, Model, Parameter, Provenance
 from fabdesign.output import write_text
 from fabdesign.table import Table, load_toml, nearest
 
 FORMAT = "fabdesign.model/1"
-SCOPES = ("fabric", "rig", "sensors")
-_OF_95 = 1.645 / 1.960  # a 90 % interval over a 95 % one
 
 
 def read_model(path: Path | str) -> Model:
@@ -28,7 +26,7 @@ def read_model(path: Path | str) -> Model:
     root = load_toml(path, FORMAT)
     parameters = _parameters(root, "parameters") or {}
     without_effects = _parameters(root, "parameters_without_effects")
-    effects = tuple(_effect(table) for table in root.tables("effects"))
+    effects = tuple(read_effect(table) for table in root.tables("effects"))
     corrector = None
     if (weights := root.table("corrector", None)) is not None:
         corrector = path.parent / weights.text("weights")
@@ -59,7 +57,7 @@ def write_model(model: Model, path: Path | str) -> None:
             name: _parameter_items(parameter) for name, parameter in model.without_effects.items()
         }
     if model.effects:
-        document["effects"] = [_effect_items(effect) for effect in model.effects]
+        document["effects"] = [effect_items(effect) for effect in model.effects]
     if model.covariance is not None:
         rows = [[float(x) for x in row] for row in model.covariance.matrix]
         document["covariance"] = {"names": list(model.covariance.names), "matrix": rows}
@@ -91,40 +89,12 @@ def _parameter_items(parameter: Parameter) -> dict[str, Any]:
     return items
 
 
-def _effect_items(effect: EffectTerm) -> dict[str, Any]:
-    items: dict[str, Any] = {"name": effect.name}
-    if effect.scope is not None:
-        items["scope"] = effect.scope
-    return items | {"parameters": {name: _quantity_items(q) for name, q in effect.parameters.items()}}
-
-
-def _quantity_items(quantity: Quantity) -> dict[str, Any]:
-    items: dict[str, Any] = {"value": float(quantity.value), "unit": quantity.unit}
-    if quantity.interval90 is not None:
-        items["interval90"] = [float(x) for x in quantity.interval90]
-    return items
-
-
 def _parameter(table: Table) -> Parameter:
     factor = table.number("factor", least=FACTORS[0], most=FACTORS[1])
-    interval = _interval(table, "interval90") if "interval90" in table else None
-    parameter = Parameter(factor, interval, table.flag("believable", True), _scope(table))
+    interval = read_interval(table, "interval90") if "interval90" in table else None
+    parameter = Parameter(factor, interval, table.flag("believable", True), read_scope(table))
     table.finish()
     return parameter
-
-
-def _scope(table: Table) -> str | None:
-    scope: str | None = table.text("scope", None)
-    if scope is not None and scope not in SCOPES and not scope.startswith(MUSCLE_TYPES):
-        raise table.bad("scope", f"one of {', '.join(SCOPES)}, {MUSCLE_TYPES}NAME{nearest(scope, SCOPES)}")
-    return scope
-
-
-def _interval(table: Table, key: str) -> tuple[float, float]:
-    low, high = table.numbers(key, count=2)
-    if low > high:
-        raise table.bad(key, "[low, high]")
-    return low, high
 
 
 def _parameters(root: Table, key: str) -> dict[str, Parameter] | None:
@@ -140,33 +110,6 @@ def _parameters(root: Table, key: str) -> dict[str, Parameter] | None:
             )
         parameters[name] = _parameter(table.table(name))
     return parameters
-
-
-def _effect(table: Table) -> EffectTerm:
-    effect = effect_named(table.text("name"), table.where)
-    parameters: dict[str, Quantity] = {}
-    if (values := table.table("parameters", None)) is not None:
-        for key in values.names():
-            item = values.table(key)
-            value, unit = item.number("value"), item.text("unit")
-            check_values(effect, {key: value}, item.where)
-            if unit != (declared := effect.parameters[key].unit):
-                raise item.bad("unit", f'"{declared}"')
-            parameters[key] = Quantity(value, unit, _interval_of(item, value))
-            item.finish()
-    term = EffectTerm(effect.name, parameters, _scope(table))
-    table.finish()
-    return term
-
-
-def _interval_of(table: Table, value: float) -> tuple[float, float] | None:
-    """The 90 % interval; of a file with 95 %, that of the same normal distribution."""
-    if "interval90" in table:
-        return _interval(table, "interval90")
-    if "interval95" not in table:
-        return None
-    low, high = _interval(table, "interval95")
-    return value + _OF_95 * (low - value), value + _OF_95 * (high - value)
 
 
 def _covariance(table: Table) -> Covariance:

@@ -31,9 +31,9 @@ class Predictor:
         own = [self.case(case) for case in cases]
         if not self.sensing:
             return self.simulator.motions(own, times)
-        shown = [seen_at(case.effects, np.asarray(t, dtype=float)) for case, t in zip(own, times, strict=True)]
+        shown = [seen_at(case, np.asarray(t, dtype=float)) for case, t in zip(own, times, strict=True)]
         motions = self.simulator.motions(own, shown)
-        return [observed(case.effects, points) for case, points in zip(own, motions, strict=True)]
+        return [observed(case, points) for case, points in zip(own, motions, strict=True)]
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         """(3362, 3) points [m] of each case at rest, as `motions` gives them."""
@@ -41,7 +41,7 @@ class Predictor:
         shapes = self.simulator.equilibria(own)
         if not self.sensing:
             return shapes
-        return [observed(case.effects, points) for case, points in zip(own, shapes, strict=True)]
+        return [observed(case, points) for case, points in zip(own, shapes, strict=True)]
 
     def case(self, case: Case) -> Case:
         """The case with what the model adds."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sim.effects  # noqa: F401 declares its planes before the first batch
-from fabdesign.effects.acting import acting_pressure, active, specimen_of
+from fabdesign.effects.acting import acting_pressure, active, specimen_of, terms_of
 from fabdesign.effects.registry import EFFECTS, force_of
 from fabdesign.effort import COARSEST, FINEST, LONGEST, require_motion
 from fabdesign.errors import InputError
@@ -189,7 +189,7 @@ class Simulator:
     def _at_rest_pressure(self, case: Case) -> Array:
         """(channels,) Pa that act at rest, once the program's last pressures have risen and were held."""
         last = case.program.pressure[-1]
-        if not any(effect.pressure for effect, _, _ in active(case.effects)):
+        if not any(effect.pressure for effect, _, _ in active(case)):
             return last
         duration = self.rise + self.hold
         rising = rising_program(last, self.rise, duration)
@@ -201,7 +201,7 @@ class Simulator:
         most BLOCKS blocks; and which of these rides in each lane."""
         groups: dict[tuple[Support, bool, bool, int, bool], list[int]] = {}
         for i, case in enumerate(cases):
-            fabric = specimen_of(case).design.fabric if case.effects else case.design.fabric
+            fabric = specimen_of(case).design.fabric if terms_of(case) else case.design.fabric
             start = _is_free(fabric), _swings_to_rest(fabric)
             alike = Support.of(fabric), *start, self._smoothing(fabric), _has_added_force(case)
             groups.setdefault(alike, []).append(i)
@@ -279,7 +279,7 @@ def _ticks(times: Array, tick: float) -> int:
 
 
 def _has_added_force(case: Case) -> bool:
-    return any(effect.force is not None for effect, _, _ in active(case.effects))
+    return any(effect.force is not None for effect, _, _ in active(case))
 
 
 def _added_forces() -> tuple[AddedForce, ...]:

@@ -1,11 +1,16 @@
 """The kernels against the slow float64 reference, and the reference against its own energy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from fabdesign.forward import Case, Term
+from fabdesign.pressure import PressureProgram
 from sim import Simulator
 from tests.sim_designs import cloth, held, laced, middle
 from tests.sim_reference import ReferenceSheet
+from tests.sim_reference_effects import ReferenceWithEffects
 
 EXACT = Simulator(points_per_side=11, time_step=1 / 240, calm_steps=1, iterations=60, tolerance=1e-8)
 N = EXACT.points_per_side
@@ -59,3 +64,34 @@ def test_clamped_edge_follows_the_reference():
     found = middle(EXACT.equilibria([held(design)])[0])[:: 40 // (N - 1), :: 40 // (N - 1)]
     assert np.abs(final[-1, :, 2]).min() > 0.03
     assert np.abs(found - final).max() < 2e-5
+
+
+EFFECTS = {
+    "muscle_creep": ({"share": 0.4, "time": 0.02}, {"creep": (0.4, 0.02)}),
+    "braid_hysteresis": (
+        {"friction": 0.004, "friction_at_zero": 0.1, "slip": 0.004}, {"hysteresis": (4e-6, 0.1, 0.004)},
+    ),
+    "line_loss": ({"share": 0.4}, {"loss": 0.4}),
+    "odd_muscle": ({"channel": 0.0, "factor": 0.7}, {"gains": {0: 0.7}}),
+    "air_drag": ({"coefficient": 20.0}, {"drag": 20.0}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_effects_follow_the_reference(name):
+    # up and, 6 steps later, down again: friction turns round, creep goes back
+    values, own = EFFECTS[name]
+    design, h = laced(), EXACT.time_step
+    rows = np.array([[200.0, 100.0, 0.0, 50.0], [100.0, 150.0, 0.0, 50.0]]) * 1e3
+    case = Case(design, PressureProgram(np.array([0.0, 6 * h]), rows, 1.0))
+    steps = np.array([0, 3, 6, 10])
+    frames = []
+    for sheet in (ReferenceWithEffects(design, N, **own), ReferenceSheet(design, N)):
+        rest = sheet.equilibrium(np.zeros(4))
+        moved = sheet.motion(lambda t: rows[int(t >= 6 * h)], h, 10, rho=EXACT.rho, start=rest, jumps=(0, 6))
+        frames.append(moved[steps])
+    motion = EXACT.run([replace(case, effects=(Term(name, values),))], [steps * h])[0]
+    changed = np.abs(frames[0] - frames[1]).max()
+    error = np.abs(motion.middle.reshape(len(steps), -1, 3) - frames[0]).max()
+    print(f"{name:18} changes {changed:.1e} m, differs by {error:.1e} m")
+    assert error < 2e-5 < changed / 5

@@ -8,11 +8,13 @@ from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
 from fabdesign.effects.pressures import ActingPressure
 
 SHORTEST = 1e-6  # s, under which there is no lag
+ROUNDED = 3  # decimals of Pa
 
 
 def lagged(wanted: Array, tick: float, fill: float, empty: float) -> Array:
     """(ticks, channels) Pa, means of p over ticks, where dp/dt = (wanted - p) / tau and p = 0 at the begin; tau = fill
     where p rises, empty where it falls [s]. Exact for a wanted pressure that is constant within each tick."""
+    wanted = np.round(wanted, ROUNDED)  # what differs by rounding alone would count as a change in every tick
     out = np.empty_like(wanted)
     p = np.zeros(wanted.shape[1])
     changes = np.flatnonzero((np.diff(wanted, axis=0) != 0).any(axis=1)) + 1
