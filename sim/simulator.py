@@ -187,8 +187,9 @@ class Simulator:
                 middle[~rested] = np.nan
                 states = self._states(batch)
                 for k, i in enumerate(chosen):
-                    lane = slice(packed.index(k), packed.index(k) + 1)
-                    results[i] = motion_of(cases[i], np.zeros(1), middle[lane], states[lane])
+                    lane = packed.index(k)
+                    one = slice(lane, lane + 1)
+                    results[i] = motion_of(cases[i], np.zeros(1), middle[one], states[one])
         return [shape for shape in results if shape is not None]
 
     def _at_rest_pressure(self, case: Case) -> Array:

@@ -23,7 +23,11 @@ class LiveLine:
     def show(self, evaluations: Evaluations) -> None:
         best = "none yet" if evaluations.best is None else f"{1e3 * evaluations.best.value:.3f} mm"
         done = f"{evaluations.history.evaluations} evaluations, {evaluations.elapsed:.0f} s"
-        line = f"{self._title}: {evaluations.stage}: best {best}, {done}"
+        self.say(f"{evaluations.stage}: best {best}, {done}")
+
+    def say(self, text: str) -> None:
+        """Show `title: text`."""
+        line = f"{self._title}: {text}"
         if self._status is not None:
             self._status.update(line)
         elif time.monotonic() - self._shown > QUIET_INTERVAL:
