@@ -20,7 +20,7 @@ from fabdesign.pressure_file import read_pressures
 from fabdesign.table import Table, load_toml, pascals
 
 FORMAT = "fabdesign.study/1"
-KINDS = ("optimize", "sensitivity", "layouts", "unseen")
+KINDS = ("optimize", "sensitivity", "layouts", "unseen", "loop")
 Side = Literal["front", "back"]
 Measure = Literal["chamfer", "surface_rms"]
 HIGHEST = 400e3  # Pa, of the pressures searched where the study does not say
@@ -114,7 +114,7 @@ def read_study(path: Path | str) -> Study:
     design = read_design(path.parent / root.text("design"))
     model_name = root.text("model", None)
     model = None if model_name is None else read_model(path.parent / model_name)
-    targets = _targets(root, path)
+    targets = read_targets(root, path)
     variables = root.table("variables", None) or Table({}, f"{path}: variables")
     choice = _choice(variables)
     pressures, positions = variables.flag("pressures", True), variables.flag("positions", choice is not None)
@@ -130,7 +130,7 @@ def read_study(path: Path | str) -> Study:
         muscles=choice,
         limits=_limits(root, path, design),
         objective=root.text("objective", "chamfer", choices=("chamfer", "surface_rms")),
-        start_pressures=_start_pressures(root, design),
+        start_pressures=read_start_pressures(root, design),
         earlier=_earlier(root, path),
         order=root.integer("order", 0, least=0),
         rise=root.number("rise", RISE, least=0.01, most=60),
@@ -154,7 +154,8 @@ def require_searchable(study: Study, where: str) -> None:
         raise InputError(f"{where}: variables: nothing may change; expected pressures, positions or muscles")
 
 
-def _targets(root: Table, path: Path) -> tuple[TargetFile, ...]:
+def read_targets(root: Table, path: Path) -> tuple[TargetFile, ...]:
+    """Of `[target]` or `[[targets]]` in the study at `path`."""
     single = root.table("target", None)
     tables = root.tables("targets")
     if (single is None) == (not tables):
@@ -219,7 +220,8 @@ def _limits(root: Table, path: Path, design: Design) -> StudyLimits:
     return found
 
 
-def _start_pressures(root: Table, design: Design) -> NDArray[np.float64] | None:
+def read_start_pressures(root: Table, design: Design) -> NDArray[np.float64] | None:
+    """(channels,) Pa; None where the study has none."""
     values = root.numbers("start_pressures", None)
     if values is None:
         return None

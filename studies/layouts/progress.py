@@ -26,10 +26,14 @@ class LiveLine:
     def show(self, evaluations: Evaluations) -> None:
         best = "none yet" if evaluations.best is None else f"{1e3 * evaluations.best.value:.3f} mm"
         done = f"{evaluations.history.evaluations} evaluations, {evaluations.elapsed:.0f} s"
-        line = f"{self._title}: {evaluations.stage}: best {best}, {done}"
+        left = f"{max(0.0, evaluations.seconds - evaluations.elapsed):.0f} s left at most"
+        self.say(f"{evaluations.stage}: best {best}, {done}", share=evaluations.share, left=left)
+
+    def say(self, text: str, *, share: float | None = None, left: str = "") -> None:
+        """Show `title: text`; on a terminal a bar with the share done and what is said of the time left."""
+        line = f"{self._title}: {text}"
         if self._bar is not None and self._task is not None:
-            left = f"{max(0.0, evaluations.seconds - evaluations.elapsed):.0f} s left at most"
-            self._bar.update(self._task, description=line, completed=evaluations.share, left=left)
+            self._bar.update(self._task, description=line, completed=share, left=left)
         elif time.monotonic() - self._shown > QUIET_INTERVAL:
             self._shown = time.monotonic()
             self._console.print(line, highlight=False, soft_wrap=True)
