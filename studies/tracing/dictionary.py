@@ -8,7 +8,7 @@ import numpy as np
 
 from fabdesign.effects import EFFECTS, Effect
 from fabdesign.forward import Term
-from fabdesign.splits import _groups
+from fabdesign.splits import by_program
 from studies.tracing.fit import Bench, State, rows_kept
 from studies.tracing.vector import WIDE, Added, Array, scope_of, value_at
 
@@ -114,7 +114,7 @@ def dictionary(bench: Bench, state: State, *, types: list[str], channels: int) -
 def _another_program(bench: Bench) -> int:
     """By how many trials the decoys are off, so that none meets its own program or a repeat of it; 0: there is none."""
     trials = [sample.trial for sample in bench.samples]
-    group = {id(t): k for k, group in enumerate(_groups(trials)) for t in group}
+    group = {id(t): k for k, group in enumerate(by_program(trials)) for t in group}
     for shift in range(1, len(trials)):
         if all(group[id(t)] != group[id(trials[(k + shift) % len(trials)])] for k, t in enumerate(trials)):
             return shift

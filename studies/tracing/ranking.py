@@ -235,3 +235,23 @@ def alike(grams: Grams, one: Scored, others: Sequence[Scored]) -> list[float]:
 
     own = inner(one, one)
     return [inner(one, other) / max(np.sqrt(own * max(inner(other, other), 0.0)), 1e-30) for other in others]
+
+
+def covariance(grams: Grams) -> Array:
+    """(parameters, parameters) of a fitted state: the posterior's, and beside it how far leaving out each fold moves
+    the parameters (jackknife), for points of one trial share the model's error."""
+    q = grams.parameters
+    a, g = grams.gram[:, :q, :q], grams.gram[:, :q, -1]
+    folds = np.unique(grams.fold)
+    share = grams.observations / (grams.points.sum() * max(grams.mean_square, 1e-12))
+    posterior = np.linalg.inv(share * a.sum(axis=0) + np.diag(grams.precision))
+    if len(folds) < 2:
+        return posterior
+    alone = np.array(
+        [
+            _solve(a[grams.fold != f].sum(axis=0), g[grams.fold != f].sum(axis=0), grams, grams.fold != f, grams.precision, grams.x)
+            for f in folds
+        ]
+    )
+    centred = alone - alone.mean(axis=0)
+    return np.asarray(posterior + (len(folds) - 1) / len(folds) * centred.T @ centred)
