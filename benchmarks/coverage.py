@@ -34,7 +34,7 @@ from fabdesign.trial import MeasurementSet
 from sim import Simulator
 from studies.calibration.calibrate import QUANTILE, calibrate
 from studies.calibration.engine_difference import FILE, data_share, engine_difference
-from studies.calibration.normal import PRIOR
+from studies.calibration.parameters import PRIOR
 from studies.evaluate import noise_of
 from studies.rig import run_rig
 from studies.rig.key import Key

@@ -11,7 +11,18 @@ from fabdesign.design import Design
 from fabdesign.pressure import PressureProgram
 from fabdesign.term import MUSCLE_TYPES, Term
 
-__all__ = ["FACTORS", "HOLD", "MUSCLE_TYPES", "OF_MUSCLES", "PARAMETERS", "RISE", "SIDE", "Case", "ForwardModel", "Term"]
+__all__ = [
+    "FACTORS",
+    "HOLD",
+    "MUSCLE_TYPES",
+    "OF_MUSCLES",
+    "PARAMETERS",
+    "RISE",
+    "SIDE",
+    "Case",
+    "ForwardModel",
+    "Term",
+]
 
 SIDE = 41  # points a side of each face
 PARAMETERS = ("membrane", "shear", "bending", "areal_density", "damping", "muscle_gain", "axis_offset")

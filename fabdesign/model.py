@@ -115,9 +115,7 @@ class Model:
         if not self.effects and self.corrector is None:
             return Model(points_per_side=self.points_per_side)
         plain = self.parameters if self.without_effects is None else self.without_effects
-        return replace(
-            self, parameters=plain, effects=(), corrector=None, without_effects=None, covariance=None
-        )
+        return replace(self, parameters=plain, effects=(), corrector=None, without_effects=None, covariance=None)
 
     def without(self, parts: Collection[str]) -> "Model":
         """The model less what belongs to `parts`, of PARTS."""

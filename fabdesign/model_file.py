@@ -4,16 +4,20 @@ import os
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import tomlkit
 
+from fabdesign.effects.registry import check_values, effect_named
 from fabdesign.effort import COARSEST, FINEST
 from fabdesign.errors import InputError
-from fabdesign.forward import FACTORS, PARAMETERS
-from fabdesign.model import POINTS_PER_SIDE, EffectTerm, Model, Parameter, Provenance, Quantity
+from fabdesign.forward import FACTORS, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
+from fabdesign.model import POINTS_PER_SIDE, Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
 from fabdesign.output import write_text
 from fabdesign.table import Table, load_toml, nearest
 
 FORMAT = "fabdesign.model/1"
+SCOPES = ("fabric", "rig", "sensors")
+_OF_95 = 1.645 / 1.960  # a 90 % interval over a 95 % one
 
 
 def read_model(path: Path | str) -> Model:
@@ -22,15 +26,8 @@ def read_model(path: Path | str) -> Model:
     if path.is_dir():
         path = path / "model.toml"
     root = load_toml(path, FORMAT)
-    parameters = {}
-    if (table := root.table("parameters", None)) is not None:
-        for name in table.names():
-            if name not in PARAMETERS:
-                raise InputError(
-                    f"{table.where}: unknown parameter {name}; "
-                    f"expected one of {', '.join(PARAMETERS)}{nearest(name, PARAMETERS)}"
-                )
-            parameters[name] = _parameter(table.table(name))
+    parameters = _parameters(root, "parameters") or {}
+    without_effects = _parameters(root, "parameters_without_effects")
     effects = tuple(_effect(table) for table in root.tables("effects"))
     corrector = None
     if (weights := root.table("corrector", None)) is not None:
@@ -44,7 +41,8 @@ def read_model(path: Path | str) -> Model:
         simulator.finish()
     provenance = root.table("provenance", None)
     origin = Provenance() if provenance is None else _provenance(provenance)
-    model = Model(parameters, effects, corrector, points_per_side, origin)
+    covariance = _covariance(root.table("covariance")) if "covariance" in root else None
+    model = Model(parameters, effects, corrector, points_per_side, origin, without_effects, covariance)
     root.finish()
     return model
 
@@ -56,11 +54,15 @@ def write_model(model: Model, path: Path | str) -> None:
     document = tomlkit.document()
     document["format"] = FORMAT
     document["parameters"] = {name: _parameter_items(parameter) for name, parameter in model.parameters.items()}
+    if model.without_effects is not None:
+        document["parameters_without_effects"] = {
+            name: _parameter_items(parameter) for name, parameter in model.without_effects.items()
+        }
     if model.effects:
-        document["effects"] = [
-            {"name": effect.name, "parameters": {name: _quantity_items(q) for name, q in effect.parameters.items()}}
-            for effect in model.effects
-        ]
+        document["effects"] = [_effect_items(effect) for effect in model.effects]
+    if model.covariance is not None:
+        rows = [[float(x) for x in row] for row in model.covariance.matrix]
+        document["covariance"] = {"names": list(model.covariance.names), "matrix": rows}
     if model.corrector is not None:
         document["corrector"] = {"weights": Path(os.path.relpath(model.corrector, path.parent)).as_posix()}
     document["simulator"] = {"points_per_side": model.points_per_side}
@@ -84,22 +86,38 @@ def _parameter_items(parameter: Parameter) -> dict[str, Any]:
         items["interval90"] = [float(x) for x in parameter.interval90]
     if not parameter.believable:
         items["believable"] = False
+    if parameter.scope is not None:
+        items["scope"] = parameter.scope
     return items
+
+
+def _effect_items(effect: EffectTerm) -> dict[str, Any]:
+    items: dict[str, Any] = {"name": effect.name}
+    if effect.scope is not None:
+        items["scope"] = effect.scope
+    return items | {"parameters": {name: _quantity_items(q) for name, q in effect.parameters.items()}}
 
 
 def _quantity_items(quantity: Quantity) -> dict[str, Any]:
     items: dict[str, Any] = {"value": float(quantity.value), "unit": quantity.unit}
-    if quantity.interval95 is not None:
-        items["interval95"] = [float(x) for x in quantity.interval95]
+    if quantity.interval90 is not None:
+        items["interval90"] = [float(x) for x in quantity.interval90]
     return items
 
 
 def _parameter(table: Table) -> Parameter:
     factor = table.number("factor", least=FACTORS[0], most=FACTORS[1])
     interval = _interval(table, "interval90") if "interval90" in table else None
-    parameter = Parameter(factor, interval, table.flag("believable", True))
+    parameter = Parameter(factor, interval, table.flag("believable", True), _scope(table))
     table.finish()
     return parameter
+
+
+def _scope(table: Table) -> str | None:
+    scope: str | None = table.text("scope", None)
+    if scope is not None and scope not in SCOPES and not scope.startswith(MUSCLE_TYPES):
+        raise table.bad("scope", f"one of {', '.join(SCOPES)}, {MUSCLE_TYPES}NAME{nearest(scope, SCOPES)}")
+    return scope
 
 
 def _interval(table: Table, key: str) -> tuple[float, float]:
@@ -109,18 +127,61 @@ def _interval(table: Table, key: str) -> tuple[float, float]:
     return low, high
 
 
-def _effect(table: Table) -> EffectTerm:
-    name = table.text("name")
+def _parameters(root: Table, key: str) -> dict[str, Parameter] | None:
+    if (table := root.table(key, None)) is None:
+        return None
     parameters = {}
+    for name in table.names():
+        plain = name.rpartition(".")[2] if name.startswith(MUSCLE_TYPES) else name
+        if plain not in PARAMETERS or (plain != name and plain not in OF_MUSCLES):
+            raise InputError(
+                f"{table.where}: unknown parameter {name}; "
+                f"expected one of {', '.join(PARAMETERS)}{nearest(name, PARAMETERS)}"
+            )
+        parameters[name] = _parameter(table.table(name))
+    return parameters
+
+
+def _effect(table: Table) -> EffectTerm:
+    effect = effect_named(table.text("name"), table.where)
+    parameters: dict[str, Quantity] = {}
     if (values := table.table("parameters", None)) is not None:
         for key in values.names():
             item = values.table(key)
-            interval = _interval(item, "interval95") if "interval95" in item else None
-            item.take("interval95", None)
-            parameters[key] = Quantity(item.number("value"), item.text("unit"), interval)
+            value, unit = item.number("value"), item.text("unit")
+            check_values(effect, {key: value}, item.where)
+            if unit != (declared := effect.parameters[key].unit):
+                raise item.bad("unit", f'"{declared}"')
+            parameters[key] = Quantity(value, unit, _interval_of(item, value))
             item.finish()
+    term = EffectTerm(effect.name, parameters, _scope(table))
     table.finish()
-    return EffectTerm(name, parameters)
+    return term
+
+
+def _interval_of(table: Table, value: float) -> tuple[float, float] | None:
+    """The 90 % interval; of a file with 95 %, that of the same normal distribution."""
+    if "interval90" in table:
+        return _interval(table, "interval90")
+    if "interval95" not in table:
+        return None
+    low, high = _interval(table, "interval95")
+    return value + _OF_95 * (low - value), value + _OF_95 * (high - value)
+
+
+def _covariance(table: Table) -> Covariance:
+    names = table.texts("names")
+    rows = table.take("matrix")
+    try:
+        matrix = np.array([[float(x) for x in row] for row in rows])
+    except (TypeError, ValueError):
+        raise table.bad("matrix", "rows of numbers") from None
+    if matrix.shape != (len(names), len(names)) or not np.isfinite(matrix).all():
+        raise table.bad("matrix", f"{len(names)} rows of {len(names)} finite numbers, as many as names")
+    if not np.allclose(matrix, matrix.T) or np.linalg.eigvalsh(matrix).min(initial=0.0) < -1e-9 * np.abs(matrix).max():
+        raise table.bad("matrix", "a covariance: symmetric, no negative eigenvalue")
+    table.finish()
+    return Covariance(tuple(names), matrix)
 
 
 def _provenance(table: Table) -> Provenance:

@@ -1,7 +1,7 @@
 """The one forward model: a simulator with all that a model adds, its factors, effects, corrector and sensing."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ class Predictor:
     """
 
     simulator: ForwardModel
-    model: Model = Model()
+    model: Model = field(default_factory=Model)
     sensing: bool = False
 
     def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:

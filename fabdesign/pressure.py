@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from fabdesign.design import Design
 from fabdesign.errors import InputError
 
+RISE_STEPS = 60
 LARGEST = 1e6  # Pa, for a muscle type that states no maximum
 
 
@@ -41,6 +42,17 @@ class PressureProgram:
         row = np.clip(np.searchsorted(self.time, t, side="right") - 1, 0, None)
         integral = until[row] + self.pressure[row] * (t - self.time[row])[:, None]
         return np.asarray(np.diff(integral, axis=0) / np.diff(edges)[:, None])
+
+
+def rising_program(
+    last: NDArray[np.float64], rise: float, duration: float, *, resolution: float = 100.0
+) -> PressureProgram:
+    """All channels rise linearly and together from 0 to `last` (channels,) Pa within `rise` s, in RISE_STEPS rows of
+    whole `resolution` Pa, then hold until `duration` s."""
+    share = (np.arange(RISE_STEPS) + 1) / RISE_STEPS
+    rows = np.outer(share, last)
+    rows[:-1] = resolution * np.round(rows[:-1] / resolution)
+    return PressureProgram(rise * np.arange(RISE_STEPS) / RISE_STEPS, rows, duration)
 
 
 def limits(design: Design) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ from fabdesign.design import Design
 from fabdesign.design_file import read_design
 from fabdesign.effort import MUSCLES
 from fabdesign.errors import InputError
+from fabdesign.forward import HOLD, RISE
 from fabdesign.model import Model
 from fabdesign.model_file import read_model
 from fabdesign.placement import UNITS, Unit
@@ -94,6 +95,9 @@ class Study:
     objective: Measure = "chamfer"
     start_pressures: NDArray[np.float64] | None = None
     earlier: EarlierResult | None = None
+    order: int = 0  # the place in the specimen's session of what is searched for
+    rise: float = RISE  # s, in which pressures rise on the way to an equilibrium
+    hold: float = HOLD  # s, for which they then hold, where effects remember
 
 
 def read_study(path: Path | str) -> Study:
@@ -128,6 +132,9 @@ def read_study(path: Path | str) -> Study:
         objective=root.text("objective", "chamfer", choices=("chamfer", "surface_rms")),
         start_pressures=_start_pressures(root, design),
         earlier=_earlier(root, path),
+        order=root.integer("order", 0, least=0),
+        rise=root.number("rise", RISE, least=0.01, most=60),
+        hold=root.number("hold", HOLD, least=0, most=3600),
     )
     root.finish()
     require_searchable(study, str(path))

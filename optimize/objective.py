@@ -1,7 +1,7 @@
 """How far a batch of designs comes from the target: forward model in, one number a design out."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
@@ -34,12 +34,12 @@ class Target:
 class Objective:
     """Mean over the poses' targets of the Chamfer distance [m] (unsquared, both directions summed) or surface RMS [m].
 
-    `factors` multiply declared values (fabdesign.forward.PARAMETERS), as a calibrated model has them.
+    order: the place in the specimen's session of what is searched for, 0 of a rested one.
     """
 
     targets: Sequence[Target]
-    factors: Mapping[str, float] = field(default_factory=dict)
     measure: Measure = "chamfer"
+    order: int = 0
 
     def shapes(self, forward: ForwardModel, points: Sequence[tuple[DesignSpace, Vector]]) -> list[Shape]:
         """The shape of each point; a diverged one holds NaN."""
@@ -48,7 +48,7 @@ class Objective:
         for pose, target in enumerate(self.targets):
             duration = target.time or 0.0
             cases = [
-                Case(design, PressureProgram(np.zeros(1), pressures[pose][None], duration), self.factors)
+                Case(design, PressureProgram(np.zeros(1), pressures[pose][None], duration), order=self.order)
                 for design, pressures in decoded
             ]
             if target.time is None:

@@ -10,14 +10,14 @@ from sim.kernels.transfer import halt
 from sim.step import Solve, advance
 from sim.time.batch import Batch
 from sim.time.schedule import alike
-from sim.time.scheme import Integrator, Memory, Scheme
+from sim.time.scheme import Integrator, Scheme
 
 RESTED = 3e-5  # m, RMS over nodes of what the last of the steps to rest may still move
 # (step [s], duration [s], times the tolerance) with backward Euler and so much air damping that a swing of SWING rad/s
-# dies out: the pressures' rise, then rest
-STAGES = ((1 / 48, RISE, 5), (1 / 30, 1.0, 2))
+# dies out: after the pressures' rise, which takes (step, times the tolerance)
+RISING, STAGES = (1 / 48, 5), ((1 / 30, 1.0, 2),)
 # where only inertia holds the rigid motions, it must show in float32
-STAGES_FREE = ((1 / 240, RISE, 1), (1 / 240, 2.0, 1))
+RISING_FREE, STAGES_FREE = (1 / 240, 1), ((1 / 240, 2.0, 1),)
 SWING = 8.0  # rad/s
 # (step [s], steps) to the shape without pressure, from the flat cloth: velocities are forgotten after each long step
 IN_PLANE = ((0.05, 4), (0.5, 8))
@@ -28,24 +28,34 @@ def equilibrate_in_plane(batch: Batch, pressure: NDArray[np.float32], solve: Sol
     for h, steps in IN_PLANE:
         if not batch.support.is_edge:  # nothing but inertia holds the rigid motions: float32 wants a share of it
             h = min(h, 1 / 30)
-        scheme = Scheme(h, Integrator.BACKWARD_EULER, memory=Memory.AT_REST)
+        scheme = Scheme(h, Integrator.BACKWARD_EULER, ages=0.0)
         for k in range(steps):
             advance(batch, alike(batch, scheme, pressure[None], anew=k == 0), solve)
             halt(*batch.grid)
 
 
-def equilibrate(batch: Batch, pressure: NDArray[np.float32], solve: Solve, *, patient: bool, memory: Memory) -> None:
-    """A damped motion to rest under `pressure`, which rises linearly within RISE seconds."""
-    begin = 0.0
-    stages: tuple[tuple[float, float, int], ...] = STAGES if batch.support.is_edge else STAGES_FREE
+def equilibrate(
+    batch: Batch,
+    pressure: NDArray[np.float32],
+    solve: Solve,
+    *,
+    rise: float = RISE,
+    hold: float | None = None,
+    patient: bool = False,
+) -> None:
+    """A damped motion to rest under `pressure`, which rises linearly within `rise` s. Memory of forces ages by the rise
+    and `hold` s more; None: it stays at rest. patient: with shorter steps, and 2 s more."""
+    (h, loose), rest = (RISING, STAGES) if batch.support.is_edge else (RISING_FREE, STAGES_FREE)
+    stages = [(min(h, rise / 24), rise, loose), *rest]
     if patient:
-        stages = (*((h / 2, duration, 1) for h, duration, _ in stages), (stages[-1][0] / 2, 2.0, 1))
-    for h, duration, loose in stages:
-        steps, iterations = round(duration / h), solve.iterations if loose == 1 else 3 * solve.iterations // 4
-        share = np.minimum(1.0, (begin + h * np.arange(1, steps + 1)) / RISE).astype(np.float32)
-        begin += duration
-        scheme = Scheme(h, Integrator.BACKWARD_EULER, memory=memory)
+        stages = [*((h / 2, duration, 1) for h, duration, _ in stages), (stages[-1][0] / 2, 2.0, 1)]
+    counts = [round(duration / h) for h, duration, _ in stages]
+    for k, ((h, _, loose), steps) in enumerate(zip(stages, counts, strict=True)):
+        share = (np.arange(1, steps + 1) / steps if k == 0 else np.ones(steps)).astype(np.float32)
+        ages = 0.0 if hold is None else rise / steps if k == 0 else hold / sum(counts[1:])
+        scheme = Scheme(h, Integrator.BACKWARD_EULER, ages=ages)
         schedule = alike(batch, scheme, share[:, None, None, None] * pressure)
+        iterations = solve.iterations if loose == 1 else 3 * solve.iterations // 4
         advance(batch, schedule, replace(solve, iterations=iterations, tolerance=loose * solve.tolerance))
 
 

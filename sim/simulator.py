@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 import sim.effects  # noqa: F401 declares its planes before the first batch
 from fabdesign.effects.acting import acting_pressure, active, specimen_of
 from fabdesign.effects.registry import EFFECTS, force_of
-from fabdesign.effort import COARSEST, FINEST, require_motion
+from fabdesign.effort import COARSEST, FINEST, LONGEST, require_motion
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.forward import HOLD, RISE, Case
 from fabdesign.model import POINTS_PER_SIDE
-from fabdesign.pressure import PressureProgram
+from fabdesign.pressure import RISE_STEPS, rising_program
 from sim.design.loading import load_batch, load_constants
 from sim.design.support import Support
 from sim.equilibrium import RESTED, damped, equilibrate, equilibrate_in_plane
@@ -31,7 +31,6 @@ from sim.step import Solve, advance
 from sim.time.batch import Batch
 from sim.time.packing import pack
 from sim.time.schedule import by_block, of_motions
-from sim.time.scheme import Memory
 from sim.time.steps import Steps, jumps_of, steps_of
 
 Array = NDArray[np.float64]
@@ -40,7 +39,8 @@ SMOOTHING = 0.020  # m, half width over which the preconditioner's frames are av
 TIME_STEPS = 1e-6, 1 / 240  # s
 MOST_CALM, MOST_ITERATIONS = 64, 1000
 TOLERANCES = 1e-12, 1e-3  # m
-_RISE_STEPS = 60  # of the pressures' rise where what lies between regulator and muscle is followed to rest
+RISES = 0.01, 60.0  # s
+_MOST_TICKS = 2000  # in which the pressures are followed to rest through what lies between regulator and muscle
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Simulator:
     >>> import numpy as np
     >>> from fabdesign.catalogue import build
     >>> from fabdesign.forward import Case
-    >>> from fabdesign.pressure import PressureProgram
+    >>> from fabdesign.pressure import RISE_STEPS, rising_program
     >>> from sim import Simulator
     >>> program = PressureProgram(np.array([0.0]), np.array([[200e3, 0.0]]), 1.0)  # Pa, from 0 s on
     >>> cases = [Case(build("cross", muscles=2), program)]
@@ -75,6 +75,8 @@ class Simulator:
     tolerance: float = 2e-7  # m, RMS over nodes of a step's last update; what it still lacks the next step makes up
     rho: float = 0.6  # spectral radius at infinity of generalised-alpha
     self_contact: bool = False  # whether layers of the cloth keep a thickness apart
+    rise: float = RISE  # s, in which pressures rise on the way to an equilibrium
+    hold: float = HOLD  # s, for which they then hold, where effects remember
 
     def __post_init__(self) -> None:
         _require("points_per_side", self.points_per_side, COARSEST, FINEST, whole=True)
@@ -84,6 +86,8 @@ class Simulator:
         _require("iterations", self.iterations, 1, MOST_ITERATIONS, whole=True)
         _require("tolerance", self.tolerance, *TOLERANCES, unit=" m")
         _require("rho", self.rho, 0, 1)
+        _require("rise", self.rise, *RISES, unit=" s")
+        _require("hold", self.hold, 0, LONGEST, unit=" s")
         if not isinstance(self.self_contact, bool):
             raise InputError(f"self_contact is {self.self_contact!r}; expected True or False")
 
@@ -166,11 +170,13 @@ class Simulator:
         with fields.lock:
             for chosen, packed in self._chunks(cases, [()] * len(cases)):
                 batch = self._load([damped(cases[i]) for i in chosen], packed)
-                pressures = [_at_rest_pressure(cases[i]) for i in chosen]
+                pressures = [self._at_rest_pressure(cases[i]) for i in chosen]
                 pressure = np.zeros((max(1, *map(len, pressures)), len(packed)))
                 for lane, i in enumerate(packed):
                     pressure[: len(pressures[i]), lane] = pressures[i]
-                equilibrate(batch, by_block(pressure), self._solve(batch), patient=patient, memory=Memory.AT_LIMIT)
+                equilibrate(
+                    batch, by_block(pressure), self._solve(batch), rise=self.rise, hold=self.hold, patient=patient
+                )
                 middle = self._middle(batch, fields.F.x0)
                 moved = middle - self._middle(batch, fields.F.xp)
                 rested = np.sqrt(np.square(moved).sum(axis=-1).mean(axis=(1, 2))) < RESTED  # NaN compares false
@@ -179,6 +185,16 @@ class Simulator:
                     lane = packed.index(k)
                     results[i] = faces(middle[lane : lane + 1], cases[i].design.fabric.thickness)[0]
         return [shape for shape in results if shape is not None]
+
+    def _at_rest_pressure(self, case: Case) -> Array:
+        """(channels,) Pa that act at rest, once the program's last pressures have risen and were held."""
+        last = case.program.pressure[-1]
+        if not any(effect.pressure for effect, _, _ in active(case.effects)):
+            return last
+        duration = self.rise + self.hold
+        rising = rising_program(last, self.rise, duration)
+        tick = max(self.rise / RISE_STEPS, duration / _MOST_TICKS)
+        return np.asarray(acting_pressure(replace(case, program=rising), int(np.ceil(duration / tick)), tick).means[-1])
 
     def _chunks(self, cases: Sequence[Case], kinds: Sequence[tuple]) -> list[tuple[list[int], list[int]]]:
         """Cases that one call can take, held alike and so that a design's result does not depend on its neighbours, at
@@ -219,7 +235,7 @@ class Simulator:
         pressure = np.zeros((len(packed) // fields.LANES, channels, fields.LANES), np.float32)
         if _swings_to_rest(specimen_of(cases[0]).design.fabric):
             batch = self._load([damped(case) for case in cases], packed)
-            equilibrate(batch, pressure, self._solve(batch), patient=True, memory=Memory.AT_REST)
+            equilibrate(batch, pressure, self._solve(batch), patient=True)
             load_constants([cases[i] for i in packed], self.points_per_side)
             halt(*batch.grid)
             return batch
@@ -260,17 +276,6 @@ def _require(name: str, value: Any, least: float, most: float, *, whole: bool = 
 def _ticks(times: Array, tick: float) -> int:
     """Ticks until the last of `times` [s]."""
     return max(1, int(np.ceil(times[-1] / tick - 1e-6))) if len(times) else 1
-
-
-def _at_rest_pressure(case: Case) -> Array:
-    """(channels,) Pa that act at rest, once the program's last pressures rose linearly and were held."""
-    last = case.program.pressure[-1]
-    if not any(effect.pressure for effect, _, _ in active(case.effects)):
-        return last
-    rise = np.linspace(0, RISE, _RISE_STEPS, endpoint=False)
-    rising = PressureProgram(rise, np.outer((np.arange(_RISE_STEPS) + 1) / _RISE_STEPS, last), RISE + HOLD)
-    ticks = round((RISE + HOLD) * _RISE_STEPS / RISE)
-    return np.asarray(acting_pressure(replace(case, program=rising), ticks, RISE / _RISE_STEPS).means[-1])
 
 
 def _has_added_force(case: Case) -> bool:

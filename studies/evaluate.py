@@ -3,7 +3,6 @@
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,10 @@ from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.metrics import Closed, Errors, Statistics, closed, statistics, trial_errors
 from fabdesign.model import Model
+from fabdesign.predictor import Predictor
 from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.trial import MeasurementSet, Trial
+from studies.forward_model import forward_model
 
 _AT_ONCE = 16  # trials, two motions each in memory
 _NOISE_FRAMES = 40  # clouds that the sensor noise of a design is estimated from: strays are few
@@ -69,23 +70,17 @@ def evaluate_sets(
     sets: Sequence[MeasurementSet],
     forward: ForwardModel,
     *,
-    full: ForwardModel | None = None,
     all_trials: bool = False,
     seed: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Evaluation:
     """Errors of `model` on the trials of role `test`, with `all_trials` of the others too, in a table of their own.
 
-    forward: the simulator, without effects or corrector. full: with all of the model's; needed where it has any.
-    Before and after: the model's parameters without effects and corrector against all of it,
-    or, where it has neither, the data sheet against its parameters. `progress` is told trials done and trials in all.
+    forward: the simulator. After is all of the model; before is what it was without effects and corrector, or, where it
+    has neither, the data sheet. `progress` is told trials done and trials in all.
     Raises InputError where no trial is left, SimulationError where every motion of a design diverges.
     """
-    extended = bool(model.effects) or model.corrector is not None
-    if extended and full is None:
-        raise ValueError("a model with effects or a corrector needs its full forward model")
-    before = (forward, model.factors if extended else {})
-    after = (full if extended and full is not None else forward, model.factors)
+    before, after = (forward_model(forward, way, sensing=True) for way in (model.before, model))
     shared = Counter(name for found in sets for name in {trial.design_name for trial in found.trials})
     jobs = []
     for found in sets:
@@ -125,15 +120,12 @@ def noise_of(trials: Sequence[Trial]) -> SensorNoise:
     return estimate_noise(frames, trials[0].design.fabric.thickness)
 
 
-def _motions(trials: Sequence[Trial], *ways: tuple[ForwardModel, Mapping[str, float]]) -> list[list[Any]]:
-    """Of every way, the trials' motions. Ways on one forward model are one batch: it takes two cores no longer."""
-    motions: list[list[Any]] = []
-    for forward, group in groupby(ways, key=lambda way: way[0]):
-        all_factors = [factors for _, factors in group]
-        cases = [Case(t.design, t.program, factors) for factors in all_factors for t in trials]
-        found = forward.motions(cases, [t.times for t in trials] * len(all_factors))
-        motions += [found[k : k + len(trials)] for k in range(0, len(found), len(trials))]
-    return motions
+def _motions(trials: Sequence[Trial], *ways: Predictor) -> list[list[Any]]:
+    """Of every way, the trials' motions. All ways on one simulator are one batch: it takes two cores no longer."""
+    cases = [way.case(Case(t.design, t.program, order=t.order)) for way in ways for t in trials]
+    together = Predictor(ways[0].simulator, sensing=True)
+    found = together.motions(cases, [t.times for t in trials] * len(ways))
+    return [found[k : k + len(trials)] for k in range(0, len(found), len(trials))]
 
 
 def _summarise(title: str, found: MeasurementSet, noise: SensorNoise, results: Sequence[TrialResult]) -> DesignResult:

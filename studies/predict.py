@@ -15,6 +15,7 @@ from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.motion_file import write_motion
 from fabdesign.output import new_folder
 from fabdesign.pressure import PressureProgram
+from studies.forward_model import forward_model
 
 FRAME_RATE = 60.0  # Hz, of the paper's cameras
 _AT_ONCE = 32  # motions in memory
@@ -43,13 +44,14 @@ def simulate(
     times: NDArray[np.float64],
     *,
     model: Model | None = None,
+    order: int = 0,
 ) -> NDArray[np.float32]:
     """(T, 2 n, 3) points [m] of one motion (order: `ForwardModel.motions`), without sensing effects.
 
-    Raises InputError for a model that needs what `forward` does not have, SimulationError where the motion diverges.
+    order: the motion's place in the specimen's session. Raises InputError for a model with a part that cannot be used,
+    SimulationError where the motion diverges.
     """
-    case = Case(design, program, factors_of(model))
-    points = forward.motions([case], [times])[0]
+    points = forward_model(forward, model).motions([Case(design, program, order=order)], [times])[0]
     _require_finite(points, times, design.name)
     return points
 
@@ -62,36 +64,24 @@ def predict(
     *,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
-    """Write `out/trials/NAME.npz` for every trial, at its own times. `progress` is told trials done and
-    in all.
+    """Write `out/trials/NAME.npz` for every trial, at its own times, sensing effects included. `progress` is told
+    trials done and in all.
 
     Raises InputError and SimulationError; then nothing is written.
     """
-    factors = factors_of(model)
+    predictor = forward_model(forward, model, sensing=True)
     with new_folder(out, made_by="predict") as unfinished:
-        cases = [Case(trial.design, trial.program, factors) for trial in trials]
+        cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
         for part in batches([len(trial.times) for trial in trials], _AT_ONCE):
             batch = trials[part]
             times = [trial.times for trial in batch]
-            motions = forward.motions(cases[part], times)
+            motions = predictor.motions(cases[part], times)
             for trial, at, points in zip(batch, times, motions, strict=True):
                 _require_finite(points, at, str(trial.file))
                 file = unfinished / "trials" / trial.file.name
                 file.parent.mkdir(exist_ok=True)
                 write_motion(file, at, points)
             progress(part.stop, len(trials))
-
-
-def factors_of(model: Model | None) -> dict[str, float]:
-    """The model's factors on the declared values; InputError for a model that has more than those."""
-    if model is None:
-        return {}
-    if model.effects:
-        names = ", ".join(effect.name for effect in model.effects)
-        raise InputError(f"model: effects {names}; this version simulates models without effects")
-    if model.corrector is not None:
-        raise InputError(f"model: corrector {model.corrector}; this version predicts without a corrector")
-    return model.factors
 
 
 def trials_of(source: Path, design: Design | None) -> tuple[Trial, ...]:
@@ -106,13 +96,13 @@ def trials_of(source: Path, design: Design | None) -> tuple[Trial, ...]:
 
 
 def rest(
-    forward: ForwardModel, design: Design, program: PressureProgram, *, model: Model | None = None
+    forward: ForwardModel, design: Design, program: PressureProgram, *, model: Model | None = None, order: int = 0
 ) -> NDArray[np.float32]:
     """(2 n, 3) points [m] of the shape at rest under the program's last pressures.
 
     Raises InputError like `simulate`, SimulationError where none was found.
     """
-    points = forward.equilibria([Case(design, program, factors_of(model))])[0]
+    points = forward_model(forward, model).equilibria([Case(design, program, order=order)])[0]
     if not np.isfinite(points).all():
         raise SimulationError(f"{design.name}: no shape at rest was found; nothing written")
     return points

@@ -35,7 +35,17 @@ BAD = [
     ("simulate cross.toml --pressures 1001,0 -o OUT", "at most 1000 kPa"),
     ("simulate cross.toml --pressures 1,2 --model none.toml -o OUT", "none.toml: no such file"),
     ("simulate cross.toml --pressures 1,2 --model cross.toml -o OUT", 'this version reads "fabdesign.model/1"'),
-    ("simulate cross.toml --pressures 1,2 --model effects.toml -o OUT", "effects filling_lag"),
+    (
+        "simulate cross.toml --pressures 1,2 --model effects.toml -o OUT",
+        "did you mean filling_lag",
+    ),
+    ("simulate cross.toml --pressures 1,2 --without rig -o OUT", "there is no model"),
+    ("simulate cross.toml --pressures 1,2 --model model.toml --without rigg -o OUT", "did you mean rig"),
+    ("simulate cross.toml --pressures 1,2 --effects none.py -o OUT", "none.py: expected a Python file with effects"),
+    ("simulate cross.toml --pressures 1,2 --effects empty.py -o OUT", "declares no effect"),
+    ("simulate cross.toml --pressures 1,2 --effects broken.py -o OUT", "SyntaxError"),
+    ("simulate cross.toml --pressures 1,2 --rise 2 -o OUT", "expected them with --equilibrium"),
+    ("simulate cross.toml --pressures 1,2 --equilibrium --rise 1e9 -o OUT", "is not in the range 0.01<=x<=60"),
     ("simulate cross.toml --pressures 1,2 --duration -1 -o OUT", "above 0"),
     ("simulate cross.toml --pressures 1,2 --frame-rate 0 -o OUT", "above 0"),
     ("simulate cross.toml --pressures 1,2 --frame-rate fast -o OUT", "valid float"),
@@ -83,7 +93,7 @@ BAD = [
     ("rig cross.toml --pressures 1,2 -o file/OUT", "cannot be written"),
     ("evaluate none --model model.toml", "none: no such file"),
     ("evaluate set --model none.toml", "none.toml: no such file"),
-    ("evaluate set --model effects.toml", "effects filling_lag"),
+    ("evaluate set --model effects.toml", "unknown effect filing_lag"),
     ("evaluate set --model model.toml -o OUT", "no trial of role test"),
     ("evaluate set --model model.toml -o file/OUT", "cannot be written"),
     ("calibrate none -o OUT", "none: no such file"),
@@ -214,7 +224,9 @@ def damaged(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "cut.npz").write_bytes(trial[: len(trial) // 2])
     (folder / "file").write_text("in the way")
     (folder / "picture.png").write_bytes(b"\x89PNG\r\n")
-    write_model(Model(effects=(EffectTerm("filling_lag"),)), folder / "effects.toml")
+    write_model(Model(effects=(EffectTerm("filing_lag"),)), folder / "effects.toml")
+    (folder / "empty.py").write_text("NOTHING = 1\n")
+    (folder / "broken.py").write_text("def\n")
     with np.load(folder / "set" / "trials" / "000.npz") as archive:
         arrays = dict(archive)
     np.savez(folder / "mm.npz", **{**arrays, "scale": np.float64(0.1)})

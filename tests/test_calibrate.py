@@ -21,7 +21,8 @@ from studies.calibration.calibrate import calibrate
 from studies.calibration.clouds import Match, Sample, derivatives, match
 from studies.calibration.engine_difference import engine_difference
 from studies.calibration.fit import _descend, horizons
-from studies.calibration.normal import PRIOR, Normal, directions
+from studies.calibration.normal import Normal, directions
+from studies.calibration.parameters import DECLARED, PRIOR
 from studies.calibration.report import as_text
 from studies.calibration.state import Place, State
 
@@ -131,7 +132,7 @@ def test_derivatives_are_those_of_moved_surfaces():
 def test_known_factors_come_back_and_ambiguities_are_said(measured, tmp_path):
     lines = []
     found = calibrate(measured, Curler(), engines=ONE_ENGINE, progress=lines.append)
-    f = found.model.factors
+    f = {name: parameter.factor for name, parameter in found.model.parameters.items()}
     # the data fix gain x offset / bending and the delay; which of the three it is, only the data sheet could say
     assert f["muscle_gain"] * f["axis_offset"] / f["bending"] == pytest.approx(0.9 * 1.1 / 1.2, rel=0.01)
     assert f["damping"] == pytest.approx(1.3, rel=0.01)
@@ -241,7 +242,7 @@ def test_slopes_that_are_too_small_by_half_do_not_keep_the_descent_from_its_end(
     frame = np.searchsorted(sample.times, times)
 
     class Line:
-        samples = (sample,)
+        samples, vector = (sample,), DECLARED
 
         def places(self, xs):
             left = [slopes @ (x - target) + noise for x in xs]

@@ -67,11 +67,11 @@ def test_simulate(run: Run, hanging: type[Hanging], folder: Path) -> None:
         assert set(motion) == {"time", "points", "triangles"}
         assert motion["time"].tolist() == [k / 60 for k in range(61)]
         assert (motion["points"].shape, motion["points"].dtype) == ((61, 3362, 3), np.float32)
-    assert (hanging.side, hanging.options) == (41, {"self_contact": False})
+    assert (hanging.side, hanging.options) == (41, {"self_contact": False, "rise": 1.0, "hold": 10.0})
     options = ("--self-contact", "--grid", 81)
     run("simulate", folder / "bare.toml", "--duration", 0.1, "--frame-rate", 100, *options, "-o", out, "--force")
     assert np.load(out)["time"].tolist() == [k / 100 for k in range(11)]
-    assert (hanging.side, hanging.options) == (81, {"self_contact": True})
+    assert (hanging.side, hanging.options) == (81, {"self_contact": True, "rise": 1.0, "hold": 10.0})
 
 
 def test_predict_a_set_and_a_trial(run: Run, hanging: type[Hanging], folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from fabdesign.effects import ActingPressure
 from sim.kernels import fields
 from sim.kernels.fields import LANES, F
 from sim.simulator import Simulator
@@ -23,6 +24,8 @@ def thrown(simulator: Simulator, design, velocity, times, *, positions=None):
                 plane[1:-1, 1:-1] = values
                 state[0, first : first + (n + 2) ** 2] = np.repeat(plane.reshape(-1, 3), LANES, axis=1)
         F.node3.from_numpy(state)
-        steps = steps_of(case.program, times, Jumps((), ()), tick=simulator.time_step, calm=simulator._calm)
+        ticks = int(np.ceil(times[-1] / simulator.time_step - 1e-6))
+        acting = ActingPressure(case.program, ticks, simulator.time_step)
+        steps = steps_of(acting, times, Jumps((), ()), calm=simulator._calm)
         [motion] = simulator._simulate(batch, packed, [case], [times], [steps])
     return motion.middle.astype(float)

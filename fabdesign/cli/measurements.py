@@ -6,7 +6,8 @@ from typing import Literal
 import click
 
 from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json_option, print_result, progress
-from fabdesign.model import POINTS_PER_SIDE
+from fabdesign.cli.models import effects_option, load_model
+from fabdesign.model import POINTS_PER_SIDE, Model
 
 
 @commands.command()
@@ -66,6 +67,12 @@ def fuse(
 @commands.command()
 @click.argument("source", type=FILE)
 @click.option("--fit", help="What to fit, by comma: orders of trials, names of records; all of role fit without it.")
+@click.option(
+    "--free", help="Effects to fit besides, by comma: NAME, NAME.PARAMETER, NAME:PARAMETER=VALUE (not fitted)."
+)
+@click.option("--fix", "fixed", help="Declared parameters to hold, by comma.")
+@click.option("--model", type=FILE, help="What holds besides: a model's effects, and the factors held by --fix.")
+@effects_option
 @click.option("--skip-bad", is_flag=True, help="Leave out a set's unsound trials, and list them.")
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of the points and frames drawn.")
 @click.option(
@@ -77,6 +84,9 @@ def fuse(
 def calibrate(
     source: Path,
     fit: str | None,
+    free: str | None,
+    fixed: str | None,
+    model: Path | None,
     skip_bad: bool,
     seed: int,
     grid: int,
@@ -94,10 +104,20 @@ def calibrate(
     from studies.bad_data import sound_trials
     from studies.calibration.calibrate import calibrate as calibrate_set
     from studies.calibration.calibrate import orders_of
+    from studies.calibration.fitted_model import muscle_scope
+    from studies.calibration.parameters import fit_vector
     from studies.calibration.report import as_text
 
     measured, skipped = sound_trials(read_set(source), skip_bad=skip_bad)
     orders = None if fit is None else orders_of(fit)
+    base = load_model(model) or Model()
+    vector = fit_vector(
+        free.split(",") if free else (),
+        fixed.split(",") if fixed else (),
+        factors=base.factors,
+        terms=base.terms,
+        scope=muscle_scope([*measured.designs.values()]),
+    )
     with new_file(output, force=force, inputs=[source]) as unfinished:
         from sim import Simulator
 
@@ -105,6 +125,7 @@ def calibrate(
             measured,
             Simulator(grid),
             slopes=Simulator(min(grid, POINTS_PER_SIDE)),
+            vector=vector,
             points_per_side=grid,
             orders=orders,
             skipped=skipped,

@@ -10,6 +10,7 @@ import click
 from fabdesign.cli.console import (
     FILE,
     FINITE,
+    SEED,
     commands,
     force_option,
     grid_option,
@@ -18,6 +19,7 @@ from fabdesign.cli.console import (
     print_result,
     progress,
 )
+from fabdesign.cli.models import effects_option, load_model, require_model, without_option
 from fabdesign.errors import InputError
 
 
@@ -25,9 +27,20 @@ from fabdesign.errors import InputError
 @click.argument("design", type=FILE)
 @click.option("--pressures", help='kPa: a CSV, a trial\'s npz, or one constant row such as "400,0,200".')
 @click.option("--model", type=FILE, help="A model file; the data sheet holds without one.")
+@without_option
+@effects_option
+@click.option("--order", type=SEED, default=0, show_default=True, help="The motion's place in the specimen's session.")
 @click.option("--duration", type=FINITE, help="Of the motion, s; the pressures' by default.")
 @click.option("--frame-rate", type=FINITE, default=60.0, show_default=True, help="Hz.")
 @click.option("--equilibrium", is_flag=True, help="One frame: the shape at rest under the last pressures.")
+@click.option(
+    "--rise",
+    type=click.FloatRange(0.01, 60),
+    help="In which pressures rise on the way to a shape at rest, s; by default 1.",
+)
+@click.option(
+    "--hold", type=click.FloatRange(0, 3600), help="For which they then hold, s, where effects remember; by default 10."
+)
 @click.option("--mesh", type=FILE, help="Meshes too, NAME.ply or NAME.obj: NAME_0000.ply, ..., a file a frame.")
 @click.option(
     "--self-contact", is_flag=True, help="Layers of the cloth do not pass through each other; 5 to 8 times slower."
@@ -40,9 +53,13 @@ def simulate(
     design: Path,
     pressures: str | None,
     model: Path | None,
+    without: str | None,
+    order: int,
     duration: float | None,
     frame_rate: float,
     equilibrium: bool,
+    rise: float | None,
+    hold: float | None,
     mesh: Path | None,
     self_contact: bool,
     grid: int | None,
@@ -54,8 +71,8 @@ def simulate(
     import numpy as np
 
     from fabdesign.design_file import read_design
+    from fabdesign.forward import HOLD, RISE
     from fabdesign.mesh_file import mesh_paths, write_mesh
-    from fabdesign.model_file import read_model
     from fabdesign.motion_file import square_triangles, write_motion
     from fabdesign.output import new_file, new_files
     from fabdesign.pressure_file import constant_program, read_pressures
@@ -68,7 +85,9 @@ def simulate(
     program = constant_program([]) if pressures is None else read_pressures(pressures, loaded)
     if equilibrium and duration is not None:
         raise InputError(f"--duration {duration:g}: a shape at rest has none; expected it without --equilibrium")
-    fitted = None if model is None else read_model(model)
+    if not equilibrium and (rise is not None or hold is not None):
+        raise InputError("--rise and --hold: of a shape at rest; expected them with --equilibrium")
+    fitted = load_model(model, without)
     side = points_per_side(grid, fitted)
     times = frame_times(program, duration=duration, frame_rate=frame_rate, points_per_side=side)
     if equilibrium:
@@ -86,11 +105,12 @@ def simulate(
         os.environ.setdefault("FABDESIGN_LANES", "2")  # kernels for a lone design
         from sim import Simulator
 
-        simulator = Simulator(side, self_contact=self_contact)
+        rise, hold = RISE if rise is None else rise, HOLD if hold is None else hold
+        simulator = Simulator(side, self_contact=self_contact, rise=rise, hold=hold)
         if equilibrium:
-            points = rest(simulator, loaded, program, model=fitted)[None]
+            points = rest(simulator, loaded, program, model=fitted, order=order)[None]
         else:
-            points = simulate_motion(simulator, loaded, program, times, model=fitted)
+            points = simulate_motion(simulator, loaded, program, times, model=fitted, order=order)
         write_motion(unfinished, times, points)
         for file, frame in zip(meshes, points, strict=mesh is not None):
             write_mesh(file, frame, square_triangles(len(frame)))
@@ -104,6 +124,8 @@ def simulate(
 @commands.command()
 @click.argument("source", type=FILE)
 @click.option("--model", type=FILE, required=True, help="A model file.")
+@without_option
+@effects_option
 @click.option("--design", type=FILE, help="Of a lone trial; a set names its own.")
 @grid_option
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to.")
@@ -112,6 +134,7 @@ def simulate(
 def predict(
     source: Path,
     model: Path,
+    without: str | None,
     design: Path | None,
     grid: int | None,
     output: Path,
@@ -120,12 +143,11 @@ def predict(
 ) -> None:
     """Predict every trial of a set, or a lone TRIAL.npz, at its own times, as OUTPUT/trials/NAME.npz."""
     from fabdesign.design_file import read_design
-    from fabdesign.model_file import read_model
     from fabdesign.output import new_folder
     from studies.predict import predict as predict_trials
     from studies.predict import trials_of
 
-    fitted = read_model(model)
+    fitted = require_model(model, without)
     trials = trials_of(source, None if design is None else read_design(design))
     inputs = [file for file in (source, model, design) if file is not None]
     with new_folder(output, made_by="predict", force=force, inputs=inputs) as unfinished:
@@ -140,6 +162,8 @@ def predict(
 @commands.command()
 @click.argument("sets", nargs=-1, required=True, type=FILE)
 @click.option("--model", type=FILE, required=True, help="A model file.")
+@without_option
+@effects_option
 @click.option("--all", "all_trials", is_flag=True, help="Trials of role fit too, in a table of their own.")
 @click.option("--skip-bad", is_flag=True, help="Leave out a set's unsound trials, and list them.")
 @grid_option
@@ -149,6 +173,7 @@ def predict(
 def evaluate(
     sets: tuple[Path, ...],
     model: Path,
+    without: str | None,
     all_trials: bool,
     skip_bad: bool,
     grid: int | None,
@@ -158,15 +183,12 @@ def evaluate(
 ) -> None:
     """Say how far a model's motions are from the measured ones of SETS, before and after, in mm."""
     from fabdesign.measurement_set import read_set
-    from fabdesign.model_file import read_model
     from fabdesign.output import new_folder
     from studies.bad_data import sound_trials
     from studies.evaluate import evaluate_sets
     from studies.evaluation_report import tables_markdown, write_evaluation
-    from studies.predict import factors_of
 
-    fitted = read_model(model)
-    factors_of(fitted)
+    fitted = require_model(model, without)
     checked = [sound_trials(read_set(path), skip_bad=skip_bad) for path in sets]
     measured, skipped = [found for found, _ in checked], [line for _, lines in checked for line in lines]
     place = (

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from fabdesign.cli.console import FILE, SECONDS, commands, force_option, json_option, print_result
+from fabdesign.cli.models import effects_option
 
 
 @commands.command()
@@ -25,6 +26,7 @@ def demo(output: Path, force: bool, as_json: bool) -> None:
 @commands.command()
 @click.argument("study", type=FILE)
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in.")
+@effects_option
 @click.option("--seconds", type=SECONDS, help="Of search; by default the study's.")
 @force_option
 @json_option

@@ -14,6 +14,7 @@ from fabdesign.cli.console import (
     points_per_side,
     print_result,
 )
+from fabdesign.cli.models import effects_option, load_model, without_option
 from fabdesign.errors import InputError
 
 
@@ -22,6 +23,8 @@ from fabdesign.errors import InputError
 @click.option("--model", type=FILE, help="A model file: each trial's prediction beside it.")
 @click.option("--design", type=FILE, help="Of a lone trial that is to be predicted; a set names its own.")
 @click.option("--trial", help="Of a set, by name; its first by default.")
+@without_option
+@effects_option
 @click.option("--time", "times", multiple=True, type=FINITE, help="s, an instant of a PNG; may come several times.")
 @grid_option
 @click.option("-o", "--output", type=FILE, required=True, help="NAME.html (turns and plays), NAME.png or NAME.gif.")
@@ -30,6 +33,7 @@ from fabdesign.errors import InputError
 def view(
     files: tuple[Path, ...],
     model: Path | None,
+    without: str | None,
     design: Path | None,
     trial: str | None,
     times: tuple[float, ...],
@@ -39,7 +43,6 @@ def view(
     as_json: bool,
 ) -> None:
     """Show FILES side by side: motions, measurement sets, trials, clouds and meshes, with a MODEL predictions too."""
-    from fabdesign.model_file import read_model
     from fabdesign.output import new_file
     from studies.view.items import items_of
 
@@ -50,7 +53,7 @@ def view(
         raise InputError(f"--time: instants of a picture; expected an output that ends in .png, not {kind}")
     inputs = [*files, *(file for file in (model, design) if file is not None)]
     with new_file(output, force=force, inputs=inputs) as unfinished:
-        fitted = None if model is None else read_model(model)
+        fitted = load_model(model, without)
         forward = None
         if fitted is not None:
             from sim import Simulator

@@ -1,7 +1,6 @@
 """Effects by name: those of fabdesign, those of installed packages, and those that a file brings in."""
 
 import importlib
-import importlib.metadata
 import importlib.util
 import sys
 from pathlib import Path
@@ -45,6 +44,8 @@ def register(effect: Effect, where: str = "register") -> None:
 
 def register_installed() -> None:
     """Those that installed packages declare as entry points of `fabdesign.effects`."""
+    import importlib.metadata  # costs 30 ms
+
     for point in importlib.metadata.entry_points(group=GROUP):
         effect = point.load()
         if not isinstance(effect, Effect):
@@ -78,7 +79,9 @@ def register_file(path: Path | str) -> None:
 
 
 def effect_named(name: str, where: str) -> Effect:
-    """Raises InputError for an unknown name, with the nearest one."""
+    """Raises InputError for an unknown name, with the nearest one; installed packages are asked for it first."""
+    if name not in EFFECTS:
+        register_installed()
     if name not in EFFECTS:
         known = [*EFFECTS]
         raise InputError(f"{where}: unknown effect {name}; expected one of {', '.join(known)}{nearest(name, known)}")

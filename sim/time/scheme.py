@@ -34,26 +34,15 @@ class Integrator(Enum):
     BACKWARD_EULER = "backward Euler"
 
 
-class Memory(Enum):
-    """What a step does to the memory of forces: in a motion it AGES by the step; on the way to where a motion starts
-    it stays AT_REST; in an equilibrium it comes to what it has AT_LIMIT."""
-
-    AGES = "ages"
-    AT_REST = "at rest"
-    AT_LIMIT = "at its limit"
-
-
-FOR_EVER = 1e9  # s
-
-
 @dataclass(frozen=True)
 class Scheme:
-    """One step of `h` seconds by `rule`; rho in [0, 1] is generalised-alpha's spectral radius at infinity."""
+    """One step of `h` seconds by `rule`; rho in [0, 1] is generalised-alpha's spectral radius at infinity. ages: the
+    seconds by which the memory of forces ages, `h` by default, none on the way to where a motion starts."""
 
     h: float
     rule: Integrator
     rho: float = 0.6
-    memory: Memory = Memory.AGES
+    ages: float | None = None
 
     @property
     def coefficients(self) -> tuple[float, ...]:
@@ -83,5 +72,5 @@ class Scheme:
         steps to rest have no use for the residual that they carry over: it keeps them from resting."""
         known = GOES_ON if self.rule is Integrator.GENERALISED_ALPHA else 0.0
         carried = 0.0 if not support.is_edge and self.rule is Integrator.BACKWARD_EULER else 1.0
-        ages = {Memory.AGES: self.h, Memory.AT_REST: 0.0, Memory.AT_LIMIT: FOR_EVER}[self.memory]
+        ages = self.h if self.ages is None else self.ages
         return *self.coefficients, self.ca, self.cv, known, carried, ages

@@ -4,15 +4,16 @@ import hashlib
 import importlib.metadata
 import platform
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from fabdesign import __version__
+from fabdesign import SIMULATOR, __version__
 from fabdesign.errors import InputError
-from fabdesign.forward import PARAMETERS, ForwardModel
-from fabdesign.model import POINTS_PER_SIDE, Model, Parameter, Provenance
+from fabdesign.forward import ForwardModel
+from fabdesign.model import POINTS_PER_SIDE, Model, Provenance
+from fabdesign.predictor import Predictor
 from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.splits import fit_trials
 from fabdesign.trial import MeasurementSet, Trial
@@ -22,14 +23,14 @@ from studies.calibration.belief import doubts, excess
 from studies.calibration.clouds import Sample, evenly, sample_trial
 from studies.calibration.engine_difference import data_share, engine_difference
 from studies.calibration.fit import Fit, fit
-from studies.calibration.state import factors_at
+from studies.calibration.fitted_model import fitted_model
+from studies.calibration.parameters import DECLARED, FitVector
 from studies.calibration.trial_checks import DISAGREE, doubtful
 
 TRIALS = 16  # fitted at most, spread over those allowed
 UNTIL = 1.5  # s of a trial
 FRAMES = 30  # of a trial
 POINTS = 300  # of a frame
-QUANTILE = 1.645  # two-sided 90 %
 _NOISE_FRAMES = 8
 
 
@@ -38,7 +39,7 @@ class Calibration:
     model: Model
     fit: Fit
     noise: SensorNoise
-    correlation: np.ndarray  # (7, 7), in the order of PARAMETERS, of the logarithms
+    correlation: np.ndarray  # (p, p), of the unknowns in the order of fit.vector
     statements: tuple[str, ...]  # what these data cannot tell
     doubts: tuple[str, ...]  # why the intervals are not to be believed
     skipped: tuple[str, ...]  # bad trials left out, a line each
@@ -49,12 +50,24 @@ class Calibration:
             name: {"factor": p.factor, "interval90": p.interval90 and list(p.interval90), "believable": p.believable}
             for name, p in self.model.parameters.items()
         }
+        names = self.fit.vector.names
+        effects = [
+            {
+                "name": effect.name,
+                "scope": effect.scope,
+                "parameters": {
+                    name: {"value": q.value, "unit": q.unit, "interval90": q.interval90 and list(q.interval90)}
+                    for name, q in effect.parameters.items()
+                },
+            }
+            for effect in self.model.effects
+        ]
         lost = [{"trial": trial, "from_s": time} for trial, time in self.fit.lost]
         return {
             "parameters": parameters,
+            "effects": effects,
             "correlation": {
-                a: {b: float(self.correlation[i, j]) for j, b in enumerate(PARAMETERS)}
-                for i, a in enumerate(PARAMETERS)
+                a: {b: float(self.correlation[i, j]) for j, b in enumerate(names)} for i, a in enumerate(names)
             },
             "statements": list(self.statements),
             "believable": not self.doubts,
@@ -77,6 +90,7 @@ def calibrate(
     forward: ForwardModel,
     *,
     slopes: ForwardModel | None = None,
+    vector: FitVector = DECLARED,
     points_per_side: int = POINTS_PER_SIDE,
     orders: Collection[int] | None = None,
     skipped: Sequence[str] = (),
@@ -85,19 +99,22 @@ def calibrate(
     engines: np.ndarray | None = None,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Calibration:
-    """The seven factors of `fabdesign.forward.PARAMETERS` from the trials of role `fit`, or those of `orders`.
+    """The unknowns of `vector`, by default the seven factors of `fabdesign.forward.PARAMETERS`, from the trials of role
+    `fit`, or those of `orders`. With effects, the factors are fitted without them first, which the model keeps.
 
     Of more than 16 trials, 16 spread over the session are fitted: 30 frames of the first 1.5 s of each, and 300 points
     of a frame, by `seed`. `slopes`: see `fit.fit`. points_per_side: of `forward`'s grid, noted in the model.
     skipped: lines on bad trials left out before; skip_bad: leave out those too that `trial_checks.doubtful` finds.
-    engines: (7,) standard deviations of the logarithms for the difference between `forward` and what made the data, by
+    engines: (p,) standard deviations of the unknowns for the difference between `forward` and what made the data, by
     default those of the virtual rig.
     Raises InputError for a doubtful trial and where no trial is left, SimulationError where every motion diverges.
     """
     allowed = fit_trials(measured.trials, orders)
     chosen = [allowed[i] for i in evenly(len(allowed), TRIALS)]
     samples, noise = _drawn(chosen, seed)
-    found = fit(samples, forward, slopes=slopes, progress=progress)
+    forward = Predictor(forward, sensing=True)
+    slopes = slopes and Predictor(slopes, sensing=True)
+    found = _fit(samples, forward, slopes, vector, progress)
     if lines := _doubts(found, samples, forward):
         tolerance = Tolerance(skip_bad, [*skipped])
         for line in lines.values():
@@ -106,17 +123,15 @@ def calibrate(
         chosen, samples = ([x for k, x in enumerate(xs) if k not in lines] for xs in (chosen, samples))
         if not samples:
             raise InputError(f"{measured.name}: no trial to fit is left; the first: {skipped[0]}")
-        found = fit(samples, forward, slopes=slopes, progress=progress)
-    covariance = _with_engines(found.covariance, engine_difference() if engines is None else engines)
+        found = _fit(samples, forward, slopes, vector, progress)
+    covariance = _with_engines(found, engine_difference(vector) if engines is None else engines)
     deviation = np.sqrt(np.diag(covariance))
     why = doubts(found.after, found.astray, noise)
-    model = Model(
-        {
-            name: Parameter(
-                float(np.exp(x)), (float(np.exp(x - QUANTILE * s)), float(np.exp(x + QUANTILE * s))), not why
-            )
-            for name, x, s in zip(PARAMETERS, found.x, deviation, strict=True)
-        },
+    model = fitted_model(
+        found,
+        covariance,
+        designs=[trial.design for trial in chosen],
+        believable=not why,
         points_per_side=points_per_side,
         provenance=_provenance(measured, chosen, seed),
     )
@@ -129,6 +144,24 @@ def calibrate(
         doubts=tuple(why),
         skipped=tuple(skipped),
     )
+
+
+def _fit(
+    samples: Sequence[Sample],
+    forward: ForwardModel,
+    slopes: ForwardModel | None,
+    vector: FitVector,
+    progress: Callable[[str], None],
+) -> Fit:
+    """With effects, from where the fit without them ends."""
+    if not vector.terms:
+        return fit(samples, forward, slopes=slopes, vector=vector, progress=progress)
+    plain = vector.without_effects
+    first = fit(samples, forward, slopes=slopes, vector=plain, progress=lambda line: progress(f"no effects, {line}"))
+    found = fit(
+        samples, forward, slopes=slopes, vector=vector, begin=vector.begin(plain.names, first.x), progress=progress
+    )
+    return replace(found, before=first.before, without_effects=first)
 
 
 def _drawn(trials: Sequence[Trial], seed: int) -> tuple[list[Sample], SensorNoise]:
@@ -148,12 +181,13 @@ def _doubts(found: Fit, samples: Sequence[Sample], forward: ForwardModel) -> dic
     """A line for each trial that disagrees with the rest as a recording would whose faces or clock are wrong."""
     if not (found.by_trial > DISAGREE).any():
         return {}
-    return doubtful(samples, forward, factors_at(found.x))
+    return doubtful(samples, forward, found.vector, found.x)
 
 
-def _with_engines(covariance: np.ndarray, engines: np.ndarray) -> np.ndarray:
-    """(7, 7), wider by the engines' difference as far as the data, not the data sheet, decide."""
-    return covariance + np.diag(np.square(data_share(np.sqrt(np.diag(covariance))) * engines))
+def _with_engines(found: Fit, engines: np.ndarray) -> np.ndarray:
+    """(p, p), wider by the engines' difference as far as the data, not the data sheet, decide."""
+    share = data_share(np.sqrt(np.diag(found.covariance)), found.vector)
+    return found.covariance + np.diag(np.square(share * engines))
 
 
 def _provenance(measured: MeasurementSet, fitted: Sequence[Trial], seed: int) -> Provenance:
@@ -163,7 +197,7 @@ def _provenance(measured: MeasurementSet, fitted: Sequence[Trial], seed: int) ->
         sets=(measured.name,),
         fitted=tuple(f"{measured.name}/{trial.name}" for trial in fitted),
         held_out=tuple(f"{measured.name}/{trial.name}" for trial in held_out),
-        versions={"python": platform.python_version(), "fabdesign": __version__}
+        versions={"python": platform.python_version(), "fabdesign": __version__, "simulator": SIMULATOR}
         | {name: importlib.metadata.version(name) for name in ("numpy", "scipy", "taichi")},
         hashes={
             f"{measured.name}/{trial.file.name}": hashlib.sha256(trial.file.read_bytes()).hexdigest()

@@ -10,22 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.csv_table import decimal, read_rows
-from fabdesign.forward import PARAMETERS
-from studies.calibration.normal import PRIOR
+from studies.calibration.parameters import DECLARED, FitVector
 
 Array = NDArray[np.float64]
 FILE = Path(__file__).parent / "engine_difference.csv"
 
 
-def engine_difference() -> Array:
-    """(7,) standard deviations of the factors' logarithms, in the order of PARAMETERS; mean error included."""
+def engine_difference(vector: FitVector = DECLARED) -> Array:
+    """(p,) standard deviations of the unknowns, mean error included; of effects' parameters none is known: 0."""
     _, rows = read_rows(FILE)
     values = {name: float(decimal(text, FILE, line, name)) for line, (name, text) in rows}
-    return np.array([values[name] for name in PARAMETERS])
+    return np.array(
+        [
+            values.get(name.rpartition(".")[2], 0.0) if p.is_factor else 0.0
+            for name, p in zip(vector.names, vector.parameters, strict=True)
+        ]
+    )
 
 
-def data_share(deviation: Array) -> Array:
-    """(..., 7) share of the data in the factors found, the data sheet's being the rest; of their own standard
-    deviations (..., 7), logarithmic."""
-    prior = np.array([PRIOR[name] for name in PARAMETERS])
-    return np.clip(1 - np.square(deviation / prior), 0.0, 1.0)
+def data_share(deviation: Array, vector: FitVector = DECLARED) -> Array:
+    """(..., p) share of the data in the unknowns found, the prior's being the rest; of their own standard deviations
+    (..., p)."""
+    return np.clip(1 - np.square(deviation / vector.prior), 0.0, 1.0)

@@ -1,13 +1,14 @@
-"""Levenberg-Marquardt in the logarithms of the factors, with a data-sheet prior and honest covariances."""
+"""Levenberg-Marquardt in a fit's unknowns, with the data sheet as prior and honest covariances."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from fabdesign.forward import PARAMETERS, ForwardModel
+from fabdesign.forward import ForwardModel
 from studies.calibration.clouds import Array, Match, Sample, cut, frames_of
-from studies.calibration.normal import BLOCK, FAR, PRIOR, Normal, directions, loss, scatter, step_to_minimum
+from studies.calibration.normal import BLOCK, FAR, Normal, directions, loss, scatter, step_to_minimum
+from studies.calibration.parameters import DECLARED, FitVector
 from studies.calibration.state import Look, State
 
 _STEP = 0.03  # of a logarithm, in the first finite differences
@@ -22,12 +23,13 @@ _DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """The minimum and what is known about it. Vectors and matrices are in the order of PARAMETERS, logarithmic."""
+    """The minimum and what is known about it. Vectors and matrices are in the order of `vector`, of x."""
 
-    x: Array  # (7,) logarithms of the factors
-    covariance: Array  # (7, 7)
-    information: Array  # (7, 7) of the data alone, tempered
-    sensitivity: Array  # (7, 7) m^2: mean square change of the residuals, weighted by frame, is v^T sensitivity v
+    vector: FitVector
+    x: Array  # (p,)
+    covariance: Array  # (p, p)
+    information: Array  # (p, p) of the data alone, tempered
+    sensitivity: Array  # (p, p) m^2: mean square change of the residuals, weighted by frame, is v^T sensitivity v
     scale: float  # m, robust standard deviation of the residuals
     before: float  # m, RMS of the residuals capped at 10 mm, at the data sheet
     after: float  # m, the same at the minimum
@@ -36,6 +38,7 @@ class Fit:
     lost: tuple[tuple[str, float], ...]  # trials whose motion diverged, and from when on [s] they were left out
     iterations: int
     converged: bool
+    without_effects: "Fit | None" = None  # that it began from
 
 
 def fit(
@@ -43,37 +46,41 @@ def fit(
     forward: ForwardModel,
     *,
     slopes: ForwardModel | None = None,
+    vector: FitVector = DECLARED,
+    begin: Array | None = None,
     progress: Callable[[str], None] = lambda line: None,
 ) -> Fit:
-    """Most probable factors given the samples. Each iteration simulates motions and seven differences.
+    """Most probable unknowns given the samples. Each iteration simulates motions and a difference for each unknown.
 
     The horizon grows: the first half second alone, then the first second, and so on. Cloth that buckles late goes one
     way or another at factors a hair apart; what came before leads to factors near enough, and has fewer false minima.
     `slopes`, a cheaper engine, makes all differences, and the motions too until the last horizon. Differences are
     always made where the factors are: those of another place seem to converge percents off.
+    begin: (p,) unknowns near enough for the last horizon alone.
 
     All points of a block of 0.5 s share the model's error, so their likelihood is tempered: raised to the power that
     makes its curvature agree with the scatter of the blocks' scores (Pauli, Racugno and Ventura 2011). The covariance
     is the sandwich of both (Liang and Zeger 1986), with the prior's share. Raises SimulationError where nothing is
     left because every motion diverges.
     """
-    weight = np.diag([1 / PRIOR[name] ** 2 for name in PARAMETERS])
+    weight = np.diag(1 / vector.prior**2)
     slopes = forward if slopes is None else slopes
-    x, along, iterations = np.zeros(len(PARAMETERS)), _STEP * np.eye(len(PARAMETERS)), 0
+    x, along, iterations = vector.start if begin is None else begin, np.diag(_STEP * vector.scale), 0
     *early, last = horizons(samples)
-    for horizon in early:
-        look = Look([cut(sample, horizon) for sample in samples], slopes, slopes)
-        begin = look.places([x])[0]
-        state = look.state(begin, look.changes(begin, along))
+    for horizon in early if begin is None else ():
+        look = Look([cut(sample, horizon) for sample in samples], slopes, slopes, vector)
+        place = look.places([x])[0]
+        state = look.state(place, look.changes(place, along))
         state, more, _ = _descend(look, state, weight, f"to {horizon:g} s, ", progress, near=True)
-        _, normal = step_to_minimum(look.samples, state, weight, 0.0)
-        x, along, iterations = state.x, directions(normal), iterations + more
-    look = Look(samples, forward, slopes)
-    place, sheet = look.places([x, np.zeros(len(PARAMETERS))])
+        _, normal = step_to_minimum(look.samples, state, weight, 0.0, vector)
+        x, along, iterations = state.x, directions(normal, vector), iterations + more
+    look = Look(samples, forward, slopes, vector)
+    place, sheet = look.places([x, np.zeros(len(x))])
     state = look.state(place, look.changes(place, along))
     state, more, converged = _descend(look, state, weight, f"to {last:g} s, ", progress)
-    _, normal = step_to_minimum(samples, state, weight, 0.0)
+    _, normal = step_to_minimum(samples, state, weight, 0.0, vector)
     return Fit(
+        vector=vector,
         x=state.x,
         covariance=_covariance(normal, weight),
         information=normal.information,
@@ -110,20 +117,22 @@ def _descend(
     lengths = (1.0,) if near else _LENGTHS[: max(1, _AT_ONCE // len(look.samples))]
     damping, before = 0.0, np.zeros(len(state.x))
     for iteration in range(1, _ITERATIONS + 1):
-        step, normal = step_to_minimum(look.samples, state, weight, damping)
+        step, normal = step_to_minimum(look.samples, state, weight, damping, look.vector)
         progress(f"{named}iteration {iteration}: {1e3 * _capped(state.found.residual):.3f} mm RMS")
         covariance = _covariance(normal, weight)
         own = np.sqrt(np.diag(covariance))
         if (step / own) @ (before / own) < 0:  # it takes the last one back: noise of the differences, or a kink
             step = step / 2
         distance = np.sqrt(step @ np.linalg.solve(covariance, step))
-        small = bool(distance < _CLOSE or np.abs(step).max() < slight)  # for new differences to be worth it
-        places = look.places([state.x + length * step for length in lengths])
+        small = bool(
+            distance < _CLOSE or np.abs(step / look.vector.scale).max() < slight
+        )  # for new differences to be worth it
+        places = look.places([look.vector.inside(state.x + length * step) for length in lengths])
         worse = [loss(state, place, normal, weight) for place in places]
         best = int(np.argmin(worse))
         before = places[best].x - state.x
         if worse[best] < 0:
-            changes = state.changes if small else look.changes(places[best], directions(normal))
+            changes = state.changes if small else look.changes(places[best], directions(normal, look.vector))
             state, damping = look.state(places[best], changes), damping / 10
         else:
             damping = max(10 * damping, _DAMPING)
@@ -133,7 +142,7 @@ def _descend(
 
 
 def _covariance(normal: Normal, weight: Array) -> Array:
-    """(7, 7), the sandwich."""
+    """(p, p), the sandwich."""
     bread = np.linalg.inv(normal.information + weight)
     meat = normal.tempering**2 * scatter(normal.scores, normal.information, weight) + weight
     return np.asarray(bread @ meat @ bread)

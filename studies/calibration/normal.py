@@ -7,12 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import SimulationError
-from fabdesign.forward import PARAMETERS
 from studies.calibration.clouds import Array, Match, Sample, frames_of
+from studies.calibration.parameters import DECLARED, FitVector
 from studies.calibration.state import Place, State
 
-# Standard deviations of the logarithms: data sheets are good to tens of percent, their damping to 30 %.
-PRIOR = dict.fromkeys(PARAMETERS, 0.15) | {"damping": 0.30}
 HUBER = 1.345  # of the scale: 95 % efficient on normal noise (Huber 1981)
 BLOCK = 0.5  # s: residuals of one trial within it count as one observation, about half a swing of the cloth
 FAR = 2.0  # times the usual median residual: a frame astray, which counts less
@@ -28,9 +26,9 @@ _SMALLEST_SCALE = 1e-6  # m, for clouds without noise
 class Normal:
     """The normal equations at a state."""
 
-    gradient: Array  # (7,)
-    hessian: Array  # (7, 7) of the data
-    scores: Array  # (clusters, 7)
+    gradient: Array  # (p,)
+    hessian: Array  # (p, p) of the data
+    scores: Array  # (clusters, p)
     tempering: float
     scale: float
     sensitivity: Array
@@ -38,35 +36,55 @@ class Normal:
 
     @property
     def information(self) -> Array:
-        """(7, 7) of the data alone, tempered."""
+        """(p, p) of the data alone, tempered."""
         return self.tempering * self.hessian
 
 
-def step_to_minimum(samples: Sequence[Sample], state: State, weight: Array, damping: float) -> tuple[Array, Normal]:
-    """The step to the minimum of the linearised residuals, reweighted until it stands; and its normal equations."""
+def step_to_minimum(
+    samples: Sequence[Sample], state: State, weight: Array, damping: float, vector: FitVector = DECLARED
+) -> tuple[Array, Normal]:
+    """The step to the minimum of the linearised residuals, reweighted until it stands; and its normal equations. An
+    unknown at its limit stays there where the step would lead beyond."""
     step: Array = np.zeros(len(weight))
     for _ in range(_REWEIGHTED):
-        normal = normal_equations(samples, state, weight, step)
+        normal = normal_equations(samples, state, weight, step, vector)
         gradient = normal.tempering * normal.gradient + weight @ state.x
         damped = normal.information + weight + damping * np.diag(np.diag(normal.information))
-        step = np.asarray(-np.linalg.solve(damped, gradient))
-        step = step * min(1.0, _LARGEST / max(float(np.abs(step).max()), 1e-12))
+        step = _bounded_step(damped, gradient, state.x, vector)
+        step = step * min(1.0, _LARGEST / max(float(np.abs(step / vector.scale).max()), 1e-12))
     return step, normal
 
 
-def directions(normal: Normal) -> Array:
-    """(7, 7), a row each: combinations of factors that change the residuals independently, and by as much each.
+def _bounded_step(hessian: Array, gradient: Array, x: Array, vector: FitVector) -> Array:
+    """Newton's step, with the unknowns held that are at a limit and would leave it."""
+    step: Array = np.zeros(len(x))
+    free = np.ones(len(x), dtype=bool)
+    low, high = vector.limits
+    while free.any():
+        step = np.zeros(len(x))
+        step[free] = -np.linalg.solve(hessian[np.ix_(free, free)], gradient[free])
+        leaves = free & (((x <= low) & (step < 0)) | ((x >= high) & (step > 0)))
+        if not leaves.any():
+            break
+        free &= ~leaves
+    return step
+
+
+def directions(normal: Normal, vector: FitVector = DECLARED) -> Array:
+    """(p, p), a row each: combinations of unknowns that change the residuals independently, and by as much each.
 
     Where all factors nearly cancel, the differences of single ones drown in the noise and the curvature of each; as one
     difference, long enough, that combination stands out.
     """
-    prior = np.array([PRIOR[name] for name in PARAMETERS])
+    prior = vector.prior
     squares, vectors = np.linalg.eigh(normal.sensitivity * np.outer(prior, prior))
     length = np.clip(_CHANGE / np.sqrt(np.maximum(squares, 1e-30)), _SHORTEST, _LONGEST)
     return np.asarray((vectors * length * prior[:, None]).T)
 
 
-def normal_equations(samples: Sequence[Sample], state: State, weight: Array, step: Array) -> Normal:
+def normal_equations(
+    samples: Sequence[Sample], state: State, weight: Array, step: Array, vector: FitVector = DECLARED
+) -> Normal:
     """Weights, scores and tempering are those of the residuals that `step` is expected to leave."""
     found, jacobian = state.found, state.jacobian
     sound = np.isfinite(found.residual) & np.isfinite(jacobian).all(axis=1)
@@ -75,7 +93,7 @@ def normal_equations(samples: Sequence[Sample], state: State, weight: Array, ste
     r, j = found.residual[sound], jacobian[sound]
     left = r + j @ step
     scale = _scale(left)
-    frames = _frame_weights(found, sound, left, j)
+    frames = _frame_weights(found, sound, left, j, vector.prior)
     w = frames * np.minimum(1.0, HUBER * scale / np.maximum(np.abs(left), 1e-12)) / scale**2
     cluster = _clusters(samples, found)[sound]
     _, cluster = np.unique(cluster, return_inverse=True)
@@ -93,7 +111,7 @@ def normal_equations(samples: Sequence[Sample], state: State, weight: Array, ste
 
 
 def scatter(scores: Array, information: Array, weight: Array) -> Array:
-    """(7, 7) variance of the sum of the clusters' scores about their mean, for the parameters fitted."""
+    """(p, p) variance of the sum of the clusters' scores about their mean, for the parameters fitted."""
     fitted = float(np.trace(np.linalg.solve(information + weight, information)))
     centred = scores - scores.mean(axis=0)
     count = len(scores)
@@ -119,7 +137,7 @@ def _scale(residual: Array) -> float:
     return max(1.4826 * float(np.median(np.abs(residual))), _SMALLEST_SCALE)
 
 
-def _frame_weights(found: Match, sound: NDArray[np.bool_], residual: Array, jacobian: Array) -> Array:
+def _frame_weights(found: Match, sound: NDArray[np.bool_], residual: Array, jacobian: Array, prior: Array) -> Array:
     """Of each point, by its frame: less where the median residual is over FAR times the usual one, and where the
     prior moves the surface by more than can be linearised, as where the cloth is about to buckle to one side or the
     other."""
@@ -127,7 +145,7 @@ def _frame_weights(found: Match, sound: NDArray[np.bool_], residual: Array, jaco
     size = np.abs(residual)
     medians = np.array([np.median(size[points]) for points in groups])
     far = medians / (FAR * max(float(np.median(medians)), _SMALLEST_SCALE))
-    moved = np.square(jacobian * [PRIOR[name] for name in PARAMETERS]).sum(axis=1)
+    moved = np.square(jacobian * prior).sum(axis=1)
     unsure = np.sqrt(np.array([moved[points].mean() for points in groups])) / _LINEAR
     return np.asarray(np.square(1 / np.maximum(1.0, np.maximum(far, unsure)))[frame])
 

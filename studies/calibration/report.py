@@ -15,6 +15,7 @@ def as_text(calibration: Calibration) -> str:
     lines = [
         f"factors on the declared values, for a grid of {calibration.model.points_per_side} points a side:",
         *rows,
+        *(f"  {line}" for line in _effects(calibration)),
         *(f"the intervals are NOT to be believed: {why}" for why in calibration.doubts),
         f"residual {1e3 * fit.before:.2f} -> {1e3 * fit.after:.2f} mm RMS; sensor noise {1e3 * noise.sigma:.2f} mm, "
         f"{100 * noise.strays:.1f} % strays; {fit.iterations} iterations",
@@ -28,6 +29,16 @@ def as_text(calibration: Calibration) -> str:
         lines.append(_ENGINES)
     lines += [f"{trial}: the motion diverged; left out from {time:.2f} s on" for trial, time in fit.lost]
     return "\n".join([*lines, *(f"skipped: {line}" for line in calibration.skipped)])
+
+
+def _effects(calibration: Calibration) -> list[str]:
+    lines = []
+    for effect in calibration.model.effects:
+        for name, q in effect.parameters.items():
+            low, high = q.interval90 or (q.value, q.value)
+            said = f"90 % {low:.4g} to {high:.4g}" if q.interval90 else "held"
+            lines.append(f"{effect.name}.{name}: {q.value:.4g} {q.unit}   {said}")
+    return lines
 
 
 def _interval(parameter: Parameter) -> str:

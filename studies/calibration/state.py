@@ -5,21 +5,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fabdesign.forward import PARAMETERS, Case, ForwardModel
+from fabdesign.forward import ForwardModel
 from studies.calibration.clouds import Array, Match, Motion, Sample, derivatives, match
+from studies.calibration.parameters import DECLARED, FitVector
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    x: Array  # (7,) logarithms of the factors
+    x: Array  # (p,) the unknowns
     motions: list[Motion]  # (F, 2 n, 3) m a sample
     found: Match
 
 
 @dataclass(frozen=True, eq=False)
 class State(Place):
-    changes: list[Motion]  # (7, F, 2 n, 3) m a sample, of the vertices by each factor
-    jacobian: Array  # (N, 7) m
+    changes: list[Motion]  # (p, F, 2 n, 3) m a sample, of the vertices by each unknown
+    jacobian: Array  # (N, p) m
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +30,7 @@ class Look:
     samples: Sequence[Sample]
     forward: ForwardModel
     slopes: ForwardModel
+    vector: FitVector = DECLARED
 
     def places(self, xs: Sequence[Array]) -> list[Place]:
         """All in one batch."""
@@ -36,7 +38,8 @@ class Look:
         return [Place(x, each, match(self.samples, each)) for x, each in zip(xs, motions, strict=True)]
 
     def changes(self, place: Place, along: Array) -> list[Motion]:
-        """(7, F, 2 n, 3) m a sample, by each factor: forward differences along the rows of `along` (7, 7)."""
+        """(p, F, 2 n, 3) m a sample, by each unknown: differences along the rows of `along` (p, p), within limits."""
+        along = self.vector.steps(place.x, along)
         others = [place.x + row for row in along]
         if self.slopes == self.forward:
             base, moved = place.motions, self._motions(self.slopes, others)
@@ -50,11 +53,6 @@ class Look:
 
     def _motions(self, forward: ForwardModel, xs: Sequence[Array]) -> list[list[Motion]]:
         """Of every x, a motion a sample; all in one batch."""
-        cases = [Case(s.trial.design, s.trial.program, factors_at(x)) for x in xs for s in self.samples]
+        cases = [self.vector.case(s.trial, x) for x in xs for s in self.samples]
         motions = forward.motions(cases, [s.times for _ in xs for s in self.samples])
         return [list(motions[k : k + len(self.samples)]) for k in range(0, len(motions), len(self.samples))]
-
-
-def factors_at(x: Array) -> dict[str, float]:
-    """The factors whose logarithms, in the order of PARAMETERS, are `x` (7,)."""
-    return {name: float(value) for name, value in zip(PARAMETERS, np.exp(x), strict=True)}

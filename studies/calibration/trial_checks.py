@@ -1,12 +1,13 @@
 """What may be wrong with a whole trial, found against the fitted motion: faces swapped, a clock of its own."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from fabdesign.forward import Case, ForwardModel
+from fabdesign.forward import ForwardModel
 from fabdesign.metrics import surface_rms
 from studies.calibration.clouds import Array, Motion, Sample, evenly
+from studies.calibration.parameters import FitVector
 
 DISAGREE = 0.003  # m RMS, under which nothing is asked
 BETTER = 0.5  # what another reading must leave of it
@@ -16,14 +17,12 @@ LATE = 0.1  # s, by which a clock must differ from the other trials'
 TURNED = {"front and back": (1, 1, -1), "front and back, seen from behind": (-1, 1, -1)}
 
 
-def doubtful(samples: Sequence[Sample], forward: ForwardModel, factors: Mapping[str, float]) -> dict[int, str]:
+def doubtful(samples: Sequence[Sample], forward: ForwardModel, vector: FitVector, x: Array) -> dict[int, str]:
     """A line on each sample that cannot be what its file says, by index. A lag that all trials share is not the clock's
     fault but an effect; motions that diverge are not judged."""
     frames = [evenly(len(s.times), FRAMES) for s in samples]
     instants = [np.clip(s.times[chosen] + LAGS[:, None], 0.0, None) for s, chosen in zip(samples, frames, strict=True)]
-    motions = forward.motions(
-        [Case(s.trial.design, s.trial.program, factors) for s in samples], [np.unique(times) for times in instants]
-    )
+    motions = forward.motions([vector.case(s.trial, x) for s in samples], [np.unique(times) for times in instants])
     errors = np.full((len(samples), len(LAGS)), np.nan)
     lines: dict[int, str] = {}
     for k, (sample, chosen, times, motion) in enumerate(zip(samples, frames, instants, motions, strict=True)):

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.design_file import write_design
+from fabdesign.forward import RISE
 from fabdesign.metrics import Errors
 from fabdesign.output import write_text
+from fabdesign.pressure import rising_program
 from fabdesign.pressure_file import SINGLE_ROW_DURATION, constant_program, write_pressures
 from fabdesign.study_file import Study
 from optimize.history import Entry
@@ -69,7 +71,7 @@ class StudyResult:
 
     def write(self, out: Path) -> None:
         """`design.toml` with its bench tables, `pressures.csv` (`pressures_2.csv` of a second pose), `result.json`."""
-        write_best(out, self.design, self.pressures, self.as_json(), [t.time for t in self.targets])
+        write_best(out, self.design, self.pressures, self.as_json(), [t.time for t in self.targets], self.study.rise)
 
 
 def pressures_kpa(pressures: NDArray[np.float64]) -> list[Any]:
@@ -84,10 +86,17 @@ def write_best(
     pressures: NDArray[np.float64],
     result: dict[str, Any],
     times: list[float | None],
+    rise: float = RISE,
 ) -> None:
-    """Write a design, each pose's pressures [Pa], held until its time [s], and result.json, each file whole."""
+    """Write a design, each pose's pressures [Pa], held until its time [s] or, to a shape at rest, rising within `rise`
+    s, and result.json, each file whole."""
     write_design(design, out / "design.toml")
     for pose, (row, time) in enumerate(zip(pressures, times, strict=True), start=1):
         file = "pressures.csv" if pose == 1 else f"pressures_{pose}.csv"
-        write_pressures(constant_program(row, time or SINGLE_ROW_DURATION), out / file)
+        program = (
+            rising_program(row, rise, rise + SINGLE_ROW_DURATION)
+            if time is None
+            else constant_program(row, time or SINGLE_ROW_DURATION)
+        )
+        write_pressures(program, out / file)
     write_text(out / "result.json", json.dumps(result, indent=2) + "\n")

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, SimulationError
-from fabdesign.forward import ForwardModel
+from fabdesign.forward import HOLD, RISE, ForwardModel
 from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.study_file import Study, read_study, require_searchable
@@ -20,13 +20,13 @@ from optimize.margins import Limits, constraint_margins
 from optimize.objective import Objective, Target
 from optimize.search import search
 from optimize.starts import Start
+from studies.forward_model import forward_model
 from studies.layouts.begin import first_starts, fresh_starts, limits_of
 from studies.layouts.content import study_content
 from studies.layouts.reach import reach_of
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult, pressures_kpa, write_best
 from studies.layouts.target import LoadedTarget, load_target, target_errors
-from studies.predict import factors_of
 
 HISTORY = "history.sqlite"
 
@@ -59,9 +59,8 @@ def run_study(
     if seconds is not None:
         study = replace(study, limits=replace(study.limits, seconds=seconds))
     require_searchable(study, study.name)
-    factors = factors_of(study.model)
     targets = tuple(load_target(target, study.design, seed=study.seed) for target in study.targets)
-    objective = Objective([Target(t.points, t.time) for t in targets], factors, study.objective)
+    objective = Objective([Target(t.points, t.time) for t in targets], study.objective, study.order)
     starts = first_starts(study)
     inputs = [*([] if isinstance(given, Study) else [given]), *(target.file for target in study.targets)]
     with work_folder(out, made_by="optimize", force=force, inputs=inputs) as work:
@@ -86,7 +85,10 @@ def _search_in(
     progress: Callable[[Evaluations], None],
 ) -> StudyResult:
     with _open_history(work, study_content(study, targets)) as history:
-        fine, quick = forward_models(forward, coarse, points_per_side=(study.model or Model()).points_per_side)
+        given = forward_models(
+            forward, coarse, points_per_side=(study.model or Model()).points_per_side, rise=study.rise, hold=study.hold
+        )
+        fine, quick = (forward_model(simulator, study.model) for simulator in given)
         evaluations = Evaluations(
             objective,
             starts,
@@ -94,21 +96,27 @@ def _search_in(
             history,
             seconds=study.limits.seconds,
             evaluations=study.limits.evaluations,
-            on_progress=_keeping_best(work, targets, progress),
+            on_progress=_keeping_best(work, targets, study.rise, progress),
         )
         stop_reason = search(evaluations, fresh=fresh_starts(study), floor=_floor(study, targets))
         return _result(study, targets, evaluations, fine, stop_reason)
 
 
 def forward_models(
-    fine: ForwardModel | None, coarse: ForwardModel | None, *, points_per_side: int = POINTS_PER_SIDE
+    fine: ForwardModel | None,
+    coarse: ForwardModel | None,
+    *,
+    points_per_side: int = POINTS_PER_SIDE,
+    rise: float = RISE,
+    hold: float = HOLD,
 ) -> tuple[ForwardModel, ForwardModel]:
     """The models given, or the simulator, the fine one with `points_per_side`; a single one given serves for both."""
     if fine is not None:
         return fine, coarse or fine
     from sim import Simulator  # here: it loads and starts taichi
 
-    return Simulator(points_per_side), coarse or Simulator(points_per_side=21, tolerance=1e-6)
+    fine = Simulator(points_per_side, rise=rise, hold=hold)
+    return fine, coarse or Simulator(points_per_side=21, tolerance=1e-6, rise=rise, hold=hold)
 
 
 def _limits(study: Study) -> Limits:
@@ -146,7 +154,7 @@ def _open_history(work: WorkFolder, content: dict[str, str]) -> History:
 
 
 def _keeping_best(
-    work: WorkFolder, targets: tuple[LoadedTarget, ...], progress: Callable[[Evaluations], None]
+    work: WorkFolder, targets: tuple[LoadedTarget, ...], rise: float, progress: Callable[[Evaluations], None]
 ) -> Callable[[Evaluations], None]:
     """Progress that also writes the best so far, as often as it changes."""
     written: list[float] = []
@@ -166,7 +174,7 @@ def _keeping_best(
                 "stop_reason": f"unfinished: the best so far, in stage {stage.name}",
             }
             with work.adding() as files:
-                write_best(files, design, pressures, unfinished, [target.time for target in targets])
+                write_best(files, design, pressures, unfinished, [target.time for target in targets], rise)
         progress(evaluations)
 
     return report

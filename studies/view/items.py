@@ -19,7 +19,7 @@ from fabdesign.motion_file import read_motion, square_triangles
 from fabdesign.npz_file import open_npz
 from fabdesign.trial import Trial
 from fabdesign.trial_file import read_trial
-from studies.predict import factors_of
+from studies.forward_model import forward_model
 
 LARGEST = 5.0  # m, of any coordinate: what is larger is in another unit
 MOST = 8  # side by side
@@ -102,8 +102,8 @@ def _trial(trial: Trial, title: str, model: Model | None, forward: ForwardModel 
     data = trial.load()
     items = [Item(title, np.asarray(data.time, np.float64), data.frames)]
     if model is not None and forward is not None:
-        case = Case(trial.design, trial.program, factors_of(model))
-        points = forward.motions([case], [trial.times])[0]
+        case = Case(trial.design, trial.program, order=trial.order)
+        points = forward_model(forward, model, sensing=True).motions([case], [trial.times])[0]
         if not np.isfinite(points).all():
             raise InputError(f"{trial.file}: its prediction diverges; expected a model under which it can be shown")
         items.append(Item(f"{trial.name}, predicted", trial.times, points, square_triangles(points.shape[1])))

@@ -1,0 +1,72 @@
+"""A fit as a model: values with intervals, what each belongs to, and what is known of them jointly."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fabdesign.design import Design
+from fabdesign.effects import EFFECTS
+from fabdesign.forward import MUSCLE_TYPES, OF_MUSCLES
+from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
+from studies.calibration.fit import Fit
+from studies.calibration.parameters import FitParameter
+
+QUANTILE = 1.645  # two-sided 90 %
+
+
+def fitted_model(
+    found: Fit,
+    covariance: np.ndarray,
+    *,
+    designs: Sequence[Design],
+    believable: bool,
+    points_per_side: int,
+    provenance: Provenance,
+) -> Model:
+    """covariance: (p, p) of the fit's unknowns, whatever the intervals hold included."""
+    deviation = np.sqrt(np.diag(covariance))
+    muscles = muscle_scope(designs)
+    parameters, quantities = {}, {}
+    for parameter, x, s in zip(found.vector.parameters, found.x, deviation, strict=True):
+        interval = parameter.value(x - QUANTILE * s), parameter.value(x + QUANTILE * s)
+        if parameter.is_factor:
+            scope = _scope_of(parameter, muscles)
+            parameters[parameter.name] = Parameter(parameter.value(x), interval, believable, scope)
+        else:
+            quantities[parameter.name] = Quantity(parameter.value(x), parameter.unit, interval)
+    for name, factor in found.vector.factors:
+        parameters.setdefault(name, Parameter(factor))
+    effects = []
+    for term in found.vector.terms_at(found.x):
+        declared = EFFECTS[term.name]
+        values = {
+            key: quantities.get(f"{term.name}.{key}", Quantity(value, declared.parameters[key].unit))
+            for key, value in declared.values(term.values).items()
+        }
+        own = muscles if declared.scope == "muscle type" else declared.scope
+        effects.append(EffectTerm(term.name, values, term.scope or own))
+    return Model(
+        parameters,
+        tuple(effects),
+        points_per_side=points_per_side,
+        provenance=provenance,
+        without_effects=None if found.without_effects is None else _plain(found.without_effects),
+        covariance=Covariance(found.vector.names, covariance),
+    )
+
+
+def _plain(found: Fit) -> dict[str, Parameter]:
+    values = {p.name: Parameter(p.value(x)) for p, x in zip(found.vector.parameters, found.x, strict=True)}
+    return values | {name: Parameter(factor) for name, factor in found.vector.factors if name not in values}
+
+
+def muscle_scope(designs: Sequence[Design]) -> str | None:
+    """Of the one muscle type that all designs use; None where there are several, or none."""
+    types = {muscle.type for design in designs for muscle in design.muscles}
+    return f"{MUSCLE_TYPES}{types.pop()}" if len(types) == 1 else None
+
+
+def _scope_of(parameter: FitParameter, muscles: str | None) -> str | None:
+    if parameter.name.startswith(MUSCLE_TYPES):
+        return parameter.name.rpartition(".")[0]
+    return muscles if parameter.name in OF_MUSCLES else "fabric"

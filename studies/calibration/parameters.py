@@ -1,0 +1,211 @@
+"""What a fit may move: factors on declared values, and the parameters of effects, each with its transform and prior.
+
+The unknown of a parameter is x = t(value) - t(centre), t the logarithm or nothing; its prior is normal about zero.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.effects import Effect
+from fabdesign.effects.registry import EFFECTS, check_values, effect_named
+from fabdesign.errors import InputError
+from fabdesign.forward import FACTORS, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS, Case, Term
+from fabdesign.table import nearest
+from fabdesign.trial import Trial
+
+Array = NDArray[np.float64]
+# Standard deviations of the logarithms: data sheets are good to tens of percent, their damping to 30 %.
+PRIOR = dict.fromkeys(PARAMETERS, 0.15) | {"damping": 0.30}
+TYPICAL = 0.15  # standard deviation that counts as one of a factor where steps are judged
+START = 0.5  # of the way from off to its typical value, where a strength begins
+
+
+@dataclass(frozen=True)
+class FitParameter:
+    """One unknown of a fit. name: that of a factor, or EFFECT.PARAMETER."""
+
+    name: str
+    deviation: float  # of the prior, of x
+    centre: float = 1.0  # value at x = 0
+    transform: Literal["linear", "log"] = "log"
+    unit: str = "1"
+    bounds: tuple[float, float] = FACTORS  # of the value
+    start: float = 0.0  # x at which a fit begins
+
+    def value(self, x: float) -> float:
+        moved = self.centre * float(np.exp(x)) if self.transform == "log" else self.centre + float(x)
+        return min(max(moved, self.bounds[0]), self.bounds[1])
+
+    def unknown(self, value: float) -> float:
+        """x of a value."""
+        if self.transform == "log":
+            return float(np.log(value / self.centre))
+        return value - self.centre
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Of x."""
+        return self.unknown(self.bounds[0]), self.unknown(self.bounds[1])
+
+    @property
+    def is_factor(self) -> bool:
+        return self.name in PARAMETERS or self.name.startswith(MUSCLE_TYPES)
+
+
+@dataclass(frozen=True)
+class FitVector:
+    """The unknowns of a fit, in order, and what it holds: factors, and effects whose parameters may be among them."""
+
+    parameters: tuple[FitParameter, ...]
+    factors: tuple[tuple[str, float], ...] = ()
+    terms: tuple[Term, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(parameter.name for parameter in self.parameters)
+
+    @cached_property
+    def prior(self) -> Array:
+        """(p,) standard deviations of x."""
+        return np.array([parameter.deviation for parameter in self.parameters])
+
+    @cached_property
+    def scale(self) -> Array:
+        """(p,) of x that counts as much as 1 of a factor's logarithm, where the length of a step is judged."""
+        return np.array([1.0 if p.is_factor else p.deviation / TYPICAL for p in self.parameters])
+
+    @cached_property
+    def start(self) -> Array:
+        return np.array([parameter.start for parameter in self.parameters])
+
+    @property
+    def without_effects(self) -> "FitVector":
+        """The factors alone."""
+        return FitVector(tuple(p for p in self.parameters if p.is_factor), self.factors)
+
+    def begin(self, names: Sequence[str], x: Array) -> Array:
+        """(p,) where the unknowns begin of which some were fitted before: `names` at `x`."""
+        known = dict(zip(names, x, strict=True))
+        return np.array([known.get(parameter.name, parameter.start) for parameter in self.parameters])
+
+    @cached_property
+    def limits(self) -> Array:
+        """(2, p) of x."""
+        return np.array([parameter.limits for parameter in self.parameters]).T.reshape(2, -1)
+
+    def inside(self, x: Array) -> Array:
+        return np.clip(x, *self.limits)
+
+    def factors_at(self, x: Array) -> dict[str, float]:
+        own = {p.name: p.value(v) for p, v in zip(self.parameters, x, strict=True) if p.is_factor}
+        return {**dict(self.factors), **own}
+
+    def terms_at(self, x: Array) -> tuple[Term, ...]:
+        values = {p.name: p.value(v) for p, v in zip(self.parameters, x, strict=True)}
+        return tuple(
+            replace(
+                term,
+                values={**term.values} | {
+                    key: values[f"{term.name}.{key}"]
+                    for key in EFFECTS[term.name].parameters if f"{term.name}.{key}" in values
+                },
+            )
+            for term in self.terms
+        )  # fmt: skip
+
+    def case(self, trial: Trial, x: Array) -> Case:
+        return Case(trial.design, trial.program, self.factors_at(x), self.terms_at(x), trial.order)
+
+    def steps(self, x: Array, rows: Array) -> Array:
+        """(p, p) differences from x that stay within the limits: the rows, turned round where that keeps them in, or
+        of single unknowns where their cut ones would not tell all apart."""
+        chosen = np.array([self._step(x, row) for row in rows])
+        scaled = chosen / self.scale
+        lengths = np.linalg.norm(scaled, axis=1)
+        if lengths.min() > 0 and np.linalg.cond(scaled / lengths[:, None]) < _ILL:
+            return chosen
+        sizes = np.abs(rows).max(axis=0)
+        low, high = self.limits
+        return np.diag(np.where(x + sizes <= high, sizes, -np.minimum(sizes, x - low)))
+
+    def _step(self, x: Array, row: Array) -> Array:
+        ways = [self.inside(x + sign * row) - x for sign in (1.0, -1.0)]
+        whole = [np.allclose(np.abs(way), np.abs(row)) for way in ways]
+        if whole[0] or not any(whole):
+            return max(ways, key=lambda way: float(np.abs(way / self.scale).sum())) if not whole[0] else ways[0]
+        return ways[1]
+
+
+_ILL = 1e6
+
+DECLARED = FitVector(tuple(FitParameter(name, PRIOR[name]) for name in PARAMETERS))
+
+
+def fit_vector(
+    free: Sequence[str] = (),
+    fixed: Sequence[str] = (),
+    *,
+    factors: dict[str, float] | None = None,
+    terms: Iterable[Term] = (),
+    scope: str | None = None,
+) -> FitVector:
+    """The declared parameters less those `fixed`, and what `free` adds: EFFECT (all of its parameters),
+    EFFECT.PARAMETER, EFFECT:PARAMETER=VALUE (one that is chosen, not fitted), muscle_types.NAME.PARAMETER.
+
+    factors, terms: what holds besides, such as a model's; a free effect among the terms begins there. scope: of the
+    muscles' effects that are added. Raises InputError.
+    """  # fmt: skip
+    for name in fixed:
+        if name not in PARAMETERS:
+            raise InputError(f"--fix {name}: expected one of {', '.join(PARAMETERS)}{nearest(name, PARAMETERS)}")
+    held = {name: factor for name, factor in (factors or {}).items() if name.rpartition(".")[2] in fixed}
+    parameters = [p for p in DECLARED.parameters if p.name not in fixed]
+    acting = {term.name: term for term in terms}
+    for item in free:
+        if item.startswith(MUSCLE_TYPES):
+            parameters.append(_of_muscles(item))
+            continue
+        name, _, given = item.partition(":")
+        name, _, only = name.partition(".")
+        effect = effect_named(name, f"--free {item}")
+        term = acting.get(name) or Term(name, {}, scope if effect.scope == "muscle type" else None)
+        if given:
+            key, _, value = given.partition("=")
+            try:
+                number = float(value)
+            except ValueError:
+                raise InputError(f"--free {item}: expected {name}:PARAMETER=NUMBER") from None
+            check_values(effect, {key: number}, f"--free {item}")
+            term = replace(term, values={**term.values, key: number})
+        acting[name] = term
+        parameters += _of_effect(effect, only, item, term, {p.name for p in parameters})
+    return FitVector(tuple(parameters), tuple(held.items()), tuple(acting.values()))
+
+
+def _of_muscles(item: str) -> FitParameter:
+    name = item.rpartition(".")[2]
+    if name not in OF_MUSCLES:
+        raise InputError(f"--free {item}: expected {MUSCLE_TYPES}NAME.{' or '.join(OF_MUSCLES)}")
+    return FitParameter(item, PRIOR[name])
+
+
+def _of_effect(effect: Effect, only: str, item: str, term: Term, known: set[str]) -> list[FitParameter]:
+    if only and only not in effect.parameters:
+        check_values(effect, {only: 0.0}, f"--free {item}")  # raises
+    found = []
+    for key, parameter in effect.parameters.items():
+        name = f"{effect.name}.{key}"
+        if parameter.whole or (only and key != only) or name in known or f":{key}=" in item:
+            continue
+        unknown = FitParameter(
+            name, parameter.deviation, parameter.centre, parameter.transform, parameter.unit, parameter.bounds
+        )
+        begin = term.values.get(key, parameter.typical)
+        share = START if parameter.off is not None and key not in term.values else 1.0
+        found.append(replace(unknown, start=share * unknown.unknown(begin)))
+    return found
