@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fabdesign.forward import PARAMETERS, Case, ForwardModel, Term
 from fabdesign.trial import Trial
-from studies.calibration.normal import PRIOR
+from studies.calibration.parameters import PRIOR
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

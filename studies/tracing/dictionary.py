@@ -69,7 +69,9 @@ def entries_of(channels: int, known: Collection[str] = ()) -> tuple[tuple[Column
                     off = {name: effect.parameters[name].off for name in effect.strengths}
                     values = {**shape, **off, strength: value_at(effect.parameters[strength], size)}
                     own.append(len(columns))
-                    columns.append(Column(effect.name, strength, {k: float(v) for k, v in values.items() if v is not None}))
+                    columns.append(
+                        Column(effect.name, strength, {k: float(v) for k, v in values.items() if v is not None})
+                    )
                 variants.append(Variant(effect.name, tuple(own), size, shape))
     return tuple(columns), tuple(variants)
 
@@ -90,9 +92,9 @@ def _shapes(effect: Effect, channels: int) -> list[tuple[dict[str, float], tuple
     return [(dict(zip(choices, values, strict=True)), sizes) for values in product(*choices.values())]
 
 
-def dictionary(bench: Bench, state: State, *, types: list[str], channels: int) -> Dictionary:
+def dictionary(bench: Bench, state: State, *, types: list[str], channels: int, known: Sequence[str] = ()) -> Dictionary:
     """Every effect that is not in the model yet, added to it at the state, and decoys."""
-    entries, variants = entries_of(channels, [added.name for added in state.vector.added])
+    entries, variants = entries_of(channels, [*known, *(added.name for added in state.vector.added)])
     rows = [
         [
             state.vector.case(s.trial, state.x, (Term(e.effect, e.values, scope_of(e.effect, types)),))
@@ -138,6 +140,12 @@ def added_of(variant: Variant, coefficients: Sequence[float], types: list[str]) 
             shape = variant.shape[name]
             moved = np.log(shape / parameter.typical) if parameter.transform == "log" else shape - parameter.typical
             start.append(float(moved / parameter.deviation))
-    if all(value_at(effect.parameters[n], x) == effect.parameters[n].off for n, x in zip(free, start, strict=True) if n in found):
-        start = [0.25 if n in found else x for n, x in zip(free, start, strict=True)]  # off: its shape would say nothing
+    if all(
+        value_at(effect.parameters[n], x) == effect.parameters[n].off
+        for n, x in zip(free, start, strict=True)
+        if n in found
+    ):
+        start = [
+            0.25 if n in found else x for n, x in zip(free, start, strict=True)
+        ]  # off: its shape would say nothing
     return added, np.array(start)

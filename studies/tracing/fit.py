@@ -97,9 +97,7 @@ class Bench:
         steps = np.full(len(state.x), STEP)
         up = np.array([state.vector.within(state.x + d)[k] for k, d in enumerate(np.diag(steps))])
         steps = np.where(up - state.x > 0.5 * STEP, up - state.x, -STEP)  # at an upper bound, downwards
-        moved = [
-            [state.vector.case(s.trial, state.x + step) for s in self.samples] for step in np.diag(steps)
-        ]
+        moved = [[state.vector.case(s.trial, state.x + step) for s in self.samples] for step in np.diag(steps)]
         return replace(state, jacobian=self.differences(state, moved) / steps)
 
     def differences(self, state: State, cases: Sequence[Sequence], *, trials_ahead: int = 0) -> Array:

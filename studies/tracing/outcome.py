@@ -13,9 +13,9 @@ from fabdesign.effects import EFFECTS
 from fabdesign.forward import PARAMETERS
 from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
 from fabdesign.trial import Trial
-from studies.calibration.calibrate import QUANTILE
+from studies.calibration.fitted_model import QUANTILE
 from studies.calibration.engine_difference import data_share, engine_difference
-from studies.calibration.normal import PRIOR
+from studies.calibration.parameters import PRIOR
 from studies.judged import Stretch
 from studies.tracing.errors import TrialError, mean_of
 from studies.tracing.ranking import Grams, covariance
@@ -48,7 +48,10 @@ class Outcome:
     @property
     def effects(self) -> tuple[EffectTerm, ...]:
         """Those that the verdict stands by."""
-        return self.model.effects if self.verdict == "effect" else ()
+        if self.verdict != "effect":
+            return ()
+        found = [added.name for added in self.search.after.vector.added]
+        return tuple(effect for effect in self.model.effects if effect.name in found)
 
     def as_json(self) -> dict[str, Any]:
         """`trace.json`; mm."""
@@ -106,7 +109,11 @@ class Outcome:
         shares, last = {}, self.evidence.before
         for done in self.search.rounds:
             if done.chosen is not None:
-                now = max(self.search.rounds[0].ranking.excess - done.chosen.gain, 0.0) if done is self.search.rounds[0] else done.ranking.excess - done.chosen.gain
+                now = (
+                    max(self.search.rounds[0].ranking.excess - done.chosen.gain, 0.0)
+                    if done is self.search.rounds[0]
+                    else done.ranking.excess - done.chosen.gain
+                )
                 shares[done.chosen.effect] = (last - now) / self.evidence.before
                 last = now
         return shares
@@ -128,7 +135,9 @@ class Outcome:
              "certain": False}
         ]  # fmt: skip
         for c in first.ranking.candidates:
-            gain, interval = (full[c.effect].gain, full[c.effect].interval90) if c.effect in full else (c.gain, c.interval90)
+            gain, interval = (
+                (full[c.effect].gain, full[c.effect].interval90) if c.effect in full else (c.gain, c.interval90)
+            )
             rows.append(
                 {"name": c.effect, "excess": max(first.ranking.excess - gain, 0.0), "gain": gain, "interval90": interval,
                  "full": c.effect in full, "certain": first.ranking.certain(c)}
@@ -172,11 +181,24 @@ class Outcome:
         }
 
 
-def model_of(search: Search, points_per_side: int, provenance: Provenance, *, with_effects: bool) -> Model:
-    """The last state as a model, or the first, without effects."""
+def model_of(
+    search: Search,
+    points_per_side: int,
+    provenance: Provenance,
+    *,
+    with_effects: bool,
+    known: tuple[EffectTerm, ...] = (),
+) -> Model:
+    """The last state as a model, or the first, without effects found; both with those known before."""
     plain = _parameters(search.before.x, _covariance(search.rounds[0].grams))
     if not with_effects or not search.after.vector.added:
-        return Model(plain, points_per_side=points_per_side, provenance=provenance, covariance=_joint(search.rounds[0].grams, search.before.vector.names))
+        return Model(
+            plain,
+            known,
+            points_per_side=points_per_side,
+            provenance=provenance,
+            covariance=_joint(search.rounds[0].grams, search.before.vector.names),
+        )
     state, grams = search.after, search.rounds[-1].grams
     matrix = _covariance(grams)
     effects = []
@@ -191,7 +213,7 @@ def model_of(search: Search, points_per_side: int, provenance: Provenance, *, wi
         effects.append(EffectTerm(added.name, quantities, added.scope))
     return Model(
         _parameters(state.x, matrix),
-        tuple(effects),
+        (*known, *effects),
         points_per_side=points_per_side,
         provenance=provenance,
         without_effects=plain,
@@ -222,7 +244,9 @@ def _joint(grams: Grams, names: Sequence[str]) -> Covariance:
     return Covariance(tuple(names), _covariance(grams) * np.outer(scale, scale))
 
 
-def provenance_of(set_name: str, fitted: Sequence[Trial], held_out: Sequence[Trial], hashes: Mapping[str, str], seed: int) -> Provenance:
+def provenance_of(
+    set_name: str, fitted: Sequence[Trial], held_out: Sequence[Trial], hashes: Mapping[str, str], seed: int
+) -> Provenance:
     """Where the model comes from."""
     return Provenance(
         sets=(set_name,),

@@ -93,9 +93,7 @@ def cross_validate(grams: Grams, variant: Variant | None) -> Scored:
     for fold in np.unique(grams.fold):
         out = grams.fold == fold
         step = _solve(a[~out].sum(axis=0), g[~out].sum(axis=0), grams, ~out, precision, centre)
-        squares[out] = (
-            np.einsum("uij,i,j->u", a[out], step, step) + 2 * g[out] @ step + grams.gram[out, -1, -1]
-        )
+        squares[out] = np.einsum("uij,i,j->u", a[out], step, step) + 2 * g[out] @ step + grams.gram[out, -1, -1]
     everything = np.ones(len(grams.points), dtype=bool)
     step = _solve(a.sum(axis=0), g.sum(axis=0), grams, everything, precision, centre)
     return Scored(variant, np.maximum(squares, 0.0), step[grams.parameters :])
@@ -186,9 +184,7 @@ def gain_interval(
 ) -> tuple[float, float]:
     """90 %, m of excess, resampling folds."""
     folds = np.unique(grams.fold)
-    sums = np.array(
-        [[x[grams.fold == f].sum() for x in (worse.squares, better.squares, grams.points)] for f in folds]
-    )
+    sums = np.array([[x[grams.fold == f].sum() for x in (worse.squares, better.squares, grams.points)] for f in folds])
     drawn = sums[rng.integers(0, len(folds), size=(BOOTSTRAP, len(folds)))].sum(axis=1)
     gains = _excess(drawn[:, 0] / drawn[:, 2], floor) - _excess(drawn[:, 1] / drawn[:, 2], floor)
     low, high = np.quantile(gains, [0.05, 0.95])
@@ -203,9 +199,7 @@ def _chance(grams: Grams, found: Dictionary, floor: float, rng: np.random.Genera
         turned = grams.flipped(signs)
         none = cross_validate(turned, None)
         before = excess_of(turned, none, floor)
-        best = [
-            excess_of(turned, cross_validate(turned, v), floor) for v in found.variants if not v.decoy
-        ]
+        best = [excess_of(turned, cross_validate(turned, v), floor) for v in found.variants if not v.decoy]
         gains.append(before - min(best, default=before))
     return float(np.quantile(gains, 0.95)) if gains else 0.0
 
@@ -249,7 +243,14 @@ def covariance(grams: Grams) -> Array:
         return posterior
     alone = np.array(
         [
-            _solve(a[grams.fold != f].sum(axis=0), g[grams.fold != f].sum(axis=0), grams, grams.fold != f, grams.precision, grams.x)
+            _solve(
+                a[grams.fold != f].sum(axis=0),
+                g[grams.fold != f].sum(axis=0),
+                grams,
+                grams.fold != f,
+                grams.precision,
+                grams.x,
+            )
             for f in folds
         ]
     )

@@ -7,7 +7,7 @@ import numpy as np
 
 from studies.tracing.black_box import ceiling_squares
 from studies.tracing.data import folds_of
-from studies.tracing.dictionary import Dictionary, added_of, dictionary
+from studies.tracing.dictionary import Dictionary, added_of, dictionary, entries_of
 from studies.tracing.fit import Bench, State, descend
 from studies.tracing.ranking import (
     ALIKE,
@@ -86,10 +86,12 @@ def search(
     start: Array | None = None,
     types: list[str],
     channels: int,
+    known: Sequence[str] = (),
     seed: int = 0,
     say: Say = lambda line: None,
 ) -> Search:
-    """From the declared parameters refitted to up to MOST effects, one at a time."""
+    """From the declared parameters refitted to up to MOST effects, one at a time. known: effects that the forward model
+    has already."""
     folds = folds_of(bench.samples)
     vector = Vector()
     x = vector.centre() if start is None else start
@@ -98,7 +100,7 @@ def search(
     )
     rounds: list[Round] = []
     while True:
-        done = _round(bench, stages, state, folds, floor, tolerance, len(rounds), types, channels, seed, say)
+        done = _round(bench, stages, state, folds, floor, tolerance, len(rounds), types, channels, known, seed, say)
         rounds.append(done)
         if done.chosen is None or len(rounds) > MOST:
             return Search(bench, folds, floor, tuple(rounds))
@@ -115,11 +117,12 @@ def _round(
     number: int,
     types: list[str],
     channels: int,
+    known: Sequence[str],
     seed: int,
     say: Say,
 ) -> Round:
     say(f"round {number + 1}: differences of the dictionary at {1e3 * state.rms:.3f} mm RMS")
-    found = _dictionary(bench, stages, state, number, types, channels)
+    found = _dictionary(bench, stages, state, number, types, channels, known)
     grams = grams_of(bench, state, found.columns, folds)
     say(f"round {number + 1}: ranking {len(found.effects)} candidates")
     ranking = rank(grams, found, floor, seed=seed)
@@ -133,7 +136,9 @@ def _round(
         return nothing
     finalists = []
     for k, candidate in enumerate(worth[:FINALISTS]):
-        finalists.append(_in_full(bench, stages, state, folds, floor, candidate, f"{number}_{k}", types, grams, ranking, say))
+        finalists.append(
+            _in_full(bench, stages, state, folds, floor, candidate, f"{number}_{k}", types, grams, ranking, say)
+        )
     finalists.sort(key=lambda f: f.held_out)
     best = finalists[0]
     if best.gain <= WORTH * ranking.excess or best.interval90[0] <= 0:
@@ -161,20 +166,18 @@ def _indistinguishable(
 
 
 def _dictionary(
-    bench: Bench, stages: Stages, state: State, number: int, types: list[str], channels: int
+    bench: Bench, stages: Stages, state: State, number: int, types: list[str], channels: int, known: Sequence[str]
 ) -> Dictionary:
-    from studies.tracing.dictionary import entries_of
-
     kept: list[Dictionary] = []
 
     def compute() -> dict[str, Array]:
-        kept.append(dictionary(bench, state, types=types, channels=channels))
+        kept.append(dictionary(bench, state, types=types, channels=channels, known=known))
         return {"columns": kept[0].columns.astype(np.float32)}
 
     columns = stages.of(f"dictionary_{number}", compute)["columns"].astype(float)
     if kept:
         return replace(kept[0], columns=columns)
-    entries, variants = entries_of(channels, [added.name for added in state.vector.added])
+    entries, variants = entries_of(channels, [*known, *(added.name for added in state.vector.added)])
     if columns.shape[1] > len(entries):
         decoys = [replace(v, columns=tuple(len(entries) + c for c in v.columns), decoy=True) for v in variants]
         variants = (*variants, *decoys)

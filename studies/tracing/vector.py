@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fabdesign.effects import EFFECTS, EffectParameter
 from fabdesign.forward import MUSCLE_TYPES, PARAMETERS, Case, Term
 from fabdesign.trial import Trial
-from studies.calibration.normal import PRIOR
+from studies.calibration.parameters import PRIOR
 
 Array = NDArray[np.float64]
 FACTORS = len(PARAMETERS)
