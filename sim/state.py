@@ -26,7 +26,7 @@ class Life(Enum):
 
 
 LOADED, CARRIED, WORK, SCRATCH, REMEMBERED = Life
-Place = Literal["node", "edge", "cell", "fixed point", "interval"]
+Entity = Literal["node", "edge", "cell", "fixed point", "interval"]
 BY_NODE, BY_POINT = ("node", "edge", "cell"), ("fixed point", "interval")
 NEXT = "_next"  # of the plane to which an added force writes
 
@@ -41,7 +41,7 @@ COARSE = 3 * COARSE_ACROSS * COARSE_DOWN  # a multiple of four
 @dataclass(frozen=True)
 class Plane:
     name: str
-    on: Place
+    on: Entity
     unit: str  # "1" for a number without one
     life: Life
     what: str
@@ -73,7 +73,7 @@ class Array:
     whole: bool = False  # of integers
 
 
-def _node(name: str, unit: str, life: Life, what: str, *, on: Place = "node") -> Plane:
+def _node(name: str, unit: str, life: Life, what: str, *, on: Entity = "node") -> Plane:
     return Plane(name, on, unit, life, what, vector=True)
 
 

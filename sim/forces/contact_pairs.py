@@ -59,11 +59,11 @@ class Sheet:
         return max(NEAR_CELLS * max(self.spacing), NEAR_THICKNESSES * self.thickness)
 
 
-def find(x: Array, sheet: Sheet, reach: float, before: Pairs) -> Pairs:
-    """Pairs at most `reach` [m] apart in the shape x (n, n, 3). A node that was paired with a cell or its neighbours
+def find(x: Array, sheet: Sheet, cutoff: float, before: Pairs) -> Pairs:
+    """Pairs at most `cutoff` [m] apart in the shape x (n, n, 3). A node that was paired with a cell or its neighbours
     stays on the side where it was then, so that what has slipped through is pushed back."""
     n = len(x)
-    node, row, column = _candidates(x, sheet, reach)
+    node, row, column = _candidates(x, sheet, cutoff)
     p00, p10, p01, p11 = (x[row + j, column + i] for j, i in ((0, 0), (0, 1), (1, 0), (1, 1)))
     a, b = (p10 - p00 + p11 - p01) / 2, (p01 - p00 + p11 - p10) / 2
     position = x.reshape(-1, 3)[node]
@@ -85,7 +85,7 @@ def find(x: Array, sheet: Sheet, reach: float, before: Pairs) -> Pairs:
     r = position - sum(w[:, None] * p for w, p in zip(weights, (p00, p10, p01, p11), strict=True))
     distance = np.linalg.norm(r, axis=1)
     side = np.where(np.einsum("kc,kc->k", r, np.cross(b, a)) < 0, -1.0, 1.0)
-    left = np.flatnonzero(beside & (distance < reach))
+    left = np.flatnonzero(beside & (distance < cutoff))
     left = left[np.lexsort((distance[left], node[left]))]
     found = Pairs.none(n * n)
     for layer in range(LAYERS):
@@ -103,13 +103,13 @@ def find(x: Array, sheet: Sheet, reach: float, before: Pairs) -> Pairs:
     return found
 
 
-def _candidates(x: Array, sheet: Sheet, reach: float) -> tuple[Ints, Ints, Ints]:
+def _candidates(x: Array, sheet: Sheet, cutoff: float) -> tuple[Ints, Ints, Ints]:
     """Nodes, and rows and columns of cells around the nodes of other layers that are near."""
     from scipy.spatial import cKDTree  # half a second that only contact needs
 
     n = len(x)
     # from a point above a cell to the nearest corner; cells are stretched by a few per cent
-    radius = np.hypot(reach, 0.55 * np.hypot(*sheet.spacing))
+    radius = np.hypot(cutoff, 0.55 * np.hypot(*sheet.spacing))
     pairs = cKDTree(x.reshape(-1, 3)).query_pairs(radius, output_type="ndarray")
     rows, columns = np.divmod(pairs, n)
     pairs = pairs[~_close(rows[:, 0] - rows[:, 1], columns[:, 0] - columns[:, 1], sheet)]
@@ -173,8 +173,8 @@ class Touching:
             moved = float(np.linalg.norm(x - at, axis=-1).max())
             if moved + (0 if paired else step) < (SLIP * sheet.thickness if paired else slack / 2):
                 return False
-        reach = min(sheet.thickness + max(slack, 2.5 * step), 0.8 * sheet.near)
-        self.pairs[index] = find(x, sheet, reach, self.pairs[index])
+        cutoff = min(sheet.thickness + max(slack, 2.5 * step), 0.8 * sheet.near)
+        self.pairs[index] = find(x, sheet, cutoff, self.pairs[index])
         self.found_at[index] = x
         self.far[index] = sheet.thickness + 2 * (SLIP * sheet.thickness + 1.25 * step)
         return paired or bool(self.pairs[index].side.any())

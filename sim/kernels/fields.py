@@ -34,6 +34,7 @@ except ImportError as error:  # a bare machine lacks libX11
     raise InputError(f"cannot load taichi ({error}); on Debian: apt install libx11-6") from error
 
 from sim import state  # after the error above
+from sim.kernels.devices import HIDDEN_STEPS, wanted
 from sim.kernels.frontend import brief
 from sim.kernels.vector_width import widen
 from sim.materials import CONSTANTS
@@ -77,17 +78,29 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
         modes=max(modes + -modes % 4, had.get("modes", 0)),
     )
     blocks = max(blocks, had.get("blocks", 0))
-    kept = {}  # compiled kernels of other width lie in Taichi's own folder
-    if widen():
-        kept["offline_cache_file_path"] = ti.lang.impl.default_cfg().offline_cache_file_path + "_wide"
+    kept = {"offline_cache_file_path": _wide_folder()} if widen() else {}
     with contextlib.redirect_stdout(io.StringIO()):
         ti.init(arch=ti.cpu, default_fp=ti.f32, offline_cache=True, advanced_optimization=False, **kept)
     F.__dict__.update(sizes.__dict__, blocks=blocks, declared=declared)
     _make_fields(sizes, blocks)
     _make_shared(sizes, blocks)
     longest = max(F.node3.shape[1], F.point.shape[1], F.across.shape[1], F.coarse.shape[1])  # of all loops
-    F.after = ti.field(ti.i32, shape=longest)  # filled with the first batch
+    F.after = ti.field(ti.i32, shape=longest) if wanted(HIDDEN_STEPS) else Following()  # filled with the first batch
     F.ready = True
+
+
+def _wide_folder() -> str:
+    """Where kernels of 8 floats an operation are kept: Taichi, which does not tell them from those of 4, would take one
+    for the other. A second start finds the folder of the first."""
+    folder = os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or ti.lang.impl.default_cfg().offline_cache_file_path
+    return folder.removesuffix("_wide") + "_wide"
+
+
+class Following:
+    """k + 1 in place of a table of it."""
+
+    def __getitem__(self, k: Any) -> Any:
+        return k + 1
 
 
 def _make_fields(sizes: state.Sizes, blocks: int) -> None:

@@ -3,7 +3,8 @@
 Taichi walks the syntax tree of a kernel and of every function in it, call by call, before it can tell whether the
 compiled kernel lies in its cache. For each call it finds, splits, wraps and parses the function's source anew, and for
 every node it lays out an excerpt of that in case of an error. Here a file is parsed once, and a node that fails is
-named by file and line: a warm start takes half as long. The trees are the same, and so are the kernels.
+named by file and line: a warm start takes half as long. The trees are the same, and so are the kernels. Other versions
+of Taichi keep their own frontend.
 """
 
 import ast
@@ -12,45 +13,65 @@ import copy
 import functools
 import gc
 import linecache
+import threading
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from taichi.lang import impl, kernel_impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext, Builder
 from taichi.lang.exception import TaichiCompilationError
 
+from sim.kernels.devices import SHORT_FRONTEND, tested, wanted
+
+_swapping = threading.RLock()  # one thread at a time, so that Taichi's own frontend is back after the last
+
 
 @contextlib.contextmanager
 def brief() -> Iterator[None]:
     """The short frontend, without the garbage collector, which would look through all that a kernel is made of."""
-    collects = gc.isenabled()
-    gc.disable()
-    short = (
-        (kernel_impl, "_get_tree_and_ctx", _tree_and_context),
-        (Builder, "__call__", _visit),
-        (ASTTransformerContext, "get_pos_info", _nothing),
-        (impl, "get_traceback", _nothing),
-    )
-    long = [(owner, name, getattr(owner, name)) for owner, name, _ in short]
-    for owner, name, function in short:
-        setattr(owner, name, function)
-    try:
-        with impl.get_runtime().src_info_guard(""):
-            yield
-    finally:
-        for owner, name, function in long:
+    if not wanted(SHORT_FRONTEND) or not tested():
+        yield
+        return
+    with _swapping:
+        collects = gc.isenabled()
+        gc.disable()
+        short = (
+            (kernel_impl, "_get_tree_and_ctx", _tree_and_context),
+            (Builder, "__call__", _visit),
+            (ASTTransformerContext, "get_pos_info", _nothing),
+            (impl, "get_traceback", _nothing),
+        )
+        long = [(owner, name, getattr(owner, name)) for owner, name, _ in short]
+        for owner, name, function in short:
             setattr(owner, name, function)
-        if collects:
-            gc.enable()
+        try:
+            with impl.get_runtime().src_info_guard(""):
+                yield
+        finally:
+            for owner, name, function in long:
+                setattr(owner, name, function)
+            if collects:
+                gc.enable()
 
 
 def _nothing(*_: Any, **__: Any) -> str:
     return ""
 
 
-@functools.cache
 def _functions(file: str) -> dict[int, ast.FunctionDef]:
+    """The functions of a file as it is now: a notebook may have loaded it anew."""
+    try:
+        changed = Path(file).stat().st_mtime_ns
+    except OSError:  # a notebook's cell
+        changed = 0
+    return _parsed(file, changed)
+
+
+@functools.cache
+def _parsed(file: str, _: int) -> dict[int, ast.FunctionDef]:
     """The functions of a file by the line on which they begin, decorators included, which are then dropped."""
+    linecache.checkcache(file)
     functions = {}
     for node in ast.walk(ast.parse("".join(linecache.getlines(file)))):
         if isinstance(node, ast.FunctionDef):

@@ -12,7 +12,7 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from sim import state
-from sim.kernels.fields import LANES, WIDE, C, F, Timed, X
+from sim.kernels.fields import LANES, WIDE, C, F, Following, Timed, X
 from sim.kernels.vectors import Lanes, Wide
 from sim.time.scheme import H
 
@@ -140,10 +140,11 @@ def _shared_kernel(
     rows: ti.types.ndarray(dtype=ti.i32, ndim=3),
 ):  # fmt: skip
     F.touched[0], F.touched[1], F.odd[None] = across, down, odd
-    k = 0
-    while k < F.after.shape[0]:
-        F.after[k] = k + 1
-        k += 1
+    if ti.static(not isinstance(F.after, Following)):
+        k = 0
+        while k < F.after.shape[0]:
+            F.after[k] = k + 1
+            k += 1
     k = 0
     while k < basis.shape[0]:
         for r in ti.static(range(8)):

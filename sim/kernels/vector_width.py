@@ -1,14 +1,16 @@
 """How many floats LLVM packs into one operation.
 
-Taichi's LLVM 15 takes processors that came after it, Zen 4 among them, for the first x86-64 and packs 4 floats, not 8:
-the kernels then take 1.6 times as long. LLVM's option for that width is set here. The function that reads such options
-is not among those that Taichi exports, but stands in its library's symbol table.
+Taichi's LLVM 15 takes processors of AMD that came after it, from Zen 5 on, for the first x86-64 and packs 4 floats, not
+8: the kernels then take 1.4 times as long. LLVM's option for that width is set here. The function that reads such
+options is not among those that Taichi exports, but stands in its library's symbol table. It is called only where memory
+holds its code as the library's file has it; an option that this LLVM does not have it passes over.
 """
 
 import ctypes
 import functools
 import mmap
 import platform
+import re
 import struct
 import sys
 from collections.abc import Callable
@@ -16,23 +18,26 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import taichi
 
-TESTED = (1, 7, 4)
+from sim.kernels.devices import WIDE_VECTORS, tested, wanted
+
+PROCESSOR = Path("/proc/cpuinfo")
 OPTION = b"-slp-max-reg-size=256"
 ANCHOR = "PyInit_taichi_python"  # exported: says where the library lies in memory
 READER = "LLVMParseCommandLineOptions"
 _SYMBOL = np.dtype([("name", "<u4"), ("kind", "<u4"), ("value", "<u8"), ("size", "<u8")])  # Elf64_Sym
 _SYMBOL_TABLE = 2  # SHT_SYMTAB
+_LOADED, _EXECUTABLE = 1, 1  # PT_LOAD, PF_X
+COMPARED = 64  # bytes
 
 
 @functools.cache
 def widen() -> bool:
-    """Have LLVM pack 8 floats where the processor can; before Taichi compiles anything. Whether that was done: not for
-    other versions, systems and processors, where it decides by itself."""
-    if taichi.__version__ != TESTED or (sys.platform, platform.machine()) != ("linux", "x86_64"):
+    """Have LLVM pack 8 floats where the processor can and LLVM does not know that; before Taichi compiles anything.
+    Whether that was done: not for other versions and systems."""
+    if not wanted(WIDE_VECTORS) or not tested() or (sys.platform, platform.machine()) != ("linux", "x86_64"):
         return False
-    if not has_avx2():
+    if not has_avx2() or known_to_llvm(PROCESSOR.read_text()):
         return False
     from taichi._lib.core import taichi_python
 
@@ -45,8 +50,15 @@ def widen() -> bool:
 
 def has_avx2() -> bool:
     """Whether the processor says so; only Linux asks it here."""
-    processor = Path("/proc/cpuinfo")
-    return processor.exists() and "avx2" in processor.read_text().split()
+    return PROCESSOR.exists() and "avx2" in PROCESSOR.read_text().split()
+
+
+def known_to_llvm(processor: str) -> bool:
+    """Whether LLVM 15 finds out what a processor can, by what Linux says of it: it knows AMD's families up to 25 (Zen 3
+    and 4) and guesses Intel's by what they can."""
+    said = dict(re.findall(r"^(vendor_id|cpu family)\s*:\s*(\w+)", processor, re.MULTILINE))
+    vendor, family = said.get("vendor_id"), int(said.get("cpu family", 0))
+    return vendor == "GenuineIntel" or (vendor == "AuthenticAMD" and family <= 25)
 
 
 def _function(library: Path) -> Callable[..., Any] | None:
@@ -54,8 +66,37 @@ def _function(library: Path) -> Callable[..., Any] | None:
     if len(values) < 2:
         return None
     anchor = ctypes.cast(getattr(ctypes.PyDLL(str(library)), ANCHOR), ctypes.c_void_p).value or 0
+    address = anchor - values[ANCHOR] + values[READER]
+    kept = code(library, values[READER])
+    if not kept or in_memory(address, len(kept)) != kept:  # the file was replaced after it was loaded
+        return None
     kind = ctypes.CFUNCTYPE(None, ctypes.c_int, ctypes.POINTER(ctypes.c_char_p), ctypes.c_char_p)
-    return kind(anchor - values[ANCHOR] + values[READER])
+    return kind(address)
+
+
+def code(library: Path, value: int) -> bytes:
+    """The first bytes of a function in an ELF library's file; none where no loaded and executable segment has it."""
+    with library.open("rb") as stream:
+        head = stream.read(64)
+        (start,), (size, count) = struct.unpack_from("<Q", head, 0x20), struct.unpack_from("<HH", head, 0x36)
+        stream.seek(start)
+        segments = stream.read(size * count)
+        for k in range(count):
+            kind, flags, offset, begin, _, length = struct.unpack_from("<IIQQQQ", segments, k * size)
+            if kind == _LOADED and flags & _EXECUTABLE and begin <= value <= begin + length - COMPARED:
+                stream.seek(offset + value - begin)
+                return stream.read(COMPARED)
+    return b""
+
+
+def in_memory(address: int, length: int) -> bytes:
+    """What lies there in this process; nothing where nothing does."""
+    try:
+        with Path("/proc/self/mem").open("rb", buffering=0) as memory:
+            memory.seek(address)
+            return memory.read(length)
+    except (OSError, OverflowError, ValueError):
+        return b""
 
 
 def symbol_values(library: Path, names: tuple[str, ...]) -> dict[str, int]:

@@ -63,7 +63,7 @@ def sample(b, nu, nv):
     area = F.lane[b, M.HU] * F.lane[b, M.HV] * ((nu - 1) * (nv - 1) * 1.0 / size)
     k1, k2, sh = membrane(b)
     k1, k2, sh = area * k1, area * k2, area * sh
-    reach = ti.max(1, (nu - 1) // (2 * COARSE_SAMPLES))
+    half_width = ti.max(1, (nu - 1) // (2 * COARSE_SAMPLES))
     t = 0
     while t < COARSE_SAMPLES:
         j = C.place[COARSE_ACROSS + t]
@@ -71,10 +71,10 @@ def sample(b, nu, nv):
         while s < COARSE_SAMPLES:
             i = C.place[COARSE_ACROSS + s]
             k = (j + 1) * (nu + 2) + i + 1
-            west = ti.min(reach, i)
-            east = ti.min(reach, nu - 1 - i)
-            north = ti.min(reach, j)
-            south = ti.min(reach, nv - 1 - j)
+            west = ti.min(half_width, i)
+            east = ti.min(half_width, nu - 1 - i)
+            north = ti.min(half_width, j)
+            south = ti.min(half_width, nv - 1 - j)
             ux, uy, uz, vx, vy, vz, _, _, _ = axes(b, k)
             ax, ay, az = difference(b, F.fn + k - west, F.fn + k + east)
             bx, by, bz = difference(b, F.fn + k - north * (nu + 2), F.fn + k + south * (nu + 2))

@@ -125,15 +125,15 @@ def restrict(b, nu, nv):
     while k < n:
         e = F.patch3[b, k]
         u, v, w = parts(e)
-        turn = C.right
-        while turn < C.right + 2 * COARSE:
-            F.coarse[b, turn + k] = u
-            F.coarse[b, turn + n + k] = v
-            F.coarse[b, turn + 2 * n + k] = w
-            turn += COARSE
+        right = C.right
+        while right < C.right + 2 * COARSE:
+            F.coarse[b, right + k] = u
+            F.coarse[b, right + n + k] = v
+            F.coarse[b, right + 2 * n + k] = w
+            right += COARSE
         k = F.after[k]
-    for turn in range(2):
-        back_substitute(b, C.coupled + turn * COARSE * COARSE, C.right + turn * COARSE)
+    for side in range(2):
+        back_substitute(b, C.coupled + side * COARSE * COARSE, C.right + side * COARSE)
 
 
 @ti.func

@@ -8,7 +8,7 @@ import taichi as ti
 
 from sim.kernels.fields import LANES, F
 from sim.kernels.vectors import Lanes, Wide, sum3, thrice
-from sim.solver.frames import turn
+from sim.solver.frames import rotate
 from sim.solver.muscles import solve
 
 RZ, BETA, ALPHA = 4, 5, 7  # slots of F.reduce
@@ -72,9 +72,9 @@ def step_length(b, nu, nv, edge):
 def direction(b, nu, nv, npt, edge, same, tolerance):
     """y = P^-1 r, then p = y + beta p and q += p in the lanes that have not converged. Where y is below the tolerance
     that was the last time; returns how many lanes go on. same: whether P is that of the last iterations."""
-    turn(b, nu, nv, F.r, True)
+    rotate(b, nu, nv, F.r, True)
     solve(b, nu, nv, npt, edge)
-    turn(b, nu, nv, F.y, False)
+    rotate(b, nu, nv, F.y, False)
     P = (nu + 2) * (nv + 2)
     for slot in range(3):
         F.reduce[b, slot] = Lanes(0.0)

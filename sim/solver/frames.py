@@ -7,16 +7,17 @@ from sim.kernels.vectors import Wide, cross, difference, dot, load, parts, store
 
 
 @ti.func
-def frames(b, nu, nv, reach):
+def frames(b, nu, nv, half_width):
+    """At every node, from the nodes `half_width` away, or at the border, in four directions."""
     s = nu + 2
     for j in range(nv):
         i = 0
         while i < nu:
             k = (j + 1) * s + i + 1
-            w = k - ti.min(reach, i)
-            e = k + ti.min(reach, nu - 1 - i)
-            n = k - s * ti.min(reach, j)
-            d = k + s * ti.min(reach, nv - 1 - j)
+            w = k - ti.min(half_width, i)
+            e = k + ti.min(half_width, nu - 1 - i)
+            n = k - s * ti.min(half_width, j)
+            d = k + s * ti.min(half_width, nv - 1 - j)
             ax, ay, az = difference(b, F.q + w, F.q + e)
             bx, by, bz = difference(b, F.q + n, F.q + d)
             cx, cy, cz = cross(bx, by, bz, ax, ay, az)
@@ -37,7 +38,7 @@ def axes(b, k):
 
 
 @ti.func
-def turn(b, nu, nv, plane, into: ti.template()):
+def rotate(b, nu, nv, plane, into: ti.template()):
     """into: F.modal3 = components of a plane of F.node3 in the frames; else the plane = world components of F.modal3.
     Zero where nodes are held."""
     for j in range(nv):

@@ -6,7 +6,7 @@ from fabdesign.sensor_noise import SensorNoise
 from fabdesign.surface import CAP
 
 EXCESS = 0.0005  # m over the noise that a right model may leave
-ASTRAY = 0.03  # share of frames far off from which on it is said
+OUTLYING = 0.03  # share of frames far off from which on it is said
 
 
 def noise_rms(noise: SensorNoise) -> float:
@@ -22,11 +22,11 @@ def excess(rms: float, noise: SensorNoise) -> float:
     return float(np.sqrt(max(rms**2 - noise_rms(noise) ** 2, 0.0)))
 
 
-def doubts(rms: float, astray: float, noise: SensorNoise) -> list[str]:
+def doubts(rms: float, outlying: float, noise: SensorNoise) -> list[str]:
     """Why the intervals of a fit that leaves `rms` [m] and a share of frames far off are not to be believed."""
     found = []
     if not (left := excess(rms, noise)) <= EXCESS:
         found.append(f"the fit leaves {1e3 * left:.2f} mm over the noise, expected at most {1e3 * EXCESS:g}")
-    if astray >= ASTRAY:
-        found.append(f"{astray:.0%} of the frames fitted are far off, expected under {ASTRAY:.0%}")
+    if outlying >= OUTLYING:
+        found.append(f"{outlying:.0%} of the frames fitted are far off, expected under {OUTLYING:.0%}")
     return found
