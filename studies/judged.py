@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from fabdesign.forward import PARAMETERS, Case, ForwardModel, Term
 from fabdesign.trial import Trial
+from studies.calibration.clouds import evenly
 from studies.calibration.parameters import PRIOR
 
 Array = NDArray[np.float64]
@@ -63,8 +64,9 @@ def unjudged(
     """
     rng = np.random.default_rng(seed)
     factors = [dict.fromkeys(PARAMETERS, 1.0)]
-    for _ in range(draws - 1):
-        factors.append({name: float(np.exp(PRIOR[name] * rng.standard_normal())) for name in PARAMETERS})
+    factors += [
+        {name: float(np.exp(PRIOR[name] * rng.standard_normal())) for name in PARAMETERS} for _ in range(draws - 1)
+    ]
     cases: list[Case] = []
     for trial in trials:
         signs = rng.choice([-1.0, 1.0], size=(draws, trial.program.pressure.shape[1]))
@@ -112,7 +114,7 @@ def instants(trial: Trial, until: float = np.inf) -> Array:
     times = trial.times[trial.times <= until + 1e-9]
     times = times if len(times) else trial.times[:1]
     count = max(2, round((times[-1] - times[0]) / INTERVAL) + 1)
-    return np.asarray(times[np.unique(np.linspace(0, len(times) - 1, min(count, len(times))).round().astype(int))])
+    return np.asarray(times[evenly(len(times), count)])
 
 
 def elsewhere(middle: NDArray[Any], up: NDArray[Any], down: NDArray[Any]) -> Flags:
@@ -137,9 +139,9 @@ def _changed(trial: Trial, factors: dict[str, float], signs: Array, tilt: float)
 def _stretches(trial: str, times: Array, flags: Flags) -> list[Stretch]:
     """Runs of flagged instants, each widened to the instants around it; near ones are one."""
     spans: list[tuple[float, float]] = []
-    for k in np.flatnonzero(flags):
+    for k in np.flatnonzero(flags).tolist():
         begin, end = float(times[max(k - 1, 0)]), float(times[min(k + 1, len(times) - 1)])
-        if k == 1 or k == 0:
+        if k <= 1:
             begin = 0.0
         if spans and begin - spans[-1][1] < GAP:
             spans[-1] = (spans[-1][0], end)

@@ -8,7 +8,15 @@ from types import FrameType
 
 import click
 
-from fabdesign.cli import effects, files, measurements, motions, searches, tracing, viewing  # noqa: F401 their commands join the group
+from fabdesign.cli import (  # noqa: F401 their commands join the group
+    effects,
+    files,
+    measurements,
+    motions,
+    searches,
+    tracing,
+    viewing,
+)
 from fabdesign.cli.console import commands
 from fabdesign.errors import InputError, SimulationError
 

@@ -28,8 +28,7 @@ def trace(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Say which effect a measurement set shows that its model lacks, or that none is missing: trace.json, model.toml and
-    report.html."""
+    """Say which effect the model of a SET lacks, or that none is missing: trace.json, model.toml and report.html."""
     from fabdesign.measurement_set import read_set
     from fabdesign.model_file import read_model
     from studies.bad_data import sound_trials

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studies.calibration.clouds import frames_of
+from fabdesign.pressure import PressureProgram
+from studies.calibration.clouds import Indices, frames_of
 from studies.tracing.fit import Bench, State
 from studies.tracing.vector import Array
 
@@ -29,8 +30,8 @@ class Frames:
 
     shapes: Array
     features: Array
-    trial: Array
-    frame: Array
+    trial: Indices
+    frame: Indices
     basis: Array
 
 
@@ -76,7 +77,7 @@ def features_of(bench: Bench, state: State) -> Array:
     return _standard(np.concatenate([np.concatenate(rows), *main], axis=1))
 
 
-def _lagged(program, times: Array, channels: int) -> Array:  # type: ignore[no-untyped-def]
+def _lagged(program: PressureProgram, times: Array, channels: int) -> Array:
     """(F, channels (1 + lags) + 2): set points, through lags, their sum and the time."""
     grid = np.arange(0.0, times[-1] + 0.01, 0.01)
     told = program.at(grid) / 1e5
@@ -119,7 +120,7 @@ def ceiling_squares(bench: Bench, state: State, folds: Sequence[int]) -> Array:
     return squares
 
 
-def _predict(frames: Frames, fold: Array, out: int) -> Array:
+def _predict(frames: Frames, fold: Indices, out: int) -> Array:
     """(F_out, m) m, of the held-out frames, by the ridge and width that predict each other fold best."""
     train = fold != out
     inner = np.unique(fold[train])

@@ -9,7 +9,7 @@ from fabdesign.forward import ForwardModel
 from fabdesign.metrics import Errors, statistics, trial_errors
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.trial import Trial
-from studies.calibration.clouds import evenly
+from studies.calibration.clouds import Indices, evenly
 from studies.judged import Stretch, judged
 from studies.tracing.vector import Array, Vector
 
@@ -45,7 +45,7 @@ def judged_errors(
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[TrialError]:
     """Of every trial that has a judged frame."""
-    times: list[Array] = []
+    times: list[Indices] = []
     chosen: list[Trial] = []
     for trial in trials:
         usable = np.flatnonzero(judged(stretches, trial.name, trial.times))
@@ -70,4 +70,4 @@ def mean_of(errors: Sequence[TrialError], role: str, which: str, error: str = "s
     """m, mean over trials of a role; None where there is none."""
     own = [getattr(e, which) for e in errors if e.role == role]
     own = [e for e in own if np.isfinite(e.surface_rms)]
-    return getattr(statistics(own)[error], "mean") if own else None
+    return statistics(own)[error].mean if own else None

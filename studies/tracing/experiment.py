@@ -31,8 +31,8 @@ class Explanation:
 def programs(design: Design, *, highest: float = HIGHEST, seconds: float = SECONDS) -> dict[str, PressureProgram]:
     """Steps, staircases and ramps within the muscles' limits: every channel alone in turn, one face, the other, all."""
     most = np.minimum(limits(design), highest)
-    faces = {side: np.array([any(m.channel == c and m.side == side for m in design.muscles) for c in range(design.channels)])
-             for side in ("front", "back")}  # fmt: skip
+    on = {(m.channel, m.side) for m in design.muscles}
+    faces = {s: np.array([(c, s) in on for c in range(design.channels)]) for s in ("front", "back")}
     groups = {f"the {side}": where for side, where in faces.items() if where.any()}
     found: dict[str, PressureProgram] = {}
     for said, where in groups.items():
@@ -59,8 +59,8 @@ def _rows(times: Any, pressures: Any, seconds: float) -> PressureProgram:
 def next_experiment(
     design: Design, forward: ForwardModel, explanations: Sequence[Explanation], noise: float
 ) -> Mapping[str, Any] | None:
-    """The program and how well it separates the explanations: expected_gain is the least RMS distance [mm] between two
-    of them that the declared parameters could not take. None for fewer than two, and where no program does.
+    """The program and how well it separates the explanations: expected_gain is the least RMS distance [mm] between
+    two of them that the declared parameters could not take. None for fewer than two, and where no program does.
 
     noise: m, a frame's; not more than what it hides is claimed. Raises nothing: motions that diverge do not count.
     """
@@ -99,7 +99,7 @@ def next_experiment(
 
 
 def _separated(motions: Sequence[NDArray[Any]], count: int) -> float:
-    """m RMS, the least between two explanations, less what the declared parameters can take within twice their prior."""
+    """m RMS, the least between two explanations, less what the declared parameters can take within their prior."""
     flat = [np.asarray(m[:, ::8], dtype=float).ravel() for m in motions]
     if not all(np.isfinite(f).all() for f in flat):
         return 0.0

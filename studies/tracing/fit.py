@@ -171,12 +171,14 @@ def descend(
     first = replace(bench, samples=[cut(sample, EARLY) for sample in bench.samples])
     for look, rounds, named in ((first, early, f"to {EARLY:g} s, "), (bench, iterations, "")):
         if rounds:
-            state = _descend(look, vector, x, rounds, lambda line, n=named: progress(n + line))
+            state = _descend(look, vector, x, rounds, named, progress)
             x = state.x
     return state
 
 
-def _descend(bench: Bench, vector: Vector, x: Array, iterations: int, progress: Callable[[str], None]) -> State:
+def _descend(
+    bench: Bench, vector: Vector, x: Array, iterations: int, named: str, progress: Callable[[str], None]
+) -> State:
     state = bench.states(vector, [x])[0]
     if not state.kept.any():
         raise SimulationError("every motion of the trials to trace diverged")
@@ -184,7 +186,7 @@ def _descend(bench: Bench, vector: Vector, x: Array, iterations: int, progress: 
     for iteration in range(1, iterations + 1):
         if state.jacobian is None:
             state = bench.with_slopes(state)
-        progress(f"iteration {iteration}: {1e3 * state.rms:.3f} mm RMS")
+        progress(f"{named}iteration {iteration}: {1e3 * state.rms:.3f} mm RMS")
         gradient, hessian = normal(bench, state)
         step = -np.linalg.solve(hessian + damping * np.diag(np.diag(hessian)), gradient)
         step *= min(1.0, REACH / max(float(np.abs(step).max()), 1e-12))

@@ -13,8 +13,8 @@ from fabdesign.effects import EFFECTS
 from fabdesign.forward import PARAMETERS
 from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
 from fabdesign.trial import Trial
-from studies.calibration.fitted_model import QUANTILE
 from studies.calibration.engine_difference import data_share, engine_difference
+from studies.calibration.fitted_model import QUANTILE
 from studies.calibration.parameters import PRIOR
 from studies.judged import Stretch
 from studies.tracing.errors import TrialError, mean_of
@@ -106,7 +106,8 @@ class Outcome:
         """Share of the gap that each effect closes, in the order they were added."""
         if explains(self.evidence) is None:
             return {}
-        shares, last = {}, self.evidence.before
+        shares: dict[str, float | None] = {}
+        last = self.evidence.before
         for done in self.search.rounds:
             if done.chosen is not None:
                 now = (
@@ -138,9 +139,10 @@ class Outcome:
             gain, interval = (
                 (full[c.effect].gain, full[c.effect].interval90) if c.effect in full else (c.gain, c.interval90)
             )
+            excess, certain = max(first.ranking.excess - gain, 0.0), first.ranking.certain(c)
             rows.append(
-                {"name": c.effect, "excess": max(first.ranking.excess - gain, 0.0), "gain": gain, "interval90": interval,
-                 "full": c.effect in full, "certain": first.ranking.certain(c)}
+                {"name": c.effect, "excess": excess, "gain": gain, "interval90": interval, "full": c.effect in full,
+                 "certain": certain}
             )  # fmt: skip
         return sorted(rows, key=lambda row: float(row["excess"]))
 

@@ -66,8 +66,12 @@ def _bars(outcome: Outcome) -> dict[str, Any]:
         "type": "bar", "orientation": "h", "y": [r[0] for r in rows], "x": [r[1] for r in rows],
         "marker": {"color": [r[2] for r in rows]}, "text": [f"{r[1]:.2f} mm" for r in rows], "textposition": "auto",
     }  # fmt: skip
-    return {"data": [bar], "layout": {**_LAYOUT, "xaxis": {"title": "surface RMS of trials held out, mm", "rangemode": "tozero"},
-                                      "margin": {"l": 90, "r": 20, "t": 10, "b": 45}}}  # fmt: skip
+    axis = {"title": "surface RMS of trials held out, mm", "rangemode": "tozero"}
+    return _figure([bar], xaxis=axis, margin={"l": 90, "r": 20, "t": 10, "b": 45})
+
+
+def _figure(data: list[dict[str, Any]], **layout: Any) -> dict[str, Any]:
+    return {"data": data, "layout": {**_LAYOUT, **layout}}
 
 
 def _candidates(outcome: Outcome) -> dict[str, Any]:
@@ -91,8 +95,8 @@ def _candidates(outcome: Outcome) -> dict[str, Any]:
         "yref": "paper",
         "line": {"dash": "dot", "color": _RED},
     }
-    return {"data": [marks], "layout": {**_LAYOUT, "shapes": [line], "margin": {"l": 130, "r": 20, "t": 10, "b": 45},
-                                        "xaxis": {"title": "gain of held-out excess, mm (90 %); dotted: chance and decoys"}}}  # fmt: skip
+    axis = {"title": "gain of held-out excess, mm (90 %); dotted: chance and decoys"}
+    return _figure([marks], shapes=[line], margin={"l": 130, "r": 20, "t": 10, "b": 45}, xaxis=axis)
 
 
 def _cloth(outcome: Outcome, cells: np.ndarray, title: str) -> dict[str, Any]:
@@ -104,8 +108,8 @@ def _cloth(outcome: Outcome, cells: np.ndarray, title: str) -> dict[str, Any]:
         "x": (1e3 * fabric.width * centres).tolist(), "y": (1e3 * fabric.height * centres).tolist(),
         "colorscale": "Viridis", "zmin": 0, "colorbar": {"title": "mm"},
     }  # fmt: skip
-    return {"data": [heat], "layout": {**_LAYOUT, "title": title, "xaxis": {"title": "u, mm", "constrain": "domain"},
-                                       "yaxis": {"title": "v, mm", "autorange": "reversed", "scaleanchor": "x"}}}  # fmt: skip
+    down = {"title": "v, mm", "autorange": "reversed", "scaleanchor": "x"}
+    return _figure([heat], title=title, xaxis={"title": "u, mm", "constrain": "domain"}, yaxis=down)
 
 
 def _over_time(outcome: Outcome, before: dict[str, Any]) -> dict[str, Any]:
@@ -117,10 +121,7 @@ def _over_time(outcome: Outcome, before: dict[str, Any]) -> dict[str, Any]:
                 "legendgroup": which, "showlegend": k == 0, "line": {"color": colour, "width": 1},
                 "hovertemplate": f"{name} {which}: %{{y:.2f}} mm at %{{x:.2f}} s<extra></extra>",
             })  # fmt: skip
-    return {
-        "data": lines,
-        "layout": {**_LAYOUT, "xaxis": {"title": "s"}, "yaxis": {"title": "RMS, mm", "rangemode": "tozero"}},
-    }
+    return _figure(lines, xaxis={"title": "s"}, yaxis={"title": "RMS, mm", "rangemode": "tozero"})
 
 
 def _program(outcome: Outcome) -> dict[str, Any]:
@@ -139,7 +140,7 @@ def _program(outcome: Outcome) -> dict[str, Any]:
         }
         for c in range(len(rows[0]))
     ]
-    return {"data": lines, "layout": {**_LAYOUT, "xaxis": {"title": "s"}, "yaxis": {"title": "kPa"}}}
+    return _figure(lines, xaxis={"title": "s"}, yaxis={"title": "kPa"})
 
 
 def _worst(outcome: Outcome) -> str:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from studies.calibration.clouds import Indices
 from studies.tracing.black_box import RIDGES, Frames, frames_at
 from studies.tracing.fit import Bench, State
 from studies.tracing.vector import Array
@@ -16,8 +17,8 @@ _FOLLOWED = 0.05  # share of its mean square that a feature must take of held-ou
 
 @dataclass(frozen=True, eq=False)
 class Remains:
-    """cells: (CELLS, CELLS) m RMS over the cloth, by rising v, then u; NaN where no point is. times, over_time: s, m RMS
-    of frames, by trial. where: (u, v) m of the largest; when: s of the worst half second. follows: what it goes with,
+    """cells: (CELLS, CELLS) m RMS over the cloth, by rising v, then u; NaN where no point is. over_time: s and m RMS of
+    frames, by trial. where: (u, v) m of the largest; when: s of the worst half second. follows: what it goes with,
     None where with nothing."""
 
     cells: Array
@@ -104,7 +105,7 @@ def _lag(path: Array, tau: float) -> Array:
     return slow
 
 
-def _left(table: Array, frames: Frames, fold: Array) -> float:
+def _left(table: Array, frames: Frames, fold: Indices) -> float:
     """m^2: squares of the shapes left of held-out folds, by ridge regression with a constant, at its best ridge."""
     spread = table.std(axis=0)
     table = (table - table.mean(axis=0))[:, spread > 1e-9] / spread[spread > 1e-9]

@@ -1,9 +1,10 @@
 """`fabdesign trace SET`: one trace from a measurement set to its files."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -37,6 +38,7 @@ GRID = 21  # points a side: a trace asks for hundreds of motions
 LEAST_TRIALS = 3  # with different pressures
 
 Say = Callable[[str], None]
+Experiment = Mapping[str, Any] | None
 
 
 @dataclass(frozen=True)
@@ -185,7 +187,7 @@ def _evidence(found: Search) -> Evidence:
     )
 
 
-def _experiment(trial: Trial, forward: ForwardModel, found: Search, noise: float, verdict: str):  # type: ignore[no-untyped-def]
+def _experiment(trial: Trial, forward: ForwardModel, found: Search, noise: float, verdict: str) -> Experiment:
     """Between the explanations of the last round that had any."""
     ranked = [r for r in found.rounds if r.finalists]
     if not ranked or verdict == "adequate":

@@ -3,6 +3,7 @@ prior's standard deviations, so that the prior is a standard normal one."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,7 +72,7 @@ class Vector:
     def parts(self) -> list[slice]:
         """Where each effect's parameters are."""
         ends = FACTORS + np.cumsum([0, *(len(a.free) for a in self.added)])
-        return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+        return [slice(int(a), int(b)) for a, b in pairwise(ends.tolist())]
 
     def case(self, trial: Trial, x: Array, more: tuple[Term, ...] = ()) -> Case:
         return Case(trial.design, trial.program, self.factors(x), (*self.terms(x), *more), trial.order)

@@ -11,12 +11,12 @@ def verdict_in_words(outcome: Outcome) -> str:
     if outcome.verdict == "adequate":
         if evidence.before <= outcome.tolerance:
             return (
-                f"The model with its declared parameters refitted is adequate: on trials held out it leaves {before} over "
-                f"the noise, within {1e3 * outcome.tolerance:g} mm."
+                f"The model with its declared parameters refitted is adequate: on trials held out it leaves {before} "
+                f"over the noise, within {1e3 * outcome.tolerance:g} mm."
             )
         return (
-            f"The model is adequate as far as these data say: it leaves {before} over the noise, but neither a candidate nor "
-            "a black box takes of that what chance would not."
+            f"The model is adequate as far as these data say: it leaves {before} over the noise, but neither a "
+            "candidate nor a black box takes of that what chance would not."
         )
     if outcome.verdict == "unexplained":
         return (
@@ -49,8 +49,8 @@ def experiment_in_words(outcome: Outcome) -> str | None:
     if found is None:
         return None
     return (
-        f"{found['program']['what']} ({found['program']['duration_s']:g} s): there {' and '.join(found['separates'])} are "
-        f"{found['expected_gain']:.1f} mm RMS apart, beyond what the declared parameters could take."
+        f"{found['program']['what']} ({found['program']['duration_s']:g} s): there {' and '.join(found['separates'])} "
+        f"are {found['expected_gain']:.1f} mm RMS apart, beyond what the declared parameters could take."
     )
 
 
@@ -60,8 +60,8 @@ def as_text(outcome: Outcome) -> str:
     error = result["error"]
     lines = [f"{outcome.verdict}: {verdict_in_words(outcome)}"]
     lines.append(
-        f"surface RMS of trials held out {error['before']['held_out']:.2f} -> {error['after']['held_out']:.2f} mm, noise "
-        f"floor {error['noise_floor']:.2f}, black box {error['ceiling']:.2f}"
+        f"surface RMS of trials held out {error['before']['held_out']:.2f} -> {error['after']['held_out']:.2f} mm, "
+        f"noise floor {error['noise_floor']:.2f}, black box {error['ceiling']:.2f}"
     )
     for row in result["candidates"]:
         low, high = row["interval90"]
