@@ -15,6 +15,7 @@ from fabdesign.cli import (  # noqa: F401 their commands join the group
     motions,
     searches,
     sweeps,
+    tracing,
     viewing,
 )
 from fabdesign.cli.console import commands
