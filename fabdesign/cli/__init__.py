@@ -8,11 +8,11 @@ from types import FrameType
 
 import click
 
-from fabdesign.cli import effects, files, measurements, motions, searches, viewing  # noqa: F401 their commands join the group
+from fabdesign.cli import effects, files, measurements, motions, searches, training, viewing  # noqa: F401 their commands join the group
 from fabdesign.cli.console import commands
 from fabdesign.errors import InputError, SimulationError
 
-_EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "ezdxf": "dxf"}
+_EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "ezdxf": "dxf", "torch": "corrector"}
 
 
 class Terminated(BaseException):
