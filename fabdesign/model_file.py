@@ -14,6 +14,7 @@ from fabdesign.forward import FACTORS, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
 from fabdesign.model import POINTS_PER_SIDE, Covariance, Model, Parameter, Provenance
 from fabdesign.output import write_text
 from fabdesign.table import Table, load_toml, nearest
+from fabdesign.trained_on import central_hash
 
 FORMAT = "fabdesign.model/1"
 
@@ -27,9 +28,10 @@ def read_model(path: Path | str) -> Model:
     parameters = _parameters(root, "parameters") or {}
     without_effects = _parameters(root, "parameters_without_effects")
     effects = tuple(read_effect(table) for table in root.tables("effects"))
-    corrector = None
+    corrector, corrector_hash = None, None
     if (weights := root.table("corrector", None)) is not None:
         corrector = path.parent / weights.text("weights")
+        corrector_hash = weights.text("trained_on", None)
         weights.finish()
         if not corrector.is_file():
             raise InputError(f"{path}: corrector: weights {corrector} is not there")
@@ -40,8 +42,13 @@ def read_model(path: Path | str) -> Model:
     provenance = root.table("provenance", None)
     origin = Provenance() if provenance is None else _provenance(provenance)
     covariance = _covariance(root.table("covariance")) if "covariance" in root else None
-    model = Model(parameters, effects, corrector, points_per_side, origin, without_effects, covariance)
+    model = Model(parameters, effects, corrector, points_per_side, origin, without_effects, covariance, corrector_hash)
     root.finish()
+    if corrector_hash not in (None, central_hash(model)):
+        raise InputError(
+            f"{path}: corrector: trained on other parameters or effects than the file has now; expected those it was "
+            "trained on (train again, or take [corrector] out)"
+        )
     return model
 
 
@@ -62,7 +69,9 @@ def write_model(model: Model, path: Path | str) -> None:
         rows = [[float(x) for x in row] for row in model.covariance.matrix]
         document["covariance"] = {"names": list(model.covariance.names), "matrix": rows}
     if model.corrector is not None:
-        document["corrector"] = {"weights": Path(os.path.relpath(model.corrector, path.parent)).as_posix()}
+        trained_on = {} if model.corrector_hash is None else {"trained_on": model.corrector_hash}
+        weights = Path(os.path.relpath(model.corrector, path.parent)).as_posix()
+        document["corrector"] = {"weights": weights} | trained_on
     document["simulator"] = {"points_per_side": model.points_per_side}
     origin = model.provenance
     items: dict[str, Any] = {

@@ -16,12 +16,13 @@ from fabdesign.cli import (  # noqa: F401 their commands join the group
     searches,
     sweeps,
     tracing,
+    training,
     viewing,
 )
 from fabdesign.cli.console import commands
 from fabdesign.errors import InputError, SimulationError
 
-_EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "ezdxf": "dxf"}
+_EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "ezdxf": "dxf", "torch": "corrector"}
 
 
 class Terminated(BaseException):
