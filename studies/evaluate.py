@@ -132,11 +132,14 @@ def noise_of(trials: Sequence[Trial]) -> SensorNoise:
 
 
 def _motions(trials: Sequence[Trial], *ways: Predictor) -> list[list[Any]]:
-    """Of every way, the trials' motions. All ways on one simulator are one batch: it takes two cores no longer."""
-    cases = [way.case(Case(t.design, t.program, order=t.order)) for way in ways for t in trials]
+    """Of every way, the trials' motions. All ways without a corrector are one batch: it takes two cores no longer."""
+    times = [trial.times for trial in trials]
+    cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
+    plain = [way for way in ways if way.corrector is None]
     together = Predictor(ways[0].simulator, sensing=True)
-    found = together.motions(cases, [t.times for t in trials] * len(ways))
-    return [found[k : k + len(trials)] for k in range(0, len(found), len(trials))]
+    found = together.motions([way.case(case) for way in plain for case in cases], times * len(plain))
+    batches_of = iter(found[k : k + len(trials)] for k in range(0, len(found), len(trials)))
+    return [next(batches_of) if way.corrector is None else way.motions(cases, times) for way in ways]
 
 
 def _summarise(title: str, found: MeasurementSet, noise: SensorNoise, results: Sequence[TrialResult]) -> DesignResult:

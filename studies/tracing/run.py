@@ -10,7 +10,7 @@ import numpy as np
 
 from fabdesign import SIMULATOR, __version__
 from fabdesign.effects import EFFECTS
-from fabdesign.effects.acting import active
+from fabdesign.effects.registry import check_values, effect_named
 from fabdesign.errors import InputError
 from fabdesign.forward import PARAMETERS, ForwardModel
 from fabdesign.model import Model
@@ -147,7 +147,8 @@ def _check(model: Model) -> None:
         raise InputError(
             "--model: has a corrector; a trace looks for effects before one is trained, expected a model without"
         )
-    list(active(model.terms))
+    for term in model.terms:
+        check_values(effect_named(term.name, "--model"), term.values, "--model")
 
 
 def _start(model: Model) -> np.ndarray:
