@@ -105,7 +105,9 @@ def calibrate(
     if benches and len(sources) > 1:
         raise InputError(f"{benches[0]}: a bench; expected it alone, or measurement sets")
     if benches:
-        _calibrate_bench(benches[0], fit, output, force, as_json)
+        if fixed is not None or model is not None:
+            raise InputError("--fix and --model: of a measurement set; expected --free or --fit of a bench")
+        _calibrate_bench(benches[0], fit, free, output, force, as_json)
         return
     from fabdesign.measurement_set import read_set
     from fabdesign.model_file import write_model
@@ -147,12 +149,15 @@ def calibrate(
     print_result(found.as_json() | {"model": str(output)}, f"{output}: {as_text(found)}", as_json)
 
 
-def _calibrate_bench(source: Path, fit: str | None, output: Path, force: bool, as_json: bool) -> None:
+def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Path, force: bool, as_json: bool) -> None:
+    from fabdesign.effect_file import effect_items
     from fabdesign.output import new_files
-    from studies.benches.calibrate import calibrate_bench, errors_in_words, write_bench_type
+    from studies.benches.calibrate import calibrate_bench, effects_in_words, errors_in_words, write_bench_type
 
     with new_files(output, force=force, inputs=[source]) as unfinished:
-        fitted = calibrate_bench(source, fit=None if fit is None else fit.split(","))
+        fitted = calibrate_bench(
+            source, fit=None if fit is None else fit.split(","), free=free.split(",") if free else ()
+        )
         files = [str(output.with_name(file.name)) for file in write_bench_type(fitted, unfinished)]
     result = {
         "bench": fitted.bench.name,
@@ -161,9 +166,11 @@ def _calibrate_bench(source: Path, fit: str | None, output: Path, force: bool, a
         "error_left_out": fitted.error_left_out,
         "error_test": fitted.error_test,
         "constants": {name: {"value": c.value, "unit": c.unit} for name, c in fitted.constants.items()},
+        "effects": [effect_items(effect) for effect in fitted.effects],
         "files": files,
     }
-    print_result(result, f"{files[0]}: {fitted.bench.name}, {errors_in_words(fitted)}", as_json)
+    text = "\n".join([f"{files[0]}: {fitted.bench.name}, {errors_in_words(fitted)}", *effects_in_words(fitted)])
+    print_result(result, text, as_json)
 
 
 @commands.command()

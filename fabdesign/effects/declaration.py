@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.effects.bench import MuscleRecord
 from fabdesign.effects.pressures import ActingPressure
 from fabdesign.effects.specimen import Specimen
 
@@ -51,8 +52,9 @@ class Effect:
     pressure(acting, values): the pressures that act. specimen(specimen, values, muscles): constants and geometry;
     muscles (m,) says which muscles the effect belongs to. clock(times, values): the instants [s] whose shape frames
     show; observed(points, values): points [m] as a sensor gives them. force: the kernel's part, a
-    sim.forces.added.AddedForce or "module:NAME" of one. remembers: whether what was before the present pressures
-    still shows in the shape at rest.
+    sim.forces.added.AddedForce or "module:NAME" of one. bench(record, values): what a muscle's law sees of a record on
+    its bench, which begins settled; None where one muscle does not show the effect. remembers: whether what was before
+    the present pressures still shows in the shape at rest.
     """
 
     name: str
@@ -67,6 +69,7 @@ class Effect:
     clock: Callable[[Array, Values], Array] | None = None
     observed: Callable[[NDArray[Any], Values], NDArray[Any]] | None = None
     force: Any = field(default=None, hash=False)
+    bench: Callable[[MuscleRecord, Values], MuscleRecord] | None = None
     remembers: bool = False
 
     @property

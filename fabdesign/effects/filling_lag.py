@@ -1,9 +1,11 @@
 """Filling lag: the pressure in a muscle follows the set point with a time constant, which may differ emptying."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
+from fabdesign.effects.bench import MuscleRecord
 from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
 from fabdesign.effects.pressures import ActingPressure
 
@@ -34,6 +36,16 @@ def _pressure(acting: ActingPressure, values: Values) -> ActingPressure:
     return acting.through(acting.program, lagged(acting.means, acting.tick, fill, empty))
 
 
+def _bench(record: MuscleRecord, values: Values) -> MuscleRecord:
+    """A row's pressure is set until the next row."""
+    told, steps = record.pressure.tolist(), np.diff(record.time).tolist()
+    p, found = told[0], [told[0]]
+    for goal, step in zip(told, steps, strict=False):
+        p = goal + (p - goal) * float(np.exp(-step / max(values["fill" if goal > p else "empty"], SHORTEST)))
+        found.append(p)
+    return replace(record, pressure=np.array(found))
+
+
 FILLING_LAG = Effect(
     "filling_lag",
     site="pneumatics",
@@ -46,4 +58,5 @@ FILLING_LAG = Effect(
         "empty": EffectParameter("s", "while it falls", 0.16, (0.0, 3.0), 0.1, off=0.0),
     },
     pressure=_pressure,
+    bench=_bench,
 )

@@ -24,14 +24,14 @@ PROGRAM = PressureProgram(np.array([0.0, 0.2]), 1e3 * np.array([[150.0, 100, 50,
 # what is not given has the default that both share
 EFFECTS = {
     "braid_hysteresis": {},
-    "muscle_creep": {"time": 0.1},
+    "muscle_creep": {"share": 0.5, "time": 0.1},
     "odd_muscle": {},
     "filling_lag": {},
     "dead_time": {},
     "supply_droop": {},
     "line_loss": {},
     "orthotropy": {},
-    "air_drag": {},
+    "air_drag": {"coefficient": 60.0},
     "frame_tilt": {},
     "time_offset": {},
 }
