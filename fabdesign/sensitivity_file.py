@@ -16,7 +16,7 @@ from fabdesign.model import Model
 from fabdesign.model_file import read_model
 from fabdesign.model_sampling import covered, joint_root
 from fabdesign.pressure import limits
-from fabdesign.study_file import FORMAT, KINDS, TargetFile, read_start_pressures, read_targets
+from fabdesign.study_file import FORMAT, TargetFile, read_start_pressures, read_targets, require_kind
 from fabdesign.table import Table, load_toml
 from fabdesign.varied import Varied, read_varied
 
@@ -61,8 +61,7 @@ def read_sensitivity(path: Path | str) -> SensitivityStudy:
     """Read a study of kind "sensitivity". Keys: docs/files.md. Raises InputError."""
     path = Path(path)
     root = load_toml(path, FORMAT, partial=True)
-    if root.text("kind", choices=KINDS) != "sensitivity":
-        raise root.bad("kind", '"sensitivity", the kind that this command runs')
+    require_kind(root, "sensitivity")
     design = read_design(path.parent / root.text("design"))
     model_name = root.text("model", None)
     model = None if model_name is None else read_model(path.parent / model_name)

@@ -108,9 +108,26 @@ def read_study(path: Path | str) -> Study:
     """
     path = Path(path)
     root = load_toml(path, FORMAT, partial=True)
-    kind = root.text("kind", choices=KINDS)
-    if kind != "optimize":
-        raise root.bad("kind", '"optimize", the kind that this command runs')
+    require_kind(root, "optimize")
+    study = read_search(root, path)
+    require_searchable(study, str(path))
+    return study
+
+
+def read_kind(path: Path | str) -> str:
+    """The kind of a study. Raises InputError."""
+    kind: str = load_toml(Path(path), FORMAT, partial=True).text("kind", choices=KINDS)
+    return kind
+
+
+def require_kind(root: Table, kind: str) -> None:
+    """Raise InputError for a study of another kind."""
+    if root.text("kind", choices=KINDS) != kind:
+        raise root.bad("kind", f'"{kind}", the kind that this command runs')
+
+
+def read_search(root: Table, path: Path) -> Study:
+    """A search from the table of its study at `path`, whose other keys have been taken. Raises InputError."""
     design = read_design(path.parent / root.text("design"))
     model_name = root.text("model", None)
     model = None if model_name is None else read_model(path.parent / model_name)
@@ -137,7 +154,6 @@ def read_study(path: Path | str) -> Study:
         hold=root.number("hold", HOLD, least=0, most=3600),
     )
     root.finish()
-    require_searchable(study, str(path))
     return study
 
 
