@@ -45,13 +45,6 @@ class Grams:
         """m^2, of the residual as it is."""
         return float(self.gram[:, -1, -1].sum() / self.points.sum())
 
-    def flipped(self, signs: Array) -> "Grams":
-        """With the residual of each unit turned by its sign."""
-        gram = self.gram.copy()
-        gram[:, -1, :-1] *= signs[:, None]
-        gram[:, :-1, -1] *= signs[:, None]
-        return Grams(gram, self.trial, self.fold, self.points, self.precision, self.x, self.observations)
-
 
 def grams_of(bench: Bench, state: State, columns: Array, folds: Sequence[int]) -> Grams:
     """folds: of each sample."""
@@ -80,33 +73,42 @@ class Scored:
 
 def cross_validate(grams: Grams, variant: Variant | None) -> Scored:
     """Every fold predicted from the others, the declared parameters fitted along."""
+    squares, everywhere = _left_out(grams, variant, np.ones((1, len(grams.points))))
+    return Scored(variant, squares[0], everywhere[0, grams.parameters :])
+
+
+def _left_out(grams: Grams, variant: Variant | None, signs: Array) -> tuple[Array, Array]:
+    """(s, units) squares as in Scored, and (s, k) steps fitted to all trials, where the residual of each unit is turned
+    by its sign in each row of `signs` (s, units)."""
     columns = [*range(grams.parameters), *((grams.parameters + c for c in variant.columns) if variant else ())]
-    own = np.ix_(columns, columns)
-    precision = grams.precision
-    centre = grams.x
+    precision, centre = grams.precision, grams.x
     if variant is not None:
         more = len(variant.columns)
         precision = np.concatenate([precision, np.full(more, 1 / variant.deviation**2)])
         centre = np.concatenate([centre, np.zeros(more)])
-    a, g = grams.gram[(slice(None), *own)], grams.gram[:, columns, -1]
-    squares = np.empty(len(grams.points))
+    a = grams.gram[(slice(None), *np.ix_(columns, columns))]
+    g = signs[:, :, None] * grams.gram[:, columns, -1]
+    squares = np.empty(signs.shape)
     for fold in np.unique(grams.fold):
         out = grams.fold == fold
-        step = _solve(a[~out].sum(axis=0), g[~out].sum(axis=0), grams, ~out, precision, centre)
-        squares[out] = np.einsum("uij,i,j->u", a[out], step, step) + 2 * g[out] @ step + grams.gram[out, -1, -1]
-    everything = np.ones(len(grams.points), dtype=bool)
-    step = _solve(a.sum(axis=0), g.sum(axis=0), grams, everything, precision, centre)
-    return Scored(variant, np.maximum(squares, 0.0), step[grams.parameters :])
+        step = _solve(a[~out].sum(axis=0), g[:, ~out].sum(axis=1), grams, ~out, precision, centre)
+        quadratic = np.einsum("si,uij,sj->su", step, a[out], step, optimize=True)
+        squares[:, out] = quadratic + 2 * np.einsum("sui,si->su", g[:, out], step) + grams.gram[out, -1, -1]
+    every = np.ones(len(grams.points), dtype=bool)
+    return np.maximum(squares, 0.0), _solve(a.sum(axis=0), g.sum(axis=1), grams, every, precision, centre)
 
 
 def _solve(a: Array, g: Array, grams: Grams, used: NDArray[np.bool_], precision: Array, centre: Array) -> Array:
+    """(s, k) steps to the minimum for gradients g (s, k), the noise being as large as what each leaves."""
     points = grams.points[used].sum()
     before = grams.gram[used, -1, -1].sum() / points
-    size, step = before, np.zeros(len(g))
+    size, step = np.full(len(g), before), np.zeros_like(g)
     for _ in range(_ROUNDS):
-        share = grams.observations * (points / grams.points.sum()) / (points * max(size, 1e-12))
-        step = -np.linalg.solve(share * a + np.diag(precision), share * g + precision * centre)
-        size = max(before + (step @ a @ step + 2 * g @ step) / points, 0.05 * before)
+        share = grams.observations / (grams.points.sum() * np.maximum(size, 1e-12))
+        left = share[:, None, None] * a + np.diag(precision)
+        step = -np.linalg.solve(left, (share[:, None] * g + precision * centre)[:, :, None])[:, :, 0]
+        change = np.einsum("si,ij,sj->s", step, a, step, optimize=True) + 2 * (g * step).sum(axis=1)
+        size = np.maximum(before + change / points, 0.05 * before)
     return step
 
 
@@ -194,14 +196,12 @@ def gain_interval(
 def _chance(grams: Grams, found: Dictionary, floor: float, rng: np.random.Generator) -> float:
     """m: the 95 % quantile of the largest gain of all variants where the residual of each unit has a sign by chance, so
     that nothing in it agrees from trial to trial (wild bootstrap, Liu 1988)."""
-    gains = []
-    for signs in sign_vectors(len(grams.points), rng):
-        turned = grams.flipped(signs)
-        none = cross_validate(turned, None)
-        before = excess_of(turned, none, floor)
-        best = [excess_of(turned, cross_validate(turned, v), floor) for v in found.variants if not v.decoy]
-        gains.append(before - min(best, default=before))
-    return float(np.quantile(gains, 0.95)) if gains else 0.0
+    signs, points = sign_vectors(len(grams.points), rng), grams.points.sum()
+    if not len(signs) or not found.variants:
+        return 0.0
+    least = [_excess(_left_out(grams, v, signs)[0].sum(axis=1) / points, floor) for v in found.variants if not v.decoy]
+    before = _excess(_left_out(grams, None, signs)[0].sum(axis=1) / points, floor)
+    return float(np.quantile(before - np.min(least, axis=0), 0.95))
 
 
 def sign_vectors(count: int, rng: np.random.Generator) -> Array:
@@ -241,18 +241,11 @@ def covariance(grams: Grams) -> Array:
     posterior = np.linalg.inv(share * a.sum(axis=0) + np.diag(grams.precision))
     if len(folds) < 2:
         return posterior
-    alone = np.array(
-        [
-            _solve(
-                a[grams.fold != f].sum(axis=0),
-                g[grams.fold != f].sum(axis=0),
-                grams,
-                grams.fold != f,
-                grams.precision,
-                grams.x,
-            )
-            for f in folds
-        ]
-    )
-    centred = alone - alone.mean(axis=0)
+    alone = []
+    for fold in folds:
+        used = grams.fold != fold
+        some = a[used].sum(axis=0), g[used].sum(axis=0)[None]
+        alone.append(_solve(*some, grams, used, grams.precision, grams.x)[0])
+    centred = np.array(alone)
+    centred -= centred.mean(axis=0)
     return np.asarray(posterior + (len(folds) - 1) / len(folds) * centred.T @ centred)
