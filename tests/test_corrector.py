@@ -92,19 +92,19 @@ UNSEEN = build("vertical", muscles=3, fabric=FABRIC, name="three")
 TIMES = np.array([0.1, 0.3])
 
 
-def measure(folder: Path, designs: Sequence[Design] = LEARNED, *, trials: int = 6, more: float = 0.4) -> Path:
+def measure(folder: Path, designs: Sequence[Design] = LEARNED, *, trials: int = 6, times: np.ndarray = TIMES) -> Path:
     """A set measured on the cloth that the simulator does not know, with noise of 0.3 mm."""
     rng = np.random.default_rng(3)
     found = []
     for design in designs:
         for k in range(trials):
             pressure = np.round(rng.uniform(0, 300, design.channels))
-            motion = Bending(more).motions([Case(design, program(pressure))], [TIMES])[0]
+            motion = Bending(0.4).motions([Case(design, program(pressure))], [times])[0]
             clouds = []
             for frame in motion:
                 points, _ = Surface.of_faces(frame).sample(700, rng)
                 clouds.append(points + 0.3e-3 * rng.standard_normal(points.shape))
-            data = TrialData(TIMES, np.tile(1e3 * pressure, (len(TIMES), 1)), tuple(clouds))
+            data = TrialData(times, np.tile(1e3 * pressure, (len(times), 1)), tuple(clouds))
             found.append(NewTrial(f"{design.name}-{k}", design.name, k, "fit", data))
     write_set(folder, {d.name: d for d in designs}, found, name="bending")
     return folder
