@@ -130,7 +130,7 @@ class PaperCorrector:
     def _correct(self, times: NDArray[np.float64], motion: Floats) -> NDArray[np.float32]:
         _, where = with_history(times, self.history())
         answer = np.array(motion[where[0]], dtype=np.float32)
-        sound = np.isfinite(motion).all(axis=(1, 2))
+        sound = np.asarray(np.isfinite(motion).all(axis=(1, 2)))
         known = np.flatnonzero(sound[where].all(axis=0) & (times > self.starts))
         if not len(known):
             return answer
