@@ -4,9 +4,9 @@
 
 Rows: the data sheet, the model without its corrector, the correctors, and three baselines that need no network: the
 mean residual field of the design's trials, that of the trial with the nearest pressures, and the trial's own residual
-of the frame before, carried on (which needs its measurement). Residuals are heights over the simulated mid-surface, node by
-node. Trials: those that the field model's file lists as held out, and those of role `test` of designs learned from;
-`--test DESIGN` takes the trials of a design of role `test` alone, to be looked at once.
+of the frame before, carried on (which needs its measurement). Residuals are heights over the simulated mid-surface,
+node by node. Trials: those that the field model's file lists as held out, and those of role `test` of designs learned
+from; `--test DESIGN` takes the trials of a design of role `test` alone, to be looked at once.
 """
 
 import argparse

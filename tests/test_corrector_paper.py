@@ -1,5 +1,6 @@
 """The paper's network: trained small, it answers with clouds from the sixth frame on."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,12 +25,16 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return measure(tmp_path_factory.mktemp("paper") / "set", LEARNED[:1], trials=4, times=TIMES)
 
 
-def _train(measured: Path, output: Path, **options):
+def small():
     from corrector.paper_training import PaperTraining
+
+    return PaperTraining(points=64, targets=64, code=8, epochs=(12, 3), rates=(3e-3, 1e-3), batch=4)
+
+
+def _train(measured: Path, output: Path, **options):
     from studies.training.train import train
 
-    plan = PaperTraining(points=64, targets=64, code=8, epochs=(12, 3), rates=(3e-3, 1e-3), batch=4)
-    given = {"plan": plan, "network": "paper"} | options
+    given = {"plan": small(), "network": "paper"} | options
     return train([read_set(measured)], Bending(), output, goes_to=output, base=Model(), **given)
 
 
@@ -53,15 +58,16 @@ def test_the_answer_is_a_cloud_from_the_sixth_frame_on(measured: Path, tmp_path:
 
 
 def test_a_training_that_was_stopped_ends_the_same(measured: Path, tmp_path: Path) -> None:
-    whole = _train(measured, tmp_path / "whole.toml")
+    plan = replace(small(), epochs=(3, 2))
+    whole = _train(measured, tmp_path / "whole.toml", plan=plan)
 
     def stop(what: str, done: int, total: int) -> None:
         if "measured" in what and done == 2:
             raise Stopped
 
     with pytest.raises(Stopped):
-        _train(measured, tmp_path / "again.toml", progress=stop)
-    again = _train(measured, tmp_path / "again.toml")
+        _train(measured, tmp_path / "again.toml", plan=plan, progress=stop)
+    again = _train(measured, tmp_path / "again.toml", plan=plan)
     first, second = (load_corrector(r.model).measured.state_dict() for r in (whole, again))
     assert all(np.array_equal(first[name], second[name]) for name in first)
 
