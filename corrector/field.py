@@ -29,6 +29,7 @@ class FieldCorrector:
     known: Sequence[Mapping[str, Any]]
     limit: float  # of trust
     ordered: bool = True
+    starts: float = 0.0
     _layouts: dict[int, tuple[Design, Layout, Trust]] = field(
         default_factory=dict
     )  # by the design's id, which it keeps

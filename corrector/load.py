@@ -30,9 +30,13 @@ def load_corrector(model: Model) -> Corrector:
     try:
         if about["network"] == "field":
             return _field(weights, about)
-    except (KeyError, TypeError, ValueError) as error:
+        if about["network"] == "paper":
+            from corrector.paper import PaperCorrector  # here: it loads PyTorch
+
+            return PaperCorrector.of(weights, about)
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
         raise InputError(f"{path}: not weights that this version reads ({type(error).__name__}: {error})") from None
-    raise InputError(f"{path}: network {about['network']}; expected field")
+    raise InputError(f"{path}: network {about['network']}; expected field or paper")
 
 
 def _field(weights: dict[str, NDArray[np.float32]], about: Mapping[str, Any]) -> FieldCorrector:

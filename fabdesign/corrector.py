@@ -33,6 +33,11 @@ class Corrector(Protocol):
         """Whether the answer keeps the order of the points; an unordered cloud is judged by Chamfer alone."""
         ...
 
+    @property
+    def starts(self) -> float:
+        """s after rest, from which on it corrects; before, the answer is the simulator's."""
+        ...
+
     def history(self) -> tuple[float, ...]:
         """Seconds before each frame at which it wants the simulated points too (`with_history`)."""
         ...

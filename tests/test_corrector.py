@@ -28,6 +28,7 @@ from fabdesign.model import Model, Parameter
 from fabdesign.model_file import read_model, write_model
 from fabdesign.pressure import PressureProgram
 from fabdesign.surface import Surface
+from tests.command_line import one_line
 
 SIDE = 41
 
@@ -92,19 +93,19 @@ UNSEEN = build("vertical", muscles=3, fabric=FABRIC, name="three")
 TIMES = np.array([0.1, 0.3])
 
 
-def measure(folder: Path, designs: Sequence[Design] = LEARNED, *, trials: int = 6, more: float = 0.4) -> Path:
+def measure(folder: Path, designs: Sequence[Design] = LEARNED, *, trials: int = 6, times: np.ndarray = TIMES) -> Path:
     """A set measured on the cloth that the simulator does not know, with noise of 0.3 mm."""
     rng = np.random.default_rng(3)
     found = []
     for design in designs:
         for k in range(trials):
             pressure = np.round(rng.uniform(0, 300, design.channels))
-            motion = Bending(more).motions([Case(design, program(pressure))], [TIMES])[0]
+            motion = Bending(0.4).motions([Case(design, program(pressure))], [times])[0]
             clouds = []
             for frame in motion:
                 points, _ = Surface.of_faces(frame).sample(700, rng)
                 clouds.append(points + 0.3e-3 * rng.standard_normal(points.shape))
-            data = TrialData(TIMES, np.tile(1e3 * pressure, (len(TIMES), 1)), tuple(clouds))
+            data = TrialData(times, np.tile(1e3 * pressure, (len(times), 1)), tuple(clouds))
             found.append(NewTrial(f"{design.name}-{k}", design.name, k, "fit", data))
     write_set(folder, {d.name: d for d in designs}, found, name="bending")
     return folder
@@ -123,7 +124,7 @@ def _train(measured: Path, output: Path, **options):
     from corrector.training import Training
     from studies.training.train import train
 
-    plan = Training(epochs=50, batch=4, width=8, dilations=(1,), rate=1e-2, rematch=(0.7,))
+    plan = Training(epochs=36, batch=4, width=8, dilations=(1,), rate=1e-2, rematch=(0.7,))
     given = {"plan": plan, "base": Model({"bending": Parameter(1.0)})} | options
     return train([read_set(measured)], given.pop("forward", Bending()), output, goes_to=output, **given)
 
@@ -355,3 +356,26 @@ def test_lag_has_its_closed_form() -> None:
     found = lagged(steps, np.array([0.05, 0.2]), 0.1)[:, 0]
     at = 100e3 * (1 - np.exp(-1.0))
     assert np.allclose(found, [100e3 * (1 - np.exp(-0.5)), at * np.exp(-1.0)])
+
+
+def test_command_refuses_what_it_cannot_learn_from(run, hanging, folder: Path) -> None:
+    pytest.importorskip("torch", reason="training needs the extra corrector")
+    one_line(run("train", folder / "set", "--hold-out", "crosss", "-o", folder / "m.toml"), "no such design")
+    one_line(run("train", folder / "set", "--hold-out", "cross", "-o", folder / "m.toml"), "left to learn from")
+    assert not [*folder.glob("m.*")]
+    one_line(run("train", folder / "set", "-o", folder / "model.toml"), "exists; --force")
+
+
+def test_command_says_what_a_corrector_is_worth(run, hanging, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    training = pytest.importorskip("corrector.training", reason="training needs the extra corrector")
+    plan = training.Training(epochs=1, width=4, dilations=(1,), rematch=())
+    monkeypatch.setattr(training, "Training", lambda seed: plan)
+    model = folder / "model.toml"
+    code, out, _ = run("train", folder / "set", "--model", model, "--json", "-o", folder / "m.toml")
+    assert code == 0
+    result = json.loads(out)
+    assert result["learned_from"] == 2
+    assert result["held_out"]["cross"]["trials"] == 1
+    assert Path(result["weights"]).is_file()
+    assert read_model(folder / "m.toml").factors == read_model(model).factors
+    assert not (folder / "m.training").exists()

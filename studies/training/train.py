@@ -5,7 +5,7 @@ import json
 import platform
 import shutil
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, astuple, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -16,10 +16,11 @@ from corrector.load import load_corrector
 from corrector.weights_file import write_weights
 from fabdesign import __version__
 from fabdesign.corrector import Trust
+from fabdesign.distances import chamfer
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
 from fabdesign.mark import MARK, others_in, own_files
-from fabdesign.metrics import Closed, Errors, closed, statistics, trial_errors
+from fabdesign.metrics import Closed, Errors, closed, trial_errors
 from fabdesign.model import Model
 from fabdesign.model_file import write_model
 from fabdesign.output import WorkFolder, work_folder, write_text
@@ -58,7 +59,8 @@ class Result:
         """What `train --json` prints: mm."""
 
         def millimetres(errors: Errors) -> dict[str, float]:
-            return {name: 1e3 * getattr(errors, name) for name in ERRORS}
+            values = {name: 1e3 * getattr(errors, name) for name in ERRORS}
+            return {name: value for name, value in values.items() if np.isfinite(value)}
 
         return {
             "network": self.about["network"],
@@ -136,7 +138,10 @@ def _network(network: Network, plan: Any, seed: int) -> tuple[Callable[..., Any]
         from studies.training import field
 
         return field.train, plan or Training(seed=seed)
-    raise InputError(f"--network {network}: expected field")
+    from corrector.paper_training import PaperTraining
+    from studies.training import paper
+
+    return paper.train, plan or PaperTraining.here(seed)
 
 
 def _content(learned: Sequence[Chosen], base: Model, network: Network, plan: Any) -> dict[str, Any]:
@@ -192,14 +197,32 @@ def _tested(
         wanted = simulated(own, times, corrector.history(), forward, work, progress=progress)
         for chosen, simple, motion in zip(own, plain, wanted, strict=True):
             trial = chosen.trial
-            clouds = trial.load().frames
             answer = corrector.correct([chosen.case], [trial.times], [motion])[0]
-            before.append(trial_errors(clouds, simple, noise, seed=seed + trial.order))
-            after.append(trial_errors(clouds, answer, noise, seed=seed + trial.order))
-        means = [Errors(**{k: v.mean for k, v in statistics(each).items()}) for each in (before, after)]
+            kept = np.flatnonzero(trial.times >= corrector.starts)
+            frames = trial.load().frames
+            clouds = [frames[k] for k in kept]
+            before.append(trial_errors(clouds, simple[kept], noise, seed=seed + trial.order))
+            if corrector.ordered:
+                after.append(trial_errors(clouds, answer[kept], noise, seed=seed + trial.order))
+            else:
+                after.append(unordered_errors(clouds, answer[kept], before[-1].chamfer_floor))
+        means = [Errors(*np.mean([astuple(errors) for errors in each], axis=0).tolist()) for each in (before, after)]
         trust = corrector.trust(own[0].trial.design)
-        found[name] = Learned(len(own), trust, means[0], means[1], closed(*means))
+        found[name] = Learned(len(own), trust, means[0], means[1], _closed(*means))
     return found
+
+
+def unordered_errors(
+    clouds: Sequence[NDArray[np.floating]], answer: NDArray[np.float32], chamfer_floor: float
+) -> Errors:
+    """m. An unordered answer has no surface, and its floor is that of the simulated surface."""
+    apart = float(np.mean([chamfer(cloud, points) for cloud, points in zip(clouds, answer, strict=True)]))
+    return Errors(apart, chamfer_floor, np.nan, np.nan, np.nan)
+
+
+def _closed(before: Errors, after: Errors) -> Closed:
+    found = closed(before, after)
+    return found if np.isfinite(after.surface_rms) else replace(found, surface=None)
 
 
 def _provenance(
