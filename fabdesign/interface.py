@@ -133,6 +133,7 @@ def calibrate(
         loaded,
         Simulator(grid),
         slopes=Simulator(min(grid, 41)),
+        coarse=Simulator(21),
         vector=fit_vector(free, fix, scope=muscle_scope([*loaded.designs.values()])),
         points_per_side=grid,
         orders=fit,

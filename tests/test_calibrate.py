@@ -408,3 +408,45 @@ def test_a_lag_that_all_trials_share_is_no_clock(tmp_path):
     for trial in measured.trials:
         rewrite(trial, time=TIMES + 0.15)
     assert not calibrate(measured, Curler()).skipped
+
+
+class Coin(Curler):
+    """From 0.4 s on, at 250 kPa, it lies to one side or the other, as the frame leans."""
+
+    side = 1.0
+
+    def _motion(self, case, times):
+        frames = super()._motion(case, times)
+        leans = [term.values["about_x"] for term in case.effects if term.name == "frame_tilt"]
+        if 240e3 < case.program.pressure.max() < 260e3:
+            side = np.sign(sum(leans)) or self.side
+            frames[times > 0.35, :, 2] *= side
+        return frames
+
+
+def test_what_hangs_on_a_coins_toss_is_named_and_takes_no_part(tmp_path):
+    other = Coin()
+    other.side = -1.0  # the measured cloth fell to the other side
+    measured = write(tmp_path / "set", [100, 200, 300, 250, 150], forward=other)
+    blind = calibrate(measured, Coin(), engines=ONE_ENGINE)
+    found = calibrate(measured, Coin(), coarse=Coin(), engines=ONE_ENGINE)
+    [stretch] = found.unjudged
+    assert stretch.trial == "003" and 0.2 <= stretch.begin <= 0.4 and stretch.end == pytest.approx(1.2)
+    assert found.share_unjudged == pytest.approx(5 / 32, abs=2 / 32)
+    assert "not judged" in as_text(found) and "003" in as_text(found)
+    assert found.as_json()["unjudged"][0]["trial"] == "003"
+    assert found.model.parameters["damping"].factor == pytest.approx(1.3, rel=0.01)
+    assert found.fit.after < 0.5 * blind.fit.after
+    assert blind.unjudged is None
+
+
+def test_a_set_of_nothing_but_tosses_is_refused(tmp_path):
+    measured = write(tmp_path / "set", [250, 245, 150])
+    coin = Coin()
+
+    def toss(cases, times):
+        return [np.full((len(t), 882, 3), np.nan, np.float32) for t in times]
+
+    coin.motions = toss
+    with pytest.raises(InputError, match="in every frame small changes lead elsewhere"):
+        calibrate(measured, Curler(), coarse=coin)

@@ -137,6 +137,7 @@ def calibrate(
                 [measured for measured, _ in checked],
                 Simulator(grid),
                 slopes=Simulator(min(grid, POINTS_PER_SIDE)),
+                coarse=Simulator(21),
                 vector=vector,
                 points_per_side=grid,
                 orders=orders,

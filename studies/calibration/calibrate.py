@@ -26,6 +26,7 @@ from studies.calibration.fit import Fit, Progress, fit, parts
 from studies.calibration.fitted_model import fitted_model
 from studies.calibration.parameters import DECLARED, FitVector
 from studies.calibration.trial_checks import DISAGREE, doubtful
+from studies.judged import Stretch, judged, unjudged
 
 TRIALS = 16  # fitted at most, spread over those allowed
 UNTIL = 1.5  # s of a trial
@@ -44,6 +45,8 @@ class Calibration:
     statements: tuple[str, ...]  # what these data cannot tell
     doubts: tuple[str, ...]  # why the intervals are not to be believed
     skipped: tuple[str, ...]  # bad trials left out, a line each
+    unjudged: tuple[Stretch, ...] | None  # took no part: small changes lead elsewhere there; None: not looked for
+    share_unjudged: float  # of the frames that were drawn
 
     def as_json(self) -> dict[str, Any]:
         """What `calibrate --json` prints: factors, mm."""
@@ -81,6 +84,8 @@ class Calibration:
             "outlying": self.fit.outlying,
             "lost": lost,
             "skipped": list(self.skipped),
+            "unjudged": None if self.unjudged is None else [stretch.as_json() for stretch in self.unjudged],
+            "share_unjudged": self.share_unjudged,
             "iterations": self.fit.iterations,
             "converged": self.fit.converged,
         }
@@ -91,6 +96,7 @@ def calibrate(
     forward: ForwardModel,
     *,
     slopes: ForwardModel | None = None,
+    coarse: ForwardModel | None = None,
     vector: FitVector = DECLARED,
     points_per_side: int = POINTS_PER_SIDE,
     orders: Collection[int] | None = None,
@@ -105,7 +111,9 @@ def calibrate(
     fitted without them first, which the model keeps.
 
     Of more than 16 trials, 16 spread over the session are fitted: 30 frames of the first 1.5 s of each, and 300 points
-    of a frame, by `seed`. `slopes`: see `fit.fit`. points_per_side: of `forward`'s grid, noted in the model.
+    of a frame, by `seed`. `slopes`: see `fit.fit`. coarse: a cheap simulator with which stretches are found that hang
+    on less than the data sheet knows (studies.judged); they are left out.
+    points_per_side: of `forward`'s grid, noted in the model.
     skipped: lines on bad trials left out before; skip_bad: leave out those too that `trial_checks.doubtful` finds.
     engines: (p,) standard deviations of the unknowns for the difference between `forward` and what made the data, by
     default those of the virtual rig.
@@ -116,6 +124,13 @@ def calibrate(
     allowed = [trial for found in sets for trial in fit_trials(found.trials, orders)]
     chosen = [allowed[i] for i in evenly(len(allowed), TRIALS)]
     samples, noise = _drawn(chosen, seed)
+    stretches, frames = None, sum(len(sample.times) for sample in samples)
+    if coarse is not None:
+        by_set = [unjudged([t for t in chosen if t in found.trials], coarse, until=UNTIL) for found in sets]
+        stretches = tuple(stretch for some in by_set for stretch in some)
+        own = [some for some, found in zip(by_set, sets, strict=True) for t in chosen if t in found.trials]
+        chosen, samples = _judged(chosen, samples, own)
+    lost = 1 - sum(len(sample.times) for sample in samples) / frames
     forward = Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
     found = _fit(samples, forward, slopes, vector, progress)
@@ -147,7 +162,27 @@ def calibrate(
         statements=ambiguities(found, covariance),
         doubts=tuple(why),
         skipped=tuple(skipped),
+        unjudged=stretches,
+        share_unjudged=lost,
     )
+
+
+def _judged(
+    trials: Sequence[Trial], samples: Sequence[Sample], stretches: Sequence[Sequence[Stretch]]
+) -> tuple[list[Trial], list[Sample]]:
+    """What of the trials' samples is outside the stretches of each one's set, and the trials of which something is."""
+    kept = []
+    for trial, sample, own in zip(trials, samples, stretches, strict=True):
+        frames = np.flatnonzero(judged(own, trial.name, sample.times))
+        if len(frames):
+            clouds = tuple(sample.clouds[k] for k in frames)
+            kept.append((trial, replace(sample, times=sample.times[frames], clouds=clouds)))
+    if not kept:
+        raise InputError(
+            f"{', '.join(trial.name for trial in trials)}: in every frame small changes lead elsewhere; expected "
+            "trials whose pressures say which way the cloth goes"
+        )
+    return [trial for trial, _ in kept], [sample for _, sample in kept]
 
 
 def _fit(
