@@ -273,7 +273,7 @@ class Simulator:
         """(lanes, points, 2): contraction and tension [N] of every interval as last evaluated."""
         out = np.zeros((batch.blocks, fields.LANES, max(batch.points, 1), 2), np.float32)
         read_states(batch.blocks, batch.points, out)
-        return out[:, :, : batch.points].reshape(-1, batch.points, 2)
+        return out[:, :, : batch.points].reshape(batch.blocks * fields.LANES, batch.points, 2)
 
 
 def _require(name: str, value: Any, least: float, most: float, *, whole: bool = False, unit: str = "") -> None:
