@@ -125,9 +125,9 @@ def calibrate(
 ) -> Calibration:
     """Declared parameters, and what `free` adds, fitted to measurement sets together; `.model` is what came out.
 
-    fit: orders of the trials to fit in each set, by default all of role `fit`. progress is told what is done, and about
-    what share of it all. free: effects, as in `calibrate --free`; fix:
-    declared parameters that are held. Raises InputError for an unsound set, SimulationError where all motions diverge.
+    fit: orders of the trials to fit in each set, by default all of role `fit`. free: effects, as in `calibrate --free`;
+    fix: declared parameters that are held. progress is told what is done, and about what share of it all. Raises
+    InputError for an unsound set, SimulationError where all motions diverge.
     """
     sets = _sets(measured)
     return calibrate_sets(
