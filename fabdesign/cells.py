@@ -52,12 +52,18 @@ class Cells:
         """
         at = np.ascontiguousarray(points, dtype=np.float64)
         found = Found(np.full(len(at), within**2), np.full(len(at), -1, dtype=np.intp), np.zeros((len(at), 2)))
-        pending, cells = np.arange(len(at)), self
+        low, edge, _, shape, *_ = self._grid
+        (_, pending), cells = _sort(at, low, edge, shape), self  # neighbours in a row find what is at hand
         while len(pending):
             pending = _search(at, pending, *cells._grid, *found)
             cells = cells._next
         found.squared[found.item < 0] = np.inf
         return found
+
+    @staticmethod
+    def of_triangles(vertices: Array, triangles: Indices) -> "Cells":
+        """Of a mesh: vertices (m, 3) m, and the corners of each triangle (t, 3)."""
+        return Cells(_corner_and_edges(vertices, triangles))
 
     @cached_property
     def _centred(self) -> tuple[Array, Array, Array, float]:
@@ -83,7 +89,19 @@ class Cells:
         return Cells(self.items, self.coarser * _COARSER)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _corner_and_edges(vertices: Array, triangles: Indices) -> Array:
+    items = np.empty((len(triangles), 9))
+    for k in range(len(triangles)):
+        for a in range(3):
+            corner = vertices[triangles[k, 0], a]
+            items[k, a] = corner
+            items[k, a + 3] = vertices[triangles[k, 1], a] - corner
+            items[k, a + 6] = vertices[triangles[k, 2], a] - corner
+    return items
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _centres(items: Array) -> tuple[Array, Array, Array, float]:
     """(m, 3) centres, least corner (3,) and size (3,) of their box, and how far an item reaches from its centre."""
     count, width = items.shape
@@ -104,27 +122,28 @@ def _centres(items: Array) -> tuple[Array, Array, Array, float]:
     return centres, low, high - low, np.sqrt(widest) * _ROUNDED_UP
 
 
-@njit(cache=True, nogil=True)
-def _sort(centres: Array, low: Array, edge: float, shape: Ints) -> tuple[Ints, Indices]:
-    """(cells + 1,) first place of each cell's items in the order, and that order, cell by cell."""
-    cell = np.empty(len(centres), dtype=np.int32)
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sort(points: Array, low: Array, edge: float, shape: Ints) -> tuple[Ints, Indices]:
+    """(cells + 1,) first place of each cell's points in the order, and that order, cell by cell; a point outside counts
+    to the cell at the border."""
+    cell = np.empty(len(points), dtype=np.int32)
     start = np.zeros(shape[0] * shape[1] * shape[2] + 1, dtype=np.int32)
-    for i in range(len(centres)):
+    for i in range(len(points)):
         c = 0
         for a in range(3):
-            c = c * shape[a] + min(int((centres[i, a] - low[a]) / edge), shape[a] - 1)
+            c = c * shape[a] + int(min(max((points[i, a] - low[a]) / edge, 0.0), shape[a] - 1.0))
         cell[i] = c
         start[c + 1] += 1
     for c in range(1, len(start)):
         start[c] += start[c - 1]
-    order, place = np.empty(len(centres), dtype=np.intp), start[:-1].copy()
-    for i in range(len(centres)):
+    order, place = np.empty(len(points), dtype=np.intp), start[:-1].copy()
+    for i in range(len(points)):
         order[place[cell[i]]] = i
         place[cell[i]] += 1
     return start, order
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _search(
     points: Array,
     pending: Indices,
@@ -143,29 +162,35 @@ def _search(
     """Nearest items of the pending points among those in their own cells and the ones around; those left unsure.
 
     All centres nearer than an edge and the way to the own cell's wall are there, and an item nearer than what is found
-    has its centre within that and how far items reach.
+    has its centre within that and how far items reach: columns of cells, along the last axis, beyond that are left out.
     """
     left, unsure = np.empty_like(pending), 0
-    own = np.empty(3, dtype=np.int64)
+    own, gap = np.empty(3, dtype=np.int64), np.zeros((3, 3))  # m^2, to the cells before, own and after
     for i in pending:
         p0, p1, p2 = points[i, 0], points[i, 1], points[i, 2]
         wall, inside, all_seen = np.inf, True, True
         for a in range(3):
             place = (points[i, a] - low[a]) / edge
             own[a] = int(np.floor(place))
-            wall = min(wall, edge * min(place - own[a], own[a] + 1 - place))
+            below = edge * (place - own[a])
+            gap[a, 0], gap[a, 2] = below * below, (edge - below) * (edge - below)
+            wall = min(wall, below, edge - below)
             inside = inside and -1 <= own[a] <= shape[a]
             all_seen = all_seen and own[a] <= 1 and shape[a] - own[a] <= 2
         best = squared[i]
         limit = (np.sqrt(best) * _ROUNDED_UP + widest) ** 2 if widest > 0 else best  # of a centre's square
-        z0, z1 = max(own[2] - 1, 0), min(own[2] + 2, shape[2])
         for step in range(9 if inside else 0):
             t = (step + 4) % 9  # the own column first
             x, y = own[0] + t // 3 - 1, own[1] + t % 3 - 1
             if x < 0 or x >= shape[0] or y < 0 or y >= shape[1]:
                 continue
+            aside = gap[0, t // 3] + gap[1, t % 3]
+            if aside >= limit:
+                continue
+            z0 = max(own[2] - (aside + gap[2, 0] < limit), 0)
+            z1 = min(own[2] + 1 + (aside + gap[2, 2] < limit), shape[2])
             column = (x * shape[1] + y) * shape[2]
-            for k in range(start[column + z0], start[column + z1]):
+            for k in range(np.uint64(start[column + z0]), np.uint64(start[column + z1])):
                 d0, d1, d2 = p0 - centres[k, 0], p1 - centres[k, 1], p2 - centres[k, 2]
                 q, v, w = d0 * d0 + d1 * d1 + d2 * d2, 0.0, 0.0
                 if q >= limit:
@@ -183,7 +208,7 @@ def _search(
     return left[:unsure]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _to_triangle(p0: float, p1: float, p2: float, items: Array, k: int) -> tuple[float, float, float]:
     """Squared distance of a point to a triangle (corner, edges b and c from it), and the weights of its edges there.
 
@@ -214,6 +239,6 @@ def _to_triangle(p0: float, p1: float, p2: float, items: Array, k: int) -> tuple
     return least, best_v, best_w
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
 def _squared(x: float, y: float, z: float) -> float:
     return x * x + y * y + z * z

@@ -22,7 +22,7 @@ from fabdesign.pressure_file import constant_program, read_pressures
 from fabdesign.trial import MeasurementSet
 from sim import Simulator
 from studies.calibration.calibrate import Calibration
-from studies.calibration.calibrate import calibrate as calibrate_set
+from studies.calibration.calibrate import calibrate as calibrate_sets
 from studies.calibration.fitted_model import muscle_scope
 from studies.calibration.parameters import fit_vector
 from studies.evaluate import Evaluation, evaluate_sets
@@ -114,7 +114,7 @@ def equilibrium(
 
 
 def calibrate(
-    measured: MeasurementSet | Path | str,
+    measured: MeasurementSet | Path | str | Sequence[MeasurementSet | Path | str],
     *,
     fit: Sequence[int] | None = None,
     free: Sequence[str] = (),
@@ -123,18 +123,19 @@ def calibrate(
     seed: int = 0,
     progress: Callable[[str, float], None] = lambda line, share: None,
 ) -> Calibration:
-    """Declared parameters, and what `free` adds, fitted to a measurement set; `.model` is what came out.
+    """Declared parameters, and what `free` adds, fitted to measurement sets together; `.model` is what came out.
 
-    fit: orders of the trials to fit, by default all of role `fit`. free: effects, as in `calibrate --free`; fix:
-    declared parameters that are held. Raises InputError for an unsound set, SimulationError where all motions diverge.
+    fit: orders of the trials to fit in each set, by default all of role `fit`. free: effects, as in `calibrate --free`;
+    fix: declared parameters that are held. progress is told what is done, and about what share of it all. Raises
+    InputError for an unsound set, SimulationError where all motions diverge.
     """
-    loaded = measured if isinstance(measured, MeasurementSet) else read_set(measured)
-    return calibrate_set(
-        loaded,
+    sets = _sets(measured)
+    return calibrate_sets(
+        sets,
         Simulator(grid),
         slopes=Simulator(min(grid, 41)),
         coarse=Simulator(21),
-        vector=fit_vector(free, fix, scope=muscle_scope([*loaded.designs.values()])),
+        vector=fit_vector(free, fix, scope=muscle_scope([design for one in sets for design in one.designs.values()])),
         points_per_side=grid,
         orders=fit,
         seed=seed,
@@ -153,8 +154,7 @@ def evaluate(
 
     all_trials: those of role `fit` too, in a table of their own. Raises InputError where no trial is left.
     """
-    many = [measured] if isinstance(measured, MeasurementSet | Path | str) else list(measured)
-    sets = [one if isinstance(one, MeasurementSet) else read_set(one) for one in many]
+    sets = _sets(measured)
     fitted = model if isinstance(model, Model) else read_model(model)
     return evaluate_sets(fitted, sets, Simulator(grid or fitted.points_per_side), all_trials=all_trials)
 
@@ -169,6 +169,11 @@ def optimize(study: Path | str, out: Path | str, *, seconds: float | None = None
 
 def _design(design: DesignLike) -> Design:
     return design if isinstance(design, Design) else read_design(design)
+
+
+def _sets(measured: MeasurementSet | Path | str | Sequence[MeasurementSet | Path | str]) -> list[MeasurementSet]:
+    many = [measured] if isinstance(measured, MeasurementSet | Path | str) else measured
+    return [one if isinstance(one, MeasurementSet) else read_set(one) for one in many]
 
 
 def _model(model: ModelLike) -> Model | None:

@@ -85,7 +85,7 @@ class Surface:
 
     @cached_property
     def _cells(self) -> Cells:
-        return Cells(np.concatenate(self._corners, axis=1))
+        return Cells.of_triangles(self.vertices, self.triangles)
 
     def sample(self, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
         """(count, 3) points, uniform over the area, and the outer unit normals there."""
