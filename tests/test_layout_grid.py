@@ -115,6 +115,7 @@ def test_one_command_runs_studies_of_any_kind(folder: Path, run: Run, monkeypatc
     )
     (folder / "s.toml").write_text(STUDY.replace("250", "40").replace("[1, 2]", "[1]"))
     for name, key in (("o", "objective_mm"), ("m", "outputs"), ("s", "front")):
+        assert run("check", folder / f"{name}.toml")[0] == 0
         code, out, err = run("study", folder / f"{name}.toml", "-o", folder / name, "--json")
         assert code == 0, err
         assert key in json.loads(out)

@@ -39,17 +39,19 @@ def sensitivity(study: Path, output: Path, seconds: float | None, force: bool, a
 def study_of_any_kind(
     context: click.Context, file: Path, output: Path, seconds: float | None, force: bool, as_json: bool
 ) -> None:
-    """Run a STUDY (TOML) of any kind: optimize, sensitivity, layouts."""
+    """Run a STUDY (TOML) of any kind: optimize, sensitivity, layouts, unseen."""
     from fabdesign.study_file import read_kind
 
     kind = read_kind(file)
     options: dict[str, Any] = {"seconds": seconds, "force": force, "as_json": as_json}
     if kind == "layouts":
         _layouts(file, output, **options)
+    elif kind == "unseen":
+        _unseen(file, output, **options)
     elif kind in commands.commands:
         context.invoke(commands.commands[kind], study=file, output=output, **options)
     else:
-        raise InputError(f'{file}: kind = "{kind}"; this version runs optimize, sensitivity and layouts')
+        raise InputError(f'{file}: kind = "{kind}"; this version runs optimize, sensitivity, layouts and unseen')
 
 
 def _layouts(study: Path, output: Path, *, seconds: float | None, force: bool, as_json: bool) -> None:
@@ -68,3 +70,13 @@ def _layouts(study: Path, output: Path, *, seconds: float | None, force: bool, a
 
         result = run_layouts(study, output, seconds=seconds, force=force, progress=show)
     print_result(result.as_json(), f"{as_text(result)}\nreport: {output / 'report.html'}", as_json)
+
+
+def _unseen(study: Path, output: Path, *, seconds: float | None, force: bool, as_json: bool) -> None:
+    from studies.layouts.progress import LiveLine
+    from studies.unseen.report import as_text, without_lines
+    from studies.unseen.run import run_unseen
+
+    with LiveLine(study.stem) as line:
+        result = run_unseen(study, output, seconds=seconds, force=force, progress=line.say)
+    print_result(without_lines(result), f"{as_text(result)}\nreport: {output / 'report.html'}", as_json)

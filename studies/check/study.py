@@ -6,6 +6,7 @@ from pathlib import Path
 from fabdesign.layouts_file import read_layouts
 from fabdesign.sensitivity_file import read_sensitivity
 from fabdesign.study_file import read_kind, read_study
+from fabdesign.unseen_file import read_unseen
 from studies.check.design import design_findings, spacing
 from studies.check.findings import Findings, failures
 from studies.layouts.target import load_target
@@ -19,6 +20,9 @@ def study_findings(path: Path) -> Findings:
         found = design_findings(sweep.design, f"{path}: design")
         targets = [sweep.target] if sweep.target else []
         return found + failures(partial(load_target, target, sweep.design, seed=sweep.seed) for target in targets)
+    if kind == "unseen":
+        unsewn = read_unseen(path).unsewn
+        return design_findings(unsewn.design, f"{path}: design") if unsewn else Findings()
     study = read_layouts(path).search if kind == "layouts" else read_study(path)
     found = design_findings(study.design, f"{path}: design")
     found += failures(partial(load_target, target, study.design, seed=study.seed) for target in study.targets)

@@ -92,8 +92,8 @@ class _Sweep:
 
             forward = Simulator(study.points_per_side, rise=study.rise, hold=study.hold)
         self._tensions = WithTensions(forward) if needs_tension(study.outputs) else None
-        model = replace(study.model or Model(), parameters={}, effects=())  # a case brings all of it
-        self._forward = forward_model(self._tensions or forward, model)
+        bare = replace(study.model or Model(), parameters={}, effects=())  # a case brings all of it
+        self._forward = replace(forward_model(self._tensions or forward, study.model), model=bare)
         self.outputs = Outputs(study.outputs, study.design.fabric, self._at_rest(), target, study.at)
 
     def run(self) -> SensitivityResult:

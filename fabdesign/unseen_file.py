@@ -1,0 +1,166 @@
+"""Study files of kind "unseen": a layout or muscle type judged before it is sewn, and a model judged by leaving out."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.design import Design
+from fabdesign.design_file import read_design
+from fabdesign.effort import COARSEST, FINEST, LONGEST
+from fabdesign.errors import InputError
+from fabdesign.forward import HOLD, RISE
+from fabdesign.measurement_set import read_set
+from fabdesign.model import Model
+from fabdesign.model_file import read_model
+from fabdesign.model_sampling import joint_root
+from fabdesign.pressure import PressureProgram, limits
+from fabdesign.pressure_file import read_pressures
+from fabdesign.study_file import FORMAT, require_kind
+from fabdesign.table import Table, load_toml, pascals
+from fabdesign.trial import MeasurementSet
+
+GRID = 21  # points a side
+HIGHEST = 300e3  # Pa, of poses and programs that the study does not name, where the muscles allow it
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A measurement that could be made: a program on a design."""
+
+    name: str
+    design: Design
+    program: PressureProgram
+
+
+@dataclass(frozen=True)
+class RigLimits:
+    """What the laboratory can do. SI."""
+
+    pressure: float = HIGHEST  # Pa
+    rate: float = np.inf  # Pa/s
+    duration: float = 3.0  # s, of a program
+    channels: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Unsewn:
+    """What is not sewn yet: a design under `poses` (n, channels) Pa, and the model that is to predict it."""
+
+    design: Design
+    model: Model
+    poses: NDArray[np.float64]
+    candidates: tuple[Candidate, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class UnseenStudy:
+    """trials: of each design that is left out, how many are evaluated at most. samples: models drawn."""
+
+    name: str
+    unsewn: Unsewn | None
+    measured: MeasurementSet | None
+    folder: Path | None = None  # of the measured set
+    trials: int = 12
+    samples: int = 32
+    seed: int = 1
+    points_per_side: int = GRID
+    rise: float = RISE
+    hold: float = HOLD
+    rig: RigLimits = RigLimits()
+    seconds: float | None = None
+
+
+def read_unseen(path: Path | str) -> UnseenStudy:
+    """Read a study of kind "unseen". Keys: docs/files.md. Raises InputError."""
+    path = Path(path)
+    root = load_toml(path, FORMAT, partial=True)
+    require_kind(root, "unseen")
+    rig = _rig_limits(root, path)
+    unsewn = _unsewn(root, path, rig) if "design" in root else None
+    table = root.table("measured", None)
+    measured, folder, trials = None, None, 12
+    if table is not None:
+        folder = path.parent / table.text("set")
+        measured, trials = read_set(folder), table.integer("trials", 12, least=1)
+        if len(measured.designs) < 2:
+            raise InputError(f"{table.where}: {folder} has one design; expected two or more, to leave each out in turn")
+        table.finish()
+    if unsewn is None and measured is None:
+        raise InputError(f"{path}: nothing to judge; expected a design with a model, a [measured] set, or both")
+    cut = root.table("limits", None) or Table({}, "")
+    study = UnseenStudy(
+        name=root.text("name", path.stem),
+        unsewn=unsewn,
+        measured=measured,
+        folder=folder,
+        trials=trials,
+        samples=root.integer("samples", 32, least=8, most=1000),
+        seed=root.integer("seed", 1, least=0),
+        points_per_side=root.integer("points_per_side", GRID, least=COARSEST, most=FINEST),
+        rise=root.number("rise", RISE, least=0.01, most=60),
+        hold=root.number("hold", HOLD, least=0, most=LONGEST),
+        rig=rig,
+        seconds=cut.number("seconds", None, above=0),
+    )
+    cut.finish()
+    root.finish()
+    return study
+
+
+def _unsewn(root: Table, path: Path, rig: RigLimits) -> Unsewn:
+    design = read_design(path.parent / root.text("design"))
+    model = read_model(path.parent / root.text("model"))
+    joint_root(model)  # sound, or said at once
+    if not design.muscles:
+        raise InputError(f"{path}: design {design.name} has no muscles; expected some")
+    if rig.channels is not None and design.channels > rig.channels:
+        raise InputError(f"{path}: design {design.name} has {design.channels} channels; the rig has {rig.channels}")
+    candidates = tuple(_candidate(table, path, design) for table in root.tables("candidates"))
+    return Unsewn(design, model, _poses(root, design, rig), candidates)
+
+
+def _poses(root: Table, design: Design, rig: RigLimits) -> NDArray[np.float64]:
+    """`pressures`, rows of kPa; else one face after the other at the highest pressure."""
+    most = limits(design)
+    rows = root.take("pressures", None)
+    if rows is None:
+        on = {side: {m.channel for m in design.muscles if m.side == side} for side in ("front", "back")}
+        faces = [np.isin(np.arange(design.channels), [*channels]) for channels in on.values() if channels]
+        return np.array([np.where(face, np.minimum(most, rig.pressure), 0.0) for face in faces])
+    try:
+        poses = np.array([[pascals(x) for x in row] for row in rows])
+    except (ArithmeticError, TypeError, ValueError):
+        poses = np.empty(0)
+    if poses.ndim != 2 or poses.shape[1] != design.channels or (poses < 0).any() or (poses > most).any():
+        raise root.bad("pressures", f"rows of {design.channels} pressures in kPa, within the muscles' limits")
+    return poses
+
+
+def _candidate(table: Table, path: Path, design: Design) -> Candidate:
+    """`program`: as `simulate` takes it; on another `design` where there is one."""
+    own = read_design(path.parent / table.text("design")) if "design" in table else design
+    spec = table.text("program")
+    file = path.parent / spec
+    program = read_pressures(file if file.suffix in (".csv", ".npz") else spec, own)
+    candidate = Candidate(table.text("name", spec), own, program)
+    table.finish()
+    return candidate
+
+
+def _rig_limits(root: Table, path: Path) -> RigLimits:
+    table = root.table("rig_limits", None) or Table({}, f"{path}: rig_limits")
+    pressure = table.take("pressure", None)
+    if isinstance(pressure, list):  # [lowest, highest], as in [limits]
+        highest = table.numbers("pressure", count=2)[1]
+    else:
+        highest = table.number("pressure", HIGHEST / 1e3, above=0)
+    found = RigLimits(
+        pressure=1e3 * highest,
+        rate=1e3 * table.number("rate", np.inf, above=0),
+        duration=table.number("duration", 3.0, above=0, most=LONGEST),
+        channels=table.integer("channels", None, least=1),
+    )
+    table.finish()
+    return found

@@ -1,0 +1,1 @@
+"""What nobody has measured yet: layouts and muscle types judged before they are sewn."""

@@ -1,0 +1,52 @@
+"""Cases of models drawn jointly, with what a model cannot know of a muscle type that it never saw."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.design import Design
+from fabdesign.forward import MUSCLE_TYPES, OF_MUSCLES, Case
+from fabdesign.model import Model
+from fabdesign.model_sampling import drawn, joint_root
+from fabdesign.pressure import PressureProgram
+from studies.calibration.parameters import PRIOR
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Independent standard normals z stand for a model: first its covariance's, then, for each number of a muscle type
+    that the model does not have, the data sheet's prior."""
+
+    model: Model
+    design: Design
+
+    @cached_property
+    def unknown(self) -> tuple[str, ...]:
+        """Factors of the design's muscle types that the model says nothing of."""
+        known = self.model.factors
+        types = dict.fromkeys(muscle.type for muscle in self.design.muscles)
+        names = [(f"{MUSCLE_TYPES}{kind}.{own}", own) for kind in types for own in OF_MUSCLES]
+        return tuple(name for name, own in names if name not in known and own not in known)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        assert self.model.covariance is not None
+        return (*self.model.covariance.names, *self.unknown)
+
+    @cached_property
+    def _root(self) -> Array:
+        return joint_root(self.model)
+
+    def case(self, z: Array, program: PressureProgram, design: Design | None = None) -> Case:
+        """Of (n,) z; on the design, or on another one."""
+        count = len(self._root)
+        model = drawn(self.model, self._root, z[:count])
+        own = {
+            name: float(np.exp(PRIOR[name.rpartition(".")[2]] * x))
+            for name, x in zip(self.unknown, z[count:], strict=True)
+        }
+        return Case(design or self.design, program, model.factors | own, model.terms)

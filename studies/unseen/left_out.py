@@ -1,0 +1,82 @@
+"""Each design of a measured set left out in turn: calibrated on the others, judged on it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fabdesign.errors import InputError
+from fabdesign.forward import Case, ForwardModel
+from fabdesign.model import Model
+from fabdesign.output import whole_file
+from fabdesign.trial import MeasurementSet, Trial
+from studies.calibration.calibrate import calibrate
+from studies.calibration.clouds import evenly
+from studies.evaluate import evaluate_sets
+from studies.forward_model import forward_model
+
+
+def left_out(
+    measured: MeasurementSet,
+    name: str,
+    forward: ForwardModel,
+    *,
+    trials: int,
+    points_per_side: int,
+    seed: int,
+    picture: Path,
+    progress: Callable[[str], None],
+) -> dict[str, Any]:
+    """Errors of the data sheet and of what the other designs' trials of role `fit` gave, on at most `trials` trials of
+    the design `name`; an overlay of one of them goes to `picture` (PNG). What `evaluate` says of a design, the model's
+    factors, and which trials were fitted. Raises InputError where nothing is left to fit or to judge."""
+    others = tuple(trial for trial in measured.trials if trial.design_name != name and trial.role == "fit")
+    own = [trial for trial in measured.trials if trial.design_name == name]
+    if not others or not own:
+        raise InputError(f"{measured.name}: without {name}, no trial is left to {'judge' if others else 'fit'}")
+    judged = tuple(replace(own[i], role="test") for i in evenly(len(own), trials))
+    found = calibrate(
+        replace(measured, trials=others),
+        forward,
+        points_per_side=points_per_side,
+        seed=seed,
+        progress=lambda line, share: progress(f"without {name}: {line}"),
+    )
+    evaluation = evaluate_sets(
+        found.model,
+        [replace(measured, trials=judged)],
+        forward,
+        seed=seed,
+        progress=lambda done, total: progress(f"without {name}: judged {done} of {total} trials"),
+    )
+    _overlay(judged[len(judged) // 2], found.model, forward, picture)
+    factors = {k: {"factor": p.factor, "interval90": p.interval90} for k, p in found.model.parameters.items()}
+    return evaluation.as_json()["designs"][name] | {
+        "factors": factors,
+        "fitted": len(found.model.provenance.fitted),
+        "doubts": list(found.doubts),
+    }
+
+
+def _overlay(trial: Trial, model: Model, forward: ForwardModel, path: Path) -> None:
+    """The cloud of the frame that moved farthest, before and after, from the side and from the front."""
+    from matplotlib.figure import Figure
+
+    clouds = trial.load().frames
+    k = int(np.argmax([np.abs(cloud[:, 2]).mean() for cloud in clouds]))
+    figure = Figure(figsize=(10, 4.2), layout="constrained")
+    axes = figure.subplots(1, 4, sharey=True)
+    for column, (said, own) in enumerate((("before", model.before), ("after", model))):
+        predictor = forward_model(forward, own, sensing=True)
+        motion = predictor.motions([Case(trial.design, trial.program, order=trial.order)], [trial.times])[0]
+        for view, (axis, label) in enumerate(((2, "z"), (0, "x"))):
+            panel = axes[2 * column + view]
+            panel.plot(1e3 * motion[k][:, axis], 1e3 * motion[k][:, 1], ".", color="#92c5de", markersize=2)
+            panel.plot(1e3 * clouds[k][::2, axis], 1e3 * clouds[k][::2, 1], ".", color="#1c2430", markersize=1)
+            panel.set(title=f"{said}, {'side' if axis == 2 else 'front'}", xlabel=f"{label}, mm", aspect="equal")
+    axes[0].set_ylabel("y, mm")
+    figure.suptitle(f"{trial.design_name} {trial.name}, {trial.times[k]:.2f} s: measured (dark) over model")
+    with whole_file(path) as unfinished:
+        figure.savefig(unfinished, dpi=90, format="png")

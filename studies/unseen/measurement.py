@@ -1,0 +1,85 @@
+"""Which measurement would narrow a prediction most: expected information, linear and Gaussian.
+
+About the model, shapes are linear in z, whose prior is the unit normal: a pose's shape is B z, a measurement's frames
+are A z plus noise. After it z has covariance (1 + A^T A / noise^2)^-1, whatever is measured (Lindley 1956; Chaloner and
+Verdinelli 1995), and the shape that times B on both sides.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.forward import ForwardModel
+from fabdesign.pressure import PressureProgram
+from fabdesign.pressure_file import constant_program
+from fabdesign.unseen_file import Candidate, RigLimits, Unsewn
+from studies.tracing.experiment import programs
+from studies.unseen.draws import Draws
+
+Array = NDArray[np.float64]
+STEP = 0.5  # of z, in differences
+FRAMES = 6  # of a measurement
+NOISE = 1e-3  # m a coordinate: the sensor's and what the model cannot follow
+INDEPENDENT = 40  # points of a frame: what the model cannot follow is smooth over the cloth
+_THIN = 8  # every so many-th point
+
+
+def slopes(shapes: Sequence[NDArray[np.float32]]) -> Array:
+    """(values, n) m by z, of shapes at +STEP and -STEP of each z in turn; every few points."""
+    flat = [np.asarray(shape[..., ::_THIN, :], float).ravel() for shape in shapes]
+    return np.stack([(up - down) / (2 * STEP) for up, down in zip(flat[::2], flat[1::2], strict=True)], axis=1)
+
+
+def directions(count: int) -> list[Array]:
+    """+STEP and -STEP of each z in turn."""
+    return [sign * STEP * row for row in np.eye(count) for sign in (1, -1)]
+
+
+def pose_slopes(unsewn: Unsewn, draws: Draws, forward: ForwardModel) -> Array:
+    """(values, n) m: B, all poses one after another."""
+    zs = directions(len(draws.names))
+    cases = [draws.case(z, constant_program(pose)) for pose in unsewn.poses for z in zs]
+    shapes = forward.equilibria(cases)
+    return np.concatenate([slopes(shapes[k : k + len(zs)]) for k in range(0, len(shapes), len(zs))])
+
+
+def information(candidates: Sequence[Candidate], draws: Draws, forward: ForwardModel) -> list[Array]:
+    """(n, n) A^T A / noise^2 of each candidate's motion; NaN where one diverged."""
+    zs = directions(len(draws.names))
+    cases = [draws.case(z, c.program, c.design) for c in candidates for z in zs]
+    times = [c.program.duration * (np.arange(FRAMES) + 1) / FRAMES for c in candidates for _ in zs]
+    motions = forward.motions(cases, times)
+    found = []
+    for k in range(0, len(motions), len(zs)):
+        a = slopes(motions[k : k + len(zs)])
+        points = len(a) / 3 / FRAMES
+        found.append(a.T @ a * (INDEPENDENT / points) / NOISE**2)
+    return found
+
+
+def spread(b: Array, covariance: Array) -> float:
+    """m RMS over points, of shapes B z with z of this covariance."""
+    return float(np.sqrt(3 * np.einsum("ij,jk,ik->i", b, covariance, b).mean()))
+
+
+def after(b: Array, gained: Array) -> float:
+    """m RMS of what a measurement of this information leaves of the shapes' spread."""
+    return spread(b, np.asarray(np.linalg.inv(np.eye(len(gained)) + gained)))
+
+
+def candidates_of(unsewn: Unsewn, rig: RigLimits) -> list[Candidate]:
+    """Those of the study; else steps, staircases and ramps on the design that the rig can do."""
+    if unsewn.candidates:
+        return [*unsewn.candidates]
+    found = programs(unsewn.design, highest=rig.pressure, seconds=rig.duration)
+    return [Candidate(name, unsewn.design, p) for name, p in found.items() if fastest(p) <= rig.rate * (1 + 1e-9)]
+
+
+def fastest(program: PressureProgram) -> float:
+    """Pa/s: the largest change of a set point over the time to the next one; infinite for a step at 0 s."""
+    if program.pressure[0].any():
+        return float("inf")
+    if len(program.time) < 2:
+        return 0.0
+    return float((np.abs(np.diff(program.pressure, axis=0)).max(axis=1) / np.diff(program.time)).max())

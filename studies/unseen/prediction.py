@@ -1,0 +1,80 @@
+"""Shapes of what is not sewn yet, with what the model does not know as intervals."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import SimulationError
+from fabdesign.forward import ForwardModel
+from fabdesign.model import Model
+from fabdesign.pressure_file import constant_program
+from fabdesign.unseen_file import Unsewn
+from studies.sensitivity.outputs import mean_curvature, tip
+from studies.sensitivity.snapping import moved, snaps, spreads
+from studies.unseen.draws import Draws
+
+Array = NDArray[np.float64]
+_PERCENTILES = 5.0, 50.0, 95.0
+
+
+def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int, seed: int) -> list[dict[str, Any]]:
+    """Of each pose: the shape's band, tip and mean curvature over drawn models; whether it snaps. mm, 1/m, kPa.
+
+    band: m RMS over points that a drawn model's shape lies from their mean, in mm. Raises SimulationError where most
+    models find no shape at rest.
+    """
+    rng, count = np.random.default_rng([seed, 5]), len(draws.names)
+    zs = [np.zeros(count), *rng.normal(size=(samples, count))]
+    ways = spreads(unsewn.design)
+    cases = []
+    for pose in unsewn.poses:
+        cases += [draws.case(z, constant_program(pose)) for z in zs]
+        cases += [draws.case(zs[0], constant_program(pose * way)) for way in ways]
+    own = len(zs) + len(ways)
+    shapes = [np.asarray(shape, float) for shape in forward.equilibria(cases)]
+    return [
+        _pose(unsewn, pose, shapes[k * own : k * own + len(zs)], shapes[k * own + len(zs) : (k + 1) * own])
+        for k, pose in enumerate(unsewn.poses)
+    ]
+
+
+def _pose(unsewn: Unsewn, pose: Array, drawn: list[Array], off: list[Array]) -> dict[str, Any]:
+    sound = np.array([shape for shape in drawn[1:] if np.isfinite(shape).all()])
+    if len(sound) < len(drawn) / 2:
+        raise SimulationError(f"{unsewn.design.name}: most models find no shape at rest under {pose / 1e3} kPa")
+    away = np.sqrt(np.square(sound - sound.mean(axis=0)).sum(axis=-1))  # (models, points)
+    tips = 1e3 * np.array([tip(shape, unsewn.design.fabric) for shape in sound])
+    return {
+        "pressures_kpa": (pose / 1e3).tolist(),
+        "band_mm": 1e3 * float(np.sqrt(np.square(away).mean())),
+        "widest_mm": 1e3 * float(np.sqrt(np.square(away).mean(axis=0)).max()),
+        "tip_mm": {axis: _percentiles(tips[:, k]) for k, axis in enumerate("xyz")},
+        "mean_curvature": _percentiles(np.array([mean_curvature(shape) for shape in sound])),
+        "failed": len(drawn) - 1 - len(sound),
+        "snaps": bool(snaps(moved(drawn[0], *off)[None])[0]),
+        "middle": np.round(_column(sound), 6).tolist(),
+    }
+
+
+def _column(shapes: Array) -> Array:
+    """(models, 41, 2) m: z and y down the cloth's middle line."""
+    faces = shapes.reshape(len(shapes), 2, 41, 41, 3).mean(axis=1)
+    return np.asarray(faces[:, :, 20, [2, 1]])
+
+
+def _percentiles(values: Array) -> list[float]:
+    """5 %, middle, 95 %."""
+    return [float(x) for x in np.percentile(values, _PERCENTILES)]
+
+
+def corrector_said(model: Model, unsewn: Unsewn) -> dict[str, Any]:
+    """Whether the model's corrector applies to the design, and in words."""
+    if model.corrector is None:
+        return {"applies": None, "said": "no corrector in this model"}
+    from corrector.load import load_corrector  # here: it loads the weights
+
+    trust = load_corrector(model).trust(unsewn.design)
+    far = f"{trust.distance:.2f} from the designs that it learned from, its limit is {trust.limit:.2f}"
+    said = f"the corrector applies: {far}" if trust.applies else f"the corrector does not apply: {far}"
+    return {"applies": trust.applies, "distance": trust.distance, "limit": trust.limit, "said": said}

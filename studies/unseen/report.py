@@ -1,0 +1,108 @@
+"""The folder of a study of what is not measured yet: numbers and a page."""
+
+import base64
+import io
+import json
+import re
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from fabdesign import __version__
+from fabdesign.output import write_text
+
+
+def write_report(result: dict[str, Any], out: Path, *, pictures: Path) -> None:
+    """Write `result.json` and `report.html` into `out`; `pictures` holds the overlays."""
+    write_text(out / "result.json", json.dumps(without_lines(result), indent=2) + "\n")
+    template = Environment(autoescape=True).from_string(
+        files("studies.unseen").joinpath("report.html.j2").read_text(encoding="utf-8")
+    )
+    left = {name: found for name, found in (result.get("left_out") or {}).items() if found}
+    page = template.render(
+        result=result,
+        left=left,
+        bands=[Markup(_band_svg(pose)) for pose in result.get("poses") or []],
+        histograms={name: Markup(_histogram_svg(found)) for name, found in left.items()},
+        overlays={name: _inline(pictures / f"left_out_{name}.png") for name in left},
+        version=__version__,
+    )
+    write_text(out / "report.html", page)
+
+
+def without_lines(result: dict[str, Any]) -> dict[str, Any]:
+    """The result without the middle lines, which are for the picture."""
+    if not result.get("poses"):
+        return result
+    poses = [{key: value for key, value in pose.items() if key != "middle"} for pose in result["poses"]]
+    return {**result, "poses": poses}
+
+
+def _band_svg(pose: dict[str, Any]) -> str:
+    """The cloth's middle line from the side: of every drawn model, and their mean."""
+    lines = 1e3 * np.array(pose["middle"])
+    figure = Figure(figsize=(4.2, 4.2), layout="constrained")
+    axes = figure.subplots()
+    for line in lines:
+        axes.plot(line[:, 0], line[:, 1], color="#92c5de", linewidth=0.6)
+    axes.plot(*lines.mean(axis=0).T, color="#1c2430", linewidth=1.4)
+    axes.set(xlabel="z, mm (front)", ylabel="y, mm", aspect="equal")
+    return _svg(figure)
+
+
+def _histogram_svg(found: dict[str, Any]) -> str:
+    figure = Figure(figsize=(7, 2.4), layout="constrained")
+    for axes, error in zip(figure.subplots(1, 2), ("chamfer", "surface_rms"), strict=True):
+        shown = found["histogram"][error]
+        for way, colour in (("before", "#9aa5b1"), ("after", "#2166ac")):
+            axes.stairs(shown[way], shown["edges"], fill=True, alpha=0.6, color=colour, label=way)
+        axes.set(xlabel=f"{error.replace('_', ' ')}, mm", ylabel="trials")
+        axes.legend(fontsize="small")
+    return _svg(figure)
+
+
+def _svg(figure: Figure) -> str:
+    text = io.StringIO()
+    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+    return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
+
+
+def _inline(picture: Path) -> str:
+    return "data:image/png;base64," + base64.b64encode(picture.read_bytes()).decode()
+
+
+def as_text(result: dict[str, Any]) -> str:
+    """For people."""
+    lines = []
+    for pose in result.get("poses") or []:
+        low, middle, high = pose["tip_mm"]["z"]
+        shown = ", ".join(f"{p:g}" for p in pose["pressures_kpa"])
+        snaps = "; may buckle to either side" if pose["snaps"] else ""
+        lines.append(
+            f"{shown} kPa: lower edge at z = {middle:.1f} mm (90 % {low:.1f} to {high:.1f}), "
+            f"shape within {pose['band_mm']:.2f} mm RMS{snaps}"
+        )
+    if result.get("design"):
+        lines.append(result["corrector"]["said"])
+        if result["unknown"]:
+            lines.append(f"the model says nothing of {', '.join(result['unknown'])}: the data sheet's tolerance counts")
+    found = result.get("measurement")
+    if found and found["candidates"]:
+        name, best = next(iter(found["candidates"].items()))
+        lines.append(
+            f"what would narrow it most: {name}, on {best['design']}: {found['spread_mm']:.2f} mm RMS "
+            f"become {best['left_mm']:.2f}"
+        )
+    for name, left in (result.get("left_out") or {}).items():
+        if left is None:
+            lines.append(f"{name} left out: not begun, the time was used")
+            continue
+        before, after = left["before"]["surface_rms"]["mean"], left["after"]["surface_rms"]["mean"]
+        floor = left["after"]["surface_floor"]["mean"]
+        lines.append(f"{name} left out: surface RMS {before:.2f} -> {after:.2f} mm, floor {floor:.2f}")
+    return "\n".join(lines)

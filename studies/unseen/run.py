@@ -1,0 +1,132 @@
+"""A study of what is not measured yet, from its file to its report."""
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fabdesign import SIMULATOR
+from fabdesign.forward import ForwardModel
+from fabdesign.output import WorkFolder, work_folder
+from fabdesign.unseen_file import UnseenStudy, Unsewn, read_unseen
+from studies.forward_model import forward_model
+from studies.layouts.content import flat, shortened
+from studies.unseen.draws import Draws
+from studies.unseen.left_out import left_out
+from studies.unseen.measurement import after, candidates_of, information, pose_slopes, spread
+from studies.unseen.pieces import Pieces
+from studies.unseen.prediction import corrector_said, predicted
+from studies.unseen.report import write_report
+
+
+def run_unseen(
+    study: UnseenStudy | Path | str,
+    out: Path | str,
+    *,
+    forward: ForwardModel | None = None,
+    seconds: float | None = None,
+    force: bool = False,
+    progress: Callable[[str], None] = lambda line: None,
+) -> dict[str, Any]:
+    """Judge what the study names and write `result.json` and `report.html` into `out`; what result.json holds.
+
+    forward: by default the simulator with the study's grid. The same study goes on in its folder, piece by piece.
+    Raises InputError, and SimulationError where shapes cannot be computed.
+    """
+    inputs = [] if isinstance(study, UnseenStudy) else [study]
+    study = study if isinstance(study, UnseenStudy) else read_unseen(study)
+    study = study if seconds is None else replace(study, seconds=seconds)
+    inputs += [study.folder] if study.folder else []
+    with work_folder(out, made_by="unseen", force=force, inputs=inputs) as work:
+        pieces = Pieces(work, _content(study), study.seconds)
+        if forward is None:
+            from sim import Simulator  # here: it loads and starts taichi
+
+            forward = Simulator(study.points_per_side, rise=study.rise, hold=study.hold)
+        result: dict[str, Any] = {"name": study.name, "seed": study.seed, "points_per_side": study.points_per_side}
+        if study.unsewn is not None:
+            result |= _unsewn(study, study.unsewn, forward, pieces, progress)
+        if study.measured is not None:
+            result["left_out"] = _left_out(study, work, forward, pieces, progress)
+        result["wall_s"] = pieces.spent
+        with work.adding() as files:
+            write_report(result, files, pictures=work.folder)
+    return result
+
+
+def _unsewn(
+    study: UnseenStudy, unsewn: Unsewn, simulator: ForwardModel, pieces: Pieces, progress: Callable[[str], None]
+) -> dict[str, Any]:
+    draws = Draws(unsewn.model, unsewn.design)
+    bare = replace(unsewn.model, parameters={}, effects=())  # a case brings all of it
+    forward = replace(forward_model(simulator, unsewn.model), model=bare)
+    progress(f"shapes of {study.samples} models, {len(unsewn.poses)} poses")
+    poses = pieces.piece("poses", lambda: predicted(unsewn, draws, forward, study.samples, study.seed))
+
+    def measurement() -> dict[str, Any]:
+        b = pose_slopes(unsewn, draws, forward)
+        candidates = candidates_of(unsewn, study.rig)
+        progress(f"what {len(candidates)} measurements would tell")
+        left: dict[str, dict[str, Any]] = {}
+        for candidate, gained in zip(candidates, information(candidates, draws, forward), strict=True):
+            if np.isfinite(gained).all():
+                left[candidate.name] = {"design": candidate.design.name, "left_mm": 1e3 * after(b, gained)}
+        ranked = dict(sorted(left.items(), key=lambda item: item[1]["left_mm"]))
+        now = 1e3 * spread(b, np.eye(len(draws.names)))
+        best = next((c for c in candidates if ranked and c.name == next(iter(ranked))), None)
+        program = None if best is None else {
+            "time_s": best.program.time.tolist(),
+            "pressure_kpa": (best.program.pressure / 1e3).round(3).tolist(),
+            "duration_s": best.program.duration,
+        }  # fmt: skip
+        shares = {name: 1e3 * spread(b[:, k : k + 1], np.eye(1)) for k, name in enumerate(draws.names)}
+        return {"spread_mm": now, "due_to_mm": shares, "candidates": ranked, "program": program}
+
+    return {
+        "design": unsewn.design.name,
+        "poses": poses,
+        "unknown": list(draws.unknown),
+        "corrector": corrector_said(unsewn.model, unsewn),
+        "measurement": pieces.piece("measurement", measurement),
+    }
+
+
+def _left_out(
+    study: UnseenStudy, work: WorkFolder, forward: ForwardModel, pieces: Pieces, progress: Callable[[str], None]
+) -> dict[str, Any]:
+    measured = study.measured
+    assert measured is not None
+    found = {}
+    for name in sorted(measured.designs):
+        picture = f"left_out_{name}.png"
+        work.claim(picture)
+
+        def compute(name: str = name, picture: str = picture) -> dict[str, Any]:
+            return left_out(
+                measured,
+                name,
+                forward,
+                trials=study.trials,
+                points_per_side=study.points_per_side,
+                seed=study.seed,
+                picture=work.folder / picture,
+                progress=progress,
+            )
+
+        found[name] = pieces.piece(f"left_out_{name}", compute)
+    return found
+
+
+def _content(study: UnseenStudy) -> dict[str, str]:
+    """What the pieces depend on, by field."""
+    content: dict[str, object] = {"simulator": SIMULATOR}
+    for field in fields(study):
+        if field.name not in ("name", "seconds", "folder", "measured"):
+            content |= flat(getattr(study, field.name), field.name)
+    if study.measured is not None:
+        for trial in study.measured.trials:
+            size = trial.file.stat().st_size
+            content[f"measured.{trial.file.name}"] = f"{trial.design_name}, {trial.role}, {size} bytes"
+    return {name: shortened(str(value)) for name, value in content.items()}
