@@ -24,7 +24,7 @@ from studies.tracing.run import trace_set
 from studies.tracing.vector import FACTORS, Added, Vector, place_of, scope_of, value_at
 from studies.tracing.verdict import Evidence, decide, explains
 
-TIMES = np.arange(1, 16) * 0.1
+TIMES = np.arange(1, 13) * 0.12
 NOISE = SensorNoise(0.0006, 0.002, 0.02)
 TRUTH = {"bending": 1.1, "muscle_gain": 0.95}
 
@@ -38,11 +38,11 @@ class Curler:
 
     def _motion(self, case, times):
         f = dict.fromkeys(PARAMETERS, 1.0) | dict(case.factors)
-        tick = 0.005
+        tick = 0.02
         acting = acting_pressure(case, int(times[-1] / tick) + 2, tick).means
         gain = specimen_of(case).muscles["gain"]
         pull = np.stack([acting[:, m.channel] for m in case.design.muscles], axis=1) * gain / 100e3
-        state, keep = np.zeros(pull.shape[1]), np.exp(-tick / (0.15 * f["damping"]))
+        state, keep = np.zeros(pull.shape[1]), np.exp(-tick / (0.04 * f["damping"]))
         path = [state := keep * state + (1 - keep) * row for row in pull]
         frames = []
         for t in times:
@@ -81,10 +81,10 @@ def write(folder, *, effects=(), forward=None, tests=1, count=8):
     design, rng, trials = build("cross"), np.random.default_rng(5), []
     for order, (rows, kilopascals) in enumerate(PROGRAMS[:count]):
         program = PressureProgram(np.array(rows, float), 1e3 * np.array(kilopascals, float), TIMES[-1])
-        pressure = program.at(TIMES - 0.05)
+        pressure = program.at(TIMES - 0.06)
         case = Case(design, program, TRUTH, effects)
         motion = Predictor(forward or Curler(), Model(), sensing=True).motions([case], [TIMES])[0]
-        clouds = tuple(NOISE.draw(Surface.of_faces(frame), 200, rng) for frame in motion)
+        clouds = tuple(NOISE.draw(Surface.of_faces(frame), 150, rng) for frame in motion)
         role = "test" if order >= count - tests else "fit"
         trials.append(NewTrial(f"{order:03d}", "cross", order, role, TrialData(TIMES, pressure, clouds)))
     write_set(folder, {"cross": design}, trials, name="curled", description="synthetic")

@@ -11,7 +11,9 @@ from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json
 @click.argument("source", type=FILE, metavar="SET|BENCH")
 @click.option("--model", type=FILE, help="A model file: where the fit starts, and effects that are known already.")
 @click.option(
-    "--tolerance", type=click.FloatRange(0, min_open=True), help="mm of held-out excess; 0.5, of a bench 2 %."
+    "--tolerance",
+    type=click.FloatRange(0, min_open=True),
+    help="Of held-out excess: mm, by default 0.5; of a bench % of its output, by default 2.",
 )
 @click.option("--grid", type=GRID, default=21, show_default=True, help="Grid points a side; the model's.")
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of the points drawn.")
@@ -28,7 +30,10 @@ def trace(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Say which effect the model of a SET lacks, or that none is missing: trace.json, model.toml and report.html."""
+    """Say which effect the model of a SET or a BENCH lacks, or that none is missing."""
+    if source.name == "bench.toml" or (source / "bench.toml").is_file():
+        _trace_bench(source, tolerance, output, force, as_json)
+        return
     from fabdesign.measurement_set import read_set
     from fabdesign.model_file import read_model
     from studies.bad_data import sound_trials
@@ -41,4 +46,15 @@ def trace(
     options = Options(TOLERANCE if tolerance is None else tolerance / 1e3, grid, seed)
     with LiveLine(f"trace {source.name}") as line:
         outcome = trace_set(measured, output, source=source, model=fitted, options=options, force=force, say=line.show)
+    print_result(outcome.as_json(), f"{output}: {as_text(outcome)}", as_json)
+
+
+def _trace_bench(source: Path, tolerance: float | None, output: Path, force: bool, as_json: bool) -> None:
+    from studies.tracing.bench import TOLERANCE, trace_bench
+    from studies.tracing.bench_report import as_text
+    from studies.tracing.live import LiveLine
+
+    share = TOLERANCE if tolerance is None else tolerance / 100
+    with LiveLine(f"trace {source.name}") as line:
+        outcome = trace_bench(source, output, tolerance=share, force=force, say=line.show)
     print_result(outcome.as_json(), f"{output}: {as_text(outcome)}", as_json)

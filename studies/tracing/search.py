@@ -27,6 +27,7 @@ from studies.tracing.stages import Stages
 from studies.tracing.vector import Added, Array, Vector
 
 FINALISTS = 2  # that are fitted in full
+CLOSE = 0.25  # of the excess: a third one is, where it gains that much less than the first at most
 MOST = 3  # effects added
 WORTH = 0.15  # of an excess, that a further effect must take
 _ITERATIONS, _EARLY, _FINAL = 4, 2, 4
@@ -135,7 +136,7 @@ def _round(
     if ranking.excess <= tolerance or not worth or number >= MOST:
         return nothing
     finalists = []
-    for k, candidate in enumerate(worth[:FINALISTS]):
+    for k, candidate in enumerate(_to_fit(grams, worth, ranking.excess)):
         finalists.append(
             _in_full(bench, stages, state, folds, floor, candidate, f"{number}_{k}", types, grams, ranking, say)
         )
@@ -145,6 +146,17 @@ def _round(
         return replace(nothing, finalists=tuple(finalists))
     names = _indistinguishable(grams, ranking, best, finalists, floor, seed)
     return replace(nothing, finalists=tuple(finalists), chosen=best, indistinguishable=names)
+
+
+def _to_fit(grams: Grams, worth: Sequence[Candidate], excess: float) -> list[Candidate]:
+    """The best that are not the same answer to first order: two, and a third where it comes close."""
+    chosen: list[Candidate] = []
+    for candidate in worth:
+        same = chosen and max(map(abs, alike(grams, candidate.best, [c.best for c in chosen]))) > ALIKE
+        close = not chosen or chosen[0].gain - candidate.gain < CLOSE * excess
+        if not same and (len(chosen) < FINALISTS or (len(chosen) == FINALISTS and close)):
+            chosen.append(candidate)
+    return chosen
 
 
 def _indistinguishable(

@@ -1,0 +1,96 @@
+"""The page and the words of a bench's trace."""
+
+import html
+import json
+from typing import Any
+
+from plotly.offline import get_plotlyjs
+
+from studies.tracing.bench import BenchOutcome
+from studies.tracing.words import effect_in_words
+
+_PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
+<style>body {{ font: 15px/1.5 system-ui, sans-serif; margin: 0 auto; max-width: 1120px; padding: 1.5rem; }}
+.verdict {{ font-size: 1.15rem; background: #eef4fb; border-left: 4px solid #2f6db3; padding: .6rem .9rem; }}
+.figure {{ height: 320px; }} .quiet {{ color: #5a6675; font-size: .9rem; }}</style>
+<script>{plotly}</script></head><body><h1>{title}: what its quasi-static law lacks</h1>
+<p class="verdict"><b>{verdict}.</b> {words}</p><p class="quiet">{source}</p>
+<div id="bars" class="figure"></div><div id="candidates" class="figure"></div>
+<h2>Records: measured, before, after</h2>{places}
+<script type="application/json" id="figures">{figures}</script><script>
+for (const [id, f] of Object.entries(JSON.parse(document.getElementById("figures").textContent)))
+  Plotly.newPlot(id, f.data, f.layout, {{responsive: true, displayModeBar: false}});
+</script></body></html>
+"""
+
+
+def bench_in_words(outcome: BenchOutcome) -> str:
+    """The answer in a sentence."""
+    evidence = outcome.evidence
+    before = _shown(evidence.before, outcome.unit)
+    if outcome.verdict == "adequate":
+        return f"On records left out the quasi-static law leaves {before} over the noise; nothing is missing beyond it."
+    if outcome.verdict == "unexplained":
+        return f"On records left out {before} over the noise remain that none of the known effects explains."
+    named = " and ".join(effect_in_words(e) for e in outcome.found)
+    also = (
+        f" These records cannot tell it from {', '.join(outcome.indistinguishable)}."
+        if outcome.indistinguishable
+        else ""
+    )
+    return (
+        f"Missing was {named}: {before} over the noise without, {_shown(evidence.after, outcome.unit)} with it.{also}"
+    )
+
+
+def as_text(outcome: BenchOutcome) -> str:
+    """For the terminal."""
+    lines = [f"{outcome.verdict}: {bench_in_words(outcome)}"]
+    for c in outcome.first.candidates:
+        gain, low, high = (_shown(v, outcome.unit) for v in (c.gain, *c.interval90))
+        lines.append(f"  {c.effect:<18} gains {gain} (90 % {low} to {high})")
+    lines.append(f"black box leaves {_shown(outcome.evidence.box_before, outcome.unit)}")
+    return "\n".join(lines)
+
+
+def _shown(value: float, unit: str) -> str:
+    return f"{1e3 * value:.3g} mm" if unit == "m" else f"{value:.3g} {unit}"
+
+
+def render_bench(outcome: BenchOutcome) -> str:
+    """HTML, self-contained."""
+    error = outcome.as_json()["error"]
+    bars = {"noise": error["noise_floor"], "black box": error["ceiling"], "after": error["after"]["held_out"],
+            "before": error["before"]["held_out"]}  # fmt: skip
+    figures: dict[str, Any] = {
+        "bars": {
+            "data": [{"type": "bar", "orientation": "h", "y": [*bars], "x": [*bars.values()]}],
+            "layout": {"xaxis": {"title": f"RMS of records left out, {outcome.unit}"}},
+        },
+        "candidates": {
+            "data": [{"type": "scatter", "mode": "markers", "y": [c.effect for c in outcome.first.candidates],
+                      "x": [c.gain for c in outcome.first.candidates],
+                      "error_x": {"type": "data", "symmetric": False,
+                                  "array": [max(c.interval90[1] - c.gain, 0) for c in outcome.first.candidates],
+                                  "arrayminus": [max(c.gain - c.interval90[0], 0) for c in outcome.first.candidates]}}],
+            "layout": {"xaxis": {"title": f"gain, {outcome.unit}"}, "margin": {"l": 150}},
+        },
+    }  # fmt: skip
+    places = []
+    for k, (name, place, *lines) in enumerate(outcome.curves):
+        data = [
+            {"type": "scatter", "mode": "lines", "name": title, "x": place.tolist(), "y": line.tolist()}
+            for title, line in zip(("measured", "before", "after"), lines, strict=True)
+        ]
+        figures[f"record-{k}"] = {"data": data, "layout": {"title": name}}
+        places.append(f'<div id="record-{k}" class="figure"></div>')
+    return _PAGE.format(
+        title=html.escape(outcome.bench.name),
+        plotly=get_plotlyjs(),
+        verdict=outcome.verdict.capitalize(),
+        words=html.escape(bench_in_words(outcome)),
+        source=html.escape(f"{outcome.bench.description}. {outcome.bench.source}"),
+        places="".join(places),
+        figures=json.dumps(figures).replace("</", "<\\/"),
+    )
