@@ -118,7 +118,7 @@ def calibrate(
         terms=base.terms,
         scope=muscle_scope([*measured.designs.values()]),
     )
-    with new_file(output, force=force, inputs=[source]) as unfinished:
+    with new_file(output, force=force, inputs=[source, *([] if model is None else [model])]) as unfinished:
         from sim import Simulator
 
         found = calibrate_set(
