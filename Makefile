@@ -9,7 +9,7 @@ demo: .venv/.ready-demo
 	.venv/bin/fabdesign demo -o demo
 
 test: lint
-	$(PYTHON) -m pytest -m "not verify" --cov --cov-report=term
+	$(PYTHON) -m pytest -m "not verify" -n 2 --dist worksteal --cov --cov-report=term
 
 lint: .venv/.ready-test
 	$(PYTHON) -m ruff check .

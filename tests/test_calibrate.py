@@ -24,7 +24,7 @@ from studies.calibration.fit import _descend, horizons
 from studies.calibration.normal import Normal, directions
 from studies.calibration.parameters import DECLARED, PRIOR
 from studies.calibration.report import as_text
-from studies.calibration.state import Place, State
+from studies.calibration.state import Evaluation, Linearisation
 
 TIMES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 0.9, 1.2])
 ONE_ENGINE = np.zeros(7)  # the clouds are the forward model's own
@@ -244,24 +244,24 @@ def test_slopes_that_are_too_small_by_half_do_not_keep_the_descent_from_its_end(
     class Line:
         samples, vector = (sample,), DECLARED
 
-        def places(self, xs):
+        def evaluate(self, xs):
             left = [slopes @ (x - target) + noise for x in xs]
             none, zeros = np.zeros((2400, 3)), np.zeros(2400, np.intp)
             return [
-                Place(x, [], Match(r, none, none.astype(np.intp), none, zeros, frame))
+                Evaluation(x, [], Match(r, none, none.astype(np.intp), none, zeros, frame))
                 for x, r in zip(xs, left, strict=True)
             ]
 
-        def changes(self, place, along):
+        def changes(self, evaluation, along):
             return []
 
-        def state(self, place, changes):
-            return State(place.x, [], place.found, [], slopes / 1.95)
+        def linearise(self, evaluation, changes):
+            return Linearisation(evaluation.x, [], evaluation.found, [], slopes / 1.95)
 
-    look = Line()
+    problem = Line()
     weight = np.diag([1 / PRIOR[name] ** 2 for name in PARAMETERS])
-    begin = look.state(look.places([np.zeros(7)])[0], [])
-    state, _, converged = _descend(look, begin, weight, "", lambda line: None)
+    begin = problem.linearise(problem.evaluate([np.zeros(7)])[0], [])
+    state, _, converged = _descend(problem, begin, weight, "", lambda line: None)
     assert converged
     assert state.x == pytest.approx(target, abs=0.01)
 
@@ -279,7 +279,7 @@ def test_trials_that_agree_are_not_simulated_again_for_their_clocks(measured):
 
 
 @pytest.mark.parametrize(
-    ("rms", "astray", "expected"),
+    ("rms", "outlying", "expected"),
     [
         (0.0006, 0.0, []),  # the noise alone
         (0.00078, 0.029, []),  # sqrt(0.78^2 - 0.6^2) = 0.498
@@ -288,8 +288,8 @@ def test_trials_that_agree_are_not_simulated_again_for_their_clocks(measured):
         (np.nan, 0.0, ["the fit leaves nan mm over the noise, expected at most 0.5"]),
     ],
 )
-def test_intervals_are_believed_where_the_fit_leaves_the_noise(rms, astray, expected):
-    assert doubts(rms, astray, SensorNoise(0.0006, 0.0, 0.05)) == expected
+def test_intervals_are_believed_where_the_fit_leaves_the_noise(rms, outlying, expected):
+    assert doubts(rms, outlying, SensorNoise(0.0006, 0.0, 0.05)) == expected
 
 
 def test_noise_of_points_drawn_with_strays_is_what_it_is_taken_for():
@@ -316,7 +316,7 @@ def test_a_diverging_trial_is_left_out_from_there_on(tmp_path):
     assert found.fit.lost == (("002", pytest.approx(0.7)),)
     assert "002: the motion diverged; left out from 0.70 s on" in as_text(found)
     lost = np.mean(TIMES >= 0.7 - 1e-9) / 3  # of one trial of three
-    assert found.fit.astray == found.as_json()["astray"] == pytest.approx(lost)
+    assert found.fit.outlying == found.as_json()["outlying"] == pytest.approx(lost)
     assert f"NOT to be believed: {lost:.0%} of the frames fitted are far off" in as_text(found)
     assert not any(p.believable for p in found.model.parameters.values())
     alone = dataclasses.replace(measured, trials=measured.trials[2:3])

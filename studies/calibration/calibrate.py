@@ -77,7 +77,7 @@ class Calibration:
             "noise": {"sigma": 1e3 * self.noise.sigma, "strays": self.noise.strays, "unit": "mm"},
             "fitted": list(self.model.provenance.fitted),
             "held_out": list(self.model.provenance.held_out),
-            "astray": self.fit.astray,
+            "outlying": self.fit.outlying,
             "lost": lost,
             "skipped": list(self.skipped),
             "iterations": self.fit.iterations,
@@ -126,7 +126,7 @@ def calibrate(
         found = _fit(samples, forward, slopes, vector, progress)
     covariance = _with_engines(found, engine_difference(vector) if engines is None else engines)
     deviation = np.sqrt(np.diag(covariance))
-    why = doubts(found.after, found.astray, noise)
+    why = doubts(found.after, found.outlying, noise)
     model = fitted_model(
         found,
         covariance,

@@ -9,7 +9,7 @@ from fabdesign.forward import ForwardModel
 from studies.calibration.clouds import Array, Match, Sample, cut, frames_of
 from studies.calibration.normal import BLOCK, FAR, Normal, directions, loss, scatter, step_to_minimum
 from studies.calibration.parameters import DECLARED, FitVector
-from studies.calibration.state import Look, State
+from studies.calibration.state import Linearisation, Problem
 
 _STEP = 0.03  # of a logarithm, in the first finite differences
 _ITERATIONS = 10
@@ -34,7 +34,7 @@ class Fit:
     before: float  # m, RMS of the residuals capped at 10 mm, at the data sheet
     after: float  # m, the same at the minimum
     by_trial: Array  # (samples,) m, and of each trial; NaN where its motion was lost from the start
-    astray: float  # share of frames that the model misses by far, or has lost
+    outlying: float  # share of frames that the model misses by far, or has lost
     lost: tuple[tuple[str, float], ...]  # trials whose motion diverged, and from when on [s] they were left out
     iterations: int
     converged: bool
@@ -68,16 +68,16 @@ def fit(
     x, along, iterations = vector.start if begin is None else begin, np.diag(_STEP * vector.scale), 0
     *early, last = horizons(samples)
     for horizon in early if begin is None else ():
-        look = Look([cut(sample, horizon) for sample in samples], slopes, slopes, vector)
-        place = look.places([x])[0]
-        state = look.state(place, look.changes(place, along))
-        state, more, _ = _descend(look, state, weight, f"to {horizon:g} s, ", progress, near=True)
-        _, normal = step_to_minimum(look.samples, state, weight, 0.0, vector)
+        problem = Problem([cut(sample, horizon) for sample in samples], slopes, slopes, vector)
+        evaluation = problem.evaluate([x])[0]
+        state = problem.linearise(evaluation, problem.changes(evaluation, along))
+        state, more, _ = _descend(problem, state, weight, f"to {horizon:g} s, ", progress, near=True)
+        _, normal = step_to_minimum(problem.samples, state, weight, 0.0, vector)
         x, along, iterations = state.x, directions(normal, vector), iterations + more
-    look = Look(samples, forward, slopes, vector)
-    place, sheet = look.places([x, np.zeros(len(x))])
-    state = look.state(place, look.changes(place, along))
-    state, more, converged = _descend(look, state, weight, f"to {last:g} s, ", progress)
+    problem = Problem(samples, forward, slopes, vector)
+    evaluation, sheet = problem.evaluate([x, np.zeros(len(x))])
+    state = problem.linearise(evaluation, problem.changes(evaluation, along))
+    state, more, converged = _descend(problem, state, weight, f"to {last:g} s, ", progress)
     _, normal = step_to_minimum(samples, state, weight, 0.0, vector)
     return Fit(
         vector=vector,
@@ -89,7 +89,7 @@ def fit(
         before=_capped(sheet.found.residual),
         after=_capped(state.found.residual),
         by_trial=np.array([_capped(state.found.residual[state.found.sample == s]) for s in range(len(samples))]),
-        astray=_share_astray(state.found),
+        outlying=_share_outlying(state.found),
         lost=_lost(samples, state.found),
         iterations=iterations + more,
         converged=converged,
@@ -103,21 +103,21 @@ def horizons(samples: Sequence[Sample]) -> list[float]:
 
 
 def _descend(
-    look: Look,
-    state: State,
+    problem: Problem,
+    state: Linearisation,
     weight: Array,
     named: str,
     progress: Callable[[str], None],
     *,
     near: bool = False,
-) -> tuple[State, int, bool]:
+) -> tuple[Linearisation, int, bool]:
     """From `state` until a step is slight, or with `near` no longer large: where that led, how many iterations, and
     whether it converged."""
     slight = _NEAR if near else _CONVERGED
-    lengths = (1.0,) if near else _LENGTHS[: max(1, _AT_ONCE // len(look.samples))]
+    lengths = (1.0,) if near else _LENGTHS[: max(1, _AT_ONCE // len(problem.samples))]
     damping, before = 0.0, np.zeros(len(state.x))
     for iteration in range(1, _ITERATIONS + 1):
-        step, normal = step_to_minimum(look.samples, state, weight, damping, look.vector)
+        step, normal = step_to_minimum(problem.samples, state, weight, damping, problem.vector)
         progress(f"{named}iteration {iteration}: {1e3 * _capped(state.found.residual):.3f} mm RMS")
         covariance = _covariance(normal, weight)
         own = np.sqrt(np.diag(covariance))
@@ -125,15 +125,15 @@ def _descend(
             step = step / 2
         distance = np.sqrt(step @ np.linalg.solve(covariance, step))
         small = bool(
-            distance < _CLOSE or np.abs(step / look.vector.scale).max() < slight
+            distance < _CLOSE or np.abs(step / problem.vector.scale).max() < slight
         )  # for new differences to be worth it
-        places = look.places([look.vector.inside(state.x + length * step) for length in lengths])
-        worse = [loss(state, place, normal, weight) for place in places]
+        evaluations = problem.evaluate([problem.vector.inside(state.x + length * step) for length in lengths])
+        worse = [loss(state, evaluation, normal, weight) for evaluation in evaluations]
         best = int(np.argmin(worse))
-        before = places[best].x - state.x
+        before = evaluations[best].x - state.x
         if worse[best] < 0:
-            changes = state.changes if small else look.changes(places[best], directions(normal, look.vector))
-            state, damping = look.state(places[best], changes), damping / 10
+            changes = state.changes if small else problem.changes(evaluations[best], directions(normal, problem.vector))
+            state, damping = problem.linearise(evaluations[best], changes), damping / 10
         else:
             damping = max(10 * damping, _DAMPING)
         if small:
@@ -154,7 +154,7 @@ def _capped(residual: Array) -> float:
     return float(np.sqrt(np.mean(np.square(np.clip(kept, -0.010, 0.010))))) if len(kept) else float("nan")
 
 
-def _share_astray(found: Match) -> float:
+def _share_outlying(found: Match) -> float:
     """Share of frames whose median residual is over FAR times the usual one, or lost."""
     size = np.where(np.isfinite(found.residual), np.abs(found.residual), np.inf)
     medians = np.array([np.median(size[points]) for points in frames_of(found)[1]])

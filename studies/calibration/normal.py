@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fabdesign.errors import SimulationError
 from studies.calibration.clouds import Array, Match, Sample, frames_of
 from studies.calibration.parameters import DECLARED, FitVector
-from studies.calibration.state import Place, State
+from studies.calibration.state import Evaluation, Linearisation
 
 HUBER = 1.345  # of the scale: 95 % efficient on normal noise (Huber 1981)
 BLOCK = 0.5  # s: residuals of one trial within it count as one observation, about half a swing of the cloth
@@ -41,7 +41,7 @@ class Normal:
 
 
 def step_to_minimum(
-    samples: Sequence[Sample], state: State, weight: Array, damping: float, vector: FitVector = DECLARED
+    samples: Sequence[Sample], state: Linearisation, weight: Array, damping: float, vector: FitVector = DECLARED
 ) -> tuple[Array, Normal]:
     """The step to the minimum of the linearised residuals, reweighted until it stands; and its normal equations. An
     unknown at its limit stays there where the step would lead beyond."""
@@ -83,7 +83,7 @@ def directions(normal: Normal, vector: FitVector = DECLARED) -> Array:
 
 
 def normal_equations(
-    samples: Sequence[Sample], state: State, weight: Array, step: Array, vector: FitVector = DECLARED
+    samples: Sequence[Sample], state: Linearisation, weight: Array, step: Array, vector: FitVector = DECLARED
 ) -> Normal:
     """Weights, scores and tempering are those of the residuals that `step` is expected to leave."""
     found, jacobian = state.found, state.jacobian
@@ -118,12 +118,12 @@ def scatter(scores: Array, information: Array, weight: Array) -> Array:
     return np.asarray(centred.T @ centred * count / max(count - fitted, 1.0))
 
 
-def loss(old: Place, new: Place, normal: Normal, weight: Array) -> float:
+def loss(old: Evaluation, new: Evaluation, normal: Normal, weight: Array) -> float:
     """How much worse `new` is than `old`, over the points that both have; infinite where `new` loses over a tenth."""
     both = np.isfinite(old.found.residual) & np.isfinite(new.found.residual)
     if both.sum() < 0.9 * np.isfinite(old.found.residual).sum():
         return float("inf")
-    rho = [_huber(place.found.residual[both] / normal.scale) for place in (new, old)]
+    rho = [_huber(evaluation.found.residual[both] / normal.scale) for evaluation in (new, old)]
     data = normal.tempering * float((normal.frames[both] * (rho[0] - rho[1])).sum())
     return data + 0.5 * float(new.x @ weight @ new.x - old.x @ weight @ old.x)
 

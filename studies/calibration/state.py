@@ -11,20 +11,20 @@ from studies.calibration.parameters import DECLARED, FitVector
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class Evaluation:
     x: Array  # (p,) the unknowns
     motions: list[Motion]  # (F, 2 n, 3) m a sample
     found: Match
 
 
 @dataclass(frozen=True, eq=False)
-class State(Place):
+class Linearisation(Evaluation):
     changes: list[Motion]  # (p, F, 2 n, 3) m a sample, of the vertices by each unknown
     jacobian: Array  # (N, p) m
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class Problem:
     """The samples, and the engines that make motions and differences of them."""
 
     samples: Sequence[Sample]
@@ -32,24 +32,26 @@ class Look:
     slopes: ForwardModel
     vector: FitVector = DECLARED
 
-    def places(self, xs: Sequence[Array]) -> list[Place]:
+    def evaluate(self, xs: Sequence[Array]) -> list[Evaluation]:
         """All in one batch."""
         motions = self._motions(self.forward, xs)
-        return [Place(x, each, match(self.samples, each)) for x, each in zip(xs, motions, strict=True)]
+        return [Evaluation(x, each, match(self.samples, each)) for x, each in zip(xs, motions, strict=True)]
 
-    def changes(self, place: Place, along: Array) -> list[Motion]:
+    def changes(self, evaluation: Evaluation, along: Array) -> list[Motion]:
         """(p, F, 2 n, 3) m a sample, by each unknown: differences along the rows of `along` (p, p), within limits."""
-        along = self.vector.steps(place.x, along)
-        others = [place.x + row for row in along]
+        along = self.vector.steps(evaluation.x, along)
+        others = [evaluation.x + row for row in along]
         if self.slopes == self.forward:
-            base, moved = place.motions, self._motions(self.slopes, others)
+            base, moved = evaluation.motions, self._motions(self.slopes, others)
         else:
-            base, *moved = self._motions(self.slopes, [place.x, *others])
+            base, *moved = self._motions(self.slopes, [evaluation.x, *others])
         differences = [np.stack([other[s] - base[s] for other in moved]) for s in range(len(self.samples))]
         return [np.tensordot(np.linalg.inv(along), difference, axes=1) for difference in differences]
 
-    def state(self, place: Place, changes: list[Motion]) -> State:
-        return State(place.x, place.motions, place.found, changes, derivatives(place.found, changes))
+    def linearise(self, evaluation: Evaluation, changes: list[Motion]) -> Linearisation:
+        return Linearisation(
+            evaluation.x, evaluation.motions, evaluation.found, changes, derivatives(evaluation.found, changes)
+        )
 
     def _motions(self, forward: ForwardModel, xs: Sequence[Array]) -> list[list[Motion]]:
         """Of every x, a motion a sample; all in one batch."""
