@@ -1,9 +1,10 @@
 # `make demo` and `make test` do their own set-up, from nothing but Python and a Debian underneath.
 
 PYTHON := .venv/bin/python
+EXTRAS := clouds,corrector,dev,dxf,mesh# without corrector, tests that need PyTorch skip
 SETUP := pyproject.toml constraints.txt scripts/setup.sh
 
-.PHONY: demo test lint clean verify-sim bench-sim
+.PHONY: demo test lint clean reference verify-sim bench-sim
 
 demo: .venv/.ready-demo
 	.venv/bin/fabdesign demo -o demo
@@ -24,6 +25,11 @@ verify-sim: .venv/.ready-test
 bench-sim: .venv/.ready-bench
 	$(PYTHON) -m benchmarks.sim
 
+# the Python interface's reference, from its docstrings: build/reference/index.html
+reference: .venv/.ready-reference
+	$(PYTHON) -m pdoc -o build/reference --math fabdesign.interface fabdesign.design fabdesign.muscle fabdesign.fabric \
+		fabdesign.model fabdesign.effects sim.simulator
+
 clean:
 	rm -rf .venv demo build *.egg-info
 
@@ -32,7 +38,11 @@ clean:
 	touch $@
 
 .venv/.ready-test: $(SETUP)
-	scripts/setup.sh clouds,dev,dxf,mesh,rig
+	scripts/setup.sh $(EXTRAS)
+	touch $@
+
+.venv/.ready-reference: $(SETUP)
+	scripts/setup.sh docs
 	touch $@
 
 .venv/.ready-bench: $(SETUP)

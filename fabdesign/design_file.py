@@ -1,7 +1,7 @@
 """Design files: `fabdesign.design/1`. Read here, written by `design_writer`."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -13,11 +13,14 @@ from fabdesign.curve import MembraneCurve
 from fabdesign.curve_file import read_membrane_curve
 from fabdesign.design import Design
 from fabdesign.design_writer import write_design
+from fabdesign.effect_file import read_effect
+from fabdesign.effects.registry import effect_named
 from fabdesign.effort import CLOSEST, MUSCLES
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.muscle import Muscle, MuscleType
 from fabdesign.table import Table, load_toml, nearest, parse_toml
+from fabdesign.term import MUSCLE_TYPES, Term
 
 __all__ = ["Part", "is_part", "read_design", "read_part", "write_design"]
 
@@ -37,7 +40,7 @@ def read_design(path: Path | str) -> Design:
     root = load_toml(path, FORMAT)
     name = root.text("name", path.stem)
     scene = {key: root.take(key) for key in ("support", "hung", "gravity") if key in root}
-    fabric_tables, types = _fabrics_and_types(root, path, ())
+    fabric_tables, types, effects = _contents(root, path, ())
     if not fabric_tables:
         raise InputError(f"{path}: no [fabric] table")
     fabric = _fabric(_merged(fabric_tables, scene))
@@ -46,7 +49,7 @@ def read_design(path: Path | str) -> Design:
         raise InputError(f"{path}: {len(tables)} muscles; expected at most {MUSCLES}")
     muscles = tuple(_muscle(table, fabric, types) for table in tables)
     root.finish()
-    return Design(name, fabric, types, muscles)
+    return Design(name, fabric, types, muscles, tuple(effects))
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,7 @@ def read_part(path: Path | str) -> Part:
     path = Path(path)
     root = load_toml(path, FORMAT, partial=True)
     root.text("name", None)
-    fabrics, types = _fabrics_and_types(root, path, ())
+    fabrics, types, _ = _contents(root, path, ())
     root.finish()
     if not fabrics:
         return Part(types, None, frozenset())
@@ -88,13 +91,14 @@ def read_part(path: Path | str) -> Part:
     return Part(types, _fabric(Table(values, given.where)), keys)
 
 
-def _fabrics_and_types(
+def _contents(
     root: Table, path: Path, above: tuple[Path, ...]
-) -> tuple[list[tuple[Path, Table]], dict[str, MuscleType]]:
-    """The [fabric] tables and muscle types of a file and of all that it includes."""
+) -> tuple[list[tuple[Path, Table]], dict[str, MuscleType], list[Term]]:
+    """The [fabric] tables, muscle types and effects of a file and of all that it includes."""
     above = (*above, path.resolve())
     fabrics: list[tuple[Path, Table]] = []
     types: dict[str, MuscleType] = {}
+    effects: list[Term] = []
     for name in root.texts("include", ()):
         included = path.parent / name
         if included.resolve() in above:
@@ -103,9 +107,10 @@ def _fabrics_and_types(
             raise InputError(f"{path}: include {name}: {included} {why_not_included(included)}")
         table = load_toml(included, FORMAT, partial=True)
         table.text("name", None)
-        more_fabrics, more_types = _fabrics_and_types(table, included, above)
+        more_fabrics, more_types, more_effects = _contents(table, included, above)
         table.finish()
         fabrics += more_fabrics
+        effects += more_effects
         for twice in set(types) & set(more_types):
             raise InputError(f"{path}: muscle type {twice} is in two included files")
         types |= more_types
@@ -116,7 +121,25 @@ def _fabrics_and_types(
             if name in types:
                 raise InputError(f"{path}: muscle type {name} is in an included file too")
             types[name] = _muscle_type(name, tables.table(name), path)
-    return fabrics, types
+    for entry in root.tables("effects"):
+        effects.append(_effect(entry, types))
+        if [(e.name, e.scope) for e in effects].count((effects[-1].name, effects[-1].scope)) > 1:
+            raise InputError(f"{entry.where}: {effects[-1].name} of {effects[-1].scope} is there already")
+    return fabrics, types, effects
+
+
+def _effect(table: Table, types: Mapping[str, MuscleType]) -> Term:
+    """What a bench found: it belongs to the cloth or to a muscle type, without a scope to the only one of the file."""
+    term = read_effect(table).term
+    sort = effect_named(term.name, table.where).scope
+    if sort not in ("fabric", "muscle type"):
+        raise InputError(f"{table.where}: {term.name} belongs to the {sort}; expected it in a model, not in a design")
+    known = ["fabric"] if sort == "fabric" else [MUSCLE_TYPES + name for name in types]
+    scope = term.scope or (known[0] if len(known) == 1 else None)
+    if scope not in known:
+        expected = " or ".join(known) or "a muscle type"
+        raise InputError(f"{table.where}: scope is {scope or 'missing'}; expected {expected}")
+    return replace(term, scope=scope)
 
 
 def _merged(tables: list[tuple[Path, Table]], scene: dict[str, Any]) -> Table:

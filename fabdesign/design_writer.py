@@ -11,11 +11,15 @@ from tomlkit.items import Array, Float, Item, Table, Trivia
 from fabdesign.bench_table_file import read_bench_table, write_bench_table
 from fabdesign.curve_file import write_membrane_curve
 from fabdesign.design import Design
+from fabdesign.effect_file import effect_items
+from fabdesign.effects.registry import effect_named
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
+from fabdesign.model import EffectTerm, Quantity
 from fabdesign.muscle import BenchTable, Muscle, MuscleType
 from fabdesign.output import whole_file
 from fabdesign.table import kilopascals
+from fabdesign.term import Term
 
 
 def write_design(design: Design, path: Path | str) -> None:
@@ -46,9 +50,16 @@ def _document(design: Design, path: Path) -> str:
         for muscle in design.muscles:
             muscles.append(_muscle(muscle))
         document["muscles"] = muscles
+    if design.effects:
+        document["effects"] = [effect_items(_with_units(term)) for term in design.effects]
     if design.fabric.membrane_curve is not None:
         write_membrane_curve(design.fabric.membrane_curve, _curve_path(path))
     return tomlkit.dumps(document)
+
+
+def _with_units(term: Term) -> EffectTerm:
+    declared = effect_named(term.name, "design").parameters
+    return EffectTerm(term.name, {k: Quantity(v, declared[k].unit) for k, v in term.values.items()}, term.scope)
 
 
 def _fabric(fabric: Fabric, path: Path) -> Table:

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+
+from fabdesign.cells import Cells
 
 Floats = NDArray[np.floating[Any]]
 
 
 def nearest_distances(points: Floats, others: Floats) -> NDArray[np.float64]:
     """(n,) m: distance of each of `points` (n, 3) to the nearest of `others` (m, 3)."""
-    distance, _ = cKDTree(others).query(points)
-    return np.asarray(distance)
+    return np.sqrt(Cells.of_points(others).nearest(points).squared)
 
 
 def chamfer(a: Floats, b: Floats) -> float:

@@ -7,7 +7,7 @@ summed. Everything in m; people are shown mm.
 from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
 from itertools import islice
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,6 @@ from fabdesign.surface import CAP, Surface, capped_rms
 Floats = NDArray[np.floating[Any]]
 
 DRAWS = 20  # of a floor
-SMALL_GAP = 0.0005  # m: under it, Chamfer's gap says too little, and the surface RMS decides
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ def surface_rms(measured: Floats, model: Floats) -> float:
 
     Each distance, to the nearest triangle, is capped at 10 mm.
     """
-    return capped_rms(Surface.of_faces(model).nearest(measured).distance)
+    return capped_rms(Surface.of_faces(model).distance(measured, within=CAP))
 
 
 def chamfer_floor(model: Floats, count: int, noise: SensorNoise, *, seed: int = 0) -> float:
@@ -49,7 +48,7 @@ def chamfer_floor(model: Floats, count: int, noise: SensorNoise, *, seed: int = 
 def surface_floor(model: Floats, count: int, noise: SensorNoise, *, seed: int = 0) -> float:
     """Surface RMS [m] of `count` noisy points drawn on the model's surface, mean of 20 draws."""
     surface = Surface.of_faces(model)
-    return float(np.mean([capped_rms(surface.nearest(p).distance) for p in _draws(model, count, noise, seed)]))
+    return float(np.mean([capped_rms(surface.distance(p, within=CAP)) for p in _draws(model, count, noise, seed)]))
 
 
 def _draws(model: Floats, count: int, noise: SensorNoise, seed: int) -> Iterator[NDArray[np.float64]]:
@@ -75,11 +74,11 @@ def trial_errors(
     distances, floors = [], []
     for cloud, model, repeats in zip(measured, predicted, per_frame, strict=True):
         surface = Surface.of_faces(model)
-        off = surface.nearest(cloud).distance
+        off = surface.distance(cloud, within=CAP)
         distances.append((chamfer(cloud, model), capped_rms(off), float(np.mean(off > CAP))))
         for strays in islice(offsets, repeats):
             drawn = noise.draw(surface, len(cloud), rng, strays)
-            floors.append((chamfer(drawn, model), capped_rms(surface.nearest(drawn).distance)))
+            floors.append((chamfer(drawn, model), capped_rms(surface.distance(drawn, within=CAP))))
     (c, s, beyond), (c_floor, s_floor) = np.mean(distances, axis=0), np.mean(floors, axis=0)
     return Errors(float(c), float(c_floor), float(s), float(s_floor), float(beyond))
 
@@ -114,30 +113,28 @@ def statistics(trials: Sequence[Errors]) -> dict[str, Statistics]:
 
 @dataclass(frozen=True)
 class Closed:
-    """Share of the gap to the floor that a better model closes; None where there is no gap."""
+    """Share of the error over the floor that a better model closes; None where there is none."""
 
-    chamfer: float | None
-    surface: float | None
-    counts: Literal["chamfer", "surface"]
+    surface: float | None  # of the excess of the surface RMS: the one figure by which models are compared
+    chamfer: float | None  # beside it
 
     @property
     def value(self) -> float | None:
-        """The one that counts."""
-        return self.chamfer if self.counts == "chamfer" else self.surface
+        """The one figure."""
+        return self.surface
 
 
 def closed(before: Errors, after: Errors) -> Closed:
-    """(before - after) / (before - floor): for Chamfer, and for surface RMS with the noise taken off in quadrature.
+    """1 - e_after / e_before, with the excess e = sqrt(surface_rms^2 - surface_floor^2); of Chamfer, (before - after) /
+    (before - floor).
 
-    The floors are those of `after`, the surface closer to the truth. Where Chamfer's gap is under 0.5 mm, the
-    surface's share counts.
+    The floors are those of `after`, the surface closer to the truth.
     """
     gap = before.chamfer - after.chamfer_floor
     excess_before, excess_after = (
         float(np.sqrt(max(errors.surface_rms**2 - after.surface_floor**2, 0.0))) for errors in (before, after)
     )
     return Closed(
+        surface=1 - excess_after / excess_before if excess_before > 0 else None,
         chamfer=(before.chamfer - after.chamfer) / gap if gap > 0 else None,
-        surface=(excess_before - excess_after) / excess_before if excess_before > 0 else None,
-        counts="chamfer" if gap >= SMALL_GAP else "surface",
     )

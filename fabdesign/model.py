@@ -97,6 +97,7 @@ class Model:
     provenance: Provenance = Provenance()
     without_effects: Mapping[str, Parameter] | None = None
     covariance: Covariance | None = None
+    corrector_hash: str | None = None  # of the parameters and effects that it was trained on (fabdesign.trained_on)
 
     @property
     def factors(self) -> dict[str, float]:
@@ -115,7 +116,15 @@ class Model:
         if not self.effects and self.corrector is None:
             return Model(points_per_side=self.points_per_side)
         plain = self.parameters if self.without_effects is None else self.without_effects
-        return replace(self, parameters=plain, effects=(), corrector=None, without_effects=None, covariance=None)
+        return replace(
+            self,
+            parameters=plain,
+            effects=(),
+            corrector=None,
+            corrector_hash=None,
+            without_effects=None,
+            covariance=None,
+        )
 
     def without(self, parts: Collection[str]) -> "Model":
         """The model less what belongs to `parts`, of PARTS."""
@@ -124,6 +133,7 @@ class Model:
             parameters={k: p for k, p in self.parameters.items() if p.scope not in parts},
             effects=tuple(effect for effect in self.effects if effect.scope not in parts),
             corrector=None if "corrector" in parts else self.corrector,
+            corrector_hash=None if "corrector" in parts else self.corrector_hash,
         )
 
     @property

@@ -7,17 +7,16 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from fabdesign.effects.registry import check_values, effect_named
+from fabdesign.effect_file import effect_items, read_effect, read_interval, read_scope
 from fabdesign.effort import COARSEST, FINEST
 from fabdesign.errors import InputError
 from fabdesign.forward import FACTORS, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
-from fabdesign.model import POINTS_PER_SIDE, Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
+from fabdesign.model import POINTS_PER_SIDE, Covariance, Model, Parameter, Provenance
 from fabdesign.output import write_text
 from fabdesign.table import Table, load_toml, nearest
+from fabdesign.trained_on import central_hash
 
 FORMAT = "fabdesign.model/1"
-SCOPES = ("fabric", "rig", "sensors")
-_OF_95 = 1.645 / 1.960  # a 90 % interval over a 95 % one
 
 
 def read_model(path: Path | str) -> Model:
@@ -28,10 +27,11 @@ def read_model(path: Path | str) -> Model:
     root = load_toml(path, FORMAT)
     parameters = _parameters(root, "parameters") or {}
     without_effects = _parameters(root, "parameters_without_effects")
-    effects = tuple(_effect(table) for table in root.tables("effects"))
-    corrector = None
+    effects = tuple(read_effect(table) for table in root.tables("effects"))
+    corrector, corrector_hash = None, None
     if (weights := root.table("corrector", None)) is not None:
         corrector = path.parent / weights.text("weights")
+        corrector_hash = weights.text("trained_on", None)
         weights.finish()
         if not corrector.is_file():
             raise InputError(f"{path}: corrector: weights {corrector} is not there")
@@ -42,8 +42,13 @@ def read_model(path: Path | str) -> Model:
     provenance = root.table("provenance", None)
     origin = Provenance() if provenance is None else _provenance(provenance)
     covariance = _covariance(root.table("covariance")) if "covariance" in root else None
-    model = Model(parameters, effects, corrector, points_per_side, origin, without_effects, covariance)
+    model = Model(parameters, effects, corrector, points_per_side, origin, without_effects, covariance, corrector_hash)
     root.finish()
+    if corrector_hash not in (None, central_hash(model)):
+        raise InputError(
+            f"{path}: corrector: trained on other parameters or effects than the file has now; expected those it was "
+            "trained on (train again, or take [corrector] out)"
+        )
     return model
 
 
@@ -59,12 +64,14 @@ def write_model(model: Model, path: Path | str) -> None:
             name: _parameter_items(parameter) for name, parameter in model.without_effects.items()
         }
     if model.effects:
-        document["effects"] = [_effect_items(effect) for effect in model.effects]
+        document["effects"] = [effect_items(effect) for effect in model.effects]
     if model.covariance is not None:
         rows = [[float(x) for x in row] for row in model.covariance.matrix]
         document["covariance"] = {"names": list(model.covariance.names), "matrix": rows}
     if model.corrector is not None:
-        document["corrector"] = {"weights": Path(os.path.relpath(model.corrector, path.parent)).as_posix()}
+        trained_on = {} if model.corrector_hash is None else {"trained_on": model.corrector_hash}
+        weights = Path(os.path.relpath(model.corrector, path.parent)).as_posix()
+        document["corrector"] = {"weights": weights} | trained_on
     document["simulator"] = {"points_per_side": model.points_per_side}
     origin = model.provenance
     items: dict[str, Any] = {
@@ -91,40 +98,12 @@ def _parameter_items(parameter: Parameter) -> dict[str, Any]:
     return items
 
 
-def _effect_items(effect: EffectTerm) -> dict[str, Any]:
-    items: dict[str, Any] = {"name": effect.name}
-    if effect.scope is not None:
-        items["scope"] = effect.scope
-    return items | {"parameters": {name: _quantity_items(q) for name, q in effect.parameters.items()}}
-
-
-def _quantity_items(quantity: Quantity) -> dict[str, Any]:
-    items: dict[str, Any] = {"value": float(quantity.value), "unit": quantity.unit}
-    if quantity.interval90 is not None:
-        items["interval90"] = [float(x) for x in quantity.interval90]
-    return items
-
-
 def _parameter(table: Table) -> Parameter:
     factor = table.number("factor", least=FACTORS[0], most=FACTORS[1])
-    interval = _interval(table, "interval90") if "interval90" in table else None
-    parameter = Parameter(factor, interval, table.flag("believable", True), _scope(table))
+    interval = read_interval(table, "interval90") if "interval90" in table else None
+    parameter = Parameter(factor, interval, table.flag("believable", True), read_scope(table))
     table.finish()
     return parameter
-
-
-def _scope(table: Table) -> str | None:
-    scope: str | None = table.text("scope", None)
-    if scope is not None and scope not in SCOPES and not scope.startswith(MUSCLE_TYPES):
-        raise table.bad("scope", f"one of {', '.join(SCOPES)}, {MUSCLE_TYPES}NAME{nearest(scope, SCOPES)}")
-    return scope
-
-
-def _interval(table: Table, key: str) -> tuple[float, float]:
-    low, high = table.numbers(key, count=2)
-    if low > high:
-        raise table.bad(key, "[low, high]")
-    return low, high
 
 
 def _parameters(root: Table, key: str) -> dict[str, Parameter] | None:
@@ -140,33 +119,6 @@ def _parameters(root: Table, key: str) -> dict[str, Parameter] | None:
             )
         parameters[name] = _parameter(table.table(name))
     return parameters
-
-
-def _effect(table: Table) -> EffectTerm:
-    effect = effect_named(table.text("name"), table.where)
-    parameters: dict[str, Quantity] = {}
-    if (values := table.table("parameters", None)) is not None:
-        for key in values.names():
-            item = values.table(key)
-            value, unit = item.number("value"), item.text("unit")
-            check_values(effect, {key: value}, item.where)
-            if unit != (declared := effect.parameters[key].unit):
-                raise item.bad("unit", f'"{declared}"')
-            parameters[key] = Quantity(value, unit, _interval_of(item, value))
-            item.finish()
-    term = EffectTerm(effect.name, parameters, _scope(table))
-    table.finish()
-    return term
-
-
-def _interval_of(table: Table, value: float) -> tuple[float, float] | None:
-    """The 90 % interval; of a file with 95 %, that of the same normal distribution."""
-    if "interval90" in table:
-        return _interval(table, "interval90")
-    if "interval95" not in table:
-        return None
-    low, high = _interval(table, "interval95")
-    return value + _OF_95 * (low - value), value + _OF_95 * (high - value)
 
 
 def _covariance(table: Table) -> Covariance:

@@ -6,9 +6,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.corrector import Corrector, with_history
 from fabdesign.effects.acting import observed, seen_at
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.model import Model
+from fabdesign.pressure import PressureProgram
 
 Array = NDArray[np.float64]
 
@@ -24,26 +26,53 @@ class Predictor:
     simulator: ForwardModel
     model: Model = field(default_factory=Model)
     sensing: bool = False
+    corrector: Corrector | None = None  # the model's, loaded
 
     def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
         """(T, 3362, 3) points [m] of each case at its `times` [s after rest, rising]. Raises InputError for an unknown
         effect or a bad value."""
         own = [self.case(case) for case in cases]
+        shown = [np.asarray(t, dtype=float) for t in times]
+        if self.sensing:
+            shown = [seen_at(case, t) for case, t in zip(own, shown, strict=True)]
+        motions = self._corrected(own, shown)
         if not self.sensing:
-            return self.simulator.motions(own, times)
-        shown = [seen_at(case.effects, np.asarray(t, dtype=float)) for case, t in zip(own, times, strict=True)]
-        motions = self.simulator.motions(own, shown)
-        return [observed(case.effects, points) for case, points in zip(own, motions, strict=True)]
+            return motions
+        return [observed(case, points) for case, points in zip(own, motions, strict=True)]
+
+    def _corrected(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
+        if self.corrector is None:
+            return self.simulator.motions(cases, times)
+        wanted = [with_history(t, self.corrector.history())[0] for t in times]
+        return self.corrector.correct(cases, times, self.simulator.motions(cases, wanted))
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         """(3362, 3) points [m] of each case at rest, as `motions` gives them."""
         own = [self.case(case) for case in cases]
         shapes = self.simulator.equilibria(own)
+        if self.corrector is not None:
+            shapes = self._corrected_at_rest(self.corrector, own, shapes)
         if not self.sensing:
             return shapes
-        return [observed(case.effects, points) for case, points in zip(own, shapes, strict=True)]
+        return [observed(case, points) for case, points in zip(own, shapes, strict=True)]
+
+    @staticmethod
+    def _corrected_at_rest(
+        corrector: Corrector, cases: Sequence[Case], shapes: Sequence[NDArray[np.float32]]
+    ) -> list[NDArray[np.float32]]:
+        """Of motions that have stood still for as long as the corrector looks back."""
+        late = np.array([1.0 + max(corrector.history(), default=0.0)])
+        instants = len(with_history(late, corrector.history())[0])
+        held = [replace(case, program=_held(case.program, float(late[0]))) for case in cases]
+        still = [np.repeat(shape[None], instants, axis=0) for shape in shapes]
+        return [points[-1] for points in corrector.correct(held, [late] * len(held), still)]
 
     def case(self, case: Case) -> Case:
         """The case with what the model adds."""
         factors = {**self.model.factors, **case.factors}
         return replace(case, factors=factors, effects=(*self.model.terms, *case.effects))
+
+
+def _held(program: PressureProgram, duration: float) -> PressureProgram:
+    """The program's last pressures, from the first instant on."""
+    return PressureProgram(np.zeros(1), program.pressure[-1:], duration)

@@ -1,6 +1,8 @@
 """The sensor's noise as the measured clouds themselves show it."""
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,7 +77,8 @@ def estimate_noise(frames: Sequence[Floats], thickness: float) -> SensorNoise:
     dense = [np.asarray(frame, dtype=np.float64) for frame in frames if len(frame) >= _NEIGHBOURS]
     if not dense:
         raise InputError(f"clouds of less than {_NEIGHBOURS} points: too few to estimate the sensor's noise")
-    around = [_Neighbours.of(frame) for frame in dense]
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        around = [*threads.map(_Neighbours.of, dense)]
     half = thickness / 2
     most = -(-_PATCHES // len(dense))
     spread = [n.patches(np.linspace(0, len(n.index) - 1, min(most, len(n.index))).astype(int)) for n in around]
@@ -91,7 +94,9 @@ def estimate_noise(frames: Sequence[Floats], thickness: float) -> SensorNoise:
         if abs(sigma - last) < _CONVERGED * sigma:
             break
     hidden = _HIDDEN * sigma
-    off = np.concatenate([np.append(n.alone[n.alone > hidden], _near_strays(n, half, sigma, strays)) for n in around])
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        near = threads.map(lambda n: _near_strays(n, half, sigma, strays), around)
+        off = np.concatenate([*(n.alone[n.alone > hidden] for n in around), *near])
     if not len(off):
         return SensorNoise(sigma, 0.0, 0.0)
     # even ones are seen from `hidden` to the reach outwards, and to the thickness less inwards, off the other face

@@ -43,7 +43,7 @@ def split(trials: Sequence[Trial], held_out: float, *, seed: int = 0) -> Split:
 
     Trials of role `test` are in neither. Raises InputError where all trials have the same pressures.
     """
-    groups = _groups(fit_trials(trials))
+    groups = by_program(fit_trials(trials))
     if len(groups) < 2:
         raise InputError("all trials to fit have the same pressures; expected at least two programs to hold one out")
     count = min(max(round(held_out * len(groups)), 1), len(groups) - 1)
@@ -53,14 +53,14 @@ def split(trials: Sequence[Trial], held_out: float, *, seed: int = 0) -> Split:
 
 def folds(trials: Sequence[Trial], count: int, *, seed: int = 0) -> tuple[Split, ...]:
     """Cross-validation: `count` splits (or as many as there are programs), each fit trial held out once."""
-    groups = _groups(fit_trials(trials))
+    groups = by_program(fit_trials(trials))
     if len(groups) < 2:
         raise InputError("all trials to fit have the same pressures; expected at least two programs to hold one out")
     order = np.random.default_rng(seed).permutation(len(groups))
     return tuple(_split(groups, {int(i) for i in part}) for part in np.array_split(order, min(count, len(groups))))
 
 
-def _groups(trials: Sequence[Trial]) -> list[Trials]:
+def by_program(trials: Sequence[Trial]) -> list[Trials]:
     """Trials with the same pressures together."""
     groups: dict[tuple[bytes, bytes], list[Trial]] = {}
     for trial in trials:

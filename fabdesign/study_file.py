@@ -20,7 +20,7 @@ from fabdesign.pressure_file import read_pressures
 from fabdesign.table import Table, load_toml, pascals
 
 FORMAT = "fabdesign.study/1"
-KINDS = ("optimize", "sensitivity", "layouts", "unseen")
+KINDS = ("optimize", "sensitivity", "layouts", "unseen", "loop")
 Side = Literal["front", "back"]
 Measure = Literal["chamfer", "surface_rms"]
 HIGHEST = 400e3  # Pa, of the pressures searched where the study does not say
@@ -108,13 +108,30 @@ def read_study(path: Path | str) -> Study:
     """
     path = Path(path)
     root = load_toml(path, FORMAT, partial=True)
-    kind = root.text("kind", choices=KINDS)
-    if kind != "optimize":
-        raise root.bad("kind", '"optimize", the kind that this command runs')
+    require_kind(root, "optimize")
+    study = read_search(root, path)
+    require_searchable(study, str(path))
+    return study
+
+
+def read_kind(path: Path | str) -> str:
+    """The kind of a study. Raises InputError."""
+    kind: str = load_toml(Path(path), FORMAT, partial=True).text("kind", choices=KINDS)
+    return kind
+
+
+def require_kind(root: Table, kind: str) -> None:
+    """Raise InputError for a study of another kind."""
+    if root.text("kind", choices=KINDS) != kind:
+        raise root.bad("kind", f'"{kind}", the kind that this command runs')
+
+
+def read_search(root: Table, path: Path) -> Study:
+    """A search from the table of its study at `path`, whose other keys have been taken. Raises InputError."""
     design = read_design(path.parent / root.text("design"))
     model_name = root.text("model", None)
     model = None if model_name is None else read_model(path.parent / model_name)
-    targets = _targets(root, path)
+    targets = read_targets(root, path)
     variables = root.table("variables", None) or Table({}, f"{path}: variables")
     choice = _choice(variables)
     pressures, positions = variables.flag("pressures", True), variables.flag("positions", choice is not None)
@@ -130,14 +147,13 @@ def read_study(path: Path | str) -> Study:
         muscles=choice,
         limits=_limits(root, path, design),
         objective=root.text("objective", "chamfer", choices=("chamfer", "surface_rms")),
-        start_pressures=_start_pressures(root, design),
+        start_pressures=read_start_pressures(root, design),
         earlier=_earlier(root, path),
         order=root.integer("order", 0, least=0),
         rise=root.number("rise", RISE, least=0.01, most=60),
         hold=root.number("hold", HOLD, least=0, most=3600),
     )
     root.finish()
-    require_searchable(study, str(path))
     return study
 
 
@@ -154,7 +170,8 @@ def require_searchable(study: Study, where: str) -> None:
         raise InputError(f"{where}: variables: nothing may change; expected pressures, positions or muscles")
 
 
-def _targets(root: Table, path: Path) -> tuple[TargetFile, ...]:
+def read_targets(root: Table, path: Path) -> tuple[TargetFile, ...]:
+    """Of `[target]` or `[[targets]]` in the study at `path`."""
     single = root.table("target", None)
     tables = root.tables("targets")
     if (single is None) == (not tables):
@@ -219,7 +236,8 @@ def _limits(root: Table, path: Path, design: Design) -> StudyLimits:
     return found
 
 
-def _start_pressures(root: Table, design: Design) -> NDArray[np.float64] | None:
+def read_start_pressures(root: Table, design: Design) -> NDArray[np.float64] | None:
+    """(channels,) Pa; None where the study has none."""
     values = root.numbers("start_pressures", None)
     if values is None:
         return None

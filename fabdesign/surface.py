@@ -7,14 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+
+from fabdesign.cells import Cells
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.floating[Any]]
 Indices = NDArray[np.intp]
-
-_CANDIDATES = 10  # nearest centroids asked for every point
-_ROUNDING = 1e-9  # m
 
 
 class Nearest(NamedTuple):
@@ -58,6 +56,12 @@ class Surface:
         """(t, 3), of unit length, outwards."""
         return self._normals / (2 * self.areas[:, None])
 
+    def normals_of(self, triangle: Indices) -> Array:
+        """(n, 3) of those triangles (n,), of unit length, outwards."""
+        _, ab, ac = self._corners
+        normals = np.cross(ab[triangle], ac[triangle])
+        return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
+
     @cached_property
     def _normals(self) -> Array:
         """(t, 3), twice the area long."""
@@ -65,70 +69,23 @@ class Surface:
         return np.cross(ab, ac)
 
     def nearest(self, points: Floats) -> Nearest:
-        """Exact nearest places for points (n, 3).
-
-        A triangle lies within `reach` of its centroid, so none whose centroid is further than a distance already found
-        plus `reach` can be nearer. Points whose last candidate is not that far get all centroids up to there.
-        """
+        """Exact nearest places for points (n, 3) m."""
         at: Array = np.asarray(points, dtype=np.float64)
-        count = min(_CANDIDATES, len(self.triangles))
+        squared, triangle, edges = self._cells.nearest(at)
+        weights = np.concatenate([1 - edges.sum(axis=1, keepdims=True), edges], axis=1)
         a, ab, ac = self._corners
-        centroids = a + (ab + ac) / 3
-        reach = np.sqrt(np.max([np.square(p - centroids).sum(axis=1) for p in (a, a + ab, a + ac)]))
-        tree = cKDTree(centroids)
-        spread, candidates = tree.query(at, k=np.arange(1, count + 1))
-        found, *_ = self._best(at, np.ones(len(at), dtype=np.intp), candidates[:, 0])
-        tried = spread <= found[:, None] + reach + _ROUNDING
-        found, triangle, weights = self._best(at, tried.sum(axis=1), candidates[tried])
-        doubtful = np.flatnonzero(found + reach + _ROUNDING > spread[:, -1]) if count < len(centroids) else np.arange(0)
-        if len(doubtful):
-            within = tree.query_ball_point(at[doubtful], found[doubtful] + reach + _ROUNDING)
-            counts = np.array([len(some) for some in within])
-            _, triangle[doubtful], weights[doubtful] = self._best(at[doubtful], counts, np.concatenate(within))
-        offset = at - np.einsum("nc,ncd->nd", weights, self.vertices[self.triangles[triangle]])
-        distance = np.linalg.norm(offset, axis=1)
-        outside = np.einsum("nd,nd->n", offset, self._normals[triangle]) >= 0
+        offset = at - a[triangle] - edges[:, :1] * ab[triangle] - edges[:, 1:] * ac[triangle]
+        distance = np.sqrt(squared)
+        outside = np.einsum("nd,nd->n", offset, np.cross(ab[triangle], ac[triangle])) >= 0
         return Nearest(distance, np.where(outside, distance, -distance), triangle, weights)
 
-    def _best(self, points: Array, counts: Indices, candidates: Indices) -> tuple[Array, Indices, Array]:
-        """(n,) least distance, (n,) its triangle, (n, 3) its weights; candidates: those of each point in a row."""
-        squared, v, w = self._closest(np.repeat(points, counts, axis=0), candidates)
-        start = np.cumsum(counts) - counts
-        least = np.minimum.reduceat(squared, start)
-        hit = np.flatnonzero(squared == np.repeat(least, counts))
-        best = hit[np.searchsorted(hit, start)]  # the first of each point's own
-        return np.sqrt(least), candidates[best], np.stack([1 - v[best] - w[best], v[best], w[best]], axis=1)
-
-    def _closest(self, points: Array, triangle: Indices) -> tuple[Array, Array, Array]:
-        """Squared distance of each point to its triangle and the weights (v, w) of the edges ab, ac at that place.
-
-        q(v, w) = |a + v ab + w ac - p|^2 is convex: its least value is inside, or the least of those on the edges.
-        """
-        a, ab, ac = self._corners
-        d00, d01, d11, inv_ab, inv_ac, inv_bc, inv_det = (x[triangle] for x in self._products)
-        ap = [points[:, i] - a[:, i][triangle] for i in range(3)]
-        d1 = sum(ap[i] * ab[:, i][triangle] for i in range(3))
-        d2 = sum(ap[i] * ac[:, i][triangle] for i in range(3))
-        zero = np.zeros_like(d1)
-        v, w = (d11 * d1 - d01 * d2) * inv_det, (d00 * d2 - d01 * d1) * inv_det
-        inside = (v >= 0) & (w >= 0) & (v + w <= 1)
-        on_bc = ((d2 - d1 + d00 - d01) * inv_bc).clip(0, 1)
-        # where the projection is outside, (0, 0) stands in for it: a corner, no better than the edges
-        best_v, best_w = np.where(inside, v, 0.0), np.where(inside, w, 0.0)
-        best = best_v * (best_v * d00 + 2 * best_w * d01 - 2 * d1) + best_w * (best_w * d11 - 2 * d2)
-        for v, w in (((d1 * inv_ab).clip(0, 1), zero), (zero, (d2 * inv_ac).clip(0, 1)), (1 - on_bc, on_bc)):
-            q = v * (v * d00 + 2 * w * d01 - 2 * d1) + w * (w * d11 - 2 * d2)
-            better = q < best
-            best, best_v, best_w = np.where(better, q, best), np.where(better, v, best_v), np.where(better, w, best_w)
-        return (best + sum(x * x for x in ap)).clip(0), best_v, best_w
+    def distance(self, points: Floats, *, within: float = np.inf) -> Array:
+        """(n,) m from points (n, 3) to their nearest places; infinite where that is not within `within` [m]."""
+        return np.sqrt(self._cells.nearest(points, within=within).squared)
 
     @cached_property
-    def _products(self) -> Array:
-        """(7, t): ab.ab, ab.ac, ac.ac and the inverses of |ab|^2, |ac|^2, |bc|^2 and of the determinant."""
-        _, ab, ac = self._corners
-        d00, d01, d11 = (np.einsum("ij,ij->i", x, y) for x, y in ((ab, ab), (ab, ac), (ac, ac)))
-        inverted = np.stack([d00, d11, d00 + d11 - 2 * d01, d00 * d11 - d01**2])
-        return np.vstack([d00, d01, d11, 1 / inverted.clip(np.finfo(float).tiny)])
+    def _cells(self) -> Cells:
+        return Cells(np.concatenate(self._corners, axis=1))
 
     def sample(self, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
         """(count, 3) points, uniform over the area, and the outer unit normals there."""

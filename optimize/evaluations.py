@@ -70,7 +70,7 @@ class Evaluations:
         self.campaign_began = 0.0  # s of search, when the campaign under way began
         self.stage = "start"  # under way
         self.objective, self._on_progress = objective, on_progress
-        self._seconds, self._most = seconds, evaluations
+        self.seconds, self._most = seconds, evaluations
         self._began = time.monotonic() - history.seconds
         self._pace: dict[tuple[int, int, bool], float] = {}  # s that a batch of a size took last in a stage
 
@@ -78,6 +78,11 @@ class Evaluations:
     def elapsed(self) -> float:
         """s spent, earlier sessions of this history included."""
         return time.monotonic() - self._began
+
+    @property
+    def share(self) -> float:
+        """Of the limit that is nearer, spent: 0 to 1."""
+        return min(1.0, max(self.elapsed / self.seconds, self.history.evaluations / self._most))
 
     def best_point(self) -> tuple[DesignSpace, Vector]:
         """The best so far; before the first evaluation, the first start."""
@@ -92,7 +97,7 @@ class Evaluations:
     def may_begin(self, number: int) -> bool:
         """Whether there is time for another round of the stage of this number."""
         until, began = self.stages[number].until, self.campaign_began
-        return until == 1.0 or self.elapsed < began + until * (self._seconds - began)
+        return until == 1.0 or self.elapsed < began + until * (self.seconds - began)
 
     def evaluate(
         self, number: int, points: Sequence[Point], cheap: ForwardModel | None = None
@@ -114,22 +119,22 @@ class Evaluations:
 
     def require_time(self, needed: float = 0.0) -> None:
         """Raises Stop where less than `needed` s are left."""
-        if self.elapsed + needed > self._seconds:
-            raise Stop(f"time used: the limit of {self._seconds:g} s is reached")
+        if self.elapsed + needed > self.seconds:
+            raise Stop(f"time used: the limit of {self.seconds:g} s is reached")
 
     def set_down(self, reason: str = "") -> None:
         """Keep the best, and what was spent, at an end within a round. reason: of an end by a limit."""
         state = self.history.load()
         if state is not None and self.best is not None:
             state["best"] = [self.best.start, self.best.x.tolist(), self.best.value, self.best.stage]
-            state["ended"] = [reason, self._seconds, self._most]
+            state["ended"] = [reason, self.seconds, self._most]
             self.history.save(state, self.elapsed)
 
     def ended(self) -> str:
         """Why this history's search has ended by a limit, if it would end by the same one now; else empty."""
         state = self.history.load() or {}
         reason, seconds, most = state.get("ended", ["", 0.0, 0])
-        return str(reason) if seconds >= self._seconds and most >= self._most else ""
+        return str(reason) if seconds >= self.seconds and most >= self._most else ""
 
     def _evaluate_batch(
         self, number: int, batch: Sequence[Point], cheap: ForwardModel | None

@@ -60,7 +60,7 @@ class History:
         known = dict(self._file.execute("select field, value from content").fetchall())
         if known and known != study:
             raise OtherStudy(
-                f"{Path(self._path).parent}: holds the search of another study ({_differences(known, study)}); "
+                f"{Path(self._path).parent}: holds the search of another study ({differences(known, study)}); "
                 "expected the same one, or --force to start anew"
             )
         self._file.executemany("insert or replace into content values (?, ?)", study.items())
@@ -112,7 +112,7 @@ class History:
             self._path.unlink(missing_ok=True)  # nothing to go on from
 
 
-def _differences(known: Mapping[str, str], study: Mapping[str, str]) -> str:
+def differences(known: Mapping[str, str], study: Mapping[str, str]) -> str:
     """A clause a field, of the first few."""
     differing = [name for name in {**known, **study} if known.get(name) != study.get(name)]
     said = []

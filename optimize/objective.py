@@ -98,7 +98,7 @@ def _chamfer_gradient(target: KDTree, model: NDArray[np.float64]) -> tuple[float
 
 
 def _surface_rms(measured: NDArray[np.float64], model: NDArray[np.float64]) -> float:
-    return capped_rms(Surface.of_faces(model).nearest(measured).distance)
+    return capped_rms(Surface.of_faces(model).distance(measured, within=CAP))
 
 
 def _surface_gradient(measured: NDArray[np.float64], model: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:

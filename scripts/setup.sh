@@ -56,5 +56,19 @@ if [ -n "$missing" ]; then
 fi
 
 [ -x .venv/bin/python ] || "$python" -m venv .venv
+
+# A plain index has PyTorch with CUDA, gigabytes of it: nobody gets that unasked. pip's own configuration names the index.
+case ",$extras," in
+*,corrector,*)
+    if [ -z "${FABDESIGN_CUDA:-}" ] && [ "$(uname)" = Linux ]; then
+        cuda=$(.venv/bin/python -m pip install --quiet --disable-pip-version-check --dry-run --report - \
+            --constraint constraints.txt "$(sed -n 's/^corrector = \["\(torch[^"]*\)"\].*/\1/p' pyproject.toml)" |
+            grep -c '"name": "\(nvidia\|cuda\)') || true
+        [ "$cuda" = 0 ] || fail "pip would download PyTorch with CUDA, gigabytes; give pip an index of CPU builds \
+(PIP_INDEX_URL), or set FABDESIGN_CUDA=1 to have CUDA, or leave PyTorch out: make test EXTRAS=clouds,dev,dxf,mesh"
+    fi
+    ;;
+esac
+
 .venv/bin/python -m pip install --quiet --disable-pip-version-check \
     --constraint constraints.txt --editable ".${extras:+[$extras]}"

@@ -19,6 +19,7 @@ RISING, STAGES = (1 / 48, 5), ((1 / 30, 1.0, 2),)
 # where only inertia holds the rigid motions, it must show in float32
 RISING_FREE, STAGES_FREE = (1 / 240, 1), ((1 / 240, 2.0, 1),)
 SWING = 8.0  # rad/s
+LEAST_HOLD = 1e-6  # s
 # (step [s], steps) to the shape without pressure, from the flat cloth: velocities are forgotten after each long step
 IN_PLANE = ((0.05, 4), (0.5, 8))
 
@@ -44,7 +45,8 @@ def equilibrate(
     patient: bool = False,
 ) -> None:
     """A damped motion to rest under `pressure`, which rises linearly within `rise` s. Memory of forces ages by the rise
-    and `hold` s more; None: it stays at rest. patient: with shorter steps, and 2 s more."""
+    and `hold` s more (LEAST_HOLD at least: none at all would say that it is at rest); None: it stays at rest. patient:
+    with shorter steps, and 2 s more."""
     (h, loose), rest = (RISING, STAGES) if batch.support.is_edge else (RISING_FREE, STAGES_FREE)
     stages = [(min(h, rise / 24), rise, loose), *rest]
     if patient:
@@ -52,7 +54,7 @@ def equilibrate(
     counts = [round(duration / h) for h, duration, _ in stages]
     for k, ((h, _, loose), steps) in enumerate(zip(stages, counts, strict=True)):
         share = (np.arange(1, steps + 1) / steps if k == 0 else np.ones(steps)).astype(np.float32)
-        ages = 0.0 if hold is None else rise / steps if k == 0 else hold / sum(counts[1:])
+        ages = 0.0 if hold is None else rise / steps if k == 0 else max(hold, LEAST_HOLD) / sum(counts[1:])
         scheme = Scheme(h, Integrator.BACKWARD_EULER, ages=ages)
         schedule = alike(batch, scheme, share[:, None, None, None] * pressure)
         iterations = solve.iterations if loose == 1 else 3 * solve.iterations // 4

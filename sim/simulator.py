@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sim.effects  # noqa: F401 declares its planes before the first batch
-from fabdesign.effects.acting import acting_pressure, active, specimen_of
+from fabdesign.effects.acting import acting_pressure, active, specimen_of, terms_of
 from fabdesign.effects.registry import EFFECTS, force_of
 from fabdesign.effort import COARSEST, FINEST, LONGEST, require_motion
 from fabdesign.errors import InputError
@@ -21,11 +21,10 @@ from fabdesign.pressure import RISE_STEPS, rising_program
 from sim.design.loading import load_batch, load_constants
 from sim.design.support import Support
 from sim.equilibrium import RESTED, damped, equilibrate, equilibrate_in_plane
-from sim.faces import faces
 from sim.forces.added import AddedForce
 from sim.forces.contact_pairs import Touching
 from sim.kernels import fields
-from sim.kernels.transfer import halt, read
+from sim.kernels.transfer import halt, read, read_states
 from sim.motion import Motion, motion_of
 from sim.step import Solve, advance
 from sim.time.batch import Batch
@@ -59,7 +58,7 @@ class Simulator:
     >>> import numpy as np
     >>> from fabdesign.catalogue import build
     >>> from fabdesign.forward import Case
-    >>> from fabdesign.pressure import RISE_STEPS, rising_program
+    >>> from fabdesign.pressure import PressureProgram
     >>> from sim import Simulator
     >>> program = PressureProgram(np.array([0.0]), np.array([[200e3, 0.0]]), 1.0)  # Pa, from 0 s on
     >>> cases = [Case(build("cross", muscles=2), program)]
@@ -156,17 +155,22 @@ class Simulator:
         return [motion for motion in results if motion is not None]
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
-        """(3362, 3) points [m] at rest under each program's last pressures, which the last step of a damped motion
-        moved by less than RESTED; NaN where none was found, with half the steps and 2 s more neither."""
-        shapes = self._equilibria(cases, patient=False)
-        lost = [i for i, shape in enumerate(shapes) if np.isnan(shape).any()]
+        """(3362, 3) points [m] of each case at rest, as `rest` gives them."""
+        return [shape.points[0] for shape in self.rest(cases)]
+
+    def rest(self, cases: Sequence[Case]) -> list[Motion]:
+        """Shapes at rest under each program's last pressures, as motions of one frame at 0 s with its tensions. The
+        last step of a damped motion moved it by less than RESTED; NaN where no such shape was found, with half the
+        steps and 2 s more neither."""
+        shapes = self._rest(cases, patient=False)
+        lost = [i for i, shape in enumerate(shapes) if shape.diverged]
         if lost:
-            for i, shape in zip(lost, self._finer()._equilibria([cases[i] for i in lost], patient=True), strict=True):
+            for i, shape in zip(lost, self._finer()._rest([cases[i] for i in lost], patient=True), strict=True):
                 shapes[i] = shape
         return shapes
 
-    def _equilibria(self, cases: Sequence[Case], *, patient: bool) -> list[NDArray[np.float32]]:
-        results: list[NDArray[np.float32] | None] = [None] * len(cases)
+    def _rest(self, cases: Sequence[Case], *, patient: bool) -> list[Motion]:
+        results: list[Motion | None] = [None] * len(cases)
         with fields.lock:
             for chosen, packed in self._chunks(cases, [()] * len(cases)):
                 batch = self._load([damped(cases[i]) for i in chosen], packed)
@@ -181,15 +185,17 @@ class Simulator:
                 moved = middle - self._middle(batch, fields.F.xp)
                 rested = np.sqrt(np.square(moved).sum(axis=-1).mean(axis=(1, 2))) < RESTED  # NaN compares false
                 middle[~rested] = np.nan
+                states = self._states(batch)
                 for k, i in enumerate(chosen):
                     lane = packed.index(k)
-                    results[i] = faces(middle[lane : lane + 1], cases[i].design.fabric.thickness)[0]
+                    one = slice(lane, lane + 1)
+                    results[i] = motion_of(cases[i], np.zeros(1), middle[one], states[one])
         return [shape for shape in results if shape is not None]
 
     def _at_rest_pressure(self, case: Case) -> Array:
         """(channels,) Pa that act at rest, once the program's last pressures have risen and were held."""
         last = case.program.pressure[-1]
-        if not any(effect.pressure for effect, _, _ in active(case.effects)):
+        if not any(effect.pressure for effect, _, _ in active(case)):
             return last
         duration = self.rise + self.hold
         rising = rising_program(last, self.rise, duration)
@@ -201,7 +207,7 @@ class Simulator:
         most BLOCKS blocks; and which of these rides in each lane."""
         groups: dict[tuple[Support, bool, bool, int, bool], list[int]] = {}
         for i, case in enumerate(cases):
-            fabric = specimen_of(case).design.fabric if case.effects else case.design.fabric
+            fabric = specimen_of(case).design.fabric if terms_of(case) else case.design.fabric
             start = _is_free(fabric), _swings_to_rest(fabric)
             alike = Support.of(fabric), *start, self._smoothing(fabric), _has_added_force(case)
             groups.setdefault(alike, []).append(i)
@@ -263,6 +269,12 @@ class Simulator:
         read(*batch.grid, plane, out)
         return out.reshape(-1, n, n, 3)
 
+    def _states(self, batch: Batch) -> NDArray[np.float32]:
+        """(lanes, points, 2): contraction and tension [N] of every interval as last evaluated."""
+        out = np.zeros((batch.blocks, fields.LANES, max(batch.points, 1), 2), np.float32)
+        read_states(batch.blocks, batch.points, out)
+        return out[:, :, : batch.points].reshape(batch.blocks * fields.LANES, batch.points, 2)
+
 
 def _require(name: str, value: Any, least: float, most: float, *, whole: bool = False, unit: str = "") -> None:
     """Raise InputError where an option is no number of that range."""
@@ -279,7 +291,7 @@ def _ticks(times: Array, tick: float) -> int:
 
 
 def _has_added_force(case: Case) -> bool:
-    return any(effect.force is not None for effect, _, _ in active(case.effects))
+    return any(effect.force is not None for effect, _, _ in active(case))
 
 
 def _added_forces() -> tuple[AddedForce, ...]:

@@ -1,8 +1,11 @@
 """How well a model predicts measured motions: errors before and after, per trial and per design."""
 
+import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -95,17 +98,25 @@ def evaluate_sets(
     tables: dict[str, dict[str, DesignResult]] = {"test": {}, "fit": {}}
     for found, role, title, trials in jobs:
         noise = noise_of(trials)
+        judge = partial(_errors, noise, seed)
         results: list[TrialResult] = []
         for part in batches([2 * len(trial.times) for trial in trials], _AT_ONCE):
             batch = trials[part]
-            for trial, *predicted in zip(batch, *_motions(batch, before, after), strict=True):
-                clouds = trial.load().frames
-                errors = [trial_errors(clouds, motion, noise, seed=seed + trial.order) for motion in predicted]
-                results.append(TrialResult(found.name, trial.name, trial.order, trial.role, errors[0], errors[1]))
-                done += 1
-                progress(done, total)
+            motions = _motions(batch, before, after)
+            with ThreadPoolExecutor(os.cpu_count()) as threads:  # the search for nearest places runs beside others
+                for trial, first, last in threads.map(judge, batch, *motions):
+                    results.append(TrialResult(found.name, trial.name, trial.order, trial.role, first, last))
+                    done += 1
+                    progress(done, total)
         tables[role][title] = _summarise(title, found, noise, results)
     return Evaluation(tables["test"], tables["fit"])
+
+
+def _errors(noise: SensorNoise, seed: int, trial: Trial, *predicted: Any) -> tuple[Trial, Errors, Errors]:
+    """Of a trial before and after, whose motions are `predicted`."""
+    clouds = trial.load().frames
+    before, after = (trial_errors(clouds, motion, noise, seed=seed + trial.order) for motion in predicted)
+    return trial, before, after
 
 
 def noise_of(trials: Sequence[Trial]) -> SensorNoise:
@@ -121,11 +132,14 @@ def noise_of(trials: Sequence[Trial]) -> SensorNoise:
 
 
 def _motions(trials: Sequence[Trial], *ways: Predictor) -> list[list[Any]]:
-    """Of every way, the trials' motions. All ways on one simulator are one batch: it takes two cores no longer."""
-    cases = [way.case(Case(t.design, t.program, order=t.order)) for way in ways for t in trials]
+    """Of every way, the trials' motions. All ways without a corrector are one batch: it takes two cores no longer."""
+    times = [trial.times for trial in trials]
+    cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
+    plain = [way for way in ways if way.corrector is None]
     together = Predictor(ways[0].simulator, sensing=True)
-    found = together.motions(cases, [t.times for t in trials] * len(ways))
-    return [found[k : k + len(trials)] for k in range(0, len(found), len(trials))]
+    found = together.motions([way.case(case) for way in plain for case in cases], times * len(plain))
+    batches_of = iter(found[k : k + len(trials)] for k in range(0, len(found), len(trials)))
+    return [next(batches_of) if way.corrector is None else way.motions(cases, times) for way in ways]
 
 
 def _summarise(title: str, found: MeasurementSet, noise: SensorNoise, results: Sequence[TrialResult]) -> DesignResult:

@@ -24,7 +24,7 @@ def tables_markdown(evaluation: Evaluation) -> str:
     parts = [
         "Chamfer: unsquared, both directions summed. Surface RMS: measured points to the model's faces, capped at "
         "10 mm. mm, mean over trials, of several trials with (min to max, standard deviation). Closed: share of the "
-        "gap to the floor, * the one by which models are compared.\n"
+        "excess over the floor, * the one figure by which models are compared (surface RMS, in quadrature).\n"
     ]
     for heading, table in (("Trials of role test", evaluation.designs), ("Other trials", evaluation.others)):
         if table:
@@ -33,7 +33,7 @@ def tables_markdown(evaluation: Evaluation) -> str:
         for name, design in table.items():
             for error, floor in (("chamfer", "chamfer_floor"), ("surface_rms", "surface_floor")):
                 share = design.closed.chamfer if error == "chamfer" else design.closed.surface
-                mark = " *" if error.startswith(design.closed.counts) else ""
+                mark = " *" if error == "surface_rms" else ""
                 sound = len(design.trials) - len(design.diverged)
                 parts.append(
                     f"| {name} | {len(design.trials)} | {error} | {1e3 * design.after[floor].mean:.2f} "

@@ -1,6 +1,5 @@
 """A simulator and a model become the one forward model that every study asks."""
 
-from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
 from fabdesign.model import Model
 from fabdesign.predictor import Predictor
@@ -12,6 +11,8 @@ def forward_model(simulator: ForwardModel, model: Model | None, *, sensing: bool
     Raises InputError for a model with a part that cannot be used.
     """
     model = model or Model()
-    if model.corrector is not None:
-        raise InputError(f"model: corrector {model.corrector}; this version predicts without a corrector")
-    return Predictor(simulator, model, sensing)
+    if model.corrector is None:
+        return Predictor(simulator, model, sensing)
+    from corrector import load_corrector  # a few milliseconds that only a model with one costs
+
+    return Predictor(simulator, model, sensing, load_corrector(model))

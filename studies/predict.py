@@ -84,15 +84,31 @@ def predict(
             progress(part.stop, len(trials))
 
 
-def trials_of(source: Path, design: Design | None) -> tuple[Trial, ...]:
-    """The trials of a set, or the one trial of an npz, which needs its `design`. Raises InputError."""
+def trials_of(source: Path, design: Design | None) -> tuple[str, tuple[Trial, ...]]:
+    """Name and trials of a set, or of an npz, one trial, which needs its `design`. Raises InputError."""
     if source.suffix == ".npz":
         if design is None:
             raise InputError(f"{source}: a lone trial; expected --design with its design file")
-        return (Trial(source, design.name, design, order=0, role="fit"),)
+        return source.stem, (Trial(source, design.name, design, order=0, role="fit"),)
     if design is not None:
         raise InputError(f"{source}: a set names its own designs; expected no --design")
-    return read_set(source).trials
+    found = read_set(source)
+    return found.name, found.trials
+
+
+def folders_of(sources: Sequence[tuple[str, tuple[Trial, ...]]]) -> dict[str, tuple[Trial, ...]]:
+    """Where the motions of each source (name, trials) go: of a lone one to ".", else under its name.
+
+    Raises InputError where two have one name.
+    """
+    if len(sources) == 1:
+        return {".": sources[0][1]}
+    folders: dict[str, tuple[Trial, ...]] = {}
+    for name, trials in sources:
+        if name in folders or Path(name).name != name:
+            raise InputError(f"set {name}: expected sets with a name of their own, good for a folder")
+        folders[name] = trials
+    return folders
 
 
 def rest(

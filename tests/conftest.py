@@ -13,6 +13,9 @@ from tests.command_line import folder, hanging, run  # noqa: F401 fixtures
 settings.register_profile("shared", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("shared")
 
+# beside a busy core, waiting threads that spin cost ten times what the work does
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
 ROOT = Path(__file__).parents[1]
 
 

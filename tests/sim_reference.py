@@ -255,13 +255,21 @@ class ReferenceSheet:
 
     def tensions(self, contraction, pressure):
         """(intervals,) N of the bench law, its gain on what pressure adds."""
-        out, kinds, pressure = np.empty(len(contraction)), np.array(self.kind), np.asarray(pressure, float)
+        out, kinds = np.empty(len(contraction)), np.array(self.kind)
+        pressure = self.acting(np.asarray(pressure, float))
         for name, law in self.laws.items():
             own = kinds == name
             idle = law.tension(0.0, contraction[own])
-            full = law.tension(pressure[self.channel[own]], contraction[own])
+            full = law.tension(pressure[own], contraction[own])
             out[own] = idle + self.factor["muscle_gain"] * (full - idle)
         return out
+
+    def acting(self, pressure):
+        """(intervals,) Pa in the muscles, from (channels,) Pa."""
+        return pressure[self.channel]
+
+    def remember(self, pressure):
+        """At a step's end; this cloth has no memory."""
 
     def muscles(self, x, velocity, pressure, cv):
         """Force on the nodes (N, 3), Jacobian (intervals, 3 N) of interval lengths and their stiffness [N/m]."""
@@ -406,6 +414,7 @@ class ReferenceSheet:
                     break
             a1 = ((y - x - h * v) / (beta * h * h) - (0.5 / beta - 1) * a) * self.free[:, None]
             x, v, a = y, (v + h * ((1 - gamma) * a + gamma * a1)), a1
+            self.remember(p)
             frames.append(x.copy())
         return np.array(frames)
 

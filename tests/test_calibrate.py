@@ -131,7 +131,7 @@ def test_derivatives_are_those_of_moved_surfaces():
 
 def test_known_factors_come_back_and_ambiguities_are_said(measured, tmp_path):
     lines = []
-    found = calibrate(measured, Curler(), engines=ONE_ENGINE, progress=lines.append)
+    found = calibrate(measured, Curler(), engines=ONE_ENGINE, progress=lambda line, share: lines.append(line))
     f = {name: parameter.factor for name, parameter in found.model.parameters.items()}
     # the data fix gain x offset / bending and the delay; which of the three it is, only the data sheet could say
     assert f["muscle_gain"] * f["axis_offset"] / f["bending"] == pytest.approx(0.9 * 1.1 / 1.2, rel=0.01)
@@ -154,6 +154,31 @@ def test_known_factors_come_back_and_ambiguities_are_said(measured, tmp_path):
     assert again.provenance.held_out == ("curled/004",)
     assert "shear" in as_text(found)
     assert set(found.as_json()["parameters"]) == set(PARAMETERS)
+
+
+def test_sets_and_designs_are_fitted_together(measured, tmp_path):
+    """Orders are those of each set; a set may hold several designs; the provenance names SET/TRIAL."""
+    trials = [
+        NewTrial(f"{k:03d}", name, k, "fit", measured.trials[k].load()) for k, name in enumerate(("cross", "cross two"))
+    ]
+    designs = {"cross": build("cross"), "cross two": build("cross", name="cross two")}
+    write_set(tmp_path / "two", designs, trials, name="two")
+    both = [measured, read_set(tmp_path / "two")]
+    assert len(both[1].designs) == 2
+    shares = []
+    found = calibrate(
+        both, Curler(), orders=[0, 1], engines=ONE_ENGINE, progress=lambda line, share: shares.append(share)
+    )
+    origin = found.model.provenance
+    assert origin.sets == ("curled", "two")
+    assert origin.fitted == ("curled/000", "curled/001", "two/000", "two/001")
+    assert origin.held_out == ("curled/002", "curled/003", "curled/004")
+    assert set(origin.hashes) == {f"{name}.npz" for name in origin.fitted}
+    f = {name: parameter.factor for name, parameter in found.model.parameters.items()}
+    assert f["muscle_gain"] * f["axis_offset"] / f["bending"] == pytest.approx(0.9 * 1.1 / 1.2, rel=0.01)
+    assert shares == sorted(shares) and 0 < shares[0] < shares[-1] <= 1
+    with pytest.raises(InputError, match="set curled: given twice"):
+        calibrate([measured, measured], Curler(), engines=ONE_ENGINE)
 
 
 def test_intervals_cover_over_repeats(tmp_path):
@@ -261,7 +286,7 @@ def test_slopes_that_are_too_small_by_half_do_not_keep_the_descent_from_its_end(
     problem = Line()
     weight = np.diag([1 / PRIOR[name] ** 2 for name in PARAMETERS])
     begin = problem.linearise(problem.evaluate([np.zeros(7)])[0], [])
-    state, _, converged = _descend(problem, begin, weight, "", lambda line: None)
+    state, _, converged = _descend(problem, begin, weight, "", lambda line, share: None)
     assert converged
     assert state.x == pytest.approx(target, abs=0.01)
 
@@ -383,3 +408,45 @@ def test_a_lag_that_all_trials_share_is_no_clock(tmp_path):
     for trial in measured.trials:
         rewrite(trial, time=TIMES + 0.15)
     assert not calibrate(measured, Curler()).skipped
+
+
+class Coin(Curler):
+    """From 0.4 s on, at 250 kPa, it lies to one side or the other, as the frame leans."""
+
+    side = 1.0
+
+    def _motion(self, case, times):
+        frames = super()._motion(case, times)
+        leans = [term.values["about_x"] for term in case.effects if term.name == "frame_tilt"]
+        if 240e3 < case.program.pressure.max() < 260e3:
+            side = np.sign(sum(leans)) or self.side
+            frames[times > 0.35, :, 2] *= side
+        return frames
+
+
+def test_what_hangs_on_a_coins_toss_is_named_and_takes_no_part(tmp_path):
+    other = Coin()
+    other.side = -1.0  # the measured cloth fell to the other side
+    measured = write(tmp_path / "set", [100, 200, 300, 250, 150], forward=other)
+    blind = calibrate(measured, Coin(), engines=ONE_ENGINE)
+    found = calibrate(measured, Coin(), coarse=Coin(), engines=ONE_ENGINE)
+    [stretch] = found.unjudged
+    assert stretch.trial == "003" and 0.2 <= stretch.begin <= 0.4 and stretch.end == pytest.approx(1.2)
+    assert found.share_unjudged == pytest.approx(5 / 32, abs=2 / 32)
+    assert "not judged" in as_text(found) and "003" in as_text(found)
+    assert found.as_json()["unjudged"][0]["trial"] == "003"
+    assert found.model.parameters["damping"].factor == pytest.approx(1.3, rel=0.01)
+    assert found.fit.after < 0.5 * blind.fit.after
+    assert blind.unjudged is None
+
+
+def test_a_set_of_nothing_but_tosses_is_refused(tmp_path):
+    measured = write(tmp_path / "set", [250, 245, 150])
+    coin = Coin()
+
+    def toss(cases, times):
+        return [np.full((len(t), 882, 3), np.nan, np.float32) for t in times]
+
+    coin.motions = toss
+    with pytest.raises(InputError, match="in every frame small changes lead elsewhere"):
+        calibrate(measured, Curler(), coarse=coin)

@@ -156,7 +156,6 @@ def kinds(tmp_path: Path) -> Path:
 
 
 def test_every_kind_of_file_is_known_and_sound(kinds: Path) -> None:
-    pytest.importorskip("numba")  # the key's
     files = sorted(kinds.iterdir())
     assert len(files) == 18
     assert {file.name: inspect(file).problems for file in files} == {file.name: () for file in files}

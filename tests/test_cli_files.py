@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -85,6 +86,23 @@ def test_predict_a_set_and_a_trial(run: Run, hanging: type[Hanging], folder: Pat
     design = ("--design", folder / "cross.toml")
     assert run("predict", trial, "--model", folder / "model.toml", *design, "-o", folder / "b")[0] == 0
     assert [file.name for file in (folder / "b" / "trials").iterdir()] == ["002.npz"]
+
+
+def test_predict_several_sets(run: Run, hanging: type[Hanging], folder: Path) -> None:
+    """Each under its name, with as many trials of one name as there are sets; two sets of one name are refused."""
+    shutil.copytree(folder / "set", folder / "other")
+    text = (folder / "other" / "set.toml").read_text()
+    (folder / "other" / "set.toml").write_text(text.replace('name = "x"', 'name = "y"'))
+    sets, model = (folder / "set", folder / "other"), ("--model", folder / "model.toml")
+    code, out, err = run("predict", *sets, *model, "-o", folder / "both", "--json")
+    assert code == 0
+    expected = [folder / "both" / name / "trials" / f"00{k}.npz" for name in "xy" for k in range(3)]
+    assert [Path(file) for file in json.loads(out)["motions"]] == expected
+    assert all(file.is_file() for file in expected)
+    assert err.splitlines()[-1] == "predicted 6 of 6 trials"
+    code, _, err = run("predict", folder / "set", folder / "set", *model, "-o", folder / "twice")
+    assert (code, (folder / "twice").exists()) == (2, False)
+    assert "set x: expected sets with a name of their own" in err
 
 
 def test_bench_becomes_a_cloth_that_a_design_includes(run: Run, folder: Path) -> None:

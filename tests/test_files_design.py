@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 from fabdesign.catalogue import LAYOUTS, build, standard
 from fabdesign.curve import MembraneCurve
 from fabdesign.design import Design
-from fabdesign.design_file import read_design, write_design
+from fabdesign.design_file import read_design, read_part, write_design
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.muscle import BenchTable, Muscle, MuscleType
+from fabdesign.term import Term
 
 floats = partial(st.floats, allow_subnormal=False)  # the simulator's kernels flush those to zero
 ROUND_TRIPS = settings(
@@ -94,7 +95,8 @@ def designs(draw: st.DrawFn) -> Design:
         )
         for _ in range(draw(st.integers(0, 3)) if types else 0)
     ]
-    return Design(draw(names), fabric, types, tuple(muscles))
+    effects = [Term("muscle_creep", {"share": draw(floats(0, 0.8))}, f"muscle_types.{name}") for name in types]
+    return Design(draw(names), fabric, types, tuple(muscles), tuple(draw(st.sampled_from([effects, []]))))
 
 
 @ROUND_TRIPS
@@ -103,6 +105,29 @@ def test_written_design_reads_the_same(design: Design, tmp_path_factory: pytest.
     path = tmp_path_factory.mktemp("design") / "d.toml"
     write_design(design, path)
     assert read_design(path) == design
+
+
+def test_what_a_bench_found_comes_with_its_type(tmp_path: Path) -> None:
+    write_design(build("cross"), tmp_path / "whole.toml")
+    head, rest = (tmp_path / "whole.toml").read_text().split("[muscle_types.", 1)
+    kind, muscles = rest.split("[[muscles]]", 1)
+    creep = '[[effects]]\nname = "muscle_creep"\n{scope}[effects.parameters.share]\nvalue = 0.2\nunit = "1"\n'
+    (tmp_path / "type.toml").write_text(f"[muscle_types.{kind}{creep.format(scope='')}")
+    (tmp_path / "d.toml").write_text(f'include = ["type.toml"]\n{head}[[muscles]]{muscles}')
+    name = kind.partition("]")[0]
+    assert read_design(tmp_path / "d.toml").effects == (Term("muscle_creep", {"share": 0.2}, f"muscle_types.{name}"),)
+    assert read_part(tmp_path / "type.toml").types.keys() == {name}
+    for text, problem in (
+        (
+            creep.format(scope='scope = "muscle_types.none"\n'),
+            f"scope is muscle_types.none; expected muscle_types.{name}",
+        ),
+        (creep.format(scope="") * 2, f"muscle_creep of muscle_types.{name} is there already"),
+        ('[[effects]]\nname = "filling_lag"', "filling_lag belongs to the rig; expected it in a model"),
+    ):
+        (tmp_path / "type.toml").write_text(f"[muscle_types.{kind}{text}")
+        with pytest.raises(InputError, match=problem):
+            read_design(tmp_path / "d.toml")
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

@@ -10,7 +10,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-pytest.importorskip("numba")
 pytest.importorskip("open3d", exc_type=Exception)
 
 from fabdesign.catalogue import build

@@ -16,8 +16,6 @@ from scipy.linalg import eigh
 from scipy.optimize import fsolve
 from scipy.special import j0
 
-pytest.importorskip("numba")
-
 from fabdesign.catalogue import build
 from fabdesign.design import Design
 from fabdesign.design_file import write_design

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import sim.simulator
-from fabdesign import design, model, muscle
+from fabdesign import design, interface, model, muscle
 from fabdesign.errors import InputError
 from sim import Simulator
 
@@ -43,7 +43,9 @@ def test_numpy_numbers_are_numbers():
     assert Simulator(np.int64(21), time_step=np.float64(1 / 960)).points_per_side == 21
 
 
-@pytest.mark.parametrize("module", [sim.simulator, design, model, muscle], ids=lambda module: module.__name__)
+@pytest.mark.parametrize(
+    "module", [sim.simulator, design, model, muscle, interface], ids=lambda module: module.__name__
+)
 def test_example_runs(module):
     done = doctest.testmod(module)
     assert done.attempted > 0 and done.failed == 0

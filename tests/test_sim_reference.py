@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+from fabdesign.forward import Case, Term
+from fabdesign.pressure import PressureProgram
 from sim import Simulator
 from tests.sim_designs import cloth, held, laced, middle
 from tests.sim_reference import ReferenceSheet
+from tests.sim_reference_effects import ReferenceWithEffects
 
 EXACT = Simulator(points_per_side=11, time_step=1 / 240, calm_steps=1, iterations=60, tolerance=1e-8)
 N = EXACT.points_per_side
@@ -59,3 +62,40 @@ def test_clamped_edge_follows_the_reference():
     found = middle(EXACT.equilibria([held(design)])[0])[:: 40 // (N - 1), :: 40 // (N - 1)]
     assert np.abs(final[-1, :, 2]).min() > 0.03
     assert np.abs(found - final).max() < 2e-5
+
+
+EFFECTS = {
+    "muscle_creep": ({"share": 0.4, "time": 0.02}, {"creep": (0.4, 0.02)}),
+    "braid_hysteresis": (
+        {"friction": 0.004, "friction_at_zero": 0.1, "slip": 0.004}, {"hysteresis": (4e-6, 0.1, 0.004)},
+    ),
+    "line_loss": ({"share": 0.4}, {"loss": 0.4}),
+    "odd_muscle": ({"channel": 0.0, "factor": 0.7}, {"gains": {0: 0.7}}),
+    "air_drag": ({"coefficient": 20.0}, {"drag": 20.0}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_effects_follow_the_reference(name, without_effects):
+    # up and, 6 steps later, down again: friction turns round, creep goes back
+    values, own = EFFECTS[name]
+    h, times = EXACT.time_step, EXACT.time_step * np.arange(11)
+    case = Case(laced(), PressureProgram(np.array([0.0, 6 * h]), UP_AND_DOWN, 1.0), effects=(Term(name, values),))
+    [motion] = EXACT.run([case], [times])
+    expected = _reference(ReferenceWithEffects(laced(), N, **own))
+    error = np.abs(motion.middle.reshape(11, -1, 3) - expected).max()
+    assert error < 2e-5 < np.abs(expected - without_effects).max() / 5
+
+
+UP_AND_DOWN = np.array([[200.0, 100.0, 0.0, 50.0], [100.0, 150.0, 0.0, 50.0]]) * 1e3  # Pa
+
+
+@pytest.fixture(scope="module")
+def without_effects():
+    return _reference(ReferenceSheet(laced(), N))
+
+
+def _reference(sheet):
+    """Frames after every step under UP_AND_DOWN."""
+    h, rest = EXACT.time_step, sheet.equilibrium(np.zeros(4))
+    return sheet.motion(lambda t: UP_AND_DOWN[int(t >= 6 * h)], h, 10, rho=EXACT.rho, start=rest, jumps=(0, 6))

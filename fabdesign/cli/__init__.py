@@ -8,11 +8,21 @@ from types import FrameType
 
 import click
 
-from fabdesign.cli import effects, files, measurements, motions, searches, viewing  # noqa: F401 their commands join the group
+from fabdesign.cli import (  # noqa: F401 their commands join the group
+    effects,
+    files,
+    measurements,
+    motions,
+    searches,
+    sweeps,
+    tracing,
+    training,
+    viewing,
+)
 from fabdesign.cli.console import commands
 from fabdesign.errors import InputError, SimulationError
 
-_EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "numba": "rig", "ezdxf": "dxf"}
+_EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "ezdxf": "dxf", "torch": "corrector"}
 
 
 class Terminated(BaseException):

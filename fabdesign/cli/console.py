@@ -1,7 +1,6 @@
 """What the commands share: the group, options and how they print."""
 
 import json
-from collections.abc import Callable
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -48,8 +47,9 @@ def print_result(result: dict[str, Any], text: str, as_json: bool) -> None:
     click.echo(json.dumps(result) if as_json else text)
 
 
-def progress(verb: str, what: str = "trials") -> Callable[[int, int], None]:
-    return lambda done, total: click.echo(f"{verb} {done} of {total} {what}", err=True)
+def tell(line: str) -> None:
+    """On standard error."""
+    click.echo(line, err=True)
 
 
 def points_per_side(grid: int | None, model: Model | None) -> int:

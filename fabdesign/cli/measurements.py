@@ -5,8 +5,10 @@ from typing import Literal
 
 import click
 
-from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json_option, print_result, progress
+from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json_option, print_result
 from fabdesign.cli.models import effects_option, load_model
+from fabdesign.cli.progress import counted, described
+from fabdesign.errors import InputError
 from fabdesign.model import POINTS_PER_SIDE, Model
 
 
@@ -41,17 +43,18 @@ def fuse(
     from studies.fusion.fuse import as_json as fused_as_json
     from studies.fusion.fuse import fuse_all
 
-    reports = fuse_all(
-        recordings,
-        output,
-        points=points,
-        per_frame=per_frame,
-        convention=convention,
-        skip_bad=skip_bad,
-        seed=seed,
-        force=force,
-        progress=progress("fused", "frames"),
-    )
+    with counted("fused", "frames") as shown:
+        reports = fuse_all(
+            recordings,
+            output,
+            points=points,
+            per_frame=per_frame,
+            convention=convention,
+            skip_bad=skip_bad,
+            seed=seed,
+            force=force,
+            progress=shown,
+        )
     lines = []
     for report in reports:
         worst = max(sensor.residual_mm for sensor in report.sensors)
@@ -65,7 +68,7 @@ def fuse(
 
 
 @commands.command()
-@click.argument("source", type=FILE)
+@click.argument("sources", nargs=-1, required=True, type=FILE, metavar="SET...")
 @click.option("--fit", help="What to fit, by comma: orders of trials, names of records; all of role fit without it.")
 @click.option(
     "--free", help="Effects to fit besides, by comma: NAME, NAME.PARAMETER, NAME:PARAMETER=VALUE (not fitted)."
@@ -82,7 +85,7 @@ def fuse(
 @force_option
 @json_option
 def calibrate(
-    source: Path,
+    sources: tuple[Path, ...],
     fit: str | None,
     free: str | None,
     fixed: str | None,
@@ -94,21 +97,29 @@ def calibrate(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Fit the declared parameters to SOURCE, a measurement set; or the law of a bench (a folder with bench.toml)."""
-    if source.name == "bench.toml" or (source / "bench.toml").is_file():
-        _calibrate_bench(source, fit, output, force, as_json)
+    """Fit the declared parameters to measurement sets, all together, or the law of a bench (a folder with bench.toml).
+
+    Orders of trials that --fit names are those of each SET.
+    """
+    benches = [source for source in sources if source.name == "bench.toml" or (source / "bench.toml").is_file()]
+    if benches and len(sources) > 1:
+        raise InputError(f"{benches[0]}: a bench; expected it alone, or measurement sets")
+    if benches:
+        if fixed is not None or model is not None:
+            raise InputError("--fix and --model: of a measurement set; expected --free or --fit of a bench")
+        _calibrate_bench(benches[0], fit, free, output, force, as_json)
         return
     from fabdesign.measurement_set import read_set
     from fabdesign.model_file import write_model
     from fabdesign.output import new_file
     from studies.bad_data import sound_trials
-    from studies.calibration.calibrate import calibrate as calibrate_set
+    from studies.calibration.calibrate import calibrate as calibrate_sets
     from studies.calibration.calibrate import orders_of
     from studies.calibration.fitted_model import muscle_scope
     from studies.calibration.parameters import fit_vector
     from studies.calibration.report import as_text
 
-    measured, skipped = sound_trials(read_set(source), skip_bad=skip_bad)
+    checked = [sound_trials(read_set(source), skip_bad=skip_bad) for source in sources]
     orders = None if fit is None else orders_of(fit)
     base = load_model(model) or Model()
     vector = fit_vector(
@@ -116,33 +127,38 @@ def calibrate(
         fixed.split(",") if fixed else (),
         factors=base.factors,
         terms=base.terms,
-        scope=muscle_scope([*measured.designs.values()]),
+        scope=muscle_scope([design for found, _ in checked for design in found.designs.values()]),
     )
-    with new_file(output, force=force, inputs=[source, *([] if model is None else [model])]) as unfinished:
+    with new_file(output, force=force, inputs=[*sources, *([] if model is None else [model])]) as unfinished:
         from sim import Simulator
 
-        found = calibrate_set(
-            measured,
-            Simulator(grid),
-            slopes=Simulator(min(grid, POINTS_PER_SIDE)),
-            vector=vector,
-            points_per_side=grid,
-            orders=orders,
-            skipped=skipped,
-            skip_bad=skip_bad,
-            seed=seed,
-            progress=lambda line: click.echo(line, err=True),
-        )
+        with described("calibrating") as shown:
+            found = calibrate_sets(
+                [measured for measured, _ in checked],
+                Simulator(grid),
+                slopes=Simulator(min(grid, POINTS_PER_SIDE)),
+                coarse=Simulator(21),
+                vector=vector,
+                points_per_side=grid,
+                orders=orders,
+                skipped=[line for _, lines in checked for line in lines],
+                skip_bad=skip_bad,
+                seed=seed,
+                progress=shown,
+            )
         write_model(found.model, unfinished)
     print_result(found.as_json() | {"model": str(output)}, f"{output}: {as_text(found)}", as_json)
 
 
-def _calibrate_bench(source: Path, fit: str | None, output: Path, force: bool, as_json: bool) -> None:
+def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Path, force: bool, as_json: bool) -> None:
+    from fabdesign.effect_file import effect_items
     from fabdesign.output import new_files
-    from studies.benches.calibrate import calibrate_bench, errors_in_words, write_bench_type
+    from studies.benches.calibrate import calibrate_bench, effects_in_words, errors_in_words, write_bench_type
 
     with new_files(output, force=force, inputs=[source]) as unfinished:
-        fitted = calibrate_bench(source, fit=None if fit is None else fit.split(","))
+        fitted = calibrate_bench(
+            source, fit=None if fit is None else fit.split(","), free=free.split(",") if free else ()
+        )
         files = [str(output.with_name(file.name)) for file in write_bench_type(fitted, unfinished)]
     result = {
         "bench": fitted.bench.name,
@@ -151,15 +167,17 @@ def _calibrate_bench(source: Path, fit: str | None, output: Path, force: bool, a
         "error_left_out": fitted.error_left_out,
         "error_test": fitted.error_test,
         "constants": {name: {"value": c.value, "unit": c.unit} for name, c in fitted.constants.items()},
+        "effects": [effect_items(effect) for effect in fitted.effects],
         "files": files,
     }
-    print_result(result, f"{files[0]}: {fitted.bench.name}, {errors_in_words(fitted)}", as_json)
+    text = "\n".join([f"{files[0]}: {fitted.bench.name}, {errors_in_words(fitted)}", *effects_in_words(fitted)])
+    print_result(result, text, as_json)
 
 
 @commands.command()
 @click.argument("design", type=FILE)
-@click.argument("more", nargs=-1, metavar="[P.csv]...")
-@click.option("--pressures", multiple=True, required=True, help="A trial each; further ones may just follow.")
+@click.argument("more", nargs=-1, metavar="[P.csv]... [DESIGN P.csv...]...")
+@click.option("--pressures", multiple=True, help="Of the first design, a trial each; further ones may just follow.")
 @click.option("--key", type=FILE, help="What the specimen really is; not written into the set.")
 @click.option("--recording", type=FILE, help="A folder for four depth cameras' raw clouds of the first trial.")
 @click.option("--test-trials", type=int, default=0, show_default=True, help="How many of the last have role test.")
@@ -177,20 +195,42 @@ def rig(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Measure a DESIGN on a virtual rig, another engine than `simulate`'s, as a measurement set."""
+    """Measure a DESIGN on a virtual rig, another engine than `simulate`'s, as a measurement set.
+
+    Of several designs in one session, each is followed by its pressures: A.toml P1.csv P2.csv B.toml P3.csv.
+    """
     from studies.rig import run_rig
 
-    programs = [*pressures, *more]
-    run_rig(
-        design,
-        programs,
-        out=output,
-        key=key,
-        recording=recording,
-        test_trials=test_trials,
-        force=force,
-        progress=progress("measured"),
-    )
+    (_, programs), *others = session = _session(design, pressures, more)
+    with counted("measured") as shown:
+        run_rig(
+            design,
+            programs,
+            more=others,
+            out=output,
+            key=key,
+            recording=recording,
+            test_trials=test_trials,
+            force=force,
+            progress=shown,
+        )
+    trials = sum(len(own) for _, own in session)
     recorded = None if recording is None else str(recording)
-    result = {"set": str(output), "trials": len(programs), "recording": recorded}
-    print_result(result, f"{output}: {len(programs)} trials of a synthetic rig", as_json)
+    result = {"set": str(output), "trials": trials, "recording": recorded}
+    print_result(result, f"{output}: {trials} trials of a synthetic rig", as_json)
+
+
+def _session(first: Path, pressures: tuple[str, ...], more: tuple[str, ...]) -> list[tuple[Path, list[str]]]:
+    """Each design with its pressures, those that follow it. Raises InputError."""
+    session = [(first, [*pressures])]
+    for given in more:
+        if given.lower().endswith(".toml"):
+            session.append((Path(given), []))
+        else:
+            session[-1][1].append(given)
+    for design, own in session:
+        if not own:
+            raise InputError(
+                f"{design}: no pressures; expected a program after it, or --pressures for the first design"
+            )
+    return session

@@ -17,9 +17,10 @@ from fabdesign.cli.console import (
     json_option,
     points_per_side,
     print_result,
-    progress,
+    tell,
 )
 from fabdesign.cli.models import effects_option, load_model, require_model, without_option
+from fabdesign.cli.progress import counted
 from fabdesign.errors import InputError
 
 
@@ -122,7 +123,7 @@ def simulate(
 
 
 @commands.command()
-@click.argument("source", type=FILE)
+@click.argument("sources", nargs=-1, required=True, type=FILE, metavar="SET...")
 @click.option("--model", type=FILE, required=True, help="A model file.")
 @without_option
 @effects_option
@@ -132,7 +133,7 @@ def simulate(
 @force_option
 @json_option
 def predict(
-    source: Path,
+    sources: tuple[Path, ...],
     model: Path,
     without: str | None,
     design: Path | None,
@@ -141,22 +142,38 @@ def predict(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Predict every trial of a set, or a lone TRIAL.npz, at its own times, as OUTPUT/trials/NAME.npz."""
+    """Predict every trial of a SET, or a lone TRIAL.npz, at its own times, as OUTPUT/trials/NAME.npz.
+
+    Of several sets, as OUTPUT/SET/trials/NAME.npz.
+    """
     from fabdesign.design_file import read_design
     from fabdesign.output import new_folder
+    from studies.coarser_grid import enough_points
+    from studies.predict import folders_of, trials_of
     from studies.predict import predict as predict_trials
-    from studies.predict import trials_of
 
     fitted = require_model(model, without)
-    trials = trials_of(source, None if design is None else read_design(design))
-    inputs = [file for file in (source, model, design) if file is not None]
+    sets = folders_of([trials_of(source, None if design is None else read_design(design)) for source in sources])
+    trials = [trial for some in sets.values() for trial in some]
+    inputs = [*sources, *(file for file in (model, design) if file is not None)]
     with new_folder(output, made_by="predict", force=force, inputs=inputs) as unfinished:
         from sim import Simulator
 
-        simulator = Simulator(points_per_side(grid, fitted))
-        predict_trials(simulator, fitted, trials, unfinished, progress=progress("predicted"))
-    files = [str(output / "trials" / trial.file.name) for trial in trials]
-    print_result({"motions": files}, f"{output / 'trials'}: {len(files)} motions", as_json)
+        side = grid or enough_points(fitted, trials, Simulator, tell=tell)
+        done = 0
+        with counted("predicted") as shown:
+            for folder, some in sets.items():
+                before = done
+                predict_trials(
+                    Simulator(side),
+                    fitted,
+                    some,
+                    unfinished / folder,
+                    progress=lambda own, _, before=before: shown(before + own, len(trials)),  # type: ignore[misc]
+                )
+                done += len(some)
+    files = [str(output / folder / "trials" / trial.file.name) for folder, some in sets.items() for trial in some]
+    print_result({"motions": files}, f"{output}: {len(files)} motions", as_json)
 
 
 @commands.command()
@@ -185,6 +202,7 @@ def evaluate(
     from fabdesign.measurement_set import read_set
     from fabdesign.output import new_folder
     from studies.bad_data import sound_trials
+    from studies.coarser_grid import enough_points
     from studies.evaluate import evaluate_sets
     from studies.evaluation_report import tables_markdown, write_evaluation
 
@@ -197,13 +215,10 @@ def evaluate(
     with place as unfinished:
         from sim import Simulator
 
-        evaluation = evaluate_sets(
-            fitted,
-            measured,
-            Simulator(points_per_side(grid, fitted)),
-            all_trials=all_trials,
-            progress=progress("evaluated"),
-        )
+        trials = [t for found in measured for t in found.trials if all_trials or t.role == "test"]
+        side = grid or enough_points(fitted, trials, Simulator, tell=tell)
+        with counted("evaluated") as shown:
+            evaluation = evaluate_sets(fitted, measured, Simulator(side), all_trials=all_trials, progress=shown)
         if unfinished is not None:
             write_evaluation(evaluation, unfinished)
     text = "\n".join([tables_markdown(evaluation), *(f"skipped: {line}" for line in skipped)])

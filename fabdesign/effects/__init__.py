@@ -1,10 +1,12 @@
 """Effects: what a quasi-static model of cloth and muscles lacks, declared (docs/effects.md)."""
 
+from fabdesign.effects.bench import MuscleRecord
 from fabdesign.effects.declaration import Effect, EffectParameter
 from fabdesign.effects.pressures import ActingPressure
 from fabdesign.effects.registry import BUILT_IN, EFFECTS, register, register_file
 from fabdesign.effects.specimen import Specimen
 
 __all__ = [
-    "BUILT_IN", "EFFECTS", "ActingPressure", "Effect", "EffectParameter", "Specimen", "register", "register_file",
+    "BUILT_IN", "EFFECTS", "ActingPressure", "Effect", "EffectParameter", "MuscleRecord", "Specimen", "register",
+    "register_file",
 ]  # fmt: skip

@@ -13,9 +13,17 @@ from fabdesign.effects.specimen import Specimen
 from fabdesign.forward import MUSCLE_TYPES, Case, Term
 
 
-def active(terms: tuple[Term, ...]) -> Iterator[tuple[Effect, dict[str, float], Term]]:
+def terms_of(case: Case) -> tuple[Term, ...]:
+    """What acts in a case: what its design's benches found, then its own. An effect of the case replaces the design's
+    of the same name and scope; one without a scope those of any."""
+    own = {(term.name, term.scope) for term in case.effects}
+    found = (t for t in case.design.effects if not {(t.name, t.scope), (t.name, None)} & own)
+    return (*found, *case.effects)
+
+
+def active(case: Case) -> Iterator[tuple[Effect, dict[str, float], Term]]:
     """Each effect that is not off, with all its values. Raises InputError for an unknown one or a bad value."""
-    for term in terms:
+    for term in terms_of(case):
         effect = effect_named(term.name, "effects")
         check_values(effect, term.values, "effects")
         if not effect.is_off(term.values):
@@ -40,7 +48,7 @@ def specimen_of(case: Case) -> Specimen:
             "pressure_loss": np.zeros(len(muscles)),
         },
     )
-    for effect, values, term in active(case.effects):
+    for effect, values, term in active(case):
         if effect.specimen is not None:
             specimen = effect.specimen(specimen, values, muscles_of(case, term))
     return specimen
@@ -56,30 +64,26 @@ def muscles_of(case: Case, term: Term) -> NDArray[np.bool_]:
 def acting_pressure(case: Case, ticks: int, tick: float) -> ActingPressure:
     """The pressures that act in the case over `ticks` ticks of `tick` s each."""
     acting = ActingPressure(case.program, ticks, tick)
-    for effect, values, _ in active(case.effects):
+    for effect, values, _ in active(case):
         if effect.pressure is not None:
             acting = effect.pressure(acting, values)
     return acting
 
 
-def seen_at(terms: tuple[Term, ...], times: Array) -> Array:
+def seen_at(case: Case, times: Array) -> Array:
     """(T,) s: the instants whose shapes frames of these `times` show."""
-    for effect, values, _ in active(terms):
+    for effect, values, _ in active(case):
         if effect.clock is not None:
             times = effect.clock(times, values)
     return times
 
 
-def observed(terms: tuple[Term, ...], points: NDArray[Any]) -> NDArray[Any]:
+def observed(case: Case, points: NDArray[Any]) -> NDArray[Any]:
     """(..., 3) m: points of the cloth as the sensors give them."""
-    for effect, values, _ in active(terms):
+    for effect, values, _ in active(case):
         if effect.observed is not None:
             points = effect.observed(points, values).astype(points.dtype)
     return points
 
 
-def remembers(terms: tuple[Term, ...]) -> bool:
-    return any(effect.remembers for effect, _, _ in active(terms))
-
-
-__all__ = ["Values", "acting_pressure", "active", "muscles_of", "observed", "remembers", "seen_at", "specimen_of"]
+__all__ = ["Values", "acting_pressure", "active", "muscles_of", "observed", "seen_at", "specimen_of", "terms_of"]

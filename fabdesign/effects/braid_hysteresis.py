@@ -1,8 +1,11 @@
 """Braid hysteresis: Coulomb friction of strand on strand, which grows with pressure."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.effects.bench import MuscleRecord
 from fabdesign.effects.declaration import Effect, EffectParameter, Values
 from fabdesign.effects.specimen import Specimen
 
@@ -14,6 +17,16 @@ def _specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) ->
         friction_at_zero=values["friction_at_zero"],
         friction_slip=values["slip"],
     )
+
+
+def _bench(record: MuscleRecord, values: Values) -> MuscleRecord:
+    limit = (values["friction_at_zero"] + values["friction"] / 1e3 * record.pressure).tolist()
+    drawn = np.diff(record.contraction, prepend=record.contraction[0]).tolist()
+    force, found = 0.0, []
+    for most, more in zip(limit, drawn, strict=True):
+        force = min(max(force + most / values["slip"] * more, -most), most)
+        found.append(force)
+    return replace(record, friction=record.friction + np.array(found))
 
 
 BRAID_HYSTERESIS = Effect(
@@ -31,5 +44,6 @@ BRAID_HYSTERESIS = Effect(
     },
     specimen=_specimen,
     force="sim.effects.braid_hysteresis:BRAID_HYSTERESIS",
+    bench=_bench,
     remembers=True,
 )

@@ -1,7 +1,10 @@
 """Dead time: what a regulator is told acts later."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from fabdesign.effects.bench import MuscleRecord
 from fabdesign.effects.declaration import Effect, EffectParameter, Values
 from fabdesign.effects.pressures import ActingPressure
 from fabdesign.pressure import PressureProgram
@@ -25,6 +28,11 @@ def _pressure(acting: ActingPressure, values: Values) -> ActingPressure:
     return acting.through(program, np.diff(late, axis=0) / acting.tick)
 
 
+def _bench(record: MuscleRecord, values: Values) -> MuscleRecord:
+    late = np.interp(record.time - values["delay"], record.time, record.pressure)
+    return replace(record, pressure=late)
+
+
 DEAD_TIME = Effect(
     "dead_time",
     site="pneumatics",
@@ -35,4 +43,5 @@ DEAD_TIME = Effect(
     source="transport delay; docs/effects.md",
     parameters={"delay": EffectParameter("s", "delay", 0.04, (0.0, 1.0), 0.05, off=0.0)},
     pressure=_pressure,
+    bench=_bench,
 )

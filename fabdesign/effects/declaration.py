@@ -1,7 +1,7 @@
 """What an effect is: a physical part that a plain model lacks, declared with its parameters and what it changes.
 
 An effect acts at one or more of four seams: the pressure that acts, constants and geometry of the specimen, forces with
-memory (in the kernels, sim/forces/memory.py), and what is observed. Where its strength has the value `off`, the model
+memory (in the kernels, sim/forces/added.py), and what is observed. Where its strength has the value `off`, the model
 is the one without it, and the derivative by the strength exists there.
 """
 
@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.effects.bench import MuscleRecord
 from fabdesign.effects.pressures import ActingPressure
 from fabdesign.effects.specimen import Specimen
 
@@ -51,8 +52,9 @@ class Effect:
     pressure(acting, values): the pressures that act. specimen(specimen, values, muscles): constants and geometry;
     muscles (m,) says which muscles the effect belongs to. clock(times, values): the instants [s] whose shape frames
     show; observed(points, values): points [m] as a sensor gives them. force: the kernel's part, a
-    sim.forces.memory.ForceWithMemory or "module:NAME" of one. remembers: whether what was before the present pressures
-    still shows in the shape at rest.
+    sim.forces.added.AddedForce or "module:NAME" of one. bench(record, values): what a muscle's law sees of a record on
+    its bench, which begins settled; None where one muscle does not show the effect. remembers: whether what was before
+    the present pressures still shows in the shape at rest.
     """
 
     name: str
@@ -67,6 +69,7 @@ class Effect:
     clock: Callable[[Array, Values], Array] | None = None
     observed: Callable[[NDArray[Any], Values], NDArray[Any]] | None = None
     force: Any = field(default=None, hash=False)
+    bench: Callable[[MuscleRecord, Values], MuscleRecord] | None = None
     remembers: bool = False
 
     @property

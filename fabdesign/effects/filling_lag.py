@@ -1,18 +1,22 @@
 """Filling lag: the pressure in a muscle follows the set point with a time constant, which may differ emptying."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
+from fabdesign.effects.bench import MuscleRecord
 from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
 from fabdesign.effects.pressures import ActingPressure
 
 SHORTEST = 1e-6  # s, under which there is no lag
+ROUNDED = 3  # decimals of Pa
 
 
 def lagged(wanted: Array, tick: float, fill: float, empty: float) -> Array:
     """(ticks, channels) Pa, means of p over ticks, where dp/dt = (wanted - p) / tau and p = 0 at the begin; tau = fill
     where p rises, empty where it falls [s]. Exact for a wanted pressure that is constant within each tick."""
+    wanted = np.round(wanted, ROUNDED)  # what differs by rounding alone would count as a change in every tick
     out = np.empty_like(wanted)
     p = np.zeros(wanted.shape[1])
     changes = np.flatnonzero((np.diff(wanted, axis=0) != 0).any(axis=1)) + 1
@@ -32,6 +36,16 @@ def _pressure(acting: ActingPressure, values: Values) -> ActingPressure:
     return acting.through(acting.program, lagged(acting.means, acting.tick, fill, empty))
 
 
+def _bench(record: MuscleRecord, values: Values) -> MuscleRecord:
+    """A row's pressure is set until the next row."""
+    told, steps = record.pressure.tolist(), np.diff(record.time).tolist()
+    p, found = told[0], [told[0]]
+    for goal, step in zip(told, steps, strict=False):
+        p = goal + (p - goal) * float(np.exp(-step / max(values["fill" if goal > p else "empty"], SHORTEST)))
+        found.append(p)
+    return replace(record, pressure=np.array(found))
+
+
 FILLING_LAG = Effect(
     "filling_lag",
     site="pneumatics",
@@ -44,4 +58,5 @@ FILLING_LAG = Effect(
         "empty": EffectParameter("s", "while it falls", 0.16, (0.0, 3.0), 0.1, off=0.0),
     },
     pressure=_pressure,
+    bench=_bench,
 )

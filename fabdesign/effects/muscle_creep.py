@@ -1,14 +1,26 @@
 """Muscle creep: part of a muscle's contraction comes slowly, and goes slowly."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.declaration import Effect, EffectParameter, Values
+from fabdesign.effects.bench import MuscleRecord
+from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
 from fabdesign.effects.specimen import Specimen
 
 
 def _specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
     return specimen.with_muscles(muscles, creep_share=values["share"], creep_time=values["time"])
+
+
+def _bench(record: MuscleRecord, values: Values) -> MuscleRecord:
+    limit = values["share"] * np.maximum(record.contraction, 0.0)
+    aged = -np.expm1(-np.diff(record.time) / values["time"])
+    lent: Array = limit.copy()
+    for k, share in enumerate(aged, start=1):
+        lent[k] = lent[k - 1] + share * (limit[k] - lent[k - 1])
+    return replace(record, lent=record.lent + lent)
 
 
 MUSCLE_CREEP = Effect(
@@ -24,5 +36,6 @@ MUSCLE_CREEP = Effect(
     },
     specimen=_specimen,
     force="sim.effects.muscle_creep:MUSCLE_CREEP",
+    bench=_bench,
     remembers=True,
 )

@@ -11,8 +11,9 @@ evaluated as often as a step is, lanes side by side:
 Memory: a plane NAME declared as REMEMBERED holds it as the step before left it. A function ages it by the seconds
 F.scheme[b, AGES] and writes the result to NAME_next, in every evaluation anew: that becomes NAME when the step is done
 (`remember`), so that nothing ages by being evaluated twice. AGES is the step in a motion, zero on the way to where a
-motion starts, and 1e9 s in an equilibrium, so use a form that has both limits, such as 1 - exp(-AGES / tau). What a
-constant or a loaded plane makes zero must add zero: lanes with and without a force may ride in one block.
+motion starts, and as long as the rise and the hold of an equilibrium take over its few steps, so use a form that long
+steps leave stable, such as 1 - exp(-AGES / tau). What a constant or a loaded plane makes zero must add zero: lanes with
+and without a force may ride in one block.
 
 Limits: the preconditioner knows the stiffness of `tension` and `lent`, not that of `cloth`; memory ages by whole steps
 with the state of the evaluation, of first order in the step.

@@ -204,6 +204,19 @@ def _read_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, plane: ti.i32, out: ti.type
                     i = F.after[i]
 
 
+@ti.kernel
+def _states_kernel(nb: ti.i32, npt: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=4)):
+    """out (nb, LANES, npt, 2): contraction and tension [N] of every interval as last evaluated."""
+    ti.loop_config(serialize=True)
+    for b in range(nb):
+        for lane in range(LANES):
+            k = 0
+            while k < npt:
+                out[b, lane, k, 0] = F.point[b, X.eps + k][lane]
+                out[b, lane, k, 1] = F.point[b, X.tension + k][lane]
+                k = F.after[k]
+
+
 @ti.func
 def record(b, nu, nv, npt, lane, theta, frame, shapes: ti.template(), states: ti.template()):
     """shapes (frames, nu nv, 3): positions at the fraction theta of the last step, cubic Hermite; states (frames,
@@ -231,9 +244,10 @@ def record(b, nu, nv, npt, lane, theta, frame, shapes: ti.template(), states: ti
         k = F.after[k]
 
 
-_put, _load_shared, halt, read = (
+_put, _load_shared, halt, read, read_states = (
     Timed(_put_kernel),
     Timed(_shared_kernel),
     Timed(_halt_kernel),
     Timed(_read_kernel),
+    Timed(_states_kernel),
 )

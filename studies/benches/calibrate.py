@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,19 @@ from fabdesign.bench_file import read_bench
 from fabdesign.bench_law_file import BenchLaw, write_bench_law
 from fabdesign.bench_table_file import write_bench_table
 from fabdesign.curve_file import write_membrane_curve
+from fabdesign.effect_file import effect_items
+from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
-from fabdesign.model import Quantity
+from fabdesign.model import EffectTerm, Quantity
 from fabdesign.output import write_text
 from studies.benches.actuator import StaticCurve, hold_of
 from studies.benches.cylinder import CylinderLaw
 from studies.benches.muscle import BenchMuscle
+from studies.benches.muscle_effects import FittedEffects, bench_vector, fit_effects
 from studies.benches.needs import SIZES, require_columns, require_sizes
+from studies.benches.rows import rows_of
 from studies.benches.strip import StripLaw
+from studies.calibration.parameters import FitVector
 
 _LEAST_SHOWN = 0.001  # mm or N: what no gauge reads
 
@@ -38,6 +44,7 @@ class BenchCalibration:
     error_left_out: float | None  # mean over fitted records, each predicted from the others; None: one record alone
     error_test: float | None  # on records of role test
     constants: Mapping[str, Quantity]
+    effects: tuple[EffectTerm, ...] = ()  # fitted with the law
 
     def as_json(self) -> dict[str, Any]:
         """What `calibrate BENCH --json` prints."""
@@ -49,11 +56,15 @@ class BenchCalibration:
             "unit": self.unit,
             "error": {"fit": self.error_fit, "left_out": self.error_left_out, "test": self.error_test},
             "constants": {name: {"value": q.value, "unit": q.unit} for name, q in self.constants.items()},
+            "effects": [effect_items(effect) for effect in self.effects],
         }
 
 
-def calibrate_bench(path: Path | str, *, fit: Sequence[str] | None = None) -> BenchCalibration:
-    """Fit a bench's records of role `fit`, or those among them whose names (files without .csv) are given.
+def calibrate_bench(
+    path: Path | str, *, fit: Sequence[str] | None = None, free: Sequence[str] = ()
+) -> BenchCalibration:
+    """Fit a bench's records of role `fit`, or those among them whose names (files without .csv) are given. free:
+    effects to fit with a muscle's law, as of `calibrate --free`.
 
     Raises InputError for an unsound bench, an unknown name and records that do not suffice.
     """
@@ -69,11 +80,16 @@ def calibrate_bench(path: Path | str, *, fit: Sequence[str] | None = None) -> Be
         raise InputError(f"{bench.file}: no record of role fit; expected at least one")
     tests = [record for record in bench.records if record.role == "test"]
     require_columns(bench, [*chosen, *tests])
-    law = _fit(bench, chosen, intervals=True)
+    if free and bench.specimen != "muscle":
+        raise InputError(
+            f"{bench.file}: --free {','.join(free)}: the specimen is a {bench.specimen}; expected a muscle"
+        )
+    vector = bench_vector(free, bench.name) if free else None
+    law, effects = _fit(bench, chosen, vector, intervals=True)
     left_out = []
     for i in range(len(chosen) if len(chosen) > 2 else 0):
         others = chosen[:i] + chosen[i + 1 :]
-        left_out.append(_rms(_fit(bench, others, intervals=False), [chosen[i]]))
+        left_out.append(_rms(_fit(bench, others, vector, intervals=False)[0], [chosen[i]]))
     return BenchCalibration(
         bench=bench,
         law=law,
@@ -82,7 +98,13 @@ def calibrate_bench(path: Path | str, *, fit: Sequence[str] | None = None) -> Be
         error_left_out=float(np.mean(left_out)) if left_out else None,
         error_test=_rms(law, tests) if tests else None,
         constants=_constants(law),
+        effects=effects,
     )
+
+
+def travelling(effects: Sequence[EffectTerm]) -> list[EffectTerm]:
+    """Those that belong to the muscle; a bench's regulator stays where it is."""
+    return [effect for effect in effects if EFFECTS[effect.name].scope == "muscle type"]
 
 
 def errors_in_words(calibration: BenchCalibration) -> str:
@@ -95,6 +117,20 @@ def errors_in_words(calibration: BenchCalibration) -> str:
     return ", ".join(f"{_shown(error, calibration.unit)} {where}" for where, error in found if error is not None)
 
 
+def effects_in_words(calibration: BenchCalibration) -> list[str]:
+    """A line for each effect: values with 90 % intervals, and where it goes."""
+    lines, own = [], travelling(calibration.effects)
+    for effect in calibration.effects:
+        shown = []
+        for name, q in effect.parameters.items():
+            unit = "" if q.unit == "1" else f" {q.unit}"
+            between = "" if q.interval90 is None else f" ({q.interval90[0]:.3g} to {q.interval90[1]:.3g})"
+            shown.append(f"{name} {q.value:.3g}{unit}{between}")
+        left = "" if effect in own else "; belongs to the bench's rig, so it is not in the file"
+        lines.append(f"  {effect.name}: {', '.join(shown)}{left}")
+    return lines
+
+
 def _shown(error: float, unit: str) -> str:
     value, unit = (1e3 * error, "mm") if unit == "m" else (error, unit)
     return f"{value:.3g} {unit} RMS" if value >= _LEAST_SHOWN else f"under {_LEAST_SHOWN} {unit} RMS"
@@ -104,10 +140,10 @@ def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
     """Write `output` (TYPE.toml) and the table it names beside it; the files written.
 
     A muscle becomes [muscle_types.NAME], with the sizes that the bench states as constants (outer_diameter,
-    mass_per_length, axis_offset); a strip whose width is stated a [fabric] with its membrane_curve, in the
-    `direction` (1 across, 2 down) that is stated or both. A design takes either by `include`. Anything else becomes a
-    file of the law alone (`fabdesign.bench-law/1`). Raises InputError for a missing size and where `output` cannot be
-    written.
+    mass_per_length, axis_offset), and [[effects]] that were fitted and belong to it; a strip whose width is stated a
+    [fabric] with its membrane_curve, in the `direction` (1 across, 2 down) that is stated or both. A design takes
+    either by `include`. Anything else becomes a file of the law alone (`fabdesign.bench-law/1`). Raises InputError for
+    a missing size and where `output` cannot be written.
     """
     bench, law = calibration.bench, calibration.law
     require_sizes(bench)
@@ -123,6 +159,8 @@ def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
             entry["viscosity"] = law.viscosity
         entry["bench"] = table.name
         document["muscle_types"] = {bench.name: entry}
+        if own := travelling(calibration.effects):
+            document["effects"] = [effect_items(effect) for effect in own]
         write_bench_table(law.table(), table)
     elif isinstance(law, StripLaw) and "width" in bench.constants:
         document["format"] = "fabdesign.design/1"
@@ -137,14 +175,18 @@ def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
     return [output, table]
 
 
-def _fit(bench: Bench, records: Sequence[BenchRecord], *, intervals: bool) -> Law:
+def _fit(
+    bench: Bench, records: Sequence[BenchRecord], vector: FitVector | None, *, intervals: bool
+) -> tuple[Law, tuple[EffectTerm, ...]]:
     if bench.specimen == "muscle":
-        return BenchMuscle.fit(records) if intervals else BenchMuscle.fit(records, refits=0)
+        found = FittedEffects() if vector is None else fit_effects(partial(rows_of, records), vector)
+        options: dict[str, Any] = {} if intervals else {"refits": 0}
+        return BenchMuscle.fit(records, terms=found.terms, **options), found.effects
     if bench.specimen == "strip":
-        return StripLaw.fit(records)
+        return StripLaw.fit(records), ()
     if bench.specimen == "cylinder":
-        return CylinderLaw.fit(records)
-    return StaticCurve.fit(records)
+        return CylinderLaw.fit(records), ()
+    return StaticCurve.fit(records), ()
 
 
 def _rms(law: Law, records: Sequence[BenchRecord]) -> float:

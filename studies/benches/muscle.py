@@ -11,34 +11,21 @@ from fabdesign.bench import BenchRecord
 from fabdesign.errors import InputError
 from fabdesign.muscle import BenchTable
 from fabdesign.muscle_law import MuscleLaw
+from fabdesign.term import Term
+from studies.benches.rows import Rows, motion_columns, rows_of, taken
 
 Array = NDArray[np.float64]
 
-PRESSURES = ("pressure", "pressure_command")  # columns, in order of preference
-FORCES = ("force", "load")
 _REFITS = 20  # of the block bootstrap
-_BLOCKS = 10  # a record is cut into, where there are too few records to draw from
-_SAME_WAY = 1e-5  # 1/s: slower contraction counts as standing still
 _ROUNDS = 3  # law and rates in turn
 _CELLS = (12, 24)  # of pressure and contraction, that a time series is averaged over before the law is fitted
-_RATE_WINDOW = 3  # rows on either side of the one whose rate is taken
 _PRESSURES, _CONTRACTIONS = 9, 16  # of the table in a file
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """(n,) each."""
-
-    pressure: Array  # Pa
-    contraction: Array
-    force: Array  # N
-    rate: Array  # 1/s, of contraction; 0 where the record has no time
-    block: NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
 class BenchMuscle:
-    """F = law(p, eps) - viscosity deps/dt - hysteresis sign(deps/dt): the law is the mean of both directions.
+    """F = law(p, eps) - viscosity deps/dt - hysteresis sign(deps/dt): the law is the mean of both directions. With
+    effects, p, eps are what they leave, and braid_hysteresis stands for the last term.
 
     Intervals are 90 %, by a block bootstrap over records (or tenths of them).
     """
@@ -50,12 +37,16 @@ class BenchMuscle:
     hysteresis90: tuple[float, float] | None
     misfit: float  # N RMS over the rows fitted
     refits: tuple[MuscleLaw, ...]  # of the bootstrap
+    terms: tuple[Term, ...] = ()  # effects that act
 
     @staticmethod
-    def fit(records: Sequence[BenchRecord], *, refits: int = _REFITS, seed: int = 0) -> "BenchMuscle":
-        """Raises InputError where a record lacks pressure, contraction or force, or where all have too few rows."""
-        rows = _rows(records)
-        law, constants, misfit = _fitted(rows, np.zeros(2), _ROUNDS)
+    def fit(
+        records: Sequence[BenchRecord], *, terms: tuple[Term, ...] = (), refits: int = _REFITS, seed: int = 0
+    ) -> "BenchMuscle":
+        """terms: effects that are held. Raises InputError where a record lacks pressure, contraction or force, or where
+        all have too few rows."""
+        rows, rubs = rows_of(records, terms), not _has_friction(terms)
+        law, constants, misfit = _fitted(rows, np.zeros(2), _ROUNDS, friction=rubs)
         rng = np.random.default_rng(seed)
         blocks = np.unique(rows.block)
         again: list[tuple[MuscleLaw, Array | None, float]] = []
@@ -63,16 +54,19 @@ class BenchMuscle:
             drawn = rng.choice(blocks, len(blocks))
             index = np.concatenate([np.flatnonzero(rows.block == block) for block in drawn])
             with suppress(InputError):  # a draw that misses all pressures but one
-                again.append(_fitted(_taken(rows, index), np.zeros(2) if constants is None else constants, 2))
+                again.append(
+                    _fitted(taken(rows, index), np.zeros(2) if constants is None else constants, 2, friction=rubs)
+                )
         bands = np.quantile([c for _, c, _ in again], (0.05, 0.95), axis=0) if constants is not None and again else None
         return BenchMuscle(
             law=law,
             viscosity=None if constants is None else float(constants[0]),
             viscosity90=None if bands is None else (float(bands[0, 0]), float(bands[1, 0])),
-            hysteresis=None if constants is None else float(constants[1]),
-            hysteresis90=None if bands is None else (float(bands[0, 1]), float(bands[1, 1])),
+            hysteresis=None if constants is None or not rubs else float(constants[1]),
+            hysteresis90=None if bands is None or not rubs else (float(bands[0, 1]), float(bands[1, 1])),
             misfit=misfit,
             refits=tuple(refit for refit, _, _ in again),
+            terms=terms,
         )
 
     def interval90(self, pressure_pa: ArrayLike, contraction: ArrayLike) -> tuple[Array, Array]:
@@ -83,11 +77,12 @@ class BenchMuscle:
 
     def predict(self, record: BenchRecord) -> Array:
         """N at every row of a record, from its pressure, contraction and time."""
-        rows = _rows([record])
-        force = self.law.tension(rows.pressure, rows.contraction)
-        if self.viscosity is None or self.hysteresis is None:
+        rows = rows_of([record], self.terms)
+        force = self.law.tension(rows.pressure, rows.contraction) - rows.friction
+        if self.viscosity is None:
             return force
-        return force - _motion(rows.rate) @ np.array([self.viscosity, self.hysteresis])
+        damping = np.array([self.viscosity, self.hysteresis or 0.0])
+        return force - motion_columns(rows.rate) @ damping
 
     def table(self) -> BenchTable:
         """The law at even pressures and contractions, rest length among them, for a design."""
@@ -99,58 +94,28 @@ class BenchMuscle:
         return BenchTable(tuple(p.tolist()), tuple(eps.tolist()), tuple(self.law.tension(p, eps).tolist()))
 
 
-def _rows(records: Sequence[BenchRecord]) -> _Rows:
-    parts: list[_Rows] = []
-    for i, record in enumerate(records):
-        columns = record.columns
-        pressure = next((columns[name] for name in PRESSURES if name in columns), None)
-        force = next((columns[name] for name in FORCES if name in columns), None)
-        if pressure is None or force is None or "contraction" not in columns:
-            raise InputError(
-                f"{record.name}: columns {', '.join(columns)}; a muscle needs pressure, contraction, force"
-            )
-        contraction, n = columns["contraction"], len(force)
-        moving = "time" in columns and n > 2
-        rate = _slope(columns["time"], contraction) if moving else np.zeros(n)
-        block = i * _BLOCKS + (np.arange(n) * _BLOCKS // n if len(records) < _BLOCKS else 0)
-        parts.append(_Rows(pressure, contraction, force, rate, np.broadcast_to(block, n).astype(np.intp)))
-    names = ("pressure", "contraction", "force", "rate", "block")
-    return _Rows(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+def _has_friction(terms: Sequence[Term]) -> bool:
+    return any(term.name == "braid_hysteresis" for term in terms)
 
 
-def _slope(time: Array, values: Array) -> Array:
-    """(n,) slope of the line through the rows around each one: noise makes neighbours' differences useless."""
-    half = min(_RATE_WINDOW, (len(time) - 1) // 2)
-    kernel = np.arange(half, -half - 1, -1.0)
-    inner = np.convolve(values, kernel, "valid") / np.convolve(time, kernel, "valid")
-    return np.pad(inner, half, mode="edge")
-
-
-def _taken(rows: _Rows, index: NDArray[np.intp]) -> _Rows:
-    return _Rows(rows.pressure[index], rows.contraction[index], rows.force[index], rows.rate[index], rows.block[index])
-
-
-def _motion(rate: Array) -> Array:
-    """(n, 2): what viscosity and hysteresis multiply."""
-    return np.stack([rate, np.where(np.abs(rate) > _SAME_WAY, np.sign(rate), 0.0)], axis=1)
-
-
-def _fitted(rows: _Rows, constants: Array, rounds: int) -> tuple[MuscleLaw, Array | None, float]:
+def _fitted(
+    rows: Rows, constants: Array, rounds: int, *, friction: bool = True
+) -> tuple[MuscleLaw, Array | None, float]:
     """The law, (viscosity, hysteresis) not below 0 where there is motion, and the misfit [N]; from given constants."""
     from scipy.optimize import nnls
 
-    motion = _motion(rows.rate)
-    moves = bool(motion[:, 1].any())
+    motion, force = motion_columns(rows.rate, friction=friction), rows.force + rows.friction
+    moves = bool(rows.rate.any())
     for _ in range(rounds if moves else 1):
-        law = MuscleLaw.fit(_averaged(rows, rows.force + motion @ constants))
-        residual = law.tension(rows.pressure, rows.contraction) - rows.force
+        law = MuscleLaw.fit(_averaged(rows, force + motion @ constants))
+        residual = law.tension(rows.pressure, rows.contraction) - force
         if moves:
             constants, _ = nnls(motion, residual)
     error = residual - motion @ constants
     return law, constants if moves else None, float(np.sqrt(np.mean(error**2)))
 
 
-def _averaged(rows: _Rows, force: Array) -> BenchTable:
+def _averaged(rows: Rows, force: Array) -> BenchTable:
     """Means over cells of pressure and contraction, stretch and contraction apart; few rows stay as they are."""
     columns = [rows.pressure, rows.contraction, force]
     if len(force) > _CELLS[0] * _CELLS[1]:

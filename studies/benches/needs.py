@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 
 from fabdesign.bench import Bench, BenchRecord, Specimen
 from fabdesign.errors import InputError
-from studies.benches import actuator, muscle
+from studies.benches import actuator, rows
 
 # of each group of columns, one is needed
 COLUMNS: Mapping[Specimen, tuple[tuple[str, ...], ...]] = {
-    "muscle": (muscle.PRESSURES, ("contraction",), muscle.FORCES),
+    "muscle": (rows.PRESSURES, ("contraction",), rows.FORCES),
     "strip": (("stretch",), ("force",)),
     "cylinder": (("pressure",), ("displacement",), ("force",)),
     "actuator": (("time",), actuator.PRESSURES, ("displacement",)),

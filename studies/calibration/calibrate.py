@@ -3,7 +3,7 @@
 import hashlib
 import importlib.metadata
 import platform
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,16 +22,18 @@ from studies.calibration.ambiguities import ambiguities
 from studies.calibration.belief import doubts, excess
 from studies.calibration.clouds import Sample, evenly, sample_trial
 from studies.calibration.engine_difference import data_share, engine_difference
-from studies.calibration.fit import Fit, fit
+from studies.calibration.fit import Fit, Progress, fit, parts
 from studies.calibration.fitted_model import fitted_model
 from studies.calibration.parameters import DECLARED, FitVector
 from studies.calibration.trial_checks import DISAGREE, doubtful
+from studies.judged import Stretch, judged, unjudged
 
 TRIALS = 16  # fitted at most, spread over those allowed
 UNTIL = 1.5  # s of a trial
 FRAMES = 30  # of a trial
 POINTS = 300  # of a frame
 _NOISE_FRAMES = 8
+_WITHOUT_EFFECTS = 0.6  # of the work, where effects are fitted after it
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,6 +45,8 @@ class Calibration:
     statements: tuple[str, ...]  # what these data cannot tell
     doubts: tuple[str, ...]  # why the intervals are not to be believed
     skipped: tuple[str, ...]  # bad trials left out, a line each
+    unjudged: tuple[Stretch, ...] | None  # took no part: small changes lead elsewhere there; None: not looked for
+    share_unjudged: float  # of the frames that were drawn
 
     def as_json(self) -> dict[str, Any]:
         """What `calibrate --json` prints: factors, mm."""
@@ -80,16 +84,19 @@ class Calibration:
             "outlying": self.fit.outlying,
             "lost": lost,
             "skipped": list(self.skipped),
+            "unjudged": None if self.unjudged is None else [stretch.as_json() for stretch in self.unjudged],
+            "share_unjudged": self.share_unjudged,
             "iterations": self.fit.iterations,
             "converged": self.fit.converged,
         }
 
 
 def calibrate(
-    measured: MeasurementSet,
+    measured: MeasurementSet | Sequence[MeasurementSet],
     forward: ForwardModel,
     *,
     slopes: ForwardModel | None = None,
+    coarse: ForwardModel | None = None,
     vector: FitVector = DECLARED,
     points_per_side: int = POINTS_PER_SIDE,
     orders: Collection[int] | None = None,
@@ -97,21 +104,33 @@ def calibrate(
     skip_bad: bool = False,
     seed: int = 0,
     engines: np.ndarray | None = None,
-    progress: Callable[[str], None] = lambda line: None,
+    progress: Progress = lambda line, share: None,
 ) -> Calibration:
     """The unknowns of `vector`, by default the seven factors of `fabdesign.forward.PARAMETERS`, from the trials of role
-    `fit`, or those of `orders`. With effects, the factors are fitted without them first, which the model keeps.
+    `fit`, or those of `orders` of each set; those of all sets and designs together. With effects, the factors are
+    fitted without them first, which the model keeps.
 
     Of more than 16 trials, 16 spread over the session are fitted: 30 frames of the first 1.5 s of each, and 300 points
-    of a frame, by `seed`. `slopes`: see `fit.fit`. points_per_side: of `forward`'s grid, noted in the model.
+    of a frame, by `seed`. `slopes`: see `fit.fit`. coarse: a cheap simulator with which stretches are found that hang
+    on less than the data sheet knows (studies.judged); they are left out.
+    points_per_side: of `forward`'s grid, noted in the model.
     skipped: lines on bad trials left out before; skip_bad: leave out those too that `trial_checks.doubtful` finds.
     engines: (p,) standard deviations of the unknowns for the difference between `forward` and what made the data, by
     default those of the virtual rig.
     Raises InputError for a doubtful trial and where no trial is left, SimulationError where every motion diverges.
     """
-    allowed = fit_trials(measured.trials, orders)
+    sets = [measured] if isinstance(measured, MeasurementSet) else [*measured]
+    _require_names(sets)
+    allowed = [trial for found in sets for trial in fit_trials(found.trials, orders)]
     chosen = [allowed[i] for i in evenly(len(allowed), TRIALS)]
     samples, noise = _drawn(chosen, seed)
+    stretches, frames = None, sum(len(sample.times) for sample in samples)
+    if coarse is not None:
+        by_set = [unjudged([t for t in chosen if t in found.trials], coarse, until=UNTIL) for found in sets]
+        stretches = tuple(stretch for some in by_set for stretch in some)
+        own = [some for some, found in zip(by_set, sets, strict=True) for t in chosen if t in found.trials]
+        chosen, samples = _judged(chosen, samples, own)
+    lost = 1 - sum(len(sample.times) for sample in samples) / frames
     forward = Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
     found = _fit(samples, forward, slopes, vector, progress)
@@ -122,7 +141,7 @@ def calibrate(
         skipped = tolerance.skipped
         chosen, samples = ([x for k, x in enumerate(xs) if k not in lines] for xs in (chosen, samples))
         if not samples:
-            raise InputError(f"{measured.name}: no trial to fit is left; the first: {skipped[0]}")
+            raise InputError(f"{', '.join(s.name for s in sets)}: no trial to fit is left; the first: {skipped[0]}")
         found = _fit(samples, forward, slopes, vector, progress)
     covariance = _with_engines(found, engine_difference(vector) if engines is None else engines)
     deviation = np.sqrt(np.diag(covariance))
@@ -133,7 +152,7 @@ def calibrate(
         designs=[trial.design for trial in chosen],
         believable=not why,
         points_per_side=points_per_side,
-        provenance=_provenance(measured, chosen, seed),
+        provenance=_provenance(sets, chosen, seed),
     )
     return Calibration(
         model=model,
@@ -143,7 +162,27 @@ def calibrate(
         statements=ambiguities(found, covariance),
         doubts=tuple(why),
         skipped=tuple(skipped),
+        unjudged=stretches,
+        share_unjudged=lost,
     )
+
+
+def _judged(
+    trials: Sequence[Trial], samples: Sequence[Sample], stretches: Sequence[Sequence[Stretch]]
+) -> tuple[list[Trial], list[Sample]]:
+    """What of the trials' samples is outside the stretches of each one's set, and the trials of which something is."""
+    kept = []
+    for trial, sample, own in zip(trials, samples, stretches, strict=True):
+        frames = np.flatnonzero(judged(own, trial.name, sample.times))
+        if len(frames):
+            clouds = tuple(sample.clouds[k] for k in frames)
+            kept.append((trial, replace(sample, times=sample.times[frames], clouds=clouds)))
+    if not kept:
+        raise InputError(
+            f"{', '.join(trial.name for trial in trials)}: in every frame small changes lead elsewhere; expected "
+            "trials whose pressures say which way the cloth goes"
+        )
+    return [trial for trial, _ in kept], [sample for _, sample in kept]
 
 
 def _fit(
@@ -151,16 +190,17 @@ def _fit(
     forward: ForwardModel,
     slopes: ForwardModel | None,
     vector: FitVector,
-    progress: Callable[[str], None],
+    progress: Progress,
 ) -> Fit:
     """With effects, from where the fit without them ends."""
     if not vector.terms:
         return fit(samples, forward, slopes=slopes, vector=vector, progress=progress)
     plain = vector.without_effects
-    first = fit(samples, forward, slopes=slopes, vector=plain, progress=lambda line: progress(f"no effects, {line}"))
-    found = fit(
-        samples, forward, slopes=slopes, vector=vector, begin=vector.begin(plain.names, first.x), progress=progress
+    early, late = parts(progress, _WITHOUT_EFFECTS)
+    first = fit(
+        samples, forward, slopes=slopes, vector=plain, progress=lambda line, share: early(f"no effects, {line}", share)
     )
+    found = fit(samples, forward, slopes=slopes, vector=vector, begin=vector.begin(plain.names, first.x), progress=late)
     return replace(found, before=first.before, without_effects=first)
 
 
@@ -172,7 +212,7 @@ def _drawn(trials: Sequence[Trial], seed: int) -> tuple[list[Sample], SensorNois
     for trial in trials:
         data = trial.load()
         samples.append(sample_trial(trial, data, until=UNTIL, frames=FRAMES, points=POINTS, rng=rng))
-        if len(at_rest) < _NOISE_FRAMES:
+        if len(at_rest) < _NOISE_FRAMES and trial.design.fabric.thickness == trials[0].design.fabric.thickness:
             at_rest.append(data.frames[0])
     return samples, estimate_noise(at_rest, trials[0].design.fabric.thickness)
 
@@ -190,18 +230,30 @@ def _with_engines(found: Fit, engines: np.ndarray) -> np.ndarray:
     return found.covariance + np.diag(np.square(share * engines))
 
 
-def _provenance(measured: MeasurementSet, fitted: Sequence[Trial], seed: int) -> Provenance:
+def _require_names(sets: Sequence[MeasurementSet]) -> None:
+    """Raise InputError where two sets have one name: trials are told apart as SET/TRIAL."""
+    names = [found.name for found in sets]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(
+                f"set {name}: given twice, or two sets have this name; expected a name of its own for each"
+            )
+
+
+def _provenance(sets: Sequence[MeasurementSet], fitted: Sequence[Trial], seed: int) -> Provenance:
     """Every trial that was not fitted counts as held out. Hashes are of the files fitted, before anything else."""
-    held_out = [trial for trial in measured.trials if trial not in fitted]
+    named = [(f"{found.name}/{trial.name}", found, trial) for found in sets for trial in found.trials]
+    files = {trial.file for trial in fitted}
     return Provenance(
-        sets=(measured.name,),
-        fitted=tuple(f"{measured.name}/{trial.name}" for trial in fitted),
-        held_out=tuple(f"{measured.name}/{trial.name}" for trial in held_out),
+        sets=tuple(found.name for found in sets),
+        fitted=tuple(name for name, _, trial in named if trial.file in files),
+        held_out=tuple(name for name, _, trial in named if trial.file not in files),
         versions={"python": platform.python_version(), "fabdesign": __version__, "simulator": SIMULATOR}
         | {name: importlib.metadata.version(name) for name in ("numpy", "scipy", "taichi")},
         hashes={
-            f"{measured.name}/{trial.file.name}": hashlib.sha256(trial.file.read_bytes()).hexdigest()
-            for trial in fitted
+            f"{found.name}/{trial.file.name}": hashlib.sha256(trial.file.read_bytes()).hexdigest()
+            for _, found, trial in named
+            if trial.file in files
         },
         seed=seed,
     )

@@ -1,6 +1,8 @@
 """Measured points against a model's surface: distances, and how they change with the model's vertices."""
 
+import os
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -68,21 +70,27 @@ class Match:
 
 def match(samples: Sequence[Sample], motions: Sequence[Motion]) -> Match:
     """motions: (F, 2 n, 3) m a sample, as `ForwardModel.motions` gives them at the sample's times."""
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        parts = threads.map(_match_one, range(len(samples)), samples, motions)
+        return Match(*(np.concatenate(column) for column in zip(*(p for some in parts for p in some), strict=True)))
+
+
+def _match_one(s: int, sample: Sample, motion: Motion) -> list[tuple[Array | Indices, ...]]:
+    """The fields of `Match`, of each frame of sample number `s`."""
     parts: list[tuple[Array | Indices, ...]] = []
-    for s, (sample, motion) in enumerate(zip(samples, motions, strict=True)):
-        for f, (cloud, vertices) in enumerate(zip(sample.clouds, motion, strict=True)):
-            where = (np.full(len(cloud), s), np.full(len(cloud), f))
-            if not np.isfinite(vertices).all():
-                zeros = np.zeros((len(cloud), 3))
-                parts.append((np.full(len(cloud), np.nan), zeros, zeros.astype(np.intp), zeros, *where))
-                continue
-            surface = Surface.of_faces(vertices)
-            near = surface.nearest(cloud)
-            corners = surface.triangles[near.triangle]
-            offset = cloud - np.einsum("nc,ncd->nd", near.weights, surface.vertices[corners])
-            normal = surface.normals[near.triangle]
-            parts.append((np.einsum("nd,nd->n", offset, normal), normal, corners, near.weights, *where))
-    return Match(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    for f, (cloud, vertices) in enumerate(zip(sample.clouds, motion, strict=True)):
+        where = (np.full(len(cloud), s), np.full(len(cloud), f))
+        if not np.isfinite(vertices).all():
+            zeros = np.zeros((len(cloud), 3))
+            parts.append((np.full(len(cloud), np.nan), zeros, zeros.astype(np.intp), zeros, *where))
+            continue
+        surface = Surface.of_faces(vertices)
+        near = surface.nearest(cloud)
+        corners = surface.triangles[near.triangle]
+        offset = cloud - np.einsum("nc,ncd->nd", near.weights, surface.vertices[corners])
+        normal = surface.normals_of(near.triangle)
+        parts.append((np.einsum("nd,nd->n", offset, normal), normal, corners, near.weights, *where))
+    return parts
 
 
 def frames_of(found: Match, rows: NDArray[np.bool_] | slice = slice(None)) -> tuple[Indices, list[Indices]]:
@@ -98,10 +106,15 @@ def derivatives(found: Match, changes: Sequence[Motion]) -> Array:
     slides to does not matter, as it is the nearest. NaN where a change is not known.
     """
     result = np.empty((len(found.residual), len(changes[0])))
-    for s, change in enumerate(changes):
+
+    def fill(s: int, change: Motion) -> None:
         rows = np.flatnonzero(found.sample == s)
         frame, vertex = found.frame[rows], found.vertex[rows]
         weighted = found.weights[rows, :, None] * found.normal[rows, None, :]
         for p, moved in enumerate(change):
             result[rows, p] = -np.einsum("ncd,ncd->n", weighted, moved[frame[:, None], vertex])
+
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        for _ in threads.map(fill, range(len(changes)), changes):
+            pass
     return result

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -18,7 +19,11 @@ _CLOSE = 1.0  # standard deviation along a step as a whole: it is the last, and 
 _NEAR = 0.03  # of a logarithm: steps under it are left to the next horizon
 _LENGTHS = (1.0, 2.0, 0.5)  # of a step, simulated at once while that is no dearer than one
 _AT_ONCE = 16  # motions that take a machine of two cores no longer than one
+_DEARER = 4.0  # times, a motion on 61 points a side than on 41
 _DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
+
+
+Progress = Callable[[str, float], None]  # what is done, and about what share of it all
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +53,7 @@ def fit(
     slopes: ForwardModel | None = None,
     vector: FitVector = DECLARED,
     begin: Array | None = None,
-    progress: Callable[[str], None] = lambda line: None,
+    progress: Progress = lambda line, share: None,
 ) -> Fit:
     """Most probable unknowns given the samples. Each iteration simulates motions and a difference for each unknown.
 
@@ -56,7 +61,7 @@ def fit(
     way or another at factors a hair apart; what came before leads to factors near enough, and has fewer false minima.
     `slopes`, a cheaper engine, makes all differences, and the motions too until the last horizon. Differences are
     always made where the factors are: those of another place seem to converge percents off.
-    begin: (p,) unknowns near enough for the last horizon alone.
+    begin: (p,) unknowns near enough for the last horizon alone. `progress` is told what is done, and about what share.
 
     All points of a block of 0.5 s share the model's error, so their likelihood is tempered: raised to the power that
     makes its curvature agree with the scatter of the blocks' scores (Pauli, Racugno and Ventura 2011). The covariance
@@ -67,17 +72,20 @@ def fit(
     slopes = forward if slopes is None else slopes
     x, along, iterations = vector.start if begin is None else begin, np.diag(_STEP * vector.scale), 0
     *early, last = horizons(samples)
-    for horizon in early if begin is None else ():
+    early = early if begin is None else []
+    costs = np.array([*early, last * (1 if slopes == forward else _DEARER)])
+    *ends, _ = np.cumsum(costs) / costs.sum()
+    for horizon, told in zip(early, parts(progress, *ends), strict=False):
         problem = Problem([cut(sample, horizon) for sample in samples], slopes, slopes, vector)
         evaluation = problem.evaluate([x])[0]
         state = problem.linearise(evaluation, problem.changes(evaluation, along))
-        state, more, _ = _descend(problem, state, weight, f"to {horizon:g} s, ", progress, near=True)
+        state, more, _ = _descend(problem, state, weight, f"to {horizon:g} s, ", told, near=True)
         _, normal = step_to_minimum(problem.samples, state, weight, 0.0, vector)
         x, along, iterations = state.x, directions(normal, vector), iterations + more
     problem = Problem(samples, forward, slopes, vector)
     evaluation, sheet = problem.evaluate([x, np.zeros(len(x))])
     state = problem.linearise(evaluation, problem.changes(evaluation, along))
-    state, more, converged = _descend(problem, state, weight, f"to {last:g} s, ", progress)
+    state, more, converged = _descend(problem, state, weight, f"to {last:g} s, ", parts(progress, *ends)[-1])
     _, normal = step_to_minimum(samples, state, weight, 0.0, vector)
     return Fit(
         vector=vector,
@@ -96,6 +104,16 @@ def fit(
     )
 
 
+def parts(progress: Progress, *ends: float) -> list[Progress]:
+    """Of work in parts one after another, what each tells its own share: `ends` are the shares of it all at which the
+    parts but the last end."""
+
+    def part(begin: float, end: float) -> Progress:
+        return lambda line, share: progress(line, float(begin + share * (end - begin)))
+
+    return [part(*pair) for pair in pairwise((0.0, *ends, 1.0))]
+
+
 def horizons(samples: Sequence[Sample]) -> list[float]:
     """s after rest, one a descent: 0.5, 1.0 and so on, of which each holds frames that the one before does not."""
     blocks = {max(1, int(np.ceil(time / BLOCK - 1e-6))) for sample in samples for time in sample.times}
@@ -107,7 +125,7 @@ def _descend(
     state: Linearisation,
     weight: Array,
     named: str,
-    progress: Callable[[str], None],
+    progress: Progress,
     *,
     near: bool = False,
 ) -> tuple[Linearisation, int, bool]:
@@ -118,7 +136,8 @@ def _descend(
     damping, before = 0.0, np.zeros(len(state.x))
     for iteration in range(1, _ITERATIONS + 1):
         step, normal = step_to_minimum(problem.samples, state, weight, damping, problem.vector)
-        progress(f"{named}iteration {iteration}: {1e3 * _capped(state.found.residual):.3f} mm RMS")
+        line = f"{named}iteration {iteration}: {1e3 * _capped(state.found.residual):.3f} mm RMS"
+        progress(line, iteration / (iteration + 2))
         covariance = _covariance(normal, weight)
         own = np.sqrt(np.diag(covariance))
         if (step / own) @ (before / own) < 0:  # it takes the last one back: noise of the differences, or a kink

@@ -1,9 +1,11 @@
-"""What `optimize` will say of a study: its targets opened, its start against its limits."""
+"""What a study's command will say of it: its targets opened, its start against its limits."""
 
 from functools import partial
 from pathlib import Path
 
-from fabdesign.study_file import read_study
+from fabdesign.layouts_file import read_layouts
+from fabdesign.sensitivity_file import read_sensitivity
+from fabdesign.study_file import read_kind, read_study
 from studies.check.design import design_findings, spacing
 from studies.check.findings import Findings, failures
 from studies.layouts.target import load_target
@@ -11,7 +13,13 @@ from studies.layouts.target import load_target
 
 def study_findings(path: Path) -> Findings:
     """Of a study, its design and all its targets. Raises InputError for what reading refuses."""
-    study = read_study(path)
+    kind = read_kind(path)
+    if kind == "sensitivity":
+        sweep = read_sensitivity(path)
+        found = design_findings(sweep.design, f"{path}: design")
+        targets = [sweep.target] if sweep.target else []
+        return found + failures(partial(load_target, target, sweep.design, seed=sweep.seed) for target in targets)
+    study = read_layouts(path).search if kind == "layouts" else read_study(path)
     found = design_findings(study.design, f"{path}: design")
     found += failures(partial(load_target, target, study.design, seed=study.seed) for target in study.targets)
     least = study.limits.spacing

@@ -20,7 +20,7 @@ def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, st
     content: dict[str, Any] = {}
     for field in fields(study):
         if field.name not in _NO_MATTER:
-            content |= _flat(getattr(study, field.name), field.name)
+            content |= flat(getattr(study, field.name), field.name)
     content["limits.pressure"] = [pressure / 1e3 for pressure in study.limits.pressure]
     if study.start_pressures is not None:
         content["start_pressures"] = (study.start_pressures / 1e3).tolist()
@@ -28,22 +28,24 @@ def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, st
         name = "target" if len(targets) == 1 else f"target {number}"
         content[f"{name}.time"] = target.time
         content[f"{name}.points"] = hashlib.sha256(target.points.tobytes()).hexdigest()
-    return {name: _short(str(value)) for name, value in content.items() if name not in _RAISED}
+    return {name: shortened(str(value)) for name, value in content.items() if name not in _RAISED}
 
 
-def _flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+def flat(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """A value's parts by field, down to what is no dataclass."""
     if is_dataclass(value):
         for field in fields(value):
-            yield from _flat(getattr(value, field.name), f"{name}.{field.name}")
+            yield from flat(getattr(value, field.name), f"{name}.{field.name}")
     elif isinstance(value, Mapping):
         for key, entry in value.items():
-            yield from _flat(entry, f"{name}.{key}")
+            yield from flat(entry, f"{name}.{key}")
     elif isinstance(value, tuple) and any(map(is_dataclass, value)):
         for number, entry in enumerate(value, start=1):
-            yield from _flat(entry, f"{name} {number}")
+            yield from flat(entry, f"{name} {number}")
     else:
         yield name, value.tolist() if isinstance(value, np.ndarray) else value
 
 
-def _short(text: str) -> str:
+def shortened(text: str) -> str:
+    """The text, or of a long one its hash."""
     return text if len(text) <= _LONGEST else "sha256 " + hashlib.sha256(text.encode()).hexdigest()

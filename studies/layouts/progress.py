@@ -5,7 +5,7 @@ from types import TracebackType
 from typing import Self
 
 from rich.console import Console
-from rich.status import Status
+from rich.progress import BarColumn, Progress, TextColumn
 
 from optimize.evaluations import Evaluations
 
@@ -13,30 +13,38 @@ QUIET_INTERVAL = 10.0  # s between lines where standard error is no terminal
 
 
 class LiveLine:
-    """A context that shows `stage, best, evaluations, seconds` while a search calls `show`."""
+    """A context that shows `stage, best, evaluations, seconds` while a search calls `show`: on a terminal beside a bar
+    and the seconds that are left at most."""
 
     def __init__(self, title: str) -> None:
         self._title, self._console = title, Console(stderr=True)
-        self._status = Status(title, console=self._console) if self._console.is_terminal else None
+        columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[left]}")
+        self._bar = Progress(*columns, console=self._console, transient=True) if self._console.is_terminal else None
+        self._task = None if self._bar is None else self._bar.add_task(title, total=1.0, left="")
         self._shown = -QUIET_INTERVAL
 
     def show(self, evaluations: Evaluations) -> None:
         best = "none yet" if evaluations.best is None else f"{1e3 * evaluations.best.value:.3f} mm"
         done = f"{evaluations.history.evaluations} evaluations, {evaluations.elapsed:.0f} s"
-        line = f"{self._title}: {evaluations.stage}: best {best}, {done}"
-        if self._status is not None:
-            self._status.update(line)
+        left = f"{max(0.0, evaluations.seconds - evaluations.elapsed):.0f} s left at most"
+        self.say(f"{evaluations.stage}: best {best}, {done}", share=evaluations.share, left=left)
+
+    def say(self, text: str, *, share: float | None = None, left: str = "") -> None:
+        """Show `title: text`; on a terminal a bar with the share done and what is said of the time left."""
+        line = f"{self._title}: {text}"
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, description=line, completed=share, left=left)
         elif time.monotonic() - self._shown > QUIET_INTERVAL:
             self._shown = time.monotonic()
             self._console.print(line, highlight=False, soft_wrap=True)
 
     def __enter__(self) -> Self:
-        if self._status is not None:
-            self._status.start()
+        if self._bar is not None:
+            self._bar.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._status is not None:
-            self._status.stop()
+        if self._bar is not None:
+            self._bar.stop()

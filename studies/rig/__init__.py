@@ -1,12 +1,5 @@
 """A virtual rig: an implicit finite-element shell of its own, with laced cables and point sensors (docs/rig.md)."""
 
-from importlib.util import find_spec
-
-from fabdesign.errors import InputError
-
-if find_spec("numba") is None:
-    raise InputError("the virtual rig needs the package numba; pip install fabdesign[rig]")
-
 from studies.rig.key import EffectSetting, Key, Sensing, read_key
 from studies.rig.run import run_rig
 

@@ -32,10 +32,15 @@ Array = NDArray[np.float64]
 THREAD_SETTINGS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
+Given = Path | str | Design
+Program = Path | str | PressureProgram
+
+
 def run_rig(
-    design: Path | str | Design,
-    pressures: Sequence[Path | str | PressureProgram],
+    design: Given,
+    pressures: Sequence[Program],
     *,
+    more: Sequence[tuple[Given, Sequence[Program]]] = (),
     out: Path | str,
     key: Path | str | Key | None = None,
     recording: Path | str | None = None,
@@ -47,29 +52,30 @@ def run_rig(
 ) -> None:
     """Measure a design on the virtual rig: one trial a pressure program, in session order, into the set `out`.
 
-    The last `test_trials` trials get role "test". `recording`: a folder for the raw clouds of four virtual depth
+    `more`: designs measured after it in the same session, each with its pressures; `order` counts on. The last
+    `test_trials` trials of each design get role "test". `recording`: a folder for the raw clouds of four virtual depth
     cameras of the first program; their true poses go beside it, to RECORDING.truth.json. force: replace folders that
     this program made, and that file. progress(done, of) is called after each trial. Raises InputError;
     studies.rig.solver.RigDiverged where a motion has no solution.
     """
-    inputs = [given for given in (design, key, *pressures) if isinstance(given, Path | str)]
+    session = [(design, pressures), *more]
+    inputs = [g for g in (key, *(x for d, ps in session for x in (d, *ps))) if isinstance(g, Path | str)]
     out, recording = Path(out), None if recording is None else Path(recording)
-    design = design if isinstance(design, Design) else read_design(design)
     key = key if isinstance(key, Key) else Key() if key is None else read_key(key)
-    if not pressures:
-        raise InputError(f"design {design.name}: no pressures; expected at least one program")
-    if not 0 <= test_trials <= len(pressures):
-        raise InputError(f"test_trials = {test_trials}; expected 0 to {len(pressures)}, the number of programs")
-    programs = [p if isinstance(p, PressureProgram) else read_pressures(p, design) for p in pressures]
-    tasks = [_task(design, p, order, key, resolution) for order, p in enumerate(programs)]
+    read = [_read(*part, test_trials) for part in session]
+    designs = _by_name([design for design, _ in read])
+    roles: list[Role] = []
+    for _, programs in read:
+        last = len(programs) - test_trials
+        roles += ["test" if k >= last else "fit" for k in range(len(programs))]
+    pairs = [(design, program) for design, programs in read for program in programs]
+    tasks = [_task(*pair, order, key, resolution) for order, pair in enumerate(pairs)]
     workers = min(workers or os.cpu_count() or 1, require_room(tasks, resolution))
-    first_test = len(tasks) - test_trials
 
     def trials() -> Generator[NewTrial, None, None]:
         with closing(_shapes(tasks, workers)) as motions:
-            for task, shapes in zip(tasks, motions, strict=True):
-                role: Role = "test" if task.order >= first_test else "fit"
-                yield NewTrial(f"{task.order:03d}", design.name, task.order, role, _sense(task, shapes))
+            for task, role, shapes in zip(tasks, roles, motions, strict=True):
+                yield NewTrial(f"{task.order:03d}", task.design.name, task.order, role, _sense(task, shapes))
                 progress(task.order + 1, len(tasks))
 
     name, rate = out.resolve().name, key.sensing.frame_rate
@@ -79,11 +85,30 @@ def run_rig(
         closing(trials()) as measured,
     ):
         description = "virtual rig; synthetic"
-        write_set(unfinished, {design.name: design}, measured, name=name, description=description, frame_rate=rate)
+        write_set(unfinished, designs, measured, name=name, description=description, frame_rate=rate)
         if recorded is not None:
             from studies.rig.cameras import record
 
             record(tasks[0], *recorded)
+
+
+def _read(given: Given, pressures: Sequence[Program], test_trials: int) -> tuple[Design, list[PressureProgram]]:
+    design = given if isinstance(given, Design) else read_design(given)
+    if not pressures:
+        raise InputError(f"design {design.name}: no pressures; expected at least one program")
+    if not 0 <= test_trials <= len(pressures):
+        raise InputError(f"test_trials = {test_trials}; expected 0 to {len(pressures)}, the number of programs")
+    return design, [p if isinstance(p, PressureProgram) else read_pressures(p, design) for p in pressures]
+
+
+def _by_name(designs: Sequence[Design]) -> dict[str, Design]:
+    """Each design under its name. Raises InputError where two have the same."""
+    named: dict[str, Design] = {}
+    for design in designs:
+        if design.name in named:
+            raise InputError(f"design {design.name}: two of this name; expected one of its own for each in a session")
+        named[design.name] = design
+    return named
 
 
 @contextmanager

@@ -1,0 +1,79 @@
+"""The field corrector: a displacement of the ordered points, in numpy."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from corrector.designs import described, distance
+from corrector.inference import outputs_of
+from corrector.inputs import HISTORY, Layout, inputs_of
+from corrector.outputs import displacement_of
+from corrector.response import slopes_of, weight_over_stiffness
+from corrector.shape import FINE, Frames, displaced, middle_of
+from fabdesign.corrector import Trust, with_history
+from fabdesign.design import Design
+from fabdesign.forward import Case
+
+Floats = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class FieldCorrector:
+    """Implements fabdesign.corrector.Corrector. `known`: the designs it learned from (`designs.described`)."""
+
+    weights: Mapping[str, NDArray[np.float32]]
+    dilations: tuple[int, ...]
+    known: Sequence[Mapping[str, Any]]
+    limit: float  # of trust
+    ordered: bool = True
+    starts: float = 0.0
+    _layouts: dict[int, tuple[Design, Layout, Trust]] = field(
+        default_factory=dict
+    )  # by the design's id, which it keeps
+
+    def history(self) -> tuple[float, ...]:
+        return HISTORY
+
+    def trust(self, design: Design) -> Trust:
+        return Trust(distance(described(design), self.known), self.limit)
+
+    def correct(
+        self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]], motions: Sequence[Floats]
+    ) -> list[NDArray[np.float32]]:
+        """See fabdesign.corrector.Corrector."""
+        return [self._correct(*one) for one in zip(cases, times, motions, strict=True)]
+
+    def _correct(self, case: Case, times: NDArray[np.float64], motion: Floats) -> NDArray[np.float32]:
+        _, where = with_history(times, HISTORY)
+        layout, trust = self._known(case.design)
+        answer = np.array(motion[where[0]], dtype=np.float32)
+        sound = np.isfinite(motion[where]).all(axis=(0, 2, 3))
+        if trust.applies and sound.any():
+            moved = self.displacement(case, layout, times[sound], motion[where[:, sound]])
+            answer[sound] = displaced(answer[sound], moved, case.design.fabric.thickness)
+        return answer
+
+    def displacement(
+        self, case: Case, layout: Layout, times: NDArray[np.float64], motion: Floats
+    ) -> NDArray[np.float32]:
+        """(T, FINE, FINE, 3) m of the mid-surface. motion: as `inputs.inputs_of` takes it."""
+        fabric = case.design.fabric
+        inputs = inputs_of(case, layout, times, motion)
+        signs = np.ones((len(inputs), 2, *inputs.shape[2:]), dtype=np.float32)
+        local, swings = outputs_of(self.weights, self.dilations, np.concatenate([inputs, signs], axis=1))
+        middle = middle_of(motion[0], round((motion.shape[2] // 2) ** 0.5)).astype(np.float32)
+        frames = Frames.of(middle, fabric.width, fabric.height, FINE)
+        answer = slopes_of(fabric, weight_over_stiffness(case), FINE)
+        return displacement_of(local, swings, frames, fabric, answer)
+
+    def _known(self, design: Design) -> tuple[Layout, Trust]:
+        """What is the same in all motions of a design, worked out once."""
+        if id(design) not in self._layouts:
+            if len(self._layouts) > 64:  # a search asks for thousands of designs
+                self._layouts.clear()
+            self._layouts[id(design)] = (design, Layout.of(design), self.trust(design))
+        _, layout, trust = self._layouts[id(design)]
+        return layout, trust

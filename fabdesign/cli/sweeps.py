@@ -1,0 +1,70 @@
+"""Studies that are many computations: what matters, layouts side by side, and studies of any kind."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from fabdesign.cli.console import FILE, SECONDS, commands, force_option, json_option, print_result
+from fabdesign.cli.models import effects_option
+from fabdesign.errors import InputError
+
+
+@commands.command()
+@click.argument("study", type=FILE)
+@click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in.")
+@effects_option
+@click.option("--seconds", type=SECONDS, help="Of computing; by default the study's, or all that it takes.")
+@force_option
+@json_option
+def sensitivity(study: Path, output: Path, seconds: float | None, force: bool, as_json: bool) -> None:
+    """What a shape depends on: Morris screening and Sobol indices of a STUDY (TOML). Goes on where it was stopped."""
+    from studies.layouts.progress import LiveLine
+    from studies.sensitivity.report import as_text
+    from studies.sensitivity.run import run_sensitivity
+
+    with LiveLine(study.stem) as line:
+        result = run_sensitivity(study, output, seconds=seconds, force=force, progress=lambda at: line.say(str(at)))
+    print_result(result.as_json(), f"{as_text(result)}\nreport: {output / 'report.html'}", as_json)
+
+
+@commands.command("study")
+@click.argument("file", type=FILE, metavar="STUDY")
+@click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in.")
+@effects_option
+@click.option("--seconds", type=SECONDS, help="Of computing; by default the study's.")
+@force_option
+@json_option
+@click.pass_context
+def study_of_any_kind(
+    context: click.Context, file: Path, output: Path, seconds: float | None, force: bool, as_json: bool
+) -> None:
+    """Run a STUDY (TOML) of any kind: optimize, sensitivity, layouts."""
+    from fabdesign.study_file import read_kind
+
+    kind = read_kind(file)
+    options: dict[str, Any] = {"seconds": seconds, "force": force, "as_json": as_json}
+    if kind == "layouts":
+        _layouts(file, output, **options)
+    elif kind in commands.commands:
+        context.invoke(commands.commands[kind], study=file, output=output, **options)
+    else:
+        raise InputError(f'{file}: kind = "{kind}"; this version runs optimize, sensitivity and layouts')
+
+
+def _layouts(study: Path, output: Path, *, seconds: float | None, force: bool, as_json: bool) -> None:
+    from fabdesign.layouts_file import Cell
+    from optimize.evaluations import Evaluations
+    from studies.layout_grid.report import as_text
+    from studies.layout_grid.run import run_layouts
+    from studies.layouts.progress import LiveLine
+
+    with LiveLine(study.stem) as line:
+
+        def show(cell: Cell, number: int, total: int, evaluations: Evaluations) -> None:
+            best = "none yet" if evaluations.best is None else f"{1e3 * evaluations.best.value:.3f} mm"
+            left = max(0.0, cell.study.limits.seconds * (total - number + 1) - evaluations.elapsed)
+            line.say(f"{cell.name}, {number} of {total}: best {best}, at most {left:.0f} s left")
+
+        result = run_layouts(study, output, seconds=seconds, force=force, progress=show)
+    print_result(result.as_json(), f"{as_text(result)}\nreport: {output / 'report.html'}", as_json)

@@ -1,0 +1,44 @@
+"""What a model lacks."""
+
+from pathlib import Path
+
+import click
+
+from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json_option, print_result
+
+
+@commands.command()
+@click.argument("source", type=FILE, metavar="SET|BENCH")
+@click.option("--model", type=FILE, help="A model file: where the fit starts, and effects that are known already.")
+@click.option(
+    "--tolerance", type=click.FloatRange(0, min_open=True), help="mm of held-out excess; 0.5, of a bench 2 %."
+)
+@click.option("--grid", type=GRID, default=21, show_default=True, help="Grid points a side; the model's.")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Of the points drawn.")
+@click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in.")
+@force_option
+@json_option
+def trace(
+    source: Path,
+    model: Path | None,
+    tolerance: float | None,
+    grid: int,
+    seed: int,
+    output: Path,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Say which effect the model of a SET lacks, or that none is missing: trace.json, model.toml and report.html."""
+    from fabdesign.measurement_set import read_set
+    from fabdesign.model_file import read_model
+    from studies.bad_data import sound_trials
+    from studies.tracing.live import LiveLine
+    from studies.tracing.run import TOLERANCE, Options, trace_set
+    from studies.tracing.words import as_text
+
+    fitted = None if model is None else read_model(model)
+    measured, _ = sound_trials(read_set(source), skip_bad=False)
+    options = Options(TOLERANCE if tolerance is None else tolerance / 1e3, grid, seed)
+    with LiveLine(f"trace {source.name}") as line:
+        outcome = trace_set(measured, output, source=source, model=fitted, options=options, force=force, say=line.show)
+    print_result(outcome.as_json(), f"{output}: {as_text(outcome)}", as_json)

@@ -1,0 +1,120 @@
+"""What a sweep varies: pressures, places of muscles, factors on declared values, parameters of effects."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from fabdesign.design import Design
+from fabdesign.effects.registry import check_values, effect_named
+from fabdesign.errors import InputError
+from fabdesign.forward import FACTORS, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
+from fabdesign.model import Model
+from fabdesign.pressure import limits
+from fabdesign.table import Table, nearest
+
+Kind = Literal["pressure", "position", "factor", "effect"]
+_AXES = {"u": 0, "v": 1}
+_FORMS = (
+    "pressure.CHANNEL, position.MUSCLE.u (or .v, or position.MUSCLE.CORNER.u), a factor "
+    f"({', '.join(PARAMETERS)}, muscle_types.NAME.muscle_gain) or effects.NAME.PARAMETER"
+)
+
+
+@dataclass(frozen=True)
+class Varied:
+    """One parameter, drawn evenly from `low` to `high` in `unit`.
+
+    key: of a pressure (channel,); of a position (muscle, corner or -1 for all of them, axis), a shift against the
+    design; of a factor (its name,); of an effect (its name, its parameter).
+    """
+
+    name: str
+    kind: Kind
+    key: tuple[str | int, ...]
+    low: float
+    high: float
+    unit: str
+
+
+def read_varied(tables: dict[str, Table], design: Design, model: Model, where: str) -> tuple[Varied, ...]:
+    """The parameters of a sweep from their tables by name (`low`, `high`). Raises InputError."""
+    varied = tuple(_varied(name, table, design, model) for name, table in tables.items())
+    _require_on_cloth(varied, design, where)
+    return varied
+
+
+def _varied(name: str, table: Table, design: Design, model: Model) -> Varied:
+    kind, key, unit, bounds, believed = _meaning(name, table.where, design, model)
+    low, high = (table.number(side, believed and believed[i]) for i, side in enumerate(("low", "high")))
+    if low is None or high is None:
+        raise InputError(f"{table.where}: no {'low' if low is None else 'high'}; expected low and high{_in(unit)}")
+    table.finish()
+    if not bounds[0] <= low < high <= bounds[1]:
+        raise InputError(
+            f"{table.where}: low = {low:g}, high = {high:g}; expected low < high, from {bounds[0]:g} to {bounds[1]:g}"
+            f"{_in(unit)}"
+        )
+    return Varied(name, kind, key, low, high, unit)
+
+
+_Meaning = tuple[Kind, tuple[str | int, ...], str, tuple[float, float], tuple[float, float] | None]
+
+
+def _meaning(name: str, where: str, design: Design, model: Model) -> _Meaning:
+    """Kind, key, unit, what it may be, and the interval that the model gives it, if any."""
+    first, *rest = name.split(".")
+    if first == "pressure" and len(rest) == 1 and rest[0].isdecimal():
+        channel = int(rest[0])
+        if channel >= design.channels:
+            raise InputError(f"{where}: design {design.name} has channels 0 to {design.channels - 1}")
+        return "pressure", (channel,), "kPa", (0.0, float(limits(design)[channel]) / 1e3), None
+    if first == "position" and len(rest) in (2, 3) and rest[-1] in _AXES and all(r.isdecimal() for r in rest[:-1]):
+        muscle, corner = int(rest[0]), int(rest[1]) if len(rest) == 3 else -1
+        if muscle >= len(design.muscles) or corner >= len(design.muscles[muscle].path):
+            raise InputError(f"{where}: no such muscle or corner; both count from 0")
+        size = max(design.fabric.width, design.fabric.height)
+        return "position", (muscle, corner, _AXES[rest[-1]]), "m", (-size, size), None
+    if first == "effects" and len(rest) == 2:
+        effect = effect_named(rest[0], where)
+        if rest[1] not in effect.parameters:
+            check_values(effect, {rest[1]: 0.0}, where)  # which says what there is
+        parameter = effect.parameters[rest[1]]
+        if parameter.whole:
+            raise InputError(f"{where}: {name} is a choice, not a quantity; expected one that can be varied")
+        own = [e.parameters[rest[1]].interval90 for e in model.effects if e.name == rest[0] and rest[1] in e.parameters]
+        return "effect", (rest[0], rest[1]), parameter.unit, parameter.bounds, own[0] if own else None
+    plain = name.rpartition(".")[2] if name.startswith(MUSCLE_TYPES) else name
+    kind_of_muscle = name.removeprefix(MUSCLE_TYPES).removesuffix(f".{plain}")
+    if plain in PARAMETERS and (plain == name or (plain in OF_MUSCLES and kind_of_muscle in design.muscle_types)):
+        if hiding := [own for own in model.factors if plain == name and own.endswith(f".{name}")]:
+            raise InputError(f"{where}: the model has {', '.join(hiding)}; expected that name")
+        return "factor", (name,), "", FACTORS, _interval(model, name)
+    raise InputError(f"{where}: unknown parameter {name}; expected {_FORMS}{nearest(name, PARAMETERS)}")
+
+
+def _interval(model: Model, name: str) -> tuple[float, float] | None:
+    """Of the model's factor that a case calls `name`."""
+    found = (p.interval90 for n, p in model.parameters.items() if name in Model({n: p}).factors)
+    return next(found, None)
+
+
+def _in(unit: str) -> str:
+    return f" {unit}" if unit else ""
+
+
+def moved_paths(design: Design, shifts: dict[tuple[int, int, int], float]) -> list[np.ndarray]:
+    """(corners, 2) m of every muscle, with shifts [m] by (muscle, corner or -1, axis)."""
+    paths = [np.array(muscle.path, dtype=float) for muscle in design.muscles]
+    for (muscle, corner, axis), shift in shifts.items():
+        paths[muscle][slice(None) if corner < 0 else corner, axis] += shift
+    return paths
+
+
+def _require_on_cloth(varied: tuple[Varied, ...], design: Design, where: str) -> None:
+    size = np.array([design.fabric.width, design.fabric.height])
+    for side in ("low", "high"):
+        shifts = {v.key: getattr(v, side) for v in varied if v.kind == "position"}
+        for number, path in enumerate(moved_paths(design, shifts)):  # type: ignore[arg-type]
+            if (path < -1e-9).any() or (path > size + 1e-9).any():
+                raise InputError(f"{where}: position.{number}: {side} takes muscle {number} off the cloth")

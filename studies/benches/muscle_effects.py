@@ -1,0 +1,126 @@
+"""Effects of a muscle fitted to its bench records together with its law, by variable projection.
+
+The law and viscosity enter linearly (a coarse tensor product of B-splines, without the wishes of MuscleLaw): for every
+value of the effects' parameters they are solved for, and the parameters move by Gauss-Newton on what is left (Golub and
+Pereyra 1973, doi:10.1137/0710036). Intervals are 90 %, from the sandwich over blocks of rows.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.bspline import design_matrix
+from fabdesign.effects import EFFECTS
+from fabdesign.errors import InputError
+from fabdesign.forward import MUSCLE_TYPES, PARAMETERS, Term
+from fabdesign.model import EffectTerm, Quantity
+from studies.benches.rows import Rows, motion_columns
+from studies.calibration.parameters import FitVector, fit_vector
+
+Array = NDArray[np.float64]
+_SPANS = (4, 6)  # of pressure and contraction
+_RIDGE = 1e-4  # of the law's coefficients, relative to the tension's size
+_QUANTILE = 1.645
+_STEP = 0.02  # of the prior's deviation, for differences
+
+
+@dataclass(frozen=True, eq=False)
+class FittedEffects:
+    terms: tuple[Term, ...] = ()
+    effects: tuple[EffectTerm, ...] = ()  # the same with intervals
+
+
+def bench_vector(free: Sequence[str], name: str) -> FitVector:
+    """The unknowns of `free` (as of `calibrate --free`) for the muscle type `name`. Raises InputError for an effect
+    that one muscle on a bench cannot show."""
+    vector = fit_vector(free, PARAMETERS, scope=MUSCLE_TYPES + name)
+    for term in vector.terms:
+        if EFFECTS[term.name].bench is None:
+            known = [effect.name for effect in EFFECTS.values() if effect.bench is not None]
+            raise InputError(
+                f"--free {term.name}: one muscle on its bench does not show it; expected {', '.join(known)}"
+            )
+    if any(parameter.is_factor for parameter in vector.parameters):
+        raise InputError(f"--free {', '.join(free)}: a bench gives the law itself; expected effects, no factors")
+    return vector
+
+
+def fit_effects(rows_of: Callable[[tuple[Term, ...]], Rows], vector: FitVector) -> FittedEffects:
+    """rows_of(terms): the records' rows with the effects in them."""
+    from scipy.optimize import least_squares
+
+    plain = rows_of(())
+    spans = _Spans.of(plain)
+
+    def left(x: Array) -> Array:
+        return spans.left(rows_of(vector.terms_at(vector.inside(x))), friction=_has_friction(vector))
+
+    x, low, high = vector.start, *vector.limits
+    for _ in range(2):  # the second with the noise that the first leaves
+        noise = max(float(np.sqrt(np.mean(left(x) ** 2))), 1e-9)
+
+        def residual(x: Array, noise: float = noise) -> Array:
+            return np.concatenate([left(x) / noise, x / vector.prior])
+
+        found = least_squares(
+            residual, np.clip(x, low, high), bounds=(low, high), x_scale=vector.prior, diff_step=_STEP, max_nfev=25
+        )
+        x = found.x
+    deviation = np.sqrt(np.diag(_covariance(found.jac, found.fun, plain.block)))
+    terms = vector.terms_at(x)
+    quantities = {
+        p.name: Quantity(p.value(v), p.unit, (p.value(v - _QUANTILE * s), p.value(v + _QUANTILE * s)))
+        for p, v, s in zip(vector.parameters, x, deviation, strict=True)
+    }
+    return FittedEffects(terms, tuple(_with_intervals(term, quantities) for term in terms))
+
+
+def _with_intervals(term: Term, quantities: dict[str, Quantity]) -> EffectTerm:
+    effect = EFFECTS[term.name]
+    values = {
+        key: quantities.get(f"{term.name}.{key}", Quantity(value, effect.parameters[key].unit))
+        for key, value in effect.values(term.values).items()
+    }
+    return EffectTerm(term.name, values, term.scope or effect.scope)
+
+
+def _has_friction(vector: FitVector) -> bool:
+    return any(term.name == "braid_hysteresis" for term in vector.terms)
+
+
+def _covariance(jacobian: Array, residual: Array, block: NDArray[np.intp]) -> Array:
+    """(p, p) sandwich: rows of a block share their error. The prior's rows, behind the data's, count as one each."""
+    inverse = np.linalg.inv(jacobian.T @ jacobian)
+    own = np.concatenate([block, block.max() + 1 + np.arange(len(residual) - len(block))])
+    scores = np.array([jacobian[own == b].T @ residual[own == b] for b in np.unique(own)])
+    return np.asarray(inverse @ (scores.T @ scores) @ inverse + inverse)
+
+
+@dataclass(frozen=True)
+class _Spans:
+    """Where the splines lie: over what was measured, whatever the effects make of it."""
+
+    pressure: float  # Pa between knots
+    start: float
+    contraction: float
+
+    @staticmethod
+    def of(rows: Rows) -> "_Spans":
+        start, end = min(float(rows.contraction.min()), 0.0), max(float(rows.contraction.max()), 0.0)
+        return _Spans(float(rows.pressure.max()) / _SPANS[0], start, (end - start) / _SPANS[1])
+
+    def left(self, rows: Rows, *, friction: bool) -> Array:
+        """(n,) N that law and damping do not explain."""
+        p = design_matrix(rows.pressure / self.pressure, _SPANS[0] + 3)
+        e = design_matrix((rows.contraction - self.start) / self.contraction, _SPANS[1] + 3)
+        smooth = (p[:, :, None] * e[:, None, :]).reshape(len(p), -1)
+        stretch = p * (np.maximum(-rows.contraction, 0.0) / self.contraction)[:, None]
+        damping = motion_columns(rows.rate, friction=not friction)
+        columns = np.hstack([smooth, stretch, damping])
+        columns = columns[:, np.abs(columns).max(axis=0) > 0]
+        ridge = _RIDGE * np.sqrt(len(p)) * np.eye(columns.shape[1])
+        goal = rows.force + rows.friction
+        found = np.linalg.lstsq(np.vstack([columns, ridge]), np.r_[goal, np.zeros(len(ridge))], rcond=None)[0]
+        return np.asarray(goal - columns @ found)

@@ -1,0 +1,83 @@
+"""Rows of a muscle's bench records, with effects in what the law sees of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.bench import BenchRecord
+from fabdesign.effects import EFFECTS
+from fabdesign.effects.bench import MuscleRecord
+from fabdesign.errors import InputError
+from fabdesign.forward import Term
+
+Array = NDArray[np.float64]
+
+PRESSURES = ("pressure", "pressure_command")  # columns, in order of preference
+FORCES = ("force", "load")
+_BLOCKS = 10  # a record is cut into, where there are too few records to draw from
+_SAME_WAY = 1e-5  # 1/s: slower contraction counts as standing still
+_RATE_WINDOW = 3  # rows on either side of the one whose rate is taken
+
+
+@dataclass(frozen=True)
+class Rows:
+    """(n,) each: force = law(pressure, contraction) - friction - what damps by the rate."""
+
+    pressure: Array  # Pa
+    contraction: Array  # that the law sees
+    force: Array  # N
+    rate: Array  # 1/s, of contraction; 0 where the record has no time
+    friction: Array  # N, of effects
+    block: NDArray[np.intp]
+
+
+def rows_of(records: Sequence[BenchRecord], terms: Sequence[Term] = ()) -> Rows:
+    """Raises InputError where a record lacks pressure, contraction or force, or time where effects want it."""
+    parts: list[Rows] = []
+    for i, record in enumerate(records):
+        columns = record.columns
+        pressure = next((columns[name] for name in PRESSURES if name in columns), None)
+        force = next((columns[name] for name in FORCES if name in columns), None)
+        if pressure is None or force is None or "contraction" not in columns:
+            raise InputError(
+                f"{record.name}: columns {', '.join(columns)}; a muscle needs pressure, contraction, force"
+            )
+        contraction, n = columns["contraction"], len(force)
+        moving = "time" in columns and n > 2
+        if terms and not moving:
+            raise InputError(f"{record.name}: no time column; expected one, for effects show in time")
+        rate = _slope(columns["time"], contraction) if moving else np.zeros(n)
+        block = i * _BLOCKS + (np.arange(n) * _BLOCKS // n if len(records) < _BLOCKS else 0)
+        seen = MuscleRecord.measured(columns["time"] if moving else np.arange(n, dtype=float), pressure, contraction)
+        for term in terms:
+            if (bench := EFFECTS[term.name].bench) is not None:
+                seen = bench(seen, EFFECTS[term.name].values(term.values))
+        parts.append(
+            Rows(
+                seen.pressure, contraction - seen.lent, force, rate, seen.friction,
+                np.broadcast_to(block, n).astype(np.intp),
+            )
+        )  # fmt: skip
+    names = ("pressure", "contraction", "force", "rate", "friction", "block")
+    return Rows(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def taken(rows: Rows, index: NDArray[np.intp]) -> Rows:
+    names = ("pressure", "contraction", "force", "rate", "friction", "block")
+    return Rows(*(getattr(rows, name)[index] for name in names))
+
+
+def motion_columns(rate: Array, *, friction: bool = True) -> Array:
+    """(n, 2): what viscosity and hysteresis multiply; without friction the latter is zero."""
+    sign = np.where(np.abs(rate) > _SAME_WAY, np.sign(rate), 0.0)
+    return np.stack([rate, sign if friction else np.zeros(len(rate))], axis=1)
+
+
+def _slope(time: Array, values: Array) -> Array:
+    """(n,) slope of the line through the rows around each one: noise makes neighbours' differences useless."""
+    half = min(_RATE_WINDOW, (len(time) - 1) // 2)
+    kernel = np.arange(half, -half - 1, -1.0)
+    inner = np.convolve(values, kernel, "valid") / np.convolve(time, kernel, "valid")
+    return np.pad(inner, half, mode="edge")

@@ -1,0 +1,1 @@
+"""Layouts side by side: how near a target so many muscles come, of which type, on which sides."""

@@ -1,0 +1,85 @@
+"""The folder of a grid: numbers and a page with the front as picture and table."""
+
+import io
+import json
+import re
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+from jinja2 import Environment
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from fabdesign import __version__
+from fabdesign.output import write_text
+from studies.layout_grid.result import Found, GridResult
+from studies.layouts.drawing import layout_svg
+
+MARKS = {"front": ">", "back": "<", "both": "D"}
+
+
+def write_report(result: GridResult, out: Path) -> None:
+    """Write `result.json` and `report.html` into the folder `out`."""
+    write_text(out / "result.json", json.dumps(result.as_json(), indent=2) + "\n")
+    write_text(out / "report.html", render(result))
+
+
+def render(result: GridResult) -> str:
+    """HTML; links to the searches' own pages, else self-contained."""
+    template = Environment(autoescape=True).from_string(
+        files("studies.layout_grid").joinpath("report.html.j2").read_text(encoding="utf-8")
+    )
+    search = result.study.search
+    return template.render(
+        result=result,
+        name=search.name,
+        targets=next(f.result.targets for f in result.found if f.result),
+        front=result.front,
+        measure="Chamfer distance" if search.objective == "chamfer" else "surface RMS",
+        points_per_side=search.model.points_per_side if search.model else 41,
+        picture=Markup(front_svg(result)),
+        layout=lambda f: Markup(layout_svg(f.result.design, f.result.pressures[0], search.limits.pressure[1])),
+        version=__version__,
+    )
+
+
+def front_svg(result: GridResult) -> str:
+    """Error against muscles: a mark a cell, the front as a line, the floor dashed."""
+    figure = Figure(figsize=(7.5, 4.2), layout="constrained")
+    axes = figure.subplots()
+    sound = [f for f in result.found if f.result]
+    for k, type_ in enumerate(result.study.types):
+        for sides in result.study.sides:
+            own = [f for f in sound if (f.cell.type, f.cell.sides) == (type_, sides)]
+            if own:
+                at = [f.cell.muscles for f in own], [1e3 * f.objective for f in own]
+                axes.plot(*at, MARKS[sides], color=f"C{k}", linestyle=":", linewidth=0.8, label=f"{type_}, {sides}")
+    front = result.front
+    most = max(f.cell.muscles for f in sound)
+    steps = [*(f.cell.muscles for f in front), most], [*(1e3 * f.objective for f in front), 1e3 * front[-1].objective]
+    axes.step(*steps, where="post", color="#1c2430", linewidth=1.5, label="front")
+    axes.axhline(1e3 * _floor(front[-1]), color="#5a6675", linestyle="--", label="floor")
+    axes.set(xlabel="muscles", ylabel=f"{result.study.search.objective.replace('_', ' ')}, mm", ylim=(0, None))
+    axes.set_xticks(np.unique([f.cell.muscles for f in sound]))
+    axes.legend(fontsize="small")
+    text = io.StringIO()
+    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+    return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
+
+
+def _floor(found: Found) -> float:
+    assert found.result is not None
+    errors = found.result.errors
+    return errors.chamfer_floor if found.result.study.objective == "chamfer" else errors.surface_floor
+
+
+def as_text(result: GridResult) -> str:
+    """For people: the front, a line a cell."""
+    lines = [
+        f"{f.cell.muscles} muscles, {f.cell.type}, {f.cell.sides}: {1e3 * f.objective:.3f} mm" for f in result.front
+    ]
+    lines += [f"{f.cell.name}: {f.why}" for f in result.found if f.result is None]
+    if result.interrupted:
+        lines.append("interrupted; the same command goes on from here")
+    return "\n".join(lines)

@@ -1,0 +1,1 @@
+"""Sweeps: what a shape depends on, by Morris screening and Sobol indices."""

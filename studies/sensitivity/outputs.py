@@ -1,0 +1,109 @@
+"""What a sweep watches of a shape: numbers for people, in mm, 1/m and N."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.distances import chamfer
+from fabdesign.fabric import Fabric
+from fabdesign.forward import SIDE
+
+Array = NDArray[np.float64]
+# by output: columns, their unit, and how little of it is rounding
+COLUMNS = {
+    "tip": (("tip_x", "tip_y", "tip_z"), "mm", 1e-2),
+    "mean_curvature": (("mean_curvature",), "1/m", 1e-3),
+    "chamfer": (("chamfer",), "mm", 1e-3),
+    "largest_tension": (("largest_tension",), "N", 1e-3),
+}
+_FREE = {"top": -1, "bottom": 0, "left": -1, "right": 0}  # row or column of the free edge opposite the hung one
+
+
+@dataclass(frozen=True)
+class Column:
+    name: str
+    unit: str
+    least: float  # standard deviation, in the unit, under which it does not vary
+
+
+@dataclass(frozen=True, eq=False)
+class Outputs:
+    """names: of COLUMNS. rest (3362, 3) m: what `tip` is measured from. target (n, 3) m: of `chamfer`. at: s; none:
+    at rest."""
+
+    names: tuple[str, ...]
+    fabric: Fabric
+    rest: Array
+    target: Array | None = None
+    at: tuple[float, ...] = ()
+
+    @property
+    def columns(self) -> list[Column]:
+        moments = [f" at {t:g} s" for t in self.at] or [""]
+        return [
+            Column(column + moment, unit, least)
+            for moment in moments
+            for columns, unit, least in (COLUMNS[name] for name in self.names)
+            for column in columns
+        ]
+
+    def of(self, frames: NDArray[np.float32], tension: NDArray[np.float32] | None) -> Array:
+        """(columns,) of (T, 3362, 3) m, and of the intervals' tensions (T, intervals) N where they are watched; NaN
+        where a frame is."""
+        values: list[float] = []
+        for k, points in enumerate(frames):
+            lost = not np.isfinite(points).all()
+            for name in self.names:
+                if lost:
+                    values += [np.nan] * len(COLUMNS[name][0])
+                elif name == "tip":
+                    values += (1e3 * (tip(points, self.fabric) - tip(self.rest, self.fabric))).tolist()
+                elif name == "mean_curvature":
+                    values.append(mean_curvature(points))
+                elif name == "chamfer":
+                    assert self.target is not None
+                    values.append(1e3 * chamfer(self.target, points))
+                else:
+                    assert tension is not None
+                    values.append(float(tension[k].max(initial=0.0)))
+        return np.array(values)
+
+
+def tip(points: NDArray[np.floating], fabric: Fabric) -> Array:
+    """(3,) m: mean position of the edge opposite the hung one; of the lower edge where no edge is hung."""
+    middle = _middle(points)
+    edge = fabric.hung if isinstance(fabric.hung, str) else "top"
+    along = middle[:, _FREE[edge]] if edge in ("left", "right") else middle[_FREE.get(edge, -1)]
+    return np.asarray(along.mean(axis=0))
+
+
+def mean_curvature(points: NDArray[np.floating]) -> float:
+    """1/m: mean curvature of the mid-surface, mean over its area; positive where it is hollow to the front."""
+    faces = np.asarray(points, float).reshape(2, SIDE, SIDE, 3)
+    middle = faces.mean(axis=0)
+    inner = slice(1, -1)
+    u = (middle[inner, 2:] - middle[inner, :-2]) / 2
+    v = (middle[2:, inner] - middle[:-2, inner]) / 2
+    uu = middle[inner, 2:] - 2 * middle[inner, inner] + middle[inner, :-2]
+    vv = middle[2:, inner] - 2 * middle[inner, inner] + middle[:-2, inner]
+    uv = (middle[2:, 2:] - middle[2:, :-2] - middle[:-2, 2:] + middle[:-2, :-2]) / 4
+    normal = np.cross(v, u)  # v runs down, u to the right: to the front
+    area = np.linalg.norm(normal, axis=-1)
+    normal /= area[..., None]
+    e, f, g = _dot(u, u), _dot(u, v), _dot(v, v)
+    h = (_dot(uu, normal) * g - 2 * _dot(uv, normal) * f + _dot(vv, normal) * e) / (2 * (e * g - f**2))
+    return float((h * area).sum() / area.sum())
+
+
+def _middle(points: NDArray[np.floating]) -> Array:
+    return np.asarray(points, float).reshape(2, SIDE, SIDE, 3).mean(axis=0)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray((a * b).sum(axis=-1))
+
+
+def needs_tension(names: Sequence[str]) -> bool:
+    return "largest_tension" in names

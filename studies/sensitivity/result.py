@@ -1,0 +1,184 @@
+"""What a sweep found, as numbers."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import SimulationError
+from fabdesign.sensitivity_file import SensitivityStudy
+from studies.sensitivity.estimators import INTERVAL, Indices, Screening, indices, screening
+from studies.sensitivity.inputs import Inputs
+from studies.sensitivity.outputs import Column
+from studies.sensitivity.snapping import snaps
+
+Array = NDArray[np.float64]
+FEWEST = {"morris": 4, "sobol": 8}  # whole rows or trajectories under which nothing is said
+MANY_SNAP = 0.05  # share of samples from which on indices are partly a coin's toss
+
+
+@dataclass(frozen=True, eq=False)
+class Computed:
+    """A method's design and what came of it.
+
+    cube (rows, samples a row, inputs); values alike, in the inputs' units; outputs (whole rows, samples a row,
+    columns), NaN where a sample failed: fewer rows where the time ended.
+    """
+
+    cube: Array
+    values: Array
+    outputs: Array
+
+    @property
+    def failed(self) -> int:
+        """Samples without a value."""
+        return int(np.isnan(self.outputs).any(axis=2).sum())
+
+    @cached_property
+    def sound(self) -> NDArray[np.bool_]:
+        """(whole rows,) whether none of its samples failed."""
+        return np.asarray(~np.isnan(self.outputs).any(axis=(1, 2)))
+
+
+@dataclass(frozen=True, eq=False)
+class SensitivityResult:
+    """computed: by method. moves (n, 2) m: of the samples that were looked at, how far pressures 2 % off move them
+    (snapping.moved)."""
+
+    study: SensitivityStudy
+    inputs: Inputs
+    columns: list[Column]
+    computed: Mapping[str, Computed]
+    moves: Array
+    complete: bool
+    wall_s: float
+    cpu_s: float
+    screenings: list[Screening | None] = field(init=False)  # by column; None where it does not vary
+    indices: list[Indices | None] = field(init=False)
+
+    def __post_init__(self) -> None:
+        for method, found in self.computed.items():
+            if found.sound.sum() < FEWEST[method]:
+                rows = f"{found.sound.sum()} of {len(found.cube)} {ROWS[method]} are whole"
+                why = f"{found.failed} samples failed" if found.failed else "the time was too short"
+                raise SimulationError(f"{self.study.name}: {rows}, {why}; expected at least {FEWEST[method]}")
+        object.__setattr__(self, "screenings", [self._screening(k) for k in range(len(self.columns))])
+        object.__setattr__(self, "indices", [self._indices(k) for k in range(len(self.columns))])
+
+    def _screening(self, column: int) -> Screening | None:
+        found = self.computed.get("morris")
+        if found is None:
+            return None
+        outputs = found.outputs[found.sound][..., column]
+        if outputs.std() < self.columns[column].least:
+            return None
+        return screening(found.cube[: len(found.outputs)][found.sound], outputs, seed=self.study.seed)
+
+    def _indices(self, column: int) -> Indices | None:
+        found = self.computed.get("sobol")
+        if found is None:
+            return None
+        outputs = found.outputs[found.sound][..., column]
+        if outputs[:, :2].std() < self.columns[column].least:
+            return None
+        return indices(outputs, seed=self.study.seed)
+
+    @property
+    def samples(self) -> int:
+        return sum(found.outputs.shape[0] * found.outputs.shape[1] for found in self.computed.values())
+
+    @property
+    def failed(self) -> int:
+        return sum(found.failed for found in self.computed.values())
+
+    @property
+    def snapping(self) -> int:
+        return int(snaps(self.moves).sum())
+
+    @property
+    def sentences(self) -> list[str]:
+        """What must be said beside the indices."""
+        said = []
+        if not self.complete:
+            done = ", ".join(f"{len(f.outputs)} of {len(f.cube)} {ROWS[m]}" for m, f in self.computed.items())
+            said.append(f"Ended by its limit of {self.study.seconds:g} s, with {done}; with more seconds it goes on.")
+        if self.failed:
+            rows = ", ".join(f"{(~f.sound).sum()} {ROWS[m]}" for m, f in self.computed.items() if f.failed)
+            said.append(f"{self.failed} of {self.samples} samples failed; {rows} were left out with them.")
+        if len(self.moves):
+            low, high = wilson(self.snapping, len(self.moves))
+            said.append(
+                f"{self.snapping} of {len(self.moves)} samples looked at snap: pressures 2 % off lead elsewhere "
+                f"(90 % interval of the share: {low:.0%} to {high:.0%})."
+                + (" The indices are partly a coin's toss." if self.snapping > MANY_SNAP * len(self.moves) else "")
+            )
+        still = [c.name for c, s, i in zip(self.columns, self.screenings, self.indices, strict=True) if not s and not i]
+        if still:
+            said.append(f"What varies does not move {', '.join(still)}.")
+        return said
+
+    def spread(self, column: int) -> dict[str, float]:
+        """Mean, standard deviation and 90 % interval of an output over independent samples."""
+        found = self.computed.get("sobol") or self.computed["morris"]
+        sound = found.outputs[found.sound][..., column]
+        values = sound[:, :2] if "sobol" in self.computed else sound[:, 0]
+        low, high = np.percentile(values, INTERVAL)
+        return {"mean": float(values.mean()), "std": float(values.std()), "low90": float(low), "high90": float(high)}
+
+    def as_json(self) -> dict[str, Any]:
+        """What result.json holds."""
+        return {
+            "outputs": {c.name: self._output(k) for k, c in enumerate(self.columns)},
+            "inputs": dict(zip(self.inputs.names, self.inputs.units, strict=True)),
+            "samples": {
+                "computed": self.samples,
+                "failed": self.failed,
+                **{f"{m}_left_out": int((~f.sound).sum()) for m, f in self.computed.items()},
+                "looked_at": len(self.moves),
+                "snapping": self.snapping,
+            },
+            "said": self.sentences,
+            "complete": self.complete,
+            "points_per_side": self.study.points_per_side,
+            "wall_s": self.wall_s,
+            "cpu_s": self.cpu_s,
+            "seed": self.study.seed,
+        }
+
+    def _output(self, k: int) -> dict[str, Any]:
+        entry: dict[str, Any] = {"unit": self.columns[k].unit, **self.spread(k)}
+        if (s := self.screenings[k]) is not None:
+            entry["morris"] = {
+                name: {
+                    "mu_star": float(s.mu_star[i]),
+                    "interval90": s.mu_star90[i].tolist(),
+                    "mu": float(s.mean[i]),
+                    "sigma": float(s.sigma[i]),
+                }
+                for i, name in enumerate(self.inputs.names)
+            }
+        if (x := self.indices[k]) is not None:
+            entry["sobol"] = {
+                name: {
+                    "first": float(x.first[i]),
+                    "first_interval90": x.first90[i].tolist(),
+                    "total": float(x.total[i]),
+                    "total_interval90": x.total90[i].tolist(),
+                }
+                for i, name in enumerate(self.inputs.groups)
+            }
+        return entry
+
+
+ROWS = {"morris": "trajectories", "sobol": "rows"}
+
+
+def wilson(hits: int, count: int) -> tuple[float, float]:
+    """90 % interval of a share (Wilson 1927)."""
+    z = 1.645
+    middle = (hits + z**2 / 2) / (count + z**2)
+    half = z * np.sqrt(hits * (count - hits) / count + z**2 / 4) / (count + z**2)
+    return max(0.0, float(middle - half)), min(1.0, float(middle + half))

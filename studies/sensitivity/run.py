@@ -1,0 +1,229 @@
+"""A sweep from its file to its report."""
+
+import hashlib
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign import SIMULATOR
+from fabdesign.errors import SimulationError
+from fabdesign.forward import Case, ForwardModel
+from fabdesign.model import Model
+from fabdesign.output import WorkFolder, work_folder
+from fabdesign.sensitivity_file import SensitivityStudy, read_sensitivity
+from optimize.history import OtherStudy
+from studies.forward_model import forward_model
+from studies.layouts.content import flat, shortened
+from studies.layouts.target import load_target
+from studies.sensitivity.designs import saltelli_rows, trajectories
+from studies.sensitivity.inputs import Inputs
+from studies.sensitivity.outputs import Outputs, needs_tension
+from studies.sensitivity.report import write_report
+from studies.sensitivity.result import Computed, SensitivityResult
+from studies.sensitivity.snapping import moved, spreads
+from studies.sensitivity.store import FILE, Store
+from studies.sensitivity.tensions import WithTensions
+
+Array = NDArray[np.float64]
+BATCH = 128  # samples in one call: twice what the simulator takes side by side
+CHECKED = 8, 32  # samples at least and at most of which it is looked whether they snap
+_SHARE = 16  # every so many-th row is looked at
+_RAISED = ("name", "methods", "samples", "trajectories", "seconds")  # what may grow, or changes no sample
+
+
+@dataclass(frozen=True)
+class Progress:
+    """part: what is under way. left: s that the rest takes at the pace so far; None before the first batch."""
+
+    part: str
+    done: int
+    total: int
+    left: float | None
+
+    def __str__(self) -> str:
+        rest = "" if self.left is None or not self.left else f", {duration(self.left)} left"
+        return f"{self.part}: {self.done} of {self.total} samples{rest}"
+
+
+def run_sensitivity(
+    study: SensitivityStudy | Path | str,
+    out: Path | str,
+    *,
+    forward: ForwardModel | None = None,
+    seconds: float | None = None,
+    force: bool = False,
+    progress: Callable[[Progress], None] = lambda _: None,
+) -> SensitivityResult:
+    """Compute the samples of a study and write `result.json`, `samples.csv` and `report.html` into `out`.
+
+    forward: by default the simulator with the study's grid. The same study goes on in its folder after an interruption,
+    and further with more samples, trajectories or seconds; another study is refused there (InputError), unless `force`.
+    Raises SimulationError where too many samples fail for a statement.
+    """
+    inputs = [] if isinstance(study, SensitivityStudy) else [study]
+    study = study if isinstance(study, SensitivityStudy) else read_sensitivity(study)
+    study = study if seconds is None else replace(study, seconds=seconds)
+    inputs += [study.target.file] if study.target else []
+    target = load_target(study.target, study.design, seed=study.seed).points if study.target else None
+    with work_folder(out, made_by="sensitivity", force=force, inputs=inputs) as work:
+        with _store(work, _content(study, target)) as store:
+            result = _Sweep(study, target, store, forward, progress).run()
+        with work.adding() as files:
+            write_report(result, files)
+    return result
+
+
+class _Sweep:
+    def __init__(
+        self,
+        study: SensitivityStudy,
+        target: Array | None,
+        store: Store,
+        forward: ForwardModel | None,
+        progress: Callable[[Progress], None],
+    ) -> None:
+        self.study, self.inputs, self._store, self._progress = study, Inputs(study), store, progress
+        if forward is None:
+            from sim import Simulator  # here: it loads and starts taichi
+
+            forward = Simulator(study.points_per_side, rise=study.rise, hold=study.hold)
+        self._tensions = WithTensions(forward) if needs_tension(study.outputs) else None
+        model = replace(study.model or Model(), parameters={}, effects=())  # a case brings all of it
+        self._forward = forward_model(self._tensions or forward, model)
+        self.outputs = Outputs(study.outputs, study.design.fabric, self._at_rest(), target, study.at)
+
+    def run(self) -> SensitivityResult:
+        study, computed = self.study, {}
+        parts = {}
+        if "morris" in study.methods:
+            parts["morris"] = trajectories(len(self.inputs.names), study.trajectories, study.seed)
+        if "sobol" in study.methods:
+            groups = [*self.inputs.groups.values()]
+            parts["sobol"] = saltelli_rows(len(self.inputs.names), groups, study.samples, study.seed)
+        checked = self._checked(parts)
+        total = sum(cube.shape[0] * cube.shape[1] for cube in parts.values()) + 3 * len(checked)
+        self._total, self._done, self._begun, self._fresh = total, 0, time.monotonic(), 0
+        in_time = True
+        for part, cube in parts.items():
+            values = self.inputs.values(cube.reshape(-1, cube.shape[-1]), screened=part == "morris")
+            found = self._all(part, values, self._outputs_of, cases=1) if in_time else self._store.samples(part)
+            in_time = in_time and len(found) >= len(values)
+            shape = cube.shape[:2]
+            computed[part] = Computed(
+                cube, values.reshape(cube.shape), _filled(found, shape, len(self.outputs.columns))
+            )
+        snapping = f"snapping of {[*parts][-1]}"
+        moves = self._all(snapping, checked, self._moves_of, cases=3) if in_time else self._store.samples(snapping)
+        wall, cpu = self._store.spent
+        return SensitivityResult(
+            study=study,
+            inputs=self.inputs,
+            columns=self.outputs.columns,
+            computed=computed,
+            moves=np.array([moves[k] for k in sorted(moves)]).reshape(-1, 2),
+            complete=in_time and len(moves) >= len(checked),
+            wall_s=wall,
+            cpu_s=cpu,
+        )
+
+    def _checked(self, parts: dict[str, Array]) -> Array:
+        """(n, inputs) values of the samples of which it is looked whether they snap: those that begin the rows."""
+        if not self.study.design.channels:
+            return np.empty((0, len(self.inputs.names)))
+        part, cube = [*parts.items()][-1]
+        count = min(max(CHECKED[0], len(cube) // _SHARE), CHECKED[1], len(cube))
+        return self.inputs.values(cube[:count, 0], screened=part == "morris")
+
+    def _all(
+        self, part: str, values: Array, compute: Callable[[Array], list[Array]], *, cases: int
+    ) -> dict[int, Array]:
+        """What the store has of a part, with what is missing computed, as long as there is time."""
+        found = self._store.samples(part)
+        missing = [k for k in range(len(values)) if k not in found]
+        self._done += cases * (len(values) - len(missing))
+        self._say(part)
+        at_once = max(1, BATCH // cases)
+        for begin in range(0, len(missing), at_once):
+            if self.study.seconds is not None and self._store.spent[0] >= self.study.seconds:
+                break
+            numbers = missing[begin : begin + at_once]
+            wall, cpu = time.monotonic(), time.process_time()
+            new = compute(values[numbers])
+            self._store.add(part, numbers, new, wall=time.monotonic() - wall, cpu=time.process_time() - cpu)
+            found |= dict(zip(numbers, new, strict=True))
+            self._done += cases * len(numbers)
+            self._fresh += cases * len(numbers)
+            self._say(part)
+        return {k: v for k, v in found.items() if k < len(values)}
+
+    def _say(self, part: str) -> None:
+        pace = (time.monotonic() - self._begun) / self._fresh if self._fresh else None
+        left = None if pace is None else pace * (self._total - self._done)
+        self._progress(Progress(part, self._done, self._total, left))
+
+    def _outputs_of(self, values: Array) -> list[Array]:
+        frames = self._shapes([self.inputs.case(row) for row in values])
+        tensions = self._tensions.last if self._tensions else [None] * len(values)
+        return [self.outputs.of(f, t) for f, t in zip(frames, tensions, strict=True)]
+
+    def _moves_of(self, values: Array) -> list[Array]:
+        ways = (None, *spreads(self.study.design))
+        shapes = self._shapes([self.inputs.case(row, spread) for row in values for spread in ways])
+        last = [np.asarray(shape[-1], float) for shape in shapes]
+        return [moved(*last[3 * k : 3 * k + 3]) for k in range(len(values))]
+
+    def _shapes(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
+        """(T, 3362, 3) m of each case at the study's times, or at rest."""
+        if not self.study.at:
+            return [shape[None] for shape in self._forward.equilibria(cases)]
+        return self._forward.motions(cases, [np.array(self.study.at)] * len(cases))
+
+    def _at_rest(self) -> Array:
+        """(3362, 3) m without pressure, in the middle of all ranges."""
+        case = self.inputs.case(self.inputs.centre, np.zeros(self.study.design.channels))
+        shape = self._forward.equilibria([case])[0]
+        if not np.isfinite(shape).all():
+            raise SimulationError(f"{self.study.name}: no shape at rest without pressure was found")
+        return np.asarray(shape, float)
+
+
+def duration(seconds: float) -> str:
+    """For people."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def _filled(found: dict[int, Array], shape: tuple[int, ...], columns: int) -> Array:
+    """(whole rows, samples a row, columns): the rows before the first of which a sample is not there."""
+    rows, each = shape
+    whole = next((k for k in range(rows * each) if k not in found), rows * each) // each
+    return np.array([found[k] for k in range(whole * each)]).reshape(whole, each, columns)
+
+
+def _store(work: WorkFolder, content: dict[str, str]) -> Store:
+    names = [FILE + suffix for suffix in ("", "-wal", "-shm")]
+    work.claim(*names)
+    try:
+        return Store(work.folder / FILE, content)
+    except OtherStudy:
+        if not work.anew:
+            raise
+        work.clear()
+        work.claim(*names)
+        return Store(work.folder / FILE, content)
+
+
+def _content(study: SensitivityStudy, target: Array | None) -> dict[str, str]:
+    """What the samples depend on, by field."""
+    content: dict[str, object] = {"simulator": SIMULATOR}
+    for field in fields(study):
+        if field.name not in (*_RAISED, "target"):
+            content |= flat(getattr(study, field.name), field.name)
+    if target is not None:
+        content["target.points"] = hashlib.sha256(target.tobytes()).hexdigest()
+    return {name: shortened(str(value)) for name, value in content.items()}

@@ -1,0 +1,1 @@
+"""What a model lacks: which declared effect takes the residual that its parameters leave (docs/trace.md)."""

@@ -1,0 +1,73 @@
+"""Surface errors of judged frames, before and after: of the trials fitted, and once of those of role test."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fabdesign.forward import ForwardModel
+from fabdesign.metrics import Errors, statistics, trial_errors
+from fabdesign.sensor_noise import SensorNoise
+from fabdesign.trial import Trial
+from studies.calibration.clouds import Indices, evenly
+from studies.judged import Stretch, judged
+from studies.tracing.vector import Array, Vector
+
+FRAMES = 20  # of a trial
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A vector and where in it the model is."""
+
+    vector: Vector
+    x: Array
+
+
+@dataclass(frozen=True)
+class TrialError:
+    """m, of one trial's judged frames."""
+
+    trial: str
+    role: str
+    before: Errors
+    after: Errors
+
+
+def judged_errors(
+    trials: Sequence[Trial],
+    stretches: Sequence[Stretch],
+    forward: ForwardModel,
+    before: Place,
+    after: Place,
+    noise: SensorNoise,
+    *,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[TrialError]:
+    """Of every trial that has a judged frame."""
+    times: list[Indices] = []
+    chosen: list[Trial] = []
+    for trial in trials:
+        usable = np.flatnonzero(judged(stretches, trial.name, trial.times))
+        if len(usable):
+            chosen.append(trial)
+            times.append(usable[evenly(len(usable), FRAMES)])
+    whens = [t.times[frames] for t, frames in zip(chosen, times, strict=True)]
+    motions = forward.motions(
+        [place.vector.case(t, place.x) for place in (before, after) for t in chosen], [*whens, *whens]
+    )
+    found = []
+    for k, (trial, frames) in enumerate(zip(chosen, times, strict=True)):
+        all_frames = trial.load().frames
+        clouds = [all_frames[int(f)] for f in frames]
+        pair = [trial_errors(clouds, m, noise, seed=trial.order) for m in (motions[k], motions[len(chosen) + k])]
+        found.append(TrialError(trial.name, trial.role, pair[0], pair[1]))
+        progress(k + 1, len(chosen))
+    return found
+
+
+def mean_of(errors: Sequence[TrialError], role: str, which: str, error: str = "surface_rms") -> float | None:
+    """m, mean over trials of a role; None where there is none."""
+    own = [getattr(e, which) for e in errors if e.role == role]
+    own = [e for e in own if np.isfinite(e.surface_rms)]
+    return statistics(own)[error].mean if own else None

@@ -1,0 +1,114 @@
+"""What to measure next: the pressure program under which the explanations that remain differ most."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.design import Design
+from fabdesign.forward import Case, ForwardModel
+from fabdesign.pressure import PressureProgram, limits
+from studies.tracing.vector import FACTORS, Array, Vector
+
+SECONDS = 3.0  # of a program
+HIGHEST = 300e3  # Pa, where the muscles allow it
+LEAST = 0.3e-3  # m RMS, under which no program tells explanations apart in one trial
+_FRAMES = 16
+_STEP = 0.5  # prior standard deviations, of the differences by the declared parameters
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """A fitted model that the data leave possible."""
+
+    name: str
+    vector: Vector
+    x: Array
+
+
+def programs(design: Design, *, highest: float = HIGHEST, seconds: float = SECONDS) -> dict[str, PressureProgram]:
+    """Steps, staircases and ramps within the muscles' limits: every channel alone in turn, one face, the other, all."""
+    most = np.minimum(limits(design), highest)
+    on = {(m.channel, m.side) for m in design.muscles}
+    faces = {s: np.array([(c, s) in on for c in range(design.channels)]) for s in ("front", "back")}
+    groups = {f"the {side}": where for side, where in faces.items() if where.any()}
+    found: dict[str, PressureProgram] = {}
+    for said, where in groups.items():
+        p = np.where(where, most, 0.0)
+        found[f"step of {said}, held"] = _rows([0.0], [p], seconds)
+        found[f"step of {said} on and off"] = _rows([0.0, seconds / 2], [p, 0 * p], seconds)
+        stairs = np.array([1, 2, 3, 2, 1, 0]) / 3
+        found[f"staircase of {said}, up and down"] = _rows(np.arange(6) * seconds / 6, stairs[:, None] * p, seconds)
+        times = np.arange(60) * seconds / 60
+        found[f"slow ramp of {said}, up and down"] = _rows(
+            times, (1 - np.abs(times / seconds * 2 - 1))[:, None] * p, seconds
+        )
+    alone = np.diag(most)
+    found["each channel alone in turn"] = _rows(np.arange(len(most)) * seconds / len(most), alone, seconds)
+    both = np.tril(np.ones((len(most), len(most)))) * most * 0.7
+    found["one channel more at a time"] = _rows(np.arange(len(most)) * seconds / len(most), both, seconds)
+    return found
+
+
+def _rows(times: Any, pressures: Any, seconds: float) -> PressureProgram:
+    return PressureProgram(np.asarray(times, dtype=float), np.atleast_2d(np.asarray(pressures, dtype=float)), seconds)
+
+
+def next_experiment(
+    design: Design, forward: ForwardModel, explanations: Sequence[Explanation], noise: float
+) -> Mapping[str, Any] | None:
+    """The program and how well it separates the explanations: expected_gain is the least RMS distance [mm] between
+    two of them that the declared parameters could not take. None for fewer than two, and where no program does.
+
+    noise: m, a frame's; not more than what it hides is claimed. Raises nothing: motions that diverge do not count.
+    """
+    if len(explanations) < 2:
+        return None
+    tried = programs(design)
+    times = np.linspace(SECONDS / _FRAMES, SECONDS, _FRAMES)
+    first = explanations[0]
+    cases: list[Case] = []
+    for program in tried.values():
+        cases += [Case(design, program, e.vector.factors(e.x), e.vector.terms(e.x)) for e in explanations]
+        for k in range(FACTORS):
+            x = first.x + _STEP * np.eye(len(first.x))[k]
+            cases.append(Case(design, program, first.vector.factors(x), first.vector.terms(x)))
+    motions = forward.motions(cases, [times] * len(cases))
+    own = len(explanations) + FACTORS
+    best, gain = "", 0.0
+    for k, name in enumerate(tried):
+        separated = _separated(motions[k * own : (k + 1) * own], len(explanations))
+        if separated > gain:
+            best, gain = name, separated
+    if gain < max(LEAST, 0.3 * noise):
+        return None
+    program = tried[best]
+    return {
+        "program": {
+            "what": best,
+            "design": design.name,
+            "duration_s": program.duration,
+            "time_s": program.time.tolist(),
+            "pressure_kpa": (program.pressure / 1e3).round(3).tolist(),
+        },
+        "separates": [e.name for e in explanations],
+        "expected_gain": 1e3 * gain,
+    }
+
+
+def _separated(motions: Sequence[NDArray[Any]], count: int) -> float:
+    """m RMS, the least between two explanations, less what the declared parameters can take within their prior."""
+    flat = [np.asarray(m[:, ::8], dtype=float).ravel() for m in motions]
+    if not all(np.isfinite(f).all() for f in flat):
+        return 0.0
+    slopes = np.stack([(f - flat[0]) / _STEP for f in flat[count:]], axis=1)
+    ridge = slopes.T @ slopes + 1e-3**2 * len(flat[0]) / 3 * np.eye(slopes.shape[1]) / 4
+    least = np.inf
+    for i in range(count):
+        for j in range(i):
+            apart = flat[i] - flat[j]
+            left = apart - slopes @ np.linalg.solve(ridge, slopes.T @ apart)
+            least = min(least, float(np.sqrt(3 * np.mean(left**2))))
+    return least

@@ -1,0 +1,175 @@
+"""The page that says what a trace found: self-contained, for any browser, without a network."""
+
+import json
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment
+from markupsafe import Markup
+from plotly.offline import get_plotlyjs
+
+from fabdesign.effects import EFFECTS
+from fabdesign.forward import ForwardModel
+from fabdesign.model import Model
+from fabdesign.motion_file import square_triangles
+from studies.judged import WHY
+from studies.tracing.outcome import Outcome
+from studies.tracing.residual import remains
+from studies.tracing.words import experiment_in_words, verdict_in_words
+from studies.view.items import Item
+from studies.view.page import render_page
+
+_FRAMES = 45  # of the motion shown
+_BLUE, _RED, _GREY = "#2f6db3", "#c23b3b", "#9aa5b1"
+_LAYOUT = {"margin": {"l": 60, "r": 20, "t": 30, "b": 45}, "font": {"family": "system-ui, sans-serif", "size": 13},
+           "paper_bgcolor": "#fff", "plot_bgcolor": "#fff"}  # fmt: skip
+
+
+def render_report(outcome: Outcome, forward: ForwardModel) -> str:
+    """HTML. forward: with effects known before, for the motion of the trial that was worst before."""
+    before = remains(outcome.search.bench, outcome.search.before, outcome.search.folds)
+    figures = {
+        "bars": _bars(outcome),
+        "candidates": _candidates(outcome),
+        "cloth-before": _cloth(outcome, before.cells, "before"),
+        "cloth-after": _cloth(outcome, outcome.remains.cells, "after"),
+        "time": _over_time(outcome, before.over_time),
+    }
+    if outcome.next_experiment is not None:
+        figures["program"] = _program(outcome)
+    template = Environment(autoescape=True).from_string(
+        files("studies.tracing").joinpath("report.html.j2").read_text(encoding="utf-8")
+    )
+    result = outcome.as_json()
+    return template.render(
+        outcome=outcome,
+        result=result,
+        verdict=verdict_in_words(outcome),
+        experiment=experiment_in_words(outcome),
+        why=WHY,
+        shown=_worst(outcome),
+        has_tests=any(e.role == "test" for e in outcome.errors),
+        motion=_motion(outcome, forward),
+        parameters=_parameter_rows(outcome.model),
+        signature={name: EFFECTS[name].signature for name in EFFECTS},
+        figures=Markup(json.dumps(figures, separators=(",", ":")).replace("</", "<\\/")),
+        plotly=Markup(get_plotlyjs()),
+    )
+
+
+def _bars(outcome: Outcome) -> dict[str, Any]:
+    error = outcome.as_json()["error"]
+    rows = [("noise floor", error["noise_floor"], _GREY), ("black box", error["ceiling"], _GREY),
+            ("after", error["after"]["held_out"], _BLUE), ("before", error["before"]["held_out"], _RED)]  # fmt: skip
+    bar = {
+        "type": "bar", "orientation": "h", "y": [r[0] for r in rows], "x": [r[1] for r in rows],
+        "marker": {"color": [r[2] for r in rows]}, "text": [f"{r[1]:.2f} mm" for r in rows], "textposition": "auto",
+    }  # fmt: skip
+    axis = {"title": "surface RMS of trials held out, mm", "rangemode": "tozero"}
+    return _figure([bar], xaxis=axis, margin={"l": 90, "r": 20, "t": 10, "b": 45})
+
+
+def _figure(data: list[dict[str, Any]], **layout: Any) -> dict[str, Any]:
+    return {"data": data, "layout": {**_LAYOUT, **layout}}
+
+
+def _candidates(outcome: Outcome) -> dict[str, Any]:
+    rows = [row for row in reversed(outcome.candidates()) if row["name"] != "none"]
+    gains = [1e3 * row["gain"] for row in rows]
+    marks = {
+        "type": "scatter", "mode": "markers", "y": [row["name"] for row in rows], "x": gains,
+        "marker": {"size": 9, "color": [_BLUE if row["certain"] else _GREY for row in rows]},
+        "error_x": {"type": "data", "symmetric": False, "thickness": 1.5,
+                    "array": [1e3 * max(row["interval90"][1] - row["gain"], 0) for row in rows],
+                    "arrayminus": [1e3 * max(row["gain"] - row["interval90"][0], 0) for row in rows]},
+    }  # fmt: skip
+    ranking = outcome.search.rounds[0].ranking
+    chance = 1e3 * max(ranking.chance, ranking.decoy)
+    line = {
+        "type": "line",
+        "x0": chance,
+        "x1": chance,
+        "y0": 0,
+        "y1": 1,
+        "yref": "paper",
+        "line": {"dash": "dot", "color": _RED},
+    }
+    axis = {"title": "gain of held-out excess, mm (90 %); dotted: chance and decoys"}
+    return _figure([marks], shapes=[line], margin={"l": 130, "r": 20, "t": 10, "b": 45}, xaxis=axis)
+
+
+def _cloth(outcome: Outcome, cells: np.ndarray, title: str) -> dict[str, Any]:
+    fabric = outcome.search.bench.samples[0].trial.design.fabric
+    n = len(cells)
+    centres = (np.arange(n) + 0.5) / n
+    heat = {
+        "type": "heatmap", "z": [[None if np.isnan(v) else 1e3 * v for v in row] for row in cells.tolist()],
+        "x": (1e3 * fabric.width * centres).tolist(), "y": (1e3 * fabric.height * centres).tolist(),
+        "colorscale": "Viridis", "zmin": 0, "colorbar": {"title": "mm"},
+    }  # fmt: skip
+    down = {"title": "v, mm", "autorange": "reversed", "scaleanchor": "x"}
+    return _figure([heat], title=title, xaxis={"title": "u, mm", "constrain": "domain"}, yaxis=down)
+
+
+def _over_time(outcome: Outcome, before: dict[str, Any]) -> dict[str, Any]:
+    lines = []
+    for which, table, colour in (("before", before, _RED), ("after", outcome.remains.over_time, _BLUE)):
+        for k, (name, (times, rms)) in enumerate(table.items()):
+            lines.append({
+                "type": "scatter", "mode": "lines", "x": times.tolist(), "y": (1e3 * rms).tolist(), "name": which,
+                "legendgroup": which, "showlegend": k == 0, "line": {"color": colour, "width": 1},
+                "hovertemplate": f"{name} {which}: %{{y:.2f}} mm at %{{x:.2f}} s<extra></extra>",
+            })  # fmt: skip
+    return _figure(lines, xaxis={"title": "s"}, yaxis={"title": "RMS, mm", "rangemode": "tozero"})
+
+
+def _program(outcome: Outcome) -> dict[str, Any]:
+    assert outcome.next_experiment is not None
+    program = outcome.next_experiment["program"]
+    times = [*program["time_s"], program["duration_s"]]
+    rows = [*program["pressure_kpa"], program["pressure_kpa"][-1]]
+    lines = [
+        {
+            "type": "scatter",
+            "mode": "lines",
+            "line": {"shape": "hv"},
+            "name": f"channel {c}",
+            "x": times,
+            "y": [row[c] for row in rows],
+        }
+        for c in range(len(rows[0]))
+    ]
+    return _figure(lines, xaxis={"title": "s"}, yaxis={"title": "kPa"})
+
+
+def _worst(outcome: Outcome) -> str:
+    """The trial of role fit whose error was largest before."""
+    own = [e for e in outcome.errors if e.role == "fit" and np.isfinite(e.before.surface_rms)]
+    return max(own, key=lambda e: e.before.surface_rms).trial
+
+
+def _motion(outcome: Outcome, forward: ForwardModel) -> str:
+    name = _worst(outcome)
+    search = outcome.search
+    trial = next(s.trial for s in search.bench.samples if s.trial.name == name)
+    frames = np.unique(np.linspace(0, len(trial.times) - 1, min(_FRAMES, len(trial.times))).round().astype(int))
+    times, clouds = trial.times[frames], trial.load().frames
+    after = search.after if outcome.verdict == "effect" else search.before
+    motions = forward.motions([s.vector.case(trial, s.x) for s in (search.before, after)], [times, times])
+    items = [Item(f"measured, {name}", times, [clouds[int(k)] for k in frames])]
+    for title, motion in zip(("before", "after"), motions, strict=True):
+        if np.isfinite(motion).all():
+            items.append(Item(title, times, motion, square_triangles(motion.shape[1])))
+    return render_page(f"{outcome.name}/{name}", items)
+
+
+def _parameter_rows(model: Model) -> list[tuple[str, str, str]]:
+    """Name, before, after."""
+
+    def cell(parameter: Any) -> str:
+        low, high = parameter.interval90 or (np.nan, np.nan)
+        return f"{parameter.factor:.3f} ({low:.2f} to {high:.2f})"
+
+    plain = model.without_effects or model.parameters
+    return [(name, cell(plain[name]), cell(model.parameters[name])) for name in model.parameters]

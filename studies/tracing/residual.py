@@ -1,0 +1,121 @@
+"""What is left of a residual: where on the cloth, when, and what it follows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from studies.calibration.clouds import Indices
+from studies.tracing.black_box import RIDGES, Frames, frames_at
+from studies.tracing.fit import Bench, State
+from studies.tracing.vector import Array
+
+CELLS = 10  # of the map of the cloth, a side
+_SIDE = 41
+_FOLLOWED = 0.05  # share of its mean square that a feature must take of held-out trials to be named
+
+
+@dataclass(frozen=True, eq=False)
+class Remains:
+    """cells: (CELLS, CELLS) m RMS over the cloth, by rising v, then u; NaN where no point is. over_time: s and m RMS of
+    frames, by trial. where: (u, v) m of the largest; when: s of the worst half second. follows: what it goes with,
+    None where with nothing."""
+
+    cells: Array
+    over_time: dict[str, tuple[Array, Array]]
+    where: tuple[float, float]
+    when: float
+    follows: str | None
+    shares: dict[str, float]
+
+
+def remains(bench: Bench, state: State, folds: Sequence[int]) -> Remains:
+    """Of the residual of a state."""
+    side = state.found.vertex % _SIDE**2
+    u = np.einsum("nc,nc->n", state.found.weights, (side % _SIDE) / (_SIDE - 1))
+    v = np.einsum("nc,nc->n", state.found.weights, (side // _SIDE) / (_SIDE - 1))
+    kept, squared = state.kept, np.square(state.residual)
+    cell = np.minimum((v * CELLS).astype(int), CELLS - 1) * CELLS + np.minimum((u * CELLS).astype(int), CELLS - 1)
+    counts = np.bincount(cell[kept], minlength=CELLS**2)
+    sums = np.bincount(cell[kept], squared[kept], minlength=CELLS**2)
+    cells = np.sqrt(np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)).reshape(CELLS, CELLS)
+    worst = int(np.nanargmax(cells))
+    fabric = bench.samples[0].trial.design.fabric
+    where = ((worst % CELLS + 0.5) / CELLS * fabric.width, (worst // CELLS + 0.5) / CELLS * fabric.height)
+    over_time: dict[str, tuple[Array, Array]] = {}
+    all_times, all_squares = [], []
+    for s, sample in enumerate(bench.samples):
+        own = kept & (state.found.sample == s)
+        frame = state.found.frame[own]
+        count = np.maximum(np.bincount(frame, minlength=len(sample.times)), 1)
+        squares = np.bincount(frame, squared[own], minlength=len(sample.times)) / count
+        over_time[sample.trial.name] = (sample.times, np.sqrt(squares))
+        all_times.append(sample.times)
+        all_squares.append(squares)
+    times, squares = np.concatenate(all_times), np.concatenate(all_squares)
+    blocks = (times / 0.5).astype(int)
+    means = np.bincount(blocks, squares) / np.maximum(np.bincount(blocks), 1)
+    shares = _follows(bench, state, folds)
+    best = max(shares, key=lambda name: shares[name])
+    return Remains(
+        cells, over_time, where, float(0.5 * means.argmax() + 0.25), best if shares[best] > _FOLLOWED else None, shares
+    )
+
+
+def _follows(bench: Bench, state: State, folds: Sequence[int]) -> dict[str, float]:
+    """Share of the residual's shapes, of trials left out, that each kind of feature predicts, linearly."""
+    frames = frames_at(bench, state)
+    fold = np.asarray(folds)[frames.trial]
+    kinds = _kinds(bench, state, frames)
+    total = float(np.square(frames.shapes).sum())
+    place = _left(np.zeros((len(fold), 0)), frames, fold)
+    shares = {"place": 1 - place / total}
+    for name, table in kinds.items():
+        shares[name] = 1 - _left(table, frames, fold) / total - max(shares["place"], 0.0)
+    return shares
+
+
+def _kinds(bench: Bench, state: State, frames: Frames) -> dict[str, Array]:
+    channels = max(s.trial.program.pressure.shape[1] for s in bench.samples)
+    parts: dict[str, list[Array]] = {name: [] for name in ("pressure", "rate", "history", "time", "order", "pose")}
+    for sample, motion in zip(bench.samples, state.motions, strict=True):
+        program, times = sample.trial.program, sample.times
+        told = np.pad(program.at(times) / 1e5, ((0, 0), (0, channels - program.pressure.shape[1])))
+        grid = np.arange(0.0, times[-1] + 0.01, 0.01)
+        path = np.pad(program.at(grid) / 1e5, ((0, 0), (0, channels - program.pressure.shape[1])))
+        slow, fast = (_lag(path, tau)[np.clip(np.searchsorted(grid, times), 0, len(grid) - 1)] for tau in (1.0, 0.15))
+        middle = 0.5 * (motion[:, : motion.shape[1] // 2 : 40] + motion[:, motion.shape[1] // 2 :: 40])
+        parts["pressure"].append(told)
+        parts["rate"].append(fast - told)
+        parts["history"].append(slow - told)
+        parts["time"].append(np.stack([times, np.sqrt(times)], axis=1))
+        parts["order"].append(np.full((len(times), 1), float(sample.trial.order)))
+        parts["pose"].append(np.nan_to_num(np.asarray(middle, dtype=float).reshape(len(times), -1)))
+    joined = {name: np.concatenate(own) for name, own in parts.items()}
+    pose = joined["pose"] - joined["pose"].mean(axis=0)
+    u, s, _ = np.linalg.svd(pose, full_matrices=False)
+    joined["pose"] = (u * s)[:, :4]
+    return joined
+
+
+def _lag(path: Array, tau: float) -> Array:
+    slow, keep = np.zeros_like(path), np.exp(-0.01 / tau)
+    for k in range(1, len(path)):
+        slow[k] = keep * slow[k - 1] + (1 - keep) * path[k - 1]
+    return slow
+
+
+def _left(table: Array, frames: Frames, fold: Indices) -> float:
+    """m^2: squares of the shapes left of held-out folds, by ridge regression with a constant, at its best ridge."""
+    spread = table.std(axis=0)
+    table = (table - table.mean(axis=0))[:, spread > 1e-9] / spread[spread > 1e-9]
+    table = np.column_stack([np.ones(len(fold)), table])
+    best = np.inf
+    for ridge in RIDGES:
+        left = 0.0
+        for out in np.unique(fold):
+            a, b = table[fold != out], frames.shapes[fold != out]
+            found = np.linalg.solve(a.T @ a + len(a) * ridge * 0.1 * np.eye(a.shape[1]), a.T @ b)
+            left += float(np.square(frames.shapes[fold == out] - table[fold == out] @ found).sum())
+        best = min(best, left)
+    return best

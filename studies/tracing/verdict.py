@@ -1,0 +1,46 @@
+"""What a trace says: adequate, an effect, or unexplained."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+Word = Literal["adequate", "effect", "unexplained"]
+LEAST = 0.6  # of the gap, that effects must close to be its cause
+STRUCTURE = 0.25  # of an excess, that the black box must take to count as structure
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """m of excess held out: of the refitted model, with all effects that were certain, and of the black box on what
+    either leaves; whether the black box gains for certain."""
+
+    before: float
+    after: float
+    effects: int  # that were certain, and were added
+    box_before: float
+    box_after: float
+    box_certain: bool
+
+
+def decide(evidence: Evidence, tolerance: float) -> Word:
+    """The verdict, by docs/files.md. tolerance: m."""
+    if evidence.before <= tolerance:
+        return "adequate"
+    if evidence.effects == 0:
+        structure = evidence.box_certain and evidence.box_before <= (1 - STRUCTURE) * evidence.before
+        return "unexplained" if structure else "adequate"
+    if evidence.after <= tolerance:
+        return "effect"
+    closed = 1 - evidence.after / evidence.before
+    return "effect" if closed >= LEAST or closed >= 1.2 * box_closed(evidence) else "unexplained"
+
+
+def box_closed(evidence: Evidence) -> float:
+    """Share of the excess that the black box alone closes."""
+    return max(1 - evidence.box_before / evidence.before, 0.0)
+
+
+def explains(evidence: Evidence) -> float | None:
+    """Share of the gap to the floor that the effects close; None where the black box finds no gap to close."""
+    if evidence.before <= 0 or evidence.box_before >= evidence.before:
+        return None
+    return 1 - evidence.after / evidence.before

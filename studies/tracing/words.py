@@ -1,0 +1,76 @@
+"""A trace in words."""
+
+from fabdesign.model import EffectTerm, Quantity
+from studies.tracing.outcome import Outcome
+
+
+def verdict_in_words(outcome: Outcome) -> str:
+    """The answer in a sentence."""
+    evidence, left = outcome.evidence, 1e3 * outcome.evidence.after
+    before = f"{1e3 * evidence.before:.2f} mm"
+    if outcome.verdict == "adequate":
+        if evidence.before <= outcome.tolerance:
+            return (
+                f"The model with its declared parameters refitted is adequate: on trials held out it leaves {before} "
+                f"over the noise, within {1e3 * outcome.tolerance:g} mm."
+            )
+        return (
+            f"The model is adequate as far as these data say: it leaves {before} over the noise, but neither a "
+            "candidate nor a black box takes of that what chance would not."
+        )
+    if outcome.verdict == "unexplained":
+        return (
+            f"Something is missing that none of the known effects explains: {before} over the noise are left on trials "
+            f"held out, of which a black box takes all but {1e3 * evidence.box_before:.2f} mm."
+        )
+    named = " and ".join(effect_in_words(effect) for effect in outcome.effects)
+    sentence = (
+        f"Missing was {named}: over the noise, trials held out are {before} off without and {left:.2f} mm with it."
+    )
+    if outcome.indistinguishable:
+        sentence += f" These data cannot tell it from {', '.join(outcome.indistinguishable)}."
+    return sentence
+
+
+def effect_in_words(effect: EffectTerm) -> str:
+    values = ", ".join(f"{name.replace('_', ' ')} {_value(q)}" for name, q in effect.parameters.items())
+    return f"{effect.name.replace('_', ' ')} ({values})"
+
+
+def _value(quantity: Quantity) -> str:
+    unit = "" if quantity.unit == "1" else f" {quantity.unit}"
+    if quantity.interval90 is None:
+        return f"{quantity.value:.3g}{unit}"
+    return f"{quantity.value:.3g}{unit}, 90 % {quantity.interval90[0]:.3g} to {quantity.interval90[1]:.3g}"
+
+
+def experiment_in_words(outcome: Outcome) -> str | None:
+    found = outcome.next_experiment
+    if found is None:
+        return None
+    return (
+        f"{found['program']['what']} ({found['program']['duration_s']:g} s): there {' and '.join(found['separates'])} "
+        f"are {found['expected_gain']:.1f} mm RMS apart, beyond what the declared parameters could take."
+    )
+
+
+def as_text(outcome: Outcome) -> str:
+    """For the terminal."""
+    result = outcome.as_json()
+    error = result["error"]
+    lines = [f"{outcome.verdict}: {verdict_in_words(outcome)}"]
+    lines.append(
+        f"surface RMS of trials held out {error['before']['held_out']:.2f} -> {error['after']['held_out']:.2f} mm, "
+        f"noise floor {error['noise_floor']:.2f}, black box {error['ceiling']:.2f}"
+    )
+    for row in result["candidates"]:
+        low, high = row["interval90"]
+        if row["name"] != "none":
+            lines.append(
+                f"  {row['name']:<18} gains {row['gain']:6.2f} mm (90 % {low:.2f} to {high:.2f}), {row['fitted']}"
+            )
+    lines.append(f"unjudged: {outcome.share_unjudged:.0%} of the frames")
+    lines += outcome.said
+    if (experiment := experiment_in_words(outcome)) is not None:
+        lines.append(f"next: {experiment}")
+    return "\n".join(lines)

@@ -1,0 +1,124 @@
+"""From measured sets to what a network learns from: trials chosen, motions simulated once, kept in the work folder."""
+
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from corrector.cloth import Cloth
+from corrector.response import weight_over_stiffness
+from fabdesign.corrector import with_history
+from fabdesign.effort import batches
+from fabdesign.errors import InputError, SimulationError
+from fabdesign.forward import Case, ForwardModel
+from fabdesign.model import Model
+from fabdesign.npz_file import open_npz
+from fabdesign.output import WorkFolder, whole_file
+from fabdesign.splits import split
+from fabdesign.trial import MeasurementSet, Trial
+
+_AT_ONCE = 32  # motions in memory
+FRAMES = 15  # of a trial that are learned from, spread over it: neighbours say the same
+
+Progress = Callable[[str, int, int], None]  # what is done, how many of how many
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """A trial that takes part."""
+
+    name: str  # SET/TRIAL
+    key: str  # of its files in the work folder
+    trial: Trial
+    case: Case  # with the base model's factors and effects
+
+
+def choose(
+    sets: Sequence[MeasurementSet],
+    base: Model,
+    *,
+    hold_out: Collection[str] = (),
+    kept_back: float,
+    seed: int,
+) -> tuple[list[Chosen], list[Chosen]]:
+    """Trials to learn from and trials held out, of role `fit`: all of the designs `hold_out`, and about the share
+    `kept_back` of the others, whole trials, those with the same pressures on one side.
+
+    Raises InputError for a design that no set has, and where nothing or too little is left.
+    """
+    known = sorted({trial.design_name for found in sets for trial in found.trials})
+    for name in hold_out:
+        if name not in known:
+            raise InputError(f"--hold-out {name}: no such design; the sets have {', '.join(known)}")
+    learned: list[Chosen] = []
+    held: list[Chosen] = []
+    for k, found in enumerate(sets):
+        fit = [trial for trial in found.trials if trial.role == "fit"]
+        rest = [trial for trial in fit if trial.design_name not in hold_out]
+        sides = (rest, [t for t in fit if t.design_name in hold_out])
+        if rest and kept_back > 0:
+            parts = split(rest, kept_back, seed=seed)
+            sides = (list(parts.fit), [*parts.held_out, *sides[1]])
+        for side, trials in zip((learned, held), sides, strict=True):
+            side += [Chosen(f"{found.name}/{t.name}", f"{k:02}-{t.name}", t, case_of(t, base)) for t in trials]
+    if not learned:
+        raise InputError("no trial of role fit is left to learn from; expected at least two")
+    return learned, held
+
+
+def case_of(trial: Trial, base: Model) -> Case:
+    """The trial's motion as the base model has it."""
+    return Case(trial.design, trial.program, base.factors, base.terms, trial.order)
+
+
+def one_cloth(trials: Sequence[Chosen]) -> Cloth:
+    """What the cloths of all trials have in common. Raises InputError where they differ in it."""
+    first = trials[0].trial.design
+    for design in (chosen.trial.design for chosen in trials):
+        for what in ("width", "height", "hung", "support", "gravity", "areal_density", "bending_stiffness"):
+            values = getattr(first.fabric, what), getattr(design.fabric, what)
+            if values[0] != values[1]:
+                raise InputError(
+                    f"{design.name}: {what} = {values[1]}, {first.name} has {values[0]}; expected one cloth, hung alike"
+                )
+    return Cloth(first.fabric, weight_over_stiffness(trials[0].case))
+
+
+def frames_learned(trial: Trial) -> NDArray[np.intp]:
+    """Indices of the frames that are learned from."""
+    return np.unique(np.linspace(len(trial.times) - 1, 0, min(FRAMES, len(trial.times))).round().astype(np.intp))
+
+
+def simulated(
+    trials: Sequence[Chosen],
+    times_of: Callable[[Trial], NDArray[np.float64]],
+    history: tuple[float, ...],
+    forward: ForwardModel,
+    work: WorkFolder,
+    *,
+    progress: Progress,
+) -> list[NDArray[np.float32]]:
+    """(U, 2 n, 3) m each trial's motion at `with_history(times, history)`; those that the work folder has are read.
+
+    Raises SimulationError where a motion diverges.
+    """
+    names = {c.key: f"motions/{c.key}-{len(times_of(c.trial))}-{len(history)}.npz" for c in trials}
+    missing = [chosen for chosen in trials if not (work.folder / names[chosen.key]).is_file()]
+    work.claim(*names.values())
+    done = len(trials) - len(missing)
+    for part in batches([2 * len(times_of(chosen.trial)) for chosen in missing], _AT_ONCE):
+        batch = missing[part]
+        wanted = [with_history(times_of(chosen.trial), history)[0] for chosen in batch]
+        for chosen, motion in zip(batch, forward.motions([c.case for c in batch], wanted), strict=True):
+            if not np.isfinite(motion).all():
+                raise SimulationError(f"{chosen.name}: the motion diverged; nothing written")
+            with whole_file(work.folder / names[chosen.key]) as file, file.open("wb") as stream:
+                np.savez(stream, points=motion)
+        done += len(batch)
+        progress("simulated", done, len(trials))
+    result = []
+    for name in names.values():
+        with open_npz(work.folder / name, "a motion's points") as arrays:
+            result.append(arrays.get("points"))
+    return result

@@ -1,0 +1,38 @@
+"""What a training found, in words."""
+
+from studies.training.train import Learned, Result
+
+
+def as_text(result: Result) -> str:
+    """Lines for a person: what was learned from what, and what it is worth on trials that took no part."""
+    lines = [
+        f"{result.about['network']} network on {result.base}, {result.learned_from} trials learned from"
+        + ("" if result.held_out else "; no trial was held out, so nothing says what it is worth")
+    ]
+    lines += [_line(name, of, ordered=result.about["network"] == "field") for name, of in result.held_out.items()]
+    for one in result.about["left_out"]:
+        lines.append(
+            f"design {one['design']} left out: {one['before_mm']:.2f} to {one['after_mm']:.2f} mm along the normal, "
+            f"at a distance of {one['distance']:.2f}"
+        )
+    if result.about["network"] == "field":
+        lines.append(
+            f"designs farther than {result.about['trust_limit']:.2f} from those learned from are not corrected"
+        )
+    return "\n".join(lines)
+
+
+def _line(name: str, of: Learned, *, ordered: bool) -> str:
+    before, after = of.before, of.after
+    trials = f"{of.trials} trial{'s' * (of.trials != 1)} of {name} held out"
+    if not ordered:
+        return (
+            f"{trials}: Chamfer {1e3 * before.chamfer:.2f} to {1e3 * after.chamfer:.2f} mm (floor "
+            f"{1e3 * before.chamfer_floor:.2f})"
+        )
+    share = "" if of.closed.surface is None else f", {of.closed.surface:.0%} of the excess closed"
+    far = "" if of.trust.applies else f"; {of.trust.distance:.2f} from what was learned, too far: not corrected"
+    return (
+        f"{trials}: surface RMS {1e3 * before.surface_rms:.2f} to {1e3 * after.surface_rms:.2f} mm (floor "
+        f"{1e3 * after.surface_floor:.2f}){share}{far}"
+    )

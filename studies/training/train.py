@@ -1,0 +1,242 @@
+"""Train a corrector on measured sets, and say what it is worth on trials that it has not seen."""
+
+import importlib.metadata
+import json
+import platform
+import shutil
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import asdict, astuple, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from corrector.load import load_corrector
+from corrector.weights_file import write_weights
+from fabdesign import __version__
+from fabdesign.corrector import Trust
+from fabdesign.distances import chamfer
+from fabdesign.errors import InputError
+from fabdesign.forward import ForwardModel
+from fabdesign.mark import MARK, others_in, own_files
+from fabdesign.metrics import Closed, Errors, closed, trial_errors
+from fabdesign.model import Model
+from fabdesign.model_file import write_model
+from fabdesign.output import WorkFolder, work_folder, write_text
+from fabdesign.predictor import Predictor
+from fabdesign.trained_on import central_hash
+from fabdesign.trial import MeasurementSet, Trial
+from studies.evaluate import ERRORS, noise_of
+from studies.training.data import Chosen, Progress, choose, simulated
+
+Network = Literal["field", "paper"]
+KEPT_BACK = 0.15  # share of the trials that are not learned from and say what the corrector is worth
+_RUN = "run.json"
+_MADE_BY = "train"
+
+
+@dataclass(frozen=True)
+class Learned:
+    """Of one design: the trials that took no part, before and after the corrector."""
+
+    trials: int
+    trust: Trust
+    before: Errors  # m, means over trials
+    after: Errors
+    closed: Closed
+
+
+@dataclass(frozen=True)
+class Result:
+    model: Model
+    about: Mapping[str, Any]  # as the weights' file says it
+    held_out: Mapping[str, Learned]  # by design
+    learned_from: int  # trials
+    base: str  # what the motions were simulated with
+
+    def as_json(self) -> dict[str, Any]:
+        """What `train --json` prints: mm."""
+
+        def millimetres(errors: Errors) -> dict[str, float]:
+            values = {name: 1e3 * getattr(errors, name) for name in ERRORS}
+            return {name: value for name, value in values.items() if np.isfinite(value)}
+
+        return {
+            "network": self.about["network"],
+            "base": self.base,
+            "learned_from": self.learned_from,
+            "trust_limit": self.about["trust_limit"],
+            "left_out": self.about["left_out"],
+            "held_out": {
+                name: {
+                    "trials": of.trials,
+                    "distance": of.trust.distance,
+                    "before": millimetres(of.before),
+                    "after": millimetres(of.after),
+                    "closed": asdict(of.closed) | {"value": of.closed.value},
+                }
+                for name, of in self.held_out.items()
+            },
+        }
+
+
+def train(
+    sets: Sequence[MeasurementSet],
+    forward: ForwardModel,
+    output: Path,
+    *,
+    goes_to: Path,
+    base: Model | None = None,
+    network: Network = "field",
+    plan: Any = None,
+    hold_out: Collection[str] = (),
+    kept_back: float = KEPT_BACK,
+    seed: int = 0,
+    force: bool = False,
+    progress: Progress = lambda what, done, total: None,
+) -> Result:
+    """Train on the trials of role `fit` but for the designs `hold_out` and a share `kept_back`, and write the model
+    `output` with its weights beside it, both named after `goes_to`, where they will lie.
+
+    base: whose parameters and effects the motions have; by default the data sheet's. Work goes on in the folder
+    `goes_to` without its ending plus `.training`, if an earlier call like this one was stopped there, and the folder
+    goes when all is done. Raises InputError, also for a folder of another training unless `force`, and
+    SimulationError where a motion diverges.
+    """
+    base = base or Model()
+    base = base.without(["corrector"])
+    learned, held = choose(sets, base, hold_out=hold_out, kept_back=kept_back, seed=seed)
+    forward = Predictor(forward, sensing=True)  # what was measured went through the sensors; cases bring their effects
+    train_network, plan = _network(network, plan, seed)
+    folder = goes_to.with_suffix(".training")
+    content = _content(learned, base, network, plan)
+    with work_folder(folder, made_by=_MADE_BY) as work:
+        _same_run(work, content, folder, force)
+        weights, about = train_network(learned, forward, plan, work, progress=progress)
+        about = dict(about) | {"trained_on": central_hash(base)}
+        beside = output.with_suffix(".safetensors")
+        write_weights(beside, weights, about)
+        model = replace(
+            base,
+            corrector=beside,
+            corrector_hash=central_hash(base),
+            provenance=_provenance(base, sets, learned, held, seed),
+        )
+        write_model(model, output)
+        tested = _tested(model, held, forward, work, seed, progress) if held else {}
+    if next(others_in(folder), None) is None:
+        shutil.rmtree(folder)
+    base_is = "the data sheet's parameters" if not base.parameters else "the model's parameters"
+    return Result(model, about, tested, len(learned), base_is)
+
+
+def _network(network: Network, plan: Any, seed: int) -> tuple[Callable[..., Any], Any]:
+    """The function that trains, and how."""
+    if network == "field":
+        from corrector.training import Training
+        from studies.training import field
+
+        return field.train, plan or Training(seed=seed)
+    from corrector.paper_training import PaperTraining
+    from studies.training import paper
+
+    return paper.train, plan or PaperTraining.here(seed)
+
+
+def _content(learned: Sequence[Chosen], base: Model, network: Network, plan: Any) -> dict[str, Any]:
+    """What makes a training the same."""
+    return {
+        "network": network,
+        "trials": [chosen.name for chosen in learned],
+        "model": central_hash(base),
+        "points_per_side": base.points_per_side,
+        "plan": json.loads(json.dumps(asdict(plan))),
+        "version": __version__,
+    }
+
+
+def _same_run(work: WorkFolder, content: Mapping[str, Any], folder: Path, force: bool) -> None:
+    file = work.folder / _RUN
+    if file.is_file():
+        known = json.loads(file.read_text(encoding="utf-8"))
+        different = [name for name in content if known.get(name) != content[name]]
+        if not different:
+            return
+        if not force:
+            raise InputError(
+                f"{folder}: holds an unfinished training with other {', '.join(different)}; expected the same, or "
+                "--force to drop it"
+            )
+        for name in own_files(folder) - {MARK}:
+            (folder / name).unlink()
+    work.claim(_RUN)
+    write_text(file, json.dumps(content, indent=1) + "\n")
+
+
+def _tested(
+    model: Model,
+    held: Sequence[Chosen],
+    forward: ForwardModel,
+    work: WorkFolder,
+    seed: int,
+    progress: Progress,
+) -> dict[str, Learned]:
+    """Errors on the trials held out, with and without the corrector."""
+    corrector = load_corrector(model)
+
+    def times(trial: Trial) -> NDArray[np.float64]:
+        return trial.times
+
+    found: dict[str, Learned] = {}
+    for name in sorted({chosen.trial.design_name for chosen in held}):
+        own = [chosen for chosen in held if chosen.trial.design_name == name]
+        noise = noise_of([chosen.trial for chosen in own])
+        before, after = [], []
+        plain = simulated(own, times, (), forward, work, progress=progress)
+        wanted = simulated(own, times, corrector.history(), forward, work, progress=progress)
+        for chosen, simple, motion in zip(own, plain, wanted, strict=True):
+            trial = chosen.trial
+            answer = corrector.correct([chosen.case], [trial.times], [motion])[0]
+            kept = np.flatnonzero(trial.times >= corrector.starts)
+            frames = trial.load().frames
+            clouds = [frames[k] for k in kept]
+            before.append(trial_errors(clouds, simple[kept], noise, seed=seed + trial.order))
+            if corrector.ordered:
+                after.append(trial_errors(clouds, answer[kept], noise, seed=seed + trial.order))
+            else:
+                after.append(unordered_errors(clouds, answer[kept], before[-1].chamfer_floor))
+        means = [Errors(*np.mean([astuple(errors) for errors in each], axis=0).tolist()) for each in (before, after)]
+        trust = corrector.trust(own[0].trial.design)
+        found[name] = Learned(len(own), trust, means[0], means[1], _closed(*means))
+    return found
+
+
+def unordered_errors(
+    clouds: Sequence[NDArray[np.floating]], answer: NDArray[np.float32], chamfer_floor: float
+) -> Errors:
+    """m. An unordered answer has no surface, and its floor is that of the simulated surface."""
+    apart = float(np.mean([chamfer(cloud, points) for cloud, points in zip(clouds, answer, strict=True)]))
+    return Errors(apart, chamfer_floor, np.nan, np.nan, np.nan)
+
+
+def _closed(before: Errors, after: Errors) -> Closed:
+    found = closed(before, after)
+    return found if np.isfinite(after.surface_rms) else replace(found, surface=None)
+
+
+def _provenance(
+    base: Model, sets: Sequence[MeasurementSet], learned: Sequence[Chosen], held: Sequence[Chosen], seed: int
+) -> Any:
+    names = ("numpy", "torch", "safetensors")
+    origin = base.provenance
+    return replace(
+        origin,
+        sets=tuple(dict.fromkeys([*origin.sets, *(found.name for found in sets)])),
+        fitted=tuple(dict.fromkeys([*origin.fitted, *(chosen.name for chosen in learned)])),
+        held_out=tuple(chosen.name for chosen in held if chosen.name not in origin.fitted),
+        versions=dict(origin.versions)
+        | {"python": platform.python_version(), "fabdesign": __version__}
+        | {name: importlib.metadata.version(name) for name in names},
+        seed=origin.seed if origin.seed is not None else seed,
+    )

@@ -1,0 +1,381 @@
+"""The field corrector: it recovers a known law, forgets nothing when it is stopped, and keeps still where it must."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from corrector.cloth import Cloth
+from corrector.designs import FAR, described, distance
+from corrector.field import FieldCorrector
+from corrector.inference import outputs_of
+from corrector.inputs import CHANNELS, HISTORY, Layout, exchanged, inputs_of, lagged, mirrored
+from corrector.layout import NODES, deposits
+from corrector.load import load_corrector
+from corrector.matching import offsets
+from corrector.response import weight_over_stiffness
+from corrector.shape import FINE, Frames, displaced, middle_of, put_together, refine, tangent_changes
+from fabdesign.catalogue import build, standard
+from fabdesign.corrector import with_history
+from fabdesign.design import Design
+from fabdesign.errors import InputError
+from fabdesign.forward import Case
+from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.model import Model, Parameter
+from fabdesign.model_file import read_model, write_model
+from fabdesign.pressure import PressureProgram
+from fabdesign.surface import Surface
+from tests.command_line import one_line
+
+SIDE = 41
+
+
+def cloth(curvature: np.ndarray, design: Design) -> np.ndarray:
+    """(2 SIDE^2, 3) m: both faces of a cloth whose columns bend by `curvature` (SIDE, SIDE) 1/m, rows by rising v."""
+    fabric = design.fabric
+    step = fabric.height / (SIDE - 1)
+    angle = np.zeros((SIDE, SIDE))
+    angle[1:] = np.cumsum((curvature[1:] + curvature[:-1]) / 2, axis=0) * step
+    middle = np.zeros((SIDE, SIDE, 3))
+    middle[..., 0] = np.linspace(-fabric.width / 2, fabric.width / 2, SIDE)
+    mean = (angle[1:] + angle[:-1]) / 2
+    middle[1:, :, 1] = -np.cumsum(np.cos(mean), axis=0) * step
+    middle[1:, :, 2] = np.cumsum(np.sin(mean), axis=0) * step
+    normal = Frames.of(middle, fabric.width, fabric.height, SIDE).normal * fabric.thickness / 2
+    return np.concatenate([(middle + normal).reshape(-1, 3), (middle - normal).reshape(-1, 3)])
+
+
+class Bending:
+    """A cheap cloth that bends into cylinders: the muscles in a row bend it by their pressures; `more`, what the
+    simulator does not know, by so much more."""
+
+    def __init__(self, more: float = 0.0) -> None:
+        self.more = more
+        self.asked = 0
+
+    def motions(self, cases: Sequence[Case], times: Sequence[np.ndarray]) -> list[np.ndarray]:
+        self.asked += len(cases)
+        return [self._motion(case, t).astype(np.float32) for case, t in zip(cases, times, strict=True)]
+
+    def _motion(self, case: Case, times: np.ndarray) -> np.ndarray:
+        front, back = (_per_channel(case.design, side) for side in (0, 1))
+        frames = []
+        for pressure in lagged(case.program, times, 0.05):
+            moment = np.tensordot(pressure / 400e3, front - back, axes=1)
+            moment = np.broadcast_to(moment.mean(axis=1, keepdims=True), moment.shape)
+            frames.append(cloth(40 * (1 + self.more) * refine(moment[..., None], SIDE)[..., 0], case.design))
+        return np.array(frames)
+
+    equilibria = None
+
+
+def _per_channel(design: Design, side: int) -> np.ndarray:
+    """(channels, n, n)"""
+    field = deposits(design)[side, :, 1]
+    counts = [len(m.fixed_points()) - 1 for m in design.muscles]
+    return np.array([part.sum(axis=0) for part in np.split(field, np.cumsum(counts)[:-1])])
+
+
+def program(pressure: Sequence[float], duration: float = 0.4) -> PressureProgram:
+    return PressureProgram(np.zeros(1), 1e3 * np.atleast_2d(np.array(pressure, dtype=float)), duration)
+
+
+# what `Bending` is: held by its normal too, and without weight
+FABRIC = replace(standard().fabric, support="clamped", gravity=(0.0, -1e-3, 0.0))
+LEARNED = (
+    build("vertical", muscles=2, fabric=FABRIC, name="two"),
+    build("basic", muscles=4, fabric=FABRIC, name="four"),
+)
+UNSEEN = build("vertical", muscles=3, fabric=FABRIC, name="three")
+TIMES = np.array([0.1, 0.3])
+
+
+def measure(folder: Path, designs: Sequence[Design] = LEARNED, *, trials: int = 6, times: np.ndarray = TIMES) -> Path:
+    """A set measured on the cloth that the simulator does not know, with noise of 0.3 mm."""
+    rng = np.random.default_rng(3)
+    found = []
+    for design in designs:
+        for k in range(trials):
+            pressure = np.round(rng.uniform(0, 300, design.channels))
+            motion = Bending(0.4).motions([Case(design, program(pressure))], [times])[0]
+            clouds = []
+            for frame in motion:
+                points, _ = Surface.of_faces(frame).sample(700, rng)
+                clouds.append(points + 0.3e-3 * rng.standard_normal(points.shape))
+            data = TrialData(times, np.tile(1e3 * pressure, (len(times), 1)), tuple(clouds))
+            found.append(NewTrial(f"{design.name}-{k}", design.name, k, "fit", data))
+    write_set(folder, {d.name: d for d in designs}, found, name="bending")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory):
+    """A small network on the set of `measure`, and what its training says."""
+    pytest.importorskip("torch", reason="training needs the extra corrector")
+    folder = tmp_path_factory.mktemp("trained")
+    result = _train(measure(folder / "set"), folder / "model.toml")
+    return folder, result
+
+
+def _train(measured: Path, output: Path, **options):
+    from corrector.training import Training
+    from studies.training.train import train
+
+    plan = Training(epochs=36, batch=4, width=8, dilations=(1,), rate=1e-2, rematch=(0.7,))
+    given = {"plan": plan, "base": Model({"bending": Parameter(1.0)})} | options
+    return train([read_set(measured)], given.pop("forward", Bending()), output, goes_to=output, **given)
+
+
+def _off(motion: np.ndarray, truth: np.ndarray) -> float:
+    """m, RMS of how far the true points are from the surface, of all frames."""
+    distances = [Surface.of_faces(one).nearest(other).distance for one, other in zip(motion, truth, strict=True)]
+    return float(np.sqrt(np.mean(np.square(distances))))
+
+
+def _motions(corrector: FieldCorrector, design: Design, pressure: Sequence[float]) -> tuple[np.ndarray, ...]:
+    """Simulated, corrected, true."""
+    case = Case(design, program(pressure))
+    wanted, where = with_history(TIMES, corrector.history())
+    motion = Bending().motions([case], [wanted])[0]
+    return motion[where[0]], corrector.correct([case], [TIMES], [motion])[0], Bending(0.4).motions([case], [TIMES])[0]
+
+
+def test_known_law_is_recovered_on_layouts_seen_and_unseen(trained) -> None:
+    folder, result = trained
+    corrector = replace(load_corrector(read_model(folder / "model.toml")), limit=FAR)
+    for design, pressure in ((LEARNED[0], [150, 250]), (UNSEEN, [250, 100, 200])):
+        before, after, truth = _motions(corrector, design, pressure)
+        assert _off(after, truth) < 0.5 * _off(before, truth)
+    for of in result.held_out.values():
+        assert of.closed.surface > 0.5
+
+
+def test_beyond_the_limit_the_answer_is_the_simulators(trained) -> None:
+    folder, _ = trained
+    corrector = load_corrector(read_model(folder / "model.toml"))
+    across = build("side", muscles=2, fabric=FABRIC)
+    assert not corrector.trust(across).applies
+    before, after, _ = _motions(corrector, across, [100, 200])
+    assert after.tobytes() == before.tobytes()
+    assert corrector.trust(LEARNED[0]).applies
+
+
+def test_frames_that_diverged_stay_so(trained) -> None:
+    folder, _ = trained
+    corrector = load_corrector(read_model(folder / "model.toml"))
+    case = Case(LEARNED[0], program([150, 250]))
+    wanted, where = with_history(TIMES, HISTORY)
+    motion = Bending().motions([case], [wanted])[0]
+    motion[where[0, 1] :] = np.nan
+    answer = corrector.correct([case], [TIMES], [motion])[0]
+    assert np.isnan(answer[1]).all()
+    assert np.isfinite(answer[0]).all()
+
+
+def test_numpy_agrees_with_torch(trained) -> None:
+    torch = pytest.importorskip("torch")
+    from corrector.network import FieldNetwork
+
+    torch.manual_seed(0)
+    network = FieldNetwork(16, (1, 2, 1))
+    for layer in (network.local, network.swing):
+        torch.nn.init.normal_(layer.weight)
+    inputs = np.random.default_rng(0).standard_normal((5, CHANNELS + 2, NODES, NODES)).astype(np.float32)
+    network.eval()
+    with torch.no_grad():
+        expected = [x.numpy() for x in network(torch.from_numpy(inputs))]
+    found = outputs_of(network.arrays(), (1, 2, 1), inputs)
+    for one, other in zip(found, expected, strict=True):
+        assert np.abs(one - other).max() < 1e-5 * np.abs(other).max()
+
+
+def test_displacement_is_that_of_training(trained) -> None:
+    folder, _ = trained
+    from corrector.examples import Examples
+    from corrector.training import Trainer, Training
+
+    corrector = load_corrector(read_model(folder / "model.toml"))
+    case, layout = Case(UNSEEN, program([250, 100, 200])), Layout.of(UNSEEN)
+    wanted, where = with_history(TIMES, HISTORY)
+    motion = Bending().motions([case], [wanted])[0]
+    clouds = list(motion[where[0]])
+    examples = Examples.of(case, layout, TIMES, motion, clouds)
+    plan = Training(width=8, dilations=(1,))
+    trainer = Trainer(examples, Cloth(UNSEEN.fabric, weight_over_stiffness(case)), plan)
+    trainer.set_arrays(corrector.weights)
+    found = corrector.displacement(case, layout, TIMES, motion[where])
+    assert np.abs(trainer.displacements(examples) - found).max() < 1e-6  # m
+
+
+def test_trials_held_out_are_not_learned_from(trained) -> None:
+    _, result = trained
+    held = set(result.model.provenance.held_out)
+    assert held and not held & set(result.model.provenance.fitted)
+    assert sum(of.trials for of in result.held_out.values()) == len(held)
+    assert result.learned_from + len(held) == 12
+
+
+def test_design_held_out(tmp_path: Path) -> None:
+    pytest.importorskip("torch")
+    from corrector.training import Training
+
+    plan = Training(epochs=1, batch=8, width=8, dilations=(1,), rematch=())
+    result = _train(measure(tmp_path / "set", trials=2), tmp_path / "m.toml", hold_out=["four"], plan=plan)
+    assert all("four" not in name for name in result.model.provenance.fitted)
+    assert result.held_out["four"].trials == 2
+    assert [known["name"] for known in result.about["known"]] == ["two"]
+    with pytest.raises(InputError, match="no such design"):
+        _train(tmp_path / "set", tmp_path / "n.toml", hold_out=["five"], plan=plan)
+
+
+class Stopped(Exception):
+    pass
+
+
+def test_a_training_that_was_stopped_goes_on_and_ends_the_same(tmp_path: Path) -> None:
+    pytest.importorskip("torch")
+    from corrector.training import Training
+
+    measured = measure(tmp_path / "set", LEARNED[:1], trials=4)
+    plan = Training(epochs=4, batch=4, width=8, dilations=(1,), rematch=(0.5,))
+    whole = _train(measured, tmp_path / "whole.toml", plan=plan)
+
+    def stop(what: str, done: int, total: int) -> None:
+        if what.startswith("network") and done == 3:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        _train(measured, tmp_path / "again.toml", plan=plan, progress=stop)
+    assert not (tmp_path / "again.toml").exists()
+    with pytest.raises(InputError, match="other plan"):
+        _train(measured, tmp_path / "again.toml", plan=replace(plan, epochs=5))
+    forward, told = Bending(), []
+    again = _train(
+        measured, tmp_path / "again.toml", plan=plan, forward=forward, progress=lambda *said: told.append(said)
+    )
+    assert [done for what, done, _ in told if what.startswith("network")] == [4]
+    assert forward.asked < 4  # only what was held out, twice
+    assert not (tmp_path / "again.training").exists()
+    first, second = (load_corrector(r.model).weights for r in (whole, again))
+    assert all(np.array_equal(first[name], second[name]) for name in first)
+
+
+def test_an_edited_model_is_refused(trained, tmp_path: Path) -> None:
+    folder, _ = trained
+    text = (folder / "model.toml").read_text()
+    (tmp_path / "model.safetensors").write_bytes((folder / "model.safetensors").read_bytes())
+    edited = tmp_path / "model.toml"
+    edited.write_text(text)
+    assert load_corrector(read_model(edited)).ordered
+    edited.write_text(text.replace("factor = 1.0", "factor = 1.1"))
+    with pytest.raises(InputError, match="trained on other parameters"):
+        read_model(edited)
+    without = "\n".join(line for line in edited.read_text().splitlines() if not line.startswith("trained_on"))
+    edited.write_text(without)  # who takes the hash out does not get further
+    with pytest.raises(InputError, match="trained on other parameters"):
+        load_corrector(read_model(edited))
+
+
+def test_weights_that_are_none_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "m.safetensors").write_bytes(b"no weights")
+    model = Model(corrector=tmp_path / "m.safetensors")
+    with pytest.raises(InputError, match="no weights"):
+        load_corrector(model)
+    write_model(model, tmp_path / "m.toml")
+    assert read_model(tmp_path / "m.toml") == model
+
+
+def test_mirrored_cloths_have_mirrored_inputs() -> None:
+    design = build("basic", muscles=4)
+    channels = [1, 0, 3, 2]  # left to right
+    pressure = [100, 300, 50, 0]
+    one, left_right = (_inputs(design, p) for p in (pressure, [pressure[c] for c in channels]))
+    assert np.abs(mirrored(one) - left_right).max() < 1e-3
+    front_back = _inputs(design, [pressure[c] for c in (2, 3, 0, 1)])
+    assert np.abs(exchanged(one) - front_back).max() < 1e-3
+    assert np.abs(one - left_right).max() > 0.1
+
+
+def _inputs(design: Design, pressure: Sequence[float]) -> np.ndarray:
+    case = Case(design, program(pressure))
+    wanted, where = with_history(TIMES, HISTORY)
+    return inputs_of(case, Layout.of(design), TIMES, Bending().motions([case], [wanted])[0][where])
+
+
+def test_measured_offsets_tell_the_faces_apart() -> None:
+    design = UNSEEN
+    rng = np.random.default_rng(0)
+    points = cloth(np.full((SIDE, SIDE), 5.0), design)
+    middle = middle_of(points, SIDE)
+    normal = Frames.of(middle, 0.2, 0.2, SIDE).normal
+    for shift in (-2e-3, 0.0, 2e-3):  # as much as the cloth is thick: a front then lies where a back was
+        moved = np.concatenate([(half + shift * normal.reshape(-1, 3)) for half in np.split(points, 2)])
+        cloud, _ = Surface.of_faces(moved).sample(3000, rng)
+        found, count = offsets(middle, cloud + 0.4e-3 * rng.standard_normal(cloud.shape), design.fabric.thickness)
+        assert abs(np.average(found, weights=count) - shift) < 0.1e-3
+        assert count.sum() > 0.9 * len(cloud)
+
+
+def test_tilts_bend_the_cloth_and_keep_its_length() -> None:
+    fabric = UNSEEN.fabric
+    points = cloth(np.zeros((SIDE, SIDE)), UNSEEN)
+    frames = Frames.of(middle_of(points, SIDE), fabric.width, fabric.height, FINE)
+    tilts = np.zeros((FINE, FINE, 2))
+    tilts[..., 1] = np.linspace(0, 0.5, FINE)[:, None]  # of the v tangent: an arc
+    changes = tangent_changes(tilts, np.zeros((FINE, FINE, 3)), frames)
+    moved = displaced(points, put_together(*changes, fabric), fabric.thickness)
+    expected = cloth(np.full((SIDE, SIDE), 0.5 / fabric.height), UNSEEN)
+    assert np.abs(moved - expected).max() < 1e-3
+    assert np.abs(moved[:SIDE, 1] - points[:SIDE, 1]).max() < 2e-5  # the hung edge stays, turned
+    down = np.diff(middle_of(moved, SIDE), axis=0)
+    assert np.abs(np.linalg.norm(down, axis=-1).sum(axis=0) - fabric.height).max() < 1e-3
+
+
+def test_distance_of_designs() -> None:
+    known = [described(design) for design in LEARNED]
+    assert distance(described(LEARNED[0]), known) == 0
+    assert distance(described(UNSEEN), known) < 0.2  # muscles down the front, as some that are known
+    assert distance(described(build("side", fabric=FABRIC)), known) > 0.5
+    heavy = replace(LEARNED[0], fabric=replace(LEARNED[0].fabric, areal_density=1.2))
+    assert distance(described(heavy), known) > 1
+    assert distance(described(replace(heavy, fabric=replace(heavy.fabric, hung="left"))), known) == FAR
+    json.dumps(known)
+
+
+def test_history_asks_for_what_there_is() -> None:
+    times, where = with_history(np.array([0.05, 0.1, 0.15]), (0.05, 0.3))
+    assert np.allclose(times, [0, 0.05, 0.1, 0.15])
+    assert where.tolist() == [[1, 2, 3], [0, 1, 2], [0, 0, 0]]
+
+
+def test_lag_has_its_closed_form() -> None:
+    steps = PressureProgram(np.array([0.0, 0.1]), np.array([[100e3], [0.0]]), 0.3)
+    found = lagged(steps, np.array([0.05, 0.2]), 0.1)[:, 0]
+    at = 100e3 * (1 - np.exp(-1.0))
+    assert np.allclose(found, [100e3 * (1 - np.exp(-0.5)), at * np.exp(-1.0)])
+
+
+def test_command_refuses_what_it_cannot_learn_from(run, hanging, folder: Path) -> None:
+    pytest.importorskip("torch", reason="training needs the extra corrector")
+    one_line(run("train", folder / "set", "--hold-out", "crosss", "-o", folder / "m.toml"), "no such design")
+    one_line(run("train", folder / "set", "--hold-out", "cross", "-o", folder / "m.toml"), "left to learn from")
+    assert not [*folder.glob("m.*")]
+    one_line(run("train", folder / "set", "-o", folder / "model.toml"), "exists; --force")
+
+
+def test_command_says_what_a_corrector_is_worth(run, hanging, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    training = pytest.importorskip("corrector.training", reason="training needs the extra corrector")
+    plan = training.Training(epochs=1, width=4, dilations=(1,), rematch=())
+    monkeypatch.setattr(training, "Training", lambda seed: plan)
+    model = folder / "model.toml"
+    code, out, _ = run("train", folder / "set", "--model", model, "--json", "-o", folder / "m.toml")
+    assert code == 0
+    result = json.loads(out)
+    assert result["learned_from"] == 2
+    assert result["held_out"]["cross"]["trials"] == 1
+    assert Path(result["weights"]).is_file()
+    assert read_model(folder / "m.toml").factors == read_model(model).factors
+    assert not (folder / "m.training").exists()

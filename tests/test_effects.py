@@ -1,0 +1,304 @@
+"""Each effect by its signature (closed forms where there are), at off, beside others, and what it leaves behind.
+
+The closed forms are those of one muscle of a linear law, F = PULL p / 100 kPa - STIFFNESS eps, that shortens a cloth in
+its plane (bending is out of the question): F = K eps, with K from the motion without the effect.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fabdesign.effects import BUILT_IN, EFFECTS
+from fabdesign.effects.acting import acting_pressure
+from fabdesign.effects.filling_lag import lagged
+from fabdesign.forward import Case, Term
+from fabdesign.model import EffectTerm, Model, Quantity
+from fabdesign.muscle import Muscle
+from fabdesign.predictor import Predictor
+from fabdesign.pressure import PressureProgram
+from sim import Simulator
+from tests.sim_designs import cloth, held, laced, linear_muscle, middle
+
+SIMULATOR = Simulator(points_per_side=11)
+PULL, STIFFNESS = 2.0, 60.0  # N at 100 kPa, N
+STILL = {"gravity": (0.0, 0.0, 0.0)}
+
+
+def puller(*, intervals=1, path=((0.1, 0.0), (0.1, 0.2)), channels=1):
+    """A stiff cloth without weight and muscles of the linear law down its middle."""
+    kind = linear_muscle(STIFFNESS, PULL, axis_offset=0.0)
+    muscles = [Muscle("linear", "front", channel, path, 0.2 / intervals) for channel in range(channels)]
+    return cloth(*muscles, types={"linear": kind}, bending_stiffness=(1.0, 1.0), **STILL)
+
+
+def stepped(time, kpa):
+    """One channel's set points [kPa] from each of `time` [s] on."""
+    return PressureProgram(np.asarray(time, float), 1e3 * np.asarray(kpa, float)[:, None], 1.0)
+
+
+def with_effects(case, *terms):
+    return replace(case, effects=terms)
+
+
+def pressure_seen(motion):
+    """(T, intervals) Pa that act in muscles of the linear law."""
+    return (motion.tension.astype(float) + STIFFNESS * motion.contraction) / PULL * 1e5
+
+
+# --- the pressure that acts
+
+
+def test_lag_is_an_exponential_that_empties_as_it_is_told():
+    # p = P (1 - exp(-t / fill)), then P exp(-t / empty): means over ticks are differences of the integral
+    tick, fill, empty = 0.01, 0.05, 0.2
+    told = np.repeat([[100e3], [0.0]], 50, axis=0)
+    t = tick * np.arange(51)
+    up = 100e3 * (t + fill * np.expm1(-t / fill))
+    top = -100e3 * np.expm1(-0.5 / fill)
+    down = -top * empty * np.expm1(-t / empty)
+    expected = np.concatenate([np.diff(up), np.diff(down)]) / tick
+    assert lagged(told, tick, fill, empty)[:, 0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_lagged_pressure_acts_in_the_muscle():
+    times = np.array([0.02, 0.05, 0.1, 0.2, 0.3, 0.35, 0.4, 0.5])
+    case = Case(puller(), stepped([0.0, 0.2], [200, 0]))
+    lag = Term("filling_lag", {"fill": 0.05, "empty": 0.15})
+    [motion] = SIMULATOR.run([with_effects(case, lag)], [times])
+    top = 200e3 * -np.expm1(-0.2 / 0.05)
+    expected = np.where(times <= 0.2, -200e3 * np.expm1(-times / 0.05), top * np.exp(-(times - 0.2) / 0.15))
+    assert pressure_seen(motion)[:, 0] == pytest.approx(expected, abs=6e3)  # means over steps of 1/240 s
+
+
+def test_dead_time_shifts_the_motion():
+    times, delay = np.array([0.01, 0.03, 0.06, 0.1]), 96 / 1920  # s: whole ticks, so that steps are the same
+    case = held(laced("cross", 2), (200, 50))
+    late = with_effects(case, Term("dead_time", {"delay": delay}))
+    shifted, plain = SIMULATOR.run([late, case], [np.r_[0.04, times + delay], np.r_[0.0, times]])
+    assert np.abs(plain.middle[-1] - plain.middle[0]).max() > 5e-3
+    assert np.abs(shifted.middle - plain.middle).max() < 2e-5
+    # a lag before it is shifted as it is
+    terms = Term("filling_lag", {"fill": 0.05}), Term("dead_time", {"delay": delay})
+    lagging, both = (acting_pressure(with_effects(case, *t), 400, 1 / 1920).means for t in (terms[:1], terms))
+    assert both[96:] == pytest.approx(lagging[:-96], abs=1.0) and np.abs(both[:96]).max() < 1e-6
+
+
+def test_droop_grows_with_the_open_channels():
+    design, share = puller(channels=3), 0.1
+    programs = [(200, 0, 0), (200, 4, 0), (200, 100, 0), (200, 100, 50)]  # 4 kPa is not open
+    cases = [with_effects(held(design, kpa), Term("supply_droop", {"share": share})) for kpa in programs]
+    seen = [pressure_seen(motion)[-1, 0] for motion in SIMULATOR.run(cases, [np.array([0.1])] * 4)]
+    assert seen == pytest.approx([200e3, 200e3, 180e3, 160e3], rel=2e-3)
+
+
+def test_line_loss_falls_from_a_path_s_first_point():
+    n, share = 5, 0.4
+    ways = (((0.1, 0.0), (0.1, 0.2)), ((0.1, 0.2), (0.1, 0.0)))
+    cases = [with_effects(held(puller(intervals=n, path=w), (200,)), Term("line_loss", {"share": share})) for w in ways]
+    down, up = SIMULATOR.run(cases, [np.array([0.5])] * 2)
+    expected = 200e3 * (1 - share * (np.arange(n) + 0.5) / n)
+    assert pressure_seen(down)[0] == pytest.approx(expected, rel=2e-3)  # at hold, too
+    assert pressure_seen(up)[0] == pytest.approx(expected, rel=2e-3)  # so the inlet is at the other end
+    assert down.contraction[0, 0] > 1.2 * up.contraction[0, -1]  # of one place
+
+
+# --- constants and the rest state
+
+
+def test_tilted_cloth_hangs_along_gravity():
+    # a pinned straight sheet turns about its edge: by the tilt, rigidly
+    case = held(cloth(), ())
+    tilted = with_effects(case, Term("frame_tilt", {"about_x": 4.0}))
+    plain, leaning = (middle(shape) for shape in SIMULATOR.equilibria([case, tilted]))
+    a = np.radians(4.0)
+    expected = plain @ np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]]).T
+    assert np.abs(leaning - expected).max() < 1e-4
+    [start] = SIMULATOR.run([tilted], [np.zeros(1)])
+    assert np.abs(start.middle[0] - expected[::4, ::4]).max() < 1e-4  # and so it starts
+
+
+@pytest.mark.parametrize("angle", ["about_x", "about_z"])
+def test_tilt_is_a_turned_gravity(angle):
+    a, times = np.radians(3.0), [np.array([0.03])]
+    gravity = (0, -np.cos(a), -np.sin(a)) if angle == "about_x" else (np.sin(a), -np.cos(a), 0)
+    turned = laced("cross", 2, gravity=tuple(float(9.81 * g) for g in gravity))
+    tilted = with_effects(held(laced("cross", 2), (100, 0)), Term("frame_tilt", {"about_x": 0.0, angle: 3.0}))
+    [one], [other] = (SIMULATOR.run([case], times) for case in (tilted, held(turned, (100, 0))))
+    assert np.abs(one.middle - other.middle).max() < 1e-6
+
+
+def test_orthotropy_is_a_cloth_with_those_values():
+    ratio, times = 1.7, [np.array([0.03, 0.08])]
+    root = ratio**0.5
+    declared = laced("cross", 2)
+    changed = laced(
+        "cross", 2, membrane_stiffness=(520 * root, 520 / root), bending_stiffness=(0.006 * root, 0.006 / root),
+        poisson=0.25 * root,
+    )  # fmt: skip
+    effect = with_effects(held(declared, (200, 50)), Term("orthotropy", {"ratio": ratio}))
+    one, other = SIMULATOR.run([effect, held(changed, (200, 50))], times * 2)
+    assert np.abs(one.middle - other.middle).max() < 1e-6
+    [plain] = SIMULATOR.run([held(declared, (200, 50))], times)
+    assert np.abs(one.middle - plain.middle).max() > 1e-4
+
+
+def test_odd_muscle_is_one_that_pulls_so():
+    weak = linear_muscle(STIFFNESS, 0.7 * PULL, name="weak", axis_offset=0.0)
+    two = puller(channels=2)
+    muscles = (two.muscles[0], replace(two.muscles[1], type="weak"))
+    mixed = replace(two, muscles=muscles, muscle_types={**two.muscle_types, "weak": weak})
+    odd = with_effects(held(two, (200, 300)), Term("odd_muscle", {"channel": 1.0, "factor": 0.7}))
+    one, other = SIMULATOR.run([odd, held(mixed, (200, 300))], [np.array([0.1])] * 2)
+    assert one.tension == pytest.approx(other.tension, rel=1e-3)
+    assert pressure_seen(one)[0] == pytest.approx([200e3, 0.7 * 300e3], rel=1e-3)
+
+
+# --- forces with memory
+
+
+def test_creep_is_the_standard_linear_solid():
+    # K eps = P - k (eps - z), tau dz/dt = s eps - z: z = z_end (1 - exp(-t / tau')), tau' = tau / (1 - s k / (k + K))
+    share, tau, times = 0.3, 0.1, np.array([0.1, 0.2, 0.4, 0.8])
+    case = held(puller(), (200,))
+    crept = with_effects(case, Term("muscle_creep", {"share": share, "time": tau}))
+    slow, plain = SIMULATOR.run([crept, case], [times] * 2)
+    force, elastic = 2 * PULL, plain.contraction[-1, 0]
+    left = 1 - share * STIFFNESS * elastic / force  # 1 - s k / (k + K)
+    z = share * elastic / left * -np.expm1(-times * left / tau)
+    expected = elastic * (1 + STIFFNESS * z / force)
+    assert slow.contraction[:, 0] == pytest.approx(expected, rel=0.01)
+    assert expected[-1] > 1.1 * elastic
+    [rest] = SIMULATOR.equilibria([crept])  # at its limit
+    end = (rest.reshape(2, 41, 41, 3)[:, -1, 20, 1]).mean() + 0.2
+    [bare] = SIMULATOR.equilibria([case])
+    assert end / ((bare.reshape(2, 41, 41, 3)[:, -1, 20, 1]).mean() + 0.2) == pytest.approx(1 / left, rel=0.01)
+
+
+FRICTION, SLIP = 0.4, 0.001  # N, 1
+HYSTERESIS = Term("braid_hysteresis", {"friction": 0.0, "friction_at_zero": FRICTION, "slip": SLIP})
+
+
+def triangle(seconds, peak=200.0, rows=40):
+    """Up to `peak` kPa and down again within `seconds`."""
+    up = np.linspace(0, peak, rows + 1)
+    return stepped(np.arange(2 * rows + 1) * seconds / (2 * rows), np.r_[up, up[-2::-1]])
+
+
+def test_hysteresis_opens_branches_as_wide_at_any_rate():
+    # going up P - k eps - f = K eps, going down P - k eps + f: 2 f / (k + K) apart at equal pressure
+    contraction = []
+    for seconds in (0.4, 0.8):
+        case, times = Case(puller(), triangle(seconds)), np.array([0.25, 0.75]) * seconds + seconds / 160
+        rubbed, plain = SIMULATOR.run([with_effects(case, HYSTERESIS), case], [times] * 2)
+        contraction.append(rubbed.contraction[:, 0] - plain.contraction[:, 0])
+    [settled] = SIMULATOR.run([held(puller(), (200,))], [np.array([0.4])])
+    width = 2 * FRICTION * settled.contraction[0, 0] / (2 * PULL)  # 2 f / (k + K)
+    for up, down in contraction:
+        assert up == pytest.approx(-width / 2, rel=0.05)
+        assert down == pytest.approx(width / 2, rel=0.05)
+    assert contraction[0] == pytest.approx(contraction[1], rel=0.03)
+
+
+def test_hysteresis_has_minor_loops_and_stays_open_at_hold():
+    # back by less than 2 f / (f / slip + k + K) of contraction it sticks: the slope is that of the stuck element
+    rows = [(0.0, 0), (0.2, 150), (0.3, 150), (0.4, 140), (0.5, 140), (0.6, 150), (0.7, 150), (0.8, 200), (0.9, 150)]
+    fine = np.linspace(0, 0.9, 91)
+    case = Case(puller(), stepped(fine, np.interp(fine, *zip(*rows, strict=True))))
+    times = np.array([0.3, 0.5, 0.7, 1.0, 1.4])  # each at the end of a hold
+    rubbed, plain = SIMULATOR.run([with_effects(case, HYSTERESIS), case], [times] * 2)
+    up, back, again, down, later = rubbed.contraction[:, 0].astype(float)
+    soft = 1.5 * PULL / plain.contraction[-1, 0]  # k + K
+    assert up - back == pytest.approx(0.1 * PULL / (soft + FRICTION / SLIP), rel=0.1)
+    assert again == pytest.approx(up, abs=0.05 * (down - up))  # the minor loop closes
+    assert down - up == pytest.approx(2 * FRICTION / soft, rel=0.05)  # both at 150 kPa
+    assert later == pytest.approx(down, abs=0.01 * (down - up))
+    # growing with pressure: f = friction p
+    grows = Term("braid_hysteresis", {"friction": FRICTION / 150, "friction_at_zero": 0.0, "slip": SLIP})
+    [motion] = SIMULATOR.run([with_effects(case, grows)], [times[:1]])
+    assert motion.contraction[0, 0] == pytest.approx(up, abs=0.03 * (down - up))
+
+
+def test_a_hold_of_no_time_keeps_friction():
+    cases = [with_effects(held(puller(), (200,)), HYSTERESIS), held(puller(), (200,))]
+    short, bare = (middle(shape)[-1, 20, 1] + 0.2 for shape in replace(SIMULATOR, hold=0.0).equilibria(cases))
+    assert short / bare == pytest.approx(1 - FRICTION / (2 * PULL), abs=0.01)  # as far as its rise drove it
+
+
+def test_drag_has_a_falling_sheet_s_terminal_speed():
+    # m dv/dt = m g - c v^2: fallen by v_e^2 / g log cosh(g t / v_e), v_e^2 = m g / c
+    c, g, mass, times = 3.0, 9.81, 0.6, np.array([0.1, 0.2, 0.4])
+    sheet = cloth(hung="none", gravity=(0.0, 0.0, -g), viscosity=0.0, air_damping=0.0)
+    case = with_effects(held(sheet, ()), Term("air_drag", {"coefficient": c}))
+    [motion] = SIMULATOR.run([case], [times])
+    limit = (mass * g / c) ** 0.5
+    expected = limit**2 / g * np.log(np.cosh(g * times / limit))
+    assert -motion.middle[:, 5, 5, 2] == pytest.approx(expected, rel=5e-3)
+    assert expected[-1] < 0.9 * g * 0.4**2 / 2
+
+
+# --- what is observed
+
+
+def test_time_offset_is_predicted_and_not_simulated():
+    case, times = held(laced("cross", 2), (200, 50)), [np.array([0.02, 0.05, 0.1])]
+    model = Model(effects=(EffectTerm("time_offset", {"offset": Quantity(0.03, "s")}),))
+    [predicted] = Predictor(SIMULATOR, model, sensing=True).motions([case], times)
+    [simulated] = Predictor(SIMULATOR, model).motions([case], times)
+    [plain] = SIMULATOR.motions([case], times)
+    [earlier] = SIMULATOR.motions([case], [np.array([0.0, 0.02, 0.07])])
+    assert np.array_equal(simulated, plain)
+    assert np.abs(predicted - earlier).max() < 1e-7
+    assert np.abs(predicted - plain).max() > 1e-3
+
+
+# --- all of them
+
+TIMES = np.array([0.05, 0.1])
+PLAIN = Case(
+    laced("cross", 2),
+    PressureProgram(np.array([0.0, 0.04]), np.array([[200e3, 50e3], [100e3, 50e3]]), 0.1),
+)
+
+
+def test_off_are_the_bits_without():
+    off = [Term(name, {key: EFFECTS[name].parameters[key].off for key in EFFECTS[name].strengths}) for name in BUILT_IN]
+    cases = [PLAIN, *(with_effects(PLAIN, term) for term in off), with_effects(PLAIN, *off)]
+    bare, *others = SIMULATOR.run(cases, [TIMES] * len(cases))
+    assert all(np.array_equal(other.middle, bare.middle) for other in others)
+
+
+def test_lanes_keep_their_bits_and_leave_nothing():
+    own = [n for n in BUILT_IN if n != "time_offset"]
+    cases = [PLAIN, *(with_effects(PLAIN, Term(name)) for name in own)]
+    bare, *together = SIMULATOR.run(cases, [TIMES] * len(cases))
+    for name, case, beside in zip(own, cases[1:], together, strict=True):
+        [alone] = SIMULATOR.run([case], [TIMES])
+        assert np.array_equal(alone.middle, beside.middle), name
+        assert np.abs(beside.middle - bare.middle).max() > 2e-5, name
+    [again] = SIMULATOR.run([PLAIN], [TIMES])
+    assert np.array_equal(again.middle, bare.middle)
+
+
+SIZES = {"pneumatics": 0.05, "environment": 0.5}  # of the prior's deviation: over the solver's noise
+SHAPES = {"muscle_creep": {"time": 0.03}}  # s: seen within TIMES
+
+
+def test_derivative_at_off_exists():
+    # one-sided differences of two sizes agree
+    cases, names = [PLAIN], []
+    for name in BUILT_IN:
+        for key in EFFECTS[name].strengths:
+            parameter = EFFECTS[name].parameters[key]
+            zero = SHAPES.get(name, {}) | {k: EFFECTS[name].parameters[k].off for k in EFFECTS[name].strengths}
+            whole = SIZES.get(EFFECTS[name].site, 0.2)
+            for share in (whole, whole / 2):
+                moved = share * parameter.deviation
+                value = parameter.off * np.exp(moved) if parameter.transform == "log" else parameter.off + moved
+                cases.append(with_effects(PLAIN, Term(name, zero | {key: value})))
+            names.append(f"{name}.{key}")
+    motions = Predictor(SIMULATOR, Model(), sensing=True).motions(cases, [TIMES] * len(cases))
+    for name, one, half in zip(names, motions[1::2], motions[2::2], strict=True):
+        slopes = [(m.astype(float) - motions[0]).ravel() / size for m, size in ((one, 2), (half, 1))]
+        gap = np.linalg.norm(slopes[0] - slopes[1]) / np.linalg.norm(slopes[1])
+        assert gap < 0.15, name

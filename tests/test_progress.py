@@ -1,0 +1,70 @@
+"""Progress: a bar with the time left on a terminal, lines elsewhere."""
+
+import os
+import pty
+import subprocess
+import sys
+
+from tests.conftest import ROOT
+
+COUNT = """
+import time
+from fabdesign.cli.progress import counted, described
+with counted("predicted") as shown:
+    for done in range(1, 4):
+        time.sleep(0.15)
+        shown(done, 4)
+with described("calibrating") as told:
+    told("to 0.5 s, iteration 1: 2.000 mm RMS", 0.25)
+    time.sleep(0.2)
+print("over")
+"""
+SEARCH = """
+import time
+from types import SimpleNamespace
+from studies.layouts.progress import LiveLine
+with LiveLine("sheet") as line:
+    history, best = SimpleNamespace(evaluations=64), SimpleNamespace(value=0.0123)
+    line.show(SimpleNamespace(stage="layouts", best=best, history=history, elapsed=20.0, seconds=60.0, share=1 / 3))
+    time.sleep(0.2)
+"""
+
+
+def on_terminal(script: str) -> str:
+    """What a script writes to a terminal of 120 columns."""
+    master, slave = pty.openpty()
+    env = os.environ | {"TERM": "xterm", "COLUMNS": "120"}
+    with subprocess.Popen([sys.executable, "-c", script], stdout=slave, stderr=slave, cwd=ROOT, env=env) as child:
+        os.close(slave)
+        parts = []
+        while True:
+            try:
+                parts.append(os.read(master, 4096))
+            except OSError:  # how a terminal whose writers are gone ends on Linux
+                break
+            if not parts[-1]:
+                break
+        os.close(master)
+    assert child.returncode == 0
+    return b"".join(parts).decode()
+
+
+def test_lines_where_there_is_no_terminal():
+    done = subprocess.run([sys.executable, "-c", COUNT], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout == "over\n"
+    expected = [*(f"predicted {k} of 4 trials" for k in (1, 2, 3)), "to 0.5 s, iteration 1: 2.000 mm RMS"]
+    assert done.stderr.splitlines() == expected
+
+
+def test_a_bar_on_a_terminal():
+    shown = on_terminal(COUNT)
+    assert "predicted 3 of 4 trials" in shown and "━" in shown and "left" in shown
+    assert "0:00:0" in shown  # s left
+    assert "iteration 1: 2.000 mm RMS" in shown
+    assert shown.rstrip().endswith("over")
+
+
+def test_a_search_shows_its_best_and_the_seconds_left():
+    shown = on_terminal(SEARCH)
+    assert "sheet: layouts: best 12.300 mm, 64 evaluations, 20 s" in shown
+    assert "━" in shown and "40 s left at most" in shown

@@ -1,0 +1,372 @@
+"""Sweeps: estimators against exact values, studies on a cloth in closed form, and a small one on the simulator."""
+
+import csv
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import sobol_indices
+
+from fabdesign.catalogue import build
+from fabdesign.design_file import write_design
+from fabdesign.errors import InputError, SimulationError
+from fabdesign.forward import Case
+from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Quantity
+from fabdesign.model_sampling import drawn, joint_root
+from fabdesign.sensitivity_file import SensitivityStudy, read_sensitivity
+from fabdesign.varied import Varied
+from studies.sensitivity.designs import STEP, saltelli_rows, trajectories
+from studies.sensitivity.estimators import indices, screening
+from studies.sensitivity.inputs import Inputs
+from studies.sensitivity.outputs import mean_curvature, tip
+from studies.sensitivity.run import Progress, run_sensitivity
+from studies.sensitivity.snapping import snaps
+from tests.analytic_cloth import AnalyticCloth
+from tests.command_line import Run, one_line
+
+HEAD = 'format = "fabdesign.study/1"\nkind = "sensitivity"\ndesign = "d.toml"\n'
+TWO = "[parameters.pressure.0]\nlow = 100\nhigh = 300\n[parameters.position.1.u]\nlow = -0.01\nhigh = 0.01\n"
+
+
+def ishigami(x: np.ndarray) -> np.ndarray:
+    """Of points of the unit cube (..., 3)."""
+    x = np.pi * (2 * x - 1)
+    return np.sin(x[..., 0]) + 7 * np.sin(x[..., 1]) ** 2 + 0.1 * x[..., 2] ** 4 * np.sin(x[..., 0])
+
+
+def sobol_g(x: np.ndarray, a: np.ndarray) -> np.ndarray:
+    return np.prod((np.abs(4 * x - 2) + a) / (1 + a), axis=-1)
+
+
+def single(inputs: int) -> list[tuple[int, ...]]:
+    return [(i,) for i in range(inputs)]
+
+
+# estimators
+
+
+def test_sobol_indices_of_ishigami_are_the_exact_ones() -> None:
+    rows = saltelli_rows(3, [*single(3), (0, 2)], 4096, seed=1)
+    found = indices(ishigami(rows))
+    v1, v2, v13 = 0.5 * (1 + 0.1 * np.pi**4 / 5) ** 2, 49 / 8, 0.01 * np.pi**8 * (1 / 18 - 1 / 50)
+    variance = v1 + v2 + v13
+    np.testing.assert_allclose(found.first, np.array([v1, v2, 0, v1 + v13]) / variance, atol=0.01)
+    np.testing.assert_allclose(found.total, np.array([v1 + v13, v2, v13, v1 + v13]) / variance, atol=0.01)
+
+
+def test_sobol_indices_of_the_g_function_are_the_exact_ones_and_lie_in_their_intervals() -> None:
+    a = np.array([0, 1, 4.5, 9, 99, 99])
+    own = 1 / (3 * (1 + a) ** 2)
+    variance = np.prod(1 + own) - 1
+    first = own / variance
+    total = own * np.prod(1 + own) / (1 + own) / variance
+    found = indices(sobol_g(saltelli_rows(6, single(6), 2048, seed=3), a))
+    np.testing.assert_allclose(found.first, first, atol=0.015)
+    np.testing.assert_allclose(found.total, total, atol=0.015)
+    few = [indices(sobol_g(saltelli_rows(6, single(6), 64, seed), a), seed=seed) for seed in range(8)]
+    inside = [(x.first90[:4, 0] <= first[:4]) & (first[:4] <= x.first90[:4, 1]) for x in few]
+    assert 0.8 <= np.mean(inside) <= 1.0
+    assert few[0].first90[0, 1] - few[0].first90[0, 0] > 0.1
+
+
+def test_sobol_estimators_are_those_of_scipy() -> None:
+    values = ishigami(saltelli_rows(3, single(3), 256, seed=0))
+    theirs = sobol_indices(
+        func={"f_A": values[:, 0][None], "f_B": values[:, 1][None], "f_AB": values[:, 2:].T[:, None]}, n=256
+    )
+    found = indices(values)
+    np.testing.assert_allclose(found.first, np.ravel(theirs.first_order), rtol=1e-9)
+    np.testing.assert_allclose(found.total, np.ravel(theirs.total_order), rtol=1e-9)
+
+
+def test_morris_measures_are_those_of_all_elementary_effects() -> None:
+    levels = [0, 1 / 3]
+    grid = [0, 1 / 3, 2 / 3, 1]
+    exact = np.empty((3, 2))
+    for i in range(3):
+        spans = [levels if k == i else grid for k in range(3)]
+        starts = np.array([*product(*spans)])
+        effects = (ishigami(starts + STEP * np.eye(3)[i]) - ishigami(starts)) / STEP
+        exact[i] = np.abs(effects).mean(), effects.std()
+    paths = trajectories(3, 4000, seed=2)
+    found = screening(paths, ishigami(paths))
+    np.testing.assert_allclose(found.mu_star, exact[:, 0], rtol=0.03, atol=1e-9)
+    np.testing.assert_allclose(found.sigma, exact[:, 1], rtol=0.03, atol=1e-9)
+
+
+def test_morris_ranks_the_g_function_and_finds_a_linear_one_exactly() -> None:
+    paths = trajectories(6, 40, seed=1)
+    assert {*np.unique(np.round(3 * paths))} == {0, 1, 2, 3}
+    order = np.argsort(-screening(paths, sobol_g(paths, np.array([0, 1, 4.5, 9, 99, 99]))).mu_star)
+    assert order[:4].tolist() == [0, 1, 2, 3]
+    slope = np.array([3.0, -2, 0, 1, 0.5, -5])
+    found = screening(paths, paths @ slope)
+    np.testing.assert_allclose(found.mean, slope, atol=1e-12)
+    np.testing.assert_allclose(found.mu_star, abs(slope), atol=1e-12)
+    np.testing.assert_allclose(found.sigma, 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("make", [trajectories, lambda d, n, seed: saltelli_rows(d, single(d), n, seed)])
+def test_a_longer_design_begins_with_the_shorter_one(make) -> None:
+    np.testing.assert_array_equal(make(5, 64, 7)[:16], make(5, 16, 7))
+
+
+# outputs
+
+
+def test_mean_curvature_and_tip_of_a_cylinder() -> None:
+    u, s = np.meshgrid(np.linspace(-0.1, 0.1, 41), np.linspace(0, 0.2, 41))
+    for turn in (1, -1):  # hollow to the front, to the back
+        faces = []
+        for half in (1e-3, -1e-3):
+            r = 0.1 - turn * half
+            faces.append(
+                np.stack([u, -r * np.sin(s / 0.1), turn * (0.1 - r * np.cos(s / 0.1))], axis=-1).reshape(-1, 3)
+            )
+        points = np.concatenate(faces)
+        assert mean_curvature(points) == pytest.approx(turn * 5, rel=2e-3)
+        expected = [0, -0.1 * np.sin(2), turn * 0.1 * (1 - np.cos(2))]
+        np.testing.assert_allclose(tip(points, build("cross").fabric), expected, atol=1e-9)
+
+
+def test_what_jumps_is_told_from_what_bends() -> None:
+    moves = np.array([[0.004, 0.0005], [0.025, 0.001], [0.012, 0.006], [np.nan, np.nan]])  # m
+    assert snaps(moves).tolist() == [False, True, True, True]
+
+
+# studies
+
+
+@pytest.fixture
+def study() -> SensitivityStudy:
+    varied = (
+        Varied("pressure.0", "pressure", (0,), 100.0, 300.0, "kPa"),
+        Varied("pressure.2", "pressure", (2,), 100.0, 300.0, "kPa"),
+        Varied("position.1.u", "position", (1, -1, 0), -0.01, 0.01, "m"),
+    )
+    return SensitivityStudy(
+        "s", build("vertical"), varied, False, ("tip",), np.full(3, 200e3), samples=32, trajectories=8
+    )
+
+
+class Counting(AnalyticCloth):
+    """Stops after so many cases."""
+
+    left = 10**9
+    computed = 0
+
+    def equilibria(self, cases: Sequence[Case]) -> list[np.ndarray]:
+        if len(cases) > 1:
+            if self.computed + len(cases) > self.left:
+                raise KeyboardInterrupt
+            self.computed += len(cases)
+        return super().equilibria(cases)
+
+
+def numbers(result: object) -> object:
+    return {k: v for k, v in result.as_json().items() if k not in ("wall_s", "cpu_s")}  # type: ignore[attr-defined]
+
+
+def test_a_study_says_what_matters_and_writes_it(study: SensitivityStudy, tmp_path: Path) -> None:
+    told: list[Progress] = []
+    study = replace(study, outputs=("tip", "mean_curvature"))
+    run_sensitivity(study, tmp_path / "out", forward=AnalyticCloth(), progress=told.append)
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    found = result["outputs"]["tip_z"]
+    assert found["unit"] == "mm"
+    assert found["sobol"]["pressure.0"]["total"] == pytest.approx(0.5, abs=0.15)  # two outer muscles alike
+    assert found["sobol"]["position.1.u"]["total"] < 0.1
+    assert found["morris"]["pressure.0"]["mu_star"] > found["morris"]["position.1.u"]["mu_star"]
+    assert set(result["outputs"]) == {"tip_x", "tip_y", "tip_z", "mean_curvature"}
+    assert "tip_x" in result["said"][-1]  # columns of this cloth do not move sideways
+    samples = result["samples"]
+    assert (samples["computed"], samples["looked_at"]) == (8 * 4 + 32 * 5, 8)
+    assert samples["failed"] == samples["morris_left_out"] == samples["sobol_left_out"] == samples["snapping"] == 0
+    rows = [*csv.reader((tmp_path / "out" / "samples.csv").open())]
+    assert len(rows) == 1 + 8 * 4 + 32 * 5
+    assert rows[0][3:] == [
+        "pressure.0", "pressure.2", "position.1.u", "tip_x [mm]", "tip_y [mm]", "tip_z [mm]", "mean_curvature [1/m]",
+    ]  # fmt: skip
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert page.count("<svg") == 3
+    assert "src=" not in page
+    assert told[-1].done == told[-1].total
+    assert told[-1].left == 0
+
+
+def test_a_study_killed_goes_on_and_ends_with_the_same_numbers(study: SensitivityStudy, tmp_path: Path) -> None:
+    study = replace(study, samples=16)
+    whole = run_sensitivity(study, tmp_path / "whole", forward=AnalyticCloth())
+    cloth = Counting()
+    cloth.left = 60
+    with pytest.raises(KeyboardInterrupt):
+        run_sensitivity(study, tmp_path / "killed", forward=cloth)
+    assert cloth.computed == 32  # the trajectories; the rows' first batch was lost
+    cloth.left = 10**9
+    again = run_sensitivity(study, tmp_path / "killed", forward=cloth)
+    assert cloth.computed == 32 + 80 + 24
+    assert numbers(again) == numbers(whole)
+
+
+def test_more_samples_go_further_and_another_study_is_refused(study: SensitivityStudy, tmp_path: Path) -> None:
+    out, few = tmp_path / "out", replace(study, samples=8, methods=("sobol",))
+    run_sensitivity(few, out, forward=AnalyticCloth())
+    cloth = Counting()
+    more = run_sensitivity(replace(few, samples=16), out, forward=cloth)
+    assert cloth.computed == 8 * 5
+    whole = run_sensitivity(replace(few, samples=16), tmp_path / "other", forward=AnalyticCloth())
+    assert numbers(more) == numbers(whole)
+    with pytest.raises(InputError, match="seed was 1, now 2"):
+        run_sensitivity(replace(few, seed=2), out, forward=cloth)
+    run_sensitivity(replace(few, seed=2), out, forward=cloth, force=True)
+
+
+def test_a_limit_of_time_gives_what_is_there(study: SensitivityStudy, tmp_path: Path) -> None:
+    with pytest.raises(SimulationError, match="0 of 32 rows are whole, the time was too short"):
+        run_sensitivity(replace(study, seconds=1e-9), tmp_path, forward=AnalyticCloth())
+    run_sensitivity(replace(study, methods=("sobol",), samples=8), tmp_path, forward=AnalyticCloth())
+    part = run_sensitivity(replace(study, methods=("sobol",), seconds=1e-9), tmp_path, forward=AnalyticCloth())
+    assert not part.complete
+    assert "8 of 32 rows" in part.sentences[0]
+
+
+def test_failed_samples_are_left_out_with_their_rows_and_counted(study: SensitivityStudy, tmp_path: Path) -> None:
+    study = replace(study, methods=("sobol",))
+    result = run_sensitivity(study, tmp_path / "some", forward=AnalyticCloth(fail_above=295e3))
+    samples = result.as_json()["samples"]
+    rows = [*csv.DictReader((tmp_path / "some" / "samples.csv").open())]
+    lost = [r for r in rows if r["tip_z [mm]"] == ""]
+    assert samples["failed"] == len(lost) > 0
+    assert all(float(r["pressure.0"]) > 295 for r in lost)
+    assert samples["sobol_left_out"] == len({r["row"] for r in lost if r["method"] == "sobol"})
+    assert np.isfinite(result.as_json()["outputs"]["tip_z"]["mean"])
+    with pytest.raises(SimulationError, match="samples failed"):
+        run_sensitivity(study, tmp_path / "most", forward=AnalyticCloth(fail_above=120e3))
+
+
+class Snapping(AnalyticCloth):
+    """Falls to the front where the front pulls harder, by however little."""
+
+    def equilibria(self, cases: Sequence[Case]) -> list[np.ndarray]:
+        shapes = super().equilibria(cases)
+        for case, shape in zip(cases, shapes, strict=True):
+            side = np.sign(case.program.pressure[-1] @ [1, -0.5, -0.5])
+            shape[:, 2] += 0.05 * side * shape[:, 1] / 0.2
+        return shapes
+
+
+def test_samples_that_hang_on_a_coin_are_counted(study: SensitivityStudy, tmp_path: Path) -> None:
+    narrow = tuple(replace(v, low=198.0, high=202.0) if v.unit == "kPa" else v for v in study.varied)
+    design = replace(
+        study.design,
+        muscles=tuple(replace(m, side="front" if m.channel == 0 else "back") for m in study.design.muscles),
+    )
+    result = run_sensitivity(
+        replace(study, varied=narrow, design=design, methods=("morris",)), tmp_path, forward=Snapping()
+    )
+    assert result.snapping == len(result.moves) == 8
+    assert any("coin's toss" in line for line in result.sentences)
+
+
+def test_a_covariance_is_drawn_jointly(tmp_path: Path) -> None:
+    matrix = np.array([[0.04, -0.03, 0], [-0.03, 0.09, 0], [0, 0, 0.0004]])
+    model = Model(
+        {"bending": Parameter(1.1), "muscle_gain": Parameter(0.9, scope="muscle_types.EM20")},
+        effects=(EffectTerm("filling_lag", {"fill": Quantity(0.05, "s")}),),
+        covariance=Covariance(("bending", "muscle_gain", "filling_lag.fill"), matrix),
+    )
+    root = joint_root(model)
+    z = np.random.default_rng(0).normal(size=(4000, 3))
+    models = [drawn(model, root, row) for row in z]
+    logs = np.log([[m.parameters["bending"].factor, m.parameters["muscle_gain"].factor] for m in models])
+    np.testing.assert_allclose(logs.mean(axis=0), np.log([1.1, 0.9]), atol=0.02)
+    np.testing.assert_allclose(np.cov(logs.T), matrix[:2, :2], atol=0.005)
+    lag = np.array([m.terms[0].values["fill"] for m in models])
+    assert lag.min() == 0.0  # its bound
+    assert np.median(lag) == pytest.approx(0.05, abs=0.002)
+    study = SensitivityStudy("s", build("cross"), (), True, ("tip",), np.full(2, 2e5), model=model)
+    inputs = Inputs(study)
+    assert list(inputs.groups) == [*inputs.names, "covariance"]
+    case = inputs.case(np.array([1.0, 0, 0]))
+    assert case.factors["bending"] == pytest.approx(1.1 * np.exp(0.2))
+    assert case.factors["muscle_types.EM20.muscle_gain"] == pytest.approx(0.9 * np.exp(-0.15))
+
+
+def test_effects_of_the_model_are_varied_in_their_place(study: SensitivityStudy) -> None:
+    lag = EffectTerm("filling_lag", {"fill": Quantity(0.05, "s"), "empty": Quantity(0.2, "s")})
+    varied = (Varied("effects.filling_lag.fill", "effect", ("filling_lag", "fill"), 0, 0.2, "s"),)
+    model = Model(effects=(lag, EffectTerm("dead_time", {"delay": Quantity(0.02, "s")})))
+    case = Inputs(replace(study, varied=varied, model=model)).case(np.array([0.1]))
+    assert [term.name for term in case.effects] == ["filling_lag", "dead_time"]
+    assert case.effects[0].values == {"fill": 0.1, "empty": 0.2}
+
+
+# files and the command
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    write_design(build("cross"), tmp_path / "d.toml")
+    return tmp_path
+
+
+def test_a_study_is_read_as_written(folder: Path) -> None:
+    text = HEAD + 'method = "morris"\nat = [0.5, 1.0]\noutputs = ["tip", "largest_tension"]\n' + TWO
+    (folder / "s.toml").write_text(text + '[parameters."bending"]\nlow = 0.8\nhigh = 1.2\n[limits]\nseconds = 60\n')
+    study = read_sensitivity(folder / "s.toml")
+    assert [(v.name, v.kind, v.key) for v in study.varied] == [
+        ("pressure.0", "pressure", (0,)),
+        ("position.1.u", "position", (1, -1, 0)),
+        ("bending", "factor", ("bending",)),
+    ]
+    assert (study.methods, study.at, study.seconds, study.pressures.tolist()) == (
+        ("morris",), (0.5, 1.0), 60.0, [200e3, 200e3],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("", "parameters is missing"),
+        ("[parameters]\n", "nothing varies"),
+        ("[parameters]\ncovariance = true\n", "expected a model with a [covariance]"),
+        ("[parameters.pressure.2]\nlow = 0\nhigh = 1\n", "channels 0 to 1"),
+        ("[parameters.pressure.0]\nlow = 0\n", "no high; expected low and high kPa"),
+        ("[parameters.pressure.0]\nlow = 0\nhigh = 1e9\n", "from 0 to"),
+        ("[parameters.pressure.0]\nlow = 5\nhigh = 5\n", "expected low < high"),
+        ("[parameters.position.0.u]\nlow = -0.15\nhigh = 0\n", "off the cloth"),
+        ("[parameters.position.9.u]\nlow = -1\nhigh = 0\n", "no such muscle"),
+        ("[parameters.membrain]\nlow = 0.8\nhigh = 1\n", "did you mean membrane?"),
+        ("[parameters.effects.filing_lag.fill]\nlow = 0\nhigh = 1\n", "did you mean filling_lag?"),
+        ("[parameters.effects.filling_lag.fil]\nlow = 0\nhigh = 1\n", "did you mean fill?"),
+        ("[parameters.effects.odd_muscle.channel]\nlow = 0\nhigh = 1\n", "is a choice"),
+        ("samples = 100\n" + TWO, "a power of two"),
+        ('outputs = ["tips"]\n' + TWO, "some of tip, mean_curvature"),
+        ('outputs = ["chamfer"]\n' + TWO, "expected one [target]"),
+        ('method = "sobel"\n' + TWO, 'expected "morris", "sobol"'),
+        ("at = [1.0, 0.5]\n" + TWO, "rising times"),
+        ("sample = 8\n" + TWO, "unknown key sample"),
+        (TWO.replace("high = 300", "hight = 300"), "no high"),
+    ],
+)
+def test_bad_studies_are_refused_in_a_line(folder: Path, run: Run, text: str, problem: str) -> None:
+    (folder / "s.toml").write_text(HEAD + text)
+    one_line(run("sensitivity", folder / "s.toml", "-o", folder / "out"), problem)
+    assert not (folder / "out").exists()
+
+
+def test_the_command_runs_the_simulator_with_tensions_at_rest(folder: Path, run: Run) -> None:
+    write_design(build("vertical"), folder / "d.toml")
+    text = HEAD + 'samples = 8\nmethod = "sobol"\npoints_per_side = 11\noutputs = ["tip", "largest_tension"]\n' + TWO
+    (folder / "s.toml").write_text(text)
+    code, out, err = run("sensitivity", folder / "s.toml", "-o", folder / "out", "--json")
+    assert code == 0, err
+    found = json.loads(out)
+    tension = found["outputs"]["largest_tension"]
+    assert 0.1 < tension["mean"] < 30
+    assert tension["sobol"]["pressure.0"]["total"] > 0.5
+    assert found["samples"]["failed"] == 0

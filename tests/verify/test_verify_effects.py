@@ -1,0 +1,67 @@
+"""Effects against the virtual rig's own code of the same laws: what an effect changes, there and here."""
+
+import numpy as np
+import pytest
+
+from fabdesign.catalogue import build
+from fabdesign.forward import Case, Term
+from fabdesign.model import Model
+from fabdesign.predictor import Predictor
+from fabdesign.pressure import PressureProgram
+from sim import Simulator
+
+pytest.importorskip("numba")
+
+from studies.rig import EffectSetting, Key
+from studies.rig.scene import Resolution
+from studies.rig.specimen import Task, control_points, prepare
+
+COARSE = Resolution(element=0.02, step=1 / 480)  # its own error is in both of its motions
+SIMULATOR = Simulator(points_per_side=41)
+DESIGN = build("side", muscles=4)
+TIMES = np.arange(1, 17) / 40  # s
+PROGRAM = PressureProgram(np.array([0.0, 0.2]), 1e3 * np.array([[150.0, 100, 50, 0], [60.0, 100, 120, 0]]), 0.4)
+# what is not given has the default that both share
+EFFECTS = {
+    "braid_hysteresis": {},
+    "muscle_creep": {"share": 0.5, "time": 0.1},
+    "odd_muscle": {},
+    "filling_lag": {},
+    "dead_time": {},
+    "supply_droop": {},
+    "line_loss": {},
+    "orthotropy": {},
+    "air_drag": {"coefficient": 60.0},
+    "frame_tilt": {},
+    "time_offset": {},
+}
+GRID = np.linspace(0.0, 0.2, 21)
+
+
+def of_the_rig(*effects):
+    """(T, 21, 21, 3) m, mid-surface."""
+    task = Task(DESIGN, PROGRAM, TIMES, 0, Key(effects=effects), COARSE)
+    uv = np.stack(np.meshgrid(GRID, GRID), axis=-1).reshape(-1, 2)
+    value = prepare(task).patch.matrix(uv)
+    return np.array([value @ x for x in control_points(task)]).reshape(len(TIMES), 21, 21, 3)
+
+
+def of_the_simulator(*terms):
+    case = Case(DESIGN, PROGRAM, effects=terms)
+    [points] = Predictor(SIMULATOR, Model(), sensing=True).motions([case], [TIMES])
+    return points.astype(float).reshape(len(TIMES), 2, 41, 41, 3).mean(axis=1)[:, ::2, ::2]
+
+
+@pytest.fixture(scope="module")
+def without():
+    return of_the_rig(), of_the_simulator()
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_an_effect_changes_what_it_changes_on_the_rig(name, without, record):
+    values = EFFECTS[name]
+    there = of_the_rig(EffectSetting(name, values)) - without[0]
+    here = of_the_simulator(Term(name, values)) - without[1]
+    size, apart = (1e3 * np.sqrt(np.square(x).sum(axis=-1).mean()) for x in (there, here - there))
+    record(f"{name}, change against the synthetic rig's", "10 %", f"{apart / size:.1%} of {size:.2f} mm")
+    assert apart < 0.1 * size
