@@ -9,6 +9,12 @@ from fabdesign.errors import InputError
 from fabdesign.table import LARGEST_TOML, read_text
 
 _HEADS = ("set.toml", "recording.toml", "bench.toml")  # of the folders that are read as one
+_read_by_all: set[Path] = set()
+
+
+def always_input(path: Path) -> None:
+    """Count `path` among the inputs of whatever this process writes: it was read before a command began."""
+    _read_by_all.add(path.resolve())
 
 
 def require_apart(goal: Path, inputs: Iterable[Path | str]) -> None:
@@ -18,7 +24,7 @@ def require_apart(goal: Path, inputs: Iterable[Path | str]) -> None:
     over.
     """
     where = goal.resolve()
-    for given in map(Path, inputs):
+    for given in (*map(Path, inputs), *_read_by_all):
         for found in _with_named(given):
             if found == where or (where.is_file() and where.samefile(found)):
                 raise InputError(f"{goal}: is an input; expected another place to write to")

@@ -91,6 +91,13 @@ def test_what_is_implausible_is_a_warning(design: object, warning: str) -> None:
     assert any(warning in line for line in found.warnings), found.warnings
 
 
+def test_of_many_pairs_the_first_are_named_and_the_rest_counted() -> None:
+    found = design_findings(build("basic", muscles=100), "d")  # 4 mm apart, each from its neighbours on its face
+    assert found.problems == ()
+    assert len(found.warnings) == 4
+    assert found.warnings[-1] == "d: and so 95 more pairs of muscles on one face"
+
+
 @given(st.sampled_from([*FABRIC.items(), *MUSCLE_TYPE.items()]), st.floats(-3, 3))
 def test_a_range_holds_what_lies_in_it_and_nothing_else(item: tuple[str, object], place: float) -> None:
     name, expected = item

@@ -80,6 +80,8 @@ INTO_INPUTS = [
     ("predict set --model model.toml -o set", "is an input"),
     ("predict set --model model.toml -o set/trials", "holds the input"),
     ("evaluate set --model model.toml -o .", "holds the input"),
+    ("simulate cross.toml --pressures 1,2 --effects own.py -o own.py", "is an input"),
+    ("calibrate set --model model.toml -o model.toml", "is an input"),
     ("calibrate set -o set/set.toml", "is part of the input set"),
     ("calibrate set -o set/trials/000.npz", "is part of the input set"),
     ("export cross.toml -o .", "holds the input"),
@@ -104,6 +106,7 @@ def test_an_input_is_never_an_output(
 ) -> None:
     monkeypatch.chdir(folder)
     (folder / "link.csv").symlink_to("p.csv")
+    (folder / "own.py").write_text("from fabdesign.effects.air_drag import AIR_DRAG\n")
     (folder / "study.toml").write_text(STUDY.replace("vertical", "cross").replace("target.npz", "set/trials/000.npz"))
     write_recording(folder / "recording")
     before = snapshot(folder)

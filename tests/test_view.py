@@ -68,6 +68,8 @@ def test_a_set_of_a_synthetic_rig_says_so(data: Path) -> None:
     item, *others = items_of([data / "rig_c"], trial="008")
     assert not others
     assert item.title.endswith("synthetic rig")
+    _, predicted = items_of([data / "rig_c"], trial="008", model=Model(), forward=AnalyticCloth(9))
+    assert predicted.title == item.title.replace("synthetic rig", "predicted")
     with pytest.raises(InputError, match="has no trial nine; expected one of 000"):
         items_of([data / "rig_c"], trial="nine")
 

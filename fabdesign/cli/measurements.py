@@ -129,7 +129,7 @@ def calibrate(
         terms=base.terms,
         scope=muscle_scope([design for found, _ in checked for design in found.designs.values()]),
     )
-    with new_file(output, force=force, inputs=sources) as unfinished:
+    with new_file(output, force=force, inputs=[*sources, *([] if model is None else [model])]) as unfinished:
         from sim import Simulator
 
         with described("calibrating") as shown:

@@ -13,9 +13,11 @@ from fabdesign.table import nearest
 
 def _register(context: click.Context, parameter: click.Parameter, files: tuple[Path, ...]) -> tuple[Path, ...]:
     from fabdesign.effects import register_file
+    from fabdesign.inputs import always_input
 
     for file in files:
         register_file(file)
+        always_input(file)
     return files
 
 

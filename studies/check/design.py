@@ -17,6 +17,7 @@ SPACING = 0.006  # m, that `optimize` keeps between muscles on one face where a 
 _ROUNDING = 1e-6  # m
 _ROWS = 4  # of a bench table, that a muscle's law is fitted to
 _THICK = 0.1  # of the cloth's shorter side
+_NAMED = 3  # pairs of muscles; of more the number is said
 
 
 def design_findings(design: Design, where: str) -> Findings:
@@ -64,8 +65,8 @@ def part_findings(part: Part, where: str) -> Findings:
 
 
 def spacing(design: Design, least: float) -> tuple[list[str], list[str]]:
-    """A line on each pair of muscles on one face that lie in each other's place, and on each that crosses or lies less
-    than `least` m apart."""
+    """Lines on pairs of muscles on one face that lie in each other's place, and on those that cross or lie less than
+    `least` m apart."""
     overlapping, close = [], []
     for (i, a), (j, b) in combinations(enumerate(design.muscles), 2):
         if a.side != b.side:
@@ -80,7 +81,12 @@ def spacing(design: Design, least: float) -> tuple[list[str], list[str]]:
             overlapping.append(f"{both} lie {1e3 * gap:.3g} mm apart on the {a.side}; {expected}")
         elif gap < least - _ROUNDING:
             close.append(f"{both} lie {1e3 * gap:.3g} mm apart on the {a.side}; optimize keeps {1e3 * least:g} mm")
-    return overlapping, close
+    return _first(overlapping), _first(close)
+
+
+def _first(lines: list[str]) -> list[str]:
+    left = len(lines) - _NAMED
+    return lines if left <= 1 else [*lines[:_NAMED], f"and so {left} more pairs of muscles on one face"]
 
 
 def _fabric(fabric: Fabric, ranges: Mapping[str, object]) -> Iterator[str]:

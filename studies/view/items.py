@@ -73,9 +73,9 @@ def _items(
         if not found:
             known = ", ".join(t.name for t in measured.trials[:5])
             raise InputError(f"{file}: has no trial {name}; expected one of {known}, ...")
-        said = f"{measured.name}/{found[0].name} ({found[0].design_name})"
         source = "synthetic rig" if "synthetic" in measured.description else "measured"
-        return _trial(found[0], f"{said}, {source}", model, forward)
+        said = f"{measured.name}/{found[0].name} ({found[0].design_name})"
+        return _trial(found[0], said, source, model, forward)
     if file.suffix.lower() == ".npz":
         with open_npz(file, "a motion's or a trial's arrays") as arrays:
             is_trial, is_motion = "offsets" in arrays, "time" in arrays
@@ -91,20 +91,20 @@ def _items(
 def _lone_trial(file: Path, design_file: Path | None, model: Model | None, forward: ForwardModel | None) -> list[Item]:
     if design_file is not None:
         design: Design = read_design(design_file)
-        return _trial(Trial(file, design.name, design, order=0, role="fit"), f"{file.stem}, measured", model, forward)
+        return _trial(Trial(file, design.name, design, order=0, role="fit"), file.stem, "measured", model, forward)
     if model is not None:
         raise InputError(f"{file}: a lone trial; expected --design with its design file to predict it")
     data = read_trial(file)
     return [Item(f"{file.stem}, measured", np.asarray(data.time, np.float64), data.frames)]
 
 
-def _trial(trial: Trial, title: str, model: Model | None, forward: ForwardModel | None) -> list[Item]:
+def _trial(trial: Trial, name: str, source: str, model: Model | None, forward: ForwardModel | None) -> list[Item]:
     data = trial.load()
-    items = [Item(title, np.asarray(data.time, np.float64), data.frames)]
+    items = [Item(f"{name}, {source}", np.asarray(data.time, np.float64), data.frames)]
     if model is not None and forward is not None:
         case = Case(trial.design, trial.program, order=trial.order)
         points = forward_model(forward, model, sensing=True).motions([case], [trial.times])[0]
         if not np.isfinite(points).all():
             raise InputError(f"{trial.file}: its prediction diverges; expected a model under which it can be shown")
-        items.append(Item(f"{trial.name}, predicted", trial.times, points, square_triangles(points.shape[1])))
+        items.append(Item(f"{name}, predicted", trial.times, points, square_triangles(points.shape[1])))
     return items
