@@ -70,11 +70,8 @@ def bench(folder, name):
     return folder
 
 
-EVERY = {
-    "muscle_creep": 20,
-    "braid_hysteresis": 5,
-    "filling_lag": 20,
-}  # rows of the truth in one of the record: friction must see turns
+# rows of the truth in one of the record: of friction, rows must show where it turns
+EVERY = {"muscle_creep": 20, "braid_hysteresis": 5, "filling_lag": 20}
 TRUTH = {
     "muscle_creep": {"share": 0.3, "time": 0.8},
     "braid_hysteresis": {"friction": 0.004, "friction_at_zero": 0.1, "slip": 0.01},
