@@ -131,7 +131,7 @@ def test_model_is_used_on_the_grid_that_it_was_fitted_on(run: Run, hanging: type
     """A cloth that no factor moves: the data sheet stays, its prior the only thing known."""
     hanging.made.clear()
     code, out, _ = run("calibrate", folder / "set", "-o", folder / "fitted.toml", "--json")
-    assert (code, hanging.made) == (0, {41, 61})  # early horizons and differences, the last horizon
+    assert (code, hanging.made) == (0, {21, 41, 61})  # coin tosses, early horizons and differences, the last horizon
     model = ("--model", folder / "fitted.toml")
     simulate = ("simulate", folder / "cross.toml", "--pressures", "1,2", *model, "-o", folder / "fitted.npz")
     for arguments in (
@@ -144,8 +144,9 @@ def test_model_is_used_on_the_grid_that_it_was_fitted_on(run: Run, hanging: type
         assert hanging.side == 61
     assert run(*simulate, "--grid", 21, "--force")[0] == 0
     assert hanging.side == 21
+    hanging.made.clear()
     assert run("calibrate", folder / "set", "--grid", 31, "-o", folder / "coarser.toml")[0] == 0
-    assert (hanging.side, read_model(folder / "coarser.toml").points_per_side) == (31, 31)
+    assert (hanging.made, read_model(folder / "coarser.toml").points_per_side) == ({21, 31}, 31)
     found = json.loads(out)["parameters"]["membrane"]
     assert found["factor"] == pytest.approx(1.0)
     assert np.log(found["interval90"]) == pytest.approx([-1.645 * 0.15, 1.645 * 0.15], rel=0.01)
