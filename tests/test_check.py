@@ -250,6 +250,19 @@ def test_a_bench_is_asked_what_calibrate_will_ask(
     assert any(problem in line for line in inspect(tmp_path).problems), inspect(tmp_path).problems
 
 
+def test_a_key_of_a_bench_that_nothing_reads_is_warned_of(tmp_path: Path) -> None:
+    (tmp_path / "bench.toml").write_text(
+        'format = "fabdesign.bench/1"\nspecimen = "strip"\nspeciment = "cloth"\ninput = ["stretch"]\n'
+        'output = "force_n"\ngauge_length = 0.1\n[constants]\nwidht = 0.05\n[[records]]\nfile = "r.csv"\n'
+    )
+    (tmp_path / "r.csv").write_text("stretch,force_n\n1,0\n1.1,1\n1.2,2\n")
+    found = inspect(tmp_path)
+    assert found.problems == ()
+    speciment, widht = found.warnings
+    assert speciment.endswith("speciment is a text that nothing reads (did you mean specimen?)")
+    assert widht.endswith("widht is a constant that nothing reads (did you mean width?)")
+
+
 def test_measured_data_are_sound(data: Path) -> None:
     benches = [file.parent for file in data.glob("bench/**/bench.toml")]
     meshes = [*data.glob("targets/*")]

@@ -94,7 +94,7 @@ def write(folder, *, effects=(), forward=None, tests=1, count=8):
 
 def trace(tmp_path, *, forward=None, **kwargs):
     measured = write(tmp_path / "set", forward=forward, **kwargs)
-    return trace_set(measured, tmp_path / "out", source=tmp_path / "set", forward=Curler())
+    return trace_set(measured, tmp_path / "out", inputs=[tmp_path / "set"], forward=Curler())
 
 
 @pytest.fixture(scope="module")
@@ -173,12 +173,12 @@ def test_the_same_call_goes_on_from_the_stages_and_another_set_is_refused(laggin
             return super().motions(cases, times)
 
     measured, counting = read_set(folder / "set"), Counting()
-    again = trace_set(measured, folder / "out", source=folder / "set", forward=counting)
+    again = trace_set(measured, folder / "out", inputs=[folder / "set"], forward=counting)
     assert again.as_json() == outcome.as_json()
     assert counting.cases < 250  # neither the dictionary nor a fit
     other = write(tmp_path / "other")
     with pytest.raises(InputError, match="holds another trace"):
-        trace_set(other, folder / "out", source=tmp_path / "other", forward=Curler())
+        trace_set(other, folder / "out", inputs=[tmp_path / "other"], forward=Curler())
 
 
 def test_nothing_is_found_where_nothing_is(tmp_path):

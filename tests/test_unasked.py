@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -82,6 +83,7 @@ INTO_INPUTS = [
     ("evaluate set --model model.toml -o .", "holds the input"),
     ("simulate cross.toml --pressures 1,2 --effects own.py -o own.py", "is an input"),
     ("calibrate set --model model.toml -o model.toml", "is an input"),
+    ("trace set --model traced/model.toml -o traced", "holds the input model.toml"),
     ("calibrate set -o set/set.toml", "is part of the input set"),
     ("calibrate set -o set/trials/000.npz", "is part of the input set"),
     ("export cross.toml -o .", "holds the input"),
@@ -106,6 +108,8 @@ def test_an_input_is_never_an_output(
 ) -> None:
     monkeypatch.chdir(folder)
     (folder / "link.csv").symlink_to("p.csv")
+    (folder / "traced").mkdir()
+    shutil.copy(folder / "model.toml", folder / "traced")
     (folder / "own.py").write_text("from fabdesign.effects.air_drag import AIR_DRAG\n")
     (folder / "study.toml").write_text(STUDY.replace("vertical", "cross").replace("target.npz", "set/trials/000.npz"))
     write_recording(folder / "recording")

@@ -62,9 +62,15 @@ def check(files: tuple[Path, ...], as_json: bool) -> None:
         for line in () if of.problems else of.warnings:  # what is not sound is mended first
             click.echo(f"warning: {line}", err=True)
         if not of.problems and not as_json:
-            click.echo(f"{name}: sound" + (f", {len(of.warnings)} warnings" if of.warnings else ""))
+            click.echo(f"{name}: sound" + _counted(of.warnings))
     if any(of.problems for of in found.values()):
         sys.exit(2)
+
+
+def _counted(warnings: tuple[str, ...]) -> str:
+    if not warnings:
+        return ""
+    return f", {len(warnings)} warning{'' if len(warnings) == 1 else 's'}"
 
 
 @commands.command()

@@ -44,8 +44,9 @@ def trace(
     fitted = None if model is None else read_model(model)
     measured, _ = sound_trials(read_set(source), skip_bad=False)
     options = Options(TOLERANCE if tolerance is None else tolerance / 1e3, grid, seed)
+    inputs = [file for file in (source, model) if file is not None]
     with LiveLine(f"trace {source.name}") as line:
-        outcome = trace_set(measured, output, source=source, model=fitted, options=options, force=force, say=line.show)
+        outcome = trace_set(measured, output, inputs=inputs, model=fitted, options=options, force=force, say=line.show)
     print_result(outcome.as_json(), f"{output}: {as_text(outcome)}", as_json)
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fabdesign.bench_file import read_bench, read_record
+from fabdesign.bench_file import read_record
 from fabdesign.bench_law_file import TABLES, read_bench_law, read_law_table
 from fabdesign.bench_table_file import COLUMNS as BENCH_TABLE
 from fabdesign.bench_table_file import read_bench_table
@@ -132,10 +132,9 @@ def _key(path: Path) -> Findings:
 
 
 def _bench(path: Path) -> Findings:
-    from studies.benches.needs import require_columns, require_sizes
+    from studies.check.bench import bench_findings
 
-    bench = read_bench(path)
-    return failures([partial(require_columns, bench, bench.records), partial(require_sizes, bench)])
+    return bench_findings(path)
 
 
 def _bench_law(path: Path) -> Findings:

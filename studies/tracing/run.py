@@ -1,7 +1,7 @@
 """`fabdesign trace SET`: one trace from a measurement set to its files."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -54,7 +54,7 @@ def trace_set(
     measured: MeasurementSet,
     out: Path | str,
     *,
-    source: Path,
+    inputs: Sequence[Path],
     model: Model | None = None,
     options: Options = Options(),
     forward: ForwardModel | None = None,
@@ -63,15 +63,16 @@ def trace_set(
 ) -> Outcome:
     """Trace, and write `trace.json`, `model.toml` and `report.html` into `out`. The same call goes on after a kill.
 
-    model: where the fit starts, and effects that are known already; they stay as they are. forward: the bare
-    simulator, by default with `options.grid`. Raises InputError for too few trials and for a folder of something else.
+    inputs: the files and folders read, never written over. model: where the fit starts, and effects that are known
+    already; they stay as they are. forward: the bare simulator, by default with `options.grid`. Raises InputError for
+    too few trials and for a folder of something else.
     """
     trials = fit_trials(measured.trials)
     trials = tuple(trials[i] for i in evenly(len(trials), TRIALS))
     tests = tuple(t for t in measured.trials if t.role == "test")
     known = model or Model()
     _check(known)
-    with work_folder(out, made_by="trace", force=force, inputs=[source]) as work:
+    with work_folder(out, made_by="trace", force=force, inputs=inputs) as work:
         stages = Stages(work, _content(measured, (*trials, *tests), known, options))
         if forward is None:
             from sim import Simulator  # here: it loads and starts taichi
