@@ -23,6 +23,7 @@ Start = tuple[DesignSpace, Vector]
 TRIES = 60  # draws of a layout before a muscle count counts as too many for the cloth
 ONE_WAY = 0.6  # of the drawn layouts have all muscles on one face, and as many one pressure for all
 PITCH = 0.02  # m, between fixed points, where the design has no muscle to copy it from
+PARTS = ((0.0, 1.0), (0.0, 2 / 3), (1 / 3, 1.0))  # of the way through the cloth, that even lines run
 ANGLES = (0.0, np.pi / 2, np.pi / 4, -np.pi / 4)  # of parallel muscles against the v axis; and any angle
 
 
@@ -38,8 +39,9 @@ def pressure_starts(space: DesignSpace, count: int, seed: int) -> list[Start]:
 def catalogue_starts(
     design: Design, limits: Limits, poses: int, *, counts: range, sides: Sequence[Side]
 ) -> list[Start]:
-    """The catalogue's layouts and even lines through the whole cloth on each side, of the most and of about half as
-    many muscles, all at the highest pressure and at the middle; those that keep the limits."""
+    """The catalogue's layouts and even lines on each side, through the whole cloth and through two thirds of it from
+    either end, of the most and of about half as many muscles, all at the highest pressure and at the middle; those
+    that keep the limits."""
     kind = next(iter(design.muscle_types.values()))
     pitch = design.muscles[0].fixed_point_pitch if design.muscles else PITCH
     starts: list[Start] = []
@@ -100,13 +102,14 @@ def thinned_starts(
 
 
 def _even(design: Design, limits: Limits, poses: int, count: int, sides: Sequence[Side]) -> list[Start]:
-    """Upright and level lines through the whole cloth."""
+    """Upright and level lines."""
     kind = next(iter(design.muscle_types))
     gaps = (np.arange(count) + 0.5) / count - 0.5
     found = [
-        _start(design, limits, _lines(design, limits, gaps, angle), [kind] * count, [side] * count, pressures)
+        _start(design, limits, _part(lines, *part), [kind] * count, [side] * count, pressures)
         for side in sides
-        for angle in (0.0, np.pi / 2)
+        for lines in (_lines(design, limits, gaps, angle) for angle in (0.0, np.pi / 2))
+        for part in PARTS
         for pressures in (np.full((poses, count), level) for level in (limits.pressure[1], np.mean(limits.pressure)))
     ]
     return [start for start in found if start is not None]
@@ -169,7 +172,12 @@ def _parallel(design: Design, limits: Limits, count: int, rng: Generator) -> NDA
     lines = _lines(design, limits, gaps, angle)
     kept = rng.uniform(0.5, 1.0)
     shift = rng.uniform(0.0, 1.0 - kept)
-    return np.array([[a + shift * (b - a), a + (shift + kept) * (b - a)] for a, b in lines])
+    return _part(lines, shift, shift + kept)
+
+
+def _part(lines: NDArray[np.float64], begin: float, end: float) -> NDArray[np.float64]:
+    """Of each line, from one share of its way to another."""
+    return np.array([[a + begin * (b - a), a + end * (b - a)] for a, b in lines])
 
 
 def _lines(design: Design, limits: Limits, gaps: NDArray[np.float64], angle: float) -> NDArray[np.float64]:
