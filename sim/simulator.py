@@ -144,9 +144,9 @@ class Simulator:
             jumps_of(pressure.program, self.time_step, released=_is_free(case.design.fabric))
             for case, pressure in zip(cases, acting, strict=True)
         ]
-        kinds = [(t[-1] if len(t) else 0.0, jump.large, jump.every) for t, jump in zip(wanted, jumps, strict=True)]
+        patterns = [(t[-1] if len(t) else 0.0, jump.large, jump.every) for t, jump in zip(wanted, jumps, strict=True)]
         with fields.lock:
-            for chosen, packed in self._chunks(cases, kinds):
+            for chosen, packed in self._chunks(cases, patterns):
                 batch = self._at_rest([cases[i] for i in chosen], packed)
                 steps = [steps_of(acting[i], wanted[i], jumps[i], calm=self._calm) for i in chosen]
                 own, due = [cases[i] for i in chosen], [wanted[i] for i in chosen]
@@ -202,7 +202,7 @@ class Simulator:
         tick = max(self.rise / RISE_STEPS, duration / _MOST_TICKS)
         return np.asarray(acting_pressure(replace(case, program=rising), int(np.ceil(duration / tick)), tick).means[-1])
 
-    def _chunks(self, cases: Sequence[Case], kinds: Sequence[tuple]) -> list[tuple[list[int], list[int]]]:
+    def _chunks(self, cases: Sequence[Case], patterns: Sequence[tuple]) -> list[tuple[list[int], list[int]]]:
         """Cases that one call can take, held alike and so that a design's result does not depend on its neighbours, at
         most BLOCKS blocks; and which of these rides in each lane."""
         groups: dict[tuple[Support, bool, bool, int, bool], list[int]] = {}
@@ -213,7 +213,7 @@ class Simulator:
             groups.setdefault(alike, []).append(i)
         chunks: list[tuple[list[int], list[int]]] = []
         for group in groups.values():
-            blocks = pack([kinds[i] for i in group])
+            blocks = pack([patterns[i] for i in group])
             for k in range(0, len(blocks), BLOCKS):
                 lanes = [i for block in blocks[k : k + BLOCKS] for i in block]
                 own = list(dict.fromkeys(lanes))

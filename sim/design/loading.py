@@ -58,7 +58,7 @@ def load_batch(cases: Sequence[Case], n: int, *, support: Support, blocks: int) 
         across, down, modes.odd,
         basis=by_four(modes).astype(np.float32),
         eigen=np.stack([modes.stretching, modes.bending, modes.slopes], axis=1).astype(np.float32),
-        table=np.array([bench_grid(kind.bench) for _, kind in types], np.float32).reshape(-1, *TABLE),
+        table=np.array([bench_grid(own.bench) for _, own in types], np.float32).reshape(-1, *TABLE),
         coarse=coarse, place=place,
         rows=_rows(lacings, n, len(cases) // LANES, points, down),
     )  # fmt: skip
@@ -105,13 +105,13 @@ def _nodes(specimen: Specimen, n: int) -> dict[str, NDArray]:
 
 
 def _types(cases: Sequence[Case]) -> dict[tuple[str, MuscleType], int]:
-    kinds: dict[tuple[str, MuscleType], int] = {}
+    types: dict[tuple[str, MuscleType], int] = {}
     for case in cases:
-        for name, kind in case.design.muscle_types.items():
-            kinds.setdefault((name, kind), len(kinds))
-    if len(kinds) > TYPES:
-        raise InputError(f"batch: {len(kinds)} muscle types; expected at most {TYPES}")
-    return kinds
+        for named in case.design.muscle_types.items():
+            types.setdefault(named, len(types))
+    if len(types) > TYPES:
+        raise InputError(f"batch: {len(types)} muscle types; expected at most {TYPES}")
+    return types
 
 
 def _fixed_points(
@@ -124,8 +124,8 @@ def _fixed_points(
     spare[:2, 0], spare[2:4, 0], spare[2:4, 1] = 1, -1, 1  # at a node, tangents to the next
     weights = np.concatenate([lacing.weights[:4], np.repeat(spare[:, None], room - count, axis=1)], axis=1)
     base = np.concatenate([lacing.base, np.full((room - count, 2), first, np.int32)])
-    kind = [specimen.design.muscle_types[name] for name in lacing.muscle_type]
-    table = [types[name, own] for name, own in zip(lacing.muscle_type, kind, strict=True)]
+    own_types = [specimen.design.muscle_types[name] for name in lacing.muscle_type]
+    table = [types[name, own] for name, own in zip(lacing.muscle_type, own_types, strict=True)]
 
     def filled(values: NDArray, spare: float = 0) -> NDArray:
         return np.pad(values, (0, room - count), constant_values=spare)
@@ -141,7 +141,7 @@ def _fixed_points(
         "rest": filled(lacing.rest, 1.0),
         "gain": filled(of_muscles("gain")),
         "pressure_share": filled(1 - of_muscles("pressure_loss") * lacing.along),
-        "viscosity": filled(damping * np.array([k.viscosity for k in kind])),
+        "viscosity": filled(damping * np.array([own.viscosity for own in own_types])),
         "base": (base[:, 0] + 1) * (n + 2) + base[:, 1] + 1,
         "channel": filled(lacing.channel),
         "muscle_type": filled(np.array(table, np.int32)),
@@ -157,8 +157,8 @@ def _modal_weights(lacing: Lacing, modes: Modes, points: int) -> NDArray[np.floa
     touched = np.minimum(lacing.base[:, :, None] + np.arange(PATCH), n - 1)  # row, column; weights beyond are zero
     out[0, :count, :3, :n] = np.einsum("fpm,pmk->pfk", lacing.weights[::2], modes.normal[touched[:, 1]])
     out[0, :count, 3, :n] = np.einsum("pm,pmk->pk", lacing.weights[0], modes.tangential[touched[:, 1]])
-    point, kind = np.arange(count)[:, None, None], np.arange(3)[None, :, None]
-    np.add.at(out[1], (point, kind, touched[:, None, 0]), lacing.weights[1::2].transpose(1, 0, 2))
+    point, functional = np.arange(count)[:, None, None], np.arange(3)[None, :, None]
+    np.add.at(out[1], (point, functional, touched[:, None, 0]), lacing.weights[1::2].transpose(1, 0, 2))
     return out
 
 

@@ -18,9 +18,9 @@ def sample(b, nu, npt, first, second, dst):
     to three planes of F.point3 each, from dst on. Loops for what is written once: a kernel loads the faster."""
     pt = 0
     while pt < npt:
-        turn = 0
-        while turn < 2:
-            exchange(b, nu, pt, first + turn * (second - first), False)
+        plane = 0
+        while plane < 2:
+            exchange(b, nu, pt, first + plane * (second - first), False)
             r = 0
             while r < F.touched[1]:
                 along_u = 0
@@ -28,12 +28,12 @@ def sample(b, nu, npt, first, second, dst):
                     weigh_across(b, X.wu + along_u * (X.du - X.wu) + PATCH * pt, r, along_u * PATCH + r)
                     along_u = F.after[along_u]
                 r = F.after[r]
-            kind = 0  # value, derivative along u, along v
-            while kind < 3:
-                weights = X.wv + kind // 2 * (X.dv - X.wv) + PATCH * pt
-                weigh_rows(b, weights, kind % 2 * PATCH, dst + (3 * turn + kind) * F.points + pt)
-                kind = F.after[kind]
-            turn = F.after[turn]
+            derivative = 0  # none, along u, along v
+            while derivative < 3:
+                weights = X.wv + derivative // 2 * (X.dv - X.wv) + PATCH * pt
+                weigh_rows(b, weights, derivative % 2 * PATCH, dst + (3 * plane + derivative) * F.points + pt)
+                derivative = F.after[derivative]
+            plane = F.after[plane]
         pt = F.after[pt]
 
 
@@ -64,9 +64,9 @@ def points_rate(b, npt):
         gx, gy, gz = load_point(b, X.vel_v + pt)
         cx, cy, cz = cross(gx, gy, gz, ax, ay, az)
         dx, dy, dz = cross(bx, by, bz, ex, ey, ez)
-        turn = thrice(F.point[b, X.inv_area + pt]) * Wide(cx + dx, cy + dy, cz + dz)
+        plane = thrice(F.point[b, X.inv_area + pt]) * Wide(cx + dx, cy + dy, cz + dz)
         normal = F.point3[b, X.normal + pt]
-        tangential = turn - thrice(sum3(turn * normal)) * normal
+        tangential = plane - thrice(sum3(plane * normal)) * normal
         F.point3[b, X.vel + pt] = F.point3[b, X.vel + pt] + thrice(F.point[b, X.offset + pt]) * tangential
         pt = F.after[pt]
 

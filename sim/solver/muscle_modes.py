@@ -1,8 +1,8 @@
 """Fixed points seen from the modes across: what a field does there, what forces there do, and Green's functions.
 
 The cloth's own solve leaves a field as rows of modes across (the second plane of F.modal3). A fixed point's loop is a
-product of weights of modes, F.across, and weights of rows, F.down, of the kinds below; tangential modes are others than
-the normal component's. F.rows holds its first row and how many times four rows it spans, over all lanes.
+product of weights of modes, F.across, and weights of rows, F.down, of the functionals below; tangential modes are
+others than the normal component's. F.rows holds its first row and how many times four rows it spans, over all lanes.
 """
 
 import taichi as ti
@@ -16,9 +16,9 @@ MEAN, SLOPE, MOMENT, TANGENTIAL = range(4)  # normal means, derivatives, first m
 
 
 @ti.func
-def at(pt, kind):
+def at(pt, functional):
     """Where the weights of a fixed point begin in F.across and F.down."""
-    return (pt * 4 + kind) * F.modes
+    return (pt * 4 + functional) * F.modes
 
 
 @ti.func
@@ -62,7 +62,7 @@ def contract_rows(b, nu, nv, pt):
 
 
 @ti.func
-def functionals(b, nu, pt, scaled: ti.template(), other, kind):
+def functionals(b, nu, pt, scaled: ti.template(), other, functional):
     """F.row[0..6] = u, v, w, (w s_u), (w s_v), w_u, w_v at fixed point pt of the field whose sums over rows
     `contract_rows` left; if scaled, of the field with its modes multiplied by the weights of the point `other`."""
     i = 0
@@ -76,7 +76,7 @@ def functionals(b, nu, pt, scaled: ti.template(), other, kind):
         moment = F.across[b, at(pt, MOMENT) + k]
         tangential = F.across[b, at(pt, TANGENTIAL) + k]
         if ti.static(scaled):
-            scale = F.across[b, at(other, kind) + k]
+            scale = F.across[b, at(other, functional) + k]
             mean *= scale
             slope *= scale
             moment *= scale

@@ -54,7 +54,7 @@ def alike(batch: Batch, scheme: Scheme, pressure: Floats, *, anew: bool = True) 
 
 
 def by_block(values: NDArray[np.floating[Any]]) -> Floats:
-    """(..., kinds, lanes) -> (..., blocks, kinds, LANES), as the fields have it."""
+    """(..., entries, lanes) -> (..., blocks, entries, LANES), as the fields have it."""
     apart = values.reshape(*values.shape[:-1], -1, LANES)
     return np.ascontiguousarray(np.swapaxes(apart, -3, -2), np.float32)
 
@@ -69,10 +69,11 @@ def of_motions(
     count = max(len(motion.ticks) for motion in lanes)
     whole = np.minimum(np.arange(count)[:, None], [len(m.ticks) - 1 for m in lanes])  # (S, lanes) their own steps
     own = list(enumerate(lanes))
-    kind = np.stack([2 * m.ticks[whole[:, k]] + m.jumps[whole[:, k]] for k, m in own], axis=1)
-    kinds, code = np.unique(kind, return_inverse=True)
+    scheme_of = np.stack([2 * m.ticks[whole[:, k]] + m.jumps[whole[:, k]] for k, m in own], axis=1)
+    distinct, code = np.unique(scheme_of, return_inverse=True)
     schemes = [
-        Scheme(tick * float(k // 2), Integrator.MIDPOINT if k % 2 else Integrator.GENERALISED_ALPHA, rho) for k in kinds
+        Scheme(tick * float(k // 2), Integrator.MIDPOINT if k % 2 else Integrator.GENERALISED_ALPHA, rho)
+        for k in distinct
     ]
     entries = np.array([scheme.entries(batch.support) for scheme in schemes], np.float32)
     channels = max(1, *(m.pressure.shape[1] for m in lanes))
@@ -84,12 +85,12 @@ def of_motions(
     for i, m in enumerate(motions):
         first[:, packed.index(i)] = begins[i] + np.searchsorted(m.due, np.arange(count + 1))
     blocks = batch.blocks, LANES
-    change = (np.diff(kind, axis=0, prepend=-1) != 0).reshape(count, *blocks).any(axis=2)
+    change = (np.diff(scheme_of, axis=0, prepend=-1) != 0).reshape(count, *blocks).any(axis=2)
     ends = np.array([len(m.ticks) for m in lanes]).reshape(blocks).max(axis=1)
     idle = np.arange(count)[:, None] >= ends
     theta = np.concatenate([m.theta for m in motions])
     schedule = Schedule(
-        scheme=by_block(np.swapaxes(entries[code.reshape(kind.shape)], 1, 2)),
+        scheme=by_block(np.swapaxes(entries[code.reshape(scheme_of.shape)], 1, 2)),
         work=np.where(idle, IDLE, np.where(change, FACTORISED, PLAIN)).astype(np.int32),
         pressure=by_block(pressure),
         first=first.reshape(count + 1, *blocks),
