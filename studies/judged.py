@@ -69,9 +69,10 @@ class Judged:
     share: float  # of the trials' frames that are unjudged
     several: bool = False  # sets: stretches are then named by set and trial
 
-    def frames(self, found: MeasurementSet, trial: Trial) -> Flags:
-        """(T,) whether each frame of a trial of the set is judged."""
-        return judged(self.stretches or (), trial.name, trial.times, set_name=found.name if self.several else "")
+    def at(self, found: MeasurementSet, trial: Trial, times: Array | None = None) -> Flags:
+        """(T,) whether each frame of a trial of the set is judged, or what is seen at `times` [s] of it."""
+        times = trial.times if times is None else times
+        return judged(self.stretches or (), trial.name, times, set_name=found.name if self.several else "")
 
     def as_json(self) -> dict[str, Any]:
         """The keys `unjudged` and `share_unjudged` of every command."""
