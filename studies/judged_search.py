@@ -8,7 +8,7 @@ import hashlib
 import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import is_dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -48,8 +48,8 @@ def judge_sets(
     *,
     progress: Progress = lambda done, total: None,
 ) -> Judged:
-    """The unjudged stretches of the trials named of each set, in one batch. forward: see `unjudged`; without it they are
-    not looked for. progress is told motions done and in all."""
+    """The unjudged stretches of the trials named of each set, in one batch. forward: see `unjudged`; without it they
+    are not looked for. progress is told motions done and in all."""
     several, trials = len(sets) > 1, [trial for _, own in sets for trial in own]
     if forward is None:
         return Judged(None, 0.0, several)
@@ -68,8 +68,8 @@ def unjudged(
     forward: the bare simulator, GRID points a side are enough. Each draw of the factors' prior is simulated as it is
     and with one small change to either side: gravity tilted, and every channel's pressure off: of the first draw the
     front's up and the back's down, of others by chance. An instant is unjudged where in half of the draws the two
-    motions lie 3 mm apart, or differ from the middle one by unequal amounts. Of trials in which the first two draws find
-    nothing there are no more. progress is told motions done and in all.
+    motions lie 3 mm apart, or differ from the middle one by unequal amounts. Where the first two draws find nothing
+    there are no more. progress is told motions done and in all.
     """
     return _named(trials, _spans(trials, forward, progress), [""] * len(trials))
 
@@ -194,7 +194,7 @@ def _runs(times: Array, flags: Flags) -> list[Span]:
 
 def _kept(trial: Trial, forward: ForwardModel) -> Path | None:
     """The file with what was found; None for a simulator that does not say what it is."""
-    if not is_dataclass(forward):
+    if not hasattr(forward, "__dataclass_fields__"):  # its repr is then all that it is
         return None
     options = (SCREEN, DRAWS, SHARE, TILT, PRESSURE, INTERVAL, APART, BENT, GAP, _SEED, sorted(PRIOR.items()))
     content = hashlib.sha256(repr((SIMULATOR, forward, options, trial.design)).encode())

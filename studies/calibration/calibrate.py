@@ -135,7 +135,8 @@ def calibrate(
         for line in lines.values():
             tolerance.note(InputError(line))
         skipped = tolerance.skipped
-        chosen, samples = ([x for k, x in enumerate(xs) if k not in lines] for xs in (chosen, samples))
+        chosen = [x for k, x in enumerate(chosen) if k not in lines]
+        samples = [x for k, x in enumerate(samples) if k not in lines]
         if not samples:
             raise InputError(f"{', '.join(s.name for s in sets)}: no trial to fit is left; the first: {skipped[0]}")
         found = _fit(samples, forward, slopes, vector, progress)
