@@ -26,6 +26,7 @@ from studies.calibration.calibrate import calibrate as calibrate_sets
 from studies.calibration.fitted_model import muscle_scope
 from studies.calibration.parameters import fit_vector
 from studies.evaluate import Evaluation, evaluate_sets
+from studies.judged_search import GRID as JUDGING
 from studies.layouts.result import StudyResult
 from studies.layouts.run import run_study
 from studies.predict import FRAME_RATE, frame_times, rest
@@ -134,7 +135,7 @@ def calibrate(
         sets,
         Simulator(grid),
         slopes=Simulator(min(grid, 41)),
-        coarse=Simulator(21),
+        coarse=Simulator(JUDGING),
         vector=fit_vector(free, fix, scope=muscle_scope([design for one in sets for design in one.designs.values()])),
         points_per_side=grid,
         orders=fit,
@@ -156,7 +157,8 @@ def evaluate(
     """
     sets = _sets(measured)
     fitted = model if isinstance(model, Model) else read_model(model)
-    return evaluate_sets(fitted, sets, Simulator(grid or fitted.points_per_side), all_trials=all_trials)
+    forward = Simulator(grid or fitted.points_per_side)
+    return evaluate_sets(fitted, sets, forward, coarse=Simulator(JUDGING), all_trials=all_trials)
 
 
 def optimize(study: Path | str, out: Path | str, *, seconds: float | None = None, force: bool = False) -> StudyResult:

@@ -19,15 +19,18 @@ from fabdesign.predictor import Predictor
 from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.trial import MeasurementSet, Trial
 from studies.forward_model import forward_model
+from studies.judged import Flags, Judged
+from studies.judged_search import judge_sets
 
 _AT_ONCE = 16  # trials, two motions each in memory
 _NOISE_FRAMES = 40  # clouds that the sensor noise of a design is estimated from: strays are few
+_UNKNOWN = Errors(*[np.nan] * 5)
 ERRORS = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
 
 
 @dataclass(frozen=True)
 class TrialResult:
-    """Errors of one trial, m; NaN where the motion diverged."""
+    """Errors of one trial's judged frames, m; NaN where the motion diverged, or no frame is judged."""
 
     set_name: str
     trial: str
@@ -35,11 +38,12 @@ class TrialResult:
     role: str
     before: Errors
     after: Errors
+    judged: float = 1.0  # share of its frames
 
 
 @dataclass(frozen=True)
 class DesignResult:
-    """All trials of one design; the statistics leave out trials that diverged."""
+    """All trials of one design; the statistics leave out trials that diverged or have no judged frame."""
 
     source: str  # name and description of the set
     noise: SensorNoise
@@ -50,7 +54,13 @@ class DesignResult:
 
     @property
     def diverged(self) -> list[str]:
-        return [t.trial for t in self.trials if np.isnan(t.before.chamfer) or np.isnan(t.after.chamfer)]
+        lost = (t for t in self.trials if np.isnan(t.before.chamfer) or np.isnan(t.after.chamfer))
+        return [t.trial for t in lost if t.judged]
+
+    @property
+    def unjudged(self) -> list[str]:
+        """Trials without a judged frame."""
+        return [t.trial for t in self.trials if not t.judged]
 
 
 @dataclass(frozen=True)
@@ -59,13 +69,14 @@ class Evaluation:
 
     designs: Mapping[str, DesignResult]
     others: Mapping[str, DesignResult]
+    judged: Judged  # stretches that count for nothing, and their share
 
     def as_json(self) -> dict[str, Any]:
         """What `evaluate --json` prints: mm."""
         result: dict[str, Any] = {"designs": {name: _as_json(design) for name, design in self.designs.items()}}
         if self.others:
             result["others"] = {name: _as_json(design) for name, design in self.others.items()}
-        return result | {"metric": "chamfer, surface_rms", "unit": "mm"}
+        return result | self.judged.as_json() | {"metric": "chamfer, surface_rms", "unit": "mm"}
 
 
 def evaluate_sets(
@@ -73,15 +84,19 @@ def evaluate_sets(
     sets: Sequence[MeasurementSet],
     forward: ForwardModel,
     *,
+    coarse: ForwardModel | None = None,
     all_trials: bool = False,
     seed: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Evaluation:
     """Errors of `model` on the trials of role `test`, with `all_trials` of the others too, in a table of their own.
 
-    forward: the simulator. After is all of the model; before is what it was without effects and corrector, or, where it
-    has neither, the data sheet. `progress` is told trials done and trials in all.
-    Raises InputError where no trial is left, SimulationError where every motion of a design diverges.
+    forward: the simulator. coarse: a cheap one with which stretches of these trials are found that hang on less than
+    the data sheet knows (studies.judged_search); they count for nothing. Without it they are not looked for. After is
+    all of the model; before is what it was without effects and corrector, or, where it has neither, the data sheet.
+    `progress` is told trials done and trials in all.
+    Raises InputError where no trial is left, or no frame of a design's trials judged; SimulationError where every
+    motion of a design diverges.
     """
     before, after = (forward_model(forward, way, sensing=True) for way in (model.before, model))
     shared = Counter(name for found in sets for name in {trial.design_name for trial in found.trials})
@@ -95,28 +110,35 @@ def evaluate_sets(
     if not jobs:
         raise InputError(f"{', '.join(s.name for s in sets)}: no trial of role test; --all takes the others too")
     total, done = sum(len(trials) for *_, trials in jobs), 0
+    looked_at = judge_sets([(s, [t for found, *_, own in jobs if found is s for t in own]) for s in sets], coarse)
     tables: dict[str, dict[str, DesignResult]] = {"test": {}, "fit": {}}
     for found, role, title, trials in jobs:
         noise = noise_of(trials)
-        judge = partial(_errors, noise, seed)
+        judge = partial(_errors, noise, seed, partial(looked_at.at, found))
         results: list[TrialResult] = []
         for part in batches([2 * len(trial.times) for trial in trials], _AT_ONCE):
             batch = trials[part]
             motions = _motions(batch, before, after)
             with ThreadPoolExecutor(os.cpu_count()) as threads:  # the search for nearest places runs beside others
-                for trial, first, last in threads.map(judge, batch, *motions):
-                    results.append(TrialResult(found.name, trial.name, trial.order, trial.role, first, last))
+                for result in threads.map(judge, [found.name] * len(batch), batch, *motions):
+                    results.append(result)
                     done += 1
                     progress(done, total)
         tables[role][title] = _summarise(title, found, noise, results)
-    return Evaluation(tables["test"], tables["fit"])
+    return Evaluation(tables["test"], tables["fit"], looked_at)
 
 
-def _errors(noise: SensorNoise, seed: int, trial: Trial, *predicted: Any) -> tuple[Trial, Errors, Errors]:
-    """Of a trial before and after, whose motions are `predicted`."""
-    clouds = trial.load().frames
-    before, after = (trial_errors(clouds, motion, noise, seed=seed + trial.order) for motion in predicted)
-    return trial, before, after
+def _errors(
+    noise: SensorNoise, seed: int, judged: Callable[[Trial], Flags], name: str, trial: Trial, *predicted: Any
+) -> TrialResult:
+    """Of a trial of the set `name` before and after, whose motions are `predicted`."""
+    kept = np.flatnonzero(judged(trial))
+    if not len(kept):
+        return TrialResult(name, trial.name, trial.order, trial.role, _UNKNOWN, _UNKNOWN, 0.0)
+    frames = trial.load().frames
+    clouds, seed = [frames[k] for k in kept], seed + trial.order
+    before, after = (trial_errors(clouds, motion[kept], noise, seed=seed) for motion in predicted)
+    return TrialResult(name, trial.name, trial.order, trial.role, before, after, len(kept) / len(frames))
 
 
 def noise_of(trials: Sequence[Trial]) -> SensorNoise:
@@ -145,6 +167,12 @@ def _motions(trials: Sequence[Trial], *ways: Predictor) -> list[list[Any]]:
 def _summarise(title: str, found: MeasurementSet, noise: SensorNoise, results: Sequence[TrialResult]) -> DesignResult:
     # a trial that either way diverges on is left out of both, so that the two compare
     sound = [r for r in results if np.isfinite(r.before.chamfer) and np.isfinite(r.after.chamfer)]
+    if not sound and not any(r.judged for r in results):
+        names = ", ".join(r.trial for r in results)
+        raise InputError(
+            f"{found.name}: {names} of {title}: in every frame small changes lead elsewhere; expected trials whose "
+            "pressures say which way the cloth goes"
+        )
     if not sound:
         raise SimulationError(f"{found.name}: every motion of {title} diverged")
     before, after = statistics([r.before for r in sound]), statistics([r.after for r in sound])
@@ -174,6 +202,7 @@ def _as_json(design: DesignResult) -> dict[str, Any]:
             result.trial: {"before": errors(result.before), "after": errors(result.after)} for result in design.trials
         },
         "diverged": design.diverged,
+        "without_judged_frame": design.unjudged,
     }
 
 

@@ -24,7 +24,8 @@ def tables_markdown(evaluation: Evaluation) -> str:
     parts = [
         "Chamfer: unsquared, both directions summed. Surface RMS: measured points to the model's faces, capped at "
         "10 mm. mm, mean over trials, of several trials with (min to max, standard deviation). Closed: share of the "
-        "excess over the floor, * the one figure by which models are compared (surface RMS, in quadrature).\n"
+        "excess over the floor, * the one figure by which models are compared (surface RMS, in quadrature).\n",
+        f"Of judged frames; {evaluation.judged.said}.\n",
     ]
     for heading, table in (("Trials of role test", evaluation.designs), ("Other trials", evaluation.others)):
         if table:
@@ -34,7 +35,7 @@ def tables_markdown(evaluation: Evaluation) -> str:
             for error, floor in (("chamfer", "chamfer_floor"), ("surface_rms", "surface_floor")):
                 share = design.closed.chamfer if error == "chamfer" else design.closed.surface
                 mark = " *" if error == "surface_rms" else ""
-                sound = len(design.trials) - len(design.diverged)
+                sound = len(design.trials) - len(design.diverged) - len(design.unjudged)
                 parts.append(
                     f"| {name} | {len(design.trials)} | {error} | {1e3 * design.after[floor].mean:.2f} "
                     f"| {_shown(design.before[error], sound)} | {_shown(design.after[error], sound)} "
@@ -45,6 +46,7 @@ def tables_markdown(evaluation: Evaluation) -> str:
             f"{name}: {design.source}; noise {1e3 * design.noise.sigma:.2f} mm an axis, "
             + f"{design.noise.strays:.1%} strays"
             + (f"; diverged and left out: {', '.join(design.diverged)}" if design.diverged else "")
+            + (f"; no frame judged: {', '.join(design.unjudged)}" if design.unjudged else "")
             for name, design in table.items()
         ]
         for name, design in table.items():
@@ -70,13 +72,14 @@ def _shown(values: Statistics, trials: int) -> str:
 def _write_trials(evaluation: Evaluation, path: Path) -> None:
     header = ["set", "design", "trial", "order", "role"]
     header += [f"{name}_{way}_mm" for way in ("before", "after") for name in ERRORS]
-    header += ["surface_beyond_before", "surface_beyond_after"]
+    header += ["surface_beyond_before", "surface_beyond_after", "judged"]
     rows = []
     for table in (evaluation.designs, evaluation.others):
         for name, design in table.items():
             for r in design.trials:
                 numbers = [f"{1e3 * getattr(errors, error):.6g}" for errors in (r.before, r.after) for error in ERRORS]
                 beyond = [f"{errors.beyond:.6g}" for errors in (r.before, r.after)]
+                beyond.append(f"{r.judged:.6g}")
                 rows.append([r.set_name, name, r.trial, r.order, r.role, *numbers, *beyond])
     write_rows(path, header, rows)
 

@@ -430,14 +430,14 @@ def test_what_hangs_on_a_coins_toss_is_named_and_takes_no_part(tmp_path):
     measured = write(tmp_path / "set", [100, 200, 300, 250, 150], forward=other)
     blind = calibrate(measured, Coin(), engines=ONE_ENGINE)
     found = calibrate(measured, Coin(), coarse=Coin(), engines=ONE_ENGINE)
-    [stretch] = found.unjudged
+    [stretch] = found.judged.stretches
     assert stretch.trial == "003" and 0.2 <= stretch.begin <= 0.4 and stretch.end == pytest.approx(1.2)
-    assert found.share_unjudged == pytest.approx(5 / 32, abs=2 / 32)
-    assert "not judged" in as_text(found) and "003" in as_text(found)
+    assert found.judged.share == pytest.approx(5 / 32, abs=2 / 32)
+    assert "unjudged" in as_text(found) and "003" in as_text(found)
     assert found.as_json()["unjudged"][0]["trial"] == "003"
     assert found.model.parameters["damping"].factor == pytest.approx(1.3, rel=0.01)
     assert found.fit.after < 0.5 * blind.fit.after
-    assert blind.unjudged is None
+    assert blind.judged.stretches is None
 
 
 def test_a_set_of_nothing_but_tosses_is_refused(tmp_path):

@@ -28,6 +28,7 @@ from fabdesign.model import Model, Parameter
 from fabdesign.model_file import read_model, write_model
 from fabdesign.pressure import PressureProgram
 from fabdesign.surface import Surface
+from studies.training.data import choose, frames_learned
 from tests.command_line import one_line
 
 SIDE = 41
@@ -229,6 +230,30 @@ def test_design_held_out(tmp_path: Path) -> None:
     assert [known["name"] for known in result.about["known"]] == ["two"]
     with pytest.raises(InputError, match="no such design"):
         _train(tmp_path / "set", tmp_path / "n.toml", hold_out=["five"], plan=plan)
+
+
+class Tosser(Bending):
+    """From 0.2 s on it lies to one side or the other, as the frame leans, where the first channel has over 150 kPa."""
+
+    def _motion(self, case: Case, times: np.ndarray) -> np.ndarray:
+        leans = sum(term.values["about_x"] for term in case.effects)
+        points = super()._motion(replace(case, effects=()), times)
+        if case.program.pressure[0, 0] > 150e3:
+            points[times > 0.2, :, 2] += 0.02 * np.sign(leans)
+        return points
+
+
+def test_nothing_is_learned_from_what_hangs_on_a_coins_toss(tmp_path: Path) -> None:
+    times = np.arange(1, 11) * 0.1
+    measured = read_set(measure(tmp_path / "set", LEARNED[:1], trials=4, times=times))
+    learned, held, looked_at = choose([measured], Model(), kept_back=0.25, seed=0, coarse=Tosser())
+    tossed = {t.name for t in measured.trials if t.program.pressure[0, 0] > 150e3}
+    assert 0 < len(tossed) < 4 and {s.trial for s in looked_at.stretches} == tossed
+    for chosen in (*learned, *held):
+        last = times[frames_learned(chosen)].max()
+        assert last == pytest.approx(0.1 if chosen.trial.name in tossed else 1.0)
+    assert looked_at.share == pytest.approx(0.9 * len(tossed) / 4)
+    assert choose([measured], Model(), kept_back=0.25, seed=0)[2].stretches is None
 
 
 class Stopped(Exception):

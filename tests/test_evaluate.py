@@ -135,3 +135,36 @@ def test_two_sets_with_one_design_and_sets_without_test_trials(measured):
     lost = dataclasses.replace(measured, trials=measured.trials[3:])
     with pytest.raises(SimulationError, match="every motion of cross diverged"):
         evaluate_sets(SOFT, [lost], Curler(), all_trials=True)
+
+
+class Tosser(Curler):
+    """At 300 kPa it lies to one side or the other from 0.15 s on, as the frame leans."""
+
+    def motions(self, cases, times):
+        result = super().motions([dataclasses.replace(case, effects=()) for case in cases], times)
+        for case, points in zip(cases, result, strict=True):
+            leans = sum(term.values["about_x"] for term in case.effects)
+            if leans and 290e3 < case.program.pressure.max() < 310e3:
+                points[1:, :, 2] += np.float32(0.01 * np.sign(leans))
+        return result
+
+
+def test_what_hangs_on_a_coins_toss_counts_for_nothing_and_is_said(measured, tmp_path):
+    blind = evaluate_sets(SOFT, [measured], Curler())
+    found = evaluate_sets(SOFT, [measured], Curler(), coarse=Tosser())
+    assert blind.as_json()["unjudged"] is None
+    printed = found.as_json()
+    [stretch] = printed["unjudged"]
+    assert (stretch["trial"], stretch["from_s"], stretch["to_s"]) == ("002", 0.0, 0.3)
+    assert printed["share_unjudged"] == pytest.approx(0.5)
+    assert printed["designs"]["cross"]["without_judged_frame"] == ["002"]
+    assert not printed["designs"]["cross"]["diverged"]
+    means = [one.designs["cross"].after["surface_rms"] for one in (blind, found)]
+    assert means[0].std > 0 and means[1].std == 0  # one trial is left
+    assert means[1].mean == blind.designs["cross"].trials[0].after.surface_rms
+    write_evaluation(found, tmp_path / "out")
+    text = (tmp_path / "out/evaluation.md").read_text()
+    assert "unjudged, 50% of the frames: 002 0.0 to 0.3 s" in text and "no frame judged: 002" in text
+    alone = dataclasses.replace(measured, trials=measured.trials[2:3])
+    with pytest.raises(InputError, match="in every frame small changes lead elsewhere"):
+        evaluate_sets(SOFT, [alone], Curler(), coarse=Tosser())

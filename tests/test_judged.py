@@ -7,7 +7,8 @@ import pytest
 from sheets import rolled_sheet
 from test_calibrate import write
 
-from studies.judged import Stretch, elsewhere, judged, said, share_unjudged, unjudged
+from studies.judged import Stretch, judged, said, share_unjudged
+from studies.judged_search import elsewhere, judge_sets, unjudged
 
 TIMES = np.arange(1, 31) * 0.05
 
@@ -41,13 +42,50 @@ def test_only_the_stretch_in_which_either_way_is_a_coins_toss_is_unjudged(trials
     assert [s.trial for s in found] == ["002"]
     assert found[0].begin == pytest.approx(0.3, abs=0.11)
     assert found[0].end == pytest.approx(1.0, abs=0.11)
-    assert told[-1] == (36, 36)
+    assert told[0] == (18, 18)  # two draws of each trial, three motions a draw
+    assert told[-1] == (24, 24)  # two more where they part
     assert share_unjudged(found, trials) == pytest.approx(0.7 / 1.5 / 3, abs=0.07)
-    assert "002 0." in said(found, trials)
+    assert "002 0." in said(found, share_unjudged(found, trials))
 
 
-def test_an_until_is_looked_at_no_further(trials):
-    assert unjudged(trials, Buckler(), until=0.25) == ()
+def test_what_is_found_in_a_trial_does_not_depend_on_those_beside_it(trials):
+    [alone] = unjudged(trials[2:], Buckler())
+    assert [alone] == [*unjudged(trials, Buckler())]
+
+
+@dataclasses.dataclass(frozen=True)
+class Counter(Buckler):
+    """One that says what it is."""
+
+    count: list = dataclasses.field(default_factory=list, repr=False)
+
+    def motions(self, cases, times):
+        self.count.append(len(cases))
+        return super().motions(cases, times)
+
+
+def test_one_search_serves_all_and_is_never_kept_in_the_set(trials, tmp_path, monkeypatch):
+    monkeypatch.setenv("FABDESIGN_CACHE", str(tmp_path))
+    before = sorted(trials[0].file.parents[1].rglob("*"))
+    first, again = Counter(), Counter()
+    found = unjudged(trials, first)
+    assert unjudged(trials, again) == found
+    assert sum(first.count) == 24 and not again.count
+    assert sorted(trials[0].file.parents[1].rglob("*")) == before
+    for file in tmp_path.rglob("*.json"):
+        file.write_text("[[0.1")  # damaged: searched again
+    assert unjudged(trials[2:], again) == found and sum(again.count) == 12
+
+
+def test_several_sets_stretches_are_named_by_set_and_trial(trials, tmp_path):
+    found = write(tmp_path / "set", [100, 200, 300], forward=None, times=TIMES)
+    sets = [dataclasses.replace(found, name=name) for name in ("first", "second")]
+    looked_at = judge_sets([(sets[0], sets[0].trials[:1]), (sets[1], sets[1].trials)], Buckler())
+    [stretch] = looked_at.stretches
+    assert stretch.as_json()["set"] == "second" and "second/002 0." in looked_at.said
+    assert looked_at.at(sets[0], found.trials[2]).all() and not looked_at.at(sets[1], found.trials[2]).all()
+    assert looked_at.share == pytest.approx(0.7 / 1.5 / 4, abs=0.05)
+    assert judge_sets([(found, found.trials)], None).as_json() == {"unjudged": None, "share_unjudged": 0.0}
 
 
 def test_a_motion_that_diverges_is_not_judged():

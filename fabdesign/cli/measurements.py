@@ -118,6 +118,7 @@ def calibrate(
     from studies.calibration.fitted_model import muscle_scope
     from studies.calibration.parameters import fit_vector
     from studies.calibration.report import as_text
+    from studies.judged_search import GRID as JUDGING
 
     checked = [sound_trials(read_set(source), skip_bad=skip_bad) for source in sources]
     orders = None if fit is None else orders_of(fit)
@@ -137,7 +138,7 @@ def calibrate(
                 [measured for measured, _ in checked],
                 Simulator(grid),
                 slopes=Simulator(min(grid, POINTS_PER_SIDE)),
-                coarse=Simulator(21),
+                coarse=Simulator(JUDGING),
                 vector=vector,
                 points_per_side=grid,
                 orders=orders,

@@ -205,6 +205,7 @@ def evaluate(
     from studies.coarser_grid import enough_points
     from studies.evaluate import evaluate_sets
     from studies.evaluation_report import tables_markdown, write_evaluation
+    from studies.judged_search import GRID as JUDGING
 
     fitted = require_model(model, without)
     checked = [sound_trials(read_set(path), skip_bad=skip_bad) for path in sets]
@@ -218,7 +219,9 @@ def evaluate(
         trials = [t for found in measured for t in found.trials if all_trials or t.role == "test"]
         side = grid or enough_points(fitted, trials, Simulator, tell=tell)
         with counted("evaluated") as shown:
-            evaluation = evaluate_sets(fitted, measured, Simulator(side), all_trials=all_trials, progress=shown)
+            evaluation = evaluate_sets(
+                fitted, measured, Simulator(side), coarse=Simulator(JUDGING), all_trials=all_trials, progress=shown
+            )
         if unfinished is not None:
             write_evaluation(evaluation, unfinished)
     text = "\n".join([tables_markdown(evaluation), *(f"skipped: {line}" for line in skipped)])

@@ -53,6 +53,7 @@ def train(
     from fabdesign.measurement_set import read_set
     from fabdesign.output import new_files
     from studies.bad_data import sound_trials
+    from studies.judged_search import GRID as JUDGING
     from studies.training.report import as_text
     from studies.training.train import train as train_on
 
@@ -75,6 +76,7 @@ def train(
                 hold_out=hold_out,
                 seed=seed,
                 force=force,
+                coarse=Simulator(JUDGING),
                 progress=lambda what, done, total: shown(f"{what} {done} of {total}", done / total),
             )
     found = result.as_json() | {"model": str(output), "weights": str(output.with_name(beside)), "skipped": skipped}

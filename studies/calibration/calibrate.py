@@ -3,7 +3,7 @@
 import hashlib
 import importlib.metadata
 import platform
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,7 +26,8 @@ from studies.calibration.fit import Fit, Progress, fit, parts
 from studies.calibration.fitted_model import fitted_model
 from studies.calibration.parameters import DECLARED, FitVector
 from studies.calibration.trial_checks import DISAGREE, doubtful
-from studies.judged import Stretch, judged, unjudged
+from studies.judged import Judged
+from studies.judged_search import judge_sets
 
 TRIALS = 16  # fitted at most, spread over those allowed
 UNTIL = 1.5  # s of a trial
@@ -45,8 +46,7 @@ class Calibration:
     statements: tuple[str, ...]  # what these data cannot tell
     doubts: tuple[str, ...]  # why the intervals are not to be believed
     skipped: tuple[str, ...]  # bad trials left out, a line each
-    unjudged: tuple[Stretch, ...] | None  # took no part: small changes lead elsewhere there; None: not looked for
-    share_unjudged: float  # of the frames that were drawn
+    judged: Judged  # stretches that took no part: small changes lead elsewhere there
 
     def as_json(self) -> dict[str, Any]:
         """What `calibrate --json` prints: factors, mm."""
@@ -84,8 +84,7 @@ class Calibration:
             "outlying": self.fit.outlying,
             "lost": lost,
             "skipped": list(self.skipped),
-            "unjudged": None if self.unjudged is None else [stretch.as_json() for stretch in self.unjudged],
-            "share_unjudged": self.share_unjudged,
+            **self.judged.as_json(),
             "iterations": self.fit.iterations,
             "converged": self.fit.converged,
         }
@@ -112,7 +111,7 @@ def calibrate(
 
     Of more than 16 trials, 16 spread over the session are fitted: 30 frames of the first 1.5 s of each, and 300 points
     of a frame, by `seed`. `slopes`: see `fit.fit`. coarse: a cheap simulator with which stretches are found that hang
-    on less than the data sheet knows (studies.judged); they are left out.
+    on less than the data sheet knows (studies.judged_search); they are left out. Without it they are not looked for.
     points_per_side: of `forward`'s grid, noted in the model.
     skipped: lines on bad trials left out before; skip_bad: leave out those too that `trial_checks.doubtful` finds.
     engines: (p,) standard deviations of the unknowns for the difference between `forward` and what made the data, by
@@ -124,13 +123,10 @@ def calibrate(
     allowed = [trial for found in sets for trial in fit_trials(found.trials, orders)]
     chosen = [allowed[i] for i in evenly(len(allowed), TRIALS)]
     samples, noise = _drawn(chosen, seed)
-    stretches, frames = None, sum(len(sample.times) for sample in samples)
-    if coarse is not None:
-        by_set = [unjudged([t for t in chosen if t in found.trials], coarse, until=UNTIL) for found in sets]
-        stretches = tuple(stretch for some in by_set for stretch in some)
-        own = [some for some, found in zip(by_set, sets, strict=True) for t in chosen if t in found.trials]
-        chosen, samples = _judged(chosen, samples, own)
-    lost = 1 - sum(len(sample.times) for sample in samples) / frames
+    files = {trial.file for trial in chosen}
+    own = [(found, [t for t in found.trials if t.file in files]) for found in sets]
+    looked_at = judge_sets(own, coarse, progress=_searching(progress))
+    chosen, samples = _judged(chosen, samples, sets, looked_at)
     forward = Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
     found = _fit(samples, forward, slopes, vector, progress)
@@ -139,7 +135,8 @@ def calibrate(
         for line in lines.values():
             tolerance.note(InputError(line))
         skipped = tolerance.skipped
-        chosen, samples = ([x for k, x in enumerate(xs) if k not in lines] for xs in (chosen, samples))
+        chosen = [x for k, x in enumerate(chosen) if k not in lines]
+        samples = [x for k, x in enumerate(samples) if k not in lines]
         if not samples:
             raise InputError(f"{', '.join(s.name for s in sets)}: no trial to fit is left; the first: {skipped[0]}")
         found = _fit(samples, forward, slopes, vector, progress)
@@ -162,18 +159,23 @@ def calibrate(
         statements=ambiguities(found, covariance),
         doubts=tuple(why),
         skipped=tuple(skipped),
-        unjudged=stretches,
-        share_unjudged=lost,
+        judged=looked_at,
     )
 
 
+def _searching(progress: Progress) -> Callable[[int, int], None]:
+    """What the search for unjudged stretches tells: it is done before the fit begins."""
+    return lambda done, total: progress(f"stretches that hang on a hair: {done} of {total} motions", 0.0)
+
+
 def _judged(
-    trials: Sequence[Trial], samples: Sequence[Sample], stretches: Sequence[Sequence[Stretch]]
+    trials: Sequence[Trial], samples: Sequence[Sample], sets: Sequence[MeasurementSet], looked_at: Judged
 ) -> tuple[list[Trial], list[Sample]]:
-    """What of the trials' samples is outside the stretches of each one's set, and the trials of which something is."""
+    """What of the trials' samples is judged, and the trials of which something is."""
     kept = []
-    for trial, sample, own in zip(trials, samples, stretches, strict=True):
-        frames = np.flatnonzero(judged(own, trial.name, sample.times))
+    for trial, sample in zip(trials, samples, strict=True):
+        found = next(found for found in sets if any(t.file == trial.file for t in found.trials))
+        frames = np.flatnonzero(looked_at.at(found, trial, sample.times))
         if len(frames):
             clouds = tuple(sample.clouds[k] for k in frames)
             kept.append((trial, replace(sample, times=sample.times[frames], clouds=clouds)))

@@ -2,7 +2,6 @@
 
 from fabdesign.model import Parameter
 from studies.calibration.calibrate import Calibration
-from studies.judged import WHY
 
 _ENGINES = (
     "the intervals hold the difference between this engine and the virtual rig's; a real cloth may differ by more"
@@ -22,9 +21,8 @@ def as_text(calibration: Calibration) -> str:
         f"{100 * noise.strays:.1f} % strays; {fit.iterations} iterations",
         *calibration.statements,
     ]
-    if calibration.unjudged:
-        where = ", ".join(f"{s.trial} {s.begin:.1f} to {s.end:.1f} s" for s in calibration.unjudged)
-        lines.append(f"not judged, {calibration.share_unjudged:.0%} of the frames: {where}; {WHY}")
+    if calibration.judged.stretches:
+        lines.append(calibration.judged.said)
     if not fit.converged:
         lines.append("not converged: the last step was still large")
     if calibration.doubts:

@@ -1,7 +1,6 @@
 """One specimen's motion: a design, its true key and a pressure program give the cloth's shape at every frame."""
 
 import hashlib
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +12,7 @@ from fabdesign.design import Design
 from fabdesign.output import whole_file
 from fabdesign.pressure import PressureProgram
 from fabdesign.scratch import sweep
+from fabdesign.user_cache import user_cache
 from studies.rig.effects import EFFECTS
 from studies.rig.key import Key
 from studies.rig.motion import run
@@ -56,7 +56,7 @@ def control_points(task: Task) -> Array:
 
     Raises RigDiverged where even a quarter of the time step finds no solution.
     """
-    file = cache_folder() / f"{_digest(task)}.npy"
+    file = user_cache("rig") / f"{_digest(task)}.npy"
     if file.is_file():
         return np.asarray(np.load(file))
     result = _run(task)
@@ -64,12 +64,6 @@ def control_points(task: Task) -> Array:
     with whole_file(file) as temporary, temporary.open("wb") as stream:
         np.save(stream, result)
     return result
-
-
-def cache_folder() -> Path:
-    """Where motions are kept: FABDESIGN_CACHE, else the user's cache folder."""
-    base = os.environ.get("FABDESIGN_CACHE") or os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "fabdesign" / "rig"
 
 
 def _run(task: Task) -> Array:

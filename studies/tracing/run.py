@@ -21,7 +21,8 @@ from fabdesign.splits import fit_trials
 from fabdesign.trial import MeasurementSet, Trial
 from studies.calibration.clouds import evenly
 from studies.calibration.parameters import PRIOR
-from studies.judged import Stretch, said, share_unjudged, unjudged
+from studies.judged import Stretch, said, share_unjudged
+from studies.judged_search import unjudged
 from studies.tracing.data import TRIALS, draw
 from studies.tracing.errors import Place, judged_errors
 from studies.tracing.experiment import Explanation, next_experiment
@@ -95,7 +96,7 @@ def _trace(
 ) -> Outcome:
     every = (*trials, *tests)
     stretches = _stretches(stages, every, bare, options, say)
-    say(said(stretches, every))
+    say(said(stretches, share_unjudged(stretches, every)))
     samples, noise = draw(trials, stretches, seed=options.seed)
     if len({id(s.trial) for s in samples}) < LEAST_TRIALS:
         raise InputError(f"{measured.name}: {len(samples)} trials with judged frames; expected at least {LEAST_TRIALS}")
@@ -169,7 +170,7 @@ def _stretches(
         lambda: [
             [s.trial, s.begin, s.end]
             for s in unjudged(
-                trials, bare, seed=options.seed,
+                trials, bare,
                 progress=lambda done, total: say(f"stretches that hang on a hair: {done} of {total} motions"),
             )
         ],

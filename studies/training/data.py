@@ -17,6 +17,9 @@ from fabdesign.npz_file import open_npz
 from fabdesign.output import WorkFolder, whole_file
 from fabdesign.splits import split
 from fabdesign.trial import MeasurementSet, Trial
+from studies.calibration.clouds import evenly
+from studies.judged import Judged
+from studies.judged_search import judge_sets
 
 _AT_ONCE = 32  # motions in memory
 FRAMES = 15  # of a trial that are learned from, spread over it: neighbours say the same
@@ -32,6 +35,7 @@ class Chosen:
     key: str  # of its files in the work folder
     trial: Trial
     case: Case  # with the base model's factors and effects
+    judged: NDArray[np.bool_]  # (T,) of its frames: others hang on less than the data sheet knows
 
 
 def choose(
@@ -41,9 +45,11 @@ def choose(
     hold_out: Collection[str] = (),
     kept_back: float,
     seed: int,
-) -> tuple[list[Chosen], list[Chosen]]:
+    coarse: ForwardModel | None = None,
+) -> tuple[list[Chosen], list[Chosen], Judged]:
     """Trials to learn from and trials held out, of role `fit`: all of the designs `hold_out`, and about the share
-    `kept_back` of the others, whole trials, those with the same pressures on one side.
+    `kept_back` of the others, whole trials, those with the same pressures on one side; and what of them is judged
+    (coarse: as `studies.evaluate` takes it). A trial without a judged frame is in neither.
 
     Raises InputError for a design that no set has, and where nothing or too little is left.
     """
@@ -53,18 +59,23 @@ def choose(
             raise InputError(f"--hold-out {name}: no such design; the sets have {', '.join(known)}")
     learned: list[Chosen] = []
     held: list[Chosen] = []
-    for k, found in enumerate(sets):
-        fit = [trial for trial in found.trials if trial.role == "fit"]
+    fitting = [[trial for trial in found.trials if trial.role == "fit"] for found in sets]
+    looked_at = judge_sets([*zip(sets, fitting, strict=True)], coarse)
+    for k, (found, every) in enumerate(zip(sets, fitting, strict=True)):
+        flags = {trial.name: looked_at.at(found, trial) for trial in every}
+        fit = [trial for trial in every if flags[trial.name].any()]
         rest = [trial for trial in fit if trial.design_name not in hold_out]
         sides = (rest, [t for t in fit if t.design_name in hold_out])
         if rest and kept_back > 0:
             parts = split(rest, kept_back, seed=seed)
             sides = (list(parts.fit), [*parts.held_out, *sides[1]])
         for side, trials in zip((learned, held), sides, strict=True):
-            side += [Chosen(f"{found.name}/{t.name}", f"{k:02}-{t.name}", t, case_of(t, base)) for t in trials]
+            side += [
+                Chosen(f"{found.name}/{t.name}", f"{k:02}-{t.name}", t, case_of(t, base), flags[t.name]) for t in trials
+            ]
     if not learned:
         raise InputError("no trial of role fit is left to learn from; expected at least two")
-    return learned, held
+    return learned, held, looked_at
 
 
 def case_of(trial: Trial, base: Model) -> Case:
@@ -85,14 +96,15 @@ def one_cloth(trials: Sequence[Chosen]) -> Cloth:
     return Cloth(first.fabric, weight_over_stiffness(trials[0].case))
 
 
-def frames_learned(trial: Trial) -> NDArray[np.intp]:
-    """Indices of the frames that are learned from."""
-    return np.unique(np.linspace(len(trial.times) - 1, 0, min(FRAMES, len(trial.times))).round().astype(np.intp))
+def frames_learned(chosen: Chosen) -> NDArray[np.intp]:
+    """Indices of the frames that are learned from, judged ones."""
+    usable = np.flatnonzero(chosen.judged)
+    return np.asarray(usable[evenly(len(usable), FRAMES)])
 
 
 def simulated(
     trials: Sequence[Chosen],
-    times_of: Callable[[Trial], NDArray[np.float64]],
+    times_of: Callable[[Chosen], NDArray[np.float64]],
     history: tuple[float, ...],
     forward: ForwardModel,
     work: WorkFolder,
@@ -103,13 +115,13 @@ def simulated(
 
     Raises SimulationError where a motion diverges.
     """
-    names = {c.key: f"motions/{c.key}-{len(times_of(c.trial))}-{len(history)}.npz" for c in trials}
+    names = {c.key: f"motions/{c.key}-{len(times_of(c))}-{len(history)}.npz" for c in trials}
     missing = [chosen for chosen in trials if not (work.folder / names[chosen.key]).is_file()]
     work.claim(*names.values())
     done = len(trials) - len(missing)
-    for part in batches([2 * len(times_of(chosen.trial)) for chosen in missing], _AT_ONCE):
+    for part in batches([2 * len(times_of(chosen)) for chosen in missing], _AT_ONCE):
         batch = missing[part]
-        wanted = [with_history(times_of(chosen.trial), history)[0] for chosen in batch]
+        wanted = [with_history(times_of(chosen), history)[0] for chosen in batch]
         for chosen, motion in zip(batch, forward.motions([c.case for c in batch], wanted), strict=True):
             if not np.isfinite(motion).all():
                 raise SimulationError(f"{chosen.name}: the motion diverged; nothing written")

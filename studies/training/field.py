@@ -14,7 +14,6 @@ from corrector.inputs import HISTORY, Layout
 from corrector.training import Trainer, Training, train_field
 from fabdesign.forward import ForwardModel
 from fabdesign.output import WorkFolder
-from fabdesign.trial import Trial
 from studies.training.data import Chosen, Progress, frames_learned, one_cloth, simulated
 
 _SHORTER = 3  # a network that is only to say how far to trust one gets so many times fewer epochs
@@ -106,8 +105,7 @@ def _trained(
         progress(f"matching again for {name},", 0, len(rows))
         again = []
         for i, own in zip(rows, np.split(moved, ends), strict=True):
-            trial = trials[i].trial
-            again.append(parts[i].rematched(own, _clouds(trial), trial.design.fabric))
+            again.append(parts[i].rematched(own, _clouds(trials[i]), trials[i].trial.design.fabric))
         return Examples.joined(again)
 
     checkpoint = f"{name}.pt"
@@ -132,16 +130,16 @@ def _examples(trials: Sequence[Chosen], forward: ForwardModel, work: WorkFolder,
         trial = chosen.trial
         if id(trial.design) not in layouts:
             layouts[id(trial.design)] = Layout.of(trial.design)
-        found = Examples.of(chosen.case, layouts[id(trial.design)], _times_learned(trial), motion, _clouds(trial))
+        found = Examples.of(chosen.case, layouts[id(trial.design)], _times_learned(chosen), motion, _clouds(chosen))
         found.save(work.folder / f"examples/{chosen.key}.npz")
         progress("matched", len(trials) - len(missing) + k + 1, len(trials))
     return [Examples.load(work.folder / name) for name in names]
 
 
-def _times_learned(trial: Trial) -> NDArray[np.float64]:
-    return trial.times[frames_learned(trial)]
+def _times_learned(chosen: Chosen) -> NDArray[np.float64]:
+    return chosen.trial.times[frames_learned(chosen)]
 
 
-def _clouds(trial: Trial) -> list[NDArray[np.float64]]:
-    frames = trial.load().frames
-    return [frames[i] for i in frames_learned(trial)]
+def _clouds(chosen: Chosen) -> list[NDArray[np.float64]]:
+    frames = chosen.trial.load().frames
+    return [frames[i] for i in frames_learned(chosen)]

@@ -23,10 +23,9 @@ def train(
     """The weights, and what is to be known about them. Raises InputError where frames are not evenly spaced alike, or
     too few."""
     rate = _frame_rate(trials)
-    motions = simulated(trials, lambda trial: trial.times, (), forward, work, progress=progress)
+    motions = simulated(trials, lambda chosen: chosen.trial.times, (), forward, work, progress=progress)
     pairs = [
-        Pairs(motion, chosen.trial.load().frames, np.ones(len(motion), dtype=bool))
-        for chosen, motion in zip(trials, motions, strict=True)
+        Pairs(motion, chosen.trial.load().frames, chosen.judged) for chosen, motion in zip(trials, motions, strict=True)
     ]
     work.claim(*(f"paper-{part}.pt" for part in _PARTS))
     weights = train_paper(pairs, plan, work.folder, progress=progress)

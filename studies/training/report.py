@@ -19,6 +19,8 @@ def as_text(result: Result) -> str:
         lines.append(
             f"designs farther than {result.about['trust_limit']:.2f} from those learned from are not corrected"
         )
+    if result.judged.stretches is not None:
+        lines.append(result.judged.said)
     return "\n".join(lines)
 
 

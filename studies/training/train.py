@@ -26,8 +26,9 @@ from fabdesign.model_file import write_model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.predictor import Predictor
 from fabdesign.trained_on import central_hash
-from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.trial import MeasurementSet
 from studies.evaluate import ERRORS, noise_of
+from studies.judged import Judged
 from studies.training.data import Chosen, Progress, choose, simulated
 
 Network = Literal["field", "paper"]
@@ -54,6 +55,7 @@ class Result:
     held_out: Mapping[str, Learned]  # by design
     learned_from: int  # trials
     base: str  # what the motions were simulated with
+    judged: Judged  # stretches that took no part
 
     def as_json(self) -> dict[str, Any]:
         """What `train --json` prints: mm."""
@@ -78,6 +80,7 @@ class Result:
                 }
                 for name, of in self.held_out.items()
             },
+            **self.judged.as_json(),
         }
 
 
@@ -94,19 +97,22 @@ def train(
     kept_back: float = KEPT_BACK,
     seed: int = 0,
     force: bool = False,
+    coarse: ForwardModel | None = None,
     progress: Progress = lambda what, done, total: None,
 ) -> Result:
     """Train on the trials of role `fit` but for the designs `hold_out` and a share `kept_back`, and write the model
     `output` with its weights beside it, both named after `goes_to`, where they will lie.
 
-    base: whose parameters and effects the motions have; by default the data sheet's. Work goes on in the folder
+    base: whose parameters and effects the motions have; by default the data sheet's. coarse: a cheap simulator with
+    which stretches are found that hang on less than the data sheet knows; they count for nothing. Work goes on in
+    the folder
     `goes_to` without its ending plus `.training`, if an earlier call like this one was stopped there, and the folder
     goes when all is done. Raises InputError, also for a folder of another training unless `force`, and
     SimulationError where a motion diverges.
     """
     base = base or Model()
     base = base.without(["corrector"])
-    learned, held = choose(sets, base, hold_out=hold_out, kept_back=kept_back, seed=seed)
+    learned, held, looked_at = choose(sets, base, hold_out=hold_out, kept_back=kept_back, seed=seed, coarse=coarse)
     forward = Predictor(forward, sensing=True)  # what was measured went through the sensors; cases bring their effects
     train_network, plan = _network(network, plan, seed)
     folder = goes_to.with_suffix(".training")
@@ -128,7 +134,7 @@ def train(
     if next(others_in(folder), None) is None:
         shutil.rmtree(folder)
     base_is = "the data sheet's parameters" if not base.parameters else "the model's parameters"
-    return Result(model, about, tested, len(learned), base_is)
+    return Result(model, about, tested, len(learned), base_is, looked_at)
 
 
 def _network(network: Network, plan: Any, seed: int) -> tuple[Callable[..., Any], Any]:
@@ -149,6 +155,7 @@ def _content(learned: Sequence[Chosen], base: Model, network: Network, plan: Any
     return {
         "network": network,
         "trials": [chosen.name for chosen in learned],
+        "unjudged": [np.flatnonzero(~chosen.judged).tolist() for chosen in learned],
         "model": central_hash(base),
         "points_per_side": base.points_per_side,
         "plan": json.loads(json.dumps(asdict(plan))),
@@ -185,8 +192,8 @@ def _tested(
     """Errors on the trials held out, with and without the corrector."""
     corrector = load_corrector(model)
 
-    def times(trial: Trial) -> NDArray[np.float64]:
-        return trial.times
+    def times(chosen: Chosen) -> NDArray[np.float64]:
+        return chosen.trial.times
 
     found: dict[str, Learned] = {}
     for name in sorted({chosen.trial.design_name for chosen in held}):
@@ -198,7 +205,9 @@ def _tested(
         for chosen, simple, motion in zip(own, plain, wanted, strict=True):
             trial = chosen.trial
             answer = corrector.correct([chosen.case], [trial.times], [motion])[0]
-            kept = np.flatnonzero(trial.times >= corrector.starts)
+            kept = np.flatnonzero(chosen.judged & (trial.times >= corrector.starts))
+            if not len(kept):
+                continue
             frames = trial.load().frames
             clouds = [frames[k] for k in kept]
             before.append(trial_errors(clouds, simple[kept], noise, seed=seed + trial.order))
@@ -206,9 +215,11 @@ def _tested(
                 after.append(trial_errors(clouds, answer[kept], noise, seed=seed + trial.order))
             else:
                 after.append(unordered_errors(clouds, answer[kept], before[-1].chamfer_floor))
+        if not before:
+            continue
         means = [Errors(*np.mean([astuple(errors) for errors in each], axis=0).tolist()) for each in (before, after)]
         trust = corrector.trust(own[0].trial.design)
-        found[name] = Learned(len(own), trust, means[0], means[1], _closed(*means))
+        found[name] = Learned(len(before), trust, means[0], means[1], _closed(*means))
     return found
 
 
