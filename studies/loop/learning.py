@@ -62,33 +62,38 @@ def learn(
     say: Say,
 ) -> Learned:
     """From the sets of all turns so far to `model.toml` in the folder of the turn `name`. known: the model that the
-    turn's design was chosen with; its effects are fitted again. What cannot be is said, and left out."""
+    turn's design was chosen with. A trace refits the declared parameters along; on another grid than the study's, or
+    without one, they and the effects are fitted by `calibrate`. What cannot be is said, and left out."""
     measured, known, said = together(sets), known.without(["corrector"]), []
-    traced, effects = None, known.effects
+    traced, model, started = None, None, known
     if study.learning.trace:
-        traced, effects, lines = _traced(study, measured, known, work.folder / name / TRACE, simulators, say)
+        traced, found, lines = _traced(study, measured, known, work.folder / name / TRACE, simulators, say)
         said += lines
-    started = replace(known, effects=effects)
-    found = _calibrated(study, sets, started, simulators, say)
-    said += _of_calibration(found)
+        if found is not None:
+            started = replace(known, effects=found.effects)
+            model = found if study.learning.trace_grid == study.points_per_side else None
+    if model is None:
+        calibration = _calibrated(study, sets, started, simulators, say)
+        said += _of_calibration(calibration)
+        model = calibration.model
     trained = False
     with work.adding() as files:
         (files / name).mkdir()
-        write_model(found.model, files / name / MODEL)
+        write_model(model, files / name / MODEL)
     fit = sum(trial.role == "fit" for trial in measured.trials)
     if study.learning.train is not None:
         if fit < study.learning.train_trials:
             said.append(f"no network: {fit} trials to learn from; expected {study.learning.train_trials}")
         else:
-            said.append(_trained(study, measured, found.model, work, name, simulators, say))
+            said.append(_trained(study, measured, model, work, name, simulators, say))
             trained = True
     say("judging the model on the trials held out")
     held_out = held_out_excess(sets, model_of(work, name), simulators(study.points_per_side), seed=study.search.seed)
     return Learned(
         said=tuple(said),
         trace=traced,
-        factors=found.model.factors,
-        effects=tuple(effect.name for effect in found.model.effects),
+        factors=model.factors,
+        effects=tuple(effect.name for effect in model.effects),
         corrector=trained,
         held_out=held_out,
     )
@@ -101,8 +106,9 @@ def model_of(work: WorkFolder, name: str) -> Model:
 
 def _traced(
     study: LoopStudy, measured: MeasurementSet, known: Model, out: Path, simulators: Simulators, say: Say
-) -> tuple[Mapping[str, Any] | None, tuple[Any, ...], list[str]]:
-    """The verdict, the effects that the model has from now on, and lines for people."""
+) -> tuple[Mapping[str, Any] | None, Model | None, list[str]]:
+    """The verdict, the model with the effects that it has from now on, and lines for people; no model where there was
+    too little to trace."""
     from studies.tracing.run import Options, trace_set
     from studies.tracing.words import verdict_in_words
 
@@ -118,7 +124,7 @@ def _traced(
             say=lambda line: say(f"trace: {line}"),
         )
     except InputError as error:
-        return None, known.effects, [f"not traced: {error}"]
+        return None, None, [f"not traced: {error}"]
     result = outcome.as_json()
     added = [effect["name"] for effect in result["effects"]]
     found = {
@@ -127,8 +133,7 @@ def _traced(
         "indistinguishable": result["indistinguishable"],
         "excess": {name: value for name, value in result["excess"].items() if name != "unit"},
     }
-    effects = outcome.model.effects if result["verdict"] == "effect" else known.effects
-    return found, effects, [f"trace: {verdict_in_words(outcome)}"]
+    return found, outcome.model, [f"trace: {verdict_in_words(outcome)}"]
 
 
 def _calibrated(
