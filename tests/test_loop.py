@@ -49,7 +49,9 @@ trace = false
 [stop]
 turns = 2
 """
-LABORATORY = STUDY.replace('[rig]\nkey = "key.toml"', '[laboratory]\nfolder = "lab"\ntail_length = 0.03\npaper = "none"')
+LABORATORY = STUDY.replace(
+    '[rig]\nkey = "key.toml"', '[laboratory]\nfolder = "lab"\ntail_length = 0.03\npaper = "none"'
+)
 
 
 class Weak(AnalyticCloth):
@@ -101,7 +103,7 @@ def test_a_turn_brings_the_device_nearer_and_the_same_call_finds_all_done(place:
     assert outcome.turns[0].chosen["believed"]["excess"] < 0.5  # the data sheet does not know
     learned = outcome.turns[0].learned
     assert learned is not None
-    assert learned["factors"]["muscle_gain"] == pytest.approx(GAIN, rel=0.05)
+    assert learned["factors"]["muscle_types.EM20.muscle_gain"] == pytest.approx(GAIN, rel=0.05)
     assert learned["held_out"]["after"] < 0.5 * learned["held_out"]["before"]
     found = json.loads((place / "out" / "result.json").read_text())
     assert found["best"] == outcome.best.name if outcome.best else False
@@ -129,9 +131,7 @@ class Killed(BaseException):
 
 
 @pytest.mark.parametrize("at", ["turn 0, measuring: ", "turn 0, calibrating", "turn 1, judging"])
-def test_a_killed_loop_goes_on_to_the_same_end(
-    place: Path, at: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_killed_loop_goes_on_to_the_same_end(place: Path, at: str, monkeypatch: pytest.MonkeyPatch) -> None:
     (place / "study.toml").write_text(STUDY.replace("turns = 2", "turns = 1"))
     measured: list[int] = []
 
