@@ -17,12 +17,14 @@ from fabdesign.model_file import read_model
 from fabdesign.model_sampling import joint_root
 from fabdesign.pressure import PressureProgram, limits
 from fabdesign.pressure_file import read_pressures
+from fabdesign.rig_limits_file import RigLimits, read_rig_limits
 from fabdesign.study_file import FORMAT, require_kind
 from fabdesign.table import Table, load_toml, pascals
 from fabdesign.trial import MeasurementSet
 
 GRID = 21  # points a side
 HIGHEST = 300e3  # Pa, of poses and programs that the study does not name, where the muscles allow it
+_RIG = RigLimits(HIGHEST)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,16 +34,6 @@ class Candidate:
     name: str
     design: Design
     program: PressureProgram
-
-
-@dataclass(frozen=True)
-class RigLimits:
-    """What the laboratory can do. SI."""
-
-    pressure: float = HIGHEST  # Pa
-    rate: float = np.inf  # Pa/s
-    duration: float = 3.0  # s, of a program
-    channels: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +60,7 @@ class UnseenStudy:
     points_per_side: int = GRID
     rise: float = RISE
     hold: float = HOLD
-    rig: RigLimits = RigLimits()
+    rig: RigLimits = _RIG
     seconds: float | None = None
 
 
@@ -77,7 +69,7 @@ def read_unseen(path: Path | str) -> UnseenStudy:
     path = Path(path)
     root = load_toml(path, FORMAT, partial=True)
     require_kind(root, "unseen")
-    rig = _rig_limits(root, path)
+    rig = read_rig_limits(root, path, pressure=HIGHEST)
     unsewn = _unsewn(root, path, rig) if "design" in root else None
     table = root.table("measured", None)
     measured, folder, trials = None, None, 12
@@ -147,20 +139,3 @@ def _candidate(table: Table, path: Path, design: Design) -> Candidate:
     candidate = Candidate(table.text("name", spec), own, program)
     table.finish()
     return candidate
-
-
-def _rig_limits(root: Table, path: Path) -> RigLimits:
-    table = root.table("rig_limits", None) or Table({}, f"{path}: rig_limits")
-    pressure = table.take("pressure", None)
-    if isinstance(pressure, list):  # [lowest, highest], as in [limits]
-        highest = table.numbers("pressure", count=2)[1]
-    else:
-        highest = table.number("pressure", HIGHEST / 1e3, above=0)
-    found = RigLimits(
-        pressure=1e3 * highest,
-        rate=1e3 * table.number("rate", np.inf, above=0),
-        duration=table.number("duration", 3.0, above=0, most=LONGEST),
-        channels=table.integer("channels", None, least=1),
-    )
-    table.finish()
-    return found

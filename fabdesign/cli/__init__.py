@@ -11,6 +11,7 @@ import click
 from fabdesign.cli import (  # noqa: F401 their commands join the group
     effects,
     files,
+    loop,
     measurements,
     motions,
     searches,

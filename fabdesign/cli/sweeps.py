@@ -7,7 +7,6 @@ import click
 
 from fabdesign.cli.console import FILE, SECONDS, commands, force_option, json_option, print_result
 from fabdesign.cli.models import effects_option
-from fabdesign.errors import InputError
 
 
 @commands.command()
@@ -39,7 +38,7 @@ def sensitivity(study: Path, output: Path, seconds: float | None, force: bool, a
 def study_of_any_kind(
     context: click.Context, file: Path, output: Path, seconds: float | None, force: bool, as_json: bool
 ) -> None:
-    """Run a STUDY (TOML) of any kind: optimize, sensitivity, layouts, unseen."""
+    """Run a STUDY (TOML) of any kind: optimize, sensitivity, layouts, unseen, loop."""
     from fabdesign.study_file import read_kind
 
     kind = read_kind(file)
@@ -48,10 +47,8 @@ def study_of_any_kind(
         _layouts(file, output, **options)
     elif kind == "unseen":
         _unseen(file, output, **options)
-    elif kind in commands.commands:
-        context.invoke(commands.commands[kind], study=file, output=output, **options)
     else:
-        raise InputError(f'{file}: kind = "{kind}"; this version runs optimize, sensitivity, layouts and unseen')
+        context.invoke(commands.commands[kind], study=file, output=output, **options)
 
 
 def _layouts(study: Path, output: Path, *, seconds: float | None, force: bool, as_json: bool) -> None:

@@ -4,6 +4,7 @@ from functools import partial
 from pathlib import Path
 
 from fabdesign.layouts_file import read_layouts
+from fabdesign.loop_file import read_loop
 from fabdesign.sensitivity_file import read_sensitivity
 from fabdesign.study_file import read_kind, read_study
 from fabdesign.unseen_file import read_unseen
@@ -23,6 +24,11 @@ def study_findings(path: Path) -> Findings:
     if kind == "unseen":
         unsewn = read_unseen(path).unsewn
         return design_findings(unsewn.design, f"{path}: design") if unsewn else Findings()
+    if kind == "loop":
+        from studies.loop.run import open_study  # here: its report needs what a page is drawn with
+
+        loop = read_loop(path)
+        return design_findings(loop.search.design, f"{path}: design") + failures([partial(open_study, loop)])
     study = read_layouts(path).search if kind == "layouts" else read_study(path)
     found = design_findings(study.design, f"{path}: design")
     found += failures(partial(load_target, target, study.design, seed=study.seed) for target in study.targets)

@@ -23,16 +23,9 @@ def scene_figure(result: StudyResult, pose: int) -> dict[str, Any]:
     points, target = result.points[pose], result.targets[pose].points
     far = 1e3 * nearest_distances(points, target)
     traces = [
+        points_trace(target[:: max(1, len(target) // SHOWN)], "target", TARGET),
         {
-            "type": "scatter3d",
-            "mode": "markers",
-            "name": "target",
-            "marker": {"size": 1.6, "color": TARGET},
-            "hoverinfo": "skip",
-            **_axes(target[:: max(1, len(target) // SHOWN)]),
-        },
-        {
-            **_mesh(points),
+            **faces_trace(points),
             "name": "result",
             "intensity": _rounded(far, 2),
             "colorscale": SCALE,
@@ -42,7 +35,13 @@ def scene_figure(result: StudyResult, pose: int) -> dict[str, Any]:
             "colorbar": {"title": {"text": "mm to the nearest<br>target point"}, "thickness": 12, "len": 0.5, "x": 1.0},
             "hovertemplate": "%{intensity:.1f} mm<extra>result</extra>",
         },
-        {**_mesh(result.rest), "name": "cloth at rest", "color": "#b8c2cc", "opacity": 0.35, "visible": "legendonly"},
+        {
+            **faces_trace(result.rest),
+            "name": "cloth at rest",
+            "color": "#b8c2cc",
+            "opacity": 0.35,
+            "visible": "legendonly",
+        },
     ]
     for number, muscle in enumerate(result.design.muscles, start=1):
         pressure = result.pressures[pose][muscle.channel] / 1e3
@@ -56,16 +55,18 @@ def scene_figure(result: StudyResult, pose: int) -> dict[str, Any]:
                 **_axes(_on_cloth(muscle, points, result)),
             }
         )
+    return {"data": traces, "layout": scene_layout() | {"legend": LEGEND}}
+
+
+def scene_layout() -> dict[str, Any]:
+    """Of a scene in metres, y upwards."""
     axis = {"title": {"text": ""}, "showbackground": False, "gridcolor": "#e3e7ec", "tickformat": ".2f"}
     scene = {
         "aspectmode": "data",
         **{f"{a}axis": {**axis, "title": {"text": f"{a}, m"}} for a in "xyz"},
         "camera": {"up": {"x": 0, "y": 1, "z": 0}, "eye": {"x": 1.5, "y": 0.45, "z": 1.65}},
     }
-    return {
-        "data": traces,
-        "layout": {"scene": scene, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}, "legend": LEGEND},
-    }
+    return {"scene": scene, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}}
 
 
 def convergence_figure(result: StudyResult) -> dict[str, Any]:
@@ -114,7 +115,20 @@ def convergence_figure(result: StudyResult) -> dict[str, Any]:
     return {"data": traces, "layout": layout}
 
 
-def _mesh(points: NDArray[np.float64]) -> dict[str, Any]:
+def points_trace(points: NDArray[np.float64], name: str, color: str) -> dict[str, Any]:
+    """Of a cloud (n, 3) m."""
+    return {
+        "type": "scatter3d",
+        "mode": "markers",
+        "name": name,
+        "marker": {"size": 1.6, "color": color},
+        "hoverinfo": "skip",
+        **_axes(points),
+    }
+
+
+def faces_trace(points: NDArray[np.float64]) -> dict[str, Any]:
+    """Of both faces (2 n n, 3) m."""
     side = round(np.sqrt(len(points) / 2))
     corners = face_triangles(side, side)
     ends = {name: corners[:, k].tolist() for k, name in enumerate("ijk")}

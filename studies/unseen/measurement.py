@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from fabdesign.forward import ForwardModel
 from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import constant_program
-from fabdesign.unseen_file import Candidate, RigLimits, Unsewn
+from fabdesign.rig_limits_file import RigLimits
+from fabdesign.unseen_file import Candidate, Unsewn
 from studies.tracing.experiment import programs
 from studies.unseen.draws import Draws
 

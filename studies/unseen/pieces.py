@@ -41,6 +41,10 @@ class Pieces:
         files = [file for file in self._folder.glob("*.json") if file.name != _CONTENT]
         return float(sum(json.loads(file.read_text(encoding="utf-8"))["seconds"] for file in files))
 
+    def has(self, name: str) -> bool:
+        """Whether a piece of this name is kept."""
+        return (self._folder / f"{name}.json").is_file()
+
     def piece(self, name: str, compute: Callable[[], Any]) -> Any:
         """What is kept of this name, else computed and kept; None where there is no time to begin it."""
         file = self._folder / f"{name}.json"

@@ -1,0 +1,30 @@
+"""The whole way: choose, measure, learn, choose again."""
+
+from pathlib import Path
+
+import click
+
+from fabdesign.cli.console import FILE, SECONDS, commands, force_option, json_option, print_result
+from fabdesign.cli.models import effects_option
+from fabdesign.cli.progress import described
+
+
+@commands.command(hidden=True)
+@click.argument("study", type=FILE)
+@click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in.")
+@effects_option
+@click.option("--seconds", type=SECONDS, help="Of each search; by default the study's.")
+@force_option
+@json_option
+def loop(study: Path, output: Path, seconds: float | None, force: bool, as_json: bool) -> None:
+    """Choose a design for the target of a STUDY (TOML), measure it, learn from that, choose again.
+
+    Measurements come from a virtual rig, or from a laboratory: then it ends where a measurement set is waited for, and
+    the same command goes on when the set is there.
+    """
+    from studies.loop.report import as_text
+    from studies.loop.run import run_loop
+
+    with described(study.stem) as shown:
+        outcome = run_loop(study, output, seconds=seconds, force=force, progress=shown)
+    print_result(outcome.as_json(), f"{as_text(outcome)}\nreport: {output / 'report.html'}", as_json)

@@ -1,0 +1,38 @@
+"""`[rig_limits]` of a study: what the laboratory can do."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fabdesign.effort import LONGEST
+from fabdesign.table import Table
+
+
+@dataclass(frozen=True)
+class RigLimits:
+    """SI."""
+
+    pressure: float  # Pa
+    rate: float = np.inf  # Pa/s
+    duration: float = 3.0  # s, of a program
+    channels: int | None = None
+
+
+def read_rig_limits(root: Table, path: Path, *, pressure: float, duration: float = 3.0) -> RigLimits:
+    """Of the study at `path`, whose table may leave all of it out; then `pressure` [Pa] and `duration` [s] hold.
+    Raises InputError."""
+    table = root.table("rig_limits", None) or Table({}, f"{path}: rig_limits")
+    given = table.take("pressure", None)
+    if isinstance(given, list):  # [lowest, highest], as in [limits]
+        highest = table.numbers("pressure", count=2)[1]
+    else:
+        highest = table.number("pressure", pressure / 1e3, above=0)
+    found = RigLimits(
+        pressure=1e3 * highest,
+        rate=1e3 * table.number("rate", np.inf, above=0),
+        duration=table.number("duration", duration, above=0, most=LONGEST),
+        channels=table.integer("channels", None, least=1),
+    )
+    table.finish()
+    return found

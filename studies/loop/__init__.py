@@ -1,0 +1,1 @@
+"""The loop: choose a design, measure it, calibrate, trace, train, choose again (docs/loop.md)."""

@@ -1,0 +1,214 @@
+"""What a turn's measurements teach: an effect traced, all parameters refitted with it, a network for what remains."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from fabdesign.errors import InputError
+from fabdesign.forward import ForwardModel
+from fabdesign.loop_file import LoopStudy
+from fabdesign.model import POINTS_PER_SIDE, Model
+from fabdesign.model_file import read_model, write_model
+from fabdesign.output import WorkFolder
+from fabdesign.trial import MeasurementSet
+from studies.calibration.calibrate import Calibration, calibrate
+from studies.calibration.fitted_model import muscle_scope
+from studies.calibration.parameters import fit_vector
+from studies.evaluate import evaluate_sets
+
+MODEL = "model.toml"
+TRACE = "trace"  # the folder of the trace
+COARSE = 21  # points a side, of what looks for stretches that hang on a hair
+
+Simulators = Callable[[int], ForwardModel]  # by points a side
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Learned:
+    """said: lines for people. trace: verdict, names of effects, indistinguishable ones; None where it was not asked
+    for or could not be. held_out: mm of surface excess before and after on trials of role test, None without any."""
+
+    said: tuple[str, ...]
+    trace: Mapping[str, Any] | None
+    factors: Mapping[str, float]
+    effects: tuple[str, ...]
+    corrector: bool
+    held_out: Mapping[str, float] | None
+
+
+def together(sets: Sequence[MeasurementSet]) -> MeasurementSet:
+    """All turns' trials as one set, each turn's design by the turn's name."""
+    if len(sets) == 1:
+        return sets[0]
+    return MeasurementSet(
+        name=f"{sets[0].name} to {sets[-1].name}",
+        designs={name: design for found in sets for name, design in found.designs.items()},
+        trials=tuple(trial for found in sets for trial in found.trials),
+        description=sets[0].description,
+        frame_rate=sets[0].frame_rate,
+    )
+
+
+def learn(
+    study: LoopStudy,
+    sets: Sequence[MeasurementSet],
+    known: Model,
+    work: WorkFolder,
+    name: str,
+    simulators: Simulators,
+    *,
+    say: Say,
+) -> Learned:
+    """From the sets of all turns so far to `model.toml` in the folder of the turn `name`. known: the model that the
+    turn's design was chosen with. A trace refits the declared parameters along; on another grid than the study's, or
+    without one, they and the effects are fitted by `calibrate`. What cannot be is said, and left out."""
+    measured, known, said = together(sets), known.without(["corrector"]), []
+    traced, model, started = None, None, known
+    if study.learning.trace:
+        traced, found, lines = _traced(study, measured, known, work.folder / name / TRACE, simulators, say)
+        said += lines
+        if found is not None:
+            started = replace(known, effects=found.effects)
+            model = found if study.learning.trace_grid == study.points_per_side else None
+    if model is None:
+        calibration = _calibrated(study, sets, started, simulators, say)
+        said += _of_calibration(calibration)
+        model = calibration.model
+    trained = False
+    with work.adding() as files:
+        (files / name).mkdir()
+        write_model(model, files / name / MODEL)
+    fit = sum(trial.role == "fit" for trial in measured.trials)
+    if study.learning.train is not None:
+        if fit < study.learning.train_trials:
+            said.append(f"no network: {fit} trials to learn from; expected {study.learning.train_trials}")
+        else:
+            said.append(_trained(study, measured, model, work, name, simulators, say))
+            trained = True
+    say("judging the model on the trials held out")
+    held_out = held_out_excess(sets, model_of(work, name), simulators(study.points_per_side), seed=study.search.seed)
+    return Learned(
+        said=tuple(said),
+        trace=traced,
+        factors=model.factors,
+        effects=tuple(effect.name for effect in model.effects),
+        corrector=trained,
+        held_out=held_out,
+    )
+
+
+def model_of(work: WorkFolder, name: str) -> Model:
+    """What was learned in a turn."""
+    return read_model(work.folder / name / MODEL)
+
+
+def _traced(
+    study: LoopStudy, measured: MeasurementSet, known: Model, out: Path, simulators: Simulators, say: Say
+) -> tuple[Mapping[str, Any] | None, Model | None, list[str]]:
+    """The verdict, the model with the effects that it has from now on, and lines for people; no model where there was
+    too little to trace."""
+    from studies.tracing.run import Options, trace_set
+    from studies.tracing.words import verdict_in_words
+
+    learning = study.learning
+    try:
+        outcome = trace_set(
+            measured,
+            out,
+            inputs=[],
+            model=known,
+            options=Options(learning.tolerance, learning.trace_grid, study.search.seed),
+            forward=simulators(learning.trace_grid),
+            say=lambda line: say(f"trace: {line}"),
+        )
+    except InputError as error:
+        return None, None, [f"not traced: {error}"]
+    result = outcome.as_json()
+    added = [effect["name"] for effect in result["effects"]]
+    found = {
+        "verdict": result["verdict"],
+        "effects": added,
+        "indistinguishable": result["indistinguishable"],
+        "excess": {name: value for name, value in result["excess"].items() if name != "unit"},
+    }
+    return found, outcome.model, [f"trace: {verdict_in_words(outcome)}"]
+
+
+def _calibrated(
+    study: LoopStudy, sets: Sequence[MeasurementSet], start: Model, simulators: Simulators, say: Say
+) -> Calibration:
+    grid = study.points_per_side
+    vector = fit_vector(
+        [effect.name for effect in start.effects],
+        terms=start.terms,
+        scope=muscle_scope([design for found in sets for design in found.designs.values()]),
+    )
+    return calibrate(
+        sets,
+        simulators(grid),
+        slopes=simulators(min(grid, POINTS_PER_SIDE)),
+        coarse=simulators(min(grid, COARSE)),
+        vector=vector,
+        points_per_side=grid,
+        seed=study.search.seed,
+        progress=lambda line, share: say(f"calibrating: {line}"),
+    )
+
+
+def _of_calibration(found: Calibration) -> list[str]:
+    left = found.as_json()["excess"]["after"]
+    lines = [f"calibrated on {len(found.model.provenance.fitted)} trials: {left:.2f} mm over the noise are left"]
+    return lines + [f"intervals are not to be believed: {why}" for why in found.doubts]
+
+
+def _trained(
+    study: LoopStudy,
+    measured: MeasurementSet,
+    base: Model,
+    work: WorkFolder,
+    name: str,
+    simulators: Simulators,
+    say: Say,
+) -> str:
+    """Put the model with a network in the place of the one without; what it is worth, in a line."""
+    import corrector.training  # noqa: F401 loads PyTorch
+    from studies.training.train import train
+
+    assert study.learning.train is not None
+    with work.adding() as files:
+        (files / name).mkdir()
+        result = train(
+            [measured],
+            simulators(study.points_per_side),
+            files / name / MODEL,
+            goes_to=work.folder / name / MODEL,
+            base=base,
+            network=study.learning.train,
+            seed=study.search.seed,
+            force=True,
+            progress=lambda what, done, total: say(f"training: {what} {done} of {total}"),
+        )
+    shares = [of.closed.value for of in result.held_out.values() if of.closed.value is not None]
+    worth = "" if not shares else f", closes {min(shares):.0%} of what was left on trials kept back"
+    return f"network {study.learning.train} learned from {result.learned_from} trials{worth}"
+
+
+def held_out_excess(
+    sets: Sequence[MeasurementSet], model: Model, simulator: ForwardModel, *, seed: int
+) -> dict[str, float] | None:
+    """mm of surface excess on the trials of role test of all sets, before and after as `evaluate` has them; None
+    without such trials."""
+    if not any(trial.role == "test" for found in sets for trial in found.trials):
+        return None
+    found = evaluate_sets(model, sets, simulator, seed=seed).designs
+    return {way: _mean_excess(found, way) for way in ("before", "after")}
+
+
+def _mean_excess(found: Mapping[str, Any], way: str) -> float:
+    values = []
+    for design in found.values():
+        table = getattr(design, way)
+        values.append(max(table["surface_rms"].mean ** 2 - table["surface_floor"].mean ** 2, 0.0) ** 0.5)
+    return 1e3 * sum(values) / len(values)

@@ -1,0 +1,79 @@
+"""What a loop has done so far: its pieces, by which it goes on, and `result.json`."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from fabdesign import SIMULATOR
+from fabdesign.loop_file import LoopStudy, VirtualRig
+from studies.layouts.content import flat, shortened, study_content
+from studies.layouts.target import LoadedTarget
+
+_RAISED = ("stop", "search")  # more turns go further; the search's own content has its own way
+
+
+@dataclass(frozen=True)
+class Turn:
+    """chosen: of the search, with `believed`. device: errors measured; None while that is waited for. learned: what the
+    measurements taught; None in the last turn. All as `result.json` has it, mm."""
+
+    number: int
+    name: str
+    chosen: Mapping[str, Any]
+    device: Mapping[str, float] | None = None
+    learned: Mapping[str, Any] | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """stop_reason: why the loop ended; empty while a measurement is waited for, and then `waiting_for` says where."""
+
+    name: str
+    turns: tuple[Turn, ...]
+    stop_reason: str = ""
+    waiting_for: str | None = None
+    asked: str | None = None  # the folder that says what is to be measured
+    synthetic: bool = False
+    wall_s: float = 0.0
+    seed: int = 1
+    source: str = field(default="rig")
+
+    @property
+    def best(self) -> Turn | None:
+        """The turn whose device is nearest to the target, as measured."""
+        measured = [turn for turn in self.turns if turn.device is not None]
+        return min(measured, key=lambda turn: (turn.device or {})["excess"], default=None)
+
+    def as_json(self) -> dict[str, Any]:
+        found = {name.name: getattr(self, name.name) for name in fields(self) if name.name != "turns"}
+        best = self.best
+        return found | {
+            "unit": "mm",
+            "best": None if best is None else best.name,
+            "turns": [turn.as_json() for turn in self.turns],
+        }
+
+
+def loop_content(study: LoopStudy, targets: Sequence[LoadedTarget]) -> dict[str, str]:
+    """What the pieces depend on, by field; of a rig's key its hash."""
+    content: dict[str, Any] = {"simulator": SIMULATOR}
+    for part in fields(study):
+        if part.name not in _RAISED and part.name != "source":
+            content |= flat(getattr(study, part.name), part.name)
+    source = study.source
+    if isinstance(source, VirtualRig):
+        content |= {"rig.element": source.element, "rig.step": source.step}
+        content["rig.key"] = None if source.key is None else _sha256(source.key)
+    else:
+        content["laboratory.folder"] = source.folder.resolve()
+    named = {name: shortened(str(value)) for name, value in content.items()}
+    return named | study_content(study.search, targets)
+
+
+def _sha256(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()

@@ -1,0 +1,164 @@
+"""The faces of a cloth at rest from its measured clouds: a spline sheet laid through the points.
+
+Points of several frames, on both faces, with noise and strays, become a mid-surface: a bicubic B-spline whose control
+points are fitted to the points' heights over it, with the lengths along and across the cloth kept those of a shape
+that a model believes (iterated closest points with a nearly inextensible sheet). A point that does not say on which
+face it lies counts for the mid-surface at first, then for the likelier face, as in `corrector.matching`.
+"""
+
+from functools import lru_cache
+from math import isqrt
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import NDArray
+from scipy.interpolate import BSpline
+
+from fabdesign.fabric import Fabric
+from fabdesign.surface import Surface, face_triangles
+
+Array = NDArray[np.float64]
+
+POINTS = 6_000  # of all frames that are fitted, drawn
+CONTROLS = 11  # a side
+_STRAIN = 0.004  # of the lengths between nodes, that counts as much as
+_HEIGHT = 1e-3  # m of a point's height
+_SMOOTH = 4e-3  # m, of control points' second differences against the believed shape's
+_PINNED = 1e-4  # m, of the held edge
+_SIDED = 8  # rounds from which on points are told apart by face
+_ROUNDS = 16
+_SOFT = 0.6e-3  # m: how sharply a point is taken for one face's
+_FAR = 5.0  # median heights off, from which a point is a stray's
+_LEAST_FAR = 2.5e-3  # m, below which it is none
+
+
+def resting_faces(points: Array, fabric: Fabric, believed: Array, *, seed: int = 0) -> Array:
+    """(2 n n, 3) m, front face then back face as a forward model gives them, of measured points (k, 3) m.
+
+    believed: (2 n n, 3) m, the shape that a model expects: where the fit begins, and whose lengths it keeps.
+    """
+    side = isqrt(len(believed) // 2)
+    points = _drawn(np.asarray(points, dtype=np.float64), seed)
+    basis = _basis(side)
+    start = believed.reshape(2, side * side, 3).mean(axis=0)
+    controls = np.linalg.lstsq(basis.toarray(), start, rcond=None)[0]
+    along = _differences(side, basis)
+    lengths = np.linalg.norm(along @ controls, axis=1)
+    curved = _second_differences() @ controls
+    held = _held(fabric, side)
+    half = fabric.thickness / 2
+    for number in range(_ROUNDS):
+        middle = basis @ controls
+        normals, rows, height = _heights(middle, side, points)
+        face = np.tanh(height * half / _SOFT**2) if number >= _SIDED else np.zeros(len(height))
+        off = height - half * face
+        near = np.abs(off) < max(_FAR * float(np.median(np.abs(off))), _LEAST_FAR)
+        blocks = [
+            (_projected(rows[near] @ basis, normals[near]) / _HEIGHT, off[near] / _HEIGHT),
+            _kept(along, controls, lengths),
+            _bending(controls, curved),
+            _pinned(basis[held], controls, start[held]),
+        ]
+        step = _solve(blocks, controls.size)
+        controls = controls + step.reshape(controls.shape)
+        if number > _SIDED and np.abs(step).max() < 1e-5:
+            break
+    return _faces(basis @ controls, side, half)
+
+
+def _drawn(points: Array, seed: int) -> Array:
+    if len(points) <= POINTS:
+        return points
+    return np.asarray(points[np.random.default_rng(seed).choice(len(points), POINTS, replace=False)])
+
+
+@lru_cache(maxsize=4)
+def _basis(side: int) -> sp.csr_matrix:
+    """(side side, CONTROLS CONTROLS): the mid-surface's nodes from control points, both by rising v, then rising u."""
+    knots = np.concatenate([np.zeros(3), np.linspace(0, 1, CONTROLS - 2), np.ones(3)])
+    line = BSpline.design_matrix(np.linspace(0, 1, side), knots, 3)
+    return sp.csr_matrix(sp.kron(line, line))
+
+
+def _differences(side: int, basis: sp.csr_matrix) -> sp.csr_matrix:
+    """Between neighbours along u, along v, and across both diagonals, of nodes from control points."""
+    index = np.arange(side * side).reshape(side, side)
+    pairs = [
+        (index[:, 1:], index[:, :-1]),
+        (index[1:], index[:-1]),
+        (index[1:, 1:], index[:-1, :-1]),
+        (index[1:, :-1], index[:-1, 1:]),
+    ]
+    to, of = (np.concatenate([pair[k].ravel() for pair in pairs]) for k in (0, 1))
+    return sp.csr_matrix(basis[to] - basis[of])
+
+
+@lru_cache(maxsize=1)
+def _second_differences() -> sp.csr_matrix:
+    line = sp.diags([1.0, -2.0, 1.0], [0, 1, 2], shape=(CONTROLS - 2, CONTROLS))
+    one = sp.identity(CONTROLS)
+    return sp.csr_matrix(sp.vstack([sp.kron(line, one), sp.kron(one, line)]))
+
+
+def _held(fabric: Fabric, side: int) -> NDArray[np.intp]:
+    """Nodes whose places are known: those of the hung edge."""
+    return np.arange(side) if fabric.hung == "top" else np.zeros(0, dtype=np.intp)
+
+
+def _heights(middle: Array, side: int, points: Array) -> tuple[Array, sp.csr_matrix, Array]:
+    """(k, 3) normals of the nearest triangles, (k, nodes) weights of the nearest places, (k,) m heights over the
+    triangles' planes: a point beyond a hem counts by its height alone."""
+    triangles = face_triangles(side, side)[: 2 * (side - 1) ** 2]
+    surface = Surface(middle, triangles)
+    near = surface.nearest(points)
+    corners = triangles[near.triangle]
+    normals = surface.normals_of(near.triangle)
+    place = np.einsum("kc,kcd->kd", near.weights, middle[corners])
+    height = np.einsum("kd,kd->k", points - place, normals)
+    index = np.repeat(np.arange(len(points)), 3)
+    rows = sp.csr_matrix((near.weights.ravel(), (index, corners.ravel())), shape=(len(points), len(middle)))
+    return normals, rows, height
+
+
+def _projected(rows: sp.csr_matrix, directions: Array) -> sp.csr_matrix:
+    """(k, 3 controls) of the rows' points along directions (k, 3); unknowns are x, y, z of a control point by turns."""
+    coordinates = [sp.csr_matrix(sp.diags(directions[:, d]) @ rows) for d in range(3)]
+    stacked = sp.hstack(coordinates, format="csc")
+    count = rows.shape[1]
+    return sp.csr_matrix(stacked[:, np.arange(3 * count).reshape(3, count).T.ravel()])
+
+
+def _kept(along: sp.csr_matrix, controls: Array, lengths: Array) -> tuple[sp.csr_matrix, Array]:
+    now = along @ controls
+    long = np.linalg.norm(now, axis=1)
+    weight = 1 / (_STRAIN * lengths)
+    rows = sp.diags(weight) @ _projected(along, now / long[:, None])
+    return sp.csr_matrix(rows), weight * (lengths - long)
+
+
+def _bending(controls: Array, curved: Array) -> tuple[sp.csr_matrix, Array]:
+    second = _second_differences()
+    left = (curved - second @ controls) / _SMOOTH
+    return sp.csr_matrix(sp.kron(second, sp.identity(3)) / _SMOOTH), left.ravel()
+
+
+def _pinned(held: sp.csr_matrix, controls: Array, where: Array) -> tuple[sp.csr_matrix, Array]:
+    left = (where - held @ controls) / _PINNED
+    return sp.csr_matrix(sp.kron(held, sp.identity(3)) / _PINNED), left.ravel()
+
+
+def _solve(blocks: list[tuple[sp.csr_matrix, Array]], size: int) -> Array:
+    """The least-squares step of all blocks (rows, wanted change)."""
+    normal, right = np.zeros((size, size)), np.zeros(size)
+    for rows, wanted in blocks:
+        normal += (rows.T @ rows).toarray()
+        right += rows.T @ wanted
+    return np.asarray(np.linalg.solve(normal + 1e-9 * np.trace(normal) / size * np.eye(size), right))
+
+
+def _faces(middle: Array, side: int, half: float) -> Array:
+    grid = middle.reshape(side, side, 3)
+    across, down = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
+    normal = np.cross(down, across)  # v runs down: outwards is to the front
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    return np.concatenate([(grid + s * half * normal).reshape(-1, 3) for s in (1, -1)])

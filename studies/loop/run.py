@@ -1,0 +1,229 @@
+"""`fabdesign loop STUDY`: from a target and a start design to one that was measured, turn by turn."""
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from fabdesign.design_file import read_design, write_design
+from fabdesign.errors import InputError
+from fabdesign.forward import ForwardModel
+from fabdesign.loop_file import Laboratory, LoopStudy, VirtualRig, read_loop
+from fabdesign.measurement_set import read_set
+from fabdesign.model import Model
+from fabdesign.output import WorkFolder, work_folder, write_text
+from fabdesign.study_file import require_searchable
+from fabdesign.trial import MeasurementSet
+from optimize.evaluations import Evaluations
+from studies.layouts.begin import first_starts
+from studies.layouts.target import LoadedTarget, load_target
+from studies.loop.learning import MODEL, Simulators, learn, model_of
+from studies.loop.programs import programs_for
+from studies.loop.record import Outcome, Turn, loop_content
+from studies.loop.report import write_report
+from studies.loop.sources import ASKED, MEASURED, measured
+from studies.loop.stop import stop_reason
+from studies.loop.turn import SEARCH, Choice, choose, chosen, judge, turn_name
+from studies.unseen.pieces import Pieces
+
+Progress = Callable[[str, float], None]  # what is done, and about what share of all
+
+
+@dataclass(frozen=True)
+class _Loop:
+    """What all turns share."""
+
+    study: LoopStudy
+    targets: tuple[LoadedTarget, ...]
+    work: WorkFolder
+    pieces: Pieces
+    simulators: Simulators
+    progress: Progress
+
+    def say(self, number: int, line: str, part: float) -> None:
+        """part: of the turn, done."""
+        share = min(1.0, (number + part) / (self.study.stop.turns + 1))
+        self.progress(f"{turn_name(number).replace('_', ' ')}, {line}", share)
+
+
+def run_loop(
+    study: LoopStudy | Path | str,
+    out: Path | str,
+    *,
+    simulators: Simulators | None = None,
+    seconds: float | None = None,
+    force: bool = False,
+    progress: Progress = lambda line, share: None,
+) -> Outcome:
+    """Turn after turn, until the study's rule ends it or a laboratory is waited for; writes `result.json`,
+    `report.html`, the folders of the turns and, of the turn that came nearest as measured, `design.toml` and
+    `pressures.csv` into `out`, and the last `model.toml`.
+
+    The same study goes on where it stood. simulators: by points a side, for tests. seconds: of each search, in place of
+    the study's. Raises InputError for bad input and for a laboratory's set that is not what was asked for.
+    """
+    inputs = [] if isinstance(study, LoopStudy) else [Path(study)]
+    study = study if isinstance(study, LoopStudy) else read_loop(study)
+    if seconds is not None:
+        limits = replace(study.search.limits, seconds=seconds)
+        study = replace(study, search=replace(study.search, limits=limits))
+    targets = open_study(study)
+    inputs += [target.file for target in study.search.targets]
+    if isinstance(study.source, VirtualRig) and study.source.key is not None:
+        inputs.append(study.source.key)
+    if isinstance(study.source, Laboratory):
+        inputs.append(study.source.folder)
+    with work_folder(out, made_by="loop", force=force, inputs=inputs) as work:
+        pieces = Pieces(work, loop_content(study, targets), None)
+        loop = _Loop(study, targets, work, pieces, simulators or _simulators(study), progress)
+        outcome = _turns(loop)
+        outcome = replace(outcome, wall_s=pieces.spent)
+        if work.anew and outcome.waiting_for is not None:
+            work.complete = False
+        with work.adding() as files:
+            write_text(files / "result.json", json.dumps(outcome.as_json(), indent=1) + "\n")
+            write_report(outcome, study, targets, work.folder, files)
+    return outcome
+
+
+def open_study(study: LoopStudy) -> tuple[LoadedTarget, ...]:
+    """The study's targets. Raises InputError where they, the start, or the rig's key are not sound."""
+    search = study.search
+    require_searchable(search, search.name)
+    targets = tuple(load_target(target, search.design, seed=search.seed) for target in search.targets)
+    if study.rig_limits.rate < float("inf") and any(target.time is not None for target in targets):
+        raise InputError(
+            f"{search.name}: a target is a frame of a motion under steps, which a rig with a rate cannot run; expected "
+            "a shape at rest, or rig_limits without a rate"
+        )
+    first_starts(search)
+    if isinstance(study.source, VirtualRig) and study.source.key is not None:
+        from studies.rig import read_key
+
+        read_key(study.source.key)
+    return targets
+
+
+def _simulators(study: LoopStudy) -> Simulators:
+    made: dict[int, ForwardModel] = {}
+
+    def simulator(points_per_side: int) -> ForwardModel:
+        if points_per_side not in made:
+            from sim import Simulator  # here: it loads and starts taichi
+
+            made[points_per_side] = Simulator(points_per_side, rise=study.search.rise, hold=study.search.hold)
+        return made[points_per_side]
+
+    return simulator
+
+
+def _turns(loop: _Loop) -> Outcome:
+    study, turns, sets = loop.study, [], []
+    model: Model | None = study.search.model
+    earlier: Choice | None = None
+    outcome = Outcome(
+        name=study.search.name,
+        turns=(),
+        synthetic=isinstance(study.source, VirtualRig),
+        seed=study.search.seed,
+        source="rig" if isinstance(study.source, VirtualRig) else "laboratory",
+    )
+    for number in range(study.stop.turns + 1):
+        name = turn_name(number)
+        kept, choice = _chosen(loop, number, model, earlier)
+        found = _measured(loop, number, choice)
+        if found is None:
+            assert isinstance(study.source, Laboratory)
+            return replace(
+                outcome,
+                turns=(*turns, Turn(number, name, kept)),
+                waiting_for=str(study.source.folder / name),
+                asked=str(loop.work.folder / name / ASKED),
+            )
+        sets.append(found)
+        device = _judged(loop, number, choice, found)
+        reason = stop_reason(study.stop, [*(1e-3 * t.device["excess"] for t in turns), 1e-3 * device["excess"]])
+        if reason is not None:
+            turns.append(Turn(number, name, kept, device))
+            outcome = replace(outcome, turns=tuple(turns), stop_reason=reason)
+            _keep_best(loop, outcome, number)
+            return outcome
+        learned = _learned(loop, number, sets, model)
+        turns.append(Turn(number, name, kept, device, learned))
+        model, earlier = model_of(loop.work, name), choice
+        _keep_best(loop, replace(outcome, turns=tuple(turns)), number + 1)
+    raise AssertionError  # the rule ends the last turn
+
+
+def _chosen(loop: _Loop, number: int, model: Model | None, earlier: Choice | None) -> tuple[dict[str, Any], Choice]:
+    name = turn_name(number)
+    folder = loop.work.folder / name / SEARCH
+
+    def told(evaluations: Evaluations) -> None:
+        best = "none yet" if evaluations.best is None else f"{1e3 * evaluations.best.value:.2f} mm"
+        loop.say(number, f"choosing a design: best {best}", 0.3 * evaluations.share)
+
+    loop.work.claim(f"{name}/shapes.npz")
+    kept = loop.pieces.piece(
+        f"{name}_choice", lambda: choose(loop.study, model, earlier, folder, loop.simulators, progress=told)
+    )
+    return kept, chosen(kept, folder)
+
+
+def _measured(loop: _Loop, number: int, choice: Choice) -> MeasurementSet | None:
+    name = turn_name(number)
+    last = number == loop.study.stop.turns
+    times = [target.time for target in loop.targets]
+    piece = f"{name}_measurement"
+    asked = programs_for(loop.study, choice.design, choice.pressures, times, seed=number, last=last)
+    if not loop.pieces.has(piece):
+
+        def counted(done: int, total: int) -> None:
+            loop.say(number, f"measuring: {done} of {total} trials", 0.3 + 0.3 * done / total)
+
+        loop.say(number, "measuring", 0.3)
+        if measured(loop.study, name, asked, loop.work, progress=counted) is None:
+            return None
+        loop.pieces.piece(piece, lambda: {"trials": len(asked.programs)})
+    return read_set(loop.work.folder / name / MEASURED)
+
+
+def _judged(loop: _Loop, number: int, choice: Choice, found: MeasurementSet) -> dict[str, Any]:
+    loop.say(number, "judging the shape on the device", 0.6)
+    kept: dict[str, Any] = loop.pieces.piece(
+        f"{turn_name(number)}_device", lambda: judge(loop.study, choice, found, loop.targets, loop.work)
+    )
+    return kept
+
+
+def _learned(loop: _Loop, number: int, sets: Sequence[MeasurementSet], model: Model | None) -> dict[str, Any]:
+    def teach() -> dict[str, Any]:
+        found = learn(
+            loop.study,
+            sets,
+            model or Model(points_per_side=loop.study.points_per_side),
+            loop.work,
+            turn_name(number),
+            loop.simulators,
+            say=lambda line: loop.say(number, line, 0.7),
+        )
+        return asdict(found)
+
+    kept: dict[str, Any] = loop.pieces.piece(f"{turn_name(number)}_model", teach)
+    return kept
+
+
+def _keep_best(loop: _Loop, outcome: Outcome, learned: int) -> None:
+    """Copy the nearest turn's design and pressures, and the last turn's model, up."""
+    best = outcome.best
+    assert best is not None
+    source = loop.work.folder / best.name / SEARCH
+    files = {file.name: file for file in source.glob("pressures*.csv")}
+    if learned:
+        last = loop.work.folder / turn_name(learned - 1)
+        files |= {file.name: file for file in (last / MODEL, *last.glob("*.safetensors"))}
+    with loop.work.adding() as place:
+        write_design(read_design(source / "design.toml"), place / "design.toml")
+        for name, file in files.items():
+            (place / name).write_bytes(file.read_bytes())

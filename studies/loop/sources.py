@@ -1,0 +1,166 @@
+"""Where measurements come from: the virtual rig measures at once, a laboratory is asked and answers with a set."""
+
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from fabdesign.design import Design
+from fabdesign.design_file import write_design
+from fabdesign.errors import InputError
+from fabdesign.export import export_design
+from fabdesign.loop_file import Laboratory, LoopStudy, VirtualRig
+from fabdesign.measurement_set import NewTrial, read_set, write_set
+from fabdesign.output import WorkFolder, write_text
+from fabdesign.pressure import PressureProgram
+from fabdesign.pressure_file import write_pressures
+from fabdesign.trial import MeasurementSet, Trial
+from studies.loop.programs import Asked
+
+MEASURED = "measured"  # the folder of a turn's set
+ASKED = "to_measure"  # the folder of what a laboratory is asked for
+AGREE = 5e3  # Pa RMS, within which a trial's set points are those asked for
+_EVERY = 0.1  # s, over whose means they are compared
+
+Counter = Callable[[int, int], None]
+
+
+def measured(
+    study: LoopStudy, name: str, asked: Asked, work: WorkFolder, *, progress: Counter = lambda done, of: None
+) -> MeasurementSet | None:
+    """What the source measured of `asked` in the turn of this name, as a set in the turn's folder; None where a
+    laboratory has been asked for it. Its trials and its design are named after the turn, so that sets of several turns
+    go together. Raises InputError for a laboratory's set that is not what was asked for."""
+    folder = work.folder / name / MEASURED
+    if isinstance(study.source, VirtualRig):
+        with tempfile.TemporaryDirectory() as temporary:
+            found = _on_rig(study.source, asked, Path(temporary) / "set", progress)
+            _keep(found, asked, name, folder)
+        return read_set(folder)
+    place = study.source.folder / name
+    if not (place / "set.toml").is_file():
+        ask(study.source, asked, work, name)
+        return None
+    found = read_set(place)
+    _require_asked(found, asked, place)
+    _keep(found, asked, name, folder)
+    return read_set(folder)
+
+
+def _on_rig(source: VirtualRig, asked: Asked, out: Path, progress: Counter) -> MeasurementSet:
+    from studies.rig import Key, read_key, run_rig
+    from studies.rig.scene import DEFAULT
+
+    changed = {name: value for name in ("element", "step") if (value := getattr(source, name)) is not None}
+    run_rig(
+        asked.design,
+        asked.programs,
+        out=out,
+        key=Key() if source.key is None else read_key(source.key),
+        test_trials=asked.held_out,
+        resolution=replace(DEFAULT, **changed),
+        progress=progress,
+    )
+    return read_set(out)
+
+
+def _keep(found: MeasurementSet, asked: Asked, name: str, folder: Path) -> None:
+    """The set with its trials' names and roles as the loop has them."""
+    trials = sorted(found.trials, key=lambda trial: trial.order)
+    write_set(
+        folder,
+        {name: trials[0].design},
+        (
+            NewTrial(
+                f"{name}_{trial.order:03d}",
+                name,
+                trial.order,
+                "test" if trial.role == "test" else asked.role(trial.order),
+                trial.load(),
+            )
+            for trial in trials
+        ),
+        name=name,
+        description=found.description,
+        frame_rate=found.frame_rate,
+        made_by="loop",
+        force=True,  # what a killed run left
+    )
+
+
+def ask(source: Laboratory, asked: Asked, work: WorkFolder, name: str) -> None:
+    """Write what to sew and what to run: design, template, cut list, a CSV a trial, and a page that says it."""
+    folder = work.folder / name / ASKED
+    export_design(
+        asked.design,
+        folder / "sew",
+        stem="design",
+        paper=source.paper,
+        tail_length=source.tail_length,
+        force=(folder / "sew").exists(),
+    )
+    with work.adding() as files:
+        at = files / name / ASKED
+        at.mkdir(parents=True)
+        write_design(asked.design, at / "design.toml")
+        for order, program in enumerate(asked.programs):
+            write_pressures(program, at / f"{order:03d}.csv")
+        write_text(at / "README.txt", _request(source, asked, name))
+
+
+def _request(source: Laboratory, asked: Asked, name: str) -> str:
+    lines = [
+        "Sew design.toml (templates and cut list: sew/), a rested specimen, and run on it, in this order:",
+        "",
+        *(
+            f"  order {order}: {order:03d}.csv, {program.duration:g} s, role {asked.role(order)}"
+            for order, program in enumerate(asked.programs)
+        ),
+        "",
+        f"Put the measurement set (set.toml, one design, these orders) into {source.folder / name}",
+        "and run the same command again. Where the specimen's muscles lie elsewhere than drawn, the set's design file",
+        "says where.",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _require_asked(found: MeasurementSet, asked: Asked, place: Path) -> None:
+    """Raise InputError unless the set has the design and the trials that were asked for."""
+    by_order: dict[int, Trial] = {}
+    for trial in found.trials:
+        if trial.order in by_order or trial.design_name != found.trials[0].design_name:
+            raise InputError(f"{place}: several trials of order {trial.order} or several designs; expected one design")
+        by_order[trial.order] = trial
+    if len(found.designs) != 1:
+        raise InputError(f"{place}: {len(found.designs)} designs; expected the one that was asked for")
+    _require_same(found.trials[0].design, asked.design, place)
+    for order, program in enumerate(asked.programs):
+        if order not in by_order:
+            raise InputError(f"{place}: no trial of order {order}; expected {order:03d}.csv as it was asked for")
+        off = _apart(by_order[order].program, program)
+        if off > AGREE:
+            raise InputError(
+                f"{place}: order {order} ran other pressures than {order:03d}.csv, {off / 1e3:.0f} kPa RMS off; "
+                "expected what was asked for"
+            )
+    if extra := sorted(set(by_order) - set(range(len(asked.programs)))):
+        raise InputError(f"{place}: a trial of order {extra[0]}; {len(asked.programs)} were asked for")
+
+
+def _require_same(sewn: Design, asked: Design, place: Path) -> None:
+    own, wanted = ([(m.type, m.side, m.channel) for m in design.muscles] for design in (sewn, asked))
+    if own != wanted:
+        raise InputError(
+            f"{place}: design {sewn.name} has {len(own)} muscles of other types, sides or channels than the "
+            f"{len(wanted)} asked for; expected to_measure/design.toml, its paths corrected at most"
+        )
+
+
+def _apart(ran: PressureProgram, asked: PressureProgram) -> float:
+    """Pa RMS between the means of both over short whiles; infinite where the trial ended before."""
+    if ran.duration < asked.duration - _EVERY or ran.pressure.shape[1] != asked.pressure.shape[1]:
+        return float("inf")
+    edges = np.arange(0.0, asked.duration + 1e-9, _EVERY)
+    return float(np.sqrt(np.mean(np.square(ran.means(edges) - asked.means(edges)))))

@@ -1,0 +1,129 @@
+"""One turn: a design is chosen with what is known, measured, and judged on the device."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.design import Design
+from fabdesign.design_file import read_design
+from fabdesign.loop_file import LoopStudy
+from fabdesign.metrics import Errors
+from fabdesign.model import POINTS_PER_SIDE, Model
+from fabdesign.output import WorkFolder, whole_file
+from fabdesign.pressure_file import read_pressures
+from fabdesign.study_file import EarlierResult
+from fabdesign.trial import MeasurementSet
+from optimize.evaluations import Evaluations
+from studies.layouts.run import run_study
+from studies.layouts.target import LoadedTarget
+from studies.loop.device import device_errors, excess, measured_shapes
+from studies.loop.learning import COARSE, Simulators
+
+SEARCH = "search"  # the folder of the turn's search, what `optimize` writes
+SHAPES = "shapes.npz"
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What a turn's search came to. believed: against the target, m; shapes (poses, 2 n, 3) m."""
+
+    folder: Path
+    design: Design
+    pressures: Array  # (poses, channels) Pa
+    believed: Errors
+    shapes: Array
+    stop_reason: str
+
+
+def turn_name(number: int) -> str:
+    return f"turn_{number}"
+
+
+def choose(
+    study: LoopStudy,
+    model: Model | None,
+    earlier: Choice | None,
+    folder: Path,
+    simulators: Simulators,
+    *,
+    progress: Callable[[Evaluations], None],
+) -> dict[str, Any]:
+    """Search with `model`, from the design of the turn before besides all else; goes on where it was killed. What the
+    record keeps of it, mm and kPa. Raises KeyboardInterrupt where it is interrupted."""
+    search = replace(study.search, model=model)
+    if earlier is not None:
+        search = replace(search, earlier=EarlierResult(earlier.folder, earlier.design, earlier.pressures))
+    result = run_study(
+        search,
+        folder,
+        forward=simulators(_fine(study, model)),
+        coarse=simulators(min(COARSE, study.points_per_side)),
+        progress=progress,
+    )
+    if result.interrupted:
+        raise KeyboardInterrupt
+    with whole_file(folder.parent / SHAPES) as file, file.open("wb") as stream:
+        np.savez(stream, believed=result.points.astype(np.float32))
+    return {
+        "believed": as_millimetres(result.errors),
+        "stop_reason": result.stop_reason,
+        "evaluations": len(result.history),
+        "reach": result.reach.sentences,
+        "muscles": len(result.design.muscles),
+    }
+
+
+def chosen(kept: dict[str, Any], folder: Path) -> Choice:
+    """A search's result from its folder and what the record kept."""
+    design = read_design(folder / "design.toml")
+    files = sorted(folder.glob("pressures*.csv"), key=lambda file: (len(file.name), file.name))
+    with np.load(folder.parent / SHAPES) as arrays:
+        shapes = np.asarray(arrays["believed"], dtype=np.float64)
+    return Choice(
+        folder=folder,
+        design=design,
+        pressures=np.array([read_pressures(file, design).pressure[-1] for file in files]),
+        believed=of_millimetres(kept["believed"]),
+        shapes=shapes,
+        stop_reason=kept["stop_reason"],
+    )
+
+
+def judge(
+    study: LoopStudy, choice: Choice, measured: MeasurementSet, targets: Sequence[LoadedTarget], work: WorkFolder
+) -> dict[str, Any]:
+    """Errors of the measured shapes against the targets, mm, and how far those are from the believed ones."""
+    seed = study.search.seed
+    shapes = measured_shapes(measured, targets, choice.shapes, seed=seed)
+    errors = device_errors(targets, shapes, measured, seed=seed)
+    apart = np.sqrt(np.square(shapes - choice.shapes).sum(axis=-1).mean())
+    name = f"{choice.folder.parent.name}/{SHAPES}"
+    work.claim(name)
+    with whole_file(work.folder / name) as file, file.open("wb") as stream:
+        np.savez(stream, believed=choice.shapes.astype(np.float32), device=shapes.astype(np.float32))
+    return as_millimetres(errors) | {"from_believed": 1e3 * float(apart)}
+
+
+def as_millimetres(errors: Errors) -> dict[str, float]:
+    """The errors in mm, `beyond` as a share, with the `excess`."""
+    names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
+    found = {name: 1e3 * float(getattr(errors, name)) for name in names}
+    return found | {"surface_beyond": float(errors.beyond), "excess": 1e3 * excess(errors)}
+
+
+def of_millimetres(kept: dict[str, float]) -> Errors:
+    names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
+    return Errors(*(1e-3 * kept[name] for name in names), kept["surface_beyond"])
+
+
+def _fine(study: LoopStudy, model: Model | None) -> int:
+    """Points a side: a model's factors belong to their grid."""
+    if model is None or not model.parameters:
+        return min(study.points_per_side, POINTS_PER_SIDE)
+    return model.points_per_side

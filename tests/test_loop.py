@@ -1,0 +1,286 @@
+"""The loop: a design chosen, measured, learned from, chosen again."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from sheets import rolled_sheet
+
+from fabdesign.catalogue import build, standard
+from fabdesign.design_file import read_design, write_design
+from fabdesign.errors import InputError
+from fabdesign.forward import Case
+from fabdesign.loop_file import StopRule, read_loop
+from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.pressure import PressureProgram, rising_program
+from fabdesign.pressure_file import constant_program, read_pressures
+from fabdesign.sensor_noise import SensorNoise
+from fabdesign.surface import Surface
+from fabdesign.trial import MeasurementSet
+from studies.check.study import study_findings
+from studies.loop.programs import Asked, programs_for, within_rate
+from studies.loop.resting_shape import resting_faces
+from studies.loop.run import run_loop
+from studies.loop.stop import stop_reason
+from tests.analytic_cloth import AnalyticCloth
+from tests.command_line import Run, one_line
+
+Array = NDArray[np.float64]
+NOISE = SensorNoise(0.0006, 0.002, 0.02)
+GAIN = 0.7  # of the devices' muscles
+HIDDEN = 1e3 * np.array([240.0, 120.0])  # Pa
+STUDY = """format = "fabdesign.study/1"
+kind = "loop"
+design = "start.toml"
+points_per_side = 15
+[target]
+file = "target.xyz"
+[limits]
+pressure = [0.0, 400.0]
+evaluations = 200
+[rig]
+key = "key.toml"
+[learning]
+trace = false
+[stop]
+turns = 2
+"""
+LABORATORY = STUDY.replace(
+    '[rig]\nkey = "key.toml"', '[laboratory]\nfolder = "lab"\ntail_length = 0.03\npaper = "none"'
+)
+
+
+class Weak(AnalyticCloth):
+    """Muscles pull by their gain."""
+
+    def _shape(self, case: Case, share: float) -> NDArray[np.float32]:
+        gain = case.factors.get("muscle_gain", case.factors.get("muscle_types.EM20.muscle_gain", 1.0))
+        program = replace(case.program, pressure=case.program.pressure * gain)
+        return super()._shape(replace(case, program=program), share)
+
+
+def on_device(asked: Asked, out: Path) -> MeasurementSet:
+    """What a device with weak muscles shows."""
+    trials, rng = [], np.random.default_rng(7)
+    for order, program in enumerate(asked.programs):
+        times = np.arange(1, round(10 * program.duration) + 1) / 10
+        case = Case(asked.design, program, {"muscle_gain": GAIN})
+        shapes = Weak().motions([case], [times])[0]
+        clouds = tuple(NOISE.draw(Surface.of_faces(shape), 300, rng) for shape in shapes)
+        trials.append(NewTrial(f"t{order}", "d", order, "fit", TrialData(times, program.at(times - 1e-6), clouds)))
+    write_set(out, {"d": asked.design}, trials, name="device", description="synthetic")
+    return read_set(out)
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A study whose target is what a device with weak muscles can take."""
+    design = build("cross")
+    write_design(design, tmp_path / "start.toml")
+    shape = Weak().equilibria([Case(design, constant_program(HIDDEN), {"muscle_gain": GAIN})])[0]
+    np.savetxt(tmp_path / "target.xyz", NOISE.draw(Surface.of_faces(shape), 1500, np.random.default_rng(3)))
+    (tmp_path / "key.toml").write_text('format = "fabdesign.key/1"\n')
+    (tmp_path / "study.toml").write_text(STUDY)
+    (tmp_path / "lab.toml").write_text(LABORATORY)
+    monkeypatch.setattr(
+        "studies.loop.sources._on_rig", lambda source, asked, out, progress: on_device(asked, out), raising=True
+    )
+    return tmp_path
+
+
+def simulators(points_per_side: int) -> AnalyticCloth:
+    return Weak(points_per_side)
+
+
+def test_a_turn_brings_the_device_nearer_and_the_same_call_finds_all_done(place: Path) -> None:
+    outcome = run_loop(place / "study.toml", place / "out", simulators=simulators)
+    first, second = (turn.device["excess"] for turn in outcome.turns[:2] if turn.device)
+    assert first > 2 > 4 * second
+    assert outcome.turns[0].chosen["believed"]["excess"] < 0.5  # the data sheet does not know
+    learned = outcome.turns[0].learned
+    assert learned is not None
+    assert learned["factors"]["muscle_types.EM20.muscle_gain"] == pytest.approx(GAIN, rel=0.05)
+    assert learned["held_out"]["after"] < 0.5 * learned["held_out"]["before"]
+    found = json.loads((place / "out" / "result.json").read_text())
+    assert found["best"] == outcome.best.name if outcome.best else False
+    design = read_design(place / "out" / "design.toml")
+    pressures = read_pressures(place / "out" / "pressures.csv", design).pressure[-1]
+    assert pressures == pytest.approx(HIDDEN, rel=0.1)
+    page = (place / "out" / "report.html").read_text()
+    assert "synthetic rig" in page and page.count("<h2>Turn") == len(outcome.turns)
+
+    def never(*_: object) -> MeasurementSet:
+        raise AssertionError("measured again")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("studies.loop.sources._on_rig", never)
+        again = run_loop(place / "study.toml", place / "out", simulators=simulators)
+    assert again.turns == outcome.turns
+    (place / "study.toml").write_text(STUDY.replace("[limits]", "rise = 2.0\n[limits]".replace("rise = 2.0\n", "")))
+    (place / "key.toml").write_text('format = "fabdesign.key/1"\nseed = 2\n')
+    with pytest.raises(InputError, match="holds another study"):
+        run_loop(place / "study.toml", place / "out", simulators=simulators)
+
+
+class Killed(BaseException):
+    pass
+
+
+@pytest.mark.parametrize("at", ["turn 0, measuring: ", "turn 0, calibrating", "turn 1, judging"])
+def test_a_killed_loop_goes_on_to_the_same_end(place: Path, at: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    (place / "study.toml").write_text(STUDY.replace("turns = 2", "turns = 1"))
+    measured: list[int] = []
+
+    def device(source: object, asked: Asked, out: Path, progress: Callable[[int, int], None]) -> MeasurementSet:
+        found = on_device(asked, out)
+        progress(1, len(asked.programs))
+        measured.append(len(asked.programs))
+        return found
+
+    def killing(line: str, share: float) -> None:
+        if line.startswith(at):
+            raise Killed
+
+    monkeypatch.setattr("studies.loop.sources._on_rig", device)
+    whole = run_loop(place / "study.toml", place / "whole", simulators=simulators)
+    measured.clear()
+    with pytest.raises(Killed):
+        run_loop(place / "study.toml", place / "out", simulators=simulators, progress=killing)
+    again = run_loop(place / "study.toml", place / "out", simulators=simulators)
+    assert [t.device for t in again.turns] == [t.device for t in whole.turns]
+    assert measured == [5, 1]  # nothing is measured twice, and in the last turn only the shape
+
+
+def test_a_laboratory_is_asked_and_answers(place: Path) -> None:
+    def run() -> object:
+        return run_loop(place / "lab.toml", place / "out", simulators=simulators)
+
+    first = run_loop(place / "lab.toml", place / "out", simulators=simulators)
+    assert first.waiting_for == str(place / "lab" / "turn_0") and not first.stop_reason
+    asked = place / "out" / "turn_0" / "to_measure"
+    assert {"design.toml", "README.txt", "000.csv", "004.csv"} <= {file.name for file in asked.iterdir()}
+    assert (asked / "sew" / "design_cut_list.csv").is_file() and (asked / "sew" / "design_front.svg").is_file()
+    assert "order 4: 004.csv, 1.5 s, role test" in (asked / "README.txt").read_text()
+    design = read_design(asked / "design.toml")
+    programs = tuple(read_pressures(asked / f"00{k}.csv", design) for k in range(5))
+    on_device(Asked(design, programs[:4], 1, 1), place / "lab" / "turn_0")
+    with pytest.raises(InputError, match="no trial of order 4"):
+        run()
+    (place / "lab").rename(place / "short")
+    wrong = (*programs[:4], constant_program([1e5, 3e5]))
+    on_device(Asked(design, wrong, 1, 1), place / "lab" / "turn_0")
+    with pytest.raises(InputError, match=r"order 4 ran other pressures than 004.csv"):
+        run()
+    (place / "lab").rename(place / "wrong")
+    on_device(Asked(design, programs, 1, 1), place / "lab" / "turn_0")
+    second = run_loop(place / "lab.toml", place / "out", simulators=simulators)
+    assert second.turns[0].device and second.waiting_for == str(place / "lab" / "turn_1")
+    assert read_set(place / "out" / "turn_0" / "measured").trials[-1].role == "test"
+
+
+def test_the_command_waits_and_is_the_one_of_study(place: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("sim.Simulator", lambda side=41, **_: Weak(side), raising=False)
+    assert study_findings(place / "lab.toml").problems == ()
+    code, out, err = run("loop", place / "lab.toml", "-o", place / "out", "--json")
+    assert code == 0, err
+    assert json.loads(out)["waiting_for"] == str(place / "lab" / "turn_0")
+    code, out, err = run("study", place / "lab.toml", "-o", place / "out")
+    assert code == 0, err
+    assert f"waiting for a measurement set in {place / 'lab' / 'turn_0'}" in out
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "problem"),
+    [
+        ('[rig]\nkey = "key.toml"', "", "expected one source of measurements, [rig] or [laboratory]"),
+        ('"key.toml"', '"nokey.toml"', "nokey.toml is not there"),
+        ("[rig]", "[laboratory]\nfolder = 'x'\n[rig]", "expected one source of measurements"),
+        ('[rig]\nkey = "key.toml"', '[laboratory]\nfolder = "lab"', "has no tail_length"),
+        ("[rig]", "[rig_limits]\nchannels = 1\n[rig]", "up to 2 muscles; the rig has 1 channels"),
+        ("[rig]", "[rig_limits]\nduration = 1\n[rig]", "duration = 1; a rise of 1 s"),
+        ("[stop]", "[trials]\nnumber = 2\n[stop]", "expected 2 more than are held out"),
+        ("turns = 2", "turn = 2", "did you mean turns?"),
+        ("trace = false", 'train = "fields"', "did you mean field?"),
+        ("[limits]", "[variables]\npressures = false\n[limits]", "nothing may change"),
+        ('file = "target.xyz"', 'file = "start.toml"', "start.toml"),
+    ],
+)
+def test_bad_studies_are_refused_in_a_line(place: Path, run: Run, old: str, new: str, problem: str) -> None:
+    (place / "study.toml").write_text(STUDY.replace(old, new))
+    one_line(run("loop", place / "study.toml", "-o", place / "out"), problem)
+    assert not (place / "out").exists()
+    assert run("check", place / "study.toml")[0] == 2
+
+
+def test_a_rig_sets_the_pressures_and_the_rise(place: Path) -> None:
+    limits = "[rig_limits]\npressure = 250\nrate = 100\n"
+    (place / "study.toml").write_text(STUDY.replace("[rig]", f"{limits}[rig]"))
+    study = read_loop(place / "study.toml")
+    assert study.search.limits.pressure == (0.0, 250e3)
+    assert study.search.rise == pytest.approx(2.5)
+    asked = programs_for(study, build("cross"), np.array([[250e3, 50e3]]), [None], seed=0)
+    assert len(asked.programs) == 5 and [asked.role(k) for k in range(5)] == ["fit"] * 4 + ["test"]
+    for program in asked.programs:
+        assert program.pressure.max() <= 250e3
+        edges = np.append(program.time, program.duration)
+        steps = np.abs(np.diff(np.vstack([np.zeros(2), program.pressure]), axis=0)).max(axis=1)
+        assert (steps <= 100e3 * np.maximum(np.diff(edges), 0.05) + 150).all()
+    assert asked.programs[0].pressure[-1] == pytest.approx([250e3, 50e3])
+
+
+def test_a_program_within_a_rate_reaches_what_it_can() -> None:
+    step = PressureProgram(np.array([0.0, 0.5]), np.array([[100e3], [0.0]]), 1.0)
+    assert within_rate(step, np.inf) is step
+    slow = within_rate(step, 400e3)
+    assert slow.at(np.array([0.0, 0.24, 0.5, 0.76]))[:, 0] == pytest.approx([20e3, 100e3, 80e3, 0])
+
+
+@pytest.mark.parametrize(
+    ("excess", "reason"),
+    [
+        ([3e-3], None),
+        ([0.4e-3], "near enough"),
+        ([3e-3, 2e-3], None),
+        ([3e-3, 2.9e-3], "no further gain"),
+        ([3e-3, 2e-3, 1e-3], "turns used: 2"),
+    ],
+)
+def test_when_it_stops(excess: list[float], reason: str | None) -> None:
+    found = stop_reason(StopRule(2, 0.5e-3, 0.1), excess)
+    assert found is None if reason is None else found is not None and found.startswith(reason)
+
+
+@pytest.mark.parametrize(("truth", "believed"), [(5.0, 5.0), (8.0, 0.0), (-4.0, 4.0)])
+def test_the_cloth_is_found_in_its_points_whatever_was_believed(truth: float, believed: float) -> None:
+    true, rng = rolled_sheet(truth), np.random.default_rng(2)
+    points = np.concatenate([NOISE.draw(Surface.of_faces(true), 600, rng) for _ in range(8)])
+    found = resting_faces(points, standard().fabric, rolled_sheet(believed))
+    off = Surface.of_faces(found).distance(true)
+    assert np.sqrt(np.mean(off**2)) < 0.12e-3
+
+
+def test_a_reduced_loop_on_the_rig(tmp_path: Path) -> None:
+    """Simulator and virtual rig, both coarse: two designs, the second by what the first one's trials taught."""
+    from studies.rig import run_rig
+    from studies.rig.scene import Resolution
+
+    key = 'format = "fabdesign.key/1"\n[parameters]\nmuscle_gain = 0.8\n[[effects]]\nname = "frame_tilt"\n'
+    (tmp_path / "key.toml").write_text(f"{key}[sensing]\nframe_rate = 20.0\npoints = 300\n")
+    design = build("cross")
+    write_design(design, tmp_path / "start.toml")
+    program = rising_program(HIDDEN, 0.3, 0.9)
+    coarse = Resolution(element=0.04, step=1 / 240)
+    run_rig(design, [program], out=tmp_path / "hidden", key=tmp_path / "key.toml", resolution=coarse)
+    np.savetxt(tmp_path / "target.xyz", np.concatenate(read_set(tmp_path / "hidden").trials[0].load().frames[-6:]))
+    rig = f'[rig]\nkey = "key.toml"\nelement = 0.04\nstep = {1 / 240}\n[trials]\nseconds = 0.4\nnumber = 3\n'
+    text = STUDY.replace('[rig]\nkey = "key.toml"\n', rig).replace("turns = 2", "turns = 1\ngain = -10")
+    text = text.replace("points_per_side = 15", "points_per_side = 9\nrise = 0.3\nhold = 0.6").replace("200", "40")
+    (tmp_path / "study.toml").write_text(text)
+    outcome = run_loop(tmp_path / "study.toml", tmp_path / "out")
+    first, second = (turn.device["excess"] for turn in outcome.turns if turn.device)
+    assert second < 0.7 * first
+    assert outcome.stop_reason.startswith(("turns used", "near enough"))
