@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from sheets import rolled_sheet
 
 from fabdesign.catalogue import build
