@@ -24,6 +24,19 @@ def chamfer(a: Floats, b: Floats) -> float:
     return float(nearest_distances(a, b).mean() + nearest_distances(b, a).mean())
 
 
+class ChamferTo:
+    """Chamfer distances of several clouds to one, which is sorted once."""
+
+    def __init__(self, cloud: Floats) -> None:
+        self._cloud, self._cells = cloud, Cells.of_points(cloud)
+
+    def of(self, points: Floats) -> float:
+        """`chamfer(points, cloud)` [m]."""
+        return float(
+            np.sqrt(self._cells.nearest(points).squared).mean() + nearest_distances(self._cloud, points).mean()
+        )
+
+
 def chamfer_squared(a: Floats, b: Floats) -> float:
     """Chamfer distance [m^2] of squared nearest distances, each way the mean, both ways summed."""
     return float(np.square(nearest_distances(a, b)).mean() + np.square(nearest_distances(b, a)).mean())

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.distances import chamfer
+from fabdesign.distances import ChamferTo, chamfer
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.surface import CAP, Surface, capped_rms
 
@@ -73,12 +73,12 @@ def trial_errors(
     offsets = iter(noise.stray_offsets(counts, rng))
     distances, floors = [], []
     for cloud, model, repeats in zip(measured, predicted, per_frame, strict=True):
-        surface = Surface.of_faces(model)
+        surface, to_model = Surface.of_faces(model), ChamferTo(model)
         off = surface.distance(cloud, within=CAP)
-        distances.append((chamfer(cloud, model), capped_rms(off), float(np.mean(off > CAP))))
+        distances.append((to_model.of(cloud), capped_rms(off), float(np.mean(off > CAP))))
         for strays in islice(offsets, repeats):
             drawn = noise.draw(surface, len(cloud), rng, strays)
-            floors.append((chamfer(drawn, model), capped_rms(surface.distance(drawn, within=CAP))))
+            floors.append((to_model.of(drawn), capped_rms(surface.distance(drawn, within=CAP))))
     (c, s, beyond), (c_floor, s_floor) = np.mean(distances, axis=0), np.mean(floors, axis=0)
     return Errors(float(c), float(c_floor), float(s), float(s_floor), float(beyond))
 

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,8 @@ from optimize.objective import Objective, Shape
 Point = tuple[int, Vector]  # the number of the start, for its space, and the vector
 
 BATCH = 32  # designs a forward call: four times the simulator's lanes
+NEAR = 0.02  # of the best value: so near is as near
+FINALISTS = 3
 PENALTY = 1.0  # m, for a diverged design, or twice the worst seen: worse than all others, and finite
 
 
@@ -42,6 +45,15 @@ class Best:
     value: float  # m, on the forward model of the stage
     stage: int
 
+    def as_row(self) -> list[Any]:
+        """For a checkpoint."""
+        return [self.start, self.x.tolist(), self.value, self.stage]
+
+    @staticmethod
+    def of_row(row: Sequence[Any]) -> "Best":
+        start, x, value, stage = row
+        return Best(start, np.array(x), value, stage)
+
 
 class Stop(Exception):
     """A limit is reached; the text says which."""
@@ -67,6 +79,7 @@ class Evaluations:
     ) -> None:
         self.starts, self.stages, self.history = [*starts], stages, history
         self.best: Best | None = None
+        self.rivals: dict[int, Best] = {}  # of each start, the nearest on the last stage's model, while within NEAR
         self.campaign_began = 0.0  # s of search, when the campaign under way began
         self.stage = "start"  # under way
         self.objective, self._on_progress = objective, on_progress
@@ -89,6 +102,18 @@ class Evaluations:
         if self.best is None:
             return self.starts[0]
         return self.space(self.best.start, self.best.stage), self.best.x
+
+    def finalists(self) -> list[tuple[DesignSpace, Vector]]:
+        """The best, and what other starts came to that is as near: another layout or other pressures."""
+        best = self.best
+        if best is None or self.stages[best.stage].forward is not self.stages[-1].forward:
+            return [self.best_point()]
+        found = [self.best_point()]
+        for rival in sorted(self.rivals.values(), key=lambda rival: rival.value):
+            point = self.space(rival.start, rival.stage), rival.x
+            if rival.start != best.start and len(found) < FINALISTS and not any(_same(point, other) for other in found):
+                found.append(point)
+        return found
 
     def space(self, start: int, number: int) -> DesignSpace:
         """The start's, with the freedom that the stage of this number gives."""
@@ -126,7 +151,8 @@ class Evaluations:
         """Keep the best, and what was spent, at an end within a round. reason: of an end by a limit."""
         state = self.history.load()
         if state is not None and self.best is not None:
-            state["best"] = [self.best.start, self.best.x.tolist(), self.best.value, self.best.stage]
+            state["best"] = self.best.as_row()
+            state["rivals"] = [rival.as_row() for rival in self.rivals.values()]
             state["ended"] = [reason, self.seconds, self._most]
             self.history.save(state, self.elapsed)
 
@@ -159,9 +185,21 @@ class Evaluations:
             for value, raw, (_, x) in zip(values, found, batch, strict=True)
         )
         for value, space, (start, x) in zip(values, spaces, batch, strict=True) if cheap is None else ():
-            if space.feasible(x) and self._better(number, value):
-                self.best = Best(start, x.copy(), value, number)
+            if space.feasible(x):
+                self._note(Best(start, x.copy(), value, number))
         return list(zip(values, shapes, strict=True))
+
+    def _note(self, found: Best) -> None:
+        """Keep it as the best, and among those that are as near."""
+        if self._better(found.stage, found.value):
+            self.best = found
+        if self.stages[found.stage].forward is self.stages[-1].forward:
+            known = self.rivals.get(found.start)
+            if known is None or found.value < known.value:
+                self.rivals[found.start] = found
+            if self.best is not None:
+                most = (1 + NEAR) * self.best.value
+                self.rivals = {start: rival for start, rival in self.rivals.items() if rival.value <= most}
 
     def _better(self, number: int, value: float) -> bool:
         """Than the best so far; of different forward models a later stage's knows better, whatever it says."""
@@ -170,3 +208,9 @@ class Evaluations:
         if self.stages[self.best.stage].forward is self.stages[number].forward:
             return value < self.best.value
         return number > self.best.stage
+
+
+def _same(one: tuple[DesignSpace, Vector], other: tuple[DesignSpace, Vector]) -> bool:
+    """Whether two are one layout under the same pressures, to 1 kPa."""
+    (design, pressures), (known, others) = (space.decode(x) for space, x in (one, other))
+    return design == known and bool(np.allclose(pressures, others, rtol=0, atol=1e3))

@@ -56,7 +56,7 @@ class Objective:
             else:
                 clouds = [motion[-1] for motion in forward.motions(cases, [np.array([target.time])] * len(cases))]
             for shape, cloud in zip(shapes, clouds, strict=True):
-                shape.append(_refined(np.asarray(cloud, np.float64)))
+                shape.append(refined(np.asarray(cloud, np.float64)))
         return [np.array(shape) for shape in shapes]
 
     def value(self, shape: Shape) -> float:
@@ -113,7 +113,8 @@ def _surface_gradient(measured: NDArray[np.float64], model: NDArray[np.float64])
     return value, np.stack(columns, axis=1)
 
 
-def _refined(cloud: NDArray[np.float64]) -> NDArray[np.float64]:
+def refined(cloud: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(2 SIDE^2, 3) m, of both faces' points on a coarser grid too."""
     side = round(np.sqrt(len(cloud) / 2))
     if side >= SIDE:
         return cloud

@@ -203,7 +203,7 @@ def _evaluate_all(
 
 def _save(evaluations: Evaluations, at: _Progress) -> None:
     found = evaluations.best
-    best = None if found is None else [found.start, found.x.tolist(), found.value, found.stage]
+    best = None if found is None else found.as_row()
     rows = [
         [
             s.start,
@@ -219,6 +219,7 @@ def _save(evaluations: Evaluations, at: _Progress) -> None:
     state = {
         "stage": at.stage,
         "best": best,
+        "rivals": [rival.as_row() for rival in evaluations.rivals.values()],
         "searches": rows,
         "bests": at.bests,
         "ends": at.ends,
@@ -240,8 +241,10 @@ def _load(evaluations: Evaluations, fresh: Fresh | None) -> _Progress:
     at.stage, at.ends, at.reason = state["stage"], state["ends"], state["reason"]
     evaluations.campaign_began = state["began"]
     if state["best"] is not None:
-        start, x, value, stage = state["best"]
-        evaluations.best = Best(start, np.array(x), value, stage)
+        evaluations.best = Best.of_row(state["best"])
+    for row in state.get("rivals", []):
+        rival = Best.of_row(row)
+        evaluations.rivals[rival.start] = rival
     at.searches = [
         LocalSearch(
             start,

@@ -1,17 +1,50 @@
-"""Whether a model's motions need the fine grid that it was calibrated on."""
+"""Whether a model's motions need the fine grid that it was calibrated on: decided for each design."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.design import Design
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.trial import Trial
 from studies.forward_model import forward_model
 
 NEAR = 1e-4  # m RMS over the points and frames of a motion, under which the coarser grid is as good
-_FEWEST = 6  # trials for each that is tried: below, trying costs more than it spares
+_FEWEST = 6  # trials of a design, for it to be tried: below, trying costs more than it spares
+
+
+@dataclass(frozen=True)
+class ByDesign:
+    """A simulator for each design: `coarse` where it is as good, else `fine`. Implements
+    fabdesign.forward.ForwardModel."""
+
+    fine: ForwardModel
+    coarse: ForwardModel
+    calm: tuple[Design, ...]  # for which the coarse one is as good
+
+    def motions(self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float32]]:
+        """As the simulator of each case's design gives them."""
+        found: dict[int, NDArray[np.float32]] = {}
+        for own, simulator in self._parts(cases):
+            motions = simulator.motions([cases[i] for i in own], [times[i] for i in own])
+            found |= dict(zip(own, motions, strict=True))
+        return [found[i] for i in range(len(cases))]
+
+    def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
+        """As the simulator of each case's design gives them."""
+        found: dict[int, NDArray[np.float32]] = {}
+        for own, simulator in self._parts(cases):
+            found |= dict(zip(own, simulator.equilibria([cases[i] for i in own]), strict=True))
+        return [found[i] for i in range(len(cases))]
+
+    def _parts(self, cases: Sequence[Case]) -> list[tuple[list[int], ForwardModel]]:
+        calm = [case.design in self.calm for case in cases]
+        parts = [([i for i, is_calm in enumerate(calm) if not is_calm], self.fine)]
+        parts.append(([i for i, is_calm in enumerate(calm) if is_calm], self.coarse))
+        return [(own, simulator) for own, simulator in parts if own]
 
 
 def enough_points(
@@ -20,39 +53,49 @@ def enough_points(
     forward: Callable[[int], ForwardModel],
     *,
     tell: Callable[[str], None] = lambda line: None,
-) -> int:
-    """Grid points a side for `trials`: the model's, or 41 where that moves the points by under 0.1 mm RMS.
+) -> ForwardModel:
+    """The simulator for `trials`: of the model's grid, and for designs whose points that moves by under 0.1 mm RMS, of
+    41 points a side.
 
     Tried on the most strongly driven trial of each design, with the simulators `forward(points a side)`: cloth that
     snaps goes another way on another grid, and it is there that it snaps. `tell` hears a line on what was found. Raises
     InputError.
     """
-    fine, coarse = model.points_per_side, POINTS_PER_SIDE
-    tried = _driven(trials)
-    if fine <= coarse or len(trials) < _FEWEST * len(tried):
+    fine = forward(model.points_per_side)
+    tried = _driven(trials) if model.points_per_side > POINTS_PER_SIDE else []
+    if not tried:
         return fine
     cases = [Case(trial.design, trial.program, order=trial.order) for trial in tried]
     times = [trial.times for trial in tried]
-    both = (forward_model(forward(side), model).motions(cases, times) for side in (coarse, fine))
+    coarse = forward(POINTS_PER_SIDE)
+    # the fine one first: room is then made once
+    both = [forward_model(simulator, model).motions(cases, times) for simulator in (fine, coarse)]
     apart = [_rms(a, b) for a, b in zip(*both, strict=True)]
-    worst = int(np.argmax(apart))
-    near = apart[worst] < NEAR
-    tell(
-        f"grid: {coarse if near else fine} points a side; with {coarse} instead of the model's {fine}, "
-        f"{tried[worst].design_name} {tried[worst].name} moves by {1e3 * apart[worst]:.2f} mm RMS, "
-        f"{'under' if near else 'not under'} {1e3 * NEAR:g}"
-    )
-    return coarse if near else fine
+    calm = tuple(trial.design for trial, off in zip(tried, apart, strict=True) if off < NEAR)
+    for trial, off in zip(tried, apart, strict=True):
+        tell(
+            f"grid: {POINTS_PER_SIDE if off < NEAR else model.points_per_side} points a side for {trial.design_name}; "
+            f"with {POINTS_PER_SIDE} instead of the model's {model.points_per_side}, {trial.name} moves by "
+            f"{1e3 * off:.2f} mm RMS, {'under' if off < NEAR else 'not under'} {1e3 * NEAR:g}"
+        )
+    return ByDesign(fine, coarse, calm) if calm else fine
 
 
 def _driven(trials: Sequence[Trial]) -> list[Trial]:
-    """Of each design, the trial with the highest pressures: the mean over channels of the highest of each."""
-    chosen: dict[str, tuple[float, Trial]] = {}
+    """Of each design that many trials have, the one with the highest pressures: the mean over channels of the highest
+    of each."""
+    designs: list[tuple[Design, list[Trial]]] = []
     for trial in trials:
-        drive = float(trial.program.pressure.max(axis=0).mean()) if trial.design.channels else 0.0
-        if trial.design_name not in chosen or drive > chosen[trial.design_name][0]:
-            chosen[trial.design_name] = drive, trial
-    return [trial for _, trial in chosen.values()]
+        own = next((own for design, own in designs if design == trial.design), None)
+        if own is None:
+            designs.append((trial.design, [trial]))
+        else:
+            own.append(trial)
+    return [max(own, key=_drive) for _, own in designs if len(own) >= _FEWEST]
+
+
+def _drive(trial: Trial) -> float:
+    return float(trial.program.pressure.max(axis=0).mean()) if trial.design.channels else 0.0
 
 
 def _rms(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:

@@ -8,17 +8,18 @@ import pytest
 from sheets import rolled_sheet
 
 from fabdesign.catalogue import build
+from fabdesign.forward import Case
 from fabdesign.model import Model, Parameter
 from fabdesign.pressure_file import constant_program
-from studies.coarser_grid import enough_points
+from studies.coarser_grid import ByDesign, enough_points
 
 DESIGN = build("cross")
 MODEL = Model({"muscle_gain": Parameter(0.9)}, points_per_side=61)
 
 
-def trial(name: str, kilopascals: float, design: str = "cross"):
+def trial(name: str, kilopascals: float, named: str = "cross", design=DESIGN):
     program, times = constant_program([1e3 * kilopascals] * 2), np.array([0.5, 1.0])
-    return SimpleNamespace(name=name, design_name=design, design=DESIGN, program=program, times=times, order=0)
+    return SimpleNamespace(name=name, design_name=named, design=design, program=program, times=times, order=0)
 
 
 TRIALS = [trial(f"{k:03d}", 20.0 * k) for k in range(12)]
@@ -42,17 +43,25 @@ class Grid:
 @pytest.mark.parametrize(("apart", "points"), [(0.00009, 41), (0.00011, 61), (np.nan, 61)])
 def test_the_most_driven_trial_decides(apart, points):
     lines, Grid.asked = [], []
-    assert enough_points(MODEL, TRIALS, lambda side: Grid(side, apart), tell=lines.append) == points
+    found = enough_points(MODEL, TRIALS, lambda side: Grid(side, apart), tell=lines.append)
+    assert isinstance(found, ByDesign) == (points == 41)
     assert Grid.asked == [220e3, 220e3]
-    assert len(lines) == 1 and f"grid: {points} points a side" in lines[0] and "cross 011" in lines[0]
+    assert len(lines) == 1 and f"grid: {points} points a side for cross" in lines[0] and "011 moves" in lines[0]
 
 
-def test_one_design_that_differs_keeps_the_fine_grid_for_all():
-    calm = [trial(f"1{k:02d}", 100.0, "side") for k in range(12)]
-    assert enough_points(MODEL, [*TRIALS, *calm], lambda side: Grid(side, 0.0002)) == 61
-    assert enough_points(MODEL, calm, lambda side: Grid(side, 0.0002)) == 41
+def test_a_design_that_differs_keeps_the_fine_grid_for_itself():
+    other = build("side")
+    calm = [trial(f"1{k:02d}", 100.0, "side", other) for k in range(12)]
+    lines = []
+    found = enough_points(MODEL, [*TRIALS, *calm], lambda side: Grid(side, 0.0002), tell=lines.append)
+    assert found.calm == (other,) and len(lines) == 2
+    driven = [Case(design, TRIALS[-1].program, {"muscle_gain": 0.9}) for design in (other, DESIGN, other)]
+    shifts = [motion[0, 0, 2] - rolled_sheet(n=5)[0, 2] for motion in found.motions(driven, [np.zeros(1)] * 3)]
+    assert np.allclose(shifts, [0.0002, 0.0, 0.0002])
 
 
 def test_nothing_is_tried_for_few_trials_or_on_the_coarser_grid():
-    assert enough_points(MODEL, TRIALS[:5], lambda side: pytest.fail("tried")) == 61
-    assert enough_points(Model(), TRIALS, lambda side: pytest.fail("tried")) == 41
+    for model, some, points in ((MODEL, TRIALS[:5], 61), (Model(), TRIALS, 41)):
+        asked = []
+        found = enough_points(model, some, lambda side, asked=asked: asked.append(side) or Grid(side, 0.0))
+        assert isinstance(found, Grid) and asked == [points]

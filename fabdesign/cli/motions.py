@@ -159,13 +159,13 @@ def predict(
     with new_folder(output, made_by="predict", force=force, inputs=inputs) as unfinished:
         from sim import Simulator
 
-        side = grid or enough_points(fitted, trials, Simulator, tell=tell)
+        forward = Simulator(grid) if grid else enough_points(fitted, trials, Simulator, tell=tell)
         done = 0
         with counted("predicted") as shown:
             for folder, some in sets.items():
                 before = done
                 predict_trials(
-                    Simulator(side),
+                    forward,
                     fitted,
                     some,
                     unfinished / folder,
@@ -217,10 +217,10 @@ def evaluate(
         from sim import Simulator
 
         trials = [t for found in measured for t in found.trials if all_trials or t.role == "test"]
-        side = grid or enough_points(fitted, trials, Simulator, tell=tell)
+        forward = Simulator(grid) if grid else enough_points(fitted, trials, Simulator, tell=tell)
         with counted("evaluated") as shown:
             evaluation = evaluate_sets(
-                fitted, measured, Simulator(side), coarse=Simulator(JUDGING), all_trials=all_trials, progress=shown
+                fitted, measured, forward, coarse=Simulator(JUDGING), all_trials=all_trials, progress=shown
             )
         if unfinished is not None:
             write_evaluation(evaluation, unfinished)

@@ -20,6 +20,7 @@ from optimize.history import Entry
 from optimize.search import INTERRUPTED
 from studies.layouts.reach import Reach
 from studies.layouts.target import LoadedTarget
+from studies.layouts.way import Way
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +40,7 @@ class StudyResult:
     wall_s: float  # of the search, earlier sessions included
     stop_reason: str
     reach: Reach
+    way: Way
 
     @property
     def interrupted(self) -> bool:
@@ -65,6 +67,7 @@ class StudyResult:
             "constraints": {k: v / 1e3 if k == "pressure" else v for k, v in self.constraints.items()},
             "stop_reason": self.stop_reason,
             "reach": self.reach.as_json(),
+            "way": self.way.as_json(),
             "seed": self.study.seed,
             "targets": [target.description for target in self.targets],
         }

@@ -27,6 +27,7 @@ from studies.layouts.reach import reach_of
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult, pressures_kpa, write_best
 from studies.layouts.target import LoadedTarget, load_target, target_errors
+from studies.layouts.way import ways
 
 HISTORY = "history.sqlite"
 
@@ -197,13 +198,23 @@ def _result(
     forward: ForwardModel,
     stop_reason: str,
 ) -> StudyResult:
-    """The best, valued once more on the full model, and the resting cloth beside it."""
-    space, x = evaluations.best_point()
-    design, pressures = space.decode(x)
-    still = DesignSpace(design, limits_of(study), np.zeros_like(pressures), vary_pressures=False)
-    shape, rest = evaluations.objective.shapes(forward, [(space, x), (still, np.empty(0))])
-    if not (np.all(np.isfinite(shape)) and np.all(np.isfinite(rest))):
+    """Of what is as near as the best, the first that does not hang on the way to it, else the best: where its motion
+    leads, valued once more on the full model, and the resting cloth beside it."""
+    objective, points = evaluations.objective, evaluations.finalists()
+    found = [space.decode(x) for space, x in points]
+    still = [
+        (DesignSpace(design, limits_of(study), np.zeros_like(pressures), vary_pressures=False), np.empty(0))
+        for design, pressures in found
+    ]
+    every = objective.shapes(forward, [*points, *still])
+    shapes, rests = every[: len(points)], every[len(points) :]
+    if not (np.all(np.isfinite(shapes[0])) and np.all(np.isfinite(rests[0]))):
         raise SimulationError(f"{study.name}: the best design diverges on the full model; {stop_reason}")
+    found_ways = ways(objective, forward, found, shapes, rests, rise=study.rise)
+    chosen = next((k for k, one in enumerate(found_ways) if not one.hangs), 0)
+    (design, pressures), shape, rest, way = found[chosen], shapes[chosen], rests[chosen], found_ways[chosen]
+    if not way.reached and np.all(np.isfinite(way.shape)):
+        shape = way.shape
     errors = target_errors(targets, shape, design, seed=study.seed)
     margins = constraint_margins(design, pressures, limits_of(study))
     return StudyResult(
@@ -220,4 +231,5 @@ def _result(
         wall_s=evaluations.elapsed,
         stop_reason=stop_reason,
         reach=reach_of(study, design, pressures, shape, errors, margins),
+        way=way,
     )

@@ -1,0 +1,176 @@
+"""The motion that leads to a result, and copies of it: what is really reached, and what hangs on the way there."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.design import Design
+from fabdesign.forward import Case, ForwardModel
+from fabdesign.pressure import PressureProgram, rising_program
+from optimize.objective import Objective, Shape, refined
+
+OFF = 0.02  # that a copy's pressures are off
+RISES = (0.2, 2.0)  # s, of copies
+SETTLE = 3.0  # s after the rise: a swing is over but for a millimetre
+ELSEWHERE = 0.15  # of what a shape lies off the cloth at rest, RMS, from which on two are of different branches,
+LEAST = 5e-3  # m, and at least that
+NEARER = 0.8  # of the value: a copy that comes so much nearer shows where the target lies
+
+Pressures = NDArray[np.float64]  # (poses, channels) Pa
+
+
+@dataclass(frozen=True)
+class Copy:
+    """name: for people. value: m, of the searched measure; NaN where it diverged. elsewhere: of another branch."""
+
+    name: str
+    value: float
+    elsewhere: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """reached: whether the motion as it should be ends at the shape that was searched for. shape: where it leads."""
+
+    motion: Copy
+    copies: tuple[Copy, ...]
+    shape: Shape
+
+    @property
+    def reached(self) -> bool:
+        return not self.motion.elsewhere
+
+    @property
+    def elsewhere(self) -> list[Copy]:
+        """Copies that end on another branch than the motion does."""
+        return [copy for copy in self.copies if copy.elsewhere]
+
+    @property
+    def worst(self) -> float:
+        """m; infinite where one diverged."""
+        values = [self.motion.value, *(copy.value for copy in self.copies)]
+        return float(np.max(np.where(np.isfinite(values), values, np.inf)))
+
+    @property
+    def hangs(self) -> bool:
+        return not self.reached or bool(self.elsewhere)
+
+    @property
+    def sentences(self) -> list[str]:
+        mm, worst = f"{1e3 * self.motion.value:.2f}", f"{1e3 * self.worst:.2f} mm"
+        said = []
+        if not self.reached:
+            said.append(
+                f"No simple rise reaches the shape that the search came to: {self.motion.name} ends elsewhere, at {mm} "
+                "mm; that is what is reported."
+            )
+        if self.elsewhere:
+            names = ", ".join(copy.name for copy in self.elsewhere)
+            said.append(f"It hangs on the way: {names} end elsewhere, at worst at {worst} instead of {mm}.")
+        nearer = [copy for copy in self.elsewhere if copy.value < NEARER * self.motion.value]
+        if nearer:
+            best = min(nearer, key=lambda copy: copy.value)
+            said.append(
+                f"The target lies on a branch that {self.motion.name} does not reach: {best.name} ends at "
+                f"{1e3 * best.value:.2f} mm."
+            )
+        return said or [
+            f"Reached by {self.motion.name} at {mm} mm, and by {len(self.copies)} copies, at worst {worst}."
+        ]
+
+    def as_json(self) -> dict[str, Any]:
+        """What `way` in result.json holds: mm, null where a motion diverged."""
+
+        def millimetres(value: float) -> float | None:
+            return 1e3 * value if np.isfinite(value) else None
+
+        return {
+            "nominal_mm": millimetres(self.motion.value),
+            "worst_mm": millimetres(self.worst),
+            "reached": self.reached,
+            "hangs_on_it": self.hangs,
+            "copies": [
+                {"copy": copy.name, "value_mm": millimetres(copy.value), "elsewhere": copy.elsewhere}
+                for copy in self.copies
+            ],
+            "said": self.sentences,
+        }
+
+
+def ways(
+    objective: Objective,
+    forward: ForwardModel,
+    results: Sequence[tuple[Design, Pressures]],
+    shapes: Sequence[Shape],
+    at_rest: Sequence[Shape],
+    *,
+    rise: float,
+) -> list[Way]:
+    """Of each result, whose shapes the search came to, the way there; all motions in one batch. at_rest: its cloth
+    without pressure. rise: s, of pressures that lead to a shape at rest."""
+    plans = [_plans(objective, design, pressures, rise) for design, pressures in results]
+    cases: list[Case] = []
+    times: list[NDArray[np.float64]] = []
+    for (design, _), plan in zip(results, plans, strict=True):
+        for _, programs in plan:
+            cases += [Case(design, program, order=objective.order) for program in programs]
+            times += [np.array([program.duration]) for program in programs]
+    ends = iter([refined(np.asarray(motion[-1], dtype=float)) for motion in forward.motions(cases, times)])
+    found = []
+    for plan, shape, still in zip(plans, shapes, at_rest, strict=True):
+        ended = [np.array([next(ends) for _ in programs]) for _, programs in plan]
+        near = max(LEAST, ELSEWHERE * _apart(shape, still))
+        own = [shape, *(ended[:1] if np.isfinite(ended[0]).all() else [shape]) * (len(plan) - 1)]
+        copies = [
+            Copy(name, objective.value(end), not _apart(end, other) <= near)
+            for (name, _), end, other in zip(plan, ended, own, strict=True)
+        ]
+        found.append(Way(copies[0], tuple(copies[1:]), ended[0]))
+    return found
+
+
+def _plans(
+    objective: Objective, design: Design, pressures: Pressures, rise: float
+) -> list[tuple[str, list[PressureProgram]]]:
+    """Name of the motion and of each copy, and their programs, one a pose."""
+    signs = _signs(design)
+    at_rest = any(target.time is None for target in objective.targets)
+    chosen = [(f"the rise within {rise:g} s" if at_rest else "the motion", np.zeros(len(signs)), rise)]
+    chosen += [
+        (f"pressures {OFF:.0%} up", np.full(len(signs), OFF), rise),
+        (f"pressures {OFF:.0%} down", np.full(len(signs), -OFF), rise),
+        (f"front {OFF:.0%} up and back down", OFF * signs, rise),
+        (f"front {OFF:.0%} down and back up", -OFF * signs, rise),
+    ]
+    if len(set(signs)) < 2:
+        chosen = chosen[:3]
+    if at_rest:
+        chosen += [(f"a rise within {other:g} s", np.zeros(len(signs)), other) for other in RISES if other != rise]
+    return [
+        (
+            name,
+            [
+                rising_program(row * (1 + off), own, own + SETTLE)
+                if target.time is None
+                else PressureProgram(np.zeros(1), (row * (1 + off))[None], target.time)
+                for row, target in zip(pressures, objective.targets, strict=True)
+            ],
+        )
+        for name, off, own in chosen
+    ]
+
+
+def _signs(design: Design) -> NDArray[np.float64]:
+    """(channels,) 1 of the front's, -1 of the back's, 0 of those of both."""
+    signs = np.zeros(design.channels)
+    for muscle in design.muscles:
+        signs[muscle.channel] += 1 if muscle.side == "front" else -1
+    return np.asarray(np.sign(signs))
+
+
+def _apart(a: Shape, b: Shape) -> float:
+    """m RMS, of the pose where it is most; NaN where one diverged."""
+    return float(np.sqrt(np.square(a - b).sum(axis=-1).mean(axis=-1)).max())

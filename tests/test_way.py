@@ -1,0 +1,102 @@
+"""The motion that leads to a result: what a layout that buckles either way really reaches."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sheets import rolled_sheet
+
+from fabdesign.catalogue import build
+from fabdesign.study_file import Study, TargetFile
+from optimize.design_space import DesignSpace
+from optimize.evaluations import Evaluations, Stage
+from optimize.history import History
+from optimize.objective import Objective, Target
+from studies.layouts.begin import limits_of
+from studies.layouts.report import Section, render_report
+from studies.layouts.run import _result
+from studies.layouts.target import LoadedTarget
+from studies.layouts.way import ways
+
+DUO = build("basic", muscles=2)  # one on the front, one on the back
+ALIKE, APART = np.array([[200e3, 200e3]]), np.array([[240e3, 160e3]])
+
+
+class Buckler:
+    """Rolls by the sum of both pressures, to the side of the greater; where they are alike, to `side`. `rise`: s, below
+    which a motion goes to the other side."""
+
+    def __init__(self, side: float = 1.0, rise: float = 0.0) -> None:
+        self.side, self.rise = side, rise
+
+    def _shape(self, case, turned=1.0):
+        front, back = case.program.pressure[-1]
+        side = np.sign(round(front - back)) or self.side * turned
+        return rolled_sheet(side * (front + back) / 100e3, n=41).astype(np.float32)
+
+    def equilibria(self, cases):
+        return [self._shape(case) for case in cases]
+
+    def motions(self, cases, times):
+        return [self._shape(c, 1.0 if c.program.time[-1] > self.rise else -1.0)[None] for c in cases]
+
+
+def found_ways(forward, target, *results):
+    cloud = rolled_sheet(target, n=41)
+    at_rest = [np.array([rolled_sheet(0.0, n=41)])] * len(results)
+    shapes = [np.array([rolled_sheet(4.0 * forward.side, n=41)])] * len(results)
+    objective = Objective([Target(cloud)])
+    return ways(objective, forward, [(DUO, pressures) for pressures in results], shapes, at_rest, rise=1.0)
+
+
+def test_a_front_and_a_back_driven_alike_hang_on_the_way():
+    alike, apart = found_ways(Buckler(), 4.0, ALIKE, APART)
+    assert [copy.name for copy in alike.elsewhere] == ["front 2% down and back up"]
+    assert alike.reached and alike.hangs and alike.motion.value < 1e-6
+    assert alike.worst == alike.elsewhere[0].value > 0.01
+    assert "end elsewhere, at worst" in alike.sentences[0]
+    assert not apart.hangs and apart.sentences[0].startswith("Reached by the rise within 1 s")
+    assert len(apart.copies) == 6
+
+
+def test_a_branch_that_the_rise_does_not_reach_is_said_to_be_so():
+    [way] = found_ways(Buckler(-1.0), 4.0, ALIKE)  # the target is on the other side
+    assert "The target lies on a branch that the rise within 1 s does not reach" in " ".join(way.sentences)
+    assert "front 2% up and back down ends at" in " ".join(way.sentences)
+    [way] = found_ways(Buckler(rise=5.0), 4.0, ALIKE)  # no motion ends where the search came to
+    assert not way.reached and "No simple rise reaches the shape" in way.sentences[0]
+    [way] = found_ways(Buckler(rise=0.5), 4.0, ALIKE)
+    assert "a rise within 0.2 s" in [copy.name for copy in way.elsewhere]
+
+
+def test_a_motion_that_diverges_is_elsewhere():
+    forward = Buckler()
+    forward.motions = lambda cases, times: [np.full((1, 3362, 3), np.nan, np.float32) for _ in cases]
+    [way] = found_ways(forward, 4.0, APART)
+    assert way.as_json()["worst_mm"] is None and not way.reached and len(way.elsewhere) == 6
+
+
+def result_of(folder: Path, forward, *pressures):
+    """Of a search that came to DUO under each of these pressures, for a target rolled to the front."""
+    study, cloud = Study("duo", DUO, (TargetFile(folder / "target.ply"),)), rolled_sheet(4.0, n=41)
+    spaces = [DesignSpace(DUO, limits_of(study), own) for own in pressures]
+    starts = [(space, space.encode(DUO, space.start_pressures)) for space in spaces]
+    stages = [Stage("full model", forward, keep=2, rounds=1)]
+    with History(folder / "history.sqlite", {}) as history:
+        evaluations = Evaluations(Objective([Target(cloud)]), starts, stages, history, seconds=100, evaluations=100)
+        evaluations.evaluate(0, [(k, x) for k, (_, x) in enumerate(starts)])
+        assert evaluations.best.start == 0 and len(evaluations.finalists()) == len(pressures)
+        return _result(study, (LoadedTarget(cloud, None, "rolled"),), evaluations, forward, "ended")
+
+
+def test_of_designs_equally_near_that_wins_which_does_not_hang_on_the_way(tmp_path: Path) -> None:
+    result = result_of(tmp_path, Buckler(), ALIKE, APART)
+    np.testing.assert_allclose(result.pressures, APART)
+    assert not result.as_json()["way"]["hangs_on_it"]
+
+
+def test_what_is_reported_is_what_the_motion_reaches(tmp_path: Path) -> None:
+    result = result_of(tmp_path, Buckler(rise=5.0), ALIKE)  # at rest in front, where no motion leads
+    assert result.as_json()["way"]["reached"] is False
+    assert result.objective == pytest.approx(result.way.motion.value) and result.objective > 0.01
+    assert "No simple rise reaches" in render_report("duo", [Section("duo", result)])
