@@ -4,7 +4,7 @@ PYTHON := .venv/bin/python
 EXTRAS := clouds,corrector,dev,dxf,mesh# without corrector, tests that need PyTorch skip
 SETUP := pyproject.toml constraints.txt scripts/setup.sh
 
-.PHONY: demo test lint clean reference verify-sim bench-sim
+.PHONY: demo test lint clean reference verify-sim bench-sim loop
 
 demo: .venv/.ready-demo
 	.venv/bin/fabdesign demo -o demo
@@ -24,6 +24,10 @@ verify-sim: .venv/.ready-test
 # what a motion costs, beside bounds and others, 20 minutes; writes its part of docs/results/simulator.md
 bench-sim: .venv/.ready-bench
 	$(PYTHON) -m benchmarks.sim
+
+# six loops on virtual rigs, in parts: what is done is kept in build/loop; writes docs/results/loop.md
+loop: .venv/.ready-test
+	$(PYTHON) -m benchmarks.loop
 
 # the Python interface's reference, from its docstrings: build/reference/index.html
 reference: .venv/.ready-reference

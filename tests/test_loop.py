@@ -41,9 +41,11 @@ points_per_side = 15
 file = "target.xyz"
 [limits]
 pressure = [0.0, 400.0]
-evaluations = 200
+evaluations = 80
 [rig]
 key = "key.toml"
+[trials]
+number = 3
 [learning]
 trace = false
 [stop]
@@ -93,7 +95,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def simulators(points_per_side: int) -> AnalyticCloth:
-    return Weak(points_per_side)
+    return Weak()  # its shapes change with its points
 
 
 def test_a_turn_brings_the_device_nearer_and_the_same_call_finds_all_done(place: Path) -> None:
@@ -120,7 +122,6 @@ def test_a_turn_brings_the_device_nearer_and_the_same_call_finds_all_done(place:
         patch.setattr("studies.loop.sources._on_rig", never)
         again = run_loop(place / "study.toml", place / "out", simulators=simulators)
     assert again.turns == outcome.turns
-    (place / "study.toml").write_text(STUDY.replace("[limits]", "rise = 2.0\n[limits]".replace("rise = 2.0\n", "")))
     (place / "key.toml").write_text('format = "fabdesign.key/1"\nseed = 2\n')
     with pytest.raises(InputError, match="holds another study"):
         run_loop(place / "study.toml", place / "out", simulators=simulators)
@@ -130,15 +131,15 @@ class Killed(BaseException):
     pass
 
 
-@pytest.mark.parametrize("at", ["turn 0, measuring: ", "turn 0, calibrating", "turn 1, judging"])
+@pytest.mark.parametrize("at", ["turn 0, measuring: ", "turn 1, judging"])
 def test_a_killed_loop_goes_on_to_the_same_end(place: Path, at: str, monkeypatch: pytest.MonkeyPatch) -> None:
     (place / "study.toml").write_text(STUDY.replace("turns = 2", "turns = 1"))
     measured: list[int] = []
 
     def device(source: object, asked: Asked, out: Path, progress: Callable[[int, int], None]) -> MeasurementSet:
         found = on_device(asked, out)
-        progress(1, len(asked.programs))
         measured.append(len(asked.programs))
+        progress(1, len(asked.programs))
         return found
 
     def killing(line: str, share: float) -> None:
@@ -146,13 +147,14 @@ def test_a_killed_loop_goes_on_to_the_same_end(place: Path, at: str, monkeypatch
             raise Killed
 
     monkeypatch.setattr("studies.loop.sources._on_rig", device)
-    whole = run_loop(place / "study.toml", place / "whole", simulators=simulators)
-    measured.clear()
     with pytest.raises(Killed):
         run_loop(place / "study.toml", place / "out", simulators=simulators, progress=killing)
     again = run_loop(place / "study.toml", place / "out", simulators=simulators)
-    assert [t.device for t in again.turns] == [t.device for t in whole.turns]
-    assert measured == [5, 1]  # nothing is measured twice, and in the last turn only the shape
+    devices = [turn.device["excess"] for turn in again.turns if turn.device]
+    assert devices[0] > 2 > 4 * devices[1]
+    assert measured == [4] * (1 + ("measuring" in at)) + [
+        1
+    ]  # only what was under way again; of the last turn the shape alone
 
 
 def test_a_laboratory_is_asked_and_answers(place: Path) -> None:
@@ -162,18 +164,18 @@ def test_a_laboratory_is_asked_and_answers(place: Path) -> None:
     first = run_loop(place / "lab.toml", place / "out", simulators=simulators)
     assert first.waiting_for == str(place / "lab" / "turn_0") and not first.stop_reason
     asked = place / "out" / "turn_0" / "to_measure"
-    assert {"design.toml", "README.txt", "000.csv", "004.csv"} <= {file.name for file in asked.iterdir()}
+    assert {"design.toml", "README.txt", "000.csv", "003.csv"} <= {file.name for file in asked.iterdir()}
     assert (asked / "sew" / "design_cut_list.csv").is_file() and (asked / "sew" / "design_front.svg").is_file()
-    assert "order 4: 004.csv, 1.5 s, role test" in (asked / "README.txt").read_text()
+    assert "order 3: 003.csv, 1.5 s, role test" in (asked / "README.txt").read_text()
     design = read_design(asked / "design.toml")
-    programs = tuple(read_pressures(asked / f"00{k}.csv", design) for k in range(5))
-    on_device(Asked(design, programs[:4], 1, 1), place / "lab" / "turn_0")
-    with pytest.raises(InputError, match="no trial of order 4"):
+    programs = tuple(read_pressures(asked / f"00{k}.csv", design) for k in range(4))
+    on_device(Asked(design, programs[:3], 1, 1), place / "lab" / "turn_0")
+    with pytest.raises(InputError, match="no trial of order 3"):
         run()
     (place / "lab").rename(place / "short")
-    wrong = (*programs[:4], constant_program([1e5, 3e5]))
+    wrong = (*programs[:3], constant_program([1e5, 3e5]))
     on_device(Asked(design, wrong, 1, 1), place / "lab" / "turn_0")
-    with pytest.raises(InputError, match=r"order 4 ran other pressures than 004.csv"):
+    with pytest.raises(InputError, match=r"order 3 ran other pressures than 003.csv"):
         run()
     (place / "lab").rename(place / "wrong")
     on_device(Asked(design, programs, 1, 1), place / "lab" / "turn_0")
@@ -183,7 +185,7 @@ def test_a_laboratory_is_asked_and_answers(place: Path) -> None:
 
 
 def test_the_command_waits_and_is_the_one_of_study(place: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim.Simulator", lambda side=41, **_: Weak(side), raising=False)
+    monkeypatch.setattr("sim.Simulator", lambda *_, **__: Weak(), raising=False)
     assert study_findings(place / "lab.toml").problems == ()
     code, out, err = run("loop", place / "lab.toml", "-o", place / "out", "--json")
     assert code == 0, err
@@ -202,7 +204,7 @@ def test_the_command_waits_and_is_the_one_of_study(place: Path, run: Run, monkey
         ('[rig]\nkey = "key.toml"', '[laboratory]\nfolder = "lab"', "has no tail_length"),
         ("[rig]", "[rig_limits]\nchannels = 1\n[rig]", "up to 2 muscles; the rig has 1 channels"),
         ("[rig]", "[rig_limits]\nduration = 1\n[rig]", "duration = 1; a rise of 1 s"),
-        ("[stop]", "[trials]\nnumber = 2\n[stop]", "expected 2 more than are held out"),
+        ("number = 3", "number = 2", "expected 2 more than are held out"),
         ("turns = 2", "turn = 2", "did you mean turns?"),
         ("trace = false", 'train = "fields"', "did you mean field?"),
         ("[limits]", "[variables]\npressures = false\n[limits]", "nothing may change"),
@@ -223,7 +225,7 @@ def test_a_rig_sets_the_pressures_and_the_rise(place: Path) -> None:
     assert study.search.limits.pressure == (0.0, 250e3)
     assert study.search.rise == pytest.approx(2.5)
     asked = programs_for(study, build("cross"), np.array([[250e3, 50e3]]), [None], seed=0)
-    assert len(asked.programs) == 5 and [asked.role(k) for k in range(5)] == ["fit"] * 4 + ["test"]
+    assert [asked.role(k) for k in range(len(asked.programs))] == ["fit", "fit", "fit", "test"]
     for program in asked.programs:
         assert program.pressure.max() <= 250e3
         edges = np.append(program.time, program.duration)
@@ -276,9 +278,15 @@ def test_a_reduced_loop_on_the_rig(tmp_path: Path) -> None:
     coarse = Resolution(element=0.04, step=1 / 240)
     run_rig(design, [program], out=tmp_path / "hidden", key=tmp_path / "key.toml", resolution=coarse)
     np.savetxt(tmp_path / "target.xyz", np.concatenate(read_set(tmp_path / "hidden").trials[0].load().frames[-6:]))
-    rig = f'[rig]\nkey = "key.toml"\nelement = 0.04\nstep = {1 / 240}\n[trials]\nseconds = 0.4\nnumber = 3\n'
-    text = STUDY.replace('[rig]\nkey = "key.toml"\n', rig).replace("turns = 2", "turns = 1\ngain = -10")
-    text = text.replace("points_per_side = 15", "points_per_side = 9\nrise = 0.3\nhold = 0.6").replace("200", "40")
+    rig = f'[rig]\nkey = "key.toml"\nelement = 0.04\nstep = {1 / 240}\n'
+    text = (
+        STUDY.replace('[rig]\nkey = "key.toml"\n', rig)
+        .replace("number = 3", "number = 3\nseconds = 0.4")
+        .replace("turns = 2", "turns = 1\ngain = -10")
+    )
+    text = text.replace("points_per_side = 15", "points_per_side = 11\nrise = 0.3\nhold = 0.6").replace(
+        "evaluations = 80", "evaluations = 40"
+    )
     (tmp_path / "study.toml").write_text(text)
     outcome = run_loop(tmp_path / "study.toml", tmp_path / "out")
     first, second = (turn.device["excess"] for turn in outcome.turns if turn.device)

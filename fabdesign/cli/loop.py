@@ -9,7 +9,7 @@ from fabdesign.cli.models import effects_option
 from fabdesign.cli.progress import described
 
 
-@commands.command(hidden=True)
+@commands.command()
 @click.argument("study", type=FILE)
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in.")
 @effects_option

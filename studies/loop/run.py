@@ -30,6 +30,10 @@ from studies.unseen.pieces import Pieces
 Progress = Callable[[str, float], None]  # what is done, and about what share of all
 
 
+class _Waiting(Exception):
+    """For a laboratory."""
+
+
 @dataclass(frozen=True)
 class _Loop:
     """What all turns share."""
@@ -175,17 +179,21 @@ def _measured(loop: _Loop, number: int, choice: Choice) -> MeasurementSet | None
     name = turn_name(number)
     last = number == loop.study.stop.turns
     times = [target.time for target in loop.targets]
-    piece = f"{name}_measurement"
     asked = programs_for(loop.study, choice.design, choice.pressures, times, seed=number, last=last)
-    if not loop.pieces.has(piece):
 
-        def counted(done: int, total: int) -> None:
-            loop.say(number, f"measuring: {done} of {total} trials", 0.3 + 0.3 * done / total)
+    def counted(done: int, total: int) -> None:
+        loop.say(number, f"measuring: {done} of {total} trials", 0.3 + 0.3 * done / total)
 
+    def measure() -> dict[str, int]:
         loop.say(number, "measuring", 0.3)
         if measured(loop.study, name, asked, loop.work, progress=counted) is None:
-            return None
-        loop.pieces.piece(piece, lambda: {"trials": len(asked.programs)})
+            raise _Waiting
+        return {"trials": len(asked.programs)}
+
+    try:
+        loop.pieces.piece(f"{name}_measurement", measure)
+    except _Waiting:
+        return None
     return read_set(loop.work.folder / name / MEASURED)
 
 

@@ -22,7 +22,7 @@ from studies.loop.programs import Asked
 MEASURED = "measured"  # the folder of a turn's set
 ASKED = "to_measure"  # the folder of what a laboratory is asked for
 AGREE = 5e3  # Pa RMS, within which a trial's set points are those asked for
-_EVERY = 0.1  # s, over whose means they are compared
+_INSTANTS = 9  # before a frame, at which they are compared
 
 Counter = Callable[[int, int], None]
 
@@ -139,7 +139,7 @@ def _require_asked(found: MeasurementSet, asked: Asked, place: Path) -> None:
     for order, program in enumerate(asked.programs):
         if order not in by_order:
             raise InputError(f"{place}: no trial of order {order}; expected {order:03d}.csv as it was asked for")
-        off = _apart(by_order[order].program, program)
+        off = _apart(by_order[order], program)
         if off > AGREE:
             raise InputError(
                 f"{place}: order {order} ran other pressures than {order:03d}.csv, {off / 1e3:.0f} kPa RMS off; "
@@ -158,9 +158,14 @@ def _require_same(sewn: Design, asked: Design, place: Path) -> None:
         )
 
 
-def _apart(ran: PressureProgram, asked: PressureProgram) -> float:
-    """Pa RMS between the means of both over short whiles; infinite where the trial ended before."""
-    if ran.duration < asked.duration - _EVERY or ran.pressure.shape[1] != asked.pressure.shape[1]:
+def _apart(ran: Trial, asked: PressureProgram) -> float:
+    """Pa RMS by which a trial's set points lie outside those asked for within two frames; infinite where it ended
+    before."""
+    times, recorded = ran.times, ran.program.at(ran.times - 1e-6)
+    interval = float(np.median(np.diff(times, prepend=0.0)))
+    if times[-1] < asked.duration - 2 * interval or recorded.shape[1] != asked.pressure.shape[1]:
         return float("inf")
-    edges = np.arange(0.0, asked.duration + 1e-9, _EVERY)
-    return float(np.sqrt(np.mean(np.square(ran.means(edges) - asked.means(edges)))))
+    instants = times[:, None] - 2 * interval * np.linspace(0, 1, _INSTANTS) - 1e-6
+    wanted = asked.at(np.maximum(instants, 0.0).ravel()).reshape(len(times), _INSTANTS, -1)
+    outside = recorded - np.clip(recorded, wanted.min(axis=1), wanted.max(axis=1))
+    return float(np.sqrt(np.mean(np.square(outside))))
