@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fabdesign.pressure import PressureProgram
 from studies.calibration.clouds import Indices, frames_of
@@ -80,7 +81,7 @@ def features_of(bench: Bench, state: State) -> tuple[Array, ...]:
     half = pose.shape[1] // 2
     shape = np.concatenate([_main(pose[:, :half]), _main(pose[:, half:])], axis=1)
     groups = told[:, :channels], told, shape, np.concatenate([told, shape], axis=1)
-    return tuple(_standard(group) for group in groups)
+    return tuple(standardised(group) for group in groups)
 
 
 def _lagged(program: PressureProgram, times: Array, channels: int) -> Array:
@@ -104,7 +105,7 @@ def _main(table: Array) -> Array:
     return np.asarray((u * s)[:, :SHAPES])
 
 
-def _standard(table: Array) -> Array:
+def standardised(table: Array) -> Array:
     spread = table.std(axis=0)
     return np.asarray((table - table.mean(axis=0))[:, spread > 1e-9] / spread[spread > 1e-9])
 
@@ -115,25 +116,27 @@ def ceiling_squares(bench: Bench, state: State, folds: Sequence[int]) -> Array:
     frames = frames_at(bench, state)
     of_sample = np.unique(folds, return_inverse=True)[1] % MOST_FOLDS
     fold = of_sample[frames.trial]
-    kernels = [_kernel(features, width) for features in frames.features for width in WIDTHS]
+    kernels = [kernel_of(features, width) for features in frames.features for width in WIDTHS]
+    bands = [np.array([low <= i + j <= high for i, j in _POWERS]) for low, high in BANDS]
     field = np.zeros_like(frames.shapes)
     for out in np.unique(fold):
-        field[fold == out] = _predict(kernels, frames.shapes, fold, out)
+        field[fold == out] = left_out(kernels, frames.shapes, bands, fold, out)
     left = state.residual - np.einsum("nm,nm->n", frames.basis, field[frames.frame])
     squares = np.zeros(len(bench.samples))
     np.add.at(squares, state.found.sample, np.square(np.where(state.kept, left, 0.0)))
     return squares
 
 
-def _predict(kernels: Sequence[Array], shapes: Array, fold: Indices, out: int) -> Array:
-    """(F_out, m) m, of the held-out frames: each band by the kernel and ridge that predict it best for each other fold
-    in turn, zero where none does better than nothing.
+def left_out(
+    kernels: Sequence[Array], shapes: Array, bands: Sequence[NDArray[np.bool_]], fold: Indices, out: int
+) -> Array:
+    """(F_out, m), the shapes of the frames of fold `out`: each band (m,) of them by the kernel and ridge that predict
+    it best for each other fold in turn, zero where none does better than nothing.
 
     A fold's error when it is left out of a ridge regression is that of block leave-one-out: with A = (K + ridge)^-1,
     its A_gg^-1 (A y)_g (Cook and Weisberg 1982, 2.2, by the hat matrix).
     """
     train = np.flatnonzero(fold != out)
-    bands = [np.array([low <= i + j <= high for i, j in _POWERS]) for low, high in BANDS]
     wanted = shapes[train]
     inner = [np.flatnonzero(fold[train] == f) for f in np.unique(fold[train])]
     least = [float(np.square(wanted[:, band]).sum()) for band in bands]
@@ -154,7 +157,7 @@ def _predict(kernels: Sequence[Array], shapes: Array, fold: Indices, out: int) -
     return found
 
 
-def _kernel(features: Array, width: float) -> Array:
+def kernel_of(features: Array, width: float) -> Array:
     """Linear, and a Gaussian of the distance."""
     squared = np.square(features).sum(axis=1)
     distance = np.maximum(squared[:, None] + squared - 2 * features @ features.T, 0.0)

@@ -24,6 +24,7 @@ STEP = 0.4  # prior standard deviations, of a difference: far over the noise of 
 REACH = 2.5  # prior standard deviations that a parameter moves at most in one iteration
 LENGTHS = (1.0, 0.5, 0.2)  # of a step, tried at once
 SLIGHT = 0.05  # prior standard deviations: a step under it is the last
+LITTLE = 2.0  # of log likelihood: a step that gains less is the last, too
 EARLY = 1.0  # s: the first iterations look no further, so that swings are followed into their right turn
 _AT_ONCE = 128  # motions in memory
 
@@ -207,9 +208,12 @@ def _descend(
         tried = bench.states(vector, [state.x + length * step for length in LENGTHS])
         best = min(tried, key=lambda other: loss(bench, other))
         moved = float(np.abs(best.x - state.x).max())
-        if loss(bench, best) < loss(bench, state):
-            done = moved < SLIGHT and exact
-            state, exact, damping = replace(best, jacobian=_updated(state, best, moved)), False, damping / 10
+        gained = loss(bench, state) - loss(bench, best)
+        if gained > 0:
+            last = moved < SLIGHT or gained < LITTLE
+            done = last and exact
+            slopes = None if last else _updated(state, best)
+            state, exact, damping = replace(best, jacobian=slopes), False, damping / 10
             if done:
                 break
         elif not exact:
@@ -221,12 +225,9 @@ def _descend(
     return state if exact else bench.with_slopes(state)
 
 
-def _updated(state: State, other: State, moved: float) -> Array | None:
-    """The Jacobian at another state, by what the residuals did on the way; None where it is to be differenced again: a
-    step that is hardly one says nothing."""
+def _updated(state: State, other: State) -> Array:
+    """The Jacobian at another state, by what the residuals did on the way."""
     step = other.x - state.x
-    if moved < SLIGHT:
-        return None
     assert state.jacobian is not None
     missed = other.found.residual - state.found.residual - state.jacobian @ step
     usable = state.kept & other.kept & np.isfinite(missed)
