@@ -4,7 +4,7 @@ PYTHON := .venv/bin/python
 EXTRAS := clouds,corrector,dev,dxf,mesh# without corrector, tests that need PyTorch skip
 SETUP := pyproject.toml constraints.txt scripts/setup.sh
 
-.PHONY: demo test lint clean reference verify-sim bench-sim loop
+.PHONY: demo test lint clean reference verify-sim verify-trace bench-sim loop
 
 demo: .venv/.ready-demo
 	.venv/bin/fabdesign demo -o demo
@@ -20,6 +20,10 @@ lint: .venv/.ready-test
 # the checks of tests/verify; writes docs/results/simulator_verification.md
 verify-sim: .venv/.ready-test
 	FABDESIGN_VERIFICATION_TABLE=1 $(PYTHON) -m pytest tests/verify
+
+# traces of the synthetic rig's sets whose effects are known; hours, goes on where it stood; its part of docs/results/trace.md
+verify-trace: .venv/.ready-test
+	$(PYTHON) -m benchmarks.trace .benchmarks/trace --page
 
 # what a motion costs, beside bounds and others, 20 minutes; writes its part of docs/results/simulator.md
 bench-sim: .venv/.ready-bench

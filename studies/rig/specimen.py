@@ -14,6 +14,7 @@ from fabdesign.pressure import PressureProgram
 from fabdesign.scratch import sweep
 from fabdesign.user_cache import user_cache
 from studies.rig.effects import EFFECTS
+from studies.rig.effects.sensing import OF_CLOUDS
 from studies.rig.key import Key
 from studies.rig.motion import run
 from studies.rig.scene import DEFAULT, Resolution, Scene, build_scene
@@ -91,6 +92,8 @@ def _digest(task: Task) -> str:
     for part in (task.design, task.order, task.key.seed, sorted(task.key.parameters.items()), task.resolution):
         h.update(repr(part).encode())
     for effect in task.key.effects:
+        if effect.name in OF_CLOUDS:
+            continue
         h.update(repr((effect.name, sorted(effect.parameters.items()))).encode())
     for array in (task.program.time, task.program.pressure, task.times):
         h.update(np.ascontiguousarray(array, dtype=np.float64).tobytes())

@@ -22,7 +22,7 @@ from studies.benches.needs import require_columns
 from studies.benches.strip import StripLaw
 from studies.calibration.clouds import Indices, evenly
 from studies.tracing.bench_candidates import Shape, Signals, shapes_of, signals_of
-from studies.tracing.black_box import Frames, _predict, _standard
+from studies.tracing.black_box import WIDTHS, kernel_of, left_out, standardised
 from studies.tracing.dictionary import Dictionary, Variant
 from studies.tracing.ranking import Grams, Ranking, Scored, covariance, excess_of, gain_interval, rank
 from studies.tracing.stages import sha256
@@ -270,11 +270,11 @@ def _box_squares(signals: Sequence[Signals], rows: Sequence[Indices], trial: Ind
         kept.append(first + evenly(len(k), _BOX_ROWS))
         first += len(k)
     some = np.concatenate(kept)
-    features, frame = _standard(np.concatenate(parts))[some], trial[some]
-    frames = Frames(residual[some][:, None], features, frame, frame, np.ones((len(some), 1)))
+    features, record = standardised(np.concatenate(parts))[some], trial[some]
+    kernels, wanted = [kernel_of(features, width) for width in WIDTHS], residual[some][:, None]
     squares = np.zeros(int(trial.max()) + 1)
     for out in range(len(squares)):
-        left = frames.shapes[frame == out] - _predict(frames, frame, out)
+        left = wanted[record == out] - left_out(kernels, wanted, [np.array([True])], record, out)
         squares[out] = float(np.mean(left**2)) * np.sum(trial == out)
     return squares
 

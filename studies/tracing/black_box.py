@@ -1,35 +1,39 @@
 """The ceiling: what a flexible black box takes of a residual, on trials that it was not trained on.
 
-Kernel ridge regression of the residual's shapes on the cloth (polynomials of u and v along the front's normal) on what
-drives the motion: pressures, as they are and through lags of several time constants, the model's own shape and its
-velocity. It knows no physics, so a candidate that closes much less than it does has left structure behind.
+Kernel ridge regression of the residual's shapes on the cloth (polynomials of u and v along the front's normal, in bands
+from broad to fine) on what drives the motion: pressures, as they are and through lags of several time constants, the
+model's own shape and its velocity. Each band has the kernel and ridge that predict it best on trials left out, or none
+does and it counts as noise. It knows no physics, so a candidate that closes much less than it does has left structure.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fabdesign.pressure import PressureProgram
 from studies.calibration.clouds import Indices, frames_of
 from studies.tracing.fit import Bench, State
 from studies.tracing.vector import Array
 
-DEGREE = 3  # of the polynomials on the cloth
+BANDS = (0, 3), (4, 5), (6, 7)  # degrees of the polynomials on the cloth
 LAGS = 0.05, 0.2, 0.8  # s, of first-order lags of the pressures
 SHAPES = 6  # of the model's motion, its main ones
 RIDGES = tuple(np.logspace(-3, 2, 6))
 WIDTHS = 1.0, 3.0  # of the kernel, times the root of the number of features
+MOST_FOLDS = 8  # trained on in turn
 _SIDE = 41
+_POWERS = [(i, d - i) for d in range(BANDS[-1][1] + 1) for i in range(d + 1)]  # of u and v, by degree
 
 
 @dataclass(frozen=True, eq=False)
 class Frames:
-    """Frame by frame: shapes (F, m) m of the residual on the cloth, features (F, k), trial (F,), and for every point
-    its frame and its row (N, m) of the shapes' values."""
+    """Frame by frame: shapes (F, m) m of the residual on the cloth, features, groups of (F, k), trial (F,), and for
+    every point its frame and its row (N, m) of the shapes' values."""
 
     shapes: Array
-    features: Array
+    features: tuple[Array, ...]
     trial: Indices
     frame: Indices
     basis: Array
@@ -50,31 +54,34 @@ def frames_at(bench: Bench, state: State) -> Frames:
 
 
 def basis_of(state: State) -> Array:
-    """(N, m): polynomials of the cloth's coordinates at each point's place, along the front's normal."""
+    """(N, m): polynomials of the cloth's coordinates at each point's place, along the front's normal; of mean square 1
+    over the cloth."""
     side = state.found.vertex % _SIDE**2
     u = np.einsum("nc,nc->n", state.found.weights, 2 * (side % _SIDE) / (_SIDE - 1) - 1)
     v = np.einsum("nc,nc->n", state.found.weights, 2 * (side // _SIDE) / (_SIDE - 1) - 1)
     front = np.where(state.found.vertex[:, 0] < _SIDE**2, 1.0, -1.0)
-    powers = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
     legendre = np.polynomial.legendre.Legendre.basis
-    return np.stack([front * legendre(i)(u) * legendre(j)(v) for i, j in powers], axis=1)
+    return np.stack(
+        [front * np.sqrt((2 * i + 1) * (2 * j + 1)) * legendre(i)(u) * legendre(j)(v) for i, j in _POWERS], axis=1
+    )
 
 
-def features_of(bench: Bench, state: State) -> Array:
-    """(F, k), standardised; channels that a design does not have count as without pressure."""
+def features_of(bench: Bench, state: State) -> tuple[Array, ...]:
+    """Groups of (F, k), standardised: pressures, those through lags and the time besides, the model's shape and
+    velocity, and all of these. Channels that a design does not have count as without pressure."""
     channels = max(s.trial.program.pressure.shape[1] for s in bench.samples)
     rows, poses = [], []
     for sample, motion in zip(bench.samples, state.motions, strict=True):
-        pressure = _lagged(sample.trial.program, sample.times, channels)
         middle = 0.5 * (motion[:, : motion.shape[1] // 2 : 8] + motion[:, motion.shape[1] // 2 :: 8])
         flat = np.nan_to_num(np.asarray(middle, dtype=float).reshape(len(motion), -1))
         rate = np.gradient(flat, sample.times, axis=0) if len(flat) > 1 else np.zeros_like(flat)
-        rows.append(pressure)
+        rows.append(_lagged(sample.trial.program, sample.times, channels))
         poses.append(np.concatenate([flat, rate], axis=1))
-    pose = np.concatenate(poses)
+    told, pose = np.concatenate(rows), np.concatenate(poses)
     half = pose.shape[1] // 2
-    main = [_main(pose[:, :half]), _main(pose[:, half:])]
-    return _standard(np.concatenate([np.concatenate(rows), *main], axis=1))
+    shape = np.concatenate([_main(pose[:, :half]), _main(pose[:, half:])], axis=1)
+    groups = told[:, :channels], told, shape, np.concatenate([told, shape], axis=1)
+    return tuple(standardised(group) for group in groups)
 
 
 def _lagged(program: PressureProgram, times: Array, channels: int) -> Array:
@@ -98,55 +105,61 @@ def _main(table: Array) -> Array:
     return np.asarray((u * s)[:, :SHAPES])
 
 
-def _standard(table: Array) -> Array:
+def standardised(table: Array) -> Array:
     spread = table.std(axis=0)
     return np.asarray((table - table.mean(axis=0))[:, spread > 1e-9] / spread[spread > 1e-9])
 
 
 def ceiling_squares(bench: Bench, state: State, folds: Sequence[int]) -> Array:
     """(samples,) m^2: sums over the points of each trial of the squared residual less what the black box, trained on
-    the trials of other folds, takes for it. Its ridge and width are chosen within those."""
+    the trials of other folds, takes for it. Its kernels and ridges are chosen within those."""
     frames = frames_at(bench, state)
-    fold = np.asarray(folds)[frames.trial]
-    squares = np.zeros(len(bench.samples))
+    of_sample = np.unique(folds, return_inverse=True)[1] % MOST_FOLDS
+    fold = of_sample[frames.trial]
+    kernels = [kernel_of(features, width) for features in frames.features for width in WIDTHS]
+    bands = [np.array([low <= i + j <= high for i, j in _POWERS]) for low, high in BANDS]
+    field = np.zeros_like(frames.shapes)
     for out in np.unique(fold):
-        predicted = _predict(frames, fold, out)
-        rows = np.isin(state.found.sample, np.flatnonzero(np.asarray(folds) == out))
-        field = np.zeros((len(fold), frames.shapes.shape[1]))
-        field[fold == out] = predicted
-        left = state.residual - np.einsum("nm,nm->n", frames.basis, field[frames.frame])
-        left = np.where(state.kept, left, 0.0)
-        np.add.at(squares, state.found.sample[rows], np.square(left[rows]))
+        field[fold == out] = left_out(kernels, frames.shapes, bands, fold, out)
+    left = state.residual - np.einsum("nm,nm->n", frames.basis, field[frames.frame])
+    squares = np.zeros(len(bench.samples))
+    np.add.at(squares, state.found.sample, np.square(np.where(state.kept, left, 0.0)))
     return squares
 
 
-def _predict(frames: Frames, fold: Indices, out: int) -> Array:
-    """(F_out, m) m, of the held-out frames, by the ridge and width that predict each other fold best."""
-    train = fold != out
-    inner = np.unique(fold[train])
-    best, chosen = np.inf, (RIDGES[-1], WIDTHS[-1])
-    for width in WIDTHS:
-        kernel = _kernel(frames.features, width)
+def left_out(
+    kernels: Sequence[Array], shapes: Array, bands: Sequence[NDArray[np.bool_]], fold: Indices, out: int
+) -> Array:
+    """(F_out, m), the shapes of the frames of fold `out`: each band (m,) of them by the kernel and ridge that predict
+    it best for each other fold in turn, zero where none does better than nothing.
+
+    A fold's error when it is left out of a ridge regression is that of block leave-one-out: with A = (K + ridge)^-1,
+    its A_gg^-1 (A y)_g (Cook and Weisberg 1982, 2.2, by the hat matrix).
+    """
+    train = np.flatnonzero(fold != out)
+    wanted = shapes[train]
+    inner = [np.flatnonzero(fold[train] == f) for f in np.unique(fold[train])]
+    least = [float(np.square(wanted[:, band]).sum()) for band in bands]
+    found = np.zeros((int((fold == out).sum()), shapes.shape[1]))
+    if len(inner) < 2:
+        return found
+    for kernel in kernels:
+        own, other = kernel[np.ix_(train, train)], kernel[np.ix_(fold == out, train)]
         for ridge in RIDGES:
-            error = 0.0
-            for f in inner if len(inner) > 1 else ():
-                own, other = train & (fold == f), train & (fold != f)
-                error += float(np.square(frames.shapes[own] - _ridge(kernel, frames.shapes, other, own, ridge)).sum())
-            if len(inner) > 1 and error < best:
-                best, chosen = error, (ridge, width)
-    if best > float(np.square(frames.shapes[train]).sum()):
-        return np.zeros((int((fold == out).sum()), frames.shapes.shape[1]))  # it knows nothing better
-    return _ridge(_kernel(frames.features, chosen[1]), frames.shapes, train, fold == out, chosen[0])
+            inverse = np.linalg.inv(own + ridge * np.eye(len(own)))
+            weights = inverse @ wanted
+            left = np.concatenate([np.linalg.solve(inverse[np.ix_(g, g)], weights[g]) for g in inner])
+            error = np.square(left).sum(axis=0)
+            for k, band in enumerate(bands):
+                if error[band].sum() < least[k]:
+                    least[k] = float(error[band].sum())
+                    found[:, band] = other @ weights[:, band]
+    return found
 
 
-def _kernel(features: Array, width: float) -> Array:
+def kernel_of(features: Array, width: float) -> Array:
     """Linear, and a Gaussian of the distance."""
     squared = np.square(features).sum(axis=1)
     distance = np.maximum(squared[:, None] + squared - 2 * features @ features.T, 0.0)
-    count = features.shape[1]
+    count = max(features.shape[1], 1)
     return np.asarray(0.3 * features @ features.T / count + np.exp(-0.5 * distance / (width**2 * count)) + 0.1)
-
-
-def _ridge(kernel: Array, shapes: Array, train: Array, out: Array, ridge: float) -> Array:
-    own = kernel[np.ix_(train, train)]
-    return np.asarray(kernel[np.ix_(out, train)] @ np.linalg.solve(own + ridge * np.eye(len(own)), shapes[train]))

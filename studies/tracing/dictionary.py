@@ -149,3 +149,17 @@ def added_of(variant: Variant, coefficients: Sequence[float], types: list[str]) 
             0.25 if n in found else x for n, x in zip(free, start, strict=True)
         ]  # off: its shape would say nothing
     return added, np.array(start)
+
+
+def starts_of(added: Added, begin: Array, lengths: Sequence[float]) -> list[Array]:
+    """Where a fit of an effect may start: `begin`, its strengths times each of `lengths`, and with strengths that are
+    alike (a linear fit trades one for the other)."""
+    strengths = [k for k, name in enumerate(added.free) if name in EFFECTS[added.name].strengths]
+    starts = []
+    for alike in (False, True) if len(strengths) > 1 else (False,):
+        for length in lengths:
+            start = begin.copy()
+            own = length * start[strengths]
+            start[strengths] = np.mean(np.abs(own)) if alike else own
+            starts.append(np.clip(start, -4.0, 4.0))
+    return starts

@@ -29,6 +29,7 @@ class TrialError:
     """m, of one trial's judged frames."""
 
     trial: str
+    design: str
     role: str
     before: Errors
     after: Errors
@@ -61,7 +62,7 @@ def judged_errors(
         all_frames = trial.load().frames
         clouds = [all_frames[int(f)] for f in frames]
         pair = [trial_errors(clouds, m, noise, seed=trial.order) for m in (motions[k], motions[len(chosen) + k])]
-        found.append(TrialError(trial.name, trial.role, pair[0], pair[1]))
+        found.append(TrialError(trial.name, trial.design.name, trial.role, pair[0], pair[1]))
         progress(k + 1, len(chosen))
     return found
 
@@ -71,3 +72,10 @@ def mean_of(errors: Sequence[TrialError], role: str, which: str, error: str = "s
     own = [getattr(e, which) for e in errors if e.role == role]
     own = [e for e in own if np.isfinite(e.surface_rms)]
     return statistics(own)[error].mean if own else None
+
+
+def other_layouts(errors: Sequence[TrialError]) -> dict[str, list[TrialError]]:
+    """By design, of those of which no trial was fitted."""
+    fitted = {e.design for e in errors if e.role == "fit"}
+    names = dict.fromkeys(e.design for e in errors if e.design not in fitted)
+    return {name: [e for e in errors if e.design == name] for name in names}

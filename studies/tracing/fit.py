@@ -24,6 +24,7 @@ STEP = 0.4  # prior standard deviations, of a difference: far over the noise of 
 REACH = 2.5  # prior standard deviations that a parameter moves at most in one iteration
 LENGTHS = (1.0, 0.5, 0.2)  # of a step, tried at once
 SLIGHT = 0.05  # prior standard deviations: a step under it is the last
+LITTLE = 2.0  # of log likelihood: a step that gains less is the last, too
 EARLY = 1.0  # s: the first iterations look no further, so that swings are followed into their right turn
 _AT_ONCE = 128  # motions in memory
 
@@ -92,13 +93,17 @@ class Bench:
             states.append(State(vector, x, own, found, _kept(found)))
         return states
 
-    def with_slopes(self, state: State) -> State:
-        """The state with its Jacobian."""
+    def with_slopes(self, state: State, *, known: int = 0) -> State:
+        """The state with its Jacobian; its first `known` columns are those that it has."""
         steps = np.full(len(state.x), STEP)
         up = np.array([state.vector.within(state.x + d)[k] for k, d in enumerate(np.diag(steps))])
         steps = np.where(up - state.x > 0.5 * STEP, up - state.x, -STEP)  # at an upper bound, downwards
-        moved = [[state.vector.case(s.trial, state.x + step) for s in self.samples] for step in np.diag(steps)]
-        return replace(state, jacobian=self.differences(state, moved) / steps)
+        moved = [[state.vector.case(s.trial, state.x + step) for s in self.samples] for step in np.diag(steps)[known:]]
+        fresh = self.differences(state, moved) / steps[known:]
+        if known:
+            assert state.jacobian is not None
+            fresh = np.concatenate([state.jacobian[:, :known], fresh], axis=1)
+        return replace(state, jacobian=fresh)
 
     def differences(self, state: State, cases: Sequence[Sequence], *, trials_ahead: int = 0) -> Array:
         """(N, k) m: changes of the residuals from the state's motions to those of k times `cases`, a case a sample.
@@ -163,42 +168,67 @@ def descend(
     *,
     iterations: int,
     early: int = 0,
+    slopes: Array | None = None,
     progress: Callable[[str], None] = lambda line: None,
 ) -> State:
     """From `x`, `early` iterations on the first second, then up to `iterations` on all: the state with its Jacobian.
 
-    Raises SimulationError where the motions are lost from the start."""
+    slopes: (N, size) m, the Jacobian at `x` or near it. Raises SimulationError where the motions are lost from the
+    start."""
     first = replace(bench, samples=[cut(sample, EARLY) for sample in bench.samples])
-    for look, rounds, named in ((first, early, f"to {EARLY:g} s, "), (bench, iterations, "")):
+    for look, rounds, named, known in ((first, early, f"to {EARLY:g} s, ", None), (bench, iterations, "", slopes)):
         if rounds:
-            state = _descend(look, vector, x, rounds, named, progress)
+            state = _descend(look, vector, x, rounds, known, named, progress)
             x = state.x
     return state
 
 
 def _descend(
-    bench: Bench, vector: Vector, x: Array, iterations: int, named: str, progress: Callable[[str], None]
+    bench: Bench,
+    vector: Vector,
+    x: Array,
+    iterations: int,
+    slopes: Array | None,
+    named: str,
+    progress: Callable[[str], None],
 ) -> State:
+    """Between two Jacobians by differences stands Broyden's update (1965): a step costs its own motions alone. The last
+    one is by differences, at the place itself."""
     state = bench.states(vector, [x])[0]
     if not state.kept.any():
         raise SimulationError("every motion of the trials to trace diverged")
-    damping = 0.0
+    state, exact, damping = replace(state, jacobian=slopes), False, 0.0
     for iteration in range(1, iterations + 1):
         if state.jacobian is None:
-            state = bench.with_slopes(state)
+            state, exact = bench.with_slopes(state), True
         progress(f"{named}iteration {iteration}: {1e3 * state.rms:.3f} mm RMS")
         gradient, hessian = normal(bench, state)
         step = -np.linalg.solve(hessian + damping * np.diag(np.diag(hessian)), gradient)
         step *= min(1.0, REACH / max(float(np.abs(step).max()), 1e-12))
         tried = bench.states(vector, [state.x + length * step for length in LENGTHS])
         best = min(tried, key=lambda other: loss(bench, other))
-        if loss(bench, best) < loss(bench, state):
-            moved = float(np.abs(best.x - state.x).max())
-            state, damping = best, damping / 10
-            if moved < SLIGHT:
+        moved = float(np.abs(best.x - state.x).max())
+        gained = loss(bench, state) - loss(bench, best)
+        if gained > 0:
+            last = moved < SLIGHT or gained < LITTLE
+            done = last and exact
+            slopes = None if last else _updated(state, best)
+            state, exact, damping = replace(best, jacobian=slopes), False, damping / 10
+            if done:
                 break
-        elif damping >= 1.0:
+        elif not exact:
+            state = replace(state, jacobian=None)
+        elif damping >= 1.0 or moved < SLIGHT:
             break
         else:
             damping = max(10 * damping, 0.1)
-    return state if state.jacobian is not None else bench.with_slopes(state)
+    return state if exact else bench.with_slopes(state)
+
+
+def _updated(state: State, other: State) -> Array:
+    """The Jacobian at another state, by what the residuals did on the way."""
+    step = other.x - state.x
+    assert state.jacobian is not None
+    missed = other.found.residual - state.found.residual - state.jacobian @ step
+    usable = state.kept & other.kept & np.isfinite(missed)
+    return np.asarray(state.jacobian + np.outer(np.where(usable, missed, 0.0), step / (step @ step)))

@@ -17,7 +17,7 @@ from studies.calibration.engine_difference import data_share, engine_difference
 from studies.calibration.fitted_model import QUANTILE
 from studies.calibration.parameters import PRIOR
 from studies.judged import Stretch
-from studies.tracing.errors import TrialError, mean_of
+from studies.tracing.errors import TrialError, mean_of, other_layouts
 from studies.tracing.ranking import Grams, covariance
 from studies.tracing.residual import Remains
 from studies.tracing.search import Search, added_effects
@@ -62,6 +62,13 @@ class Outcome:
             "indistinguishable": list(self.indistinguishable),
             "candidates": self._candidates(),
             "error": self._error(),
+            "other_layouts": {
+                name: {
+                    "trials": len(own),
+                    **{which: 1e3 * float(mean_of(own, "test", which) or 0.0) for which in ("before", "after")},
+                }
+                for name, own in other_layouts(self.errors).items()
+            },
             "residual": {
                 "where": list(self.remains.where),
                 "when_s": self.remains.when,

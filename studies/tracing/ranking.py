@@ -18,6 +18,7 @@ from studies.tracing.vector import Array
 FLIPS = 200  # sign vectors of the null at most
 BOOTSTRAP = 2000  # draws of trials
 ALIKE = 0.98  # cosine from which on two candidates are one answer
+CHANCE = 0.99  # quantile of the best of all candidates' gain by chance, above which one is certain
 LEAST_TRIALS = 7  # under which halves of trials are flipped, for there are too few of them
 _ROUNDS = 3  # of the noise's size against the fit
 
@@ -129,7 +130,7 @@ class Ranking:
     none: Scored
     none_held_out: float  # m RMS
     candidates: tuple[Candidate, ...]  # best first
-    chance: float  # m of gain that the best of all candidates reaches where there is none, in 19 of 20 cases
+    chance: float  # m of gain that the best of all candidates reaches where there is none, in 99 of 100 cases
     decoy: float  # m of gain of the best decoy
     excess: float  # m, held out, without any
 
@@ -194,14 +195,14 @@ def gain_interval(
 
 
 def _chance(grams: Grams, found: Dictionary, floor: float, rng: np.random.Generator) -> float:
-    """m: the 95 % quantile of the largest gain of all variants where the residual of each unit has a sign by chance, so
-    that nothing in it agrees from trial to trial (wild bootstrap, Liu 1988)."""
+    """m: the CHANCE quantile of the largest gain of all variants where the residual of each unit has a sign by chance,
+    so that nothing in it agrees from trial to trial (wild bootstrap, Liu 1988)."""
     signs, points = sign_vectors(len(grams.points), rng), grams.points.sum()
     if not len(signs) or not found.variants:
         return 0.0
     least = [_excess(_left_out(grams, v, signs)[0].sum(axis=1) / points, floor) for v in found.variants if not v.decoy]
     before = _excess(_left_out(grams, None, signs)[0].sum(axis=1) / points, floor)
-    return float(np.quantile(before - np.min(least, axis=0), 0.95))
+    return float(np.quantile(before - np.min(least, axis=0), CHANCE))
 
 
 def sign_vectors(count: int, rng: np.random.Generator) -> Array:

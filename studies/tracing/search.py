@@ -7,8 +7,8 @@ import numpy as np
 
 from studies.tracing.black_box import ceiling_squares
 from studies.tracing.data import folds_of
-from studies.tracing.dictionary import Dictionary, added_of, dictionary, entries_of
-from studies.tracing.fit import Bench, State, descend
+from studies.tracing.dictionary import Dictionary, added_of, dictionary, entries_of, starts_of
+from studies.tracing.fit import Bench, State, descend, loss, normal
 from studies.tracing.ranking import (
     ALIKE,
     Candidate,
@@ -30,7 +30,9 @@ FINALISTS = 2  # that are fitted in full
 CLOSE = 0.25  # of the excess: a third one is, where it gains that much less than the first at most
 MOST = 3  # effects added
 WORTH = 0.15  # of an excess, that a further effect must take
-_ITERATIONS, _EARLY, _FINAL = 4, 2, 4
+FAR = 2.0  # prior standard deviations: a parameter farther off may stand for an effect that is not there
+_ITERATIONS, _EARLY, _SHORT, _FINAL = 6, 2, 4, 10
+_STARTS = 0.5, 1.0, 2.0  # times where the linear fit puts an effect's strengths
 
 Say = Callable[[str], None]
 
@@ -97,8 +99,12 @@ def search(
     vector = Vector()
     x = vector.centre() if start is None else start
     state = _fitted(
-        bench, stages, "refit", vector, x, _ITERATIONS, _EARLY, lambda line: say(f"declared parameters: {line}")
-    )
+        bench, stages, "refit", vector,
+        lambda: descend(
+            bench, vector, x, iterations=_ITERATIONS, early=_EARLY,
+            progress=lambda line: say(f"declared parameters: {line}"),
+        ),
+    )  # fmt: skip
     rounds: list[Round] = []
     while True:
         done = _round(bench, stages, state, folds, floor, tolerance, len(rounds), types, channels, known, seed, say)
@@ -212,11 +218,26 @@ def _in_full(
     assert candidate.best.variant is not None
     added, begin = added_of(candidate.best.variant, candidate.best.coefficients.tolist(), types)
     vector = state.vector.with_effect(added)
-    x = np.concatenate([state.x, begin])
-    fitted = _fitted(
-        bench, stages, f"full_{stage}_{candidate.effect}", vector, x, _FINAL, 0,
-        lambda line: say(f"{candidate.effect} inside the simulator: {line}"),
-    )  # fmt: skip
+
+    def compute() -> State:
+        def fit(base: Array, iterations: int, lengths: Sequence[float] = _STARTS) -> State:
+            start = _best_start(bench, state, base, vector, starts_of(added, begin, lengths))
+            return descend(
+                bench, vector, start.x, iterations=iterations, slopes=start.jacobian,
+                progress=lambda line: say(f"{candidate.effect} inside the simulator: {line}"),
+            )  # fmt: skip
+
+        if np.abs(state.x).max() < FAR:
+            return fit(state.x, _FINAL)
+        near = np.where(np.abs(state.x) < FAR, state.x, 0.0)  # they may have gone there for want of the effect
+        both = [fit(state.x, _SHORT), fit(near, _SHORT, (*_STARTS, 4.0, 8.0))]
+        best = min(both, key=lambda found: loss(bench, found))
+        return descend(
+            bench, vector, best.x, iterations=_FINAL - _SHORT, slopes=best.jacobian,
+            progress=lambda line: say(f"{candidate.effect} inside the simulator, on: {line}"),
+        )  # fmt: skip
+
+    fitted = _fitted(bench, stages, f"full_{stage}_{candidate.effect}", vector, compute)
     own = grams_of(bench, fitted, np.zeros((len(fitted.found.residual), 0)), folds)
     scored = cross_validate(own, None)
     rng = np.random.default_rng(0)
@@ -230,18 +251,38 @@ def _in_full(
     )
 
 
-def _fitted(
-    bench: Bench, stages: Stages, stage: str, vector: Vector, x: Array, iterations: int, early: int, say: Say
-) -> State:
+def _best_start(bench: Bench, state: State, base: Array, vector: Vector, starts: Sequence[Array]) -> State:
+    """Of places of an effect's parameters beside `base`, the one that leaves least; with slopes. Where `base` is the
+    state's own, once its parameters have moved to first order."""
+    tried = bench.states(vector, [np.concatenate([base, start]) for start in starts])
+    if base is not state.x:
+        return bench.with_slopes(min(tried, key=lambda other: loss(bench, other)))
+    assert state.jacobian is not None
+    known = np.pad(state.jacobian, ((0, 0), (0, len(starts[0]))))
+    count = len(state.x)
+
+    def left(other: State) -> float:
+        other = replace(other, jacobian=known)
+        gradient, hessian = normal(bench, other)
+        gradient, hessian = gradient[:count], hessian[:count, :count]
+        step = np.linalg.solve(hessian, gradient)
+        predicted = other.residual - other.slopes[:, :count] @ step
+        return float(np.square(predicted[other.kept]).mean()) if other.kept.any() else np.inf
+
+    best = min(tried, key=left)
+    return bench.with_slopes(replace(best, jacobian=known), known=count)
+
+
+def _fitted(bench: Bench, stages: Stages, stage: str, vector: Vector, compute: Callable[[], State]) -> State:
     """A fit, or the one that is kept, at its place."""
     fresh: list[State] = []
 
-    def compute() -> dict[str, Array]:
-        fresh.append(descend(bench, vector, x, iterations=iterations, early=early, progress=say))
+    def arrays() -> dict[str, Array]:
+        fresh.append(compute())
         assert fresh[0].jacobian is not None
         return {"x": fresh[0].x, "jacobian": fresh[0].jacobian}
 
-    kept = stages.of(stage, compute)
+    kept = stages.of(stage, arrays)
     return fresh[0] if fresh else replace(bench.states(vector, [kept["x"]])[0], jacobian=kept["jacobian"])
 
 

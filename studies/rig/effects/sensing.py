@@ -29,6 +29,7 @@ def scale_error(scene: Scene, order: int, values: Mapping[str, float]) -> None:
     scene.sensed.append(lambda points: points * (1.0 + values["scale"]))
 
 
+OF_CLOUDS = ("registration_bias", "scale_error")  # they change what is seen of a motion, never the motion
 EFFECTS = {
     "registration_bias": Effect(
         "sensing",

@@ -1,0 +1,106 @@
+"""The synthetic rig's sets on which traces are judged: one effect each, or none.
+
+Rigs of a catalogue layout, their factors drawn from calibration's prior; six trials of 1.5 s at 30 Hz (a step on and
+off, a staircase, a ramp, channels in turn, random levels twice), the last of role test. Effects that are none of the
+simulator's list are right where they are called unexplained; those of another form (docs/rig.md) where the listed
+effect is named.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fabdesign.catalogue import build
+from fabdesign.design import Design
+from fabdesign.forward import PARAMETERS
+from fabdesign.pressure import PressureProgram
+from studies.calibration.parameters import PRIOR
+from studies.rig import EffectSetting, run_rig
+from studies.rig.effects.variants import OF
+from studies.rig.key import Key
+
+SECONDS = 1.5
+HIGHEST = 350e3  # Pa
+UNLISTED = ("wind", "spring")
+
+
+@dataclass(frozen=True)
+class Rig:
+    """A specimen. layout: name and number of muscles."""
+
+    name: str
+    layout: tuple[str, int]
+    seed: int
+    effect: str | None = None
+    values: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def right(self) -> str:
+        """The verdict, or the effect's name."""
+        if self.effect is None:
+            return "adequate"
+        return "unexplained" if self.effect in UNLISTED else OF.get(self.effect, self.effect)
+
+    @property
+    def design(self) -> Design:
+        return build(self.layout[0], muscles=self.layout[1])
+
+    @property
+    def factors(self) -> dict[str, float]:
+        rng = np.random.default_rng(self.seed)
+        return {name: float(np.exp(PRIOR[name] * np.clip(rng.standard_normal(), -2, 2))) for name in PARAMETERS}
+
+    @property
+    def put_in(self) -> str:
+        """For people."""
+        if self.effect is None:
+            return "nothing"
+        return f"{self.effect} ({', '.join(f'{name} {value:g}' for name, value in self.values.items())})"
+
+
+VERTICAL, SIDE, CROSS, BASIC = ("vertical", 3), ("side", 4), ("cross", 2), ("basic", 4)
+RIGS = (
+    Rig("hysteresis", CROSS, 7000, "braid_hysteresis", {"friction": 0.02, "slip": 0.008}),
+    Rig("creep", CROSS, 7001, "creep_of_two_times", {"share": 0.7, "quick": 0.2, "slow": 1.0}),
+    Rig("odd", VERTICAL, 7002, "odd_muscle", {"channel": 1, "factor": 0.45}),
+    Rig("lag", CROSS, 7003, "lag_of_two_volumes", {"line": 0.1, "muscle": 0.1}),
+    Rig("dead", BASIC, 7004, "dead_time", {"delay": 0.1}),
+    Rig("droop", VERTICAL, 7005, "droop_by_flow", {"share": 0.35}),
+    Rig("loss", CROSS, 7006, "line_loss", {"share": 0.7}),
+    Rig("orthotropy", CROSS, 7007, "orthotropy_of_bending", {"ratio": 3.0}),
+    Rig("drag", CROSS, 7008, "air_drag", {"coefficient": 60.0}),
+    Rig("tilt", SIDE, 7009, "frame_tilt", {"about_x": 2.5}),
+    Rig("wind", BASIC, 7010, "wind", {"z": 0.5}),
+    Rig("spring", VERTICAL, 7011, "spring", {"stiffness": 0.4}),
+    *(Rig(f"none_{k}", layout, 7012 + k) for k, layout in enumerate((VERTICAL, SIDE, CROSS, BASIC, VERTICAL, CROSS))),
+)
+
+
+def make(rig: Rig, folder: Path, *, workers: int | None = None) -> None:
+    """Measure it on the virtual rig, into `folder`."""
+    effects = () if rig.effect is None else (EffectSetting(rig.effect, rig.values),)
+    rng = np.random.default_rng([rig.seed, 1])
+    key = Key(rig.seed, rig.factors, effects)
+    told = programs(rig.design.channels, rng)
+    run_rig(rig.design, told, out=folder, key=key, test_trials=1, workers=workers, force=True)
+
+
+def programs(channels: int, rng: np.random.Generator) -> list[PressureProgram]:
+    """Six: what a laboratory would run."""
+    some = [rng.uniform(0.3, 1.0, channels) * HIGHEST for _ in range(3)]
+    stairs = np.array([1, 2, 3, 2, 1]) / 3
+    ramp = 1 - np.abs(np.linspace(-1, 1, 30))
+    turn = np.arange(channels) * SECONDS / channels
+    return [
+        _rows([0.0, 0.7], [some[0], 0 * some[0]]),
+        _rows(np.arange(5) * 0.3, stairs[:, None] * some[1]),
+        _rows(np.arange(30) * 0.05, ramp[:, None] * some[2]),
+        _rows(turn, np.diag(np.full(channels, 300e3))),
+        *(_rows(np.arange(3) * 0.5, rng.uniform(0, HIGHEST, (3, channels))) for _ in range(2)),
+    ]
+
+
+def _rows(times: Any, pressures: Any) -> PressureProgram:
+    return PressureProgram(np.asarray(times, dtype=float), np.asarray(pressures, dtype=float), SECONDS)
