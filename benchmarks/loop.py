@@ -112,12 +112,14 @@ def study_of(case: Case, number: int, folder: Path) -> LoopStudy:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--cases", default=",".join(map(str, range(len(CASES)))))
+    parser.add_argument("--cases", default=",".join(map(str, range(len(CASES)))), help="Numbers; none: only the page.")
     parser.add_argument("--work", type=Path, default=ROOT / "build" / "loop")
     options = parser.parse_args()
-    for number in map(int, options.cases.split(",")):
+    for number in map(int, options.cases.split(",") if options.cases else []):
         case, folder = CASES[number], options.work / str(number)
         print(f"{case.name}", flush=True)
+        folder.mkdir(parents=True, exist_ok=True)
+        write_text(folder / "commit", commit(PAGE))
         study = study_of(case, number, folder)
         run_loop(study, folder / "out", progress=lambda line, share: print(f"  {share:.0%} {line}", flush=True))
         write_text(PAGE, page(options.work))
@@ -126,12 +128,13 @@ def main() -> None:
 
 def page(work: Path) -> str:
     """Of all cases that are done."""
-    rows, missing, after_one = [], [], []
+    rows, missing, after_one, commits = [], [], [], set()
     for number, case in enumerate(CASES):
         file = work / str(number) / "out" / "result.json"
         if not file.is_file():
             missing.append(case.name)
             continue
+        commits.add((work / str(number) / "commit").read_text(encoding="utf-8"))
         turns = json.loads(file.read_text(encoding="utf-8"))["turns"]
         cells = [f"{t['chosen']['believed']['excess']:.2f} / **{t['device']['excess']:.2f}**" for t in turns]
         chamfers = [f"{t['device']['chamfer']:.2f}" for t in turns]
@@ -153,7 +156,7 @@ def page(work: Path) -> str:
             "sheet and one effect that nobody declared. At first a design is chosen with the data sheet, then with",
             "what each turn's measurements taught.",
             "",
-            f"`make loop` (`python -m benchmarks.loop`), commit {commit(PAGE)}, {processor()}.",
+            f"`make loop` (`python -m benchmarks.loop`), commit {', '.join(sorted(commits))}, {processor()}.",
             "",
             f"Excess of surface RMS over its floor after one turn: **{median}**",
             f"(bound: a half less in the median of six: {met}).",

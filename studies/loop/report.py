@@ -62,10 +62,10 @@ def as_sentence(outcome: Outcome) -> str:
 
 def as_text(outcome: Outcome) -> str:
     """For the terminal: a line a turn, and what comes next."""
-    lines = []
+    lines, device = [], "on the device (synthetic rig)" if outcome.synthetic else "on the device"
     for turn in outcome.turns:
         believed = f"believed {turn.chosen['believed']['excess']:.2f} mm"
-        on = "not measured yet" if turn.device is None else f"on the device {turn.device['excess']:.2f} mm"
+        on = "not measured yet" if turn.device is None else f"{device} {turn.device['excess']:.2f} mm"
         lines.append(f"{turn.name.replace('_', ' ')}: {believed}, {on} over the floor")
         lines += [f"  {line}" for line in (turn.learned or {}).get("said", ())]
     if outcome.waiting_for is not None:

@@ -129,7 +129,6 @@ def _turns(loop: _Loop) -> Outcome:
     outcome = Outcome(
         name=study.search.name,
         turns=(),
-        synthetic=isinstance(study.source, VirtualRig),
         seed=study.search.seed,
         source="rig" if isinstance(study.source, VirtualRig) else "laboratory",
     )
@@ -146,6 +145,7 @@ def _turns(loop: _Loop) -> Outcome:
                 asked=str(loop.work.folder / name / ASKED),
             )
         sets.append(found)
+        outcome = replace(outcome, synthetic=outcome.synthetic or "synthetic" in found.description)
         device = _judged(loop, number, choice, found)
         reason = stop_reason(study.stop, [*(1e-3 * t.device["excess"] for t in turns), 1e-3 * device["excess"]])
         if reason is not None:
