@@ -11,6 +11,7 @@ from fabdesign.effects.acting import acting_pressure, specimen_of
 from fabdesign.errors import InputError
 from fabdesign.forward import PARAMETERS, Case, Term
 from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.metrics import Errors
 from fabdesign.model import Model
 from fabdesign.model_file import read_model
 from fabdesign.predictor import Predictor
@@ -19,6 +20,7 @@ from fabdesign.sensor_noise import SensorNoise
 from fabdesign.surface import Surface
 from fabdesign.trial_file import program_of
 from studies.tracing.dictionary import Dictionary, Variant, entries_of
+from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
 from studies.tracing.ranking import Grams, alike, covariance, cross_validate, rank, sign_vectors
 from studies.tracing.run import trace_set
@@ -273,6 +275,13 @@ def test_sign_vectors_are_all_of_them_where_they_are_few():
 )
 def test_the_verdict_is_that_of_the_rules(evidence, verdict):
     assert decide(evidence, 0.5e-3) == verdict
+
+
+def test_layouts_of_which_no_trial_was_fitted_stand_by_themselves():
+    some = Errors(4.2e-3, 4.1e-3, 1e-3, 0.6e-3)
+    told = [("a", "fit"), ("a", "test"), ("b", "test"), ("b", "test")]
+    errors = [TrialError(str(k), design, role, some, some) for k, (design, role) in enumerate(told)]
+    assert {name: [e.trial for e in own] for name, own in other_layouts(errors).items()} == {"b": ["2", "3"]}
 
 
 def test_a_black_box_that_finds_no_gap_leaves_nothing_to_explain():
