@@ -80,7 +80,7 @@ def within_rate(program: PressureProgram, rate: float) -> PressureProgram:
     """The program as a regulator follows it that changes by at most `rate` Pa/s, in ticks."""
     if not np.isfinite(rate):
         return program
-    times = TICK * np.arange(max(1, round(program.duration / TICK)))
+    times = np.asarray(TICK * np.arange(max(1, round(program.duration / TICK))), np.float64)
     wanted, at, rows = program.at(times), np.zeros(program.pressure.shape[1]), []
     for row in wanted:
         at = at + np.clip(row - at, -rate * TICK, rate * TICK)

@@ -123,7 +123,9 @@ def _simulators(study: LoopStudy) -> Simulators:
 
 
 def _turns(loop: _Loop) -> Outcome:
-    study, turns, sets = loop.study, [], []
+    study = loop.study
+    turns: list[Turn] = []
+    sets: list[MeasurementSet] = []
     model: Model | None = study.search.model
     earlier: Choice | None = None
     outcome = Outcome(
@@ -147,7 +149,9 @@ def _turns(loop: _Loop) -> Outcome:
         sets.append(found)
         outcome = replace(outcome, synthetic=outcome.synthetic or "synthetic" in found.description)
         device = _judged(loop, number, choice, found)
-        reason = stop_reason(study.stop, [*(1e-3 * t.device["excess"] for t in turns), 1e-3 * device["excess"]])
+        reason = stop_reason(
+            study.stop, [*(1e-3 * t.device["excess"] for t in turns if t.device), 1e-3 * device["excess"]]
+        )
         if reason is not None:
             turns.append(Turn(number, name, kept, device))
             outcome = replace(outcome, turns=tuple(turns), stop_reason=reason)

@@ -119,7 +119,7 @@ def as_millimetres(errors: Errors) -> dict[str, float]:
 
 def of_millimetres(kept: dict[str, float]) -> Errors:
     names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
-    return Errors(*(1e-3 * kept[name] for name in names), kept["surface_beyond"])
+    return Errors(**{name: 1e-3 * kept[name] for name in names}, beyond=kept["surface_beyond"])
 
 
 def _fine(study: LoopStudy, model: Model | None) -> int:
