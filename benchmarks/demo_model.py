@@ -2,9 +2,9 @@
 
     python -m benchmarks.demo_model SET --model M.toml [-o fabdesign/data]
 
-M.toml is what `fabdesign calibrate SET -o M0.toml` and `fabdesign train SET --model M0.toml -o M.toml` made. Trials of
-one design: six of role `fit`, spread over the session, and those of role `test`, which no training sees. Of each every
-third frame and 800 points of a frame are kept.
+M.toml is what `fabdesign calibrate SET -o M0.toml`, `fabdesign trace SET --model M0.toml -o T` where it finds an
+effect, and `fabdesign train SET --model M0.toml (T/model.toml) -o M.toml` made. The trials are those of one design with
+the role `test`, which nothing is fitted to. Of each every third frame and 800 points of a frame are kept.
 """
 
 import argparse
@@ -17,11 +17,9 @@ import numpy as np
 from fabdesign.measurement_set import NewTrial, read_set, write_set
 from fabdesign.model_file import read_model, write_model
 from fabdesign.trial import Trial, TrialData
-from studies.calibration.clouds import evenly
 from studies.demo.measured import MODEL, SET
 
 DESIGN = "basic"
-FIT = 6
 EVERY, POINTS = 3, 800
 
 
@@ -42,18 +40,15 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, default=Path("fabdesign/data"))
     options = parser.parse_args()
     measured, model = read_set(options.set), read_model(options.model)
-    own = [trial for trial in measured.trials if trial.design_name == DESIGN]
-    tests = [trial for trial in own if trial.role == "test"]
+    tests = [trial for trial in measured.trials if trial.design_name == DESIGN and trial.role == "test"]
     if seen := {f"{measured.name}/{t.name}" for t in tests} & set(model.provenance.fitted):
         parser.error(f"{options.model} has seen {', '.join(sorted(seen))}; expected a model that has not")
-    fit = [trial for trial in own if trial.role == "fit"]
-    chosen = [*(fit[i] for i in evenly(len(fit), FIT)), *tests]
     write_set(
         options.output / SET,
-        {DESIGN: own[0].design},
-        (NewTrial(t.name, t.design_name, t.order, t.role, thinned(t)) for t in sorted(chosen, key=lambda t: t.order)),
+        {DESIGN: tests[0].design},
+        (NewTrial(t.name, t.design_name, t.order, t.role, thinned(t)) for t in tests),
         name=SET,
-        description=f"{len(chosen)} {DESIGN} trials of {measured.name}, thinned; {measured.description}",
+        description=f"{len(tests)} {DESIGN} trials of {measured.name}, thinned; {measured.description}",
         made_by="demo_model",
         force=True,
     )

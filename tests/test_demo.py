@@ -2,13 +2,13 @@
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from fabdesign.measurement_set import read_set
 from fabdesign.metrics import Errors
+from fabdesign.model import EffectTerm, Model
 from fabdesign.model_file import read_model
 from fabdesign.trial_file import read_trial
 from studies.demo import measured
@@ -35,7 +35,7 @@ def test_the_demo_set_is_a_part_of_the_measured_one(data: Path) -> None:
             assert {*map(tuple, frame.tolist())} <= {*map(tuple, whole.frames[row].tolist())}
 
 
-def test_the_page_says_what_was_closed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_page_says_what_was_closed() -> None:
     """Excess of 3 mm before, 1.5 mm traced: half is closed, of a floor of 0.6 mm."""
     floor = 0.6e-3
 
@@ -45,11 +45,10 @@ def test_the_page_says_what_was_closed(tmp_path: Path, monkeypatch: pytest.Monke
     names = (measured.SHEET, measured.CALIBRATED, measured.TRACED, measured.CORRECTED)
     of = dict(zip(names, map(errors, (4e-3, 3e-3, 1.5e-3, 1e-3)), strict=True))
     found = read_set(DATA / measured.SET)
-    outcome = SimpleNamespace(verdict="effect", effects=[SimpleNamespace(name="air_drag")])
-    monkeypatch.setattr(measured, "verdict_in_words", lambda _: "Missing was <air drag>.")
-    judged = measured.Judged(replace(found, description="a synthetic rig"), outcome, of)  # type: ignore[arg-type]
+    shipped = Model(effects=(EffectTerm("<drag>", {}),))
+    judged = measured.Judged(replace(found, description="a synthetic rig"), shipped, of, 0.0)
     page, text, values = as_html(judged), measured.as_text(judged), judged.as_json()
     assert [model["closed"] for model in values["models"]] == [None, None, pytest.approx(0.5), pytest.approx(2 / 3)]
-    assert "<td>50%</td>" in page and "<td>67%</td>" in page and "&lt;air drag&gt;" in page
+    assert "<td>50%</td>" in page and "<td>67%</td>" in page and "&lt;drag&gt;" in page
     assert "synthetic rig" in page and "synthetic rig" in text
-    assert values["effects"] == ["air_drag"]
+    assert values["effects"] == ["<drag>"]

@@ -1,6 +1,5 @@
-"""What the demo's measured set says about its model: calibrated, traced, corrected, on trials that took no part."""
+"""What the demo's measured trials say about its model: calibrated, traced, corrected; none of them has seen these."""
 
-from collections.abc import Callable
 from dataclasses import astuple, dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -11,35 +10,32 @@ import numpy as np
 from fabdesign.forward import ForwardModel
 from fabdesign.measurement_set import read_set
 from fabdesign.metrics import Errors, closed
+from fabdesign.model import Model
 from fabdesign.model_file import read_model
 from fabdesign.trial import MeasurementSet
 from studies.evaluate import Evaluation, evaluate_sets
-from studies.tracing.outcome import Outcome
-from studies.tracing.run import trace_set
-from studies.tracing.words import verdict_in_words
+from studies.judged_search import GRID
 
 SET = "demo_set"
 MODEL = "demo_model.toml"
 MADE_BY = "python -m benchmarks.demo_model"  # the set and the model that are shipped
-SHEET, CALIBRATED, TRACED, CORRECTED = "data sheet", "calibrated", "with what a trace adds", "with a trained corrector"
+SHEET, CALIBRATED, TRACED, CORRECTED = "data sheet", "calibrated", "and traced", "and corrected"
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Of a measured set: the trace, and each model's errors, means over the trials held out."""
+    """Of a measured set: each model's errors, means over the trials."""
 
     measured: MeasurementSet
-    outcome: Outcome
+    shipped: Model
     errors: dict[str, Errors]  # m, by the model's name, in this order
+    share_unjudged: float  # of the frames, which count for nothing
 
     @property
     def said(self) -> str:
-        return verdict_in_words(self.outcome)
-
-    @property
-    def trials(self) -> int:
-        """Held out."""
-        return sum(trial.role == "test" for trial in self.measured.trials)
+        """What a trace has added."""
+        names = [effect.name.replace("_", " ") for effect in self.shipped.effects]
+        return f"A trace added {' and '.join(names)}." if names else "A trace added no effect."
 
     def rows(self) -> list[tuple[str, Errors, float | None]]:
         """Each model's name, errors, and the share of the calibrated model's excess that it closes."""
@@ -52,10 +48,9 @@ class Judged:
         names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
         return {
             "set": self.measured.name,
-            "held_out_trials": self.trials,
-            "verdict": self.outcome.verdict,
-            "effects": [effect.name for effect in self.outcome.effects],
-            "said": self.said,
+            "trials": len(self.measured.trials),
+            "unjudged_share": self.share_unjudged,
+            "effects": [effect.name for effect in self.shipped.effects],
             "models": [
                 {"name": name, **{key: 1e3 * getattr(errors, key) for key in names}, "closed": share}
                 for name, errors, share in self.rows()
@@ -63,53 +58,40 @@ class Judged:
         }
 
 
-def judge_model(
-    out: Path,
-    *,
-    forward: ForwardModel | None = None,
-    say: Callable[[str], None] = lambda line: None,
-) -> Judged:
-    """Trace the embedded set into `out` (`trace.json`, `model.toml`, `report.html`), and say how far the data sheet,
-    the calibrated, the traced and the shipped corrected model are from the trials of role `test`.
-
-    forward: the bare simulator of the trace, by default with 21 points a side; the errors are taken with the shipped
-    model's grid, or with `forward`. The same call goes on after a kill.
-    """
+def judge_model(*, forward: ForwardModel | None = None) -> Judged:
+    """How far the data sheet and the shipped model, calibrated, with what a trace added, and with its corrector, are
+    from the embedded trials. forward: the bare simulator, by default with the shipped model's grid."""
     data = Path(str(files("fabdesign") / "data"))
     measured, shipped = read_set(data / SET), read_model(data / MODEL)
-    outcome = trace_set(measured, out, inputs=[data / SET], forward=forward, say=say)
-    if forward is None:
+    fine = coarse = forward
+    if fine is None or coarse is None:
         from sim import Simulator
 
-        forward = Simulator(shipped.points_per_side)
-    say("how far each model is from the trials held out")
-    calibrated = outcome.model.before if outcome.model.effects else outcome.model
-    plain, traced, corrected = (evaluate_sets(m, [measured], forward) for m in (calibrated, outcome.model, shipped))
-    errors = {
-        SHEET: _mean(plain, after=False),
-        CALIBRATED: _mean(plain, after=True),
-        TRACED: _mean(traced, after=True),
-        CORRECTED: _mean(corrected, after=True),
-    }
-    return Judged(measured, outcome, errors)
+        fine, coarse = Simulator(shipped.points_per_side), Simulator(GRID)
+    traced = shipped.without(["corrector"])
+    calibrated = traced.before if traced.effects else traced
+    found = [evaluate_sets(model, [measured], fine, coarse=coarse) for model in (calibrated, traced, shipped)]
+    errors = {SHEET: _mean(found[0], after=False)}
+    errors |= {name: _mean(e, after=True) for name, e in zip((CALIBRATED, TRACED, CORRECTED), found, strict=True)}
+    return Judged(measured, shipped, errors, found[0].judged.share)
 
 
 def _mean(evaluation: Evaluation, *, after: bool) -> Errors:
-    trials = [t.after if after else t.before for design in evaluation.designs.values() for t in design.trials]
+    every = [t for design in evaluation.designs.values() for t in design.trials if t.judged]
+    trials = [t.after if after else t.before for t in every]
     return Errors(*np.mean([astuple(errors) for errors in trials], axis=0).tolist())
 
 
 def as_text(judged: Judged) -> str:
     """A table for people; mm."""
     lines = [
-        f"measured set: {judged.measured.description}; {judged.trials} trials held out",
-        f"{'mm':26}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'floor':>8}{'closed':>9}",
+        f"measured: {judged.measured.description}",
+        f"{'mm':16}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'floor':>8}{'closed':>9}",
     ]
     for name, e, share in judged.rows():
         told = "" if share is None else f"{share:.0%}"
-        values = (e.chamfer, e.chamfer_floor)
         lines.append(
-            f"{name:26}{1e3 * values[0]:9.2f}{1e3 * values[1]:8.2f}{1e3 * e.surface_rms:13.2f}"
+            f"{name:16}{1e3 * e.chamfer:9.2f}{1e3 * e.chamfer_floor:8.2f}{1e3 * e.surface_rms:13.2f}"
             f"{1e3 * e.surface_floor:8.2f}{told:>9}"
         )
     return "\n".join([*lines, judged.said])

@@ -47,8 +47,8 @@ def run_demo(
     progress: Callable[[str, Evaluations], None] = lambda name, evaluations: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> Demo:
-    """Run both studies, `basic` and `free`, and the trace of a measured set into folders of these names in `out`, and
-    write `out/report.html` and `out/demo.png`.
+    """Run both studies, `basic` and `free`, into folders of these names in `out`, compare the shipped model with
+    measured trials, and write `out/report.html` and `out/demo.png`.
 
     The target's cloth differs from its data sheet, which the simulator uses; the pressures found make up for it.
     Ctrl-C ends the study under way with its result and leaves out the next; the same call goes on, and ends at once
@@ -58,7 +58,10 @@ def run_demo(
         fine, quick = forward_models(forward, coarse)
         results = _run_studies(work.folder, fine, quick, progress)
         work.complete = not results[-1].interrupted
-        judged = judge_model(work.folder / "trace", forward=coarse, say=say) if work.complete else None
+        judged = None
+        if work.complete:
+            say("how far models are from measured trials")
+            judged = judge_model(forward=fine if forward else None)
         sections = [Section(TITLES[result.study.name], result) for result in results]
         with work.adding() as files:
             more = "" if judged is None else as_html(judged)
