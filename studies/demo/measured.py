@@ -24,7 +24,7 @@ SHEET, CALIBRATED, TRACED, CORRECTED = "data sheet", "calibrated", "and traced",
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Of a measured set: each model's errors, means over the trials."""
+    """Of a measured set: each model's errors, means over the trials; `and traced` only where a trace added effects."""
 
     measured: MeasurementSet
     shipped: Model
@@ -33,9 +33,9 @@ class Judged:
 
     @property
     def said(self) -> str:
-        """What a trace has added."""
+        """What a trace has added to the shipped model."""
         names = [effect.name.replace("_", " ") for effect in self.shipped.effects]
-        return f"A trace added {' and '.join(names)}." if names else "A trace added no effect."
+        return f"A trace added {' and '.join(names)}." if names else "It has no effects: none was added by a trace."
 
     def rows(self) -> list[tuple[str, Errors, float | None]]:
         """Each model's name, errors, and the share of the calibrated model's excess that it closes."""
@@ -69,11 +69,12 @@ def judge_model(*, forward: ForwardModel | None = None) -> Judged:
 
         fine, coarse = Simulator(shipped.points_per_side), Simulator(GRID)
     traced = shipped.without(["corrector"])
-    calibrated = traced.before if traced.effects else traced
-    found = [evaluate_sets(model, [measured], fine, coarse=coarse) for model in (calibrated, traced, shipped)]
-    errors = {SHEET: _mean(found[0], after=False)}
-    errors |= {name: _mean(e, after=True) for name, e in zip((CALIBRATED, TRACED, CORRECTED), found, strict=True)}
-    return Judged(measured, shipped, errors, found[0].judged.share)
+    models = {CALIBRATED: traced.before, TRACED: traced} if traced.effects else {CALIBRATED: traced}
+    models[CORRECTED] = shipped
+    found = {name: evaluate_sets(model, [measured], fine, coarse=coarse) for name, model in models.items()}
+    errors = {SHEET: _mean(found[CALIBRATED], after=False)}
+    errors |= {name: _mean(evaluation, after=True) for name, evaluation in found.items()}
+    return Judged(measured, shipped, errors, found[CALIBRATED].judged.share)
 
 
 def _mean(evaluation: Evaluation, *, after: bool) -> Errors:
