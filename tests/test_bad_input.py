@@ -214,7 +214,7 @@ BAD = [
 def damaged(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Files that are not sound, beside those that are. One folder for all rows, as none may change it."""
     folder = tmp_path_factory.mktemp("damaged")
-    for heavy in ("sim", "studies.fusion.fuse", "studies.layouts.demo", "studies.rig"):  # no row's time is an import's
+    for heavy in ("sim", "studies.fusion.fuse", "studies.demo.run", "studies.rig"):  # no row's time is an import's
         importlib.import_module(heavy)
     write_sound(folder)
     design = (folder / "cross.toml").read_text()

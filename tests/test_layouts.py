@@ -16,7 +16,7 @@ from fabdesign.model import Model
 from fabdesign.pressure_file import constant_program, read_pressures
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
 from fabdesign.trial_file import TrialData, read_trial, write_trial
-from studies.layouts.demo import as_json, as_text, run_demo
+from studies.demo.run import as_json, as_text, run_demo
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth
 
@@ -170,13 +170,14 @@ def test_a_ply_is_compared_with_the_equilibrium(tmp_path: Path) -> None:
 
 
 def test_the_demo_runs_both_searches_on_embedded_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studies.layouts.demo.SECONDS", {"basic": 2.0, "free": 2.0})
-    results = run_demo(tmp_path, forward=AnalyticCloth(), coarse=AnalyticCloth(21))
-    runs = as_json(results)["runs"]
+    monkeypatch.setattr("studies.demo.run.SECONDS", {"basic": 2.0, "free": 2.0})
+    monkeypatch.setattr("studies.demo.run.judge_model", lambda **options: None)  # held by tests/test_demo.py
+    found = run_demo(tmp_path, forward=AnalyticCloth(), coarse=AnalyticCloth(21))
+    runs, results = as_json(found)["runs"], found.runs
     assert [run["name"] for run in runs] == ["basic", "free"]
     assert all(run["chamfer_floor"] < run["chamfer"] < 30 for run in runs)  # a closed form is no cloth
     assert [len(results[0].design.muscles), len(results[1].design.muscles) <= 4] == [8, True]
-    assert "synthetic rig" in as_text(results)
+    assert "synthetic rig" in as_text(found)
     page = (tmp_path / "report.html").read_text()
     assert "synthetic rig" in page
     assert "not hardware" in page.replace("\n", " ")

@@ -258,14 +258,15 @@ def test_demo_again_and_after_an_interruption(
     study: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("studies.layouts.demo.SECONDS", {"basic": 0.3, "free": 0.3})
+    monkeypatch.setattr("studies.demo.run.SECONDS", {"basic": 0.3, "free": 0.3})
     monkeypatch.setattr("studies.layouts.begin.LAYOUT_STARTS", 8)
     monkeypatch.setattr("studies.layouts.begin.THINNED_STARTS", 8)
     # what it writes counts here, not what stands in it
     monkeypatch.setattr(
         "studies.layouts.run.target_errors", lambda _, shape, *args, **options: Errors(*[float(np.std(shape))] * 4)
     )
-    monkeypatch.setattr("studies.layouts.demo.save_picture", lambda _, path: path.touch())
+    monkeypatch.setattr("studies.demo.run.save_picture", lambda _, path: path.touch())
+    monkeypatch.setattr("studies.demo.run.judge_model", lambda **options: None)
 
     class Stopped(AnalyticCloth):
         def motions(self, cases, times):  # type: ignore[no-untyped-def]

@@ -14,13 +14,13 @@ from fabdesign.cli.models import effects_option
 @json_option
 def demo(output: Path, force: bool, as_json: bool) -> None:
     """Do the main job on embedded data: a measured cloud becomes a layout, pressures and a report."""
-    from studies.layouts.demo import as_json as json_of
-    from studies.layouts.demo import as_text, run_demo
+    from studies.demo.run import as_json as json_of
+    from studies.demo.run import as_text, run_demo
     from studies.layouts.progress import LiveLine
 
     with LiveLine("demo") as line:
-        results = run_demo(output, force=force, progress=lambda name, evaluations: line.show(evaluations))
-    print_result(json_of(results), f"{as_text(results)}\nreport: {output / 'report.html'}", as_json)
+        found = run_demo(output, force=force, progress=lambda name, evaluations: line.show(evaluations), say=line.say)
+    print_result(json_of(found), f"{as_text(found)}\nreport: {output / 'report.html'}", as_json)
 
 
 @commands.command()

@@ -30,8 +30,9 @@ class Section:
     result: StudyResult
 
 
-def render_report(title: str, sections: Sequence[Section]) -> str:
-    """HTML of one or several studies of the same targets: errors, 3D overlay, layout, convergence, provenance."""
+def render_report(title: str, sections: Sequence[Section], *, more: str = "") -> str:
+    """HTML of one or several studies of the same targets: errors, 3D overlay, layout, convergence, provenance; `more`
+    is HTML that comes before the last."""
     figures: dict[str, Any] = {}
     for s, section in enumerate(sections):
         for pose in range(len(section.result.targets)):
@@ -44,6 +45,7 @@ def render_report(title: str, sections: Sequence[Section]) -> str:
     return template.render(
         title=title,
         sections=sections,
+        more=Markup(more),
         targets=first.targets,
         measured=any(target.measured for target in first.targets),
         synthetic=any(target.synthetic for target in first.targets),

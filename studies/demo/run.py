@@ -1,7 +1,8 @@
-"""The main job on embedded data: a measured cloud becomes pressures for *basic*, then a layout of few muscles."""
+"""The main job on embedded data: a measured cloud becomes pressures for *basic*, then a layout of few muscles; then
+what a measured set says about the model that was searched with."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -14,6 +15,9 @@ from fabdesign.output import work_folder, write_text
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
 from optimize.evaluations import Evaluations
 from optimize.history import OtherStudy
+from studies.demo.measured import Judged, judge_model
+from studies.demo.measured import as_text as judged_as_text
+from studies.demo.page import as_html
 from studies.layouts.picture import save_picture
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult
@@ -26,6 +30,14 @@ SECONDS = {"basic": 60.0, "free": 120.0}  # of search at most: the demo ends in 
 TITLES = {"basic": "basic: pressures of eight muscles", "free": "free: a layout of at most four muscles"}
 
 
+@dataclass(frozen=True, eq=False)
+class Demo:
+    """Both searches, as far as they came, and what the measured set says; None where a search was interrupted."""
+
+    runs: list[StudyResult]
+    judged: Judged | None
+
+
 def run_demo(
     out: Path,
     *,
@@ -33,9 +45,10 @@ def run_demo(
     coarse: ForwardModel | None = None,
     force: bool = False,
     progress: Callable[[str, Evaluations], None] = lambda name, evaluations: None,
-) -> list[StudyResult]:
-    """Run both studies, `basic` and `free`, into folders of these names in `out`, and write `out/report.html` and
-    `out/demo.png`.
+    say: Callable[[str], None] = lambda line: None,
+) -> Demo:
+    """Run both studies, `basic` and `free`, into folders of these names in `out`, compare the shipped model with
+    measured trials, and write `out/report.html` and `out/demo.png`.
 
     The target's cloth differs from its data sheet, which the simulator uses; the pressures found make up for it.
     Ctrl-C ends the study under way with its result and leaves out the next; the same call goes on, and ends at once
@@ -45,11 +58,17 @@ def run_demo(
         fine, quick = forward_models(forward, coarse)
         results = _run_studies(work.folder, fine, quick, progress)
         work.complete = not results[-1].interrupted
+        judged = None
+        if work.complete:
+            say("how far models are from measured trials")
+            judged = judge_model(forward=fine if forward else None)
         sections = [Section(TITLES[result.study.name], result) for result in results]
         with work.adding() as files:
-            write_text(files / "report.html", render_report("A measured shape becomes a layout", sections))
+            more = "" if judged is None else as_html(judged)
+            page = render_report("A measured shape becomes a layout", sections, more=more)
+            write_text(files / "report.html", page)
             save_picture([(section.title, section.result) for section in sections], files / "demo.png")
-    return results
+    return Demo(results, judged)
 
 
 def _run_studies(
@@ -89,26 +108,27 @@ def demo_studies(target: Path) -> list[Study]:
     ]
 
 
-def as_json(results: Sequence[StudyResult]) -> dict[str, Any]:
+def as_json(demo: Demo) -> dict[str, Any]:
     """What `demo --json` prints; distances in mm."""
     keys = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor", "surface_beyond", "evaluations", "wall_s")
-    found = [(result.study.name, result.as_json()) for result in results]
-    return {"runs": [{"name": name, **{key: values[key] for key in keys}} for name, values in found]}
+    found = [(result.study.name, result.as_json()) for result in demo.runs]
+    runs = [{"name": name, **{key: values[key] for key in keys}} for name, values in found]
+    return {"runs": runs, "measured_set": None if demo.judged is None else demo.judged.as_json()}
 
 
-def as_text(results: Sequence[StudyResult]) -> str:
-    """A table for people; distances in mm."""
+def as_text(demo: Demo) -> str:
+    """Tables for people; distances in mm."""
     head = f"{'mm':8}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'beyond 10 mm':>14}{'evaluations':>13}{'seconds':>9}"
     rows = [f"target: {SOURCE}", head]
-    for run in as_json(results)["runs"]:
+    for run in as_json(demo)["runs"]:
         distances = (
             f"{run['chamfer']:9.2f}{run['chamfer_floor']:8.2f}{run['surface_rms']:13.2f}{run['surface_beyond']:14.1%}"
         )
         rows.append(f"{run['name']:8}{distances}{run['evaluations']:13}{run['wall_s']:9.0f}")
     rows += [
-        f"{run.study.name}: {told_beyond(run.errors.beyond)}" for run in results if run.errors.beyond >= MANY_BEYOND
+        f"{run.study.name}: {told_beyond(run.errors.beyond)}" for run in demo.runs if run.errors.beyond >= MANY_BEYOND
     ]
-    return "\n".join(rows)
+    return "\n".join([*rows, *([] if demo.judged is None else ["", judged_as_text(demo.judged)])])
 
 
 def _named(progress: Callable[[str, Evaluations], None], name: str) -> Callable[[Evaluations], None]:

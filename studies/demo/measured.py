@@ -1,0 +1,98 @@
+"""What the demo's measured trials say about its model: calibrated, traced, corrected; none of them has seen these."""
+
+from dataclasses import astuple, dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fabdesign.forward import ForwardModel
+from fabdesign.measurement_set import read_set
+from fabdesign.metrics import Errors, closed
+from fabdesign.model import Model
+from fabdesign.model_file import read_model
+from fabdesign.trial import MeasurementSet
+from studies.evaluate import Evaluation, evaluate_sets
+from studies.judged_search import GRID
+
+SET = "demo_set"
+MODEL = "demo_model.toml"
+MADE_BY = "python -m benchmarks.demo_model"  # the set and the model that are shipped
+SHEET, CALIBRATED, TRACED, CORRECTED = "data sheet", "calibrated", "and traced", "and corrected"
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Of a measured set: each model's errors, means over the trials; `and traced` only where a trace added effects."""
+
+    measured: MeasurementSet
+    shipped: Model
+    errors: dict[str, Errors]  # m, by the model's name, in this order
+    share_unjudged: float  # of the frames, which count for nothing
+
+    @property
+    def said(self) -> str:
+        """What a trace has added to the shipped model."""
+        names = [effect.name.replace("_", " ") for effect in self.shipped.effects]
+        return f"A trace added {' and '.join(names)}." if names else "It has no effects: none was added by a trace."
+
+    def rows(self) -> list[tuple[str, Errors, float | None]]:
+        """Each model's name, errors, and the share of the calibrated model's excess that it closes."""
+        base = self.errors[CALIBRATED]
+        later = (TRACED, CORRECTED)
+        return [(name, e, closed(base, e).surface if name in later else None) for name, e in self.errors.items()]
+
+    def as_json(self) -> dict[str, Any]:
+        """mm."""
+        names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
+        return {
+            "set": self.measured.name,
+            "trials": len(self.measured.trials),
+            "unjudged_share": self.share_unjudged,
+            "effects": [effect.name for effect in self.shipped.effects],
+            "models": [
+                {"name": name, **{key: 1e3 * getattr(errors, key) for key in names}, "closed": share}
+                for name, errors, share in self.rows()
+            ],
+        }
+
+
+def judge_model(*, forward: ForwardModel | None = None) -> Judged:
+    """How far the data sheet and the shipped model, calibrated, with what a trace added, and with its corrector, are
+    from the embedded trials. forward: the bare simulator, by default with the shipped model's grid."""
+    data = Path(str(files("fabdesign") / "data"))
+    measured, shipped = read_set(data / SET), read_model(data / MODEL)
+    fine = coarse = forward
+    if fine is None or coarse is None:
+        from sim import Simulator
+
+        fine, coarse = Simulator(shipped.points_per_side), Simulator(GRID)
+    traced = shipped.without(["corrector"])
+    models = {CALIBRATED: traced.before, TRACED: traced} if traced.effects else {CALIBRATED: traced}
+    models[CORRECTED] = shipped
+    found = {name: evaluate_sets(model, [measured], fine, coarse=coarse) for name, model in models.items()}
+    errors = {SHEET: _mean(found[CALIBRATED], after=False)}
+    errors |= {name: _mean(evaluation, after=True) for name, evaluation in found.items()}
+    return Judged(measured, shipped, errors, found[CALIBRATED].judged.share)
+
+
+def _mean(evaluation: Evaluation, *, after: bool) -> Errors:
+    every = [t for design in evaluation.designs.values() for t in design.trials if t.judged]
+    trials = [t.after if after else t.before for t in every]
+    return Errors(*np.mean([astuple(errors) for errors in trials], axis=0).tolist())
+
+
+def as_text(judged: Judged) -> str:
+    """A table for people; mm."""
+    lines = [
+        f"measured: {judged.measured.description}",
+        f"{'mm':16}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'floor':>8}{'closed':>9}",
+    ]
+    for name, e, share in judged.rows():
+        told = "" if share is None else f"{share:.0%}"
+        lines.append(
+            f"{name:16}{1e3 * e.chamfer:9.2f}{1e3 * e.chamfer_floor:8.2f}{1e3 * e.surface_rms:13.2f}"
+            f"{1e3 * e.surface_floor:8.2f}{told:>9}"
+        )
+    return "\n".join([*lines, judged.said])

@@ -1,0 +1,54 @@
+"""What the demo ships, and what its page says of a measured set."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fabdesign.measurement_set import read_set
+from fabdesign.metrics import Errors
+from fabdesign.model import EffectTerm, Model
+from fabdesign.model_file import read_model
+from fabdesign.trial_file import read_trial
+from studies.demo import measured
+from studies.demo.page import as_html
+
+DATA = Path(measured.__file__).parents[2] / "fabdesign" / "data"
+
+
+def test_no_trial_that_the_demo_judges_by_was_seen_by_the_shipped_model() -> None:
+    shipped, found = read_model(DATA / measured.MODEL), read_set(DATA / measured.SET)
+    tests = {f"rig_a/{trial.name}" for trial in found.trials if trial.role == "test"}
+    assert len(tests) >= 3
+    assert not tests & set(shipped.provenance.fitted)
+    assert len(shipped.provenance.fitted) > 60
+    assert sum(file.stat().st_size for file in DATA.rglob("*") if file.is_file()) < 5e6
+
+
+def test_the_demo_set_is_a_part_of_the_measured_one(data: Path) -> None:
+    for trial in read_set(DATA / measured.SET).trials:
+        whole, part = read_trial(data / "rig_a" / "trials" / f"{trial.name}.npz"), trial.load()
+        rows = np.searchsorted(whole.time, part.time - 1e-9)
+        assert part.pressure.tolist() == whole.pressure[rows].tolist()
+        for row, frame in zip(rows, part.frames, strict=True):
+            assert {*map(tuple, frame.tolist())} <= {*map(tuple, whole.frames[row].tolist())}
+
+
+def test_the_page_says_what_was_closed() -> None:
+    """Excess of 3 mm before, 1.5 mm traced: half is closed, of a floor of 0.6 mm."""
+    floor = 0.6e-3
+
+    def errors(excess: float) -> Errors:
+        return Errors(6e-3, 4e-3, float(np.hypot(excess, floor)), floor)
+
+    names = (measured.SHEET, measured.CALIBRATED, measured.TRACED, measured.CORRECTED)
+    of = dict(zip(names, map(errors, (4e-3, 3e-3, 1.5e-3, 1e-3)), strict=True))
+    found = read_set(DATA / measured.SET)
+    shipped = Model(effects=(EffectTerm("<drag>", {}),))
+    judged = measured.Judged(replace(found, description="a synthetic rig"), shipped, of, 0.0)
+    page, text, values = as_html(judged), measured.as_text(judged), judged.as_json()
+    assert [model["closed"] for model in values["models"]] == [None, None, pytest.approx(0.5), pytest.approx(2 / 3)]
+    assert "<td>50%</td>" in page and "<td>67%</td>" in page and "&lt;drag&gt;" in page
+    assert "synthetic rig" in page and "synthetic rig" in text
+    assert values["effects"] == ["<drag>"]
