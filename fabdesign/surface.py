@@ -40,11 +40,10 @@ class Surface:
             raise ValueError(f"{len(points)} points are not two faces of {rows} rows")
         return Surface(np.asarray(points, dtype=np.float64), face_triangles(rows, per_face // rows))
 
-    @cached_property
-    def _corners(self) -> Array:
-        """(3, t, 3): first corner, and the two edges from it."""
-        a, b, c = (self.vertices[self.triangles[:, i]] for i in range(3))
-        return np.stack([a, b - a, c - a])
+    def _corners(self, triangle: Indices | slice = slice(None)) -> tuple[Array, Array, Array]:
+        """(n, 3) each: first corner, and the two edges from it, of those triangles (n,)."""
+        a, b, c = (self.vertices[self.triangles[triangle, i]] for i in range(3))
+        return a, b - a, c - a
 
     @cached_property
     def areas(self) -> Array:
@@ -58,14 +57,14 @@ class Surface:
 
     def normals_of(self, triangle: Indices) -> Array:
         """(n, 3) of those triangles (n,), of unit length, outwards."""
-        _, ab, ac = self._corners
-        normals = np.cross(ab[triangle], ac[triangle])
+        _, ab, ac = self._corners(triangle)
+        normals = np.cross(ab, ac)
         return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
     @cached_property
     def _normals(self) -> Array:
         """(t, 3), twice the area long."""
-        _, ab, ac = self._corners
+        _, ab, ac = self._corners()
         return np.cross(ab, ac)
 
     def nearest(self, points: Floats) -> Nearest:
@@ -73,10 +72,10 @@ class Surface:
         at: Array = np.asarray(points, dtype=np.float64)
         squared, triangle, edges = self._cells.nearest(at)
         weights = np.concatenate([1 - edges.sum(axis=1, keepdims=True), edges], axis=1)
-        a, ab, ac = self._corners
-        offset = at - a[triangle] - edges[:, :1] * ab[triangle] - edges[:, 1:] * ac[triangle]
+        a, ab, ac = self._corners(triangle)
+        offset = at - a - edges[:, :1] * ab - edges[:, 1:] * ac
         distance = np.sqrt(squared)
-        outside = np.einsum("nd,nd->n", offset, np.cross(ab[triangle], ac[triangle])) >= 0
+        outside = np.einsum("nd,nd->n", offset, np.cross(ab, ac)) >= 0
         return Nearest(distance, np.where(outside, distance, -distance), triangle, weights)
 
     def distance(self, points: Floats, *, within: float = np.inf) -> Array:
@@ -92,7 +91,7 @@ class Surface:
         triangle = rng.choice(len(self.triangles), size=count, p=self.areas / self.areas.sum())
         v, w = rng.random((2, count))
         v, w = np.where(v + w > 1, 1 - v, v), np.where(v + w > 1, 1 - w, w)
-        a, ab, ac = self._corners[:, triangle]
+        a, ab, ac = self._corners(triangle)
         normals = self.normals[triangle]
         return a + v[:, None] * ab + w[:, None] * ac, normals
 

@@ -31,8 +31,9 @@ CLOSE = 0.25  # of the excess: a third one is, where it gains that much less tha
 MOST = 3  # effects added
 WORTH = 0.15  # of an excess, that a further effect must take
 FAR = 2.0  # prior standard deviations: a parameter farther off may stand for an effect that is not there
-_ITERATIONS, _EARLY, _SHORT, _FINAL = 6, 2, 4, 10
+_ITERATIONS, _EARLY, _SHORT, _FINAL = 6, 2, 3, 9
 _STARTS = 0.5, 1.0, 2.0  # times where the linear fit puts an effect's strengths
+_FAR_STARTS = 1.0, 3.0, 9.0  # the same where declared parameters had taken its part
 
 Say = Callable[[str], None]
 
@@ -230,7 +231,7 @@ def _in_full(
         if np.abs(state.x).max() < FAR:
             return fit(state.x, _FINAL)
         near = np.where(np.abs(state.x) < FAR, state.x, 0.0)  # they may have gone there for want of the effect
-        both = [fit(state.x, _SHORT), fit(near, _SHORT, (*_STARTS, 4.0, 8.0))]
+        both = [fit(state.x, _SHORT), fit(near, _SHORT, _FAR_STARTS)]
         best = min(both, key=lambda found: loss(bench, found))
         return descend(
             bench, vector, best.x, iterations=_FINAL - _SHORT, slopes=best.jacobian,
