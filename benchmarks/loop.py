@@ -10,6 +10,7 @@ import argparse
 import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,8 +28,9 @@ PAGE = ROOT / "docs" / "results" / "loop.md"
 ELEMENT, STEP = 0.02, 1 / 480  # m, s of the rig: coarser than its own, which costs 20 times as much
 GRID = 11  # points a side of the search, the trace and the fit
 RISE, HOLD = 0.5, 1.5  # s
-EVALUATIONS = 400  # of each search
+EVALUATIONS = 2000  # of each search
 POINTS = 3362  # of a target
+TURNS = 2
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,7 @@ def study_of(case: Case, number: int, folder: Path) -> LoopStudy:
         f'seed = {case.seed}\npoints_per_side = {GRID}\nrise = {RISE}\nhold = {HOLD}\n[target]\nfile = "target.npz"\n'
         f"[variables]\npositions = true\n[limits]\nseconds = 3600\nevaluations = {EVALUATIONS}\n"
         f'[rig]\nkey = "key.toml"\nelement = {ELEMENT}\nstep = {STEP:.6f}\n[trials]\nnumber = 4\nseconds = 1.0\n'
-        f"[learning]\ntrace_grid = {GRID}\n[stop]\nturns = 2\nexcess = 0\ngain = -10\n",
+        f"[learning]\ntrace_grid = {GRID}\n[stop]\nturns = {TURNS}\nexcess = 0\ngain = -10\n",
     )
     return read_loop(folder / "study.toml")
 
@@ -130,21 +132,23 @@ def page(work: Path) -> str:
     """Of all cases that are done."""
     rows, missing, after_one, commits = [], [], [], set()
     for number, case in enumerate(CASES):
-        file = work / str(number) / "out" / "result.json"
-        if not file.is_file():
-            missing.append(case.name)
+        turns = _turns(work / str(number) / "out" / "pieces")
+        if len(turns) < TURNS + 1:
+            missing.append(f"{case.name} ({len(turns)} of {TURNS + 1} designs measured)")
+        if not turns:
             continue
         commits.add((work / str(number) / "commit").read_text(encoding="utf-8"))
-        turns = json.loads(file.read_text(encoding="utf-8"))["turns"]
-        cells = [f"{t['chosen']['believed']['excess']:.2f} / **{t['device']['excess']:.2f}**" for t in turns]
-        chamfers = [f"{t['device']['chamfer']:.2f}" for t in turns]
-        first, second = (t["device"]["excess"] for t in turns[:2])
-        after_one.append(second / first)
-        verdicts = [_verdict(t) for t in turns if t["learned"]]
-        rows.append(
-            f"| {case.name} | {' | '.join(cells)} | {second / first - 1:+.0%} | {', '.join(chamfers)} "
-            f"({turns[0]['device']['chamfer_floor']:.2f}) | {'; '.join(verdicts)} |"
-        )
+        excess = [device["excess"] for _, device, _ in turns]
+        cells = [f"{chosen['believed']['excess']:.2f} / **{device['excess']:.2f}**" for chosen, device, _ in turns]
+        cells += [""] * (TURNS + 1 - len(turns))
+        change = ""
+        if len(turns) > 1:
+            after_one.append(excess[1] / excess[0])
+            change = f"{after_one[-1] - 1:+.0%}"
+        chamfers = ", ".join(f"{device['chamfer']:.2f}" for _, device, _ in turns)
+        verdicts = "; ".join(_verdict(learned) for *_, learned in turns if learned)
+        floor = turns[0][1]["chamfer_floor"]
+        rows.append(f"| {case.name} | {' | '.join(cells)} | {change} | {chamfers} ({floor:.2f}) | {verdicts} |")
     median = f"{np.median(after_one) - 1:+.0%} in the median of {len(after_one)}" if after_one else "nothing run"
     met = "met" if after_one and not missing and np.median(after_one) <= 0.5 else "not shown"
     return "\n".join(
@@ -160,7 +164,7 @@ def page(work: Path) -> str:
             "",
             f"Excess of surface RMS over its floor after one turn: **{median}**",
             f"(bound: a half less in the median of six: {met}).",
-            *([f"Not run: {', '.join(missing)}."] if missing else []),
+            *([f"Not run to the end: {', '.join(missing)}."] if missing else []),
             "",
             "mm of excess, what the search believed / **on the device**:",
             "",
@@ -177,11 +181,23 @@ def page(work: Path) -> str:
     )
 
 
-def _verdict(turn: dict) -> str:  # type: ignore[type-arg]
-    trace = turn["learned"]["trace"]
+def _turns(pieces: Path) -> list[tuple[Any, Any, Any]]:
+    """Of each turn that was measured: what was chosen, the device, and what was learned, None where nothing was."""
+    turns = []
+    for number in range(TURNS + 1):
+        files = [pieces / f"turn_{number}_{name}.json" for name in ("choice", "device", "model")]
+        found = [json.loads(f.read_text(encoding="utf-8"))["found"] if f.is_file() else None for f in files]
+        if found[1] is None:
+            break
+        turns.append((found[0], found[1], found[2]))
+    return turns
+
+
+def _verdict(learned: dict[str, Any]) -> str:
+    trace = learned["trace"]
     if trace is None:
         return "not traced"
-    return " and ".join(trace["effects"]).replace("_", " ") or trace["verdict"]
+    return " and ".join(trace["effects"]).replace("_", " ") or str(trace["verdict"])
 
 
 if __name__ == "__main__":

@@ -88,7 +88,7 @@ def learn(
             said.append(_trained(study, measured, model, work, name, simulators, say))
             trained = True
     say("judging the model on the trials held out")
-    held_out = held_out_excess(sets, model_of(work, name), simulators(study.points_per_side), seed=study.search.seed)
+    held_out = _held_out(study, sets, model_of(work, name), simulators)
     return Learned(
         said=tuple(said),
         trace=traced,
@@ -195,14 +195,18 @@ def _trained(
     return f"network {study.learning.train} learned from {result.learned_from} trials{worth}"
 
 
-def held_out_excess(
-    sets: Sequence[MeasurementSet], model: Model, simulator: ForwardModel, *, seed: int
+def _held_out(
+    study: LoopStudy, sets: Sequence[MeasurementSet], model: Model, simulators: Simulators
 ) -> dict[str, float] | None:
     """mm of surface excess on the trials of role test of all sets, before and after as `evaluate` has them; None
-    without such trials."""
-    if not any(trial.role == "test" for found in sets for trial in found.trials):
+    where no frame of such trials is judged."""
+    grid = study.points_per_side
+    try:
+        found = evaluate_sets(
+            model, sets, simulators(grid), coarse=simulators(min(grid, COARSE)), seed=study.search.seed
+        ).designs
+    except InputError:
         return None
-    found = evaluate_sets(model, sets, simulator, seed=seed).designs
     return {way: _mean_excess(found, way) for way in ("before", "after")}
 
 
