@@ -95,7 +95,7 @@ def test_a_cell_has_one_type_and_its_share(folder: Path) -> None:
         ('sides = ["front"]', 'sides = ["top"]', '"front", "back", "both"'),
         ("[limits]", 'types = ["EM2"]\n[limits]', "did you mean EM20?"),
         ("[limits]", "[variables]\nmuscles = { max = 2 }\n[limits]", "expected a [grid] alone"),
-        ('"layouts"', '"loop"', 'kind = "loop"; this version runs'),
+        ('"layouts"', '"loop"', "expected one source of measurements, [rig] or [laboratory]"),
         ('"layouts"', '"layout"', "did you mean layouts?"),
     ],
 )
