@@ -244,7 +244,6 @@ def test_the_cloth_is_found_in_its_points_whatever_was_believed(truth: float, be
     assert np.sqrt(np.mean(off**2)) < 0.12e-3
 
 
-@pytest.mark.verify  # no run of it has ended yet: out of `make test` until one has, and its CPU time is known
 def test_a_reduced_loop_on_the_rig(tmp_path: Path) -> None:
     """Simulator and virtual rig, both coarse: two designs, the second by what the first one's trials taught."""
     from studies.rig import run_rig
