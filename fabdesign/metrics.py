@@ -31,6 +31,16 @@ class Errors:
     surface_floor: float
     beyond: float = 0.0  # share of the measured points farther off than the cap, which count as if they were at it
 
+    @property
+    def excess(self) -> float:
+        """m of surface RMS over its floor, in quadrature; 0 within it."""
+        return max(self.surface_rms**2 - self.surface_floor**2, 0.0) ** 0.5
+
+
+def mean_errors(each: Sequence[Errors]) -> Errors:
+    """m, the mean of every error."""
+    return Errors(*np.mean([astuple(errors) for errors in each], axis=0).tolist())
+
 
 def surface_rms(measured: Floats, model: Floats) -> float:
     """Root mean square [m] of the distances of measured points (n, 3) to the faces of a model frame (2 rows cols, 3).

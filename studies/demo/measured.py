@@ -1,15 +1,13 @@
 """What the demo's measured trials say about its model: calibrated, traced, corrected; none of them has seen these."""
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from fabdesign.forward import ForwardModel
 from fabdesign.measurement_set import read_set
-from fabdesign.metrics import Errors, closed
+from fabdesign.metrics import Errors, closed, mean_errors
 from fabdesign.model import Model
 from fabdesign.model_file import read_model
 from fabdesign.trial import MeasurementSet
@@ -79,8 +77,7 @@ def judge_model(*, forward: ForwardModel | None = None) -> Judged:
 
 def _mean(evaluation: Evaluation, *, after: bool) -> Errors:
     every = [t for design in evaluation.designs.values() for t in design.trials if t.judged]
-    trials = [t.after if after else t.before for t in every]
-    return Errors(*np.mean([astuple(errors) for errors in trials], axis=0).tolist())
+    return mean_errors([t.after if after else t.before for t in every])
 
 
 def as_text(judged: Judged) -> str:

@@ -38,8 +38,3 @@ def device_errors(targets: Sequence[LoadedTarget], shapes: Array, measured: Meas
     if not np.isfinite(shapes).all():
         raise InputError(f"{measured.name}: no cloth lies through its points; expected measured clouds of one")
     return target_errors(targets, shapes, measured.trials[0].design, seed=seed)
-
-
-def excess(errors: Errors) -> float:
-    """m of surface RMS over its floor."""
-    return float(np.sqrt(max(errors.surface_rms**2 - errors.surface_floor**2, 0.0)))

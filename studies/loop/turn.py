@@ -20,7 +20,7 @@ from fabdesign.trial import MeasurementSet
 from optimize.evaluations import Evaluations
 from studies.layouts.run import run_study
 from studies.layouts.target import LoadedTarget
-from studies.loop.device import device_errors, excess, measured_shapes
+from studies.loop.device import device_errors, measured_shapes
 from studies.loop.learning import COARSE, Simulators
 
 SEARCH = "search"  # the folder of the turn's search, what `optimize` writes
@@ -114,7 +114,7 @@ def as_millimetres(errors: Errors) -> dict[str, float]:
     """The errors in mm, `beyond` as a share, with the `excess`."""
     names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
     found = {name: 1e3 * float(getattr(errors, name)) for name in names}
-    return found | {"surface_beyond": float(errors.beyond), "excess": 1e3 * excess(errors)}
+    return found | {"surface_beyond": float(errors.beyond), "excess": 1e3 * errors.excess}
 
 
 def of_millimetres(kept: dict[str, float]) -> Errors:

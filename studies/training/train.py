@@ -5,7 +5,7 @@ import json
 import platform
 import shutil
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import asdict, astuple, dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,7 +20,7 @@ from fabdesign.distances import chamfer
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
 from fabdesign.mark import MARK, others_in, own_files
-from fabdesign.metrics import Closed, Errors, closed, trial_errors
+from fabdesign.metrics import Closed, Errors, closed, mean_errors, trial_errors
 from fabdesign.model import Model
 from fabdesign.model_file import write_model
 from fabdesign.output import WorkFolder, work_folder, write_text
@@ -105,9 +105,8 @@ def train(
 
     base: whose parameters and effects the motions have; by default the data sheet's. coarse: a cheap simulator with
     which stretches are found that hang on less than the data sheet knows; they count for nothing. Work goes on in
-    the folder
-    `goes_to` without its ending plus `.training`, if an earlier call like this one was stopped there, and the folder
-    goes when all is done. Raises InputError, also for a folder of another training unless `force`, and
+    the folder `goes_to` without its ending plus `.training`, if an earlier call like this one was stopped there, and
+    the folder goes when all is done. Raises InputError, also for a folder of another training unless `force`, and
     SimulationError where a motion diverges.
     """
     base = base or Model()
@@ -217,7 +216,7 @@ def _tested(
                 after.append(unordered_errors(clouds, answer[kept], before[-1].chamfer_floor))
         if not before:
             continue
-        means = [Errors(*np.mean([astuple(errors) for errors in each], axis=0).tolist()) for each in (before, after)]
+        means = [mean_errors(each) for each in (before, after)]
         trust = corrector.trust(own[0].trial.design)
         found[name] = Learned(len(before), trust, means[0], means[1], _closed(*means))
     return found
