@@ -57,6 +57,8 @@ def search(
         at = _load(evaluations, fresh)
         if reason := evaluations.ended():
             return reason
+        if evaluations.history.load() is None:
+            _save(evaluations, at)  # so that an end within the screening is kept too
         while not at.reason:
             _campaign(evaluations, at)
             if at.independent:

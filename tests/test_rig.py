@@ -207,21 +207,6 @@ def test_filling_is_exponential_and_emptying_slower() -> None:
     assert p[200] == pytest.approx(p[100] * np.exp(-1.0 / 0.2), rel=1e-9)
 
 
-def test_default_elements_resolve_crossed_muscles() -> None:
-    """Against elements of 6.7 mm; quadratic ones of 13.3 mm were 0.29 mm off."""
-    times = np.arange(1, 6) / 30
-    program = constant_program(np.array([150e3, 330e3]), times[-1])
-    uv = 0.2 * np.stack(np.meshgrid(np.linspace(0, 1, 21), np.linspace(0, 1, 21)), axis=-1).reshape(-1, 2)
-
-    def out_of_plane(resolution: Resolution) -> Array:
-        task = Task(build("cross"), program, times, 0, Key(), resolution)
-        unit = prepare(task).patch.matrix(uv)
-        return np.stack([(unit @ x)[:, 2] for x in control_points(task)])
-
-    difference = out_of_plane(Resolution()) - out_of_plane(Resolution(element=0.2 / 30))
-    assert np.sqrt(np.square(difference).mean()) < 0.15e-3
-
-
 def test_dead_time_shifts_and_droop_counts_open_channels() -> None:
     command = np.arange(11.0)[:, None]
     assert hooked("dead_time", command, 0.1, delay=0.3)[:, 0].tolist() == [0, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7]

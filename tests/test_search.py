@@ -190,6 +190,20 @@ def test_a_finished_search_is_not_run_again(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found_pressures(again), found_pressures(first))
 
 
+def test_a_limit_within_the_screening_is_an_end_too(tmp_path: Path) -> None:
+    with History(tmp_path / "history.sqlite", "a") as history:
+        first = within(history, evaluations=5)
+        reason = search(first)
+    with History(tmp_path / "history.sqlite", "a") as history:
+        again = within(history, evaluations=5, forward=Interrupted(0, AssertionError))
+        assert search(again) == reason == "the limit of 5 evaluations is reached"
+        assert history.evaluations == 5
+    np.testing.assert_array_equal(found_pressures(again), found_pressures(first))
+    with History(tmp_path / "history.sqlite", "a") as history:
+        assert search(within(history)) != reason  # more is allowed: it goes on
+        assert history.evaluations > 5
+
+
 def test_another_study_does_not_take_over_a_history(tmp_path: Path) -> None:
     with History(tmp_path / "history.sqlite", "a") as history:
         search(within(history, evaluations=9))
