@@ -64,9 +64,10 @@ def fit(
     begin: (p,) unknowns near enough for the last horizon alone. `progress` is told what is done, and about what share.
 
     All points of a block of 0.5 s share the model's error, so their likelihood is tempered: raised to the power that
-    makes its curvature agree with the scatter of the blocks' scores (Pauli, Racugno and Ventura 2011). The covariance
-    is the sandwich of both (Liang and Zeger 1986), with the prior's share. Raises SimulationError where nothing is
-    left because every motion diverges.
+    makes its curvature agree with the scatter of the blocks' scores (Pauli, Racugno and Ventura 2011), and at least so
+    far that a block counts as MODES observations: an error of the model that all trials share scatters no scores. The
+    covariance is the sandwich of both (Liang and Zeger 1986), with the prior's share. Raises SimulationError where
+    nothing is left because every motion diverges.
     """
     weight = np.diag(1 / vector.prior**2)
     slopes = forward if slopes is None else slopes
@@ -161,8 +162,10 @@ def _descend(
 
 
 def _covariance(normal: Normal, weight: Array) -> Array:
-    """(p, p), the sandwich."""
+    """(p, p), the sandwich; of a likelihood whose observations are capped, its own curvature."""
     bread = np.linalg.inv(normal.information + weight)
+    if normal.capped:
+        return np.asarray(bread)
     meat = normal.tempering**2 * scatter(normal.scores, normal.information, weight) + weight
     return np.asarray(bread @ meat @ bread)
 

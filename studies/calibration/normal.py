@@ -13,6 +13,7 @@ from studies.calibration.state import Evaluation, Linearisation
 
 HUBER = 1.345  # of the scale: 95 % efficient on normal noise (Huber 1981)
 BLOCK = 0.5  # s: residuals of one trial within it count as one observation, about half a swing of the cloth
+MODES = 10  # observations that the points of such a block count as at most: about the shapes a model's error takes
 FAR = 2.0  # times the usual median residual: an outlying frame, which counts less
 _CHANGE = 0.2e-3  # m, RMS of the residuals' change that later differences aim at: ten times the noise of two motions
 _SHORTEST, _LONGEST = 0.1, 1.5  # of such a difference, in standard deviations of the prior
@@ -30,6 +31,7 @@ class Normal:
     hessian: Array  # (p, p) of the data
     scores: Array  # (clusters, p)
     tempering: float
+    capped: bool  # the tempering is that by MODES
     scale: float
     sensitivity: Array
     frames: Array  # (N,) weight of each point's frame; 0 where it is not used
@@ -106,8 +108,11 @@ def normal_equations(
     # weights above one would trust points more than their number allows
     seen, scattered = (float(np.trace(inverse @ m)) for m in (hessian, scatter(scores, hessian, weight)))
     tempering = min(1.0, seen / scattered) if scattered > 0 else 1.0  # 0: no point says anything
+    most = MODES * len(scores) / max(float(frames.sum()), 1e-12)
+    capped = most < tempering
+    tempering = min(tempering, most)
     sensitivity = (j * frames[:, None]).T @ j / frames.sum()
-    return Normal(j.T @ (w * r), hessian, scores, tempering, scale, sensitivity, everywhere)
+    return Normal(j.T @ (w * r), hessian, scores, tempering, capped, scale, sensitivity, everywhere)
 
 
 def scatter(scores: Array, information: Array, weight: Array) -> Array:
