@@ -7,6 +7,7 @@ import pytest
 from sheets import rolled_sheet
 
 from fabdesign.catalogue import build
+from fabdesign.effects import EFFECTS
 from fabdesign.effects.acting import acting_pressure, specimen_of
 from fabdesign.errors import InputError
 from fabdesign.forward import PARAMETERS, Case, Term
@@ -17,13 +18,17 @@ from fabdesign.model_file import read_model
 from fabdesign.predictor import Predictor
 from fabdesign.pressure import PressureProgram
 from fabdesign.sensor_noise import SensorNoise
+from fabdesign.splits import fit_trials
 from fabdesign.surface import Surface
 from fabdesign.trial_file import program_of
+from studies.tracing.data import draw
 from studies.tracing.dictionary import Dictionary, Variant, entries_of
 from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
+from studies.tracing.fit import Bench
 from studies.tracing.ranking import Grams, alike, covariance, cross_validate, rank, sign_vectors
 from studies.tracing.run import trace_set
+from studies.tracing.screen import starts_from_sheet
 from studies.tracing.vector import FACTORS, Added, Vector, place_of, scope_of, value_at
 from studies.tracing.verdict import Evidence, decide, explains
 
@@ -310,6 +315,18 @@ def test_the_dictionary_has_every_effect_at_several_shapes_and_sizes():
     assert {v.shape["channel"] for v in variants if v.effect == "odd_muscle"} == {0, 1, 2, 3}
     assert len({v.shape["time"] for v in variants if v.effect == "muscle_creep"}) == 3
     assert len(next(v for v in variants if v.effect == "filling_lag").columns) == 2
+
+
+def test_a_large_effect_shows_from_the_data_sheet_whatever_the_refit_made_of_it(tmp_path):
+    """Three trials late by 0.1 s, and declared parameters that went three deviations off for want of that."""
+    measured = write(tmp_path / "set", effects=(Term("dead_time", {"delay": 0.1}),), count=4)
+    samples, _ = draw(fit_trials(measured.trials), (), seed=0)
+    bench = Bench(samples, Predictor(Curler(), Model(), sensing=True))
+    astray = bench.states(Vector(), [np.array([1.0, -2.0, 2.0, 0.0, 3.0, 0.0, -3.0])])[0]
+    first, second, *others = starts_from_sheet(bench, astray, ["EM20"], 2, known=["odd_muscle"])
+    assert {first.effect, second.effect} == {"dead_time", "time_offset"}  # from rest these are one
+    assert first.expected < 0.25 * min(other.expected for other in others)
+    assert {other.effect for other in others} == EFFECTS.keys() - {"dead_time", "time_offset", "odd_muscle"}
 
 
 def test_programs_keep_the_limits():

@@ -1,0 +1,194 @@
+"""A candidate fitted in full inside the simulator, together with the declared parameters."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from studies.tracing.dictionary import added_of, starts_of
+from studies.tracing.fit import Bench, State, descend, loss, normal
+from studies.tracing.ranking import (
+    Candidate,
+    Grams,
+    Ranking,
+    Scored,
+    cross_validate,
+    excess_of,
+    gain_interval,
+    grams_of,
+    held_out,
+)
+from studies.tracing.screen import PROMISING, Start, starts_from_sheet
+from studies.tracing.stages import Stages
+from studies.tracing.vector import Added, Array, Vector
+
+FAR = 2.0  # prior standard deviations: a parameter farther off may stand for an effect that is not there
+SHORT, FINAL = 3, 9  # iterations of a fit from one of several starts, and in all
+_STARTS = 0.5, 1.0, 2.0  # times where the linear fit puts an effect's strengths
+_FAR_STARTS = 1.0, 3.0, 9.0  # the same where declared parameters had taken its part
+_SCREENED, _FITTED_ON = 3, 2  # fits from the data sheet, and those of them that go on to their end
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """What does not change in a trace. floor: m RMS of the noise in the residuals. known: effects that the forward
+    model has already."""
+
+    bench: Bench
+    stages: Stages
+    folds: list[int]
+    floor: float
+    types: list[str]
+    channels: int
+    known: Sequence[str]
+    say: Say
+
+
+@dataclass(frozen=True, eq=False)
+class Ranked:
+    """A state that was fitted, and the candidates ranked there by differences."""
+
+    number: int  # of the round
+    state: State
+    grams: Grams
+    ranking: Ranking
+
+
+@dataclass(frozen=True, eq=False)
+class Finalist:
+    """A candidate fitted in full inside the simulator. gain and its interval, m of excess, are against the same start's
+    fit without it."""
+
+    effect: str
+    state: State
+    scored: Scored
+    held_out: float
+    gain: float
+    interval90: tuple[float, float]
+
+
+def in_full(task: Task, at: Ranked, candidate: Candidate, place: int) -> Finalist:
+    """The candidate of this place in the ranking, from where the linear fit puts it."""
+    bench, state = task.bench, at.state
+    assert candidate.best.variant is not None
+    added, begin = added_of(candidate.best.variant, candidate.best.coefficients.tolist(), task.types)
+    vector = state.vector.with_effect(added)
+
+    def compute() -> State:
+        def fit(base: Array, iterations: int, lengths: Sequence[float] = _STARTS) -> State:
+            start = _best_start(bench, state, base, vector, starts_of(added, begin, lengths))
+            return descend(
+                bench, vector, start.x, iterations=iterations, slopes=start.jacobian,
+                progress=lambda line: task.say(f"{candidate.effect} inside the simulator: {line}"),
+            )  # fmt: skip
+
+        if np.abs(state.x).max() < FAR:
+            return fit(state.x, FINAL)
+        near = np.where(np.abs(state.x) < FAR, state.x, 0.0)  # they may have gone there for want of the effect
+        both = [fit(state.x, SHORT), fit(near, SHORT, _FAR_STARTS)]
+        return _on(task, candidate.effect, min(both, key=lambda found: loss(bench, found)))
+
+    stage = f"full_{at.number}_{place}_{candidate.effect}"
+    return _finalist(task, at, candidate.effect, fitted(bench, task.stages, stage, vector, compute))
+
+
+def from_sheet(task: Task, at: Ranked) -> list[Finalist]:
+    """Where no candidate is certain at the state: of those that promise most at the data sheet, what explains the
+    residuals better than chance."""
+    bench = task.bench
+    task.say(f"round {at.number + 1}: no candidate is certain; effects at the data sheet")
+    starts = _kept_starts(task, at)[:_SCREENED]
+    short = []
+    for start in starts:
+        vector = at.state.vector.with_effect(start.added)
+        fit = partial(descend, bench, vector, start.x, iterations=SHORT, progress=_told(task, start.effect))
+        stage = f"short_{at.number}_{start.effect}"
+        short.append((start, fitted(bench, task.stages, stage, vector, fit)))
+    short = [(start, state) for start, state in short if loss(bench, at.state) - loss(bench, state) > PROMISING]
+    finalists = []
+    for start, state in sorted(short, key=lambda pair: loss(bench, pair[1]))[:_FITTED_ON]:
+        fit = partial(_on, task, start.effect, state)
+        found = fitted(bench, task.stages, f"sheet_{at.number}_{start.effect}", state.vector, fit)
+        finalists.append(_finalist(task, at, start.effect, found))
+    return finalists
+
+
+def _kept_starts(task: Task, at: Ranked) -> list[Start]:
+    rows = task.stages.text(
+        f"starts_{at.number}",
+        lambda: [
+            [s.effect, list(s.added.free), dict(s.added.fixed), s.added.scope, s.x.tolist(), s.expected]
+            for s in starts_from_sheet(task.bench, at.state, task.types, task.channels, task.known)
+        ],
+    )
+    return [
+        Start(name, Added(name, tuple(free), fixed, scope), np.array(x), expected)
+        for name, free, fixed, scope, x, expected in rows
+    ]
+
+
+def _on(task: Task, effect: str, state: State) -> State:
+    """The fit of a state, to its end."""
+    return descend(
+        task.bench,
+        state.vector,
+        state.x,
+        iterations=FINAL - SHORT,
+        slopes=state.jacobian,
+        progress=_told(task, f"{effect}, on"),
+    )
+
+
+def _told(task: Task, effect: str) -> Callable[[str], None]:
+    return lambda line: task.say(f"{effect} inside the simulator: {line}")
+
+
+def _finalist(task: Task, at: Ranked, effect: str, found: State) -> Finalist:
+    own = grams_of(task.bench, found, np.zeros((len(found.found.residual), 0)), task.folds)
+    scored = cross_validate(own, None)
+    return Finalist(
+        effect,
+        found,
+        scored,
+        held_out(own, scored),
+        at.ranking.excess - excess_of(own, scored, task.floor),
+        gain_interval(at.grams, at.ranking.none, scored, task.floor, np.random.default_rng(0)),
+    )
+
+
+def _best_start(bench: Bench, state: State, base: Array, vector: Vector, starts: Sequence[Array]) -> State:
+    """Of places of an effect's parameters beside `base`, the one that leaves least; with slopes. Where `base` is the
+    state's own, once its parameters have moved to first order."""
+    tried = bench.states(vector, [np.concatenate([base, start]) for start in starts])
+    if base is not state.x:
+        return bench.with_slopes(min(tried, key=lambda other: loss(bench, other)))
+    assert state.jacobian is not None
+    known = np.pad(state.jacobian, ((0, 0), (0, len(starts[0]))))
+    count = len(state.x)
+
+    def left(other: State) -> float:
+        other = replace(other, jacobian=known)
+        gradient, hessian = normal(bench, other)
+        gradient, hessian = gradient[:count], hessian[:count, :count]
+        step = np.linalg.solve(hessian, gradient)
+        predicted = other.residual - other.slopes[:, :count] @ step
+        return float(np.square(predicted[other.kept]).mean()) if other.kept.any() else np.inf
+
+    best = min(tried, key=left)
+    return bench.with_slopes(replace(best, jacobian=known), known=count)
+
+
+def fitted(bench: Bench, stages: Stages, stage: str, vector: Vector, compute: Callable[[], State]) -> State:
+    """A fit, or the one that is kept, at its place."""
+    fresh: list[State] = []
+
+    def arrays() -> dict[str, Array]:
+        fresh.append(compute())
+        assert fresh[0].jacobian is not None
+        return {"x": fresh[0].x, "jacobian": fresh[0].jacobian}
+
+    kept = stages.of(stage, arrays)
+    return fresh[0] if fresh else replace(bench.states(vector, [kept["x"]])[0], jacobian=kept["jacobian"])
