@@ -24,10 +24,10 @@ from studies.tracing.stages import Stages
 from studies.tracing.vector import Added, Array, Vector
 
 FAR = 2.0  # prior standard deviations: a parameter farther off may stand for an effect that is not there
-SHORT, FINAL = 3, 9  # iterations of a fit from one of several starts, and in all
+SHORT, FINAL = 3, 12  # iterations of a fit from one of several starts, and in all
 _STARTS = 0.5, 1.0, 2.0  # times where the linear fit puts an effect's strengths
 _FAR_STARTS = 1.0, 3.0, 9.0  # the same where declared parameters had taken its part
-_SCREENED, _FITTED_ON = 3, 2  # fits from the data sheet, and those of them that go on to their end
+_SHORT_FITS, _FITTED_ON = 3, 2  # from either place, where nothing is certain, and those that go on to their end
 
 Say = Callable[[str], None]
 
@@ -72,48 +72,73 @@ class Finalist:
 
 def in_full(task: Task, at: Ranked, candidate: Candidate, place: int) -> Finalist:
     """The candidate of this place in the ranking, from where the linear fit puts it."""
-    bench, state = task.bench, at.state
-    assert candidate.best.variant is not None
-    added, begin = added_of(candidate.best.variant, candidate.best.coefficients.tolist(), task.types)
-    vector = state.vector.with_effect(added)
+    x = at.state.x
+    added, begin, vector = _entering(task, at, candidate)
 
     def compute() -> State:
-        def fit(base: Array, iterations: int, lengths: Sequence[float] = _STARTS) -> State:
-            start = _best_start(bench, state, base, vector, starts_of(added, begin, lengths))
-            return descend(
-                bench, vector, start.x, iterations=iterations, slopes=start.jacobian,
-                progress=lambda line: task.say(f"{candidate.effect} inside the simulator: {line}"),
-            )  # fmt: skip
-
-        if np.abs(state.x).max() < FAR:
-            return fit(state.x, FINAL)
-        near = np.where(np.abs(state.x) < FAR, state.x, 0.0)  # they may have gone there for want of the effect
-        both = [fit(state.x, SHORT), fit(near, SHORT, _FAR_STARTS)]
-        return _on(task, candidate.effect, min(both, key=lambda found: loss(bench, found)))
+        if np.abs(x).max() < FAR:
+            return _fit(task, at, x, vector, starts_of(added, begin, _STARTS), FINAL)
+        near = np.where(np.abs(x) < FAR, x, 0.0)  # they may have gone there for want of the effect
+        both = [
+            _fit(task, at, x, vector, starts_of(added, begin, _STARTS), SHORT),
+            _fit(task, at, near, vector, starts_of(added, begin, _FAR_STARTS), SHORT),
+        ]
+        return _on(task, candidate.effect, min(both, key=lambda found: loss(task.bench, found)))
 
     stage = f"full_{at.number}_{place}_{candidate.effect}"
-    return _finalist(task, at, candidate.effect, fitted(bench, task.stages, stage, vector, compute))
+    return _finalist(task, at, candidate.effect, fitted(task.bench, task.stages, stage, vector, compute))
 
 
-def from_sheet(task: Task, at: Ranked) -> list[Finalist]:
-    """Where no candidate is certain at the state: of those that promise most at the data sheet, what explains the
-    residuals better than chance."""
-    bench = task.bench
-    task.say(f"round {at.number + 1}: no candidate is certain; effects at the data sheet")
-    starts = _kept_starts(task, at)[:_SCREENED]
-    short = []
-    for start in starts:
-        vector = at.state.vector.with_effect(start.added)
-        fit = partial(descend, bench, vector, start.x, iterations=SHORT, progress=_told(task, start.effect))
-        stage = f"short_{at.number}_{start.effect}"
-        short.append((start, fitted(bench, task.stages, stage, vector, fit)))
-    short = [(start, state) for start, state in short if loss(bench, at.state) - loss(bench, state) > PROMISING]
+def beyond_first_order(task: Task, at: Ranked) -> list[Finalist]:
+    """Where no candidate is certain at the state: of the first in the ranking, fitted from there, and of those that
+    promise most at the data sheet, fitted from there, what explains the residuals better than chance."""
+    task.say(f"round {at.number + 1}: no candidate is certain to first order")
+    best: dict[str, State] = {}
+    for effect, found in [*_from_ranking(task, at), *_from_sheet(task, at)]:
+        if effect not in best or loss(task.bench, found) < loss(task.bench, best[effect]):
+            best[effect] = found
+    before = loss(task.bench, at.state)
+    promising = [(e, s) for e, s in best.items() if before - loss(task.bench, s) > PROMISING]
     finalists = []
-    for start, state in sorted(short, key=lambda pair: loss(bench, pair[1]))[:_FITTED_ON]:
-        fit = partial(_on, task, start.effect, state)
-        found = fitted(bench, task.stages, f"sheet_{at.number}_{start.effect}", state.vector, fit)
-        finalists.append(_finalist(task, at, start.effect, found))
+    for effect, state in sorted(promising, key=lambda pair: loss(task.bench, pair[1]))[:_FITTED_ON]:
+        stage = f"on_{at.number}_{effect}"
+        found = fitted(task.bench, task.stages, stage, state.vector, partial(_on, task, effect, state))
+        finalists.append(_finalist(task, at, effect, found))
     return finalists
+
+
+def _from_ranking(task: Task, at: Ranked) -> list[tuple[str, State]]:
+    fits = []
+    for candidate in at.ranking.candidates[:_SHORT_FITS]:
+        added, begin, vector = _entering(task, at, candidate)
+        fit = partial(_fit, task, at, at.state.x, vector, starts_of(added, begin, _STARTS), SHORT)
+        stage = f"ranked_{at.number}_{candidate.effect}"
+        fits.append((candidate.effect, fitted(task.bench, task.stages, stage, vector, fit)))
+    return fits
+
+
+def _from_sheet(task: Task, at: Ranked) -> list[tuple[str, State]]:
+    fits = []
+    for start in _kept_starts(task, at)[:_SHORT_FITS]:
+        vector = at.state.vector.with_effect(start.added)
+        told = _told(task, f"{start.effect} from the data sheet,")
+        fit = partial(descend, task.bench, vector, start.x, iterations=SHORT, progress=told)
+        fits.append((start.effect, fitted(task.bench, task.stages, f"short_{at.number}_{start.effect}", vector, fit)))
+    return fits
+
+
+def _entering(task: Task, at: Ranked, candidate: Candidate) -> tuple[Added, Array, Vector]:
+    """The candidate as it enters a fit, where its parameters start, and the vector with it."""
+    assert candidate.best.variant is not None
+    added, begin = added_of(candidate.best.variant, candidate.best.coefficients.tolist(), task.types)
+    return added, begin, at.state.vector.with_effect(added)
+
+
+def _fit(task: Task, at: Ranked, base: Array, vector: Vector, starts: Sequence[Array], iterations: int) -> State:
+    """From the best of the last effect's `starts`, the other parameters at `base`."""
+    start = _best_start(task.bench, at.state, base, vector, starts)
+    told = _told(task, vector.added[-1].name)
+    return descend(task.bench, vector, start.x, iterations=iterations, slopes=start.jacobian, progress=told)
 
 
 def _kept_starts(task: Task, at: Ranked) -> list[Start]:

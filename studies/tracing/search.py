@@ -9,7 +9,7 @@ from studies.tracing.black_box import ceiling_squares
 from studies.tracing.data import folds_of
 from studies.tracing.dictionary import Dictionary, dictionary, entries_of
 from studies.tracing.fit import Bench, State, descend
-from studies.tracing.full_fit import Finalist, Ranked, Say, Task, fitted, from_sheet, in_full
+from studies.tracing.full_fit import Finalist, Ranked, Say, Task, beyond_first_order, fitted, in_full
 from studies.tracing.ranking import (
     ALIKE,
     Candidate,
@@ -114,7 +114,7 @@ def _round(task: Task, state: State, number: int, tolerance: float, seed: int) -
     if worth:
         finalists = [in_full(task, at, c, k) for k, c in enumerate(_to_fit(grams, worth, ranking.excess))]
     elif number == 0 and np.sqrt(max(state.mean_square - task.floor**2, 0.0)) > tolerance:
-        finalists = from_sheet(task, at)
+        finalists = beyond_first_order(task, at)
     finalists.sort(key=lambda f: f.held_out)
     if not finalists or finalists[0].gain <= WORTH * ranking.excess or finalists[0].interval90[0] <= 0:
         return replace(nothing, finalists=tuple(finalists))
