@@ -90,9 +90,9 @@ def in_full(task: Task, at: Ranked, candidate: Candidate, place: int) -> Finalis
 
 
 def beyond_first_order(task: Task, at: Ranked) -> list[Finalist]:
-    """Where no candidate is certain at the state: of the first in the ranking, fitted from there, and of those that
+    """Where differences at the state say little: of the first in the ranking, fitted from there, and of those that
     promise most at the data sheet, fitted from there, what explains the residuals better than chance."""
-    task.say(f"round {at.number + 1}: no candidate is certain to first order")
+    task.say(f"round {at.number + 1}: effects beyond first order, and at the data sheet")
     best: dict[str, State] = {}
     for effect, found in [*_from_ranking(task, at), *_from_sheet(task, at)]:
         if effect not in best or loss(task.bench, found) < loss(task.bench, best[effect]):

@@ -9,7 +9,7 @@ from studies.tracing.black_box import ceiling_squares
 from studies.tracing.data import folds_of
 from studies.tracing.dictionary import Dictionary, dictionary, entries_of
 from studies.tracing.fit import Bench, State, descend
-from studies.tracing.full_fit import Finalist, Ranked, Say, Task, beyond_first_order, fitted, in_full
+from studies.tracing.full_fit import FAR, Finalist, Ranked, Say, Task, beyond_first_order, fitted, in_full
 from studies.tracing.ranking import (
     ALIKE,
     Candidate,
@@ -23,7 +23,7 @@ from studies.tracing.ranking import (
     rank,
 )
 from studies.tracing.stages import Stages
-from studies.tracing.vector import Added, Array, Vector
+from studies.tracing.vector import FACTORS, Added, Array, Vector
 
 FINALISTS = 2  # that are fitted in full
 CLOSE = 0.25  # of the excess: a third one is, where it gains that much less than the first at most
@@ -110,11 +110,10 @@ def _round(task: Task, state: State, number: int, tolerance: float, seed: int) -
     at = Ranked(number, state, grams, ranking)
     certain = [c for c in ranking.candidates if ranking.certain(c)]
     worth = [c for c in certain if c.gain > WORTH * ranking.excess]
-    finalists: list[Finalist] = []
-    if worth:
-        finalists = [in_full(task, at, c, k) for k, c in enumerate(_to_fit(grams, worth, ranking.excess))]
-    elif number == 0 and np.sqrt(max(state.mean_square - task.floor**2, 0.0)) > tolerance:
-        finalists = beyond_first_order(task, at)
+    finalists = [in_full(task, at, c, k) for k, c in enumerate(_to_fit(grams, worth, ranking.excess))]
+    astray = not worth or bool(np.abs(state.x[:FACTORS]).max() >= FAR)
+    if number == 0 and astray and np.sqrt(max(state.mean_square - task.floor**2, 0.0)) > tolerance:
+        finalists += [f for f in beyond_first_order(task, at) if f.effect not in {g.effect for g in finalists}]
     finalists.sort(key=lambda f: f.held_out)
     if not finalists or finalists[0].gain <= WORTH * ranking.excess or finalists[0].interval90[0] <= 0:
         return replace(nothing, finalists=tuple(finalists))
