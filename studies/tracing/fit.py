@@ -25,7 +25,7 @@ REACH = 2.5  # prior standard deviations that a parameter moves at most in one i
 LENGTHS = (1.0, 0.5, 0.2)  # of a step, tried at once
 SLIGHT = 0.05  # prior standard deviations: a step under it is the last
 LITTLE = 2.0  # of log likelihood: a step that gains less is the last, too
-EARLY = 1.0  # s: the first iterations look no further, so that swings are followed into their right turn
+EARLY = 0.5, 1.0  # s: the first iterations look no further, so that swings are followed into their right turn
 _AT_ONCE = 128  # motions in memory
 
 
@@ -171,16 +171,15 @@ def descend(
     slopes: Array | None = None,
     progress: Callable[[str], None] = lambda line: None,
 ) -> State:
-    """From `x`, `early` iterations on the first second, then up to `iterations` on all: the state with its Jacobian.
+    """From `x`, `early` iterations to each of the horizons EARLY, then up to `iterations` on all: the state with its
+    Jacobian.
 
     slopes: (N, size) m, the Jacobian at `x` or near it. Raises SimulationError where the motions are lost from the
     start."""
-    first = replace(bench, samples=[cut(sample, EARLY) for sample in bench.samples])
-    for look, rounds, named, known in ((first, early, f"to {EARLY:g} s, ", None), (bench, iterations, "", slopes)):
-        if rounds:
-            state = _descend(look, vector, x, rounds, known, named, progress)
-            x = state.x
-    return state
+    for horizon in EARLY if early else ():
+        first = replace(bench, samples=[cut(sample, horizon) for sample in bench.samples])
+        x = _descend(first, vector, x, early, None, f"to {horizon:g} s, ", progress).x
+    return _descend(bench, vector, x, iterations, slopes, "", progress)
 
 
 def _descend(

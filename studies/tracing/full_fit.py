@@ -52,6 +52,7 @@ class Ranked:
     """A state that was fitted, and the candidates ranked there by differences."""
 
     number: int  # of the round
+    label: str  # of its stages
     state: State
     grams: Grams
     ranking: Ranking
@@ -85,7 +86,7 @@ def in_full(task: Task, at: Ranked, candidate: Candidate, place: int) -> Finalis
         ]
         return _on(task, candidate.effect, min(both, key=lambda found: loss(task.bench, found)))
 
-    stage = f"full_{at.number}_{place}_{candidate.effect}"
+    stage = f"full_{at.label}_{place}_{candidate.effect}"
     return _finalist(task, at, candidate.effect, fitted(task.bench, task.stages, stage, vector, compute))
 
 
@@ -101,7 +102,7 @@ def beyond_first_order(task: Task, at: Ranked) -> list[Finalist]:
     promising = [(e, s) for e, s in best.items() if before - loss(task.bench, s) > PROMISING]
     finalists = []
     for effect, state in sorted(promising, key=lambda pair: loss(task.bench, pair[1]))[:_FITTED_ON]:
-        stage = f"on_{at.number}_{effect}"
+        stage = f"on_{at.label}_{effect}"
         found = fitted(task.bench, task.stages, stage, state.vector, partial(_on, task, effect, state))
         finalists.append(_finalist(task, at, effect, found))
     return finalists
@@ -112,7 +113,7 @@ def _from_ranking(task: Task, at: Ranked) -> list[tuple[str, State]]:
     for candidate in at.ranking.candidates[:_SHORT_FITS]:
         added, begin, vector = _entering(task, at, candidate)
         fit = partial(_fit, task, at, at.state.x, vector, starts_of(added, begin, _STARTS), SHORT)
-        stage = f"ranked_{at.number}_{candidate.effect}"
+        stage = f"ranked_{at.label}_{candidate.effect}"
         fits.append((candidate.effect, fitted(task.bench, task.stages, stage, vector, fit)))
     return fits
 
@@ -139,6 +140,15 @@ def _fit(task: Task, at: Ranked, base: Array, vector: Vector, starts: Sequence[A
     start = _best_start(task.bench, at.state, base, vector, starts)
     told = _told(task, vector.added[-1].name)
     return descend(task.bench, vector, start.x, iterations=iterations, slopes=start.jacobian, progress=told)
+
+
+def without(task: Task, at: Ranked, finalist: Finalist) -> State:
+    """The round's own model fitted from where the finalist came to, for a fair comparison: what an effect seems to
+    explain may be a better minimum without it."""
+    vector, bench = at.state.vector, task.bench
+    told = _told(task, f"without {finalist.effect},")
+    fit = partial(descend, bench, vector, finalist.state.x[: vector.size], iterations=FINAL, progress=told)
+    return fitted(bench, task.stages, f"without_{at.label}", vector, fit)
 
 
 def _kept_starts(task: Task, at: Ranked) -> list[Start]:

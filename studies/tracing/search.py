@@ -8,8 +8,8 @@ import numpy as np
 from studies.tracing.black_box import ceiling_squares
 from studies.tracing.data import folds_of
 from studies.tracing.dictionary import Dictionary, dictionary, entries_of
-from studies.tracing.fit import Bench, State, descend
-from studies.tracing.full_fit import FAR, Finalist, Ranked, Say, Task, beyond_first_order, fitted, in_full
+from studies.tracing.fit import LITTLE, Bench, State, descend, loss
+from studies.tracing.full_fit import FAR, Finalist, Ranked, Say, Task, beyond_first_order, fitted, in_full, without
 from studies.tracing.ranking import (
     ALIKE,
     Candidate,
@@ -29,7 +29,7 @@ FINALISTS = 2  # that are fitted in full
 CLOSE = 0.25  # of the excess: a third one is, where it gains that much less than the first at most
 MOST = 3  # effects added
 WORTH = 0.15  # of an excess, that a further effect must take
-_ITERATIONS, _EARLY = 6, 2
+_ITERATIONS, _EARLY = 10, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +96,10 @@ def search(
         state = done.chosen.state
 
 
-def _round(task: Task, state: State, number: int, tolerance: float, seed: int) -> Round:
+def _round(task: Task, state: State, number: int, tolerance: float, seed: int, again: str = "") -> Round:
+    """again: marks the stages of a second look at a round, from a better state."""
     task.say(f"round {number + 1}: differences of the dictionary at {1e3 * state.rms:.3f} mm RMS")
-    found = _dictionary(task, state, number)
+    found = _dictionary(task, state, f"{number}{again}")
     grams = grams_of(task.bench, state, found.columns, task.folds)
     task.say(f"round {number + 1}: ranking {len(found.effects)} candidates")
     ranking = rank(grams, found, task.floor, seed=seed)
@@ -107,7 +108,7 @@ def _round(task: Task, state: State, number: int, tolerance: float, seed: int) -
     nothing = Round(state, grams, ranking, excess_of(grams, box, task.floor), interval, (), None, ())
     if ranking.excess <= tolerance or number >= MOST:
         return nothing
-    at = Ranked(number, state, grams, ranking)
+    at = Ranked(number, f"{number}{again}", state, grams, ranking)
     certain = [c for c in ranking.candidates if ranking.certain(c)]
     worth = [c for c in certain if c.gain > WORTH * ranking.excess]
     finalists = [in_full(task, at, c, k) for k, c in enumerate(_to_fit(grams, worth, ranking.excess))]
@@ -115,6 +116,10 @@ def _round(task: Task, state: State, number: int, tolerance: float, seed: int) -
     if number == 0 and astray and np.sqrt(max(state.mean_square - task.floor**2, 0.0)) > tolerance:
         finalists += [f for f in beyond_first_order(task, at) if f.effect not in {g.effect for g in finalists}]
     finalists.sort(key=lambda f: f.held_out)
+    if finalists and number == 0 and not again:
+        plain = without(task, at, finalists[0])
+        if loss(task.bench, state) - loss(task.bench, plain) > LITTLE:  # the refit had stopped short
+            return _round(task, plain, number, tolerance, seed, again="_again")
     if not finalists or finalists[0].gain <= WORTH * ranking.excess or finalists[0].interval90[0] <= 0:
         return replace(nothing, finalists=tuple(finalists))
     best = finalists[0]
@@ -152,14 +157,14 @@ def _indistinguishable(
     return tuple(names)
 
 
-def _dictionary(task: Task, state: State, number: int) -> Dictionary:
+def _dictionary(task: Task, state: State, label: str) -> Dictionary:
     kept: list[Dictionary] = []
 
     def compute() -> dict[str, Array]:
         kept.append(dictionary(task.bench, state, types=task.types, channels=task.channels, known=task.known))
         return {"columns": kept[0].columns.astype(np.float32)}
 
-    columns = task.stages.of(f"dictionary_{number}", compute)["columns"].astype(float)
+    columns = task.stages.of(f"dictionary_{label}", compute)["columns"].astype(float)
     if kept:
         return replace(kept[0], columns=columns)
     entries, variants = entries_of(task.channels, [*task.known, *(added.name for added in state.vector.added)])
