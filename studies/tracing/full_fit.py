@@ -19,15 +19,13 @@ from studies.tracing.ranking import (
     grams_of,
     held_out,
 )
-from studies.tracing.screen import PROMISING, Start, starts_from_sheet
 from studies.tracing.stages import Stages
 from studies.tracing.vector import Added, Array, Vector
 
 FAR = 2.0  # prior standard deviations: a parameter farther off may stand for an effect that is not there
 SHORT, FINAL = 3, 12  # iterations of a fit from one of several starts, and in all
-_STARTS = 0.5, 1.0, 2.0  # times where the linear fit puts an effect's strengths
-_FAR_STARTS = 1.0, 3.0, 9.0  # the same where declared parameters had taken its part
-_SHORT_FITS, _FITTED_ON = 3, 2  # from either place, where nothing is certain, and those that go on to their end
+STARTS = 0.5, 1.0, 2.0  # times where the linear fit puts an effect's strengths
+FAR_STARTS = 1.0, 3.0, 9.0  # the same where declared parameters had taken its part
 
 Say = Callable[[str], None]
 
@@ -74,98 +72,46 @@ class Finalist:
 def in_full(task: Task, at: Ranked, candidate: Candidate, place: int) -> Finalist:
     """The candidate of this place in the ranking, from where the linear fit puts it."""
     x = at.state.x
-    added, begin, vector = _entering(task, at, candidate)
+    added, begin, vector = entering(task, at, candidate)
 
     def compute() -> State:
         if np.abs(x).max() < FAR:
-            return _fit(task, at, x, vector, starts_of(added, begin, _STARTS), FINAL)
+            return fit_from(task, at, x, vector, starts_of(added, begin, STARTS), FINAL)
         near = np.where(np.abs(x) < FAR, x, 0.0)  # they may have gone there for want of the effect
         both = [
-            _fit(task, at, x, vector, starts_of(added, begin, _STARTS), SHORT),
-            _fit(task, at, near, vector, starts_of(added, begin, _FAR_STARTS), SHORT),
+            fit_from(task, at, x, vector, starts_of(added, begin, STARTS), SHORT),
+            fit_from(task, at, near, vector, starts_of(added, begin, FAR_STARTS), SHORT),
         ]
-        return _on(task, candidate.effect, min(both, key=lambda found: loss(task.bench, found)))
+        return fit_on(task, candidate.effect, min(both, key=lambda found: loss(task.bench, found)))
 
     stage = f"full_{at.label}_{place}_{candidate.effect}"
-    return _finalist(task, at, candidate.effect, fitted(task.bench, task.stages, stage, vector, compute))
+    return finalist_of(task, at, candidate.effect, fitted(task.bench, task.stages, stage, vector, compute))
 
 
-def beyond_first_order(task: Task, at: Ranked) -> list[Finalist]:
-    """Where differences at the state say little: of the first in the ranking, fitted from there, and of those that
-    promise most at the data sheet, fitted from there, what explains the residuals better than chance."""
-    task.say(f"round {at.number + 1}: effects beyond first order, and at the data sheet")
-    best: dict[str, State] = {}
-    for effect, found in [*_from_ranking(task, at), *_from_sheet(task, at)]:
-        if effect not in best or loss(task.bench, found) < loss(task.bench, best[effect]):
-            best[effect] = found
-    before = loss(task.bench, at.state)
-    promising = [(e, s) for e, s in best.items() if before - loss(task.bench, s) > PROMISING]
-    finalists = []
-    for effect, state in sorted(promising, key=lambda pair: loss(task.bench, pair[1]))[:_FITTED_ON]:
-        stage = f"on_{at.label}_{effect}"
-        found = fitted(task.bench, task.stages, stage, state.vector, partial(_on, task, effect, state))
-        finalists.append(_finalist(task, at, effect, found))
-    return finalists
-
-
-def _from_ranking(task: Task, at: Ranked) -> list[tuple[str, State]]:
-    fits = []
-    for candidate in at.ranking.candidates[:_SHORT_FITS]:
-        added, begin, vector = _entering(task, at, candidate)
-        fit = partial(_fit, task, at, at.state.x, vector, starts_of(added, begin, _STARTS), SHORT)
-        stage = f"ranked_{at.label}_{candidate.effect}"
-        fits.append((candidate.effect, fitted(task.bench, task.stages, stage, vector, fit)))
-    return fits
-
-
-def _from_sheet(task: Task, at: Ranked) -> list[tuple[str, State]]:
-    fits = []
-    for start in _kept_starts(task, at)[:_SHORT_FITS]:
-        vector = at.state.vector.with_effect(start.added)
-        told = _told(task, f"{start.effect} from the data sheet,")
-        fit = partial(descend, task.bench, vector, start.x, iterations=SHORT, progress=told)
-        fits.append((start.effect, fitted(task.bench, task.stages, f"short_{at.number}_{start.effect}", vector, fit)))
-    return fits
-
-
-def _entering(task: Task, at: Ranked, candidate: Candidate) -> tuple[Added, Array, Vector]:
+def entering(task: Task, at: Ranked, candidate: Candidate) -> tuple[Added, Array, Vector]:
     """The candidate as it enters a fit, where its parameters start, and the vector with it."""
     assert candidate.best.variant is not None
     added, begin = added_of(candidate.best.variant, candidate.best.coefficients.tolist(), task.types)
     return added, begin, at.state.vector.with_effect(added)
 
 
-def _fit(task: Task, at: Ranked, base: Array, vector: Vector, starts: Sequence[Array], iterations: int) -> State:
+def fit_from(task: Task, at: Ranked, base: Array, vector: Vector, starts: Sequence[Array], iterations: int) -> State:
     """From the best of the last effect's `starts`, the other parameters at `base`."""
     start = _best_start(task.bench, at.state, base, vector, starts)
-    told = _told(task, vector.added[-1].name)
-    return descend(task.bench, vector, start.x, iterations=iterations, slopes=start.jacobian, progress=told)
+    say = told(task, vector.added[-1].name)
+    return descend(task.bench, vector, start.x, iterations=iterations, slopes=start.jacobian, progress=say)
 
 
 def without(task: Task, at: Ranked, finalist: Finalist) -> State:
     """The round's own model fitted from where the finalist came to, for a fair comparison: what an effect seems to
     explain may be a better minimum without it."""
     vector, bench = at.state.vector, task.bench
-    told = _told(task, f"without {finalist.effect},")
-    fit = partial(descend, bench, vector, finalist.state.x[: vector.size], iterations=FINAL, progress=told)
+    say = told(task, f"without {finalist.effect},")
+    fit = partial(descend, bench, vector, finalist.state.x[: vector.size], iterations=FINAL, progress=say)
     return fitted(bench, task.stages, f"without_{at.label}", vector, fit)
 
 
-def _kept_starts(task: Task, at: Ranked) -> list[Start]:
-    rows = task.stages.text(
-        f"starts_{at.number}",
-        lambda: [
-            [s.effect, list(s.added.free), dict(s.added.fixed), s.added.scope, s.x.tolist(), s.expected]
-            for s in starts_from_sheet(task.bench, at.state, task.types, task.channels, task.known)
-        ],
-    )
-    return [
-        Start(name, Added(name, tuple(free), fixed, scope), np.array(x), expected)
-        for name, free, fixed, scope, x, expected in rows
-    ]
-
-
-def _on(task: Task, effect: str, state: State) -> State:
+def fit_on(task: Task, effect: str, state: State) -> State:
     """The fit of a state, to its end."""
     return descend(
         task.bench,
@@ -173,15 +119,15 @@ def _on(task: Task, effect: str, state: State) -> State:
         state.x,
         iterations=FINAL - SHORT,
         slopes=state.jacobian,
-        progress=_told(task, f"{effect}, on"),
+        progress=told(task, f"{effect}, on"),
     )
 
 
-def _told(task: Task, effect: str) -> Callable[[str], None]:
+def told(task: Task, effect: str) -> Callable[[str], None]:
     return lambda line: task.say(f"{effect} inside the simulator: {line}")
 
 
-def _finalist(task: Task, at: Ranked, effect: str, found: State) -> Finalist:
+def finalist_of(task: Task, at: Ranked, effect: str, found: State) -> Finalist:
     own = grams_of(task.bench, found, np.zeros((len(found.found.residual), 0)), task.folds)
     scored = cross_validate(own, None)
     return Finalist(

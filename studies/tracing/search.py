@@ -9,7 +9,7 @@ from studies.tracing.black_box import ceiling_squares
 from studies.tracing.data import folds_of
 from studies.tracing.dictionary import Dictionary, dictionary, entries_of
 from studies.tracing.fit import LITTLE, Bench, State, descend, loss
-from studies.tracing.full_fit import FAR, Finalist, Ranked, Say, Task, beyond_first_order, fitted, in_full, without
+from studies.tracing.full_fit import FAR, Finalist, Ranked, Say, Task, fitted, in_full, without
 from studies.tracing.ranking import (
     ALIKE,
     Candidate,
@@ -22,6 +22,7 @@ from studies.tracing.ranking import (
     grams_of,
     rank,
 )
+from studies.tracing.second_look import beyond_first_order
 from studies.tracing.stages import Stages
 from studies.tracing.vector import FACTORS, Added, Array, Vector
 
