@@ -30,6 +30,7 @@ FINALISTS = 2  # that are fitted in full
 CLOSE = 0.25  # of the excess: a third one is, where it gains that much less than the first at most
 MOST = 3  # effects added
 WORTH = 0.15  # of an excess, that a further effect must take
+CLOSES = 0.5  # of the excess of the very trials fitted, that an effect must close whose gain no null was drawn for
 _ITERATIONS, _EARLY = 10, 2
 
 
@@ -114,8 +115,11 @@ def _round(task: Task, state: State, number: int, tolerance: float, seed: int, a
     worth = [c for c in certain if c.gain > WORTH * ranking.excess]
     finalists = [in_full(task, at, c, k) for k, c in enumerate(_to_fit(grams, worth, ranking.excess))]
     astray = not worth or bool(np.abs(state.x[:FACTORS]).max() >= FAR)
-    if number == 0 and astray and np.sqrt(max(state.mean_square - task.floor**2, 0.0)) > tolerance:
-        finalists += [f for f in beyond_first_order(task, at) if f.effect not in {g.effect for g in finalists}]
+    excess = in_sample_excess(task, state)
+    if number == 0 and astray and excess > tolerance:
+        known = {f.effect for f in finalists}
+        more = [f for f in beyond_first_order(task, at) if f.effect not in known]
+        finalists += [f for f in more if in_sample_excess(task, f.state) < (1 - CLOSES) * excess]
     finalists.sort(key=lambda f: f.held_out)
     if finalists and number == 0 and not again:
         plain = without(task, at, finalists[0])
@@ -126,6 +130,11 @@ def _round(task: Task, state: State, number: int, tolerance: float, seed: int, a
     best = finalists[0]
     names = _indistinguishable(grams, ranking, best, finalists, task.floor, seed)
     return replace(nothing, finalists=tuple(finalists), chosen=best, indistinguishable=names)
+
+
+def in_sample_excess(task: Task, state: State) -> float:
+    """m, over the noise, of the trials that were fitted."""
+    return float(np.sqrt(max(state.mean_square - task.floor**2, 0.0)))
 
 
 def _to_fit(grams: Grams, worth: Sequence[Candidate], excess: float) -> list[Candidate]:
