@@ -114,17 +114,21 @@ def _round(task: Task, state: State, number: int, tolerance: float, seed: int, a
     certain = [c for c in ranking.candidates if ranking.certain(c)]
     worth = [c for c in certain if c.gain > WORTH * ranking.excess]
     finalists = [in_full(task, at, c, k) for k, c in enumerate(_to_fit(grams, worth, ranking.excess))]
-    astray = not worth or bool(np.abs(state.x[:FACTORS]).max() >= FAR)
     excess = in_sample_excess(task, state)
-    if number == 0 and astray and excess > tolerance:
+
+    def closes(finalist: Finalist) -> bool:
+        return in_sample_excess(task, finalist.state) < (1 - CLOSES) * excess
+
+    astray = not worth or bool(np.abs(state.x[:FACTORS]).max() >= FAR)
+    if number == 0 and astray and excess > tolerance and not any(map(closes, finalists)):
         known = {f.effect for f in finalists}
         more = [f for f in beyond_first_order(task, at) if f.effect not in known]
-        finalists += [f for f in more if in_sample_excess(task, f.state) < (1 - CLOSES) * excess]
+        if more and not again:
+            plain = without(task, at, min(more, key=lambda f: f.held_out))
+            if loss(task.bench, state) - loss(task.bench, plain) > LITTLE:  # the refit had stopped short
+                return _round(task, plain, number, tolerance, seed, again="_again")
+        finalists += filter(closes, more)
     finalists.sort(key=lambda f: f.held_out)
-    if finalists and number == 0 and not again:
-        plain = without(task, at, finalists[0])
-        if loss(task.bench, state) - loss(task.bench, plain) > LITTLE:  # the refit had stopped short
-            return _round(task, plain, number, tolerance, seed, again="_again")
     if not finalists or finalists[0].gain <= WORTH * ranking.excess or finalists[0].interval90[0] <= 0:
         return replace(nothing, finalists=tuple(finalists))
     best = finalists[0]
