@@ -276,6 +276,8 @@ def test_sign_vectors_are_all_of_them_where_they_are_few():
         (Evidence(2e-3, 0.4e-3, 1, 0.8e-3, 0.4e-3, True), "effect"),
         (Evidence(2e-3, 0.7e-3, 1, 0.8e-3, 0.6e-3, True), "effect"),  # beyond the tolerance, but most of it
         (Evidence(3e-3, 2.2e-3, 1, 0.8e-3, 0.6e-3, True), "unexplained"),  # the best leaves structure
+        (Evidence(6e-3, 2e-3, 1, 2.4e-3, 1.6e-3, True, 0.5), "unexplained"),  # that goes with the cloth's pose
+        (Evidence(6e-3, 0.4e-3, 1, 2.4e-3, 0.3e-3, True, 0.5), "effect"),  # within the tolerance, whatever is left
     ],
 )
 def test_the_verdict_is_that_of_the_rules(evidence, verdict):

@@ -115,13 +115,15 @@ def _trace(
         seed=options.seed,
         say=say,
     )
-    evidence = _evidence(found)
+    left = remains(bench, found.after, found.folds)
+    evidence = _evidence(found, max(left.shares.values()))
     verdict = decide(evidence, options.tolerance)
     before = Place(found.before.vector, found.before.x)
     after = Place(found.after.vector, found.after.x) if verdict == "effect" else before
     say("errors before and after, on the trials fitted and once on those of role test")
     errors = judged_errors(every, stretches, forward, before, after, noise)
-    left = remains(bench, found.after if verdict == "effect" else found.before, found.folds)
+    if verdict != "effect":
+        left = remains(bench, found.before, found.folds)
     say("what to measure next")
     experiment = _experiment(samples[0].trial, forward, found, noise.sigma, verdict)
     hashes = {f"{measured.name}/{t.file.name}": sha256(t.file) for t in trials}
@@ -178,7 +180,7 @@ def _stretches(
     return tuple(Stretch(str(trial), float(begin), float(end)) for trial, begin, end in kept)
 
 
-def _evidence(found: Search) -> Evidence:
+def _evidence(found: Search, left: float) -> Evidence:
     first, last = found.rounds[0], found.rounds[-1]
     return Evidence(
         before=first.ranking.excess,
@@ -187,6 +189,7 @@ def _evidence(found: Search) -> Evidence:
         box_before=first.box,
         box_after=last.box,
         box_certain=first.box_interval90[0] > 0,
+        left=left,
     )
 
 

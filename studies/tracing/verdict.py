@@ -5,7 +5,7 @@ from typing import Literal
 
 Word = Literal["adequate", "effect", "unexplained"]
 LEAST = 0.6  # of the gap, that effects must close to be its cause
-STRUCTURE = 0.25  # of an excess, that the black box must take to count as structure
+STRUCTURE = 0.25  # of an excess, that the black box, or one kind of feature, must take to count as structure
 
 
 @dataclass(frozen=True)
@@ -19,6 +19,7 @@ class Evidence:
     box_before: float
     box_after: float
     box_certain: bool
+    left: float = 0.0  # share of what the effects leave that one kind of feature takes of trials left out
 
 
 def decide(evidence: Evidence, tolerance: float) -> Word:
@@ -30,6 +31,8 @@ def decide(evidence: Evidence, tolerance: float) -> Word:
         return "unexplained" if structure else "adequate"
     if evidence.after <= tolerance:
         return "effect"
+    if evidence.left > STRUCTURE:  # the nearest of the wrong names
+        return "unexplained"
     closed = 1 - evidence.after / evidence.before
     return "effect" if closed >= LEAST or closed >= 1.2 * box_closed(evidence) else "unexplained"
 
