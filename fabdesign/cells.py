@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Indices = NDArray[np.intp]
+Place = int | np.int64 | np.uint64  # of an item: unsigned where it counts up, which compiles to less
 
 _ROUNDED_UP = 1 + 1e-12  # distances that must not be too short
 _PER_CELL = 8.0  # items in an occupied cell, were they all on one flat sheet
@@ -238,7 +239,7 @@ def _search(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _nearest_centre(p0: float, p1: float, p2: float, own: Indices, shape: Ints, start: Ints, bodies: Array) -> int:
+def _nearest_centre(p0: float, p1: float, p2: float, own: Indices, shape: Ints, start: Ints, bodies: Array) -> Place:
     """Place of the item with the nearest centre in the column of a point's own cell, and where that is empty in those
     beside it; -1 where they all are."""
     found, nearest = np.int64(-1), np.inf
@@ -257,7 +258,7 @@ def _nearest_centre(p0: float, p1: float, p2: float, own: Indices, shape: Ints, 
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _at_least(p0: float, p1: float, p2: float, bodies: Array, begin: int, end: int, squared: Array) -> None:
+def _at_least(p0: float, p1: float, p2: float, bodies: Array, begin: Place, end: Place, squared: Array) -> None:
     """Squared distances of a point to the items from `begin` on, of triangles at least so much: the height over the
     plane, and beside that what the disc around the centre leaves. Loops without branches, for the vector units."""
     if len(bodies) == 3:
@@ -273,7 +274,7 @@ def _at_least(p0: float, p1: float, p2: float, bodies: Array, begin: int, end: i
 
 
 @njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _to_item(p0: float, p1: float, p2: float, items: Array, k: int) -> tuple[float, float, float]:
+def _to_item(p0: float, p1: float, p2: float, items: Array, k: Place) -> tuple[float, float, float]:
     """Squared distance to a point or triangle, and the weights of a triangle's edges there."""
     if items.shape[1] == 3:
         return _squared(p0 - items[k, 0], p1 - items[k, 1], p2 - items[k, 2]), 0.0, 0.0
@@ -281,7 +282,7 @@ def _to_item(p0: float, p1: float, p2: float, items: Array, k: int) -> tuple[flo
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _to_triangle(p0: float, p1: float, p2: float, items: Array, k: int) -> tuple[float, float, float]:
+def _to_triangle(p0: float, p1: float, p2: float, items: Array, k: Place) -> tuple[float, float, float]:
     """Squared distance of a point to a triangle (corner, edges b and c from it), and the weights of its edges there.
 
     |corner + v b + w c - p|^2 is convex: the least is at the plane's foot if that is inside, else on an edge.

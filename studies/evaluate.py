@@ -184,7 +184,7 @@ def _errors(
     kept = np.flatnonzero(judged(trial))
     if not len(kept):
         return TrialResult(name, trial.name, trial.order, trial.role, _UNKNOWN, _UNKNOWN, 0.0)
-    clouds, seed = [frames[k] for k in kept], seed + trial.order
+    clouds, seed = [frames[k] for k in kept.tolist()], seed + trial.order
     before, after = (trial_errors(clouds, motion[kept], noise.result(), seed=seed) for motion in predicted)
     return TrialResult(name, trial.name, trial.order, trial.role, before, after, len(kept) / len(frames))
 
