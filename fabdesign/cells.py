@@ -15,11 +15,14 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Indices = NDArray[np.intp]
+Place = int | np.int64 | np.uint64  # of an item: unsigned where it counts up, which compiles to less
 
 _ROUNDED_UP = 1 + 1e-12  # distances that must not be too short
 _PER_CELL = 8.0  # items in an occupied cell, were they all on one flat sheet
 _CELLS = 8  # at most, for each item
 _COARSER = 3.0  # times as long are the cells that points are looked for in that are far from everything
+_WIDE = 3.5  # cells' edges: from a point with an item in the cells around, as far as a nearer one can be
+_SLIM = 1e-4  # of the product of its edges: a triangle's normal is not asked where twice its area is less
 
 
 class Found(NamedTuple):
@@ -72,7 +75,7 @@ class Cells:
     @cached_property
     def _grid(self) -> tuple[Array, float, float, Ints, Ints, Indices, Array, Array]:
         """What `_search` takes: least corner, cells' edge, how far items reach from their centres, how many cells each
-        way, first place of each cell's items in their order, that order, and centres and items in it."""
+        way, first place of each cell's items in their order, that order, and `_bodies` and items in it."""
         centres, low, size, widest = self._centred
         long = np.sort(size)[::-1]
         suits = np.sqrt(_PER_CELL * long[0] * max(long[1], 1e-3 * long[0]) / len(centres))
@@ -82,7 +85,8 @@ class Cells:
         edge *= self.coarser
         shape = (np.floor(size / edge) + 1).astype(np.int32)
         start, order = _sort(centres, low, edge, shape)
-        return low, edge, widest, shape, start, order, centres[order], self.items[order]
+        items = self.items[order]
+        return low, edge, widest, shape, start, order, _bodies(items), items
 
     @cached_property
     def _next(self) -> "Cells":
@@ -102,6 +106,34 @@ def _corner_and_edges(vertices: Array, triangles: Indices) -> Array:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def _bodies(items: Array) -> Array:
+    """(3, m) centres; of triangles (7, m), unit normals (0 where there is none) and how far each reaches besides."""
+    bodies = np.empty((3 if items.shape[1] == 3 else 7, len(items)))
+    for k in range(len(items)):
+        if items.shape[1] == 3:
+            for a in range(3):
+                bodies[a, k] = items[k, a]
+            continue
+        b0, b1, b2, c0, c1, c2 = items[k, 3], items[k, 4], items[k, 5], items[k, 6], items[k, 7], items[k, 8]
+        n0, n1, n2 = b1 * c2 - b2 * c1, b2 * c0 - b0 * c2, b0 * c1 - b1 * c0
+        bb, cc, bc = _squared(b0, b1, b2), _squared(c0, c1, c2), b0 * c0 + b1 * c1 + b2 * c2
+        long = np.sqrt(_squared(n0, n1, n2))
+        scale = 1 / long if long > _SLIM * np.sqrt(bb * cc) else 0.0
+        bodies[3, k], bodies[4, k], bodies[5, k] = scale * n0, scale * n1, scale * n2
+        for a in range(3):
+            bodies[a, k] = items[k, a] + (items[k, a + 3] + items[k, a + 6]) / 3
+        bodies[6, k] = _reach(bb, cc, bc)
+    return bodies
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _reach(bb: float, cc: float, bc: float) -> float:
+    """How far a triangle with edges b and c (by their products) reaches from its centre (b + c) / 3."""
+    squared = max(bb + cc + 2 * bc, max(4 * bb + cc, bb + 4 * cc) - 4 * bc)
+    return np.sqrt(max(squared, 0.0)) / 3 * _ROUNDED_UP
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def _centres(items: Array) -> tuple[Array, Array, Array, float]:
     """(m, 3) centres, least corner (3,) and size (3,) of their box, and how far an item reaches from its centre."""
     count, width = items.shape
@@ -112,14 +144,12 @@ def _centres(items: Array) -> tuple[Array, Array, Array, float]:
             centres[i, a] = items[i, a] if width == 3 else items[i, a] + (items[i, a + 3] + items[i, a + 6]) / 3
             low[a], high[a] = min(low[a], centres[i, a]), max(high[a], centres[i, a])
         if width == 9:
-            first = second = third = 0.0
+            bb = cc = bc = 0.0
             for a in range(3):
                 b, c = items[i, a + 3], items[i, a + 6]
-                first += ((b + c) / 3) ** 2
-                second += (b - (b + c) / 3) ** 2
-                third += (c - (b + c) / 3) ** 2
-            widest = max(widest, first, second, third)
-    return centres, low, high - low, np.sqrt(widest) * _ROUNDED_UP
+                bb, cc, bc = bb + b * b, cc + c * c, bc + b * c
+            widest = max(widest, _reach(bb, cc, bc))
+    return centres, low, high - low, widest
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -131,7 +161,8 @@ def _sort(points: Array, low: Array, edge: float, shape: Ints) -> tuple[Ints, In
     for i in range(len(points)):
         c = 0
         for a in range(3):
-            c = c * shape[a] + int(min(max((points[i, a] - low[a]) / edge, 0.0), shape[a] - 1.0))
+            place = (points[i, a] - low[a]) / edge
+            c = c * shape[a] + (int(min(max(place, 0.0), shape[a] - 1.0)) if place == place else 0)
         cell[i] = c
         start[c + 1] += 1
     for c in range(1, len(start)):
@@ -153,63 +184,105 @@ def _search(
     shape: Ints,
     start: Ints,
     order: Indices,
-    centres: Array,
+    bodies: Array,
     items: Array,
     squared: Array,
     item: Indices,
     weights: Array,
 ) -> Indices:
-    """Nearest items of the pending points among those in their own cells and the ones around; those left unsure.
+    """Nearest items of the pending points; those left that have nothing near and may have something far off.
 
-    All centres nearer than an edge and the way to the own cell's wall are there, and an item nearer than what is found
-    has its centre within that and how far items reach: columns of cells, along the last axis, beyond that are left out.
+    First comes the item with the nearest centre in a point's own cell, else in the cells around. Whatever is nearer has
+    its centre within that distance and how far items reach: cells that come so near are looked through.
     """
-    left, unsure = np.empty_like(pending), 0
-    own, gap = np.empty(3, dtype=np.int64), np.zeros((3, 3))  # m^2, to the cells before, own and after
+    left, unsure, least_of = np.empty_like(pending), 0, np.empty(len(order))
+    at, own, first, last = np.empty(3), np.empty(3, dtype=np.int64), np.empty(3, np.int64), np.empty(3, np.int64)
     for i in pending:
-        p0, p1, p2 = points[i, 0], points[i, 1], points[i, 2]
-        wall, inside, all_seen = np.inf, True, True
         for a in range(3):
-            place = (points[i, a] - low[a]) / edge
-            own[a] = int(np.floor(place))
-            below = edge * (place - own[a])
-            gap[a, 0], gap[a, 2] = below * below, (edge - below) * (edge - below)
-            wall = min(wall, below, edge - below)
-            inside = inside and -1 <= own[a] <= shape[a]
-            all_seen = all_seen and own[a] <= 1 and shape[a] - own[a] <= 2
-        best = squared[i]
-        limit = (np.sqrt(best) * _ROUNDED_UP + widest) ** 2 if widest > 0 else best  # of a centre's square
-        for step in range(9 if inside else 0):
-            t = (step + 4) % 9  # the own column first
-            x, y = own[0] + t // 3 - 1, own[1] + t % 3 - 1
-            if x < 0 or x >= shape[0] or y < 0 or y >= shape[1]:
-                continue
-            aside = gap[0, t // 3] + gap[1, t % 3]
-            if aside >= limit:
-                continue
-            z0 = max(own[2] - (aside + gap[2, 0] < limit), 0)
-            z1 = min(own[2] + 1 + (aside + gap[2, 2] < limit), shape[2])
-            column = (x * shape[1] + y) * shape[2]
-            for k in range(np.uint64(start[column + z0]), np.uint64(start[column + z1])):
-                d0, d1, d2 = p0 - centres[k, 0], p1 - centres[k, 1], p2 - centres[k, 2]
-                q, v, w = d0 * d0 + d1 * d1 + d2 * d2, 0.0, 0.0
-                if q >= limit:
-                    continue
-                if items.shape[1] == 9:
-                    q, v, w = _to_triangle(p0, p1, p2, items, k)
-                    if q >= best:
-                        continue
-                best, item[i], weights[i, 0], weights[i, 1] = q, order[k], v, w
-                limit = (np.sqrt(best) * _ROUNDED_UP + widest) ** 2 if widest > 0 else best
-        squared[i] = best
-        if not all_seen and limit > (edge + wall) ** 2:
+            at[a] = points[i, a] - low[a]
+        if not np.isfinite(at[0] + at[1] + at[2]):  # what is nowhere is near nothing
+            continue
+        near = True
+        for a in range(3):
+            own[a] = int(np.floor(at[a] / edge))
+            near = near and -1 <= own[a] <= shape[a]
+        best, p0, p1, p2 = squared[i], points[i, 0], points[i, 1], points[i, 2]
+        middle = _nearest_centre(p0, p1, p2, own, shape, start, bodies) if near else -1
+        if middle >= 0:
+            q, v, w = _to_item(p0, p1, p2, items, middle)
+            if q < best:
+                best, item[i], weights[i, 0], weights[i, 1] = q, order[middle], v, w
+        limit = np.sqrt(best) * _ROUNDED_UP + widest  # of a centre's distance
+        if limit > _WIDE * edge:
             left[unsure] = i
             unsure += 1
+            continue
+        for a in range(3):
+            first[a] = max(int(np.floor((at[a] - limit) / edge)), 0)
+            last[a] = min(int(np.floor((at[a] + limit) / edge)), shape[a] - 1)
+        for x in range(first[0], last[0] + 1):
+            aside_x = max(edge * x - at[0], at[0] - edge * (x + 1), 0.0)
+            for y in range(first[1], last[1] + 1):
+                aside_y = max(edge * y - at[1], at[1] - edge * (y + 1), 0.0)
+                if aside_x * aside_x + aside_y * aside_y > limit * limit:
+                    continue
+                column = (x * shape[1] + y) * shape[2]
+                begin, end = np.uint64(start[column + first[2]]), np.uint64(start[column + last[2] + 1])
+                _at_least(p0, p1, p2, bodies, begin, end, least_of)
+                for k in range(begin, end):
+                    if least_of[k] < best:
+                        q, v, w = _to_item(p0, p1, p2, items, k)
+                        if q < best:
+                            best, item[i], weights[i, 0], weights[i, 1] = q, order[k], v, w
+        squared[i] = best
     return left[:unsure]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _to_triangle(p0: float, p1: float, p2: float, items: Array, k: int) -> tuple[float, float, float]:
+def _nearest_centre(p0: float, p1: float, p2: float, own: Indices, shape: Ints, start: Ints, bodies: Array) -> Place:
+    """Place of the item with the nearest centre in the column of a point's own cell, and where that is empty in those
+    beside it; -1 where they all are."""
+    found, nearest = np.int64(-1), np.inf
+    z0, z1 = max(own[2] - 1, 0), min(own[2] + 1, shape[2] - 1)
+    for around in range(2):
+        for x in range(max(own[0] - around, 0), min(own[0] + around, shape[0] - 1) + 1):
+            for y in range(max(own[1] - around, 0), min(own[1] + around, shape[1] - 1) + 1):
+                column = (x * shape[1] + y) * shape[2]
+                for k in range(np.uint64(start[column + z0]), np.uint64(start[column + z1 + 1])):
+                    q = _squared(p0 - bodies[0, k], p1 - bodies[1, k], p2 - bodies[2, k])
+                    if q < nearest:
+                        found, nearest = np.int64(k), q
+        if found >= 0:
+            break
+    return found
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _at_least(p0: float, p1: float, p2: float, bodies: Array, begin: Place, end: Place, squared: Array) -> None:
+    """Squared distances of a point to the items from `begin` on, of triangles at least so much: the height over the
+    plane, and beside that what the disc around the centre leaves. Loops without branches, for the vector units."""
+    if len(bodies) == 3:
+        for k in range(begin, end):
+            squared[k] = _squared(p0 - bodies[0, k], p1 - bodies[1, k], p2 - bodies[2, k])
+        return
+    for k in range(begin, end):
+        d0, d1, d2 = p0 - bodies[0, k], p1 - bodies[1, k], p2 - bodies[2, k]
+        off = d0 * bodies[3, k] + d1 * bodies[4, k] + d2 * bodies[5, k]
+        off = off * off
+        beside = max(np.sqrt(max(_squared(d0, d1, d2) - off, 0.0)) - bodies[6, k], 0.0)
+        squared[k] = off + beside * beside
+
+
+@njit(cache=True, nogil=True, error_model="numpy", inline="always")
+def _to_item(p0: float, p1: float, p2: float, items: Array, k: Place) -> tuple[float, float, float]:
+    """Squared distance to a point or triangle, and the weights of a triangle's edges there."""
+    if items.shape[1] == 3:
+        return _squared(p0 - items[k, 0], p1 - items[k, 1], p2 - items[k, 2]), 0.0, 0.0
+    return _to_triangle(p0, p1, p2, items, k)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _to_triangle(p0: float, p1: float, p2: float, items: Array, k: Place) -> tuple[float, float, float]:
     """Squared distance of a point to a triangle (corner, edges b and c from it), and the weights of its edges there.
 
     |corner + v b + w c - p|^2 is convex: the least is at the plane's foot if that is inside, else on an edge.

@@ -19,6 +19,8 @@ def require_cloud(points: NDArray[np.float64], where: str, *, size: float | None
         raise InputError(f"{where}: points of shape {points.shape}; expected (n, 3)")
     if len(points) == 0:
         raise InputError(f"{where}: the cloud is empty; expected points")
+    if within_reach(points, size=size):
+        return
     bad = ~np.isfinite(points).all(axis=1)
     if bad.any():
         raise InputError(f"{where}: {int(bad.sum())} of {len(points)} points are not finite; expected metres")
@@ -28,3 +30,9 @@ def require_cloud(points: NDArray[np.float64], where: str, *, size: float | None
         raise InputError(
             f"{where}: points lie {distance:.0f} m from the cloth's top edge; expected metres (is it in {unit}?)"
         )
+
+
+def within_reach(points: NDArray[np.float64], *, size: float | None = None) -> bool:
+    """Whether every point (n, 3) m is finite and so near that nothing of `require_cloud` can fail but their number."""
+    largest = max(float(points.max(initial=0.0)), -float(points.min(initial=0.0)))  # NaN where a point has one
+    return largest < _FAR * (size or 1.0) / 2  # of the three coordinates the root of three is the most

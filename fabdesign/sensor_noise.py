@@ -42,11 +42,11 @@ class SensorNoise:
 
         offsets: (k,) m of its strays, by default as many as chance gives, even over the reach.
         """
-        points, normals = surface.sample(count, rng)
+        points, triangle = surface.sample(count, rng)
         points += self.sigma * rng.standard_normal((count, 3))
         if offsets is None:
             offsets = self.stray_reach * rng.uniform(-1, 1, rng.binomial(count, self.strays))
-        points[: len(offsets)] += offsets[:, None] * normals[: len(offsets)]
+        points[: len(offsets)] += offsets[:, None] * surface.normals_of(triangle[: len(offsets)])
         return np.asarray(points)
 
     def stray_offsets(self, counts: Sequence[int], rng: np.random.Generator) -> list[Array]:

@@ -1,11 +1,11 @@
 """Bad data: an error, or left out and listed."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 from fabdesign.errors import InputError
-from fabdesign.trial import MeasurementSet
+from fabdesign.trial import MeasurementSet, Role
 
 
 @dataclass
@@ -29,16 +29,19 @@ class Tolerance:
         self.skipped.append(str(error))
 
 
-def sound_trials(measured: MeasurementSet, *, skip_bad: bool) -> tuple[MeasurementSet, tuple[str, ...]]:
-    """The set without its unsound trials, and a line on each of them. Every trial is read.
+def sound_trials(
+    measured: MeasurementSet, *, skip_bad: bool, roles: Collection[Role] = ("fit", "test")
+) -> tuple[MeasurementSet, tuple[str, ...]]:
+    """The set's trials of these roles, all of them read, without the unsound ones, and a line on each of those.
 
     Raises InputError for the first one unless `skip_bad`, and where none is left.
     """
     tolerance, sound = Tolerance(skip_bad), []
     for trial in measured.trials:
-        with tolerance.forgiving():
-            trial.load()
-            sound.append(trial)
-    if not sound:
+        if trial.role in roles:
+            with tolerance.forgiving():
+                trial.load()
+                sound.append(trial)
+    if not sound and tolerance.skipped:
         raise InputError(f"{measured.name}: no sound trial; the first: {tolerance.skipped[0]}")
     return replace(measured, trials=tuple(sound)), tuple(tolerance.skipped)

@@ -2,13 +2,14 @@
 
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fabdesign.effort import batches
 from fabdesign.errors import InputError, SimulationError
@@ -23,7 +24,7 @@ from studies.judged import Flags, Judged
 from studies.judged_search import judge_sets
 
 _AT_ONCE = 16  # trials, two motions each in memory
-_NOISE_FRAMES = 40  # clouds that the sensor noise of a design is estimated from: strays are few
+_NOISE_FRAMES = 40  # clouds that the sensor's noise is estimated from: strays are few
 _UNKNOWN = Errors(*[np.nan] * 5)
 ERRORS = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
 
@@ -98,59 +99,111 @@ def evaluate_sets(
     Raises InputError where no trial is left, or no frame of a design's trials judged; SimulationError where every
     motion of a design diverges.
     """
-    before, after = (forward_model(forward, way, sensing=True) for way in (model.before, model))
-    shared = Counter(name for found in sets for name in {trial.design_name for trial in found.trials})
-    jobs = []
-    for found in sets:
-        for role in ("test", "fit") if all_trials else ("test",):
-            for name in sorted({trial.design_name for trial in found.trials}):
-                trials = [t for t in found.trials if t.design_name == name and t.role == role]
-                if trials:
-                    jobs.append((found, role, name if shared[name] == 1 else f"{found.name}/{name}", trials))
+    ways = [forward_model(forward, way, sensing=True) for way in (model.before, model)]
+    jobs = _jobs(sets, ("test", "fit") if all_trials else ("test",))
     if not jobs:
         raise InputError(f"{', '.join(s.name for s in sets)}: no trial of role test; --all takes the others too")
-    total, done = sum(len(trials) for *_, trials in jobs), 0
-    looked_at = judge_sets([(s, [t for found, *_, own in jobs if found is s for t in own]) for s in sets], coarse)
-    tables: dict[str, dict[str, DesignResult]] = {"test": {}, "fit": {}}
-    for found, role, title, trials in jobs:
-        noise = noise_of(trials)
-        judge = partial(_errors, noise, seed, partial(looked_at.at, found))
+    looked_at = judge_sets([(s, [t for job in jobs if job.found is s for t in job.trials]) for s in sets], coarse)
+    with ThreadPoolExecutor(os.cpu_count()) as threads:
+        noises = _noises(jobs, threads)
+        tasks = [
+            (partial(_errors, noise, seed, partial(looked_at.at, job.found), job.found.name), trial)
+            for job, noise in zip(jobs, noises, strict=True)
+            for trial in job.trials
+        ]
         results: list[TrialResult] = []
-        for part in batches([2 * len(trial.times) for trial in trials], _AT_ONCE):
-            batch = trials[part]
-            motions = _motions(batch, before, after)
-            with ThreadPoolExecutor(os.cpu_count()) as threads:  # the search for nearest places runs beside others
-                for result in threads.map(judge, [found.name] * len(batch), batch, *motions):
-                    results.append(result)
-                    done += 1
-                    progress(done, total)
-        tables[role][title] = _summarise(title, found, noise, results)
+        for judgement in _judged(tasks, ways, threads):
+            results.append(judgement.result())
+            progress(len(results), len(tasks))
+    tables: dict[str, dict[str, DesignResult]] = {"test": {}, "fit": {}}
+    for job, noise in zip(jobs, noises, strict=True):
+        own, results = results[: len(job.trials)], results[len(job.trials) :]
+        tables[job.role][job.title] = _summarise(job.title, job.found, noise.result(), own)
     return Evaluation(tables["test"], tables["fit"], looked_at)
 
 
+@dataclass(frozen=True)
+class _Job:
+    """The trials of one design and role of a set: a row of a table."""
+
+    found: MeasurementSet
+    role: str
+    title: str
+    trials: Sequence[Trial]
+
+
+def _jobs(sets: Sequence[MeasurementSet], roles: Sequence[str]) -> list[_Job]:
+    shared = Counter(name for found in sets for name in {trial.design_name for trial in found.trials})
+    jobs = []
+    for found in sets:
+        for role in roles:
+            for name in sorted({trial.design_name for trial in found.trials}):
+                trials = [t for t in found.trials if t.design_name == name and t.role == role]
+                if trials:
+                    jobs.append(_Job(found, role, name if shared[name] == 1 else f"{found.name}/{name}", trials))
+    return jobs
+
+
+def _noises(jobs: Sequence[_Job], threads: ThreadPoolExecutor) -> list["Future[SensorNoise]"]:
+    """Of each job; what one set has of cloths of one thickness was seen by one sensor, and is estimated once."""
+    alike: dict[tuple[int, float], list[Trial]] = {}
+    keys = []
+    for job in jobs:
+        keys.append((id(job.found), job.trials[0].design.fabric.thickness))
+        alike.setdefault(keys[-1], []).extend(job.trials)
+    found = {key: threads.submit(estimate_noise, _spread(trials), key[1]) for key, trials in alike.items()}
+    return [found[key] for key in keys]
+
+
+def _judged(
+    tasks: Sequence[tuple[Callable[..., TrialResult], Trial]], ways: Sequence[Predictor], threads: ThreadPoolExecutor
+) -> Iterator["Future[TrialResult]"]:
+    """Every trial's judgement, in order. The motions of a batch are simulated while those before are judged. Files are
+    read here, not beside the simulator: Python 3.11 may fail where two threads parse (gh-106905), as numpy does for an
+    array's header and Taichi for a kernel."""
+    waiting: list[Future[TrialResult]] = []
+    for part in batches([2 * len(trial.times) for _, trial in tasks], _AT_ONCE):
+        motions = _motions([trial for _, trial in tasks[part]], *ways)
+        due, waiting = waiting, []
+        for (judge, trial), *predicted in zip(tasks[part], *motions, strict=True):
+            waiting.append(threads.submit(judge, trial, trial.load().frames, *predicted))
+        yield from due
+    yield from waiting
+
+
 def _errors(
-    noise: SensorNoise, seed: int, judged: Callable[[Trial], Flags], name: str, trial: Trial, *predicted: Any
+    noise: "Future[SensorNoise]",
+    seed: int,
+    judged: Callable[[Trial], Flags],
+    name: str,
+    trial: Trial,
+    frames: Sequence[NDArray[np.float64]],
+    *predicted: Any,
 ) -> TrialResult:
-    """Of a trial of the set `name` before and after, whose motions are `predicted`."""
+    """Of a trial of the set `name` with these clouds before and after, whose motions are `predicted`."""
     kept = np.flatnonzero(judged(trial))
     if not len(kept):
         return TrialResult(name, trial.name, trial.order, trial.role, _UNKNOWN, _UNKNOWN, 0.0)
-    frames = trial.load().frames
-    clouds, seed = [frames[k] for k in kept], seed + trial.order
-    before, after = (trial_errors(clouds, motion[kept], noise, seed=seed) for motion in predicted)
+    clouds, seed = [frames[k] for k in kept.tolist()], seed + trial.order
+    before, after = (trial_errors(clouds, motion[kept], noise.result(), seed=seed) for motion in predicted)
     return TrialResult(name, trial.name, trial.order, trial.role, before, after, len(kept) / len(frames))
 
 
 def noise_of(trials: Sequence[Trial]) -> SensorNoise:
-    """The sensor's noise, from frames spread over the trials of a design, the first of each among them: the cloth is
-    flattest there."""
+    """The noise of the sensor that saw cloths of one thickness, from frames spread over the trials, the first of each
+    among them: the cloth is flattest there."""
+    return estimate_noise(_spread(trials), trials[0].design.fabric.thickness)
+
+
+def _spread(trials: Sequence[Trial]) -> list[NDArray[np.float64]]:
+    """Clouds (n_t, 3) m that the noise is estimated from."""
     chosen = [trials[i] for i in np.linspace(0, len(trials) - 1, min(len(trials), _NOISE_FRAMES)).astype(int)]
     each = -(-_NOISE_FRAMES // len(chosen))
     frames = []
     for trial in chosen:
         clouds = trial.load().frames
         frames += [clouds[i] for i in np.linspace(0, len(clouds) - 1, min(each, len(clouds))).astype(int)]
-    return estimate_noise(frames, trials[0].design.fabric.thickness)
+    return frames
 
 
 def _motions(trials: Sequence[Trial], *ways: Predictor) -> list[list[Any]]:

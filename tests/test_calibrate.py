@@ -377,6 +377,8 @@ def test_bad_trials_are_named_and_skipped_on_request(tmp_path):
     assert [t.name for t in kept.trials] == ["000", "002", "003"]
     assert len(skipped) == 1 and "001.npz" in skipped[0]
     assert "skipped: " in as_text(calibrate(kept, Curler(), skipped=skipped))
+    tests, none = sound_trials(measured, skip_bad=False, roles=["test"])  # the damaged one is not read
+    assert ([t.role for t in tests.trials], none) == (["test"], ())
     alone = dataclasses.replace(measured, trials=measured.trials[1:2])
     with pytest.raises(InputError, match="no sound trial"):
         sound_trials(alone, skip_bad=True)

@@ -53,6 +53,21 @@ def test_what_is_farther_than_asked_is_infinitely_far():
     np.testing.assert_array_equal(near, np.where(full < CAP, full, np.inf))
 
 
+def test_a_search_ends_whatever_is_asked():
+    """Points that are nowhere are near nothing; slivers, one of them without a normal, hide nothing."""
+    surface = Surface.of_faces(rolled_sheet(6.0, n=11))
+    lost = np.array([[np.nan, 0, 0], [0, np.inf, 0], [0, 0, 1e6]])
+    assert list(np.isfinite(surface.distance(lost))) == [False, False, True]
+    rng = np.random.default_rng(0)
+    ends = rng.normal(size=(40, 2, 3))
+    third = ends.mean(axis=1) + rng.choice([0, 1e-9, 1e-5, 1e-3], (40, 1)) * rng.normal(size=(40, 3))
+    slivers = Surface(np.concatenate([ends, third[:, None]], axis=1).reshape(-1, 3), np.arange(120).reshape(-1, 3))
+    points, along = rng.normal(size=(50, 3)), ends[:, 1] - ends[:, 0]
+    share = np.einsum("pid,id->pi", points[:, None] - ends[:, 0], along) / np.square(along).sum(axis=1)
+    off = points[:, None] - ends[:, 0] - np.clip(share, 0, 1)[..., None] * along
+    np.testing.assert_allclose(slivers.distance(points), np.linalg.norm(off, axis=2).min(axis=1), atol=5e-3)
+
+
 def test_errors_of_a_trial_are_those_computed_slowly():
     """Chamfer by a tree, surface by all triangles, the floors' draws by the same seed; to rounding."""
     rng, noise = np.random.default_rng(1), SensorNoise(0.0006, 0.01, 0.012)

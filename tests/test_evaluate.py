@@ -11,10 +11,12 @@ from sheets import rolled_sheet
 from fabdesign.catalogue import build
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.metrics import trial_errors
 from fabdesign.model import EffectTerm, Model, Parameter, Quantity
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.surface import Surface
-from studies.evaluate import evaluate_sets
+from studies import evaluate
+from studies.evaluate import evaluate_sets, noise_of
 from studies.evaluation_report import tables_markdown, write_evaluation
 
 NOISE = SensorNoise(0.0006, 0.003, 0.012)
@@ -83,6 +85,21 @@ def test_data_sheet_against_parameters_on_test_trials_only(measured):
     assert values == pytest.approx(
         {"mean": np.mean(trials), "max": max(trials), "min": min(trials), "std": np.std(trials)}
     )
+
+
+def test_a_trials_errors_are_those_computed_alone_and_the_noise_is_the_sets(measured, monkeypatch):
+    """In batches of two, whose motions are simulated while others are judged; one sensor saw both designs."""
+    monkeypatch.setattr(evaluate, "_AT_ONCE", 2)
+    renamed = dataclasses.replace(measured.trials[0], design_name="again")
+    both = dataclasses.replace(measured, trials=(renamed, *measured.trials[1:3]))
+    noise, seen = noise_of([measured.trials[1], measured.trials[2], renamed]), []
+    found = evaluate_sets(SOFT, [both], Curler(), all_trials=True, seed=3, progress=lambda *done: seen.append(done))
+    assert seen == [(1, 3), (2, 3), (3, 3)]
+    assert found.designs["cross"].noise == found.others["again"].noise == noise
+    for trial, own in zip(measured.trials[1:3], found.designs["cross"].trials, strict=True):
+        for bending, errors in ((1.0, own.before), (0.5, own.after)):
+            points = motion(trial.program.pressure.max() / 1e3, bending)
+            assert errors == trial_errors(trial.load().frames, points, noise, seed=3 + trial.order)
 
 
 def test_effects_are_what_after_adds(measured):

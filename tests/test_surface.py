@@ -86,11 +86,13 @@ def test_samples_lie_on_the_surface_evenly():
     """A square and a triangle of a quarter of its area get points in proportion, about its middle."""
     vertices = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [5, 0, 0], [5.5, 0, 0], [5, 1, 0]], dtype=float)
     surface = Surface(vertices, np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6]]))
-    points, normals = surface.sample(20_000, np.random.default_rng(0))
+    points, triangle = surface.sample(20_000, np.random.default_rng(0))
     square = points[points[:, 0] < 2]
     assert len(square) / 20_000 == pytest.approx(0.8, abs=0.012)  # four standard errors
     np.testing.assert_allclose(square.mean(axis=0), [0.5, 0.5, 0], atol=0.01)
-    np.testing.assert_allclose(normals, np.tile([0, 0, 1.0], (20_000, 1)))
+    np.testing.assert_allclose(surface.normals_of(triangle), np.tile([0, 0, 1.0], (20_000, 1)))
+    again = np.random.default_rng(0)  # the places are those of numpy's own choice
+    np.testing.assert_array_equal(triangle, again.choice(3, size=20_000, p=surface.areas / surface.areas.sum()))
 
 
 @pytest.mark.parametrize(

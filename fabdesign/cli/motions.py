@@ -201,6 +201,7 @@ def evaluate(
     """Say how far a model's motions are from the measured ones of SETS, before and after, in mm."""
     from fabdesign.measurement_set import read_set
     from fabdesign.output import new_folder
+    from fabdesign.trial import Role
     from studies.bad_data import sound_trials
     from studies.coarser_grid import enough_points
     from studies.evaluate import evaluate_sets
@@ -208,7 +209,8 @@ def evaluate(
     from studies.judged_search import GRID as JUDGING
 
     fitted = require_model(model, without)
-    checked = [sound_trials(read_set(path), skip_bad=skip_bad) for path in sets]
+    roles: tuple[Role, ...] = ("test", "fit") if all_trials else ("test",)
+    checked = [sound_trials(read_set(path), skip_bad=skip_bad, roles=roles) for path in sets]
     measured, skipped = [found for found, _ in checked], [line for _, lines in checked for line in lines]
     place = (
         nullcontext() if output is None else new_folder(output, made_by="evaluate", force=force, inputs=[*sets, model])
@@ -216,7 +218,7 @@ def evaluate(
     with place as unfinished:
         from sim import Simulator
 
-        trials = [t for found in measured for t in found.trials if all_trials or t.role == "test"]
+        trials = [trial for found in measured for trial in found.trials]
         forward = Simulator(grid) if grid else enough_points(fitted, trials, Simulator, tell=tell)
         with counted("evaluated") as shown:
             evaluation = evaluate_sets(
