@@ -15,7 +15,7 @@ from fabdesign.errors import InputError
 from fabdesign.forward import MUSCLE_TYPES, Case
 from fabdesign.measurement_set import NewTrial, TrialData, write_set
 from fabdesign.model import Covariance, Model, Parameter
-from fabdesign.model_file import write_model
+from fabdesign.model_file import read_model, write_model
 from fabdesign.pressure_file import constant_program
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.surface import Surface
@@ -24,6 +24,7 @@ from fabdesign.unseen_file import read_unseen
 from studies.check.study import study_findings
 from studies.unseen.draws import Draws
 from studies.unseen.measurement import after, fastest, spread
+from studies.unseen.report import as_text
 from studies.unseen.run import run_unseen
 from tests.command_line import Run, one_line
 
@@ -115,6 +116,29 @@ def test_shapes_have_intervals_and_the_best_measurement_is_said(folder: Path) ->
     assert json.loads((folder / "out" / "result.json").read_text())["measurement"] == again["measurement"]
     with pytest.raises(InputError, match="seed was 1, now 2"):
         run_unseen(replace(read_unseen(folder / "s.toml"), seed=2), folder / "out", forward=arc)
+
+
+def test_a_model_that_is_not_to_be_believed_or_of_another_grid_is_said_to_be(folder: Path) -> None:
+    model = read_model(folder / "m.toml")
+    parameters = dict(model.parameters) | {"bending": Parameter(1.2, believable=False)}
+    write_model(replace(model, parameters=parameters, points_per_side=61), folder / "n.toml")
+    (folder / "s.toml").write_text(STUDY.replace("m.toml", "n.toml") + "samples = 8\n")
+    study = read_unseen(folder / "s.toml")
+    assert study.points_per_side == 61
+    result = run_unseen(replace(study, points_per_side=21), folder / "out", forward=Arc())
+    page, text = (folder / "out" / "report.html").read_text(), as_text(result)
+    assert result["doubted"] == ["bending"]
+    for said in ("intervals of bending are not to be believed", "a grid of 61 points a side; these shapes have 21"):
+        assert said in page and said in text
+
+
+def test_designs_for_which_there_was_no_time_are_said(folder: Path) -> None:
+    write_measured(folder)
+    text = STUDY + 'samples = 8\n[measured]\nset = "set"\n[limits]\nseconds = 1e-6\n'  # the shapes take it all
+    (folder / "s.toml").write_text(text)
+    result = run_unseen(folder / "s.toml", folder / "out", forward=Arc())
+    assert result["left_out"] == {"one": None, "two": None}
+    assert "Not begun, the time was used: one, two." in (folder / "out" / "report.html").read_text()
 
 
 def test_information_is_that_of_a_linear_gaussian_model() -> None:
