@@ -23,7 +23,7 @@ from corrector.shape import FINE, Frames, displaced, middle_of
 from fabdesign.corrector import with_history
 from fabdesign.forward import Case
 from fabdesign.measurement_set import read_set
-from fabdesign.metrics import Errors, closed, trial_errors
+from fabdesign.metrics import Errors, closed, mean_errors, trial_errors
 from fabdesign.model import Model
 from fabdesign.model_file import read_model
 from fabdesign.output import write_text
@@ -167,12 +167,7 @@ def _table(trials, sheet, based, ways, learned) -> dict[str, Errors]:  # type: i
                 errors = trial_errors(clouds, answer, noise, seed=trial.order)
                 floor = errors.chamfer_floor
             found.setdefault(name, []).append(errors)
-    return {name: _mean(each) for name, each in found.items()}
-
-
-def _mean(each: Sequence[Errors]) -> Errors:
-    names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor", "beyond")
-    return Errors(**{name: float(np.mean([getattr(e, name) for e in each])) for name in names})
+    return {name: mean_errors(each) for name, each in found.items()}
 
 
 def _markdown(rows) -> str:  # type: ignore[no-untyped-def]

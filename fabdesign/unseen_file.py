@@ -22,7 +22,7 @@ from fabdesign.study_file import FORMAT, require_kind
 from fabdesign.table import Table, load_toml, pascals
 from fabdesign.trial import MeasurementSet
 
-GRID = 21  # points a side
+GRID = 21  # points a side, where there is no model whose factors belong to a grid
 HIGHEST = 300e3  # Pa, of poses and programs that the study does not name, where the muscles allow it
 _RIG = RigLimits(HIGHEST)
 
@@ -90,7 +90,9 @@ def read_unseen(path: Path | str) -> UnseenStudy:
         trials=trials,
         samples=root.integer("samples", 32, least=8, most=1000),
         seed=root.integer("seed", 1, least=0),
-        points_per_side=root.integer("points_per_side", GRID, least=COARSEST, most=FINEST),
+        points_per_side=root.integer(
+            "points_per_side", unsewn.model.points_per_side if unsewn else GRID, least=COARSEST, most=FINEST
+        ),
         rise=root.number("rise", RISE, least=0.01, most=60),
         hold=root.number("hold", HOLD, least=0, most=LONGEST),
         rig=rig,

@@ -1,11 +1,14 @@
 """What the demo ships, and what its page says of a measured set."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from sheets import rolled_sheet
 
+from fabdesign.forward import Case
 from fabdesign.measurement_set import read_set
 from fabdesign.metrics import Errors
 from fabdesign.model import EffectTerm, Model
@@ -13,6 +16,8 @@ from fabdesign.model_file import read_model
 from fabdesign.trial_file import read_trial
 from studies.demo import measured
 from studies.demo.page import as_html
+from studies.evaluate import evaluate_sets
+from studies.judged import Judged
 
 DATA = Path(measured.__file__).parents[2] / "fabdesign" / "data"
 
@@ -33,6 +38,35 @@ def test_the_demo_set_is_a_part_of_the_measured_one(data: Path) -> None:
         assert part.pressure.tolist() == whole.pressure[rows].tolist()
         for row, frame in zip(rows, part.frames, strict=True):
             assert {*map(tuple, frame.tolist())} <= {*map(tuple, whole.frames[row].tolist())}
+
+
+class Rolling:
+    """Rolls, the longer the more, the less it resists, whatever the pressures."""
+
+    def __init__(self) -> None:
+        self.asked = 0
+
+    def motions(self, cases: Sequence[Case], times: Sequence[np.ndarray]) -> list[np.ndarray]:
+        self.asked += len(cases)
+        return [self._motion(case, own) for case, own in zip(cases, times, strict=True)]
+
+    def _motion(self, case: Case, times: np.ndarray) -> np.ndarray:
+        turns = 0.1 + 0.4 / case.factors.get("bending", 1.0) * times
+        return np.stack([rolled_sheet(turn, n=41) for turn in turns]).astype(np.float32)
+
+
+def test_each_model_is_simulated_once_and_judged_as_evaluate_does(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = read_set(DATA / measured.SET)
+    found = replace(whole, trials=whole.trials[:1])
+    monkeypatch.setattr(measured, "read_set", lambda folder: found)
+    monkeypatch.setattr(measured, "judge_sets", lambda sets, coarse: Judged((), 0.0))
+    rolling = Rolling()
+    judged = measured.judge_model(forward=rolling)
+    assert rolling.asked == len(judged.errors) == 3  # data sheet, calibrated, corrected
+    [expected] = evaluate_sets(judged.shipped, [found], Rolling()).designs.values()
+    [trial] = expected.trials
+    assert (judged.errors[measured.CALIBRATED], judged.errors[measured.CORRECTED]) == (trial.before, trial.after)
+    assert judged.errors[measured.SHEET] != trial.before
 
 
 def test_the_page_says_what_was_closed() -> None:

@@ -15,7 +15,7 @@ from fabdesign.errors import InputError
 from fabdesign.forward import MUSCLE_TYPES, Case
 from fabdesign.measurement_set import NewTrial, TrialData, write_set
 from fabdesign.model import Covariance, Model, Parameter
-from fabdesign.model_file import write_model
+from fabdesign.model_file import read_model, write_model
 from fabdesign.pressure_file import constant_program
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.surface import Surface
@@ -24,6 +24,7 @@ from fabdesign.unseen_file import read_unseen
 from studies.check.study import study_findings
 from studies.unseen.draws import Draws
 from studies.unseen.measurement import after, fastest, spread
+from studies.unseen.report import as_text
 from studies.unseen.run import run_unseen
 from tests.command_line import Run, one_line
 
@@ -69,8 +70,8 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def write_measured(folder: Path) -> None:
-    """Two designs, three trials each, of an Arc that bends by a fifth more."""
+def write_measured(folder: Path, device: Arc | None = None) -> None:
+    """Two designs, three trials each, of a device, an Arc, that bends by a fifth more."""
     rng, trials = np.random.default_rng(0), []
     noise = SensorNoise(0.0006, 0.0, 0.05)
     designs = {name: build("cross", name=name) for name in ("one", "two")}
@@ -78,7 +79,8 @@ def write_measured(folder: Path) -> None:
         for order, kpa in enumerate((100, 200, 300)):
             pressure = np.full((len(TIMES), design.channels), kpa * 1e3)
             case = Case(design, program_of(TIMES, pressure), {"bending": 1.2})
-            clouds = tuple(noise.draw(Surface.of_faces(f), 200, rng) for f in Arc().motions([case], [TIMES])[0])
+            motion = (device or Arc()).motions([case], [TIMES])[0]
+            clouds = tuple(noise.draw(Surface.of_faces(frame), 200, rng) for frame in motion)
             data = TrialData(TIMES, pressure, clouds)
             trials.append(NewTrial(f"{name}_{order}", name, order, "fit", data))
     write_set(folder / "set", designs, trials, name="arcs", description="synthetic")
@@ -114,6 +116,29 @@ def test_shapes_have_intervals_and_the_best_measurement_is_said(folder: Path) ->
     assert json.loads((folder / "out" / "result.json").read_text())["measurement"] == again["measurement"]
     with pytest.raises(InputError, match="seed was 1, now 2"):
         run_unseen(replace(read_unseen(folder / "s.toml"), seed=2), folder / "out", forward=arc)
+
+
+def test_a_model_that_is_not_to_be_believed_or_of_another_grid_is_said_to_be(folder: Path) -> None:
+    model = read_model(folder / "m.toml")
+    parameters = dict(model.parameters) | {"bending": Parameter(1.2, believable=False)}
+    write_model(replace(model, parameters=parameters, points_per_side=61), folder / "n.toml")
+    (folder / "s.toml").write_text(STUDY.replace("m.toml", "n.toml") + "samples = 8\n")
+    study = read_unseen(folder / "s.toml")
+    assert study.points_per_side == 61
+    result = run_unseen(replace(study, points_per_side=21), folder / "out", forward=Arc())
+    page, text = (folder / "out" / "report.html").read_text(), as_text(result)
+    assert result["doubted"] == ["bending"]
+    for said in ("intervals of bending are not to be believed", "a grid of 61 points a side; these shapes have 21"):
+        assert said in page and said in text
+
+
+def test_designs_for_which_there_was_no_time_are_said(folder: Path) -> None:
+    write_measured(folder)
+    text = STUDY + 'samples = 8\n[measured]\nset = "set"\n[limits]\nseconds = 1e-6\n'  # the shapes take it all
+    (folder / "s.toml").write_text(text)
+    result = run_unseen(folder / "s.toml", folder / "out", forward=Arc())
+    assert result["left_out"] == {"one": None, "two": None}
+    assert "Not begun, the time was used: one, two." in (folder / "out" / "report.html").read_text()
 
 
 def test_information_is_that_of_a_linear_gaussian_model() -> None:
@@ -172,6 +197,36 @@ def test_each_design_is_left_out_in_turn_and_a_kill_loses_one(folder: Path) -> N
         assert {"mean", "max", "min", "std"} <= set(found["after"]["chamfer"])
     page = (folder / "out" / "report.html").read_text()
     assert page.count("data:image/png") == page.count("<svg") == 2
+
+
+class Toss(Arc):
+    """From 250 kPa on gravity's tilt says to which side it curls, from 0.4 s on; without one, `side`."""
+
+    def __init__(self, n: int = 41, side: float = 1.0) -> None:
+        super().__init__(n)
+        self._side = side
+
+    def _motion(self, case: Case, times: np.ndarray) -> np.ndarray:
+        motion = super()._motion(case, times)
+        tilt = next((term.values["about_x"] for term in case.effects), self._side)
+        if tilt < 0 and case.program.pressure.max() > 250e3:
+            motion[times > 0.4, :, 2] *= -1
+        return motion
+
+
+def test_what_hangs_on_a_coins_toss_is_neither_fitted_nor_judged(folder: Path) -> None:
+    write_measured(folder, Toss(side=-1))
+    text = 'format = "fabdesign.study/1"\nkind = "unseen"\n[measured]\nset = "set"\n'
+    (folder / "s.toml").write_text(text)
+    result = run_unseen(folder / "s.toml", folder / "out", forward=Arc(15), coarse=Toss())
+    for name, found in result["left_out"].items():
+        other = {"one": "two", "two": "one"}[name]
+        assert [(s["trial"], s["from_s"], s["to_s"]) for s in found["unjudged"]] == [(f"{name}_2", 0.3, 0.9)]
+        assert [s["trial"] for s in found["fit_unjudged"]] == [f"{other}_2"]
+        assert found["share_unjudged"] == pytest.approx(3 / 15)
+        assert found["trials"][f"{name}_2"]["after"]["surface_rms"] < 0.7  # mm: the noise
+        assert found["closed"]["value"] > 0.8
+    assert "without 20 % of their frames" in (folder / "out" / "report.html").read_text()
 
 
 @pytest.mark.parametrize(

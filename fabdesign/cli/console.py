@@ -31,6 +31,7 @@ grid_option = click.option("--grid", type=GRID, help="Grid points a side; by def
 force_option = click.option(
     "--force", is_flag=True, help="Replace output that exists, once the new is complete; never other people's files."
 )
+skip_bad_option = click.option("--skip-bad", is_flag=True, help="Leave out a set's unsound trials, and list them.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print a machine-readable result.")
 
 

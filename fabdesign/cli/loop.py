@@ -2,20 +2,13 @@
 
 from pathlib import Path
 
-import click
-
-from fabdesign.cli.console import FILE, SECONDS, commands, force_option, json_option, print_result
-from fabdesign.cli.models import effects_option
+from fabdesign.cli.console import commands, print_result
 from fabdesign.cli.progress import described
+from fabdesign.cli.studies import study_options
 
 
 @commands.command()
-@click.argument("study", type=FILE)
-@click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in.")
-@effects_option
-@click.option("--seconds", type=SECONDS, help="Of each search; by default the study's.")
-@force_option
-@json_option
+@study_options("Of each search; by default the study's.")
 def loop(study: Path, output: Path, seconds: float | None, force: bool, as_json: bool) -> None:
     """Choose a design for the target of a STUDY (TOML), measure it, learn from that, choose again.
 

@@ -5,7 +5,7 @@ from typing import Literal
 
 import click
 
-from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json_option, print_result
+from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json_option, print_result, skip_bad_option
 from fabdesign.cli.models import effects_option, load_model
 from fabdesign.cli.progress import counted, described
 from fabdesign.errors import InputError
@@ -76,7 +76,7 @@ def fuse(
 @click.option("--fix", "fixed", help="Declared parameters to hold, by comma.")
 @click.option("--model", type=FILE, help="What holds besides: a model's effects, and the factors held by --fix.")
 @effects_option
-@click.option("--skip-bad", is_flag=True, help="Leave out a set's unsound trials, and list them.")
+@skip_bad_option
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of the points and frames drawn.")
 @click.option(
     "--grid", type=GRID, default=61, show_default=True, help="Grid points a side of the last iterations; the model's."

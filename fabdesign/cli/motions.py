@@ -17,6 +17,7 @@ from fabdesign.cli.console import (
     json_option,
     points_per_side,
     print_result,
+    skip_bad_option,
     tell,
 )
 from fabdesign.cli.models import effects_option, load_model, require_model, without_option
@@ -182,7 +183,7 @@ def predict(
 @without_option
 @effects_option
 @click.option("--all", "all_trials", is_flag=True, help="Trials of role fit too, in a table of their own.")
-@click.option("--skip-bad", is_flag=True, help="Leave out a set's unsound trials, and list them.")
+@skip_bad_option
 @grid_option
 @click.option("-o", "--output", type=FILE, help="A folder for tables, a picture and the whole result.")
 @force_option

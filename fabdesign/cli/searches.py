@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from fabdesign.cli.console import FILE, SECONDS, commands, force_option, json_option, print_result
-from fabdesign.cli.models import effects_option
+from fabdesign.cli.console import FILE, commands, force_option, json_option, print_result
+from fabdesign.cli.studies import study_options
 
 
 @commands.command()
@@ -24,12 +24,7 @@ def demo(output: Path, force: bool, as_json: bool) -> None:
 
 
 @commands.command()
-@click.argument("study", type=FILE)
-@click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in.")
-@effects_option
-@click.option("--seconds", type=SECONDS, help="Of search; by default the study's.")
-@force_option
-@json_option
+@study_options("Of search; by default the study's.")
 def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_json: bool) -> None:
     """Find the layout and pressures that come closest to the target of a STUDY (TOML). Ctrl-C ends with the best."""
     from fabdesign.metrics import MANY_BEYOND, told_beyond

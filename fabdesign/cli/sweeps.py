@@ -5,17 +5,12 @@ from typing import Any
 
 import click
 
-from fabdesign.cli.console import FILE, SECONDS, commands, force_option, json_option, print_result
-from fabdesign.cli.models import effects_option
+from fabdesign.cli.console import commands, print_result
+from fabdesign.cli.studies import study_options
 
 
 @commands.command()
-@click.argument("study", type=FILE)
-@click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in.")
-@effects_option
-@click.option("--seconds", type=SECONDS, help="Of computing; by default the study's, or all that it takes.")
-@force_option
-@json_option
+@study_options("Of computing; by default the study's, or all that it takes.")
 def sensitivity(study: Path, output: Path, seconds: float | None, force: bool, as_json: bool) -> None:
     """What a shape depends on: Morris screening and Sobol indices of a STUDY (TOML). Goes on where it was stopped."""
     from studies.layouts.progress import LiveLine
@@ -28,27 +23,22 @@ def sensitivity(study: Path, output: Path, seconds: float | None, force: bool, a
 
 
 @commands.command("study")
-@click.argument("file", type=FILE, metavar="STUDY")
-@click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in.")
-@effects_option
-@click.option("--seconds", type=SECONDS, help="Of computing; by default the study's.")
-@force_option
-@json_option
+@study_options("Of computing; by default the study's.")
 @click.pass_context
 def study_of_any_kind(
-    context: click.Context, file: Path, output: Path, seconds: float | None, force: bool, as_json: bool
+    context: click.Context, study: Path, output: Path, seconds: float | None, force: bool, as_json: bool
 ) -> None:
     """Run a STUDY (TOML) of any kind: optimize, sensitivity, layouts, unseen, loop."""
     from fabdesign.study_file import read_kind
 
-    kind = read_kind(file)
+    kind = read_kind(study)
     options: dict[str, Any] = {"seconds": seconds, "force": force, "as_json": as_json}
     if kind == "layouts":
-        _layouts(file, output, **options)
+        _layouts(study, output, **options)
     elif kind == "unseen":
-        _unseen(file, output, **options)
+        _unseen(study, output, **options)
     else:
-        context.invoke(commands.commands[kind], study=file, output=output, **options)
+        context.invoke(commands.commands[kind], study=study, output=output, **options)
 
 
 def _layouts(study: Path, output: Path, *, seconds: float | None, force: bool, as_json: bool) -> None:

@@ -14,6 +14,7 @@ from fabdesign.cli.console import (
     json_option,
     points_per_side,
     print_result,
+    skip_bad_option,
 )
 from fabdesign.cli.models import load_model
 from fabdesign.cli.progress import described
@@ -30,7 +31,7 @@ from fabdesign.cli.progress import described
 )
 @click.option("--hold-out", multiple=True, metavar="DESIGN", help="A design whose trials are not learned from.")
 @click.option("--model", type=FILE, help="Whose parameters the motions have; the data sheet's without it.")
-@click.option("--skip-bad", is_flag=True, help="Leave out a set's unsound trials, and list them.")
+@skip_bad_option
 @click.option("--seed", type=SEED, default=0, show_default=True)
 @grid_option
 @click.option("-o", "--output", type=FILE, required=True, help="The model to write (TOML); its weights lie beside it.")

@@ -1,18 +1,25 @@
 """What the demo's measured trials say about its model: calibrated, traced, corrected; none of them has seen these."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from fabdesign.forward import ForwardModel
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.forward import Case, ForwardModel
 from fabdesign.measurement_set import read_set
-from fabdesign.metrics import Errors, closed, mean_errors
+from fabdesign.metrics import Errors, closed, mean_errors, trial_errors
 from fabdesign.model import Model
 from fabdesign.model_file import read_model
-from fabdesign.trial import MeasurementSet
-from studies.evaluate import Evaluation, evaluate_sets
-from studies.judged_search import GRID
+from fabdesign.predictor import Predictor
+from fabdesign.sensor_noise import SensorNoise
+from fabdesign.trial import MeasurementSet, Trial
+from studies.evaluate import noise_of
+from studies.forward_model import forward_model
+from studies.judged_search import GRID, judge_sets
 
 SET = "demo_set"
 MODEL = "demo_model.toml"
@@ -67,17 +74,30 @@ def judge_model(*, forward: ForwardModel | None = None) -> Judged:
 
         fine, coarse = Simulator(shipped.points_per_side), Simulator(GRID)
     traced = shipped.without(["corrector"])
-    models = {CALIBRATED: traced.before, TRACED: traced} if traced.effects else {CALIBRATED: traced}
+    models = {SHEET: Model(points_per_side=shipped.points_per_side)}
+    models |= {CALIBRATED: traced.before, TRACED: traced} if traced.effects else {CALIBRATED: traced}
     models[CORRECTED] = shipped
-    found = {name: evaluate_sets(model, [measured], fine, coarse=coarse) for name, model in models.items()}
-    errors = {SHEET: _mean(found[CALIBRATED], after=False)}
-    errors |= {name: _mean(evaluation, after=True) for name, evaluation in found.items()}
-    return Judged(measured, shipped, errors, found[CALIBRATED].judged.share)
+    looked_at = judge_sets([(measured, measured.trials)], coarse)
+    frames = {trial.name: np.flatnonzero(looked_at.at(measured, trial)) for trial in measured.trials}
+    trials = [trial for trial in measured.trials if len(frames[trial.name])]
+    noise = noise_of(measured.trials)
+    errors = {
+        name: _mean_over(trials, frames, noise, forward_model(fine, own, sensing=True)) for name, own in models.items()
+    }
+    return Judged(measured, shipped, errors, looked_at.share)
 
 
-def _mean(evaluation: Evaluation, *, after: bool) -> Errors:
-    every = [t for design in evaluation.designs.values() for t in design.trials if t.judged]
-    return mean_errors([t.after if after else t.before for t in every])
+def _mean_over(
+    trials: Sequence[Trial], frames: Mapping[str, NDArray[np.intp]], noise: SensorNoise, model: Predictor
+) -> Errors:
+    """Over the judged `frames` of each trial; each is simulated once, and its errors are those of `evaluate`."""
+    cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
+    motions = model.motions(cases, [trial.times for trial in trials])
+    each = []
+    for trial, motion in zip(trials, motions, strict=True):
+        clouds, kept = trial.load().frames, frames[trial.name]
+        each.append(trial_errors([clouds[k] for k in kept], motion[kept], noise, seed=trial.order))
+    return mean_errors(each)
 
 
 def as_text(judged: Judged) -> str:

@@ -58,7 +58,7 @@ def front_svg(result: GridResult) -> str:
     front = result.front
     most = max(f.cell.muscles for f in sound)
     steps = [*(f.cell.muscles for f in front), most], [*(1e3 * f.objective for f in front), 1e3 * front[-1].objective]
-    axes.step(*steps, where="post", color="#1c2430", linewidth=1.5, label="front")
+    axes.step(*steps, where="post", color="#1c2430", linewidth=1.5, label="best with as many or fewer")
     axes.axhline(1e3 * _floor(front[-1]), color="#5a6675", linestyle="--", label="floor")
     axes.set(xlabel="muscles", ylabel=f"{result.study.search.objective.replace('_', ' ')}, mm", ylim=(0, None))
     axes.set_xticks(np.unique([f.cell.muscles for f in sound]))

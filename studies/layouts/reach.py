@@ -88,7 +88,7 @@ def _held_by(
         count = "all muscles" if at_most == acting.shape[1] else f"{at_most} of {acting.shape[1]} muscles"
         held.append(f"{count} at {high / 1e3:g} kPa")
     if study.muscles is not None and len(design.muscles) == study.muscles.most:
-        held.append(f"all {study.muscles.most} muscles used")
+        held.append("the one muscle used" if study.muscles.most == 1 else f"all {study.muscles.most} muscles used")
     if study.positions:
         held += [
             f"{name.replace('_', ' ')} at its limit"

@@ -30,6 +30,7 @@ from studies.layouts.target import LoadedTarget, load_target, target_errors
 from studies.layouts.way import ways
 
 HISTORY = "history.sqlite"
+COARSE = 21  # points a side, of the simulator on which a search begins
 
 
 def run_study(
@@ -117,7 +118,7 @@ def forward_models(
     from sim import Simulator  # here: it loads and starts taichi
 
     fine = Simulator(points_per_side, rise=rise, hold=hold)
-    return fine, coarse or Simulator(points_per_side=21, tolerance=1e-6, rise=rise, hold=hold)
+    return fine, coarse or Simulator(COARSE, tolerance=1e-6, rise=rise, hold=hold)
 
 
 def _limits(study: Study) -> Limits:

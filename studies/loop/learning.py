@@ -3,11 +3,13 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
 from fabdesign.loop_file import LoopStudy
+from fabdesign.metrics import Errors
 from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.model_file import read_model, write_model
 from fabdesign.output import WorkFolder
@@ -15,11 +17,11 @@ from fabdesign.trial import MeasurementSet
 from studies.calibration.calibrate import Calibration, calibrate
 from studies.calibration.fitted_model import muscle_scope
 from studies.calibration.parameters import fit_vector
-from studies.evaluate import evaluate_sets
+from studies.evaluate import DesignResult, evaluate_sets
+from studies.judged_search import GRID
 
 MODEL = "model.toml"
 TRACE = "trace"  # the folder of the trace
-COARSE = 21  # points a side, of what looks for stretches that hang on a hair
 
 Simulators = Callable[[int], ForwardModel]  # by points a side
 Say = Callable[[str], None]
@@ -149,7 +151,7 @@ def _calibrated(
         sets,
         simulators(grid),
         slopes=simulators(min(grid, POINTS_PER_SIDE)),
-        coarse=simulators(min(grid, COARSE)),
+        coarse=simulators(min(grid, GRID)),
         vector=vector,
         points_per_side=grid,
         seed=study.search.seed,
@@ -203,16 +205,13 @@ def _held_out(
     grid = study.points_per_side
     try:
         found = evaluate_sets(
-            model, sets, simulators(grid), coarse=simulators(min(grid, COARSE)), seed=study.search.seed
+            model, sets, simulators(grid), coarse=simulators(min(grid, GRID)), seed=study.search.seed
         ).designs
     except InputError:
         return None
-    return {way: _mean_excess(found, way) for way in ("before", "after")}
+    return {way: 1e3 * fmean(_means(design, way).excess for design in found.values()) for way in ("before", "after")}
 
 
-def _mean_excess(found: Mapping[str, Any], way: str) -> float:
-    values = []
-    for design in found.values():
-        table = getattr(design, way)
-        values.append(max(table["surface_rms"].mean ** 2 - table["surface_floor"].mean ** 2, 0.0) ** 0.5)
-    return 1e3 * sum(values) / len(values)
+def _means(design: DesignResult, way: str) -> Errors:
+    """Over the trials."""
+    return Errors(**{name: over.mean for name, over in getattr(design, way).items()})

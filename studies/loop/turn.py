@@ -18,10 +18,10 @@ from fabdesign.pressure_file import read_pressures
 from fabdesign.study_file import EarlierResult
 from fabdesign.trial import MeasurementSet
 from optimize.evaluations import Evaluations
-from studies.layouts.run import run_study
+from studies.layouts.run import COARSE, run_study
 from studies.layouts.target import LoadedTarget
 from studies.loop.device import device_errors, measured_shapes
-from studies.loop.learning import COARSE, Simulators
+from studies.loop.learning import Simulators
 
 SEARCH = "search"  # the folder of the turn's search, what `optimize` writes
 SHAPES = "shapes.npz"

@@ -13,6 +13,7 @@ from markupsafe import Markup
 from fabdesign import __version__
 from fabdesign.csv_table import write_rows
 from fabdesign.output import write_text
+from fabdesign.sensitivity_file import SensitivityStudy
 from studies.sensitivity.picture import bars_svg
 from studies.sensitivity.result import SensitivityResult
 
@@ -48,8 +49,16 @@ def render(result: SensitivityResult) -> str:
         varies=varies,
         bars={k: Markup(bars_svg(result, k)) for k in varies},
         json=result.as_json(),
+        held=_held(result.study),
         versions=", ".join([f"fabdesign {__version__}", *(f"{name} {version(name)}" for name in PACKAGES)]),
     )
+
+
+def _held(study: SensitivityStudy) -> str:
+    """The pressures that do not vary, kPa."""
+    varied = {v.name for v in study.varied}
+    pressures = enumerate(study.pressures / 1e3)
+    return ", ".join(f"pressure.{k} {kpa:g}" for k, kpa in pressures if f"pressure.{k}" not in varied)
 
 
 def as_text(result: SensitivityResult) -> str:

@@ -1,6 +1,6 @@
 """Each design of a measured set left out in turn: calibrated on the others, judged on it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from fabdesign.output import whole_file
 from fabdesign.trial import MeasurementSet, Trial
 from studies.calibration.calibrate import calibrate
 from studies.calibration.clouds import evenly
-from studies.evaluate import evaluate_sets
+from studies.evaluate import Evaluation, evaluate_sets
 from studies.forward_model import forward_model
 
 
@@ -23,6 +23,7 @@ def left_out(
     name: str,
     forward: ForwardModel,
     *,
+    coarse: ForwardModel,
     trials: int,
     points_per_side: int,
     seed: int,
@@ -30,8 +31,10 @@ def left_out(
     progress: Callable[[str], None],
 ) -> dict[str, Any]:
     """Errors of the data sheet and of what the other designs' trials of role `fit` gave, on at most `trials` trials of
-    the design `name`; an overlay of one of them goes to `picture` (PNG). What `evaluate` says of a design, the model's
-    factors, and which trials were fitted. Raises InputError where nothing is left to fit or to judge."""
+    the design `name`; an overlay of one of them goes to `picture` (PNG). coarse: as `calibrate` and `evaluate` take it;
+    stretches that hang on a coin's toss are neither fitted nor judged. What `evaluate` says of a design and of these
+    stretches, the model's factors, and how many trials were fitted. Raises InputError where nothing is left to fit or
+    to judge."""
     others = tuple(trial for trial in measured.trials if trial.design_name != name and trial.role == "fit")
     own = [trial for trial in measured.trials if trial.design_name == name]
     if not others or not own:
@@ -40,6 +43,7 @@ def left_out(
     found = calibrate(
         replace(measured, trials=others),
         forward,
+        coarse=coarse,
         points_per_side=points_per_side,
         seed=seed,
         progress=lambda line, share: progress(f"without {name}: {line}"),
@@ -48,24 +52,35 @@ def left_out(
         found.model,
         [replace(measured, trials=judged)],
         forward,
+        coarse=coarse,
         seed=seed,
         progress=lambda done, total: progress(f"without {name}: judged {done} of {total} trials"),
     )
-    _overlay(judged[len(judged) // 2], found.model, forward, picture)
+    _overlay(*_shown(judged, measured, evaluation), found.model, forward, picture)
     factors = {k: {"factor": p.factor, "interval90": p.interval90} for k, p in found.model.parameters.items()}
-    return evaluation.as_json()["designs"][name] | {
+    said = evaluation.as_json()["designs"][name] | evaluation.judged.as_json()
+    return said | {
         "factors": factors,
         "fitted": len(found.model.provenance.fitted),
+        "fit_unjudged": found.judged.as_json()["unjudged"],
         "doubts": list(found.doubts),
     }
 
 
-def _overlay(trial: Trial, model: Model, forward: ForwardModel, path: Path) -> None:
-    """The cloud of the frame that moved farthest, before and after, from the side and from the front."""
+def _shown(trials: Sequence[Trial], measured: MeasurementSet, evaluation: Evaluation) -> tuple[Trial, int]:
+    """The trial in the middle of those with a judged frame, and of its judged frames the one that moved farthest."""
+    judged = [(trial, np.flatnonzero(evaluation.judged.at(measured, trial))) for trial in trials]
+    sound = [(trial, kept) for trial, kept in judged if len(kept)]
+    trial, kept = sound[len(sound) // 2]
+    clouds = trial.load().frames
+    return trial, int(max(kept, key=lambda k: np.abs(clouds[k][:, 2]).mean()))
+
+
+def _overlay(trial: Trial, k: int, model: Model, forward: ForwardModel, path: Path) -> None:
+    """The cloud of frame k over the models before and after, from the side and from the front."""
     from matplotlib.figure import Figure
 
     clouds = trial.load().frames
-    k = int(np.argmax([np.abs(cloud[:, 2]).mean() for cloud in clouds]))
     figure = Figure(figsize=(10, 4.2), layout="constrained")
     axes = figure.subplots(1, 4, sharey=True)
     for column, (said, own) in enumerate((("before", model.before), ("after", model))):

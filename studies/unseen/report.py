@@ -23,16 +23,39 @@ def write_report(result: dict[str, Any], out: Path, *, pictures: Path) -> None:
     template = Environment(autoescape=True).from_string(
         files("studies.unseen").joinpath("report.html.j2").read_text(encoding="utf-8")
     )
-    left = {name: found for name, found in (result.get("left_out") or {}).items() if found}
+    left_out = result.get("left_out") or {}
+    left = {name: found for name, found in left_out.items() if found}
     page = template.render(
         result=result,
         left=left,
+        not_begun=[name for name, found in left_out.items() if not found],
+        notes=_notes(result),
         bands=[Markup(_band_svg(pose)) for pose in result.get("poses") or []],
         histograms={name: Markup(_histogram_svg(found)) for name, found in left.items()},
         overlays={name: _inline(pictures / f"left_out_{name}.png") for name in left},
         version=__version__,
     )
     write_text(out / "report.html", page)
+
+
+def _notes(result: dict[str, Any]) -> list[str]:
+    """What must be said beside the shapes' intervals."""
+    if not result.get("design"):
+        return []
+    notes, own, grid = [], result["model_points_per_side"], result["points_per_side"]
+    if result["doubted"]:
+        notes.append(
+            f"the model's intervals of {', '.join(result['doubted'])} are not to be believed: its fit left more than "
+            "noise. The intervals here follow from them and are likely too narrow"
+        )
+    if own != grid:
+        notes.append(f"the model's factors belong to a grid of {own} points a side; these shapes have {grid}")
+    if result["unknown"]:
+        unknown = ", ".join(result["unknown"])
+        notes.append(
+            f"the model says nothing of {unknown}: the data sheet's tolerance counts (15 %). A bench narrows it"
+        )
+    return notes
 
 
 def without_lines(result: dict[str, Any]) -> dict[str, Any]:
@@ -89,8 +112,7 @@ def as_text(result: dict[str, Any]) -> str:
         )
     if result.get("design"):
         lines.append(result["corrector"]["said"])
-        if result["unknown"]:
-            lines.append(f"the model says nothing of {', '.join(result['unknown'])}: the data sheet's tolerance counts")
+        lines += _notes(result)
     found = result.get("measurement")
     if found and found["candidates"]:
         name, best = next(iter(found["candidates"].items()))

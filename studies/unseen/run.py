@@ -12,6 +12,7 @@ from fabdesign.forward import ForwardModel
 from fabdesign.output import WorkFolder, work_folder
 from fabdesign.unseen_file import UnseenStudy, Unsewn, read_unseen
 from studies.forward_model import forward_model
+from studies.judged_search import GRID
 from studies.layouts.content import flat, shortened
 from studies.unseen.draws import Draws
 from studies.unseen.left_out import left_out
@@ -26,13 +27,16 @@ def run_unseen(
     out: Path | str,
     *,
     forward: ForwardModel | None = None,
+    coarse: ForwardModel | None = None,
     seconds: float | None = None,
     force: bool = False,
     progress: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
     """Judge what the study names and write `result.json` and `report.html` into `out`; what result.json holds.
 
-    forward: by default the simulator with the study's grid. The same study goes on in its folder, piece by piece.
+    forward: by default the simulator with the study's grid. coarse: with which stretches of the measured set are found
+    that hang on a coin's toss (studies.judged_search), by default one of its own, or `forward` where that is given. The
+    same study goes on in its folder, piece by piece.
     Raises InputError, and SimulationError where shapes cannot be computed.
     """
     inputs = [] if isinstance(study, UnseenStudy) else [study]
@@ -45,11 +49,12 @@ def run_unseen(
             from sim import Simulator  # here: it loads and starts taichi
 
             forward = Simulator(study.points_per_side, rise=study.rise, hold=study.hold)
+            coarse = coarse or Simulator(GRID)
         result: dict[str, Any] = {"name": study.name, "seed": study.seed, "points_per_side": study.points_per_side}
         if study.unsewn is not None:
             result |= _unsewn(study, study.unsewn, forward, pieces, progress)
         if study.measured is not None:
-            result["left_out"] = _left_out(study, work, forward, pieces, progress)
+            result["left_out"] = _left_out(study, work, forward, coarse or forward, pieces, progress)
         result["wall_s"] = pieces.spent
         with work.adding() as files:
             write_report(result, files, pictures=work.folder)
@@ -86,6 +91,8 @@ def _unsewn(
 
     return {
         "design": unsewn.design.name,
+        "model_points_per_side": unsewn.model.points_per_side,
+        "doubted": [name for name, parameter in unsewn.model.parameters.items() if not parameter.believable],
         "poses": poses,
         "unknown": list(draws.unknown),
         "corrector": corrector_said(unsewn.model, unsewn),
@@ -94,7 +101,12 @@ def _unsewn(
 
 
 def _left_out(
-    study: UnseenStudy, work: WorkFolder, forward: ForwardModel, pieces: Pieces, progress: Callable[[str], None]
+    study: UnseenStudy,
+    work: WorkFolder,
+    forward: ForwardModel,
+    coarse: ForwardModel,
+    pieces: Pieces,
+    progress: Callable[[str], None],
 ) -> dict[str, Any]:
     measured = study.measured
     assert measured is not None
@@ -108,6 +120,7 @@ def _left_out(
                 measured,
                 name,
                 forward,
+                coarse=coarse,
                 trials=study.trials,
                 points_per_side=study.points_per_side,
                 seed=study.seed,
@@ -126,6 +139,7 @@ def _content(study: UnseenStudy) -> dict[str, str]:
         if field.name not in ("name", "seconds", "folder", "measured"):
             content |= flat(getattr(study, field.name), field.name)
     if study.measured is not None:
+        content["unjudged"] = f"found with {GRID} points a side"
         for trial in study.measured.trials:
             size = trial.file.stat().st_size
             content[f"measured.{trial.file.name}"] = f"{trial.design_name}, {trial.role}, {size} bytes"
