@@ -220,6 +220,8 @@ def _search(
         for a in range(3):
             first[a] = max(int(np.floor((at[a] - limit) / edge)), 0)
             last[a] = min(int(np.floor((at[a] + limit) / edge)), shape[a] - 1)
+        if first[0] > last[0] or first[1] > last[1] or first[2] > last[2]:
+            continue  # all cells are farther than what is looked for
         for x in range(first[0], last[0] + 1):
             aside_x = max(edge * x - at[0], at[0] - edge * (x + 1), 0.0)
             for y in range(first[1], last[1] + 1):

@@ -53,6 +53,20 @@ def test_what_is_farther_than_asked_is_infinitely_far():
     np.testing.assert_array_equal(near, np.where(full < CAP, full, np.inf))
 
 
+@pytest.mark.parametrize("off", [0.05, 3.0, 1e6, 1e30])
+def test_points_beyond_every_cell_are_farther_than_asked(off):
+    """Along each axis, both ways; a flat sheet has one cell along z."""
+    flat = np.stack(
+        [*(a.ravel() for a in np.meshgrid(np.linspace(0, 0.2, 41), np.linspace(-0.2, 0, 41))), np.zeros(41**2)]
+    )
+    points = np.concatenate([[0.1, -0.1, 0.0] + off * np.array(s) * np.eye(3) for s in (1.0, -1.0)])
+    for sheet in (flat.T, rolled_sheet(6.0, n=41)[: 41**2]):
+        surface = Surface.of_faces(np.concatenate([sheet + [0, 0, 0.001], sheet - [0, 0, 0.001]]))
+        near = surface.distance(points, within=CAP)
+        full = surface.distance(points)
+        np.testing.assert_array_equal(near, np.where(full < CAP, full, np.inf))
+
+
 def test_a_search_ends_whatever_is_asked():
     """Points that are nowhere are near nothing; slivers, one of them without a normal, hide nothing."""
     surface = Surface.of_faces(rolled_sheet(6.0, n=11))
