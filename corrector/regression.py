@@ -27,16 +27,20 @@ class Regression:
     seed: int = 0
 
 
-def amounts_of(examples: Sequence[Examples], penalty: float, columns: NDArray[np.bool_] | None = None) -> Array:
+def amounts_of(
+    examples: Sequence[Examples], penalty: float, least: Array, columns: NDArray[np.bool_] | None = None
+) -> Array:
     """(K,) amounts, zero outside `columns`, that leave the least of the examples' errors, relative to those before.
 
-    The penalty is on what a source does, not on its unit: an amount counts by the RMS of what it makes [mm].
+    The penalty is on what a source does, not on its unit: an amount counts by the RMS of the heights that it makes, as
+    a share of the error before, and by `least` (K,) at least: what moves the cloth in its plane hardly shows in
+    heights, and must not grow for that.
     """
     matrix, right = (np.sum([e.equations[i] for e in examples], axis=0) for i in (0, 1))
     frames = sum(len(e) for e in examples)
     result = np.zeros(len(right))
     kept = np.flatnonzero(np.ones(len(right), dtype=bool) if columns is None else columns)
-    size = np.sqrt(np.diag(matrix)[kept] / frames) + 1e-9
+    size = np.maximum(np.sqrt(np.diag(matrix) / frames), least)[kept]
     scaled = matrix[np.ix_(kept, kept)] / np.outer(size, size) + penalty * frames * np.eye(len(kept))
     result[kept] = np.linalg.solve(scaled, right[kept] / size) / size
     return result
@@ -49,7 +53,7 @@ def relative_error(examples: Sequence[Examples], amounts: Array | None = None) -
     return float(np.mean(after / np.maximum(before, 0.5)))
 
 
-def best_penalty(examples: Sequence[Examples], folds: Sequence[Sequence[int]], plan: Regression) -> float:
+def best_penalty(examples: Sequence[Examples], folds: Sequence[Sequence[int]], plan: Regression, least: Array) -> float:
     """The penalty that leaves least of trials not learned from; `folds`: indices of those kept back in turn. The
     largest where there is nothing to try it on."""
     if not folds:
@@ -59,5 +63,5 @@ def best_penalty(examples: Sequence[Examples], folds: Sequence[Sequence[int]], p
         rest = [e for i, e in enumerate(examples) if i not in set(kept_back)]
         own = [examples[i] for i in kept_back]
         for k, penalty in enumerate(plan.penalties):
-            left[k] += len(own) * relative_error(own, amounts_of(rest, penalty))
+            left[k] += len(own) * relative_error(own, amounts_of(rest, penalty, least))
     return plan.penalties[int(left.argmin())]

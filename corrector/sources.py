@@ -82,6 +82,12 @@ def names() -> tuple[str, ...]:
     return _any().names
 
 
+def least_effects() -> Array:
+    """(K,) share of an error that one of a source counts as at least (`regression.amounts_of`): a strain of 1 % as all
+    of it."""
+    return np.array([1.0 if name.startswith("strain") else 0.05 for name in names()])
+
+
 def anywhere() -> NDArray[np.bool_]:
     """(K,) whether a source is taken for layouts that were not learned from."""
     return _any().anywhere

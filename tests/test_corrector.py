@@ -94,6 +94,7 @@ LEARNED = (
 )
 UNSEEN = build("vertical", muscles=3, fabric=FABRIC, name="three")
 TIMES = np.array([0.1, 0.3])
+LEAST = np.full(3, 0.05)
 
 
 def measure(folder: Path, designs: Sequence[Design] = LEARNED, *, trials: int = 6, times: np.ndarray = TIMES) -> Path:
@@ -199,10 +200,11 @@ def test_ridge_finds_the_amounts() -> None:
         heights = rng.standard_normal((5, 3, 40)).astype(np.float16)
         goal = np.einsum("tkn,k->tn", heights.astype(float), truth) + 0.1 * rng.standard_normal((5, 40))
         found.append(Examples(heights, goal.astype(np.float32), np.full((5, 40), 1 / 40, dtype=np.float32)))
-    assert np.abs(amounts_of(found, 1e-6) - truth).max() < 0.02
-    shrunk = amounts_of(found, 10.0)
+    assert np.abs(amounts_of(found, 1e-6, LEAST) - truth).max() < 0.02
+    shrunk = amounts_of(found, 10.0, LEAST)
     assert np.abs(shrunk).max() < 0.2
-    assert amounts_of(found, 1e-6, np.array([True, False, True]))[1] == 0
+    assert amounts_of(found, 1e-6, LEAST, np.array([True, False, True]))[1] == 0
+    assert np.abs(amounts_of(found, 0.1, 1e3 * LEAST)).max() < 0.01  # as if one of a source made 50 times the error
     assert found[0].errors(truth).mean() < 0.12 < 1 < found[0].errors().mean()
 
 

@@ -10,7 +10,7 @@ from corrector.designs import described, distance
 from corrector.examples import Examples
 from corrector.inputs import HISTORY, Layout
 from corrector.regression import Regression, amounts_of, best_penalty, relative_error
-from corrector.sources import anywhere, names
+from corrector.sources import anywhere, least_effects, names
 from fabdesign.forward import ForwardModel
 from fabdesign.output import WorkFolder
 from fabdesign.splits import by_program, folds
@@ -29,9 +29,12 @@ def train(
     examples = _examples(trials, forward, work, progress)
     designs = {chosen.trial.design_name: chosen.trial.design for chosen in trials}
     known = {name: described(design) for name, design in designs.items()}
-    penalty = best_penalty(examples, _folds(trials, plan), plan)
+    penalty = best_penalty(examples, _folds(trials, plan), plan, least_effects())
     far, share, left_out = _for_unseen(trials, examples, known, plan)
-    weights = {"seen": amounts_of(examples, penalty), "unseen": share * amounts_of(examples, far, anywhere())}
+    weights = {
+        "seen": amounts_of(examples, penalty, least_effects()),
+        "unseen": share * amounts_of(examples, far, least_effects(), anywhere()),
+    }
     about = {
         "network": "field",
         "sources": list(names()),
@@ -79,7 +82,10 @@ def _for_unseen(
     for name in known:
         own = [e for e, chosen in zip(examples, trials, strict=True) if chosen.trial.design_name == name]
         rest = [e for e, chosen in zip(examples, trials, strict=True) if chosen.trial.design_name != name]
-        parts[name] = own, {penalty: amounts_of(rest, penalty, anywhere()) for penalty in plan.penalties}
+        parts[name] = (
+            own,
+            {penalty: amounts_of(rest, penalty, least_effects(), anywhere()) for penalty in plan.penalties},
+        )
 
     def worst(penalty: float, share: float) -> float:
         return max(relative_error(own, share * amounts[penalty]) for own, amounts in parts.values())
