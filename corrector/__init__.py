@@ -1,5 +1,5 @@
-"""Correctors: networks that learned from measured motions what a simulator leaves out. PyTorch is needed to train,
-and for the network of the paper; `field` predicts with numpy."""
+"""Correctors: they learned from measured motions what a simulator leaves out. `field` is numpy alone; the network of
+the paper needs PyTorch."""
 
 from corrector.load import load_corrector
 

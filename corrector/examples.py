@@ -1,69 +1,76 @@
-"""What the field network learns from: frames of trials, each with its inputs and what was measured there."""
+"""What the field corrector learns from: frames of a trial, how far off they are, and what each source would do."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from corrector.inputs import HISTORY, Layout, inputs_of
+from corrector.inputs import HISTORY, Layout, fields_of
 from corrector.matching import offsets
-from corrector.shape import FINE, Frames, middle_of, refine
+from corrector.outputs import heights_of
+from corrector.response import weight_over_stiffness
+from corrector.shape import FINE, Frames, middle_of
+from corrector.sources import Sources
 from fabdesign.corrector import with_history
-from fabdesign.fabric import Fabric
 from fabdesign.forward import Case
 from fabdesign.output import whole_file
 
-Floats = NDArray[np.float32]
-_MOST = 8.0  # points, more of which do not make an offset weigh more: its error is the model's then
+Floats = NDArray[np.floating]
+_MOST = 8.0  # points, more of which do not make a node count more: its error is the model's then
+_FAR = 20.0  # mm, of which a node is off at most: strays do not decide
+_GOOD = 1.0  # mm RMS: a frame that was this near already does not count more
 
 
 @dataclass(frozen=True, eq=False)
 class Examples:
-    """Frames of one trial or of many in a row. float32."""
+    """Frames of one trial, FINE x FINE nodes in a row."""
 
-    inputs: Floats  # (B, CHANNELS, n, n)
-    middle: Floats  # (B, side, side, 3) m, simulated mid-surface
-    across: Floats  # (B, FINE, FINE, 3), and `down`, `normal`: its frames (shape.Frames)
-    down: Floats
-    normal: Floats
-    along: Floats  # (B, FINE, FINE, 3) the normals of the surface that the clouds were matched to
-    goal: Floats  # (B, FINE, FINE) m: what the displacement along `along` is to be
-    weight: Floats  # (B, FINE, FINE)
+    heights: NDArray[np.float16]  # (T, K, N) mm along the normal that one of each source makes
+    goal: NDArray[np.float32]  # (T, N) mm from the simulated cloth to the measured one
+    weight: NDArray[np.float32]  # (T, N), sum 1 in a frame
 
     @staticmethod
     def of(
         case: Case, layout: Layout, times: NDArray[np.float64], motion: NDArray[np.floating], clouds: Sequence
     ) -> "Examples":
-        """One trial's frames at `times` (B,) s. motion: (U, 2 side^2, 3) m at `with_history(times, HISTORY)`; clouds:
-        B of (n, 3) m."""
+        """One trial's frames at `times` (T,) s. motion: (U, 2 side^2, 3) m at `with_history(times, HISTORY)`; clouds:
+        T of (n, 3) m."""
         _, where = with_history(times, HISTORY)
         fabric = case.design.fabric
-        inputs = inputs_of(case, layout, times, motion[where])
         middle = middle_of(motion[where[0]], round((motion.shape[1] // 2) ** 0.5)).astype(np.float32)
+        sources = Sources.of(fields_of(case, layout, times, motion[where]))
         frames = Frames.of(middle, fabric.width, fabric.height, FINE)
-        goal, weight = _matched(middle, clouds, fabric.thickness)
-        return Examples(inputs, middle, frames.across, frames.down, frames.normal, frames.normal, goal, weight)
+        heights = 1e3 * heights_of(sources, frames, fabric, weight_over_stiffness(case))
+        pairs = [offsets(frame, cloud, fabric.thickness) for frame, cloud in zip(middle, clouds, strict=True)]
+        goal, count = (np.array(x).reshape(len(times), -1) for x in zip(*pairs, strict=True))
+        weight = np.minimum(count, _MOST)
+        weight /= np.maximum(weight.sum(axis=1, keepdims=True), 1)
+        flat = heights.reshape(*heights.shape[:2], -1)
+        goal = np.clip(1e3 * goal, -_FAR, _FAR)
+        return Examples(flat.astype(np.float16), goal.astype(np.float32), weight.astype(np.float32))
 
-    def rematched(self, displacement: Floats, clouds: Sequence, fabric: Fabric) -> "Examples":
-        """The same with the clouds matched to the mid-surfaces moved by `displacement` (B, FINE, FINE, 3) m."""
-        moved = self.middle + refine(displacement, self.middle.shape[1])
-        along = Frames.of(moved, fabric.width, fabric.height, FINE).normal
-        goal, weight = _matched(moved, clouds, fabric.thickness)
-        goal = goal + np.einsum("...i,...i->...", along, displacement)
-        return replace(self, along=along.astype(np.float32), goal=goal.astype(np.float32), weight=weight)
+    def errors(self, amounts: Floats | None = None) -> NDArray[np.float64]:
+        """(T,) mm RMS that is left with so much of each source (K,); without any by default."""
+        left = self.goal
+        if amounts is not None:
+            left = left - np.einsum("tkn,k->tn", self.heights.astype(np.float32), amounts.astype(np.float32))
+        return np.asarray(np.sqrt((left**2 * self.weight).sum(axis=1)), dtype=np.float64)
+
+    @cached_property
+    def equations(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(K, K) and (K,): normal equations of all frames, each by its error before."""
+        matrix, right = 0.0, 0.0
+        for heights, goal, weight, error in zip(self.heights, self.goal, self.weight, self.errors(), strict=True):
+            own = heights.astype(np.float32)
+            by = own * weight / max(error, _GOOD) ** 2
+            matrix, right = matrix + by @ own.T, right + by @ goal
+        return np.asarray(matrix, dtype=np.float64), np.asarray(right, dtype=np.float64)
 
     def __len__(self) -> int:
-        return len(self.inputs)
-
-    def rows(self, rows: NDArray[np.intp] | slice) -> "Examples":
-        return Examples(*(getattr(self, field.name)[rows] for field in fields(self)))
-
-    @staticmethod
-    def joined(parts: Sequence["Examples"]) -> "Examples":
-        return Examples(*(np.concatenate([getattr(p, field.name) for p in parts]) for field in fields(Examples)))
+        return len(self.goal)
 
     def save(self, path: Path) -> None:
         with whole_file(path) as temporary, temporary.open("wb") as stream:
@@ -72,11 +79,4 @@ class Examples:
     @staticmethod
     def load(path: Path) -> "Examples":
         with np.load(path) as arrays:
-            found: Mapping[str, Floats] = {field.name: arrays[field.name] for field in fields(Examples)}
-        return Examples(**found)
-
-
-def _matched(middle: NDArray[Any], clouds: Sequence, thickness: float) -> tuple[Floats, Floats]:
-    pairs = [offsets(frame, cloud, thickness) for frame, cloud in zip(middle, clouds, strict=True)]
-    goal, count = (np.array(x, dtype=np.float32) for x in zip(*pairs, strict=True))
-    return goal, np.minimum(count, _MOST)
+            return Examples(**{field.name: arrays[field.name] for field in fields(Examples)})

@@ -8,24 +8,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from corrector.designs import described, distance
-from corrector.inference import outputs_of
-from corrector.inputs import HISTORY, Layout, inputs_of
+from corrector.inputs import HISTORY, Layout, fields_of
 from corrector.outputs import displacement_of
-from corrector.response import slopes_of, weight_over_stiffness
+from corrector.response import weight_over_stiffness
 from corrector.shape import FINE, Frames, displaced, middle_of
+from corrector.sources import Sources
 from fabdesign.corrector import Trust, with_history
 from fabdesign.design import Design
 from fabdesign.forward import Case
 
 Floats = NDArray[np.floating[Any]]
+NEAR = 0.2  # distance over which a design stops being one of those learned from
 
 
 @dataclass(frozen=True, eq=False)
 class FieldCorrector:
     """Implements fabdesign.corrector.Corrector. `known`: the designs it learned from (`designs.described`)."""
 
-    weights: Mapping[str, NDArray[np.float32]]
-    dilations: tuple[int, ...]
+    seen: NDArray[np.float64]  # (K,) amounts of the sources, for layouts learned from
+    unseen: NDArray[np.float64]  # (K,) for others
     known: Sequence[Mapping[str, Any]]
     limit: float  # of trust
     ordered: bool = True
@@ -48,26 +49,27 @@ class FieldCorrector:
 
     def _correct(self, case: Case, times: NDArray[np.float64], motion: Floats) -> NDArray[np.float32]:
         _, where = with_history(times, HISTORY)
-        layout, trust = self._known(case.design)
+        _, trust = self._known(case.design)
         answer = np.array(motion[where[0]], dtype=np.float32)
         sound = np.isfinite(motion[where]).all(axis=(0, 2, 3))
         if trust.applies and sound.any():
-            moved = self.displacement(case, layout, times[sound], motion[where[:, sound]])
+            moved = self.displacement(case, times[sound], motion[where[:, sound]])
             answer[sound] = displaced(answer[sound], moved, case.design.fabric.thickness)
         return answer
 
-    def displacement(
-        self, case: Case, layout: Layout, times: NDArray[np.float64], motion: Floats
-    ) -> NDArray[np.float32]:
-        """(T, FINE, FINE, 3) m of the mid-surface. motion: as `inputs.inputs_of` takes it."""
+    def displacement(self, case: Case, times: NDArray[np.float64], motion: Floats) -> NDArray[np.float32]:
+        """(T, FINE, FINE, 3) m of the mid-surface. motion: as `inputs.fields_of` takes it."""
         fabric = case.design.fabric
-        inputs = inputs_of(case, layout, times, motion)
-        signs = np.ones((len(inputs), 2, *inputs.shape[2:]), dtype=np.float32)
-        local, swings = outputs_of(self.weights, self.dilations, np.concatenate([inputs, signs], axis=1))
+        layout, trust = self._known(case.design)
+        mixture = Sources.of(fields_of(case, layout, times, motion)).mixed(self.amounts(trust.distance))
         middle = middle_of(motion[0], round((motion.shape[2] // 2) ** 0.5)).astype(np.float32)
         frames = Frames.of(middle, fabric.width, fabric.height, FINE)
-        answer = slopes_of(fabric, weight_over_stiffness(case), FINE)
-        return displacement_of(local, swings, frames, fabric, answer)
+        return displacement_of(mixture, frames, fabric, weight_over_stiffness(case))
+
+    def amounts(self, distance: float) -> NDArray[np.float64]:
+        """(K,) for a design so far from those learned from."""
+        near = max(1 - distance / NEAR, 0.0)
+        return near * self.seen + (1 - near) * self.unseen
 
     def _known(self, design: Design) -> tuple[Layout, Trust]:
         """What is the same in all motions of a design, worked out once."""

@@ -1,4 +1,4 @@
-"""What the network sees of a case: the muscles as fields, the shape in its own frames, the recent past.
+"""What the corrector sees of a case: the muscles as fields, the shape in its own frames, the recent past.
 
 Everything is local, so that a new layout is a new arrangement of known things: no places on the cloth, no directions in
 the room and no names of muscles, only directions and sides relative to one another.
@@ -22,6 +22,8 @@ Array = NDArray[np.float64]
 HISTORY = (1 / 30, 0.1, 0.3)  # s
 _LAGS = (0.05, 0.2)  # s, of a first-order lag that the pressure may have
 _FORCE, _PRESSURE, _CONTRACTION, _RATE, _SPEED, _LENGTH = 10.0, 400e3, 0.1, 0.5, 0.5, 0.1  # N, Pa, 1, 1/s, m/s, m
+_STRAIN = 0.05
+_SLIDING = 2e-3  # of contraction within the shortest span: more counts as a direction
 
 MUSCLE = (
     "presence",
@@ -33,38 +35,31 @@ MUSCLE = (
     "pressure that a lag of 0.05 s holds back",
     "pressure that a lag of 0.2 s holds back",
     "pressure towards the path's end",
-)
-SHAPE = 3 + 3 + 3 * 3 + 2 * 3  # curvature, strain, velocity over three spans, change of curvature over two
-COMMON = 6
-CHANNELS = 6 * len(MUSCLE) + SHAPE + COMMON
-# of each channel: its sign when the cloth is mirrored left to right, and when its faces are exchanged
-_TENSOR_U = (1, 1, -1)  # uu, vv, uv
-_SHAPE_U = _TENSOR_U + _TENSOR_U + (-1, 1, 1) * 3 + _TENSOR_U * 2
-_SHAPE_Z = (-1,) * 3 + (1,) * 3 + (1, 1, -1) * 3 + (-1,) * 6
-SIGNS_U = np.array(_TENSOR_U * (2 * len(MUSCLE)) + _SHAPE_U + (1,) * COMMON, dtype=np.float32)
-SIGNS_Z = np.array((1,) * (6 * len(MUSCLE)) + _SHAPE_Z + (1,) * COMMON, dtype=np.float32)
-# uu changes place with vv, and u with v, when the cloth is turned over its diagonal: the first two of every three
-TURNED_CHANNELS = np.concatenate(
-    [np.arange(CHANNELS - COMMON).reshape(-1, 3)[:, [1, 0, 2]].ravel(), np.arange(CHANNELS - COMMON, CHANNELS)]
+    "pressure squared",
+    "pressure times contraction",
+    "contraction squared",
+    "root of pressure",
+    "under pressure",
+    "pressure cubed",
+    "pressure squared times contraction",
+    "contraction, where shortened",
+    "place along the path",
+    "pressure, signed by the rate's direction",
 )
 
 
-def mirrored(inputs: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Inputs (..., CHANNELS, n, n) of the cloth mirrored left to right."""
-    return np.ascontiguousarray(inputs[..., ::-1] * SIGNS_U[:, None, None])
+@dataclass(frozen=True, eq=False)
+class Fields:
+    """T frames on n x n nodes; tensors by their components uu, vv, uv. Scaled to about 1."""
 
-
-def exchanged(inputs: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Inputs (..., CHANNELS, n, n) of the cloth with its faces exchanged, mirrored front to back."""
-    each = 3 * len(MUSCLE)
-    order = np.r_[each : 2 * each, :each, 2 * each : CHANNELS]
-    return np.ascontiguousarray(inputs[..., order, :, :] * SIGNS_Z[:, None, None])
-
-
-def turned(inputs: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Inputs (..., CHANNELS, n, n) of the cloth turned over its diagonal, u for v: what happens at a place does not
-    know where gravity points."""
-    return np.ascontiguousarray(np.swapaxes(inputs[..., TURNED_CHANNELS, :, :], -1, -2))
+    muscles: Array  # (T, 2, len(MUSCLE), 3, n, n) on the front and on the back
+    curvature: Array  # (T, 3, n, n)
+    strain: Array  # (T, 3, n, n)
+    changes: Array  # (2, T, 3, n, n) of curvature, over 0.1 and 0.3 s
+    speeds: Array  # (3, T, n, n) along the normal, mean over each span of `HISTORY`
+    total: Array  # (T,) pressure, of all channels
+    opened: Array  # (T,) number of open channels
+    since: Array  # (2, T) of the last step of pressure: exp(-t / 0.1 s) and exp(-t / 0.4 s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,16 +76,16 @@ class Layout:
         return Layout(design, deposits(design), laws)
 
 
-def inputs_of(case: Case, layout: Layout, times: Array, motion: NDArray[np.floating]) -> NDArray[np.float32]:
-    """(T, CHANNELS, n, n) of a case at `times` (T,) s.
+def fields_of(case: Case, layout: Layout, times: Array, motion: NDArray[np.floating]) -> Fields:
+    """Of a case at `times` (T,) s.
 
     motion: (1 + H, T, 2 side^2, 3) m, simulated at the times themselves, then `HISTORY` seconds before each.
     """
     side = round((motion.shape[2] // 2) ** 0.5)
     middle = middle_of(motion, side).astype(np.float32)
-    muscles = _muscle_fields(case, layout, times, middle)
-    shape = _shape_fields(case.design.fabric, middle)
-    return np.concatenate([muscles, shape, _common(case, times, shape.shape[-1])], axis=1).astype(np.float32)
+    return Fields(
+        _muscle_fields(case, layout, times, middle), *_shape_fields(case.design.fabric, middle), *_common(case, times)
+    )
 
 
 def _muscle_fields(case: Case, layout: Layout, times: Array, middle: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -98,7 +93,7 @@ def _muscle_fields(case: Case, layout: Layout, times: Array, middle: NDArray[np.
     intervals = intervals_of(design)
     nodes = layout.deposits.shape[-1]
     if not intervals:
-        return np.zeros((len(times), 6 * len(MUSCLE), nodes, nodes))
+        return np.zeros((len(times), 2, len(MUSCLE), 3, nodes, nodes))
     contraction = _contractions(case, middle)  # (1 + H, T, intervals)
     channel = np.array([design.muscles[i.muscle].channel for i in intervals])
     pressure = case.program.at(times)[:, channel]
@@ -111,21 +106,32 @@ def _muscle_fields(case: Case, layout: Layout, times: Array, middle: NDArray[np.
         tension[:, own] = idle + _factor(case, name, "muscle_gain") * (
             law.tension(pressure[:, own], contraction[0][:, own]) - idle
         )
+    p, short = pressure / _PRESSURE, contraction[0] / _CONTRACTION
+    along = 2 * np.array([i.along for i in intervals]) - 1
     values = np.stack(
         [
-            np.ones_like(pressure),
+            np.ones_like(p),
             tension / _FORCE,
-            pressure / _PRESSURE,
-            contraction[0] / _CONTRACTION,
+            p,
+            short,
             (contraction[0] - contraction[1]) / HISTORY[0] / _RATE,
             (contraction[0] - contraction[3]) / _CONTRACTION,
             lagging[0] / _PRESSURE,
             lagging[1] / _PRESSURE,
-            pressure / _PRESSURE * (2 * np.array([i.along for i in intervals]) - 1),
+            p * along,
+            p**2,
+            p * short,
+            short**2,
+            np.sqrt(p),
+            p > 0,
+            p**3,
+            p**2 * short,
+            np.maximum(short, 0),
+            np.broadcast_to(along, p.shape),
+            p * np.tanh((contraction[0] - contraction[1]) / _SLIDING),
         ]
     )  # (kinds, T, intervals)
-    fields = np.einsum("kti,sicab->tskcab", values, layout.deposits, optimize=True)
-    return np.asarray(fields.reshape(len(times), 6 * len(MUSCLE), nodes, nodes))
+    return np.asarray(np.einsum("kti,sicab->tskcab", values, layout.deposits, optimize=True))
 
 
 def _factor(case: Case, muscle_type: str, name: str) -> float:
@@ -155,24 +161,18 @@ def _contractions(case: Case, middle: NDArray[np.float32]) -> Array:
     return np.concatenate(result, axis=-1)
 
 
-def _shape_fields(fabric: Fabric, middle: NDArray[np.float32]) -> NDArray[np.float32]:
-    """(T, SHAPE, n, n)"""
+def _shape_fields(fabric: Fabric, middle: NDArray[np.float32]) -> tuple[Array, Array, Array, Array]:
+    """`Fields.curvature`, `strain`, `changes`, `speeds`."""
     frames = Frames.of(middle, fabric.width, fabric.height, NODES)
-    units = frames.units()[0]
-    curvature = _curvatures(frames, fabric)  # (1 + H, T, n, n, 3)
+    curvature = np.moveaxis(_curvatures(frames, fabric), -1, 2).astype(np.float64)  # (1 + H, T, 3, n, n)
     size_u, size_v = (np.linalg.norm(x[0], axis=-1) for x in (frames.across, frames.down))
     shear = np.einsum("...i,...i->...", frames.across[0], frames.down[0]) / (size_u * size_v)
+    strain = np.stack([size_u - 1, size_v - 1, shear], axis=1) / _STRAIN
     every = (middle.shape[-2] - 1) // (NODES - 1)
     places = middle[:, :, ::every, ::every]
     speeds = [(places[0] - places[h + 1]) / seconds / _SPEED for h, seconds in enumerate(HISTORY)]
-    fields = [
-        curvature[0],
-        20 * np.stack([size_u - 1, size_v - 1, shear], axis=-1),
-        *(np.einsum("...ij,...j->...i", units, speed) for speed in speeds),
-        curvature[0] - curvature[2],
-        curvature[0] - curvature[3],
-    ]
-    return np.moveaxis(np.concatenate(fields, axis=-1), -1, 1).astype(np.float32)
+    along = np.array([np.einsum("...i,...i->...", frames.normal[0], speed) for speed in speeds])
+    return curvature[0], strain.astype(np.float64), curvature[0] - curvature[2:], along.astype(np.float64)
 
 
 def _curvatures(frames: Frames, fabric: Fabric) -> NDArray[np.floating]:
@@ -184,24 +184,14 @@ def _curvatures(frames: Frames, fabric: Fabric) -> NDArray[np.floating]:
     return np.stack([-_LENGTH * np.einsum("...i,...i->...", a, b) for a, b in pairs], axis=-1)
 
 
-def _common(case: Case, times: Array, n: int) -> Array:
-    """(T, COMMON, n, n): what is the same all over the cloth in a frame."""
-    program, channels = case.program, max(case.design.channels, 1)
+def _common(case: Case, times: Array) -> tuple[Array, Array, Array]:
+    """`Fields.total`, `opened`, `since`."""
+    program = case.program
     pressure = program.at(times) if case.design.channels else np.zeros((len(times), 1))
     last = np.searchsorted(program.time, times + 1e-9, side="right") - 1
     since = times - program.time[np.clip(last, 0, None)]
-    rows = np.stack(
-        [
-            pressure.sum(axis=1) / _PRESSURE / 8,
-            pressure.mean(axis=1) / _PRESSURE,
-            (pressure > 1e3).sum(axis=1) / 8,
-            (pressure > 1e3).sum(axis=1) / channels,
-            np.exp(-since / 0.1),
-            np.exp(-since / 0.4),
-        ],
-        axis=1,
-    )
-    return np.repeat(rows[:, :, None], n * n, axis=2).reshape(len(times), COMMON, n, n)
+    total, opened = pressure.sum(axis=1) / _PRESSURE / 8, (pressure > 1e3).sum(axis=1) / 8
+    return total, opened, np.exp(-since / np.array([[0.1], [0.4]]))
 
 
 def lagged(program: PressureProgram, times: Array, lag: float) -> Array:

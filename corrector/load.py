@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from corrector.field import FieldCorrector
-from corrector.inputs import CHANNELS
+from corrector.sources import names
 from corrector.weights_file import read_weights
 from fabdesign.corrector import Corrector
 from fabdesign.errors import InputError
@@ -40,7 +40,7 @@ def load_corrector(model: Model) -> Corrector:
 
 
 def _field(weights: dict[str, NDArray[np.float32]], about: Mapping[str, Any]) -> FieldCorrector:
-    dilations = tuple(int(d) for d in about["dilations"])
-    if weights["scale"].shape[0] != CHANNELS + 2:
-        raise ValueError(f"{weights['scale'].shape[0]} inputs; expected {CHANNELS + 2}")
-    return FieldCorrector(weights, dilations, list(about["known"]), float(about["trust_limit"]))
+    if list(about["sources"]) != list(names()):
+        raise ValueError("other sources than this version's; train again")
+    seen, unseen = (weights[name].astype(np.float64) for name in ("seen", "unseen"))
+    return FieldCorrector(seen, unseen, list(about["known"]), float(about["trust_limit"]))

@@ -60,15 +60,15 @@ def tangent_changes(tilts: Floats, strains: Floats, frames: Frames) -> tuple[Flo
     """Changes of dX/du and dX/dv, each (..., n, n, 3).
 
     tilts (..., n, n, 2) rad: turns of the u and of the v tangent towards the normal, at constant length. strains
-    (..., n, n, 3): along u, along v, and the turn in the plane from u to v [rad].
+    (..., n, n, 3): along u, along v, and shear.
     """
     tilt_u, tilt_v = tilts[..., :1], tilts[..., 1:]
-    strain_u, strain_v, turn = (strains[..., k, None] for k in range(3))
+    strain_u, strain_v, shear = (strains[..., k, None] for k in range(3))
     size_u = np.linalg.norm(frames.across, axis=-1, keepdims=True)
     size_v = np.linalg.norm(frames.down, axis=-1, keepdims=True)
     unit_u, unit_v = frames.across / size_u, frames.down / size_v
-    change_u = np.sin(tilt_u) * frames.normal + (np.cos(tilt_u) - 1 + strain_u) * unit_u + turn * unit_v
-    change_v = np.sin(tilt_v) * frames.normal + (np.cos(tilt_v) - 1 + strain_v) * unit_v - turn * unit_u
+    change_u = np.sin(tilt_u) * frames.normal + (np.cos(tilt_u) - 1 + strain_u) * unit_u + shear / 2 * unit_v
+    change_v = np.sin(tilt_v) * frames.normal + (np.cos(tilt_v) - 1 + strain_v) * unit_v + shear / 2 * unit_u
     return size_u * change_u, size_v * change_v
 
 

@@ -8,16 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from corrector.cloth import Cloth
 from corrector.designs import FAR, described, distance
+from corrector.examples import Examples
 from corrector.field import FieldCorrector
-from corrector.inference import outputs_of
-from corrector.inputs import CHANNELS, HISTORY, Layout, exchanged, inputs_of, lagged, mirrored
-from corrector.layout import NODES, deposits
+from corrector.inputs import HISTORY, Layout, fields_of, lagged
+from corrector.layout import deposits
 from corrector.load import load_corrector
 from corrector.matching import offsets
+from corrector.outputs import displacement_of, heights_of
+from corrector.regression import Regression, amounts_of
 from corrector.response import weight_over_stiffness
 from corrector.shape import FINE, Frames, displaced, middle_of, put_together, refine, tangent_changes
+from corrector.sources import Sources, anywhere, names
 from fabdesign.catalogue import build, standard
 from fabdesign.corrector import with_history
 from fabdesign.design import Design
@@ -92,6 +94,7 @@ LEARNED = (
 )
 UNSEEN = build("vertical", muscles=3, fabric=FABRIC, name="three")
 TIMES = np.array([0.1, 0.3])
+LEAST = np.full(3, 0.05)
 
 
 def measure(folder: Path, designs: Sequence[Design] = LEARNED, *, trials: int = 6, times: np.ndarray = TIMES) -> Path:
@@ -114,19 +117,16 @@ def measure(folder: Path, designs: Sequence[Design] = LEARNED, *, trials: int = 
 
 @pytest.fixture(scope="module")
 def trained(tmp_path_factory: pytest.TempPathFactory):
-    """A small network on the set of `measure`, and what its training says."""
-    pytest.importorskip("torch", reason="training needs the extra corrector")
+    """A corrector of the set of `measure`, and what its training says."""
     folder = tmp_path_factory.mktemp("trained")
     result = _train(measure(folder / "set"), folder / "model.toml")
     return folder, result
 
 
 def _train(measured: Path, output: Path, **options):
-    from corrector.training import Training
     from studies.training.train import train
 
-    plan = Training(epochs=36, batch=4, width=8, dilations=(1,), rate=1e-2, rematch=(0.7,))
-    given = {"plan": plan, "base": Model({"bending": Parameter(1.0)})} | options
+    given = {"base": Model({"bending": Parameter(1.0)})} | options
     return train([read_set(measured)], given.pop("forward", Bending()), output, goes_to=output, **given)
 
 
@@ -176,39 +176,36 @@ def test_frames_that_diverged_stay_so(trained) -> None:
     assert np.isfinite(answer[0]).all()
 
 
-def test_numpy_agrees_with_torch(trained) -> None:
-    torch = pytest.importorskip("torch")
-    from corrector.network import FieldNetwork
-
-    torch.manual_seed(0)
-    network = FieldNetwork(16, (1, 2, 1))
-    for layer in (network.local, network.swing):
-        torch.nn.init.normal_(layer.weight)
-    inputs = np.random.default_rng(0).standard_normal((5, CHANNELS + 2, NODES, NODES)).astype(np.float32)
-    network.eval()
-    with torch.no_grad():
-        expected = [x.numpy() for x in network(torch.from_numpy(inputs))]
-    found = outputs_of(network.arrays(), (1, 2, 1), inputs)
-    for one, other in zip(found, expected, strict=True):
-        assert np.abs(one - other).max() < 1e-5 * np.abs(other).max()
-
-
-def test_displacement_is_that_of_training(trained) -> None:
-    folder, _ = trained
-    from corrector.examples import Examples
-    from corrector.training import Trainer, Training
-
-    corrector = load_corrector(read_model(folder / "model.toml"))
+def test_a_little_of_a_source_does_what_was_learned_from(trained) -> None:
     case, layout = Case(UNSEEN, program([250, 100, 200])), Layout.of(UNSEEN)
     wanted, where = with_history(TIMES, HISTORY)
     motion = Bending().motions([case], [wanted])[0]
-    clouds = list(motion[where[0]])
-    examples = Examples.of(case, layout, TIMES, motion, clouds)
-    plan = Training(width=8, dilations=(1,))
-    trainer = Trainer(examples, Cloth(UNSEEN.fabric, weight_over_stiffness(case)), plan)
-    trainer.set_arrays(corrector.weights)
-    found = corrector.displacement(case, layout, TIMES, motion[where])
-    assert np.abs(trainer.displacements(examples) - found).max() < 1e-6  # m
+    sources = Sources.of(fields_of(case, layout, TIMES, motion[where]))
+    fabric, ratio = UNSEEN.fabric, weight_over_stiffness(case)
+    frames = Frames.of(middle_of(motion[where[0]], SIDE), fabric.width, fabric.height, FINE)
+    heights = heights_of(sources, frames, fabric, ratio)
+    assert heights.shape[1] == len(names()) == len(set(names()))
+    for k in (0, names().index("strain: tension"), names().index("swing"), len(names()) - 1):
+        little = 1e-3 * (np.arange(len(names())) == k)
+        moved = displacement_of(sources.mixed(little), frames, fabric, ratio)
+        found = 1e3 * np.einsum("tabi,tabi->tab", moved, frames.normal)
+        assert np.abs(found - heights[:, k]).max() < 2e-2 * np.abs(heights[:, k]).max() + 1e-6  # m
+
+
+def test_ridge_finds_the_amounts() -> None:
+    rng = np.random.default_rng(0)
+    truth = np.array([0.5, -1.0, 0.0])
+    found = []
+    for _ in range(4):
+        heights = rng.standard_normal((5, 3, 40)).astype(np.float16)
+        goal = np.einsum("tkn,k->tn", heights.astype(float), truth) + 0.1 * rng.standard_normal((5, 40))
+        found.append(Examples(heights, goal.astype(np.float32), np.full((5, 40), 1 / 40, dtype=np.float32)))
+    assert np.abs(amounts_of(found, 1e-6, LEAST) - truth).max() < 0.02
+    shrunk = amounts_of(found, 10.0, LEAST)
+    assert np.abs(shrunk).max() < 0.2
+    assert amounts_of(found, 1e-6, LEAST, np.array([True, False, True]))[1] == 0
+    assert np.abs(amounts_of(found, 0.1, 1e3 * LEAST)).max() < 0.01  # as if one of a source made 50 times the error
+    assert found[0].errors(truth).mean() < 0.12 < 1 < found[0].errors().mean()
 
 
 def test_trials_held_out_are_not_learned_from(trained) -> None:
@@ -220,16 +217,12 @@ def test_trials_held_out_are_not_learned_from(trained) -> None:
 
 
 def test_design_held_out(tmp_path: Path) -> None:
-    pytest.importorskip("torch")
-    from corrector.training import Training
-
-    plan = Training(epochs=1, batch=8, width=8, dilations=(1,), rematch=())
-    result = _train(measure(tmp_path / "set", trials=2), tmp_path / "m.toml", hold_out=["four"], plan=plan)
+    result = _train(measure(tmp_path / "set", trials=2), tmp_path / "m.toml", hold_out=["four"])
     assert all("four" not in name for name in result.model.provenance.fitted)
     assert result.held_out["four"].trials == 2
     assert [known["name"] for known in result.about["known"]] == ["two"]
     with pytest.raises(InputError, match="no such design"):
-        _train(tmp_path / "set", tmp_path / "n.toml", hold_out=["five"], plan=plan)
+        _train(tmp_path / "set", tmp_path / "n.toml", hold_out=["five"])
 
 
 class Tosser(Bending):
@@ -261,31 +254,25 @@ class Stopped(Exception):
 
 
 def test_a_training_that_was_stopped_goes_on_and_ends_the_same(tmp_path: Path) -> None:
-    pytest.importorskip("torch")
-    from corrector.training import Training
-
     measured = measure(tmp_path / "set", LEARNED[:1], trials=4)
-    plan = Training(epochs=4, batch=4, width=8, dilations=(1,), rematch=(0.5,))
-    whole = _train(measured, tmp_path / "whole.toml", plan=plan)
+    whole = _train(measured, tmp_path / "whole.toml")
 
     def stop(what: str, done: int, total: int) -> None:
-        if what.startswith("network") and done == 3:
+        if what == "matched" and done == 2:
             raise Stopped
 
     with pytest.raises(Stopped):
-        _train(measured, tmp_path / "again.toml", plan=plan, progress=stop)
+        _train(measured, tmp_path / "again.toml", progress=stop)
     assert not (tmp_path / "again.toml").exists()
     with pytest.raises(InputError, match="other plan"):
-        _train(measured, tmp_path / "again.toml", plan=replace(plan, epochs=5))
+        _train(measured, tmp_path / "again.toml", plan=Regression(folds=2))
     forward, told = Bending(), []
-    again = _train(
-        measured, tmp_path / "again.toml", plan=plan, forward=forward, progress=lambda *said: told.append(said)
-    )
-    assert [done for what, done, _ in told if what.startswith("network")] == [4]
+    again = _train(measured, tmp_path / "again.toml", forward=forward, progress=lambda *said: told.append(said))
+    assert [done for what, done, _ in told if what == "matched"] == [3]
     assert forward.asked < 4  # only what was held out, twice
     assert not (tmp_path / "again.training").exists()
-    first, second = (load_corrector(r.model).weights for r in (whole, again))
-    assert all(np.array_equal(first[name], second[name]) for name in first)
+    first, second = (load_corrector(r.model) for r in (whole, again))
+    assert np.array_equal(first.seen, second.seen) and np.array_equal(first.unseen, second.unseen)
 
 
 def test_an_edited_model_is_refused(trained, tmp_path: Path) -> None:
@@ -313,21 +300,26 @@ def test_weights_that_are_none_are_refused(tmp_path: Path) -> None:
     assert read_model(tmp_path / "m.toml") == model
 
 
-def test_mirrored_cloths_have_mirrored_inputs() -> None:
-    design = build("basic", muscles=4)
-    channels = [1, 0, 3, 2]  # left to right
-    pressure = [100, 300, 50, 0]
-    one, left_right = (_inputs(design, p) for p in (pressure, [pressure[c] for c in channels]))
-    assert np.abs(mirrored(one) - left_right).max() < 1e-3
-    front_back = _inputs(design, [pressure[c] for c in (2, 3, 0, 1)])
-    assert np.abs(exchanged(one) - front_back).max() < 1e-3
-    assert np.abs(one - left_right).max() > 0.1
+def test_what_muscles_do_turns_over_with_the_cloth() -> None:
+    design = build("basic", muscles=4)  # two in front, two behind
+    one, other = (_sources(design, pressure) for pressure in ([100, 300, 50, 0], [50, 0, 100, 300]))
+    left_right = _sources(design, [300, 100, 0, 50])
+    for k, name in enumerate(one.names[: one.curvature.shape[1]]):
+        if name.startswith(("bending:", "curvature")):
+            size = np.abs(one.curvature[:, k]).max()
+            assert np.abs(one.curvature[:, k] + other.curvature[:, k]).max() <= 1e-3 * size + 1e-4, name
+            signs = np.array([1, 1, -1])[:, None, None]
+            assert (
+                np.abs(signs * one.curvature[:, k, :, :, ::-1] - left_right.curvature[:, k]).max() <= 1e-3 * size + 1e-4
+            )
+    assert np.abs(one.strain - other.strain).max() < 1e-2
+    assert 0 < anywhere().sum() < len(names())
 
 
-def _inputs(design: Design, pressure: Sequence[float]) -> np.ndarray:
+def _sources(design: Design, pressure: Sequence[float]) -> Sources:
     case = Case(design, program(pressure))
     wanted, where = with_history(TIMES, HISTORY)
-    return inputs_of(case, Layout.of(design), TIMES, Bending().motions([case], [wanted])[0][where])
+    return Sources.of(fields_of(case, Layout.of(design), TIMES, Bending().motions([case], [wanted])[0][where]))
 
 
 def test_measured_offsets_tell_the_faces_apart() -> None:
@@ -384,17 +376,13 @@ def test_lag_has_its_closed_form() -> None:
 
 
 def test_command_refuses_what_it_cannot_learn_from(run, hanging, folder: Path) -> None:
-    pytest.importorskip("torch", reason="training needs the extra corrector")
     one_line(run("train", folder / "set", "--hold-out", "crosss", "-o", folder / "m.toml"), "no such design")
     one_line(run("train", folder / "set", "--hold-out", "cross", "-o", folder / "m.toml"), "left to learn from")
     assert not [*folder.glob("m.*")]
     one_line(run("train", folder / "set", "-o", folder / "model.toml"), "exists; --force")
 
 
-def test_command_says_what_a_corrector_is_worth(run, hanging, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    training = pytest.importorskip("corrector.training", reason="training needs the extra corrector")
-    plan = training.Training(epochs=1, width=4, dilations=(1,), rematch=())
-    monkeypatch.setattr(training, "Training", lambda seed: plan)
+def test_command_says_what_a_corrector_is_worth(run, hanging, folder: Path) -> None:
     model = folder / "model.toml"
     code, out, _ = run("train", folder / "set", "--model", model, "--json", "-o", folder / "m.toml")
     assert code == 0

@@ -50,7 +50,8 @@ def train(
     as_json: bool,
 ) -> None:
     """Train a corrector on the measured SETS: what the simulator leaves out. Stopped, the same command goes on."""
-    import corrector.training  # noqa: F401 loads PyTorch: without it nothing is begun
+    if network == "paper":
+        import corrector.paper_training  # noqa: F401 loads PyTorch: without it nothing is begun
     from fabdesign.measurement_set import read_set
     from fabdesign.output import new_files
     from studies.bad_data import sound_trials

@@ -175,10 +175,11 @@ def _trained(
     say: Say,
 ) -> str:
     """Put the model with a network in the place of the one without; what it is worth, in a line."""
-    import corrector.training  # noqa: F401 loads PyTorch
     from studies.training.train import train
 
     assert study.learning.train is not None
+    if study.learning.train == "paper":
+        import corrector.paper_training  # noqa: F401 loads PyTorch
     with work.adding() as files:
         (files / name).mkdir()
         result = train(

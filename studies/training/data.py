@@ -6,8 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from corrector.cloth import Cloth
-from corrector.response import weight_over_stiffness
 from fabdesign.corrector import with_history
 from fabdesign.effort import batches
 from fabdesign.errors import InputError, SimulationError
@@ -22,7 +20,7 @@ from studies.judged import Judged
 from studies.judged_search import judge_sets
 
 _AT_ONCE = 32  # motions in memory
-FRAMES = 15  # of a trial that are learned from, spread over it: neighbours say the same
+FRAMES = 8  # of a trial that are learned from, spread over it: neighbours say the same
 
 Progress = Callable[[str, int, int], None]  # what is done, how many of how many
 
@@ -83,8 +81,8 @@ def case_of(trial: Trial, base: Model) -> Case:
     return Case(trial.design, trial.program, base.factors, base.terms, trial.order)
 
 
-def one_cloth(trials: Sequence[Chosen]) -> Cloth:
-    """What the cloths of all trials have in common. Raises InputError where they differ in it."""
+def check_one_cloth(trials: Sequence[Chosen]) -> None:
+    """Raises InputError where the trials' cloths differ."""
     first = trials[0].trial.design
     for design in (chosen.trial.design for chosen in trials):
         for what in ("width", "height", "hung", "support", "gravity", "areal_density", "bending_stiffness"):
@@ -93,7 +91,6 @@ def one_cloth(trials: Sequence[Chosen]) -> Cloth:
                 raise InputError(
                     f"{design.name}: {what} = {values[1]}, {first.name} has {values[0]}; expected one cloth, hung alike"
                 )
-    return Cloth(first.fabric, weight_over_stiffness(trials[0].case))
 
 
 def frames_learned(chosen: Chosen) -> NDArray[np.intp]:

@@ -6,7 +6,7 @@ from studies.training.train import Learned, Result
 def as_text(result: Result) -> str:
     """Lines for a person: what was learned from what, and what it is worth on trials that took no part."""
     lines = [
-        f"{result.about['network']} network on {result.base}, {result.learned_from} trials learned from"
+        f"{result.about['network']} corrector on {result.base}, {result.learned_from} trials learned from"
         + ("" if result.held_out else "; no trial was held out, so nothing says what it is worth")
     ]
     lines += [_line(name, of, ordered=result.about["network"] == "field") for name, of in result.held_out.items()]

@@ -126,7 +126,7 @@ def train(
             base,
             corrector=beside,
             corrector_hash=central_hash(base),
-            provenance=_provenance(base, sets, learned, held, seed),
+            provenance=_provenance(base, sets, learned, held, seed, network),
         )
         write_model(model, output)
         tested = _tested(model, held, forward, work, seed, progress) if held else {}
@@ -139,10 +139,10 @@ def train(
 def _network(network: Network, plan: Any, seed: int) -> tuple[Callable[..., Any], Any]:
     """The function that trains, and how."""
     if network == "field":
-        from corrector.training import Training
+        from corrector.regression import Regression
         from studies.training import field
 
-        return field.train, plan or Training(seed=seed)
+        return field.train, plan or Regression(seed=seed)
     from corrector.paper_training import PaperTraining
     from studies.training import paper
 
@@ -236,9 +236,14 @@ def _closed(before: Errors, after: Errors) -> Closed:
 
 
 def _provenance(
-    base: Model, sets: Sequence[MeasurementSet], learned: Sequence[Chosen], held: Sequence[Chosen], seed: int
+    base: Model,
+    sets: Sequence[MeasurementSet],
+    learned: Sequence[Chosen],
+    held: Sequence[Chosen],
+    seed: int,
+    network: Network,
 ) -> Any:
-    names = ("numpy", "torch", "safetensors")
+    names = ("numpy", "safetensors", *(["torch"] if network == "paper" else []))
     origin = base.provenance
     return replace(
         origin,

@@ -1,0 +1,168 @@
+"""What may act in a cloth that a simulator leaves out: fields of curvature and strain that the cloth would like to have
+on top of its own, from what is there at the place itself, and a few motions of the whole.
+
+Which amount of each there is, is learned (`corrector.regression`), a number a source, the same in every layout. A
+muscle's tensor (uu, vv, uv) may act along its direction and across it; a front and a back muscle bend the cloth
+opposite ways and strain it alike. Sources that break this (a cloth with a curl of its own) are there too.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from corrector.inputs import MUSCLE, Fields
+
+Array = NDArray[np.float64]
+Named = tuple[str, Array, bool]
+
+STRAIN = 0.01  # of a strain source that counts as one; curvatures count in 1/m, turns in rad, ways in m
+_ONLY_ONE_SIDED = 9  # the first of `MUSCLE`, whose front and back may differ
+_TENSION, _PRESSURE = MUSCLE.index("tension"), MUSCLE.index("pressure")
+_COMPONENTS = ("uu", "vv", "uv")
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """T frames; the order of `names` is curvature, strain, straight swings, twisting swings, ways."""
+
+    names: tuple[str, ...]
+    anywhere: NDArray[np.bool_]  # (K,) whether it is taken for layouts that were not learned from
+    curvature: Array  # (T, C, 3, n, n) 1/m: uu, vv, uv
+    strain: Array  # (T, S, 3, n, n): along u, along v, shear
+    swings: Array  # (T, W) rad about the hung edge; each is there straight, and with two sides that go opposite ways
+    ways: Array  # (T, D, n, n) m along the normal
+
+    @staticmethod
+    def of(fields: Fields) -> "Sources":
+        curvature, strain = [*_curvatures(fields)], [*_strains(fields)]
+        swings, ways = [*_swings(fields)], [*_ways(fields)]
+        twisting = [(f"{name}, twisting", value, anywhere) for name, value, anywhere in swings]
+        every = [*curvature, *strain, *swings, *twisting, *ways]
+        return Sources(
+            tuple(name for name, _, _ in every),
+            np.array([anywhere for _, _, anywhere in every]),
+            *(np.stack([value for _, value, _ in part], axis=1) for part in (curvature, strain, swings, ways)),
+        )
+
+    def mixed(self, amounts: Array) -> "Mixture":
+        """The sum of all, each times its amount (K,)."""
+        counts = [self.curvature.shape[1], self.strain.shape[1], *[self.swings.shape[1]] * 2, self.ways.shape[1]]
+        curvature, strain, straight, twisting, ways = np.split(amounts, np.cumsum(counts)[:-1])
+        return Mixture(
+            np.einsum("tkcij,k->tcij", self.curvature, curvature),
+            STRAIN * np.einsum("tkcij,k->tcij", self.strain, strain),
+            np.stack([self.swings @ straight, self.swings @ twisting], axis=1),
+            np.einsum("tkij,k->tij", self.ways, ways),
+        )
+
+
+@lru_cache(maxsize=1)
+def _any() -> Sources:
+    tensor, one = np.zeros((1, 3, 1, 1)), np.zeros(1)
+    pair = np.zeros((2, 1))
+    return Sources.of(
+        Fields(
+            np.zeros((1, 2, len(MUSCLE), 3, 1, 1)),
+            tensor,
+            tensor,
+            np.zeros((2, 1, 3, 1, 1)),
+            np.zeros((3, 1, 1, 1)),
+            one,
+            one,
+            pair,
+        )
+    )
+
+
+def names() -> tuple[str, ...]:
+    """(K,) of all sources."""
+    return _any().names
+
+
+def least_effects() -> Array:
+    """(K,) share of an error that one of a source counts as at least (`regression.amounts_of`): a strain of 1 % as all
+    of it."""
+    return np.array([1.0 if name.startswith("strain") else 0.05 for name in names()])
+
+
+def anywhere() -> NDArray[np.bool_]:
+    """(K,) whether a source is taken for layouts that were not learned from."""
+    return _any().anywhere
+
+
+@dataclass(frozen=True, eq=False)
+class Mixture:
+    """What acts in all: as in `Sources`, without the axis over sources; swings (T, 2), straight and twisting."""
+
+    curvature: Array
+    strain: Array
+    swings: Array
+    ways: Array
+
+
+def _across(tensor: Array) -> Array:
+    """(..., 3, n, n) of what acts across the direction of (..., 3, n, n)."""
+    return np.asarray(tensor[..., [1, 0, 2], :, :] * np.array([1, 1, -1])[:, None, None])
+
+
+def _along_and_across(name: str, tensor: Array, anywhere: bool) -> Iterator[Named]:
+    yield name, tensor, anywhere
+    yield f"{name}, across", _across(tensor), anywhere
+
+
+def _constants(fields: Fields, count: int) -> Iterator[tuple[str, Array]]:
+    for c in range(count):
+        one = np.zeros_like(fields.curvature)
+        one[:, c] = 1
+        yield _COMPONENTS[c], one
+
+
+def _curvatures(fields: Fields) -> Iterator[Named]:
+    front, back = fields.muscles[:, 0], fields.muscles[:, 1]
+    bending, both, fade = front - back, front + back, fields.since[1][:, None, None, None]
+    for name, one in _constants(fields, 3):
+        yield f"curl {name}", one, True
+        yield f"curl {name}, fading", fade * one, False
+    for k, kind in enumerate(MUSCLE):
+        yield from _along_and_across(f"bending: {kind}", bending[:, k], True)
+    for k, kind in enumerate(MUSCLE[:_ONLY_ONE_SIDED]):
+        yield from _along_and_across(f"bending of one side: {kind}", both[:, k], False)
+    yield from _along_and_across("curvature", fields.curvature, True)
+    for change, span in zip(fields.changes, ("0.1", "0.3"), strict=True):
+        yield from _along_and_across(f"curvature since {span} s", change, False)
+    for k, kind in enumerate(MUSCLE[: _PRESSURE + 1]):
+        yield f"curvature times {kind}", both[:, k] * fields.curvature, True
+        yield f"curvature times {kind}, across", _across(both[:, k]) * fields.curvature, True
+    for k in (_TENSION, _PRESSURE):
+        for what, value in (("all pressure", fields.total), ("open channels", fields.opened)):
+            yield f"bending: {MUSCLE[k]} times {what}", bending[:, k] * value[:, None, None, None], True
+
+
+def _strains(fields: Fields) -> Iterator[Named]:
+    both = fields.muscles.sum(axis=1)
+    for k, kind in enumerate(MUSCLE):
+        yield from _along_and_across(f"strain: {kind}", both[:, k], True)
+    yield from _along_and_across("strain", fields.strain, True)
+    for name, one in _constants(fields, 2):
+        yield f"strain {name}", one, True
+
+
+def _swings(fields: Fields) -> Iterator[Named]:
+    bending = (fields.muscles[:, 0] - fields.muscles[:, 1]).mean(axis=(-2, -1))  # (T, kinds, 3)
+    yield "swing", np.ones(len(bending)), True
+    for value, span in zip(fields.since, ("0.1", "0.4"), strict=True):
+        yield f"swing, fading in {span} s", value, False
+    for speed, span in zip(fields.speeds, ("1/30", "0.1", "0.3"), strict=True):
+        yield f"swing by the speed over {span} s", speed.mean(axis=(1, 2)), False
+    for c in range(2):
+        yield f"swing by curvature {_COMPONENTS[c]}", fields.curvature[:, c].mean(axis=(1, 2)), False
+        for k, kind in enumerate(MUSCLE[:_ONLY_ONE_SIDED]):
+            yield f"swing by {kind} {_COMPONENTS[c]}", bending[:, k, c], False
+
+
+def _ways(fields: Fields) -> Iterator[Named]:
+    for speed, span in zip(fields.speeds, ("1/30", "0.1", "0.3"), strict=True):
+        yield f"speed over {span} s", speed, False
