@@ -10,7 +10,7 @@ from fabdesign.design import Design
 
 Array = NDArray[np.float64]
 
-NODES = 11  # a side of the grid on which a network sees and corrects the cloth
+NODES = 11  # a side of the grid on which a corrector sees the cloth
 _DENSITY = 50.0  # 1/m of muscle per area that counts as one
 _SAMPLES = 8  # an interval between fixed points
 

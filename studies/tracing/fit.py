@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 from fabdesign.errors import SimulationError
 from fabdesign.forward import ForwardModel
 from studies.calibration.clouds import Match, Motion, Sample, cut, derivatives, frames_of, match
+from studies.calibration.normal import BLOCK, MODES
 from studies.tracing.vector import Array, Vector
 
-MODES = 10  # observations in a block: about the shapes of a cloth that a residual takes
-BLOCK = 0.5  # s
 STRAY = 5.0  # times the frame's robust deviation
 LARGEST = 0.020  # m: a residual farther off counts as this far, and says nothing of where to go
 STEP = 0.4  # prior standard deviations, of a difference: far over the noise of two motions
@@ -26,6 +25,7 @@ LENGTHS = (1.0, 0.5, 0.2)  # of a step, tried at once
 SLIGHT = 0.05  # prior standard deviations: a step under it is the last
 LITTLE = 2.0  # of log likelihood: a step that gains less is the last, too
 EARLY = 0.5, 1.0  # s: the first iterations look no further, so that swings are followed into their right turn
+LOST = 0.02  # share of the points without a motion, from which on a place counts for nothing
 _AT_ONCE = 128  # motions in memory
 
 
@@ -153,9 +153,28 @@ def normal(bench: Bench, state: State, mean_square: float | None = None) -> tupl
     return share * slopes.T @ state.residual + precision * state.x, share * slopes.T @ slopes + np.diag(precision)
 
 
+def expected(bench: Bench, base: State, other: State) -> float:
+    """m^2, the mean square of the residuals at `other`, a place of more parameters beside `base`, once those of `base`
+    have moved to first order, by its slopes; infinite where no point is kept."""
+    if not other.kept.any():
+        return float("inf")
+    count = len(base.x)
+    moved = widened(base, other)
+    gradient, hessian = normal(bench, moved)
+    step = np.linalg.solve(hessian[:count, :count], gradient[:count])
+    left = moved.residual - moved.slopes[:, :count] @ step
+    return float(np.square(left[moved.kept]).mean())
+
+
+def widened(base: State, other: State) -> State:
+    """`other` with the Jacobian of `base`, and zeros for the parameters that only it has."""
+    assert base.jacobian is not None
+    return replace(other, jacobian=np.pad(base.jacobian, ((0, 0), (0, len(other.x) - len(base.x)))))
+
+
 def loss(bench: Bench, state: State) -> float:
     """n/2 log of the mean square, and the prior; infinite where a motion is lost."""
-    if np.isnan(state.found.residual).mean() > 0.02:
+    if np.isnan(state.found.residual).mean() > LOST:
         return float("inf")
     prior = 0.5 * float(state.vector.precision @ np.square(state.x))
     return 0.5 * bench.observations * float(np.log(max(state.mean_square, 1e-12))) + prior

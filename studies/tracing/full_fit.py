@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from studies.tracing.dictionary import added_of, starts_of
-from studies.tracing.fit import Bench, State, descend, loss, normal
+from studies.tracing.fit import Bench, State, descend, expected, loss, widened
 from studies.tracing.ranking import (
     Candidate,
     Grams,
@@ -146,20 +146,8 @@ def _best_start(bench: Bench, state: State, base: Array, vector: Vector, starts:
     tried = bench.states(vector, [np.concatenate([base, start]) for start in starts])
     if base is not state.x:
         return bench.with_slopes(min(tried, key=lambda other: loss(bench, other)))
-    assert state.jacobian is not None
-    known = np.pad(state.jacobian, ((0, 0), (0, len(starts[0]))))
-    count = len(state.x)
-
-    def left(other: State) -> float:
-        other = replace(other, jacobian=known)
-        gradient, hessian = normal(bench, other)
-        gradient, hessian = gradient[:count], hessian[:count, :count]
-        step = np.linalg.solve(hessian, gradient)
-        predicted = other.residual - other.slopes[:, :count] @ step
-        return float(np.square(predicted[other.kept]).mean()) if other.kept.any() else np.inf
-
-    best = min(tried, key=left)
-    return bench.with_slopes(replace(best, jacobian=known), known=count)
+    best = min(tried, key=lambda other: expected(bench, state, other))
+    return bench.with_slopes(widened(state, best), known=len(state.x))
 
 
 def fitted(bench: Bench, stages: Stages, stage: str, vector: Vector, compute: Callable[[], State]) -> State:

@@ -175,10 +175,11 @@ def held_out(grams: Grams, scored: Scored) -> float:
 
 
 def excess_of(grams: Grams, scored: Scored, floor: float) -> float:
-    return float(_excess(scored.squares.sum() / grams.points.sum(), floor))
+    return float(excess_over(scored.squares.sum() / grams.points.sum(), floor))
 
 
-def _excess(mean_square: Array | float, floor: float) -> Array:
+def excess_over(mean_square: Array | float, floor: float) -> Array:
+    """m, of a mean square [m^2] over the noise [m], in quadrature."""
     return np.sqrt(np.maximum(np.asarray(mean_square) - floor**2, 0.0))
 
 
@@ -189,7 +190,7 @@ def gain_interval(
     folds = np.unique(grams.fold)
     sums = np.array([[x[grams.fold == f].sum() for x in (worse.squares, better.squares, grams.points)] for f in folds])
     drawn = sums[rng.integers(0, len(folds), size=(BOOTSTRAP, len(folds)))].sum(axis=1)
-    gains = _excess(drawn[:, 0] / drawn[:, 2], floor) - _excess(drawn[:, 1] / drawn[:, 2], floor)
+    gains = excess_over(drawn[:, 0] / drawn[:, 2], floor) - excess_over(drawn[:, 1] / drawn[:, 2], floor)
     low, high = np.quantile(gains, [0.05, 0.95])
     return float(low), float(high)
 
@@ -200,8 +201,10 @@ def _chance(grams: Grams, found: Dictionary, floor: float, rng: np.random.Genera
     signs, points = sign_vectors(len(grams.points), rng), grams.points.sum()
     if not len(signs) or not found.variants:
         return 0.0
-    least = [_excess(_left_out(grams, v, signs)[0].sum(axis=1) / points, floor) for v in found.variants if not v.decoy]
-    before = _excess(_left_out(grams, None, signs)[0].sum(axis=1) / points, floor)
+    least = [
+        excess_over(_left_out(grams, v, signs)[0].sum(axis=1) / points, floor) for v in found.variants if not v.decoy
+    ]
+    before = excess_over(_left_out(grams, None, signs)[0].sum(axis=1) / points, floor)
     return float(np.quantile(before - np.min(least, axis=0), CHANCE))
 
 

@@ -122,7 +122,7 @@ def _trace(
     after = Place(found.after.vector, found.after.x) if verdict == "effect" else before
     say("errors before and after, on the trials fitted and once on those of role test")
     errors = judged_errors(every, stretches, forward, before, after, noise)
-    if verdict != "effect":
+    if verdict != "effect" and found.after is not found.before:
         left = remains(bench, found.before, found.folds)
     say("what to measure next")
     experiment = _experiment(samples[0].trial, forward, found, noise.sigma, verdict)

@@ -13,11 +13,10 @@ import numpy as np
 from fabdesign.effects import EFFECTS
 from studies.calibration.clouds import cut
 from studies.tracing.dictionary import Variant, added_of, entries_of
-from studies.tracing.fit import Bench, State, normal
+from studies.tracing.fit import LOST, Bench, State, expected
 from studies.tracing.vector import FACTORS, Added, Array, value_at
 
 UNTIL = 1.5  # s of a trial that is looked at
-PROMISING = 10.0  # of log likelihood: three e-fold more than chance lets the best of a dozen effects gain
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +47,10 @@ def starts_from_sheet(
     found: dict[str, Start] = {}
     for added, xs in places.values():
         for other in bench.states(vector.with_effect(added), xs):
-            expected = _expected(bench, base, other)
-            if added.name not in found or expected < found[added.name].expected:
-                found[added.name] = Start(added.name, added, other.x, expected)
+            lost = np.isnan(other.found.residual).mean() > LOST
+            left = np.inf if lost else expected(bench, base, other)
+            if added.name not in found or left < found[added.name].expected:
+                found[added.name] = Start(added.name, added, other.x, left)
     return sorted(found.values(), key=lambda start: start.expected)
 
 
@@ -66,16 +66,3 @@ def _places(variant: Variant, types: list[str]) -> list[tuple[Added, Array]]:
             coefficients = [sign * float(j == k) for j in range(len(effect.strengths))]
             places.append(added_of(variant, coefficients, types))
     return places
-
-
-def _expected(bench: Bench, base: State, other: State) -> float:
-    """m^2, after a step of what the base has, by the base's slopes."""
-    count = len(base.x)
-    assert base.jacobian is not None
-    moved = replace(other, jacobian=np.pad(base.jacobian, ((0, 0), (0, len(other.x) - count))))
-    if not moved.kept.any() or np.isnan(moved.found.residual).mean() > 0.02:
-        return float("inf")
-    gradient, hessian = normal(bench, moved)
-    step = np.linalg.solve(hessian[:count, :count], gradient[:count])
-    left = moved.residual - moved.slopes[:, :count] @ step
-    return float(np.square(left[moved.kept]).mean())

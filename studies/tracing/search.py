@@ -18,6 +18,7 @@ from studies.tracing.ranking import (
     Scored,
     alike,
     excess_of,
+    excess_over,
     gain_interval,
     grams_of,
     rank,
@@ -138,7 +139,7 @@ def _round(task: Task, state: State, number: int, tolerance: float, seed: int, a
 
 def in_sample_excess(task: Task, state: State) -> float:
     """m, over the noise, of the trials that were fitted."""
-    return float(np.sqrt(max(state.mean_square - task.floor**2, 0.0)))
+    return float(excess_over(state.mean_square, task.floor))
 
 
 def _to_fit(grams: Grams, worth: Sequence[Candidate], excess: float) -> list[Candidate]:

@@ -19,9 +19,10 @@ from studies.tracing.full_fit import (
     fitted,
     told,
 )
-from studies.tracing.screen import PROMISING, Start, starts_from_sheet
+from studies.tracing.screen import Start, starts_from_sheet
 from studies.tracing.vector import Added
 
+PROMISING = 10.0  # of log likelihood, that an effect must gain in a short fit to be fitted on
 SHORT_FITS, FITTED_ON = 3, 2  # from either place, and those of them that go on to their end
 
 
