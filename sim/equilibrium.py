@@ -22,11 +22,14 @@ SWING = 8.0  # rad/s
 LEAST_HOLD = 1e-6  # s
 # (step [s], steps) to the shape without pressure, from the flat cloth: velocities are forgotten after each long step
 IN_PLANE = ((0.05, 4), (0.5, 8))
+OUT_OF_PLANE = ((0.02, 10), (0.05, 10), (0.5, 10))  # within 0.001 mm of where a damped motion leads
 
 
-def equilibrate_in_plane(batch: Batch, pressure: NDArray[np.float32], solve: Solve) -> None:
-    """From the flat cloth to equilibrium in its plane."""
-    for h, steps in IN_PLANE:
+def long_steps(
+    batch: Batch, pressure: NDArray[np.float32], solve: Solve, stages: tuple[tuple[float, int], ...]
+) -> None:
+    """From the flat cloth to equilibrium, where no buckling is on the way."""
+    for h, steps in stages:
         if not batch.support.is_edge:  # nothing but inertia holds the rigid motions: float32 wants a share of it
             h = min(h, 1 / 30)
         scheme = Scheme(h, Integrator.BACKWARD_EULER, ages=0.0)

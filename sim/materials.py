@@ -131,6 +131,10 @@ CONSTANTS: dict[str, Constant] = {
     "D2": Constant("N m", "D_2, bending along v", lambda c: c.bending[1]),
     "D12": Constant("N m", "D_12, bending, coupled", lambda c: c.bending[2]),
     "T": Constant("N m", "T, twist", lambda c: c.bending[3]),
+    # of the free cloth, by an effect
+    "CURVED1": Constant("1/m", "curvature along u", lambda c: c.constant("rest_curvature_across")),
+    "CURVED2": Constant("1/m", "curvature along v", lambda c: c.constant("rest_curvature_down")),
+    "CURVED12": Constant("1/m", "twist", lambda c: c.constant("rest_curvature_twist")),
     "VISCOSITY": Constant("N s/m", "of strain", lambda c: c.factor("damping") * c.fabric.viscosity),
     "AIR": Constant("N s/m^3", "c, air damping", lambda c: c.factor("damping") * c.fabric.air_damping),
     # three in this order, one vector

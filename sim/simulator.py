@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 import sim.effects  # noqa: F401 declares its planes before the first batch
 from fabdesign.effects.acting import acting_pressure, active, specimen_of, terms_of
 from fabdesign.effects.registry import EFFECTS, force_of
+from fabdesign.effects.specimen import Specimen
 from fabdesign.effort import COARSEST, FINEST, LONGEST, require_motion
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
@@ -20,7 +21,7 @@ from fabdesign.model import POINTS_PER_SIDE
 from fabdesign.pressure import RISE_STEPS, rising_program
 from sim.design.loading import load_batch, load_constants
 from sim.design.support import Support
-from sim.equilibrium import RESTED, damped, equilibrate, equilibrate_in_plane
+from sim.equilibrium import IN_PLANE, OUT_OF_PLANE, RESTED, damped, equilibrate, long_steps
 from sim.forces.added import AddedForce
 from sim.forces.contact_pairs import Touching
 from sim.kernels import fields
@@ -108,12 +109,13 @@ class Simulator:
 
     def run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
         """Motions with mid-surfaces, contractions and tensions; each starts from equilibrium at zero pressure, a free
-        cloth flat and at rest. One that diverges is tried once more with half the steps and twice the iterations."""
+        cloth flat and at rest. One that diverges, or has not come to rest where it starts, is tried once more with half
+        the steps and twice the iterations, from where a damped motion comes to rest."""
         self._require_room(cases, times)
-        motions = self._run(cases, times)
+        motions = self._run(cases, times, patient=False)
         lost = [i for i, motion in enumerate(motions) if motion.diverged]
         if lost:
-            again = self._finer()._run([cases[i] for i in lost], [times[i] for i in lost])
+            again = self._finer()._run([cases[i] for i in lost], [times[i] for i in lost], patient=True)
             for i, motion in zip(lost, again, strict=True):
                 motions[i] = motion
         return motions
@@ -133,7 +135,7 @@ class Simulator:
             iterations=min(2 * self.iterations, MOST_ITERATIONS),
         )
 
-    def _run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
+    def _run(self, cases: Sequence[Case], times: Sequence[Array], *, patient: bool) -> list[Motion]:
         results: list[Motion | None] = [None] * len(cases)
         wanted = [np.asarray(t, dtype=float) for t in times]
         acting = [
@@ -147,11 +149,12 @@ class Simulator:
         patterns = [(t[-1] if len(t) else 0.0, jump.large, jump.every) for t, jump in zip(wanted, jumps, strict=True)]
         with fields.lock:
             for chosen, packed in self._chunks(cases, patterns):
-                batch = self._at_rest([cases[i] for i in chosen], packed)
+                batch, rested = self._at_rest([cases[i] for i in chosen], packed, patient=patient)
                 steps = [steps_of(acting[i], wanted[i], jumps[i], calm=self._calm) for i in chosen]
                 own, due = [cases[i] for i in chosen], [wanted[i] for i in chosen]
-                for i, motion in zip(chosen, self._simulate(batch, packed, own, due, steps), strict=True):
-                    results[i] = motion
+                motions = self._simulate(batch, packed, own, due, steps)
+                for k, (i, motion) in enumerate(zip(chosen, motions, strict=True)):
+                    results[i] = motion if rested[packed.index(k)] else replace(motion, diverged=(0.0, (0, 0)))
         return [motion for motion in results if motion is not None]
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
@@ -182,9 +185,7 @@ class Simulator:
                     batch, by_block(pressure), self._solve(batch), rise=self.rise, hold=self.hold, patient=patient
                 )
                 middle = self._middle(batch, fields.F.x0)
-                moved = middle - self._middle(batch, fields.F.xp)
-                rested = np.sqrt(np.square(moved).sum(axis=-1).mean(axis=(1, 2))) < RESTED  # NaN compares false
-                middle[~rested] = np.nan
+                middle[~self._rested(batch)] = np.nan
                 states = self._states(batch)
                 for k, i in enumerate(chosen):
                     lane = packed.index(k)
@@ -207,8 +208,9 @@ class Simulator:
         most BLOCKS blocks; and which of these rides in each lane."""
         groups: dict[tuple[Support, bool, bool, int, bool], list[int]] = {}
         for i, case in enumerate(cases):
-            fabric = specimen_of(case).design.fabric if terms_of(case) else case.design.fabric
-            start = _is_free(fabric), _swings_to_rest(fabric)
+            specimen = specimen_of(case) if terms_of(case) else Specimen(case.design, {})
+            fabric = specimen.design.fabric
+            start = _is_free(fabric), _swings_to_rest(specimen)
             alike = Support.of(fabric), *start, self._smoothing(fabric), _has_added_force(case)
             groups.setdefault(alike, []).append(i)
         chunks: list[tuple[list[int], list[int]]] = []
@@ -233,21 +235,26 @@ class Simulator:
         """In nodes."""
         return max(1, round(SMOOTHING * (self.points_per_side - 1) / fabric.height))
 
-    def _at_rest(self, cases: Sequence[Case], packed: Sequence[int]) -> Batch:
-        """Load the cases and bring them to equilibrium at zero pressure; a free cloth stays flat where it lies."""
+    def _at_rest(
+        self, cases: Sequence[Case], packed: Sequence[int], *, patient: bool
+    ) -> tuple[Batch, NDArray[np.bool_]]:
+        """Load the cases and bring them to equilibrium at zero pressure; a free cloth stays flat where it lies. Also
+        which lanes (lanes,) came to rest. patient: by a damped motion, where the cloth leaves its plane."""
+        all_of_them = np.ones(len(packed), dtype=bool)
         if _is_free(cases[0].design.fabric):
-            return self._load(cases, packed)
+            return self._load(cases, packed), all_of_them
         channels = max(max(1, case.program.pressure.shape[1]) for case in cases)
         pressure = np.zeros((len(packed) // fields.LANES, channels, fields.LANES), np.float32)
-        if _swings_to_rest(specimen_of(cases[0]).design.fabric):
+        swings = _swings_to_rest(specimen_of(cases[0]))
+        if swings and (patient or not Support.of(cases[0].design.fabric).is_edge):
             batch = self._load([damped(case) for case in cases], packed)
             equilibrate(batch, pressure, self._solve(batch), patient=True)
             load_constants([cases[i] for i in packed], self.points_per_side)
             halt(*batch.grid)
-            return batch
+            return batch, all_of_them
         batch = self._load(cases, packed)
-        equilibrate_in_plane(batch, pressure, self._solve(batch))
-        return batch
+        long_steps(batch, pressure, self._solve(batch), OUT_OF_PLANE if swings else IN_PLANE)
+        return batch, self._rested(batch) if swings else all_of_them
 
     def _simulate(
         self, batch: Batch, packed: Sequence[int], cases: Sequence[Case], times: Sequence[Array], steps: Sequence[Steps]
@@ -261,6 +268,11 @@ class Simulator:
             motion_of(case, t, shapes[span].reshape(-1, n, n, 3), states[span])
             for case, t, span in zip(cases, times, own, strict=True)
         ]
+
+    def _rested(self, batch: Batch) -> NDArray[np.bool_]:
+        """(lanes,) whether the last step moved them by less than RESTED."""
+        moved = self._middle(batch, fields.F.x0) - self._middle(batch, fields.F.xp)
+        return np.asarray(np.sqrt(np.square(moved).sum(axis=-1).mean(axis=(1, 2))) < RESTED)  # NaN compares false
 
     def _middle(self, batch: Batch, plane: int) -> NDArray[np.float32]:
         """(lanes, n, n, 3) positions [m] in a plane of F.node3."""
@@ -304,6 +316,8 @@ def _is_free(fabric: Fabric) -> bool:
     return Support.of(fabric) == Support.NONE
 
 
-def _swings_to_rest(fabric: Fabric) -> bool:
+def _swings_to_rest(specimen: Specimen) -> bool:
     """Whether the cloth without pressure leaves the plane of the flat cloth, or turns in it."""
-    return fabric.gravity[2] != 0 or (Support.of(fabric) == Support.POINTS and any(fabric.gravity))
+    fabric = specimen.design.fabric
+    curved = any(value for name, value in specimen.constants.items() if name.startswith("rest_curvature"))
+    return curved or fabric.gravity[2] != 0 or (Support.of(fabric) == Support.POINTS and any(fabric.gravity))

@@ -1,7 +1,10 @@
-"""The float64 reference with effects in it: creep, braid hysteresis, line loss, gains of channels, quadratic drag.
+"""The float64 reference with effects in it: creep, braid hysteresis, line loss, gains of channels, quadratic drag, rest
+curvature.
 
 Memory is what a step's evaluation leaves: each evaluation starts from the step before, so `tensions` is a function.
 """
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,10 +13,14 @@ from tests.sim_reference import ReferenceSheet, unit
 
 class ReferenceWithEffects(ReferenceSheet):
     """creep: (share, time [s]). hysteresis: (friction [N/Pa], friction at zero [N], slip). loss: share of the pressure
-    at a muscle's far end. gains: by channel. drag [N s^2/m^4]."""
+    at a muscle's far end. gains: by channel. drag [N s^2/m^4]. curl: across, down, twist [1/m]."""
 
-    def __init__(self, design, n, *, creep=(0.0, 1.0), hysteresis=(0.0, 0.0, 1.0), loss=0.0, gains=None, drag=0.0):
+    def __init__(
+        self, design, n, *, creep=(0.0, 1.0), hysteresis=(0.0, 0.0, 1.0), loss=0.0, gains=None, drag=0.0,
+        curl=(0.0, 0.0, 0.0),
+    ):  # fmt: skip
         super().__init__(design, n)
+        self.curl = curl
         self.creep, self.hysteresis, self.drag = creep, hysteresis, drag
         counts = [len(muscle.fixed_points()) - 1 for muscle in design.muscles]
         along = np.concatenate([(np.arange(c) + 0.5) / c for c in counts])  # even intervals
@@ -21,6 +28,14 @@ class ReferenceWithEffects(ReferenceSheet):
         self.gain = np.array([(gains or {}).get(int(c), 1.0) for c in self.channel])
         self.ages = 0.0  # s, in a step; none at rest
         self.lent = self.friction = self.before = np.zeros(len(along))
+
+    def curvatures(self, x, direction):
+        terms = super().curvatures(x, direction)
+        return replace(terms, value=terms.value - self.curl[direction])
+
+    def twists(self, x):
+        terms = super().twists(x)
+        return replace(terms, value=terms.value - self.curl[2])
 
     def acting(self, pressure):
         return pressure[self.channel] * self.share

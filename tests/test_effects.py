@@ -118,6 +118,32 @@ def test_tilted_cloth_hangs_along_gravity():
     assert np.abs(start.middle[0] - expected[::4, ::4]).max() < 1e-4  # and so it starts
 
 
+def test_curled_cloth_without_weight_is_a_cylinder():
+    # y = -sin(k v) / k, z = (1 - cos(k v)) / k, and nothing is strained: of second order in the spacing
+    k, apart = 5.0, []
+    case = with_effects(held(cloth(support="clamped", **STILL), ()), Term("rest_curvature", {"across": 0.0, "down": k}))
+    for n in (11, 21):
+        [start] = Simulator(points_per_side=n).run([case], [np.zeros(1)])
+        v = np.linspace(0, 0.2, n)
+        expected = np.stack([-np.sin(k * v) / k, (1 - np.cos(k * v)) / k], axis=-1)
+        apart.append(np.abs(start.middle[0, ..., 1:] - expected[:, None]).max())
+    assert apart[0] < 1e-4 and 2.5 < apart[0] / apart[1] < 5.5
+
+
+def test_curl_flips_with_the_cloth():
+    # front muscles on a cloth curled one way mirror back muscles on one curled the other way
+    curl = {"across": 1.0, "down": 2.0, "twist": 0.5}
+    front = laced("cross", 2)
+    back = replace(front, muscles=tuple(replace(muscle, side="back") for muscle in front.muscles))
+    cases = [
+        with_effects(held(front, (200, 50)), Term("rest_curvature", curl)),
+        with_effects(held(back, (200, 50)), Term("rest_curvature", {k: -value for k, value in curl.items()})),
+    ]
+    one, other = SIMULATOR.run(cases, [np.array([0.0, 0.1])] * 2)
+    assert np.abs(one.middle - other.middle * np.array([1, 1, -1], np.float32)).max() < 1e-5
+    assert np.abs(one.middle[0, ..., 2]).max() > 0.01  # and it is curled where it starts
+
+
 @pytest.mark.parametrize("angle", ["about_x", "about_z"])
 def test_tilt_is_a_turned_gravity(angle):
     a, times = np.radians(3.0), [np.array([0.03])]

@@ -72,6 +72,7 @@ EFFECTS = {
     "line_loss": ({"share": 0.4}, {"loss": 0.4}),
     "odd_muscle": ({"channel": 0.0, "factor": 0.7}, {"gains": {0: 0.7}}),
     "air_drag": ({"coefficient": 20.0}, {"drag": 20.0}),
+    "rest_curvature": ({"across": 1.0, "down": 2.0, "twist": 0.7}, {"curl": (1.0, 2.0, 0.7)}),
 }  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from fabdesign.effects.line_loss import LINE_LOSS
 from fabdesign.effects.muscle_creep import MUSCLE_CREEP
 from fabdesign.effects.odd_muscle import ODD_MUSCLE
 from fabdesign.effects.orthotropy import ORTHOTROPY
+from fabdesign.effects.rest_curvature import REST_CURVATURE
 from fabdesign.effects.supply_droop import SUPPLY_DROOP
 from fabdesign.effects.time_offset import TIME_OFFSET
 from fabdesign.errors import InputError
@@ -28,7 +29,7 @@ EFFECTS: dict[str, Effect] = {
     for effect in (
         BRAID_HYSTERESIS, MUSCLE_CREEP, ODD_MUSCLE,
         FILLING_LAG, DEAD_TIME, SUPPLY_DROOP, LINE_LOSS,
-        ORTHOTROPY,
+        ORTHOTROPY, REST_CURVATURE,
         AIR_DRAG, FRAME_TILT,
         TIME_OFFSET,
     )

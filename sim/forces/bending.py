@@ -48,8 +48,9 @@ def star_row(b, nu, nv, j):
         turn_v = thrice(F.lane[b, M.IHV]) * ((F.node3[b, F.q + d] - x) - (x - F.node3[b, F.q + n]))
         ux, uy, uz = parts(turn_u)
         vx, vy, vz = parts(turn_v)
-        k1 = dot(nx, ny, nz, ux, uy, uz)
-        k2 = dot(nx, ny, nz, vx, vy, vz)
+        # curvatures times h, beyond those of the free cloth
+        k1 = dot(nx, ny, nz, ux, uy, uz) - F.lane[b, M.CURVED1] * F.lane[b, M.HU]
+        k2 = dot(nx, ny, nz, vx, vy, vz) - F.lane[b, M.CURVED2] * F.lane[b, M.HV]
         A = F.lane[b, M.AREA] * wt
         M1 = (
             F.lane[b, M.IHU]
@@ -87,11 +88,13 @@ def clamp_pass(b, nu, nv, support):
     h = F.lane[b, M.HV]
     width = F.lane[b, M.HU]
     stiffness = F.lane[b, M.B2]
+    curved = F.lane[b, M.CURVED2]
     if support > BOTTOM:
         count = nv
         h = F.lane[b, M.HU]
         width = F.lane[b, M.HV]
         stiffness = F.lane[b, M.B1]
+        curved = F.lane[b, M.CURVED1]
     i = 0
     while i < count:
         k = s + i + 1
@@ -111,7 +114,7 @@ def clamp_pass(b, nu, nv, support):
         dx, dy, dz = difference(b, F.q + k, F.q + e)
         il = 1.0 / ti.sqrt(dx * dx + dy * dy + dz * dz)
         tz = dz * il
-        m = w * F.lane[b, M.CLAMPED] * stiffness * width * 2.0 / h * tz * il
+        m = w * F.lane[b, M.CLAMPED] * stiffness * width * 2.0 / h * (tz - 0.5 * h * curved) * il
         fx, fy, fz = load(b, F.f + e)
         store(b, F.f + e, fx + m * tz * dx * il, fy + m * tz * dy * il, fz - m * (1.0 - tz * tz))
         i = F.after[i]

@@ -26,6 +26,7 @@ def cell_row(b, nu, nv, j):
     VA = 0.5 * F.lane[b, M.VISCOSITY] * F.lane[b, M.AREA]
     ihh = F.lane[b, M.IHU] * F.lane[b, M.IHV]
     TA = 2.0 * F.lane[b, M.T] * F.lane[b, M.AREA] * ihh * ihh
+    free_twist = F.lane[b, M.CURVED12] * F.lane[b, M.AREA]
     i = 0
     while i < nu - 1:
         k = (j + 1) * s + i + 1
@@ -50,7 +51,7 @@ def cell_row(b, nu, nv, j):
         tau = -0.5 * (SA * g + VA * (dot(gx, gy, gz, wx, wy, wz) + dot(hx, hy, hz, yx, yy, yz)))
         dx, dy, dz = parts(mixed)
         nd = dot(nx, ny, nz, dx, dy, dz)
-        moment = TA * nd
+        moment = TA * (nd - free_twist)
         # twist couple on the normal, tangential part
         mc = 0.5 * moment * il
         cx, cy, cz = mc * (dx - nd * nx), mc * (dy - nd * ny), mc * (dz - nd * nz)

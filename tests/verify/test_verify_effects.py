@@ -31,6 +31,7 @@ EFFECTS = {
     "supply_droop": {},
     "line_loss": {},
     "orthotropy": {},
+    "rest_curvature": {"across": 0.7, "down": 1.0, "twist": 0.5},
     "air_drag": {"coefficient": 60.0},
     "frame_tilt": {},
     "time_offset": {},

@@ -33,6 +33,7 @@ def rest_curvature(scene: Scene, order: int, values: Mapping[str, float]) -> Non
     """The free cloth is curved; positive curvature bends the hem towards the viewer."""
     scene.rest_strain[:, 3] += values["across"]
     scene.rest_strain[:, 4] += values["down"]
+    scene.rest_strain[:, 5] += values["twist"]
 
 
 EFFECTS = {
@@ -43,5 +44,9 @@ EFFECTS = {
         local_stiffening,
     ),
     "stress_relaxation": Effect("fabric", {"share": (0.3, "1"), "time": (0.7, "s")}, stress_relaxation),
-    "rest_curvature": Effect("fabric", {"across": (0.0, "1/m"), "down": (1.5, "1/m")}, rest_curvature),
+    "rest_curvature": Effect(
+        "fabric",
+        {"across": (0.0, "1/m"), "down": (1.5, "1/m"), "twist": (0.0, "1/m")},
+        rest_curvature,
+    ),
 }
