@@ -194,7 +194,7 @@ def _fit(
     vector: FitVector,
     progress: Progress,
 ) -> Fit:
-    """With effects, from where the fit without them ends."""
+    """With effects, from the data sheet too: where the fit without them ends may be far off, in a false minimum."""
     if not vector.terms:
         return fit(samples, forward, slopes=slopes, vector=vector, progress=progress)
     plain = vector.without_effects
@@ -202,7 +202,7 @@ def _fit(
     first = fit(
         samples, forward, slopes=slopes, vector=plain, progress=lambda line, share: early(f"no effects, {line}", share)
     )
-    found = fit(samples, forward, slopes=slopes, vector=vector, begin=vector.begin(plain.names, first.x), progress=late)
+    found = fit(samples, forward, slopes=slopes, vector=vector, progress=late)
     return replace(found, before=first.before, without_effects=first)
 
 

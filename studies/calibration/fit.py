@@ -15,7 +15,8 @@ from studies.calibration.state import Linearisation, Problem
 _STEP = 0.03  # of a logarithm, in the first finite differences
 _ITERATIONS = 10
 _CONVERGED = 0.01  # of a logarithm
-_CLOSE = 1.0  # standard deviation along a step as a whole: it is the last, and still taken
+_CLOSE = 1.0  # standard deviation along a step as a whole: it is the last, and still taken, where it gains little
+_LITTLE = 0.02  # of the residuals' RMS
 _NEAR = 0.03  # of a logarithm: steps under it are left to the next horizon
 _LENGTHS = (1.0, 2.0, 0.5)  # of a step, simulated at once while that is no dearer than one
 _AT_ONCE = 16  # motions that take a machine of two cores no longer than one
@@ -52,7 +53,6 @@ def fit(
     *,
     slopes: ForwardModel | None = None,
     vector: FitVector = DECLARED,
-    begin: Array | None = None,
     progress: Progress = lambda line, share: None,
 ) -> Fit:
     """Most probable unknowns given the samples. Each iteration simulates motions and a difference for each unknown.
@@ -61,7 +61,7 @@ def fit(
     way or another at factors a hair apart; what came before leads to factors near enough, and has fewer false minima.
     `slopes`, a cheaper engine, makes all differences, and the motions too until the last horizon. Differences are
     always made where the factors are: those of another place seem to converge percents off.
-    begin: (p,) unknowns near enough for the last horizon alone. `progress` is told what is done, and about what share.
+    `progress` is told what is done, and about what share.
 
     All points of a block of 0.5 s share the model's error, so their likelihood is tempered: raised to the power that
     makes its curvature agree with the scatter of the blocks' scores (Pauli, Racugno and Ventura 2011), and at least so
@@ -71,9 +71,8 @@ def fit(
     """
     weight = np.diag(1 / vector.prior**2)
     slopes = forward if slopes is None else slopes
-    x, along, iterations = vector.start if begin is None else begin, np.diag(_STEP * vector.scale), 0
+    x, along, iterations = vector.start, np.diag(_STEP * vector.scale), 0
     *early, last = horizons(samples)
-    early = early if begin is None else []
     costs = np.array([*early, last * (1 if slopes == forward else _DEARER)])
     *ends, _ = np.cumsum(costs) / costs.sum()
     for horizon, told in zip(early, parts(progress, *ends), strict=False):
@@ -144,13 +143,14 @@ def _descend(
         if (step / own) @ (before / own) < 0:  # it takes the last one back: noise of the differences, or a kink
             step = step / 2
         distance = np.sqrt(step @ np.linalg.solve(covariance, step))
-        small = bool(
-            distance < _CLOSE or np.abs(step / problem.vector.scale).max() < slight
-        )  # for new differences to be worth it
         evaluations = problem.evaluate([problem.vector.inside(state.x + length * step) for length in lengths])
         worse = [loss(state, evaluation, normal, weight) for evaluation in evaluations]
         best = int(np.argmin(worse))
         before = evaluations[best].x - state.x
+        gained = 1 - _capped(evaluations[best].found.residual) / _capped(state.found.residual)
+        small = bool(
+            (distance < _CLOSE and gained < _LITTLE) or np.abs(step / problem.vector.scale).max() < slight
+        )  # for new differences to be worth it
         if worse[best] < 0:
             changes = state.changes if small else problem.changes(evaluations[best], directions(normal, problem.vector))
             state, damping = problem.linearise(evaluations[best], changes), damping / 10

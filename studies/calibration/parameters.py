@@ -88,11 +88,6 @@ class FitVector:
         """The factors alone."""
         return FitVector(tuple(p for p in self.parameters if p.is_factor), self.factors)
 
-    def begin(self, names: Sequence[str], x: Array) -> Array:
-        """(p,) where the unknowns begin of which some were fitted before: `names` at `x`."""
-        known = dict(zip(names, x, strict=True))
-        return np.array([known.get(parameter.name, parameter.start) for parameter in self.parameters])
-
     @cached_property
     def limits(self) -> Array:
         """(2, p) of x."""
