@@ -15,7 +15,7 @@ from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json
     type=click.FloatRange(0, min_open=True),
     help="Of held-out excess: mm, by default 0.5; of a bench % of its output, by default 2.",
 )
-@click.option("--grid", type=GRID, default=21, show_default=True, help="Grid points a side; the model's.")
+@click.option("--grid", type=GRID, help="Grid points a side; by default 21, or 41 where 21 are too coarse.")
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of the points drawn.")
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in.")
 @force_option
@@ -24,7 +24,7 @@ def trace(
     source: Path,
     model: Path | None,
     tolerance: float | None,
-    grid: int,
+    grid: int | None,
     seed: int,
     output: Path,
     force: bool,

@@ -53,6 +53,16 @@ class Outcome:
         found = [added.name for added in self.search.after.vector.added]
         return tuple(effect for effect in self.model.effects if effect.name in found)
 
+    @property
+    def grid_in_words(self) -> str:
+        """Empty where no finer grid was compared with."""
+        if self.search.grid.error is None:
+            return ""
+        return (
+            f"grid: {self.model.points_per_side} points a side, whose error of {1e3 * self.search.grid.error:.2f} mm"
+            " counts with the noise"
+        )
+
     def as_json(self) -> dict[str, Any]:
         """`trace.json`; mm."""
         return {
@@ -85,6 +95,11 @@ class Outcome:
                 "black_box": 1e3 * self.evidence.box_before,
                 "chance": 1e3 * self.search.rounds[0].ranking.chance,
                 "decoy": 1e3 * self.search.rounds[0].ranking.decoy,
+                "fitted": 1e3 * self.evidence.fitted,
+            },
+            "grid": {
+                "points_per_side": self.model.points_per_side,
+                "error_mm": None if self.search.grid.error is None else 1e3 * self.search.grid.error,
             },
             "said": list(self.said),
         }

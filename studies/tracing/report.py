@@ -10,7 +10,6 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from fabdesign.effects import EFFECTS
-from fabdesign.forward import ForwardModel
 from fabdesign.model import Model
 from fabdesign.motion_file import square_triangles
 from studies.judged import WHY
@@ -26,8 +25,8 @@ _LAYOUT = {"margin": {"l": 60, "r": 20, "t": 30, "b": 45}, "font": {"family": "s
            "paper_bgcolor": "#fff", "plot_bgcolor": "#fff"}  # fmt: skip
 
 
-def render_report(outcome: Outcome, forward: ForwardModel) -> str:
-    """HTML. forward: with effects known before, for the motion of the trial that was worst before."""
+def render_report(outcome: Outcome) -> str:
+    """HTML."""
     before = remains(outcome.search.bench, outcome.search.before, outcome.search.folds)
     figures = {
         "bars": _bars(outcome),
@@ -50,7 +49,7 @@ def render_report(outcome: Outcome, forward: ForwardModel) -> str:
         why=WHY,
         shown=_worst(outcome),
         has_tests=any(e.role == "test" for e in outcome.errors),
-        motion=_motion(outcome, forward),
+        motion=_motion(outcome),
         parameters=_parameter_rows(outcome.model),
         signature={name: EFFECTS[name].signature for name in EFFECTS},
         figures=Markup(json.dumps(figures, separators=(",", ":")).replace("</", "<\\/")),
@@ -149,14 +148,14 @@ def _worst(outcome: Outcome) -> str:
     return max(own, key=lambda e: e.before.surface_rms).trial
 
 
-def _motion(outcome: Outcome, forward: ForwardModel) -> str:
+def _motion(outcome: Outcome) -> str:
     name = _worst(outcome)
     search = outcome.search
     trial = next(s.trial for s in search.bench.samples if s.trial.name == name)
     frames = np.unique(np.linspace(0, len(trial.times) - 1, min(_FRAMES, len(trial.times))).round().astype(int))
     times, clouds = trial.times[frames], trial.load().frames
     after = search.after if outcome.verdict == "effect" else search.before
-    motions = forward.motions([s.vector.case(trial, s.x) for s in (search.before, after)], [times, times])
+    motions = search.bench.forward.motions([s.vector.case(trial, s.x) for s in (search.before, after)], [times, times])
     items = [Item(f"measured, {name}", times, [clouds[int(k)] for k in frames])]
     for title, motion in zip(("before", "after"), motions, strict=True):
         if np.isfinite(motion).all():

@@ -27,7 +27,9 @@ from studies.tracing.data import TRIALS, draw
 from studies.tracing.errors import Place, judged_errors
 from studies.tracing.experiment import Explanation, next_experiment
 from studies.tracing.fit import Bench
+from studies.tracing.grid import COARSE, FINE, Finer
 from studies.tracing.outcome import Outcome, model_of, provenance_of
+from studies.tracing.ranking import excess_over
 from studies.tracing.residual import remains
 from studies.tracing.search import Search, search
 from studies.tracing.stages import Stages, sha256
@@ -35,7 +37,6 @@ from studies.tracing.vector import FACTORS
 from studies.tracing.verdict import Evidence, decide
 
 TOLERANCE = 0.5e-3  # m of excess
-GRID = 21  # points a side: a trace asks for hundreds of motions
 LEAST_TRIALS = 3  # with different pressures
 
 Say = Callable[[str], None]
@@ -44,10 +45,11 @@ Experiment = Mapping[str, Any] | None
 
 @dataclass(frozen=True)
 class Options:
-    """tolerance: m of held-out excess within which a model is adequate. grid: points a side."""
+    """tolerance: m of held-out excess within which a model is adequate. grid: points a side; None: COARSE, for a trace
+    asks for hundreds of motions, or FINE where that changes too much."""
 
     tolerance: float = TOLERANCE
-    grid: int = GRID
+    grid: int | None = None
     seed: int = 0
 
 
@@ -65,8 +67,8 @@ def trace_set(
     """Trace, and write `trace.json`, `model.toml` and `report.html` into `out`. The same call goes on after a kill.
 
     inputs: the files and folders read, never written over. model: where the fit starts, and effects that are known
-    already; they stay as they are. forward: the bare simulator, by default with `options.grid`. Raises InputError for
-    too few trials and for a folder of something else.
+    already; they stay as they are. forward: the bare simulator, by default with `options.grid`; one that is given
+    has no finer grid beside it. Raises InputError for too few trials and for a folder of something else.
     """
     trials = fit_trials(measured.trials)
     trials = tuple(trials[i] for i in evenly(len(trials), TRIALS))
@@ -78,9 +80,12 @@ def trace_set(
         if forward is None:
             from sim import Simulator  # here: it loads and starts taichi
 
-            forward = Simulator(options.grid)
-        outcome = _trace(measured, trials, tests, known, stages, forward, options, say)
-        _write(work, outcome, forward, known)
+            forward = Simulator(options.grid or COARSE)
+            finer = None if options.grid else Simulator(FINE)
+        else:
+            finer = None
+        outcome = _trace(measured, trials, tests, known, stages, (forward, finer), options, say)
+        _write(work, outcome)
     return outcome
 
 
@@ -90,24 +95,26 @@ def _trace(
     tests: tuple[Trial, ...],
     known: Model,
     stages: Stages,
-    bare: ForwardModel,
+    grids: tuple[ForwardModel, ForwardModel | None],
     options: Options,
     say: Say,
 ) -> Outcome:
+    """grids: the bare simulator, and that of a finer grid."""
+    bare, fine = grids
+    effects = Model(effects=known.effects)
     every = (*trials, *tests)
     stretches = _stretches(stages, every, bare, options, say)
     say(said(stretches, share_unjudged(stretches, every)))
     samples, noise = draw(trials, stretches, seed=options.seed)
     if len({id(s.trial) for s in samples}) < LEAST_TRIALS:
         raise InputError(f"{measured.name}: {len(samples)} trials with judged frames; expected at least {LEAST_TRIALS}")
-    forward = Predictor(bare, Model(effects=known.effects), sensing=True)
-    bench = Bench(samples, forward)
     types = sorted({m.type for s in samples for m in s.trial.design.muscles})
     found = search(
-        bench,
+        Bench(samples, Predictor(bare, effects, sensing=True)),
         stages,
         noise.sigma,
         tolerance=options.tolerance,
+        finer=None if fine is None else Finer(Predictor(fine, effects, sensing=True)),
         start=_start(known),
         types=types,
         channels=max(s.trial.design.channels for s in samples),
@@ -115,6 +122,7 @@ def _trace(
         seed=options.seed,
         say=say,
     )
+    bench, forward = found.bench, found.bench.forward
     left = remains(bench, found.after, found.folds)
     evidence = _evidence(found, max(left.shares.values()))
     verdict = decide(evidence, options.tolerance)
@@ -128,7 +136,8 @@ def _trace(
     experiment = _experiment(samples[0].trial, forward, found, noise.sigma, verdict)
     hashes = {f"{measured.name}/{t.file.name}": sha256(t.file) for t in trials}
     provenance = provenance_of(measured.name, [s.trial for s in samples], tests, hashes, options.seed)
-    fitted = model_of(found, options.grid, provenance, with_effects=verdict == "effect", known=known.effects)
+    grid = found.grid.points_per_side or options.grid or COARSE
+    fitted = model_of(found, grid, provenance, with_effects=verdict == "effect", known=known.effects)
     return Outcome(
         name=measured.name,
         synthetic="synthetic" in measured.description,
@@ -190,6 +199,7 @@ def _evidence(found: Search, left: float) -> Evidence:
         box_after=last.box,
         box_certain=first.box_interval90[0] > 0,
         left=left,
+        fitted=float(excess_over(found.before.mean_square, found.floor)),
     )
 
 
@@ -222,7 +232,7 @@ def _content(measured: MeasurementSet, trials: tuple[Trial, ...], known: Model, 
     content |= {f"role of {t.name}": t.role for t in trials}
     return content | {
         "--tolerance": f"{1e3 * options.tolerance:g} mm",
-        "--grid": str(options.grid),
+        "--grid": str(options.grid or "by itself"),
         "--seed": str(options.seed),
         "--model": repr((sorted(known.factors.items()), known.terms)),
         "simulator": str(SIMULATOR),
@@ -231,13 +241,10 @@ def _content(measured: MeasurementSet, trials: tuple[Trial, ...], known: Model, 
     }
 
 
-def _write(work: WorkFolder, outcome: Outcome, forward: ForwardModel, known: Model) -> None:
+def _write(work: WorkFolder, outcome: Outcome) -> None:
     from studies.tracing.report import render_report
 
     with work.adding() as files:
         write_text(files / "trace.json", json.dumps(outcome.as_json(), indent=1) + "\n")
         write_model(outcome.model, files / "model.toml")
-        write_text(
-            files / "report.html",
-            render_report(outcome, Predictor(forward, Model(effects=known.effects), sensing=True)),
-        )
+        write_text(files / "report.html", render_report(outcome))

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from studies.tracing.data import folds_of
 from studies.tracing.dictionary import Dictionary, dictionary, entries_of
 from studies.tracing.fit import LITTLE, Bench, State, descend, loss
 from studies.tracing.full_fit import FAR, Finalist, Ranked, Say, Task, fitted, in_full, without
+from studies.tracing.grid import COARSE, SHARE, Finer, Grid, change, error_of
 from studies.tracing.ranking import (
     ALIKE,
     Candidate,
@@ -32,7 +34,7 @@ CLOSE = 0.25  # of the excess: a third one is, where it gains that much less tha
 MOST = 3  # effects added
 WORTH = 0.15  # of an excess, that a further effect must take
 CLOSES = 0.5  # of the excess of the very trials fitted, that an effect must close whose gain no null was drawn for
-_ITERATIONS, _EARLY = 10, 2
+_ITERATIONS, _EARLY = 20, 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +55,8 @@ class Round:
 class Search:
     bench: Bench
     folds: list[int]
-    floor: float  # m RMS of the noise in the residuals
+    floor: float  # m RMS of the noise in the residuals, and of the grid's error
+    grid: Grid
     rounds: tuple[Round, ...]  # the last one added nothing
 
     @property
@@ -68,9 +71,10 @@ class Search:
 def search(
     bench: Bench,
     stages: Stages,
-    floor: float,
+    noise: float,
     *,
     tolerance: float,
+    finer: Finer | None = None,
     start: Array | None = None,
     types: list[str],
     channels: int,
@@ -78,25 +82,48 @@ def search(
     seed: int = 0,
     say: Say = lambda line: None,
 ) -> Search:
-    """From the declared parameters refitted to up to MOST effects, one at a time. known: effects that the forward model
-    has already."""
-    task = Task(bench, stages, folds_of(bench.samples), floor, types, channels, known, say)
+    """From the declared parameters refitted to up to MOST effects, one at a time. noise: m RMS, of the sensor. finer:
+    the grid that takes over where `bench`'s own is too coarse. known: effects that the forward model has already."""
     vector = Vector()
     x = vector.centre() if start is None else start
     state = fitted(
         bench, stages, "refit", vector,
         lambda: descend(
             bench, vector, x, iterations=_ITERATIONS, early=_EARLY,
-            progress=lambda line: say(f"declared parameters: {line}"),
+            progress=partial(_declared, say),
         ),
     )  # fmt: skip
+    bench, state, grid = _on_grid(bench, stages, state, finer, tolerance, say)
+    task = Task(bench, stages, folds_of(bench.samples), grid.floor(noise), types, channels, known, say)
     rounds: list[Round] = []
     while True:
         done = _round(task, state, len(rounds), tolerance, seed)
         rounds.append(done)
         if done.chosen is None or len(rounds) > MOST:
-            return Search(bench, task.folds, floor, tuple(rounds))
+            return Search(bench, task.folds, task.floor, grid, tuple(rounds))
         state = done.chosen.state
+
+
+def _on_grid(
+    bench: Bench, stages: Stages, state: State, finer: Finer | None, tolerance: float, say: Say
+) -> tuple[Bench, State, Grid]:
+    """The grid to go on with, and the refit there."""
+    if finer is None:
+        return bench, state, Grid()
+    changed = float(stages.text("finer_grid", lambda: change(bench, state, finer.forward)))
+    if changed <= SHARE * tolerance:
+        return bench, state, Grid(COARSE, error_of(changed, finer=False))
+    say(f"a grid of {finer.points_per_side} points a side changes {1e3 * changed:.2f} mm: it is used from here on")
+    fine = replace(bench, forward=finer.forward)
+    told = partial(_declared, say)
+    fit = partial(descend, fine, state.vector, state.x, iterations=_ITERATIONS, progress=told)
+    state = fitted(fine, stages, "refit_finer", state.vector, fit)
+    changed = float(stages.text("coarser_grid", lambda: change(fine, state, bench.forward)))
+    return fine, state, Grid(finer.points_per_side, error_of(changed, finer=True))
+
+
+def _declared(say: Say, line: str) -> None:
+    say(f"declared parameters: {line}")
 
 
 def _round(task: Task, state: State, number: int, tolerance: float, seed: int, again: str = "") -> Round:

@@ -5,6 +5,7 @@ from typing import Literal
 
 Word = Literal["adequate", "effect", "unexplained"]
 LEAST = 0.6  # of the gap, that effects must close to be its cause
+GROSS = 2.0  # times the tolerance: a model that leaves more of the very trials it was fitted to is not adequate
 STRUCTURE = 0.25  # of an excess, that the black box, or one kind of feature, must take to count as structure
 
 
@@ -20,6 +21,7 @@ class Evidence:
     box_after: float
     box_certain: bool
     left: float = 0.0  # share of what the effects leave that one kind of feature takes of trials left out
+    fitted: float = 0.0  # m of excess that the refitted model leaves of the trials that it was fitted to
 
 
 def decide(evidence: Evidence, tolerance: float) -> Word:
@@ -28,7 +30,7 @@ def decide(evidence: Evidence, tolerance: float) -> Word:
         return "adequate"
     if evidence.effects == 0:
         structure = evidence.box_certain and evidence.box_before <= (1 - STRUCTURE) * evidence.before
-        return "unexplained" if structure else "adequate"
+        return "unexplained" if structure or evidence.fitted > GROSS * tolerance else "adequate"
     if evidence.after <= tolerance:
         return "effect"
     if evidence.left > STRUCTURE:  # the nearest of the wrong names

@@ -19,6 +19,11 @@ def verdict_in_words(outcome: Outcome) -> str:
             "candidate nor a black box takes of that what chance would not."
         )
     if outcome.verdict == "unexplained":
+        if not evidence.box_certain and not evidence.effects:
+            return (
+                f"Something is missing that none of the known effects explains: the refitted model is "
+                f"{1e3 * evidence.fitted:.2f} mm off, over the noise, on the very trials that it was fitted to."
+            )
         return (
             f"Something is missing that none of the known effects explains: {before} over the noise are left on trials "
             f"held out, of which a black box takes all but {1e3 * evidence.box_before:.2f} mm."
@@ -70,7 +75,7 @@ def as_text(outcome: Outcome) -> str:
                 f"  {row['name']:<18} gains {row['gain']:6.2f} mm (90 % {low:.2f} to {high:.2f}), {row['fitted']}"
             )
     lines.append(f"unjudged: {outcome.share_unjudged:.0%} of the frames")
-    lines += outcome.said
+    lines += [outcome.grid_in_words, *outcome.said] if outcome.grid_in_words else outcome.said
     if (experiment := experiment_in_words(outcome)) is not None:
         lines.append(f"next: {experiment}")
     return "\n".join(lines)
