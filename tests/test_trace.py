@@ -1,6 +1,8 @@
 """Tracing on a made cloth whose effects are known: what is there is found, what is not is not."""
 
 import json
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
 from fabdesign.metrics import Errors
 from fabdesign.model import Model
 from fabdesign.model_file import read_model
+from fabdesign.output import work_folder
 from fabdesign.predictor import Predictor
 from fabdesign.pressure import PressureProgram
 from fabdesign.sensor_noise import SensorNoise
@@ -25,10 +28,12 @@ from studies.tracing.data import draw
 from studies.tracing.dictionary import Dictionary, Variant, entries_of
 from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
-from studies.tracing.fit import Bench
+from studies.tracing.fit import Bench, descend
+from studies.tracing.grid import COARSE, FINE, Finer, change, error_of, on_grid
 from studies.tracing.ranking import Grams, alike, covariance, cross_validate, rank, sign_vectors
 from studies.tracing.run import trace_set
 from studies.tracing.screen import starts_from_sheet
+from studies.tracing.stages import Stages
 from studies.tracing.vector import FACTORS, Added, Vector, place_of, scope_of, value_at
 from studies.tracing.verdict import Evidence, decide, explains
 
@@ -272,6 +277,8 @@ def test_sign_vectors_are_all_of_them_where_they_are_few():
     [
         (Evidence(0.4e-3, 0.1e-3, 0, 0.1e-3, 0.1e-3, True), "adequate"),  # within the tolerance
         (Evidence(2e-3, 2e-3, 0, 2.1e-3, 2.1e-3, False), "adequate"),  # nobody gains
+        (Evidence(2e-3, 2e-3, 0, 2.1e-3, 2.1e-3, False, fitted=0.9e-3), "adequate"),
+        (Evidence(2e-3, 2e-3, 0, 2.1e-3, 2.1e-3, False, fitted=1.1e-3), "unexplained"),  # nor what it was fitted to
         (Evidence(2e-3, 2e-3, 0, 0.8e-3, 0.8e-3, True), "unexplained"),
         (Evidence(2e-3, 0.4e-3, 1, 0.8e-3, 0.4e-3, True), "effect"),
         (Evidence(2e-3, 0.7e-3, 1, 0.8e-3, 0.6e-3, True), "effect"),  # beyond the tolerance, but most of it
@@ -329,6 +336,50 @@ def test_a_large_effect_shows_from_the_data_sheet_whatever_the_refit_made_of_it(
     assert {first.effect, second.effect} == {"dead_time", "time_offset"}  # from rest these are one
     assert first.expected < 0.25 * min(other.expected for other in others)
     assert {other.effect for other in others} == EFFECTS.keys() - {"dead_time", "time_offset", "odd_muscle"}
+
+
+class Rough(Curler):
+    """On a grid too coarse: with ripples of 1 mm, which no declared parameter makes."""
+
+    def _motion(self, case, times):
+        frames = super()._motion(case, times)
+        frames[:, :, 2] += 1e-3 * np.sin(60 * frames[:, :, 0])
+        return frames
+
+
+class Stiff(Curler):
+    """On a grid on which the cloth is stiffer by a tenth, which a declared parameter takes."""
+
+    def _motion(self, case, times):
+        return super()._motion(replace(case, factors={**case.factors, "bending": 1.1 * case.factors["bending"]}), times)
+
+
+@pytest.mark.parametrize(("coarse", "side"), [(Rough(), FINE), (Stiff(), COARSE)])
+def test_a_finer_grid_takes_over_where_it_changes_what_the_declared_parameters_cannot_take(tmp_path, coarse, side):
+    samples, _ = draw(fit_trials(write(tmp_path / "set", count=4).trials), (), seed=0)
+    begin = Bench(samples, Predictor(coarse, Model(), sensing=True))
+    finer = Finer(Predictor(Curler(), Model(), sensing=True))
+    refit = partial(descend, iterations=6)
+    state = refit(begin, Vector(), np.zeros(FACTORS))
+    with work_folder(tmp_path / "out", made_by="trace") as work:
+        bench, after, grid = on_grid(
+            begin, Stages(work, {}), state, finer, tolerance=0.5e-3, refit=refit, say=lambda line: None
+        )
+    assert grid.points_per_side == side
+    assert bench.forward is (finer.forward if side == FINE else begin.forward)
+    assert after.rms == pytest.approx(NOISE.sigma, rel=0.1)
+    if side == FINE:  # sin^2 is a half in the mean, and 41 points lack a third of what they change of 21
+        assert state.rms > 1.3 * after.rms
+        assert grid.error == pytest.approx(1e-3 / np.sqrt(2) / 3, rel=0.25)
+        assert grid.floor(NOISE.sigma) == pytest.approx(np.hypot(NOISE.sigma, grid.error))
+    else:
+        assert change(begin, state, finer.forward) < 0.1e-3
+
+
+def test_what_a_grid_lacks_follows_from_what_another_changes():
+    """With an error c h^2: c h^2 of 21 points a side, a quarter of 41, three quarters between them."""
+    assert error_of(0.75e-3, finer=False) == pytest.approx(1e-3)
+    assert error_of(0.75e-3, finer=True) == pytest.approx(0.25e-3)
 
 
 def test_programs_keep_the_limits():

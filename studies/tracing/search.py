@@ -11,7 +11,7 @@ from studies.tracing.data import folds_of
 from studies.tracing.dictionary import Dictionary, dictionary, entries_of
 from studies.tracing.fit import LITTLE, Bench, State, descend, loss
 from studies.tracing.full_fit import FAR, Finalist, Ranked, Say, Task, fitted, in_full, without
-from studies.tracing.grid import COARSE, SHARE, Finer, Grid, change, error_of
+from studies.tracing.grid import Finer, Grid, on_grid
 from studies.tracing.ranking import (
     ALIKE,
     Candidate,
@@ -86,14 +86,14 @@ def search(
     the grid that takes over where `bench`'s own is too coarse. known: effects that the forward model has already."""
     vector = Vector()
     x = vector.centre() if start is None else start
-    state = fitted(
-        bench, stages, "refit", vector,
-        lambda: descend(
-            bench, vector, x, iterations=_ITERATIONS, early=_EARLY,
-            progress=partial(_declared, say),
-        ),
-    )  # fmt: skip
-    bench, state, grid = _on_grid(bench, stages, state, finer, tolerance, say)
+
+    def told(line: str) -> None:
+        say(f"declared parameters: {line}")
+
+    fit = partial(descend, bench, vector, x, iterations=_ITERATIONS, early=_EARLY, progress=told)
+    state = fitted(bench, stages, "refit", vector, fit)
+    again = partial(descend, iterations=_ITERATIONS, progress=told)
+    bench, state, grid = on_grid(bench, stages, state, finer, tolerance=tolerance, refit=again, say=say)
     task = Task(bench, stages, folds_of(bench.samples), grid.floor(noise), types, channels, known, say)
     rounds: list[Round] = []
     while True:
@@ -102,28 +102,6 @@ def search(
         if done.chosen is None or len(rounds) > MOST:
             return Search(bench, task.folds, task.floor, grid, tuple(rounds))
         state = done.chosen.state
-
-
-def _on_grid(
-    bench: Bench, stages: Stages, state: State, finer: Finer | None, tolerance: float, say: Say
-) -> tuple[Bench, State, Grid]:
-    """The grid to go on with, and the refit there."""
-    if finer is None:
-        return bench, state, Grid()
-    changed = float(stages.text("finer_grid", lambda: change(bench, state, finer.forward)))
-    if changed <= SHARE * tolerance:
-        return bench, state, Grid(COARSE, error_of(changed, finer=False))
-    say(f"a grid of {finer.points_per_side} points a side changes {1e3 * changed:.2f} mm: it is used from here on")
-    fine = replace(bench, forward=finer.forward)
-    told = partial(_declared, say)
-    fit = partial(descend, fine, state.vector, state.x, iterations=_ITERATIONS, progress=told)
-    state = fitted(fine, stages, "refit_finer", state.vector, fit)
-    changed = float(stages.text("coarser_grid", lambda: change(fine, state, bench.forward)))
-    return fine, state, Grid(finer.points_per_side, error_of(changed, finer=True))
-
-
-def _declared(say: Say, line: str) -> None:
-    say(f"declared parameters: {line}")
 
 
 def _round(task: Task, state: State, number: int, tolerance: float, seed: int, again: str = "") -> Round:

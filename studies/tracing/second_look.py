@@ -22,26 +22,29 @@ from studies.tracing.full_fit import (
 from studies.tracing.screen import Start, starts_from_sheet
 from studies.tracing.vector import Added
 
-PROMISING = 10.0  # of log likelihood, that an effect must gain in a short fit to be fitted on
-SHORT_FITS, FITTED_ON = 3, 2  # from either place, and those of them that go on to their end
+PROMISING = 10.0  # of log likelihood, that an effect must gain to count
+SHORT_FITS = 3  # from either place
+FROM_RANKING, FROM_SHEET = 1, 2  # of them that go on to their end
 
 
 def beyond_first_order(task: Task, at: Ranked) -> list[Finalist]:
     """Where differences at the state say little: of the first in the ranking, fitted from there, and of those that
-    promise most at the data sheet, fitted from there, what explains the residuals better than chance."""
+    promise most at the data sheet, fitted from there, what explains the residuals better than chance.
+
+    The two are chosen from apart: after a few iterations from the data sheet a fit is still falling, and may be above
+    one that has stood still near the refit, though the better minimum is on its way."""
     task.say(f"round {at.number + 1}: effects beyond first order, and at the data sheet")
-    best: dict[str, State] = {}
-    for effect, found in [*_from_ranking(task, at), *_from_sheet(task, at)]:
-        if effect not in best or loss(task.bench, found) < loss(task.bench, best[effect]):
-            best[effect] = found
     before = loss(task.bench, at.state)
-    promising = [(e, s) for e, s in best.items() if before - loss(task.bench, s) > PROMISING]
-    finalists = []
-    for effect, state in sorted(promising, key=lambda pair: loss(task.bench, pair[1]))[:FITTED_ON]:
-        stage = f"on_{at.label}_{effect}"
-        found = fitted(task.bench, task.stages, stage, state.vector, partial(fit_on, task, effect, state))
-        finalists.append(finalist_of(task, at, effect, found))
-    return finalists
+    near = [(e, s) for e, s in _from_ranking(task, at) if before - loss(task.bench, s) > PROMISING]
+    best: dict[str, State] = {}
+    for place, fits, most in (("", near, FROM_RANKING), ("_sheet", _from_sheet(task, at), FROM_SHEET)):
+        for effect, state in sorted(fits, key=lambda pair: loss(task.bench, pair[1]))[:most]:
+            stage = f"on_{at.label}{place}_{effect}"
+            found = fitted(task.bench, task.stages, stage, state.vector, partial(fit_on, task, effect, state))
+            if effect not in best or loss(task.bench, found) < loss(task.bench, best[effect]):
+                best[effect] = found
+    promising = {e: s for e, s in best.items() if before - loss(task.bench, s) > PROMISING}
+    return [finalist_of(task, at, effect, state) for effect, state in promising.items()]
 
 
 def _from_ranking(task: Task, at: Ranked) -> list[tuple[str, State]]:
