@@ -95,7 +95,7 @@ class Outcome:
                 "black_box": 1e3 * self.evidence.box_before,
                 "chance": 1e3 * self.search.rounds[0].ranking.chance,
                 "decoy": 1e3 * self.search.rounds[0].ranking.decoy,
-                "fitted": 1e3 * self.evidence.fitted,
+                "fitted": None if self.evidence.fitted is None else 1e3 * self.evidence.fitted,
             },
             "grid": {
                 "points_per_side": self.model.points_per_side,

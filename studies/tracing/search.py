@@ -45,7 +45,7 @@ class Round:
     grams: Grams
     ranking: Ranking
     box: float  # m of excess that the black box leaves of held-out trials
-    box_interval90: tuple[float, float]  # of its gain
+    box_interval90: tuple[float, float]  # of its gain over the residual of all trials fitted
     finalists: tuple[Finalist, ...]
     chosen: Finalist | None
     indistinguishable: tuple[str, ...]
@@ -112,7 +112,7 @@ def _round(task: Task, state: State, number: int, tolerance: float, seed: int, a
     task.say(f"round {number + 1}: ranking {len(found.effects)} candidates")
     ranking = rank(grams, found, task.floor, seed=seed)
     box = _scored_by_trial(grams, ceiling_squares(task.bench, state, task.folds))
-    interval = gain_interval(grams, ranking.none, box, task.floor, np.random.default_rng(seed))
+    interval = gain_interval(grams, _as_it_is(grams), box, task.floor, np.random.default_rng(seed))
     nothing = Round(state, grams, ranking, excess_of(grams, box, task.floor), interval, (), None, ())
     if ranking.excess <= tolerance or number >= MOST:
         return nothing
@@ -201,6 +201,11 @@ def _scored_by_trial(grams: Grams, squares: Array) -> Scored:
         if k == 0 or grams.trial[k - 1] != trial:
             own[k] = squares[trial]
     return Scored(None, own, np.zeros(0))
+
+
+def _as_it_is(grams: Grams) -> Scored:
+    """The residual itself, fitted to all trials: what the black box takes from."""
+    return Scored(None, grams.gram[:, -1, -1], np.zeros(0))
 
 
 def added_effects(state: State) -> list[tuple[Added, slice]]:

@@ -12,7 +12,10 @@ STRUCTURE = 0.25  # of an excess, that the black box, or one kind of feature, mu
 @dataclass(frozen=True)
 class Evidence:
     """m of excess held out: of the refitted model, with all effects that were certain, and of the black box on what
-    either leaves; whether the black box gains for certain."""
+    either leaves; whether the black box gains for certain.
+
+    The black box takes from what a model leaves that was fitted to all trials, so that its gain is over `fitted`, not
+    over `before`, for which the declared parameters were fitted without the trial."""
 
     before: float
     after: float
@@ -21,7 +24,7 @@ class Evidence:
     box_after: float
     box_certain: bool
     left: float = 0.0  # share of what the effects leave that one kind of feature takes of trials left out
-    fitted: float = 0.0  # m of excess that the refitted model leaves of the trials that it was fitted to
+    fitted: float | None = None  # m that the refitted model leaves of the trials that it was fitted to; None: `before`
 
 
 def decide(evidence: Evidence, tolerance: float) -> Word:
@@ -29,8 +32,10 @@ def decide(evidence: Evidence, tolerance: float) -> Word:
     if evidence.before <= tolerance:
         return "adequate"
     if evidence.effects == 0:
-        structure = evidence.box_certain and evidence.box_before <= (1 - STRUCTURE) * evidence.before
-        return "unexplained" if structure or evidence.fitted > GROSS * tolerance else "adequate"
+        taken_from = evidence.before if evidence.fitted is None else evidence.fitted
+        structure = evidence.box_certain and evidence.box_before <= (1 - STRUCTURE) * taken_from
+        gross = evidence.fitted is not None and evidence.fitted > GROSS * tolerance
+        return "unexplained" if structure or gross else "adequate"
     if evidence.after <= tolerance:
         return "effect"
     if evidence.left > STRUCTURE:  # the nearest of the wrong names

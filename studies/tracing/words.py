@@ -22,11 +22,12 @@ def verdict_in_words(outcome: Outcome) -> str:
         if not evidence.box_certain and not evidence.effects:
             return (
                 f"Something is missing that none of the known effects explains: the refitted model is "
-                f"{1e3 * evidence.fitted:.2f} mm off, over the noise, on the very trials that it was fitted to."
+                f"{1e3 * (evidence.fitted or 0.0):.2f} mm over the noise off the very trials that it was fitted to."
             )
         return (
             f"Something is missing that none of the known effects explains: {before} over the noise are left on trials "
-            f"held out, of which a black box takes all but {1e3 * evidence.box_before:.2f} mm."
+            f"held out, {1e3 * (evidence.fitted or 0.0):.2f} mm on those fitted, of which a black box takes all but "
+            f"{1e3 * evidence.box_before:.2f} mm."
         )
     named = " and ".join(effect_in_words(effect) for effect in outcome.effects)
     sentence = (
