@@ -341,11 +341,11 @@ def test_a_large_effect_shows_from_the_data_sheet_whatever_the_refit_made_of_it(
 
 
 class Rough(Curler):
-    """On a grid too coarse: with ripples of 0.6 mm, which no declared parameter makes."""
+    """On a grid too coarse: with ripples of 0.7 mm, which no declared parameter makes."""
 
     def _motion(self, case, times):
         frames = super()._motion(case, times)
-        frames[:, :, 2] += 0.6e-3 * np.sin(60 * frames[:, :, 0])
+        frames[:, :, 2] += 0.7e-3 * np.sin(60 * frames[:, :, 0])
         return frames
 
 

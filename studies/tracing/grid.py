@@ -19,7 +19,6 @@ from studies.tracing.stages import Stages
 from studies.tracing.vector import Array, Vector
 
 COARSE, FINE = 21, 41  # points a side
-SHARE = 0.5  # of the tolerance, that a finer grid may change of the residuals before it is the one to use
 ORDER = 2.0  # of the error in the spacing
 
 
@@ -54,13 +53,14 @@ def on_grid(
     refit: Callable[[Bench, Vector, Array], State],
     say: Say,
 ) -> tuple[Bench, State, Grid]:
-    """The grid to go on with, and the refitted state there: `bench`'s own, unless the finer one changes more than SHARE
-    of the tolerance [m]. refit: descends from a place of a vector."""
+    """The grid to go on with, and the refitted state there: `bench`'s own, unless its error, by what the finer
+    one changes, is over the tolerance [m]. refit: descends from a place of a vector."""
     if finer is None:
         return bench, state, Grid()
     changed = float(stages.text("finer_grid", lambda: change(bench, state, finer.forward)))
-    if changed <= SHARE * tolerance:
-        return bench, state, Grid(COARSE, error_of(changed, finer=False))
+    error = error_of(changed, finer=False)
+    if error <= tolerance:
+        return bench, state, Grid(COARSE, error)
     say(f"a grid of {finer.points_per_side} points a side changes {1e3 * changed:.2f} mm: it is used from here on")
     fine = replace(bench, forward=finer.forward)
     state = fitted(fine, stages, "refit_finer", state.vector, partial(refit, fine, state.vector, state.x))
