@@ -29,13 +29,15 @@ from studies.tracing.dictionary import Dictionary, Variant, entries_of
 from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
 from studies.tracing.fit import Bench, descend
-from studies.tracing.grid import COARSE, FINE, Finer, change, error_of, on_grid
+from studies.tracing.grid import COARSE, FINE, Finer, Grid, change, error_of, on_grid
 from studies.tracing.ranking import Grams, alike, covariance, cross_validate, rank, sign_vectors
+from studies.tracing.report import render_report
 from studies.tracing.run import trace_set
 from studies.tracing.screen import starts_from_sheet
 from studies.tracing.stages import Stages
 from studies.tracing.vector import FACTORS, Added, Vector, place_of, scope_of, value_at
 from studies.tracing.verdict import Evidence, decide, explains
+from studies.tracing.words import as_text
 
 TIMES = np.arange(1, 13) * 0.12
 NOISE = SensorNoise(0.0006, 0.002, 0.02)
@@ -171,6 +173,16 @@ def test_the_report_is_whole_and_says_the_answer(lagging):
     assert "synthetic rig" in page
     assert page.count("<iframe") == 1
     assert "http://" not in page.split("<body>")[1].split("srcdoc")[0]
+
+
+def test_the_grid_and_its_error_are_said_where_there_was_a_choice(lagging):
+    _, outcome = lagging
+    assert outcome.as_json()["grid"] == {"points_per_side": 21, "error_mm": None}
+    assert "grid" not in as_text(outcome)
+    chosen = replace(outcome, search=replace(outcome.search, grid=Grid(21, 0.3e-3)))
+    assert chosen.as_json()["grid"] == {"points_per_side": 21, "error_mm": pytest.approx(0.3)}
+    assert "grid: 21 points a side, whose error of 0.30 mm counts with the noise" in as_text(chosen)
+    assert "Grid: 21 points a side, whose error of 0.30 mm" in render_report(chosen)
 
 
 def test_the_same_call_goes_on_from_the_stages_and_another_set_is_refused(lagging, tmp_path):
