@@ -23,7 +23,7 @@ from studies.tracing.stages import Stages
 from studies.tracing.vector import Added, Array, Vector
 
 FAR = 2.0  # prior standard deviations: a parameter farther off may stand for an effect that is not there
-SHORT, FINAL = 3, 30  # iterations of a fit from one of several starts, and in all
+SHORT, FINAL = 3, 20  # iterations of a fit from one of several starts, and in all
 STARTS = 0.5, 1.0, 2.0  # times where the linear fit puts an effect's strengths
 FAR_STARTS = 1.0, 3.0, 9.0  # the same where declared parameters had taken its part
 
