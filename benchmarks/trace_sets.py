@@ -62,19 +62,19 @@ class Rig:
 
 VERTICAL, SIDE, CROSS, BASIC = ("vertical", 3), ("side", 4), ("cross", 2), ("basic", 4)
 RIGS = (
-    Rig("hysteresis", CROSS, 7000, "braid_hysteresis", {"friction": 0.02, "slip": 0.008}),
-    Rig("creep", CROSS, 7001, "creep_of_two_times", {"share": 0.7, "quick": 0.2, "slow": 1.0}),
-    Rig("odd", VERTICAL, 7002, "odd_muscle", {"channel": 1, "factor": 0.45}),
-    Rig("lag", CROSS, 7003, "lag_of_two_volumes", {"line": 0.1, "muscle": 0.1}),
-    Rig("dead", BASIC, 7004, "dead_time", {"delay": 0.1}),
-    Rig("droop", VERTICAL, 7005, "droop_by_flow", {"share": 0.35}),
-    Rig("loss", CROSS, 7006, "line_loss", {"share": 0.7}),
-    Rig("orthotropy", CROSS, 7007, "orthotropy_of_bending", {"ratio": 3.0}),
-    Rig("drag", CROSS, 7008, "air_drag", {"coefficient": 60.0}),
-    Rig("tilt", SIDE, 7009, "frame_tilt", {"about_x": 2.5}),
-    Rig("wind", BASIC, 7010, "wind", {"z": 0.5}),
-    Rig("spring", VERTICAL, 7011, "spring", {"stiffness": 0.4}),
-    *(Rig(f"none_{k}", layout, 7012 + k) for k, layout in enumerate((VERTICAL, SIDE, CROSS, BASIC, VERTICAL, CROSS))),
+    Rig("hysteresis", VERTICAL, 8000, "braid_hysteresis", {"friction": 0.03, "slip": 0.008}),
+    Rig("creep", CROSS, 8001, "creep_of_two_times", {"share": 1.0, "quick": 0.2, "slow": 1.0}),
+    Rig("odd", VERTICAL, 8002, "odd_muscle", {"channel": 1, "factor": 0.45}),
+    Rig("lag", CROSS, 8003, "lag_of_two_volumes", {"line": 0.1, "muscle": 0.1}),
+    Rig("dead", BASIC, 8004, "dead_time", {"delay": 0.1}),
+    Rig("droop", VERTICAL, 8005, "droop_by_flow", {"share": 0.35}),
+    Rig("loss", CROSS, 8006, "line_loss", {"share": 0.7}),
+    Rig("orthotropy", CROSS, 8007, "orthotropy_of_bending", {"ratio": 3.0}),
+    Rig("drag", CROSS, 8008, "air_drag", {"coefficient": 60.0}),
+    Rig("tilt", SIDE, 8009, "frame_tilt", {"about_x": 2.5}),
+    Rig("wind", BASIC, 8010, "wind", {"z": 0.5}),
+    Rig("spring", VERTICAL, 8011, "spring", {"stiffness": 0.4}),
+    *(Rig(f"none_{k}", layout, 8012 + k) for k, layout in enumerate((VERTICAL, SIDE, CROSS, BASIC, VERTICAL, CROSS))),
 )
 
 
