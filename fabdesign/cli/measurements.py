@@ -71,7 +71,9 @@ def fuse(
 @click.argument("sources", nargs=-1, required=True, type=FILE, metavar="SET...")
 @click.option("--fit", help="What to fit, by comma: orders of trials, names of records; all of role fit without it.")
 @click.option(
-    "--free", help="Effects to fit besides, by comma: NAME, NAME.PARAMETER, NAME:PARAMETER=VALUE (not fitted)."
+    "--free",
+    help="Effects to fit besides, by comma: NAME, NAME.PARAMETER, NAME:PARAMETER=VALUE (not fitted); all: the "
+    "strengths of every effect.",
 )
 @click.option("--fix", "fixed", help="Declared parameters to hold, by comma.")
 @click.option("--model", type=FILE, help="What holds besides: a model's effects, and the factors held by --fix.")

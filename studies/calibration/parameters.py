@@ -150,7 +150,8 @@ def fit_vector(
     scope: str | None = None,
 ) -> FitVector:
     """The declared parameters less those `fixed`, and what `free` adds: EFFECT (all of its parameters),
-    EFFECT.PARAMETER, EFFECT:PARAMETER=VALUE (one that is chosen, not fitted), muscle_types.NAME.PARAMETER.
+    EFFECT.PARAMETER, EFFECT:PARAMETER=VALUE (one that is chosen, not fitted), muscle_types.NAME.PARAMETER, or "all":
+    the strengths of every effect that leaves nothing to choose.
 
     factors, terms: what holds besides, such as a model's; a free effect among the terms begins there. scope: of the
     muscles' effects that are added. Raises InputError.
@@ -161,7 +162,7 @@ def fit_vector(
     held = {name: factor for name, factor in (factors or {}).items() if name.rpartition(".")[2] in fixed}
     parameters = [p for p in DECLARED.parameters if p.name not in fixed]
     acting = {term.name: term for term in terms}
-    for item in free:
+    for item in (name for given in free for name in (_every_strength() if given == "all" else [given])):
         if item.startswith(MUSCLE_TYPES):
             parameters.append(_of_muscles(item))
             continue
@@ -180,6 +181,12 @@ def fit_vector(
         acting[name] = term
         parameters += _of_effect(effect, only, item, term, {p.name for p in parameters})
     return FitVector(tuple(parameters), tuple(held.items()), tuple(acting.values()))
+
+
+def _every_strength() -> list[str]:
+    """EFFECT.PARAMETER each."""
+    fitted = [effect for effect in EFFECTS.values() if not any(p.whole for p in effect.parameters.values())]
+    return [f"{effect.name}.{name}" for effect in fitted for name in effect.strengths]
 
 
 def _of_muscles(item: str) -> FitParameter:
