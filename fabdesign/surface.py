@@ -63,7 +63,8 @@ class Surface:
     def nearest(self, points: Floats) -> Nearest:
         """Exact nearest places for points (n, 3) m."""
         at: Array = np.asarray(points, dtype=np.float64)
-        squared, triangle, edges = self._cells.nearest(at)
+        squared, triangle = self._cells.nearest(at)
+        edges = self._cells.weights(at, triangle)
         weights = np.concatenate([1 - edges.sum(axis=1, keepdims=True), edges], axis=1)
         a, ab, ac = self._corners(triangle)
         offset = at - a - edges[:, :1] * ab - edges[:, 1:] * ac

@@ -1,7 +1,7 @@
 """Trials: one measured motion each, and the sets they come in."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Literal
@@ -26,6 +26,7 @@ class Trial:
     design: Design
     order: int  # place in the specimen's session
     role: Role  # nothing may be fitted or chosen on "test"
+    _sound: list[bool] = field(default_factory=list, init=False, repr=False, compare=False)  # filled once it is
 
     @property
     def name(self) -> str:
@@ -44,11 +45,13 @@ class Trial:
         return program
 
     def load(self) -> TrialData:
-        """All arrays, checked, also against the design: its channels, its limits, where its cloth can be. The clouds
-        are not kept by the trial."""
+        """All arrays, checked, the first time also against the design: its channels, its limits, where its cloth can
+        be. The clouds are not kept by the trial."""
         data = read_trial(self.file, size=max(self.design.fabric.width, self.design.fabric.height))
-        require_pressures(data.program, self.design, str(self.file))
-        require_on_cloth(data.frames, data.time, self.design.fabric, str(self.file))
+        if not self._sound:
+            require_pressures(data.program, self.design, str(self.file))
+            require_on_cloth(data.frames, data.time, self.design.fabric, str(self.file))
+            self._sound.append(True)
         return data
 
 

@@ -82,6 +82,16 @@ def test_a_search_ends_whatever_is_asked():
     np.testing.assert_allclose(slivers.distance(points), np.linalg.norm(off, axis=2).min(axis=1), atol=5e-3)
 
 
+def test_triangles_without_an_area():
+    """A segment, its third corner at an end or between, and a point; asked beside it, beyond its ends and off it."""
+    a, b = np.zeros(3), np.array([1.0, 0, 0])
+    points = np.array([[x, y, z] for x in (-1.0, 0.0, 0.25, 2.0) for y in (-1.0, 0.0, 0.5) for z in (-1.0, 0.0, 0.5)])
+    for end, third in ((b, a), (b, b), (b, b / 4), (a, a)):
+        surface = Surface(np.stack([a, end, third]), np.array([[0, 1, 2], [1, 2, 0], [2, 1, 0]]))
+        on = np.clip(points[:, :1], 0, 1) * end
+        np.testing.assert_allclose(surface.distance(points), np.linalg.norm(points - on, axis=1), atol=1e-12)
+
+
 def test_errors_of_a_trial_are_those_computed_slowly():
     """Chamfer by a tree, surface by all triangles, the floors' draws by the same seed; to rounding."""
     rng, noise = np.random.default_rng(1), SensorNoise(0.0006, 0.01, 0.012)
