@@ -1,12 +1,13 @@
-"""Motions that start with a velocity, which the public way in has none of."""
+"""Motions that start otherwise than the public way in lets them: with a velocity, or off in the last digit."""
 
 import numpy as np
 
 from fabdesign.effects import ActingPressure
+from fabdesign.effects.acting import acting_pressure
 from sim.kernels import fields
 from sim.kernels.fields import LANES, F
 from sim.simulator import Simulator
-from sim.time.steps import Jumps, steps_of
+from sim.time.steps import Jumps, jumps_of, steps_of
 from tests.sim_designs import held
 
 
@@ -29,3 +30,27 @@ def thrown(simulator: Simulator, design, velocity, times, *, positions=None):
         steps = steps_of(acting, times, Jumps((), ()), calm=simulator._calm)
         [motion] = simulator._simulate(batch, packed, [case], [times], [steps])
     return motion.middle.astype(float)
+
+
+def off_in_the_last_digit(simulator: Simulator, cases, times, first):
+    """(T, n, n, 3) m each, mid-surfaces of at most 8 hung cases; from the case `first` on, each node's x and y start
+    from the float32 next to their own, above or below by chance."""
+    case_of = [*range(len(cases)), *[len(cases) - 1] * (LANES - len(cases))]
+    with fields.lock:
+        batch = simulator._at_rest(cases, case_of)
+        state, nodes = F.node3.to_numpy(), slice(F.x0, F.x0 + (simulator.points_per_side + 2) ** 2)
+        for lane in range(first, len(cases)):
+            rng = np.random.default_rng(lane)
+            for axis in range(2):
+                own = state[0, nodes, axis * LANES + lane]
+                towards = np.where(rng.random(own.shape) < 0.5, -np.inf, np.inf).astype(np.float32)
+                state[0, nodes, axis * LANES + lane] = np.nextafter(own, towards)
+        F.node3.from_numpy(state)
+        ticks = int(np.ceil(times[-1] / simulator.time_step - 1e-6))
+        steps = []
+        for case in cases:
+            acting = acting_pressure(case, ticks, simulator.time_step)
+            jumps = jumps_of(acting.program, simulator.time_step, released=False)
+            steps.append(steps_of(acting, times, jumps, calm=simulator._calm))
+        motions = simulator._simulate(batch, case_of, cases, [times] * len(cases), steps)
+    return [motion.middle.astype(float) for motion in motions]
