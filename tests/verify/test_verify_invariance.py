@@ -62,7 +62,7 @@ def test_mirror_images(record):
     chance = float(np.mean(np.array(drawn) >= images))
     record("chance of the images' share, were they reruns", f"{CHANCE:g}", f"{chance:.2g}")
     assert chance > CHANCE
-    # both are small: a step ends within the tolerance, RMS over nodes; what steps lack adds up as by chance, in two runs
+    # both are small: a step lacks the tolerance at most, RMS over nodes, which adds up as by chance, in two runs
     bound = SIMULATOR.tolerance * np.sqrt(2 * TIMES[-1] / SIMULATOR.time_step)
     rms_images, rms_reruns = (float(np.sqrt(3 * part.mean())) for part in (squared[:, :2], squared[:, 2:]))
     record("mirror images, RMS over nodes; reruns", f"{bound:.1e} m", f"{rms_images:.1e} m; {rms_reruns:.1e} m")
