@@ -37,7 +37,7 @@ def off_in_the_last_digit(simulator: Simulator, cases, times, first):
     from the float32 next to their own, above or below by chance."""
     case_of = [*range(len(cases)), *[len(cases) - 1] * (LANES - len(cases))]
     with fields.lock:
-        batch = simulator._at_rest(cases, case_of)
+        batch, _ = simulator._at_rest(cases, case_of, patient=False)
         state, nodes = F.node3.to_numpy(), slice(F.x0, F.x0 + (simulator.points_per_side + 2) ** 2)
         for lane in range(first, len(cases)):
             rng = np.random.default_rng(lane)
