@@ -17,7 +17,7 @@ def thrown(simulator: Simulator, design, velocity, times, *, positions=None):
     case, n = held(design, (0,)), simulator.points_per_side
     with fields.lock:
         packed = [0] * LANES
-        batch = simulator._at_rest([case], packed)
+        batch, _ = simulator._at_rest([case], packed, patient=True)
         state = F.node3.to_numpy()
         for first, values in ((F.v0, velocity), (F.x0, positions)):
             if values is not None:
