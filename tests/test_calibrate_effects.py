@@ -25,8 +25,10 @@ def test_all_are_the_strengths_of_effects_without_a_choice():
     names = fit_vector(["all"]).names
     assert {"rest_curvature.down", "filling_lag.fill", "muscle_creep.share"} < {*names}
     assert "muscle_creep.time" not in names and not any(name.startswith("odd_muscle") for name in names)
-    assert len({*names}) == len(names) == 7 + sum(
-        len(effect.strengths) for effect in EFFECTS.values() if effect.name != "odd_muscle"
+    assert (
+        len({*names})
+        == len(names)
+        == 7 + sum(len(effect.strengths) for effect in EFFECTS.values() if effect.name != "odd_muscle")
     )
 
 
@@ -34,9 +36,7 @@ def test_two_effects_are_found_among_four(tmp_path):
     # from the data sheet: the factors alone go where neither is found from (muscle gain and damping far off)
     design, rng, forward = build("cross", muscles=2), np.random.default_rng(2), Simulator(points_per_side=11)
     noise = SensorNoise(0.0005, 0.0, 0.05)
-    programs = [
-        PressureProgram(np.array([0.0]), rng.uniform(50e3, 300e3, (1, design.channels)), 0.5) for _ in range(3)
-    ]
+    programs = [PressureProgram(np.array([0.0]), rng.uniform(50e3, 300e3, (1, design.channels)), 0.5) for _ in range(3)]
     motions = forward.motions([Case(design, p, {}, PUT_IN) for p in programs], [TIMES] * len(programs))
     trials = [
         NewTrial(

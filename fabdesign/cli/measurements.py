@@ -76,7 +76,11 @@ def fuse(
     "strengths of every effect.",
 )
 @click.option("--fix", "fixed", help="Declared parameters to hold, by comma.")
-@click.option("--model", type=FILE, help="What holds besides: a model's effects, and the factors held by --fix.")
+@click.option(
+    "--model",
+    type=FILE,
+    help="What holds besides: a model's effects, the factors held by --fix; the others begin there.",
+)
 @effects_option
 @skip_bad_option
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of the points and frames drawn.")

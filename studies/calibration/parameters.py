@@ -153,14 +153,17 @@ def fit_vector(
     EFFECT.PARAMETER, EFFECT:PARAMETER=VALUE (one that is chosen, not fitted), muscle_types.NAME.PARAMETER, or "all":
     the strengths of every effect that leaves nothing to choose.
 
-    factors, terms: what holds besides, such as a model's; a free effect among the terms begins there. scope: of the
-    muscles' effects that are added. Raises InputError.
+    factors, terms: a model's: what is held has their values, and what is free begins there. scope: of the muscles'
+    effects that are added. Raises InputError.
     """  # fmt: skip
     for name in fixed:
         if name not in PARAMETERS:
             raise InputError(f"--fix {name}: expected one of {', '.join(PARAMETERS)}{nearest(name, PARAMETERS)}")
-    held = {name: factor for name, factor in (factors or {}).items() if name.rpartition(".")[2] in fixed}
-    parameters = [p for p in DECLARED.parameters if p.name not in fixed]
+    known = factors or {}
+    held = {name: factor for name, factor in known.items() if name.rpartition(".")[2] in fixed}
+    parameters = [
+        replace(p, start=p.unknown(known.get(p.name, 1.0))) for p in DECLARED.parameters if p.name not in fixed
+    ]
     acting = {term.name: term for term in terms}
     for item in (name for given in free for name in (_every_strength() if given == "all" else [given])):
         if item.startswith(MUSCLE_TYPES):

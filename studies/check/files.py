@@ -118,8 +118,6 @@ def _clouds(recording: Recording) -> Iterator[Callable[[], object]]:
 def _model(path: Path) -> Findings:
     model = read_model(path)
     lines = [line for name, factor in model.factors.items() for line in beyond(f"{name}: factor", factor, FACTOR)]
-    if model.effects or model.corrector:
-        lines.append("has effects or a corrector, which this version's commands refuse to predict with")
     return Findings(warnings=tuple(f"{path}: {line}" for line in lines))
 
 
