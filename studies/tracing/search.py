@@ -10,7 +10,7 @@ from studies.tracing.black_box import ceiling_squares
 from studies.tracing.data import folds_of
 from studies.tracing.dictionary import Dictionary, dictionary, entries_of
 from studies.tracing.fit import LITTLE, Bench, State, descend, loss
-from studies.tracing.full_fit import FAR, Finalist, Ranked, Say, Task, fitted, in_full, without
+from studies.tracing.full_fit import FAR, Finalist, Ranked, Say, Task, finalist_of, fitted, in_full, without
 from studies.tracing.grid import Finer, Grid, on_grid
 from studies.tracing.ranking import (
     ALIKE,
@@ -104,8 +104,11 @@ def search(
         state = done.chosen.state
 
 
-def _round(task: Task, state: State, number: int, tolerance: float, seed: int, again: str = "") -> Round:
-    """again: marks the stages of a second look at a round, from a better state."""
+def _round(
+    task: Task, state: State, number: int, tolerance: float, seed: int, second_look: Sequence[Finalist] = ()
+) -> Round:
+    """second_look: what was found by one, where the round is done again from a better state without any of it."""
+    again = "_again" if second_look else ""
     task.say(f"round {number + 1}: differences of the dictionary at {1e3 * state.rms:.3f} mm RMS")
     found = _dictionary(task, state, f"{number}{again}")
     grams = grams_of(task.bench, state, found.columns, task.folds)
@@ -119,20 +122,23 @@ def _round(task: Task, state: State, number: int, tolerance: float, seed: int, a
     at = Ranked(number, f"{number}{again}", state, grams, ranking)
     certain = [c for c in ranking.candidates if ranking.certain(c)]
     worth = [c for c in certain if c.gain > WORTH * ranking.excess]
-    finalists = [in_full(task, at, c, k) for k, c in enumerate(_to_fit(grams, worth, ranking.excess))]
+    fitted_before = {f.effect for f in second_look}
+    to_fit = [c for c in _to_fit(grams, worth, ranking.excess) if c.effect not in fitted_before]
+    finalists = [in_full(task, at, c, k) for k, c in enumerate(to_fit)]
     excess = in_sample_excess(task, state)
 
     def closes(finalist: Finalist) -> bool:
         return in_sample_excess(task, finalist.state) < (1 - CLOSES) * excess
 
+    finalists += filter(closes, (finalist_of(task, at, f.effect, f.state) for f in second_look))
     astray = not worth or bool(np.abs(state.x[:FACTORS]).max() >= FAR)
-    if number == 0 and astray and excess > tolerance and not any(map(closes, finalists)):
+    if number == 0 and not again and astray and excess > tolerance and not any(map(closes, finalists)):
         known = {f.effect for f in finalists}
         more = [f for f in beyond_first_order(task, at) if f.effect not in known]
-        if more and not again:
+        if more:
             plain = without(task, at, min(more, key=lambda f: f.held_out))
             if loss(task.bench, state) - loss(task.bench, plain) > LITTLE:  # the refit had stopped short
-                return _round(task, plain, number, tolerance, seed, again="_again")
+                return _round(task, plain, number, tolerance, seed, more)
         finalists += filter(closes, more)
     finalists.sort(key=lambda f: f.held_out)
     if not finalists or finalists[0].gain <= WORTH * ranking.excess or finalists[0].interval90[0] <= 0:
