@@ -2,9 +2,10 @@
 
     python -m benchmarks.demo_model SET --model M.toml [-o fabdesign/data]
 
-M.toml is what `fabdesign calibrate SET -o M0.toml`, `fabdesign trace SET --model M0.toml -o T` where it finds an
-effect, and `fabdesign train SET --model M0.toml (T/model.toml) -o M.toml` made. The trials are those of one design with
-the role `test`, which nothing is fitted to. Of each every third frame and 800 points of a frame are kept.
+M.toml is what `fabdesign calibrate SET -o M0.toml`, with the effects that the set shows (`--free`, or `fabdesign trace
+SET --model M0.toml -o T` and its T/model.toml), and `fabdesign train SET --model M0.toml -o M.toml` made.
+The trials are those of one design with the role `test`, which nothing is fitted to. Of each every third frame and 800
+points of a frame are kept.
 """
 
 import argparse
@@ -43,6 +44,7 @@ def main() -> None:
     tests = [trial for trial in measured.trials if trial.design_name == DESIGN and trial.role == "test"]
     if seen := {f"{measured.name}/{t.name}" for t in tests} & set(model.provenance.fitted):
         parser.error(f"{options.model} has seen {', '.join(sorted(seen))}; expected a model that has not")
+    shutil.rmtree(options.output / SET, ignore_errors=True)  # its mark was taken away
     write_set(
         options.output / SET,
         {DESIGN: tests[0].design},
@@ -50,7 +52,6 @@ def main() -> None:
         name=SET,
         description=f"{len(tests)} {DESIGN} trials of {measured.name}, thinned; {measured.description}",
         made_by="demo_model",
-        force=True,
     )
     (options.output / SET / ".fabdesign").unlink(missing_ok=True)
     weights = (options.output / MODEL).with_suffix(".safetensors")

@@ -62,7 +62,7 @@ def test_each_model_is_simulated_once_and_judged_as_evaluate_does(monkeypatch: p
     monkeypatch.setattr(measured, "judge_sets", lambda sets, coarse: Judged((), 0.0))
     rolling = Rolling()
     judged = measured.judge_model(forward=rolling)
-    assert rolling.asked == len(judged.errors) == 3  # data sheet, calibrated, corrected
+    assert rolling.asked == len(judged.errors) == 4  # data sheet, calibrated, with effects, corrected
     [expected] = evaluate_sets(judged.shipped, [found], Rolling()).designs.values()
     [trial] = expected.trials
     assert (judged.errors[measured.CALIBRATED], judged.errors[measured.CORRECTED]) == (trial.before, trial.after)
