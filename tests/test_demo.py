@@ -70,13 +70,13 @@ def test_each_model_is_simulated_once_and_judged_as_evaluate_does(monkeypatch: p
 
 
 def test_the_page_says_what_was_closed() -> None:
-    """Excess of 3 mm before, 1.5 mm traced: half is closed, of a floor of 0.6 mm."""
+    """Excess of 3 mm before, 1.5 mm with effects: half is closed, of a floor of 0.6 mm."""
     floor = 0.6e-3
 
     def errors(excess: float) -> Errors:
         return Errors(6e-3, 4e-3, float(np.hypot(excess, floor)), floor)
 
-    names = (measured.SHEET, measured.CALIBRATED, measured.TRACED, measured.CORRECTED)
+    names = (measured.SHEET, measured.CALIBRATED, measured.EFFECTS, measured.CORRECTED)
     of = dict(zip(names, map(errors, (4e-3, 3e-3, 1.5e-3, 1e-3)), strict=True))
     found = read_set(DATA / measured.SET)
     shipped = Model(effects=(EffectTerm("<drag>", {}),))

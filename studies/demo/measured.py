@@ -1,4 +1,5 @@
-"""What the demo's measured trials say about its model: calibrated, traced, corrected; none of them has seen these."""
+"""What the demo's measured trials say about its model: calibrated, with effects, corrected; none of them has
+seen these."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,12 +25,12 @@ from studies.judged_search import GRID, judge_sets
 SET = "demo_set"
 MODEL = "demo_model.toml"
 MADE_BY = "python -m benchmarks.demo_model"  # the set and the model that are shipped
-SHEET, CALIBRATED, TRACED, CORRECTED = "data sheet", "calibrated", "and traced", "and corrected"
+SHEET, CALIBRATED, EFFECTS, CORRECTED = "data sheet", "calibrated", "with effects", "and corrected"
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Of a measured set: each model's errors, means over the trials; `and traced` only where a trace added effects."""
+    """Of a measured set: each model's errors, means over the trials; `with effects` only where it has some."""
 
     measured: MeasurementSet
     shipped: Model
@@ -38,14 +39,14 @@ class Judged:
 
     @property
     def said(self) -> str:
-        """What a trace has added to the shipped model."""
+        """What the shipped model has besides its factors."""
         names = [effect.name.replace("_", " ") for effect in self.shipped.effects]
-        return f"A trace added {' and '.join(names)}." if names else "It has no effects: none was added by a trace."
+        return f"Effects in the model: {', '.join(names)}." if names else "The model has no effects."
 
     def rows(self) -> list[tuple[str, Errors, float | None]]:
         """Each model's name, errors, and the share of the calibrated model's excess that it closes."""
         base = self.errors[CALIBRATED]
-        later = (TRACED, CORRECTED)
+        later = (EFFECTS, CORRECTED)
         return [(name, e, closed(base, e).surface if name in later else None) for name, e in self.errors.items()]
 
     def as_json(self) -> dict[str, Any]:
@@ -64,7 +65,7 @@ class Judged:
 
 
 def judge_model(*, forward: ForwardModel | None = None) -> Judged:
-    """How far the data sheet and the shipped model, calibrated, with what a trace added, and with its corrector, are
+    """How far the data sheet and the shipped model, calibrated, with its effects, and with its corrector, are
     from the embedded trials. forward: the bare simulator, by default with the shipped model's grid."""
     data = Path(str(files("fabdesign") / "data"))
     measured, shipped = read_set(data / SET), read_model(data / MODEL)
@@ -73,9 +74,11 @@ def judge_model(*, forward: ForwardModel | None = None) -> Judged:
         from sim import Simulator
 
         fine, coarse = Simulator(shipped.points_per_side), Simulator(GRID)
-    traced = shipped.without(["corrector"])
+    uncorrected = shipped.without(["corrector"])
     models = {SHEET: Model(points_per_side=shipped.points_per_side)}
-    models |= {CALIBRATED: traced.before, TRACED: traced} if traced.effects else {CALIBRATED: traced}
+    models |= (
+        {CALIBRATED: uncorrected.before, EFFECTS: uncorrected} if uncorrected.effects else {CALIBRATED: uncorrected}
+    )
     models[CORRECTED] = shipped
     looked_at = judge_sets([(measured, measured.trials)], coarse)
     frames = {trial.name: np.flatnonzero(looked_at.at(measured, trial)) for trial in measured.trials}
