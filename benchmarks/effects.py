@@ -35,7 +35,10 @@ SHOWN = {
     "muscle_creep": {"share": 0.4, "time": 0.4},
     "orthotropy": {"ratio": 3.0},
 }
-PROFILES = {"odd_muscle": "u", "line_loss": "u", "orthotropy": "v", "frame_tilt": "v"}  # along which, at hold
+PROFILES = {
+    "odd_muscle": "u", "line_loss": "u", "orthotropy": "v", "rest_curvature": "v", "frame_tilt": "v",
+}  # along which, at hold  # fmt: skip
+AT_REST = "rest_curvature", "frame_tilt"  # what shows without pressure
 
 
 def signatures(output: Path) -> None:
@@ -48,7 +51,7 @@ def signatures(output: Path) -> None:
     figure, panels = plt.subplots(3, 4, figsize=(9, 5.4), layout="constrained")
     forward = Predictor(Simulator(21), Model(), sensing=True)
     for panel, name in zip(panels.flat, BUILT_IN, strict=False):
-        program = RAMP if name == "braid_hysteresis" else IDLE if name == "frame_tilt" else PULSE
+        program = RAMP if name == "braid_hysteresis" else IDLE if name in AT_REST else PULSE
         cases = [Case(DESIGN, program), Case(DESIGN, program, effects=(Term(name, SHOWN.get(name, {})),))]
         motions = forward.motions(cases, [TIMES] * 2)
         for points, colour in zip(motions, ("0.6", "C3"), strict=True):
@@ -69,7 +72,7 @@ def _curve(name: str, middle: NDArray[np.float64], program: PressureProgram) -> 
     if name in PROFILES:
         hold = z[44]
         return (along, hold[-1], "u along the hem [mm], at hold") if PROFILES[name] == "u" else (
-            along, hold[:, 20], "v down the middle [mm]" + (", at rest" if name == "frame_tilt" else ", at hold"),
+            along, hold[:, 20], "v down the middle [mm]" + (", at rest" if name in AT_REST else ", at hold"),
         )  # fmt: skip
     hem = z[:, -1, 20]
     if name == "braid_hysteresis":
