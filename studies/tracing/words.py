@@ -3,6 +3,8 @@
 from fabdesign.model import EffectTerm, Quantity
 from studies.tracing.outcome import Outcome
 
+TOGETHER = "Several together may: fabdesign calibrate SET --free all fits them at once."
+
 
 def verdict_in_words(outcome: Outcome) -> str:
     """The answer in a sentence."""
@@ -19,15 +21,16 @@ def verdict_in_words(outcome: Outcome) -> str:
             "candidate nor a black box takes of that what chance would not."
         )
     if outcome.verdict == "unexplained":
+        missing = "Something is missing that none of the known effects explains by itself:"
         if not evidence.box_certain and not evidence.effects:
             return (
-                f"Something is missing that none of the known effects explains: the refitted model is "
-                f"{1e3 * (evidence.fitted or 0.0):.2f} mm over the noise off the very trials that it was fitted to."
+                f"{missing} the refitted model is {1e3 * (evidence.fitted or 0.0):.2f} mm over the noise off the very "
+                f"trials that it was fitted to. {TOGETHER}"
             )
         return (
-            f"Something is missing that none of the known effects explains: {before} over the noise are left on trials "
-            f"held out, {1e3 * (evidence.fitted or 0.0):.2f} mm on those fitted, of which a black box takes all but "
-            f"{1e3 * evidence.box_before:.2f} mm."
+            f"{missing} {before} over the noise are left on trials held out, "
+            f"{1e3 * (evidence.fitted or 0.0):.2f} mm on those fitted, of which a black box takes all but "
+            f"{1e3 * evidence.box_before:.2f} mm. {TOGETHER}"
         )
     named = " and ".join(effect_in_words(effect) for effect in outcome.effects)
     sentence = (
