@@ -42,6 +42,10 @@ def membrane_polynomial(fabric: Fabric, direction: int) -> tuple[float, float, f
     return float(k), float(q), float(r)
 
 
+# constants of a specimen: curvatures of the free cloth [1/m], along u, along v and its twist
+REST_CURVATURES = "rest_curvature_across", "rest_curvature_down", "rest_curvature_twist"
+
+
 @dataclass(frozen=True)
 class Lane:
     """A specimen on an n x n grid."""
@@ -132,9 +136,9 @@ CONSTANTS: dict[str, Constant] = {
     "D12": Constant("N m", "D_12, bending, coupled", lambda c: c.bending[2]),
     "T": Constant("N m", "T, twist", lambda c: c.bending[3]),
     # of the free cloth, by an effect
-    "CURVED1": Constant("1/m", "curvature along u", lambda c: c.constant("rest_curvature_across")),
-    "CURVED2": Constant("1/m", "curvature along v", lambda c: c.constant("rest_curvature_down")),
-    "CURVED12": Constant("1/m", "twist", lambda c: c.constant("rest_curvature_twist")),
+    "CURVED1": Constant("1/m", "curvature along u", lambda c: c.constant(REST_CURVATURES[0])),
+    "CURVED2": Constant("1/m", "curvature along v", lambda c: c.constant(REST_CURVATURES[1])),
+    "CURVED12": Constant("1/m", "twist", lambda c: c.constant(REST_CURVATURES[2])),
     "VISCOSITY": Constant("N s/m", "of strain", lambda c: c.factor("damping") * c.fabric.viscosity),
     "AIR": Constant("N s/m^3", "c, air damping", lambda c: c.factor("damping") * c.fabric.air_damping),
     # three in this order, one vector

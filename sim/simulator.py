@@ -26,6 +26,7 @@ from sim.forces.added import AddedForce
 from sim.forces.contact_pairs import Touching
 from sim.kernels import fields
 from sim.kernels.transfer import halt, read, read_states
+from sim.materials import REST_CURVATURES
 from sim.motion import Motion, motion_of
 from sim.step import Solve, advance
 from sim.time.batch import Batch
@@ -319,5 +320,5 @@ def _is_free(fabric: Fabric) -> bool:
 def _swings_to_rest(specimen: Specimen) -> bool:
     """Whether the cloth without pressure leaves the plane of the flat cloth, or turns in it."""
     fabric = specimen.design.fabric
-    curved = any(value for name, value in specimen.constants.items() if name.startswith("rest_curvature"))
+    curved = any(specimen.constants.get(name) for name in REST_CURVATURES)
     return curved or fabric.gravity[2] != 0 or (Support.of(fabric) == Support.POINTS and any(fabric.gravity))

@@ -4,14 +4,13 @@ import numpy as np
 
 from fabdesign.catalogue import build
 from fabdesign.effects import EFFECTS
-from fabdesign.forward import Case, Term
-from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.forward import Term
 from fabdesign.pressure import PressureProgram
 from fabdesign.sensor_noise import SensorNoise
-from fabdesign.surface import Surface
 from sim import Simulator
 from studies.calibration.calibrate import calibrate
 from studies.calibration.parameters import fit_vector
+from tests.simulated_set import simulated_set
 
 TIMES = np.arange(1, 9) / 16  # s
 CURL, FILL = 1.2, 0.12  # 1/m, s
@@ -37,17 +36,11 @@ def test_two_effects_are_found_among_four(tmp_path):
     design, rng, forward = build("cross", muscles=2), np.random.default_rng(2), Simulator(points_per_side=11)
     noise = SensorNoise(0.0005, 0.0, 0.05)
     programs = [PressureProgram(np.array([0.0]), rng.uniform(50e3, 300e3, (1, design.channels)), 0.5) for _ in range(3)]
-    motions = forward.motions([Case(design, p, {}, PUT_IN) for p in programs], [TIMES] * len(programs))
-    trials = [
-        NewTrial(
-            f"{k:03d}", "cross", k, "fit",
-            TrialData(TIMES, p.at(TIMES - 1e-6), tuple(noise.draw(Surface.of_faces(f), 200, rng) for f in motion)),
-        )
-        for k, (p, motion) in enumerate(zip(programs, motions, strict=True))
-    ]  # fmt: skip
-    write_set(tmp_path / "set", {"cross": design}, trials, name="own", description="synthetic")
+    measured = simulated_set(
+        tmp_path / "set", forward, design, programs, TIMES, noise=noise, points=200, rng=rng, effects=PUT_IN
+    )
     vector = fit_vector(["rest_curvature.down", "filling_lag.fill", "air_drag", "orthotropy"])
-    found = calibrate(read_set(tmp_path / "set"), forward, vector=vector, engines=np.zeros(len(vector.names)))
+    found = calibrate(measured, forward, vector=vector, engines=np.zeros(len(vector.names)))
     at = {p.name: p.value(x) for p, x in zip(vector.parameters, found.fit.x, strict=True)}
     assert found.fit.after < 0.7e-3 < found.fit.without_effects.after / 2
     assert abs(at["rest_curvature.down"] - CURL) < 0.2

@@ -3,13 +3,12 @@
 import numpy as np
 
 from fabdesign.catalogue import build
-from fabdesign.forward import PARAMETERS, Case
-from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.forward import PARAMETERS
 from fabdesign.pressure import PressureProgram
 from fabdesign.sensor_noise import SensorNoise
-from fabdesign.surface import Surface
 from sim import Simulator
 from studies.calibration.calibrate import calibrate
+from tests.simulated_set import simulated_set
 
 TRUTH = dict(zip(PARAMETERS, np.exp([0.14, -0.02, -0.16, 0.18, -0.2, -0.05, 0.01]), strict=True))
 TIMES = np.arange(1, 31) / 30  # s
@@ -22,16 +21,10 @@ def test_the_truth_comes_back(tmp_path):
     programs = [
         PressureProgram(np.array([0.0, 0.4]), rng.uniform(0, 400e3, (2, design.channels)), 1.0) for _ in range(4)
     ]
-    motions = forward.motions([Case(design, p, TRUTH) for p in programs], [TIMES] * 4)
-    trials = [
-        NewTrial(
-            f"{k:03d}", "side", k, "fit",
-            TrialData(TIMES, p.at(TIMES - 1e-6), tuple(noise.draw(Surface.of_faces(f), 600, rng) for f in motion)),
-        )
-        for k, (p, motion) in enumerate(zip(programs, motions, strict=True))
-    ]  # fmt: skip
-    write_set(tmp_path / "set", {"side": design}, trials, name="own", description="synthetic")
-    found = calibrate(read_set(tmp_path / "set"), forward, engines=np.zeros(7)).fit
+    measured = simulated_set(
+        tmp_path / "set", forward, design, programs, TIMES, noise=noise, points=600, rng=rng, factors=TRUTH
+    )
+    found = calibrate(measured, forward, engines=np.zeros(7)).fit
     error = found.x - np.log([TRUTH[name] for name in PARAMETERS])
     assert found.converged
     assert (np.abs(error) < 3 * np.sqrt(np.diag(found.covariance)) + 0.01).all()

@@ -29,7 +29,7 @@ from studies.tracing.dictionary import Dictionary, Variant, entries_of
 from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
 from studies.tracing.fit import Bench, descend
-from studies.tracing.grid import COARSE, FINE, Finer, Grid, change, error_of, on_grid
+from studies.tracing.grid import COARSE, FINE, Grid, change, error_of, on_grid
 from studies.tracing.ranking import Grams, alike, covariance, cross_validate, rank, sign_vectors
 from studies.tracing.report import render_report
 from studies.tracing.run import trace_set
@@ -372,7 +372,7 @@ class Stiff(Curler):
 def test_a_finer_grid_takes_over_where_it_changes_what_the_declared_parameters_cannot_take(tmp_path, coarse, side):
     samples, _ = draw(fit_trials(write(tmp_path / "set", count=4).trials), (), seed=0)
     begin = Bench(samples, Predictor(coarse, Model(), sensing=True))
-    finer = Finer(Predictor(Curler(), Model(), sensing=True))
+    finer = Predictor(Curler(), Model(), sensing=True)
     refit = partial(descend, iterations=6)
     state = refit(begin, Vector(), np.zeros(FACTORS))
     with work_folder(tmp_path / "out", made_by="trace") as work:
@@ -380,7 +380,7 @@ def test_a_finer_grid_takes_over_where_it_changes_what_the_declared_parameters_c
             begin, Stages(work, {}), state, finer, tolerance=0.5e-3, refit=refit, say=lambda line: None
         )
     assert grid.points_per_side == side
-    assert bench.forward is (finer.forward if side == FINE else begin.forward)
+    assert bench.forward is (finer if side == FINE else begin.forward)
     assert after.rms == pytest.approx(NOISE.sigma, rel=0.1)
     if side == FINE:  # 41 points lack a third of what they change of 21, which the refit on 21 is off
         assert state.rms > 1.1 * after.rms
@@ -389,7 +389,7 @@ def test_a_finer_grid_takes_over_where_it_changes_what_the_declared_parameters_c
         )  # points between the faces: less
         assert grid.floor(NOISE.sigma) == pytest.approx(np.hypot(NOISE.sigma, grid.error))
     else:
-        assert change(begin, state, finer.forward) < 0.1e-3
+        assert change(begin, state, finer) < 0.1e-3
 
 
 def test_what_a_grid_lacks_follows_from_what_another_changes():

@@ -165,7 +165,7 @@ def fit_vector(
         replace(p, start=p.unknown(known.get(p.name, 1.0))) for p in DECLARED.parameters if p.name not in fixed
     ]
     acting = {term.name: term for term in terms}
-    for item in (name for given in free for name in (_every_strength() if given == "all" else [given])):
+    for item in (name for asked in free for name in (_every_strength() if asked == "all" else [asked])):
         if item.startswith(MUSCLE_TYPES):
             parameters.append(_of_muscles(item))
             continue

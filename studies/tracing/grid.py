@@ -23,14 +23,6 @@ ORDER = 2.0  # of the error in the spacing
 
 
 @dataclass(frozen=True)
-class Finer:
-    """The bare simulator's finer grid, seen through the same known effects."""
-
-    forward: ForwardModel
-    points_per_side: int = FINE
-
-
-@dataclass(frozen=True)
 class Grid:
     """points_per_side: None, those of the one forward model given. error: m RMS of the residuals, which the declared
     parameters cannot take; None where there is no finer grid to compare with."""
@@ -47,25 +39,26 @@ def on_grid(
     bench: Bench,
     stages: Stages,
     state: State,
-    finer: Finer | None,
+    finer: ForwardModel | None,
     *,
     tolerance: float,
     refit: Callable[[Bench, Vector, Array], State],
     say: Say,
 ) -> tuple[Bench, State, Grid]:
     """The grid to go on with, and the refitted state there: `bench`'s own, unless its error, by what the finer
-    one changes, is over the tolerance [m]. refit: descends from a place of a vector."""
+    one changes, is over the tolerance [m]. finer: on FINE points a side, `bench` on COARSE, both through the same
+    known effects. refit: descends from a place of a vector."""
     if finer is None:
         return bench, state, Grid()
-    changed = float(stages.text("finer_grid", lambda: change(bench, state, finer.forward)))
+    changed = float(stages.text("finer_grid", lambda: change(bench, state, finer)))
     error = error_of(changed, finer=False)
     if error <= tolerance:
         return bench, state, Grid(COARSE, error)
-    say(f"a grid of {finer.points_per_side} points a side changes {1e3 * changed:.2f} mm: it is used from here on")
-    fine = replace(bench, forward=finer.forward)
+    say(f"a grid of {FINE} points a side changes {1e3 * changed:.2f} mm: it is used from here on")
+    fine = replace(bench, forward=finer)
     state = fitted(fine, stages, "refit_finer", state.vector, partial(refit, fine, state.vector, state.x))
     changed = float(stages.text("coarser_grid", lambda: change(fine, state, bench.forward)))
-    return fine, state, Grid(finer.points_per_side, error_of(changed, finer=True))
+    return fine, state, Grid(FINE, error_of(changed, finer=True))
 
 
 def change(bench: Bench, state: State, other: ForwardModel) -> float:

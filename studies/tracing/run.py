@@ -27,7 +27,7 @@ from studies.tracing.data import TRIALS, draw
 from studies.tracing.errors import Place, judged_errors
 from studies.tracing.experiment import Explanation, next_experiment
 from studies.tracing.fit import Bench
-from studies.tracing.grid import COARSE, FINE, Finer
+from studies.tracing.grid import COARSE, FINE
 from studies.tracing.outcome import Outcome, model_of, provenance_of
 from studies.tracing.ranking import excess_over
 from studies.tracing.residual import remains
@@ -114,7 +114,7 @@ def _trace(
         stages,
         noise.sigma,
         tolerance=options.tolerance,
-        finer=None if fine is None else Finer(Predictor(fine, effects, sensing=True)),
+        finer=None if fine is None else Predictor(fine, effects, sensing=True),
         start=_start(known),
         types=types,
         channels=max(s.trial.design.channels for s in samples),

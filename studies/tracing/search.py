@@ -6,12 +6,13 @@ from functools import partial
 
 import numpy as np
 
+from fabdesign.forward import ForwardModel
 from studies.tracing.black_box import ceiling_squares
 from studies.tracing.data import folds_of
 from studies.tracing.dictionary import Dictionary, dictionary, entries_of
 from studies.tracing.fit import LITTLE, Bench, State, descend, loss
 from studies.tracing.full_fit import FAR, Finalist, Ranked, Say, Task, finalist_of, fitted, in_full, without
-from studies.tracing.grid import Finer, Grid, on_grid
+from studies.tracing.grid import Grid, on_grid
 from studies.tracing.ranking import (
     ALIKE,
     Candidate,
@@ -74,7 +75,7 @@ def search(
     noise: float,
     *,
     tolerance: float,
-    finer: Finer | None = None,
+    finer: ForwardModel | None = None,
     start: Array | None = None,
     types: list[str],
     channels: int,
