@@ -1,4 +1,5 @@
-"""Does a trace give the right answer? Eighteen sets of the synthetic rig, with one effect each or none.
+"""Does a trace give the right answer? Eighteen sets of the synthetic rig, with one effect each or none; and three with
+several effects each, of which it is said how many were found.
 
     python -m benchmarks.trace FOLDER              # all of them; those in FOLDER/results.jsonl are not done again
     python -m benchmarks.trace FOLDER lag none_1   # some of them
@@ -18,7 +19,7 @@ from statistics import median
 from typing import Any
 
 from benchmarks.machine import ROOT, commit, processor
-from benchmarks.trace_sets import RIGS, Rig, make
+from benchmarks.trace_sets import RIGS, SEVERAL, Rig, make
 from fabdesign.measurement_set import read_set
 from fabdesign.output import write_text
 from studies.tracing.run import trace_set
@@ -75,7 +76,32 @@ def table(rows: list[dict[str, Any]]) -> str:
             f"{r['excess_before']:.2f}, {r['excess_after']:.2f} | {_left(r)} | {r['cpu_s']:.0f}, {r['wall_s']:.0f} | "
             f"{r['commit']} |"
         )
-    return "\n".join([*_summary(rows), "", *lines, "", *_confusion(rows), "", f"{processor()}.", ""])
+    single = [row for row in rows if row["rig"] in {rig.name for rig in RIGS}]
+    return "\n".join(
+        [*_summary(single), "", *lines, "", *_confusion(single), "", *_several(by_name), "", f"{processor()}.", ""]
+    )
+
+
+def _several(by_name: dict[str, dict[str, Any]]) -> list[str]:
+    lines = [
+        "| set | effects put in | found of these | beside them | held out, before, after, floor [mm] | excess, before,"
+        " after [mm] | CPU s, wall s | commit |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for rig in SEVERAL:
+        r = by_name.get(rig.name)
+        layout = f"{rig.layout[0]} {rig.layout[1]}"
+        if r is None:
+            lines.append(f"| {rig.name}, *{layout}* | {rig.put_in} | not run | | | | | |")
+            continue
+        true, said = r["right"].split(" + "), r["answer"].split(" + ")
+        beside = ", ".join(name for name in said if name not in true)
+        lines.append(
+            f"| {rig.name}, *{layout}* | {rig.put_in} | {', '.join(n for n in true if n in said)} | {beside} | "
+            f"{r['before']:.2f}, {r['after']:.2f}, {r['floor']:.2f} | {r['excess_before']:.2f}, "
+            f"{r['excess_after']:.2f} | {r['cpu_s']:.0f}, {r['wall_s']:.0f} | {r['commit']} |"
+        )
+    return lines
 
 
 def _summary(rows: list[dict[str, Any]]) -> list[str]:
@@ -124,7 +150,7 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
     file = arguments.folder / "results.jsonl"
     rows = [json.loads(line) for line in file.read_text().splitlines()] if file.is_file() else []
-    for rig in RIGS:
+    for rig in (*RIGS, *SEVERAL):
         if arguments.names and rig.name not in arguments.names:
             continue
         if not (sets / rig.name / "set.toml").is_file():

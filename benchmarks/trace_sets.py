@@ -1,4 +1,4 @@
-"""The synthetic rig's sets on which traces are judged: one effect each, or none.
+"""The synthetic rig's sets on which traces are judged: one effect each, or none; and some with several.
 
 Rigs of a catalogue layout, their factors drawn from calibration's prior; six trials of 1.5 s at 30 Hz (a step on and
 off, a staircase, a ramp, channels in turn, random levels twice), the last of role test. Effects that are none of the
@@ -28,20 +28,19 @@ UNLISTED = ("wind", "spring")
 
 @dataclass(frozen=True)
 class Rig:
-    """A specimen. layout: name and number of muscles."""
+    """A specimen. layout: name and number of muscles. effects: by name, their values."""
 
     name: str
     layout: tuple[str, int]
     seed: int
-    effect: str | None = None
-    values: dict[str, float] = field(default_factory=dict)
+    effects: dict[str, dict[str, float]] = field(default_factory=dict)
 
     @property
     def right(self) -> str:
-        """The verdict, or the effect's name."""
-        if self.effect is None:
+        """The verdict, or the effects' names."""
+        if not self.effects:
             return "adequate"
-        return "unexplained" if self.effect in UNLISTED else OF.get(self.effect, self.effect)
+        return "unexplained" if set(UNLISTED) & set(self.effects) else " + ".join(OF.get(e, e) for e in self.effects)
 
     @property
     def design(self) -> Design:
@@ -55,32 +54,47 @@ class Rig:
     @property
     def put_in(self) -> str:
         """For people."""
-        if self.effect is None:
-            return "nothing"
-        return f"{self.effect} ({', '.join(f'{name} {value:g}' for name, value in self.values.items())})"
+        told = [f"{e} ({', '.join(f'{name} {x:g}' for name, x in v.items())})" for e, v in self.effects.items()]
+        return ", ".join(told) or "nothing"
 
 
 VERTICAL, SIDE, CROSS, BASIC = ("vertical", 3), ("side", 4), ("cross", 2), ("basic", 4)
 RIGS = (
-    Rig("hysteresis", VERTICAL, 8000, "braid_hysteresis", {"friction": 0.03, "slip": 0.008}),
-    Rig("creep", CROSS, 8001, "creep_of_two_times", {"share": 1.0, "quick": 0.2, "slow": 1.0}),
-    Rig("odd", VERTICAL, 8002, "odd_muscle", {"channel": 1, "factor": 0.45}),
-    Rig("lag", CROSS, 8003, "lag_of_two_volumes", {"line": 0.1, "muscle": 0.1}),
-    Rig("dead", BASIC, 8004, "dead_time", {"delay": 0.1}),
-    Rig("droop", VERTICAL, 8005, "droop_by_flow", {"share": 0.35}),
-    Rig("loss", CROSS, 8006, "line_loss", {"share": 0.7}),
-    Rig("orthotropy", CROSS, 8007, "orthotropy_of_bending", {"ratio": 3.0}),
-    Rig("drag", CROSS, 8008, "air_drag", {"coefficient": 60.0}),
-    Rig("tilt", SIDE, 8009, "frame_tilt", {"about_x": 2.5}),
-    Rig("wind", BASIC, 8010, "wind", {"z": 0.5}),
-    Rig("spring", VERTICAL, 8011, "spring", {"stiffness": 0.4}),
+    Rig("hysteresis", VERTICAL, 8000, {"braid_hysteresis": {"friction": 0.03, "slip": 0.008}}),
+    Rig("creep", CROSS, 8001, {"creep_of_two_times": {"share": 1.0, "quick": 0.2, "slow": 1.0}}),
+    Rig("odd", VERTICAL, 8002, {"odd_muscle": {"channel": 1, "factor": 0.45}}),
+    Rig("lag", CROSS, 8003, {"lag_of_two_volumes": {"line": 0.1, "muscle": 0.1}}),
+    Rig("dead", BASIC, 8004, {"dead_time": {"delay": 0.1}}),
+    Rig("droop", VERTICAL, 8005, {"droop_by_flow": {"share": 0.35}}),
+    Rig("loss", CROSS, 8006, {"line_loss": {"share": 0.7}}),
+    Rig("orthotropy", CROSS, 8007, {"orthotropy_of_bending": {"ratio": 3.0}}),
+    Rig("drag", CROSS, 8008, {"air_drag": {"coefficient": 60.0}}),
+    Rig("tilt", SIDE, 8009, {"frame_tilt": {"about_x": 2.5}}),
+    Rig("wind", BASIC, 8010, {"wind": {"z": 0.5}}),
+    Rig("spring", VERTICAL, 8011, {"spring": {"stiffness": 0.4}}),
     *(Rig(f"none_{k}", layout, 8012 + k) for k, layout in enumerate((VERTICAL, SIDE, CROSS, BASIC, VERTICAL, CROSS))),
 )
+# blind too: each effect by itself explains too little of what they do together
+SEVERAL = (
+    Rig(
+        "three_basic", BASIC, 8100,
+        {"filling_lag": {"fill": 0.08, "empty": 0.12}, "orthotropy": {"ratio": 0.6}, "air_drag": {"coefficient": 20.0}},
+    ),
+    Rig(
+        "three_vertical", VERTICAL, 8101,
+        {"dead_time": {"delay": 0.05}, "supply_droop": {"share": 0.1}, "rest_curvature": {"down": 1.2}},
+    ),
+    Rig(
+        "four_side", SIDE, 8102,
+        {"filling_lag": {"fill": 0.1, "empty": 0.1}, "line_loss": {"share": 0.3}, "frame_tilt": {"about_x": 1.0},
+         "muscle_creep": {"share": 0.2, "time": 0.8}},
+    ),
+)  # fmt: skip
 
 
 def make(rig: Rig, folder: Path, *, workers: int | None = None) -> None:
     """Measure it on the virtual rig, into `folder`."""
-    effects = () if rig.effect is None else (EffectSetting(rig.effect, rig.values),)
+    effects = tuple(EffectSetting(name, values) for name, values in rig.effects.items())
     rng = np.random.default_rng([rig.seed, 1])
     key = Key(rig.seed, rig.factors, effects)
     told = programs(rig.design.channels, rng)

@@ -6,10 +6,11 @@ from functools import partial
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from sheets import rolled_sheet
 
 from fabdesign.catalogue import build
-from fabdesign.effects import EFFECTS
 from fabdesign.effects.acting import acting_pressure, specimen_of
 from fabdesign.errors import InputError
 from fabdesign.forward import PARAMETERS, Case, Term
@@ -24,17 +25,31 @@ from fabdesign.sensor_noise import SensorNoise
 from fabdesign.splits import fit_trials
 from fabdesign.surface import Surface
 from fabdesign.trial_file import program_of
-from studies.tracing.data import draw
+from studies.tracing.data import draw, folds_of
 from studies.tracing.dictionary import Dictionary, Variant, entries_of
 from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
-from studies.tracing.fit import Bench, descend
+from studies.tracing.fit import Bench, bounded_step, descend
+from studies.tracing.full_fit import Ranked, Task
 from studies.tracing.grid import COARSE, FINE, Grid, change, error_of, on_grid
-from studies.tracing.ranking import Grams, alike, covariance, cross_validate, rank, sign_vectors
+from studies.tracing.ranking import (
+    Grams,
+    Ranking,
+    alike,
+    covariance,
+    cross_validate,
+    excess_of,
+    grams_of,
+    held_out,
+    rank,
+    sign_vectors,
+    stand_ins,
+    without_parameters,
+)
 from studies.tracing.report import render_report
 from studies.tracing.run import trace_set
-from studies.tracing.screen import starts_from_sheet
 from studies.tracing.stages import Stages
+from studies.tracing.together import all_at_once, gains
 from studies.tracing.vector import FACTORS, Added, Vector, place_of, scope_of, value_at
 from studies.tracing.verdict import Evidence, decide, explains
 from studies.tracing.words import as_text
@@ -278,6 +293,51 @@ def test_left_out_trials_are_predicted_from_the_others():
     assert covariance(grams).shape == (1, 1)
 
 
+def test_a_parameter_that_is_taken_away_leaves_the_others_and_its_part_of_the_residual():
+    """Against the same done slowly, with the points: r - J x of the one that goes."""
+    rng = np.random.default_rng(3)
+    table, x = rng.normal(size=(40, 4)), np.array([0.5, -2.0, 1.0])  # [J of three, r]
+    grams = Grams(
+        (table.T @ table)[None], np.zeros(1, int), np.zeros(1, int), np.array([40.0]), np.arange(3.0), x, 10.0
+    )
+    left = without_parameters(grams, slice(1, 2))
+    slow = np.column_stack([table[:, [0, 2]], table[:, 3] + 2.0 * table[:, 1]])
+    np.testing.assert_allclose(left.gram[0], slow.T @ slow, rtol=1e-12)
+    np.testing.assert_array_equal(left.x, [0.5, 1.0])
+    np.testing.assert_array_equal(left.precision, [0.0, 2.0])
+
+
+def test_what_would_do_as_well_as_an_effect_of_the_state_is_named():
+    """The state's second parameter by a column like it, less what its first takes; not by one of another shape."""
+    rng = np.random.default_rng(4)
+    declared, own, other, noise = (rng.normal(size=400) for _ in range(4))
+    twin = own + 3.0 * declared + 0.05 * noise
+    table = np.column_stack([declared, own, twin, other, 0.1 * noise])
+    grams = Grams(
+        (table.T @ table)[None], np.zeros(1, int), np.zeros(1, int), np.array([400.0]), np.full(2, 1e-6),
+        np.array([0.3, 2.0]), 400.0,
+    )  # fmt: skip
+    variants = [Variant("twin", (0,), 1.0, {}), Variant("other", (1,), 1.0, {}), Variant("decoy", (0,), 1.0, {}, True)]
+    assert stand_ins(grams, slice(1, 2), variants) == ("twin",)
+
+
+@given(st.integers(0, 10**6))
+def test_a_step_ends_where_the_quadratic_model_is_least_within_the_bounds(seed):
+    """Karush, Kuhn and Tucker: inside, no slope; at a bound, a slope out of it."""
+    rng = np.random.default_rng(seed)
+    vector = Vector((Added("muscle_creep", ("share", "time")), Added("dead_time", ("delay",))))
+    root = rng.normal(size=(vector.size, vector.size))
+    hessian, gradient = root @ root.T + 0.1 * np.eye(vector.size), 3.0 * rng.normal(size=vector.size)
+    x = vector.within(rng.normal(size=vector.size))
+    end = x + bounded_step(vector, x, gradient, hessian)
+    low, high = vector.bounds
+    assert (end >= low - 1e-9).all() and (end <= high + 1e-9).all()
+    slope = gradient + hessian @ (end - x)
+    inside = (end > low + 1e-6) & (end < high - 1e-6)
+    assert np.abs(slope[inside]).max() < 1e-5 * np.abs(gradient).max()
+    assert (slope[end <= low + 1e-6] >= -1e-5).all() and (slope[end >= high - 1e-6] <= 1e-5).all()
+
+
 def test_sign_vectors_are_all_of_them_where_they_are_few():
     rng = np.random.default_rng(0)
     assert len({tuple(row) for row in sign_vectors(4, rng)}) == 7
@@ -340,16 +400,53 @@ def test_the_dictionary_has_every_effect_at_several_shapes_and_sizes():
     assert len(next(v for v in variants if v.effect == "filling_lag").columns) == 2
 
 
-def test_a_large_effect_shows_from_the_data_sheet_whatever_the_refit_made_of_it(tmp_path):
-    """Three trials late by 0.1 s, and declared parameters that went three deviations off for want of that."""
+@pytest.fixture
+def task_of(tmp_path):
+    """What a trace knows once a set is drawn, the round at a place of the declared parameters, and its stages."""
+
+    def made(measured, x):
+        samples, noise = draw(fit_trials(measured.trials), (), seed=0)
+        bench = Bench(samples, Predictor(Curler(), Model(), sensing=True))
+        state = bench.with_slopes(bench.states(Vector(), [np.asarray(x)])[0])
+        folds = folds_of(samples)
+        grams = grams_of(bench, state, np.zeros((len(state.found.residual), 0)), folds)
+        none = cross_validate(grams, None)
+        ranking = Ranking(none, held_out(grams, none), (), 0.0, 0.0, excess_of(grams, none, noise.sigma))
+        task = Task(bench, Stages(work, {}), folds, noise.sigma, ["EM20"], 2, (), lambda line: None)
+        return task, Ranked(0, "0", state, grams, ranking)
+
+    with work_folder(tmp_path / "out", made_by="trace") as work:
+        yield made
+
+
+def test_a_large_effect_is_found_from_the_data_sheet_whatever_the_refit_made_of_it(tmp_path, task_of):
+    """Trials late by 0.1 s, and declared parameters that went three deviations off for want of that."""
     measured = write(tmp_path / "set", effects=(Term("dead_time", {"delay": 0.1}),), count=4)
-    samples, _ = draw(fit_trials(measured.trials), (), seed=0)
-    bench = Bench(samples, Predictor(Curler(), Model(), sensing=True))
-    astray = bench.states(Vector(), [np.array([1.0, -2.0, 2.0, 0.0, 3.0, 0.0, -3.0])])[0]
-    first, second, *others = starts_from_sheet(bench, astray, ["EM20"], 2, known=["odd_muscle"])
-    assert {first.effect, second.effect} == {"dead_time", "time_offset"}  # from rest these are one
-    assert first.expected < 0.25 * min(other.expected for other in others)
-    assert {other.effect for other in others} == EFFECTS.keys() - {"dead_time", "time_offset", "odd_muscle"}
+    task, at = task_of(measured, [1.0, -2.0, 2.0, 0.0, 3.0, 0.0, -3.0])
+    found = all_at_once(task, at)
+    assert {added.name for added in found.vector.added} <= {"dead_time", "time_offset"}  # from rest these are one
+    assert found.vector.added and found.rms < 1.1 * task.floor < 0.25 * at.state.rms
+
+
+def test_several_effects_are_found_together_and_no_other(tmp_path, task_of):
+    effects = Term("filling_lag", {"fill": 0.3, "empty": 0.3}), Term("supply_droop", {"share": 0.15})
+    task, at = task_of(write(tmp_path / "set", effects=effects, count=5), np.zeros(FACTORS))
+    found = all_at_once(task, at)
+    assert [added.name for added in found.vector.added] == ["filling_lag", "supply_droop"]
+    assert found.rms < 1.1 * task.floor
+    terms = {term.name: term.values for term in found.vector.terms(found.x)}
+    assert terms["supply_droop"]["share"] == pytest.approx(0.15, abs=0.02)
+    assert terms["filling_lag"]["fill"] == pytest.approx(0.3, abs=0.03)
+    told = gains(task.bench, found, task.folds, task.floor)
+    assert all(gain.interval90[0] > 0 for gain in told.values())
+    assert told["filling_lag"].gain > told["supply_droop"].gain > 0
+
+
+def test_where_nothing_is_missing_every_effect_is_dropped(tmp_path, task_of):
+    task, at = task_of(write(tmp_path / "set", count=4), np.zeros(FACTORS))
+    found = all_at_once(task, at)
+    assert found.vector == Vector()
+    assert found.rms == pytest.approx(NOISE.sigma, rel=0.1)
 
 
 class Rough(Curler):

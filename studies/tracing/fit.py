@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.optimize import lsq_linear
 
 from fabdesign.errors import SimulationError
 from fabdesign.forward import ForwardModel
@@ -188,17 +190,19 @@ def descend(
     iterations: int,
     early: int = 0,
     slopes: Array | None = None,
+    exact: bool = True,
     progress: Callable[[str], None] = lambda line: None,
 ) -> State:
     """From `x`, `early` iterations to each of the horizons EARLY, then up to `iterations` on all: the state with its
     Jacobian.
 
-    slopes: (N, size) m, the Jacobian at `x` or near it. Raises SimulationError where the motions are lost from the
-    start."""
+    slopes: (N, size) m, the Jacobian at `x` or near it. exact: by differences at the state itself, not what became of
+    the last one on the way there. Raises SimulationError where the motions are lost from the start."""
     for horizon in EARLY if early else ():
         first = replace(bench, samples=[cut(sample, horizon) for sample in bench.samples])
-        x = _descend(first, vector, x, early, None, f"to {horizon:g} s, ", progress).x
-    return _descend(bench, vector, x, iterations, slopes, "", progress)
+        x = _descend(first, vector, x, early, None, False, f"to {horizon:g} s, ", progress).x
+    found = _descend(bench, vector, x, iterations, slopes, exact, "", progress)
+    return found if found.jacobian is not None else bench.with_slopes(found)
 
 
 def _descend(
@@ -207,11 +211,12 @@ def _descend(
     x: Array,
     iterations: int,
     slopes: Array | None,
+    exact_at_the_end: bool,
     named: str,
     progress: Callable[[str], None],
 ) -> State:
-    """Between two Jacobians by differences stands Broyden's update (1965): a step costs its own motions alone. The last
-    one is by differences, at the place itself."""
+    """Between two Jacobians by differences stands Broyden's update (1965): a step costs its own motions alone. Without
+    `exact_at_the_end` the state's is one of either, or none."""
     state = bench.states(vector, [x])[0]
     if not state.kept.any():
         raise SimulationError("every motion of the trials to trace diverged")
@@ -221,7 +226,7 @@ def _descend(
             state, exact = bench.with_slopes(state), True
         progress(f"{named}iteration {iteration}: {1e3 * state.rms:.3f} mm RMS")
         gradient, hessian = normal(bench, state)
-        step = -np.linalg.solve(hessian + damping * np.diag(np.diag(hessian)), gradient)
+        step = bounded_step(vector, state.x, gradient, hessian + damping * np.diag(np.diag(hessian)))
         step *= min(1.0, REACH / max(float(np.abs(step).max()), 1e-12))
         tried = bench.states(vector, [state.x + length * step for length in LENGTHS])
         best = min(tried, key=lambda other: loss(bench, other))
@@ -230,7 +235,7 @@ def _descend(
         if gained > 0:
             last = moved < SLIGHT or gained < LITTLE
             done = last and exact
-            slopes = None if last else _updated(state, best)
+            slopes = None if last and (exact_at_the_end or not done) else _updated(state, best)
             state, exact, damping = replace(best, jacobian=slopes), False, damping / 10
             if done:
                 break
@@ -240,7 +245,19 @@ def _descend(
             break
         else:
             damping = max(10 * damping, 0.1)
-    return state if exact else bench.with_slopes(state)
+    return bench.with_slopes(state) if exact_at_the_end and not exact else state
+
+
+def bounded_step(vector: Vector, x: Array, gradient: Array, hessian: Array) -> Array:
+    """To the quadratic model's least value within the vector's bounds: a step that is cut at one of them afterwards
+    leaves the other parameters where they are no good."""
+    step = np.asarray(-np.linalg.solve(hessian, gradient), dtype=np.float64)
+    low, high = vector.bounds
+    if (x + step >= low).all() and (x + step <= high).all():
+        return step
+    root = np.linalg.cholesky(hessian)
+    target = -solve_triangular(root, gradient, lower=True)
+    return np.asarray(lsq_linear(root.T, target, bounds=(np.minimum(low - x, 0.0), np.maximum(high - x, 0.0))).x)
 
 
 def _updated(state: State, other: State) -> Array:

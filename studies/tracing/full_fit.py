@@ -58,15 +58,20 @@ class Ranked:
 
 @dataclass(frozen=True, eq=False)
 class Finalist:
-    """A candidate fitted in full inside the simulator. gain and its interval, m of excess, are against the same start's
-    fit without it."""
+    """A candidate fitted in full inside the simulator, or several together. gain and its interval, m of excess, are
+    against the same start's fit without it."""
 
-    effect: str
+    effects: tuple[str, ...]  # added to the round's state
     state: State
     scored: Scored
     held_out: float
     gain: float
     interval90: tuple[float, float]
+    together: bool = False  # found where all effects were fitted at once
+
+    @property
+    def name(self) -> str:
+        return " + ".join(self.effects)
 
 
 def in_full(task: Task, at: Ranked, candidate: Candidate, place: int) -> Finalist:
@@ -85,7 +90,7 @@ def in_full(task: Task, at: Ranked, candidate: Candidate, place: int) -> Finalis
         return fit_on(task, candidate.effect, min(both, key=lambda found: loss(task.bench, found)))
 
     stage = f"full_{at.label}_{place}_{candidate.effect}"
-    return finalist_of(task, at, candidate.effect, fitted(task.bench, task.stages, stage, vector, compute))
+    return finalist_of(task, at, fitted(task.bench, task.stages, stage, vector, compute))
 
 
 def entering(task: Task, at: Ranked, candidate: Candidate) -> tuple[Added, Array, Vector]:
@@ -102,12 +107,11 @@ def fit_from(task: Task, at: Ranked, base: Array, vector: Vector, starts: Sequen
     return descend(task.bench, vector, start.x, iterations=iterations, slopes=start.jacobian, progress=say)
 
 
-def without(task: Task, at: Ranked, finalist: Finalist) -> State:
-    """The round's own model fitted from where the finalist came to, for a fair comparison: what an effect seems to
-    explain may be a better minimum without it."""
+def without(task: Task, at: Ranked, found: State) -> State:
+    """The round's own model fitted from where the fit with more effects came to, for a fair comparison: what an effect
+    seems to explain may be a better minimum without it."""
     vector, bench = at.state.vector, task.bench
-    say = told(task, f"without {finalist.effect},")
-    fit = partial(descend, bench, vector, finalist.state.x[: vector.size], iterations=FINAL, progress=say)
+    fit = partial(descend, bench, vector, found.x[: vector.size], iterations=FINAL, progress=told(task, "without,"))
     return fitted(bench, task.stages, f"without_{at.label}", vector, fit)
 
 
@@ -127,16 +131,17 @@ def told(task: Task, effect: str) -> Callable[[str], None]:
     return lambda line: task.say(f"{effect} inside the simulator: {line}")
 
 
-def finalist_of(task: Task, at: Ranked, effect: str, found: State) -> Finalist:
+def finalist_of(task: Task, at: Ranked, found: State, *, together: bool = False) -> Finalist:
     own = grams_of(task.bench, found, np.zeros((len(found.found.residual), 0)), task.folds)
     scored = cross_validate(own, None)
     return Finalist(
-        effect,
+        tuple(added.name for added in found.vector.added[len(at.state.vector.added) :]),
         found,
         scored,
         held_out(own, scored),
         at.ranking.excess - excess_of(own, scored, task.floor),
         gain_interval(at.grams, at.ranking.none, scored, task.floor, np.random.default_rng(0)),
+        together,
     )
 
 

@@ -18,9 +18,11 @@ from studies.calibration.fitted_model import QUANTILE
 from studies.calibration.parameters import PRIOR
 from studies.judged import Stretch
 from studies.tracing.errors import TrialError, mean_of, other_layouts
+from studies.tracing.full_fit import Finalist
 from studies.tracing.ranking import Grams, covariance
 from studies.tracing.residual import Remains
 from studies.tracing.search import Search, added_effects
+from studies.tracing.together import gains
 from studies.tracing.vector import FACTORS, Array
 from studies.tracing.verdict import Evidence, Word, explains
 
@@ -47,11 +49,12 @@ class Outcome:
 
     @property
     def effects(self) -> tuple[EffectTerm, ...]:
-        """Those that the verdict stands by."""
+        """Those that the verdict stands by, in the order they were added; of those added together the largest first."""
         if self.verdict != "effect":
             return ()
-        found = [added.name for added in self.search.after.vector.added]
-        return tuple(effect for effect in self.model.effects if effect.name in found)
+        order = [name for done in self.search.rounds if done.chosen for name in self._parts(done.chosen)]
+        found = {effect.name: effect for effect in self.model.effects}
+        return tuple(found[name] for name in order)
 
     @property
     def grid_in_words(self) -> str:
@@ -106,9 +109,12 @@ class Outcome:
 
     @property
     def indistinguishable(self) -> tuple[str, ...]:
-        """From the last effect chosen."""
-        chosen = [r for r in self.search.rounds if r.chosen is not None]
-        return chosen[-1].indistinguishable if chosen and self.verdict == "effect" else ()
+        """From the last effect chosen, or from one of several chosen together."""
+        if self.verdict != "effect":
+            return ()
+        *_, last, final = self.search.rounds
+        assert last.chosen is not None
+        return final.stand_ins if last.chosen.together else last.indistinguishable
 
     def _effect(self, effect: EffectTerm) -> dict[str, Any]:
         declared = EFFECTS[effect.name]
@@ -132,14 +138,19 @@ class Outcome:
         last = self.evidence.before
         for done in self.search.rounds:
             if done.chosen is not None:
-                now = (
-                    max(self.search.rounds[0].ranking.excess - done.chosen.gain, 0.0)
-                    if done is self.search.rounds[0]
-                    else done.ranking.excess - done.chosen.gain
-                )
-                shares[done.chosen.effect] = (last - now) / self.evidence.before
+                now = max(done.ranking.excess - done.chosen.gain, 0.0)
+                share = (last - now) / self.evidence.before
+                shares |= {name: share * part for name, part in self._parts(done.chosen).items()}
                 last = now
         return shares
+
+    def _parts(self, chosen: Finalist) -> dict[str, float]:
+        """Of several effects found together, each one's part: by what its absence costs."""
+        if len(chosen.effects) == 1:
+            return {chosen.name: 1.0}
+        found = gains(self.search.bench, chosen.state, self.search.folds, self.search.floor)
+        costs = {name: max(found[name].gain, 0.0) for name in sorted(chosen.effects, key=lambda n: -found[n].gain)}
+        return {name: cost / max(sum(costs.values()), 1e-12) for name, cost in costs.items()}
 
     @property
     def floor(self) -> float:
@@ -150,9 +161,10 @@ class Outcome:
         return self.search.floor
 
     def candidates(self) -> list[dict[str, Any]]:
-        """The first round's, best first, with `none`; m. Those fitted in full have that fit's figures."""
+        """The first round's, best first, with `none`; m. Those fitted in full have that fit's figures; several that
+        were fitted together have a row of their own."""
         first = self.search.rounds[0]
-        full = {f.effect: f for f in first.finalists}
+        full = {f.name: f for f in first.finalists}
         rows: list[dict[str, Any]] = [
             {"name": "none", "excess": first.ranking.excess, "gain": 0.0, "interval90": (0.0, 0.0), "full": True,
              "certain": False}
@@ -166,6 +178,13 @@ class Outcome:
                 {"name": c.effect, "excess": excess, "gain": gain, "interval90": interval, "full": c.effect in full,
                  "certain": certain}
             )  # fmt: skip
+        for f in first.finalists:
+            if len(f.effects) > 1:
+                excess = max(first.ranking.excess - f.gain, 0.0)
+                rows.append(
+                    {"name": f.name, "excess": excess, "gain": f.gain, "interval90": f.interval90, "full": True,
+                     "certain": f.interval90[0] > 0}
+                )  # fmt: skip
         return sorted(rows, key=lambda row: float(row["excess"]))
 
     def _candidates(self) -> list[dict[str, Any]]:

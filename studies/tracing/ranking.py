@@ -5,7 +5,7 @@ trial says of all of them is its Gram matrix of [J C r]; folds, bootstraps and n
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -139,6 +139,20 @@ class Ranking:
         return candidate.gain > max(self.chance, self.decoy) and candidate.interval90[0] > 0
 
 
+def without_parameters(grams: Grams, gone: slice) -> Grams:
+    """With these parameters of the state at zero and held there, to first order."""
+    count = grams.gram.shape[1]
+    change = np.eye(count)
+    change[gone, -1] = -grams.x[gone]
+    change = np.delete(change, range(count)[gone], axis=1)
+    return replace(
+        grams,
+        gram=change.T @ grams.gram @ change,
+        precision=np.delete(grams.precision, gone),
+        x=np.delete(grams.x, gone),
+    )
+
+
 def rank(grams: Grams, found: Dictionary, floor: float, *, seed: int = 0) -> Ranking:
     """floor: m, RMS of the sensor's noise in the residuals."""
     none = cross_validate(grams, None)
@@ -233,6 +247,26 @@ def alike(grams: Grams, one: Scored, others: Sequence[Scored]) -> list[float]:
 
     own = inner(one, one)
     return [inner(one, other) / max(np.sqrt(own * max(inner(other, other), 0.0)), 1e-30) for other in others]
+
+
+def stand_ins(grams: Grams, part: slice, variants: Sequence[Variant]) -> tuple[str, ...]:
+    """Effects that, one by one, would take what these parameters of the state do: cosine over ALIKE, less what its
+    other parameters can take."""
+    q = grams.parameters
+    total = grams.gram.sum(axis=0)
+    share = grams.observations / (grams.points.sum() * max(grams.mean_square, 1e-12))
+    others = np.delete(np.arange(q), range(q)[part])
+    j = share * total[np.ix_(others, others)] + np.diag(grams.precision[others])
+    left = total - share * total[:, others] @ np.linalg.solve(j, total[others])
+    own = left[:, part] @ grams.x[part]
+    size = float(grams.x[part] @ own[part])
+    names = []
+    for variant in variants:
+        columns = [q + c for c in variant.columns]
+        taken = own[columns] @ np.linalg.lstsq(left[np.ix_(columns, columns)], own[columns], rcond=1e-9)[0]
+        if not variant.decoy and taken > ALIKE**2 * size:
+            names.append(variant.effect)
+    return tuple(dict.fromkeys(names))
 
 
 def covariance(grams: Grams) -> Array:

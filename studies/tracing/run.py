@@ -208,7 +208,7 @@ def _experiment(trial: Trial, forward: ForwardModel, found: Search, noise: float
     ranked = [r for r in found.rounds if r.finalists]
     if not ranked or verdict == "adequate":
         return None
-    explanations = [Explanation(f.effect, f.state.vector, f.state.x) for f in ranked[-1].finalists]
+    explanations = [Explanation(f.name, f.state.vector, f.state.x) for f in ranked[-1].finalists]
     if len(explanations) < 2:
         explanations.append(Explanation("none", found.before.vector, found.before.x))
     return next_experiment(trial.design, forward, explanations, noise)
@@ -222,7 +222,9 @@ def _said(found: Search, evidence: Evidence, tolerance: float) -> list[str]:
         named = ", ".join(f"{c.effect} ({1e3 * c.gain:.2f} mm)" for c in certain[:3])
         lines.append(f"certain but within the tolerance, so not added: {named}")
     if evidence.before > tolerance and not certain:
-        lines.append("no candidate gains more than chance and decoys do")
+        lines.append("no candidate by itself gains more than chance and decoys do")
+    if first.chosen is not None and first.chosen.together:
+        lines.append(f"found where all effects were fitted at once: {', '.join(first.chosen.effects)}")
     return lines
 
 

@@ -11,7 +11,7 @@ from studies.tracing.black_box import ceiling_squares
 from studies.tracing.data import folds_of
 from studies.tracing.dictionary import Dictionary, dictionary, entries_of
 from studies.tracing.fit import LITTLE, Bench, State, descend, loss
-from studies.tracing.full_fit import FAR, Finalist, Ranked, Say, Task, finalist_of, fitted, in_full, without
+from studies.tracing.full_fit import Finalist, Ranked, Say, Task, finalist_of, fitted, in_full, without
 from studies.tracing.grid import Grid, on_grid
 from studies.tracing.ranking import (
     ALIKE,
@@ -20,21 +20,25 @@ from studies.tracing.ranking import (
     Ranking,
     Scored,
     alike,
+    cross_validate,
     excess_of,
     excess_over,
     gain_interval,
     grams_of,
     rank,
+    stand_ins,
 )
-from studies.tracing.second_look import beyond_first_order
 from studies.tracing.stages import Stages
-from studies.tracing.vector import FACTORS, Added, Array, Vector
+from studies.tracing.together import all_at_once
+from studies.tracing.vector import Added, Array, Vector
+from studies.tracing.verdict import GROSS
 
 FINALISTS = 2  # that are fitted in full
 CLOSE = 0.25  # of the excess: a third one is, where it gains that much less than the first at most
 MOST = 3  # effects added
+STRONG = 0.5  # of the excess, that a candidate must take to be fitted by itself before all are at once
 WORTH = 0.15  # of an excess, that a further effect must take
-CLOSES = 0.5  # of the excess of the very trials fitted, that an effect must close whose gain no null was drawn for
+CLOSES = 0.75  # of the excess of the very trials fitted, that effects fitted together must close, for no null is drawn
 _ITERATIONS, _EARLY = 20, 2
 
 
@@ -49,7 +53,8 @@ class Round:
     box_interval90: tuple[float, float]  # of its gain over the residual of all trials fitted
     finalists: tuple[Finalist, ...]
     chosen: Finalist | None
-    indistinguishable: tuple[str, ...]
+    indistinguishable: tuple[str, ...]  # from what was chosen
+    stand_ins: tuple[str, ...]  # that would do as well as one of the state's effects, to first order
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +103,7 @@ def search(
     task = Task(bench, stages, folds_of(bench.samples), grid.floor(noise), types, channels, known, say)
     rounds: list[Round] = []
     while True:
-        done = _round(task, state, len(rounds), tolerance, seed)
+        done = _round(task, state, tuple(rounds), tolerance, seed)
         rounds.append(done)
         if done.chosen is None or len(rounds) > MOST:
             return Search(bench, task.folds, task.floor, grid, tuple(rounds))
@@ -106,47 +111,59 @@ def search(
 
 
 def _round(
-    task: Task, state: State, number: int, tolerance: float, seed: int, second_look: Sequence[Finalist] = ()
+    task: Task, state: State, before: tuple[Round, ...], tolerance: float, seed: int, together: State | None = None
 ) -> Round:
-    """second_look: what was found by one, where the round is done again from a better state without any of it."""
-    again = "_again" if second_look else ""
-    task.say(f"round {number + 1}: differences of the dictionary at {1e3 * state.rms:.3f} mm RMS")
-    found = _dictionary(task, state, f"{number}{again}")
+    """together: the fit with all effects at once, where the round is done again from a better state without any."""
+    number, again = len(before), "" if together is None else "_again"
+    task.say(f"round {number + 1}: {1e3 * state.rms:.3f} mm RMS without a further effect")
+    found = _dictionary(task, state, f"{number}{again}") if _asked(task, state, before, tolerance) else _nothing(state)
     grams = grams_of(task.bench, state, found.columns, task.folds)
     task.say(f"round {number + 1}: ranking {len(found.effects)} candidates")
     ranking = rank(grams, found, task.floor, seed=seed)
     box = _scored_by_trial(grams, ceiling_squares(task.bench, state, task.folds))
     interval = gain_interval(grams, _as_it_is(grams), box, task.floor, np.random.default_rng(seed))
-    nothing = Round(state, grams, ranking, excess_of(grams, box, task.floor), interval, (), None, ())
+    same = tuple(dict.fromkeys(e for part in state.vector.parts() for e in stand_ins(grams, part, found.variants)))
+    nothing = Round(state, grams, ranking, excess_of(grams, box, task.floor), interval, (), None, (), same)
     if ranking.excess <= tolerance or number >= MOST:
         return nothing
     at = Ranked(number, f"{number}{again}", state, grams, ranking)
     certain = [c for c in ranking.candidates if ranking.certain(c)]
     worth = [c for c in certain if c.gain > WORTH * ranking.excess]
-    fitted_before = {f.effect for f in second_look}
-    to_fit = [c for c in _to_fit(grams, worth, ranking.excess) if c.effect not in fitted_before]
-    finalists = [in_full(task, at, c, k) for k, c in enumerate(to_fit)]
-    excess = in_sample_excess(task, state)
-
-    def closes(finalist: Finalist) -> bool:
-        return in_sample_excess(task, finalist.state) < (1 - CLOSES) * excess
-
-    finalists += filter(closes, (finalist_of(task, at, f.effect, f.state) for f in second_look))
-    astray = not worth or bool(np.abs(state.x[:FACTORS]).max() >= FAR)
-    if number == 0 and not again and astray and excess > tolerance and not any(map(closes, finalists)):
-        known = {f.effect for f in finalists}
-        more = [f for f in beyond_first_order(task, at) if f.effect not in known]
-        if more:
-            plain = without(task, at, min(more, key=lambda f: f.held_out))
+    to_fit = _to_fit(grams, worth, ranking.excess)
+    first = [c for c in to_fit if number > 0 or c.gain > STRONG * ranking.excess]
+    finalists = [in_full(task, at, c, k) for k, c in enumerate(first)]
+    left = min(in_sample_excess(task, s) for s in (state, *(f.state for f in finalists)))
+    if number == 0 and left > tolerance:
+        enough = min(max((1 - CLOSES) * left, GROSS * tolerance), 0.5 * left)
+        if together is None:
+            together = all_at_once(task, at, float(np.hypot(enough, task.floor)))
+            plain = without(task, at, together)
             if loss(task.bench, state) - loss(task.bench, plain) > LITTLE:  # the refit had stopped short
-                return _round(task, plain, number, tolerance, seed, more)
-        finalists += filter(closes, more)
+                return _round(task, plain, before, tolerance, seed, together)
+        if together.vector.added and in_sample_excess(task, together) < enough:
+            finalists = [finalist_of(task, at, together, together=True)]
+        elif not finalists:
+            finalists = [in_full(task, at, c, k) for k, c in enumerate(to_fit)]
     finalists.sort(key=lambda f: f.held_out)
     if not finalists or finalists[0].gain <= WORTH * ranking.excess or finalists[0].interval90[0] <= 0:
         return replace(nothing, finalists=tuple(finalists))
     best = finalists[0]
-    names = _indistinguishable(grams, ranking, best, finalists, task.floor, seed)
+    names = () if best.together else _indistinguishable(grams, ranking, best, finalists, task.floor, seed)
     return replace(nothing, finalists=tuple(finalists), chosen=best, indistinguishable=names)
+
+
+def _asked(task: Task, state: State, before: Sequence[Round], tolerance: float) -> bool:
+    """Whether the dictionary is: always at first; later for what is left, and for what several effects that were found
+    together cannot be told from."""
+    last = before[-1].chosen if before else None
+    if last is None or last.together:
+        return True
+    grams = grams_of(task.bench, state, _nothing(state).columns, task.folds)
+    return excess_of(grams, cross_validate(grams, None), task.floor) > tolerance
+
+
+def _nothing(state: State) -> Dictionary:
+    return Dictionary((), (), np.zeros((len(state.found.residual), 0)))
 
 
 def in_sample_excess(task: Task, state: State) -> float:
@@ -171,8 +188,8 @@ def _indistinguishable(
     """Candidates, certain or fitted in full, that take the same as the best, or from which it is not better for
     certain."""
     rng = np.random.default_rng(seed)
-    full = {f.effect: f.scored for f in finalists}
-    own = next(c for c in ranking.candidates if c.effect == best.effect)
+    full = {f.name: f.scored for f in finalists}
+    own = next(c for c in ranking.candidates if c.effect == best.name)
     others = [c for c in ranking.candidates if c is not own and (ranking.certain(c) or c.effect in full)]
     cosines = alike(grams, own.best, [c.best for c in others])
     names = []

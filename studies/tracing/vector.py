@@ -84,6 +84,14 @@ class Vector:
             x[part] = [place_of(p, value_at(p, float(v))) for p, v in zip(added.declared, x[part], strict=True)]
         return x
 
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """(size,) twice: the least and the largest place of each parameter."""
+        low, high = np.full(self.size, -np.inf), np.full(self.size, np.inf)
+        for added, part in zip(self.added, self.parts(), strict=True):
+            low[part], high[part] = np.transpose([[place_of(p, b) for b in p.bounds] for p in added.declared])
+        return low, high
+
     def with_effect(self, added: Added) -> "Vector":
         return replace(self, added=(*self.added, added))
 

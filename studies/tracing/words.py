@@ -3,8 +3,6 @@
 from fabdesign.model import EffectTerm, Quantity
 from studies.tracing.outcome import Outcome
 
-TOGETHER = "Several together may: fabdesign calibrate SET --free all fits them at once."
-
 
 def verdict_in_words(outcome: Outcome) -> str:
     """The answer in a sentence."""
@@ -21,16 +19,16 @@ def verdict_in_words(outcome: Outcome) -> str:
             "candidate nor a black box takes of that what chance would not."
         )
     if outcome.verdict == "unexplained":
-        missing = "Something is missing that none of the known effects explains by itself:"
+        missing = "Something is missing that none of the known effects explains, alone or together with others:"
         if not evidence.box_certain and not evidence.effects:
             return (
                 f"{missing} the refitted model is {1e3 * (evidence.fitted or 0.0):.2f} mm over the noise off the very "
-                f"trials that it was fitted to. {TOGETHER}"
+                f"trials that it was fitted to."
             )
         return (
             f"{missing} {before} over the noise are left on trials held out, "
             f"{1e3 * (evidence.fitted or 0.0):.2f} mm on those fitted, of which a black box takes all but "
-            f"{1e3 * evidence.box_before:.2f} mm. {TOGETHER}"
+            f"{1e3 * evidence.box_before:.2f} mm."
         )
     named = " and ".join(effect_in_words(effect) for effect in outcome.effects)
     sentence = (
