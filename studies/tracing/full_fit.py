@@ -107,12 +107,12 @@ def fit_from(task: Task, at: Ranked, base: Array, vector: Vector, starts: Sequen
     return descend(task.bench, vector, start.x, iterations=iterations, slopes=start.jacobian, progress=say)
 
 
-def without(task: Task, at: Ranked, found: State) -> State:
+def without(task: Task, at: Ranked, found: State, stage: str) -> State:
     """The round's own model fitted from where the fit with more effects came to, for a fair comparison: what an effect
     seems to explain may be a better minimum without it."""
     vector, bench = at.state.vector, task.bench
     fit = partial(descend, bench, vector, found.x[: vector.size], iterations=FINAL, progress=told(task, "without,"))
-    return fitted(bench, task.stages, f"without_{at.label}", vector, fit)
+    return fitted(bench, task.stages, f"{stage}_{at.label}", vector, fit)
 
 
 def fit_on(task: Task, effect: str, state: State) -> State:

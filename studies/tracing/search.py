@@ -11,7 +11,7 @@ from studies.tracing.black_box import ceiling_squares
 from studies.tracing.data import folds_of
 from studies.tracing.dictionary import Dictionary, dictionary, entries_of
 from studies.tracing.fit import LITTLE, Bench, State, descend, loss
-from studies.tracing.full_fit import Finalist, Ranked, Say, Task, finalist_of, fitted, in_full, without
+from studies.tracing.full_fit import FAR, Finalist, Ranked, Say, Task, finalist_of, fitted, in_full, without
 from studies.tracing.grid import Grid, on_grid
 from studies.tracing.ranking import (
     ALIKE,
@@ -28,9 +28,10 @@ from studies.tracing.ranking import (
     rank,
     stand_ins,
 )
+from studies.tracing.second_look import beyond_first_order
 from studies.tracing.stages import Stages
 from studies.tracing.together import all_at_once
-from studies.tracing.vector import Added, Array, Vector
+from studies.tracing.vector import FACTORS, Added, Array, Vector
 from studies.tracing.verdict import GROSS
 
 FINALISTS = 2  # that are fitted in full
@@ -38,7 +39,8 @@ CLOSE = 0.25  # of the excess: a third one is, where it gains that much less tha
 MOST = 3  # effects added
 STRONG = 0.5  # of the excess, that a candidate must take to be fitted by itself before all are at once
 WORTH = 0.15  # of an excess, that a further effect must take
-CLOSES = 0.75  # of the excess of the very trials fitted, that effects fitted together must close, for no null is drawn
+CLOSES = 0.5  # of the excess of the very trials fitted, that an effect must close whose gain no null was drawn for
+LEFT = 0.25  # of what single ones leave, that all at once may leave at most, where it is much
 _ITERATIONS, _EARLY = 20, 2
 
 
@@ -110,13 +112,25 @@ def search(
         state = done.chosen.state
 
 
+@dataclass(frozen=True, eq=False)
+class _Tried:
+    """What the first round has fitted beyond its ranking, where it is done again from a better state without any."""
+
+    second_look: tuple[Finalist, ...] | None = None
+    together: State | None = None
+
+    @property
+    def label(self) -> str:
+        return "_again" * ((self.second_look is not None) + (self.together is not None))
+
+
 def _round(
-    task: Task, state: State, before: tuple[Round, ...], tolerance: float, seed: int, together: State | None = None
+    task: Task, state: State, before: tuple[Round, ...], tolerance: float, seed: int, tried: _Tried = _Tried()
 ) -> Round:
-    """together: the fit with all effects at once, where the round is done again from a better state without any."""
-    number, again = len(before), "" if together is None else "_again"
+    number = len(before)
     task.say(f"round {number + 1}: {1e3 * state.rms:.3f} mm RMS without a further effect")
-    found = _dictionary(task, state, f"{number}{again}") if _asked(task, state, before, tolerance) else _nothing(state)
+    label = f"{number}{tried.label}"
+    found = _dictionary(task, state, label) if _asked(task, state, before, tolerance) else _nothing(state)
     grams = grams_of(task.bench, state, found.columns, task.folds)
     task.say(f"round {number + 1}: ranking {len(found.effects)} candidates")
     ranking = rank(grams, found, task.floor, seed=seed)
@@ -126,30 +140,64 @@ def _round(
     nothing = Round(state, grams, ranking, excess_of(grams, box, task.floor), interval, (), None, (), same)
     if ranking.excess <= tolerance or number >= MOST:
         return nothing
-    at = Ranked(number, f"{number}{again}", state, grams, ranking)
-    certain = [c for c in ranking.candidates if ranking.certain(c)]
-    worth = [c for c in certain if c.gain > WORTH * ranking.excess]
-    to_fit = _to_fit(grams, worth, ranking.excess)
-    first = [c for c in to_fit if number > 0 or c.gain > STRONG * ranking.excess]
-    finalists = [in_full(task, at, c, k) for k, c in enumerate(first)]
-    left = min(in_sample_excess(task, s) for s in (state, *(f.state for f in finalists)))
-    if number == 0 and left > tolerance:
-        enough = min(max((1 - CLOSES) * left, GROSS * tolerance), 0.5 * left)
-        if together is None:
-            together = all_at_once(task, at, float(np.hypot(enough, task.floor)))
-            plain = without(task, at, together)
-            if loss(task.bench, state) - loss(task.bench, plain) > LITTLE:  # the refit had stopped short
-                return _round(task, plain, before, tolerance, seed, together)
-        if together.vector.added and in_sample_excess(task, together) < enough:
-            finalists = [finalist_of(task, at, together, together=True)]
-        elif not finalists:
-            finalists = [in_full(task, at, c, k) for k, c in enumerate(to_fit)]
-    finalists.sort(key=lambda f: f.held_out)
+    at = Ranked(number, label, state, grams, ranking)
+    found_in_full = _in_full(task, at, tolerance, tried)
+    if isinstance(found_in_full, _Better):  # the refit had stopped short
+        return _round(task, found_in_full.state, before, tolerance, seed, found_in_full.tried)
+    finalists = sorted(found_in_full, key=lambda f: f.held_out)
     if not finalists or finalists[0].gain <= WORTH * ranking.excess or finalists[0].interval90[0] <= 0:
         return replace(nothing, finalists=tuple(finalists))
     best = finalists[0]
     names = () if best.together else _indistinguishable(grams, ranking, best, finalists, task.floor, seed)
     return replace(nothing, finalists=tuple(finalists), chosen=best, indistinguishable=names)
+
+
+@dataclass(frozen=True, eq=False)
+class _Better:
+    """A state of the round's own model that leaves less than the round's."""
+
+    state: State
+    tried: _Tried
+
+
+def _in_full(task: Task, at: Ranked, tolerance: float, tried: _Tried) -> list[Finalist] | _Better:
+    """What explains a round's residuals, fitted in full: the best of the ranking; at first, where these leave more than
+    the tolerance of the very trials fitted, what a second look finds; where that leaves much, all effects at once."""
+    ranking, state = at.ranking, at.state
+    worth = [c for c in ranking.candidates if ranking.certain(c) and c.gain > WORTH * ranking.excess]
+    to_fit = _to_fit(at.grams, worth, ranking.excess)
+    if at.number > 0:
+        return [in_full(task, at, c, k) for k, c in enumerate(to_fit)]
+    strong = [c for c in to_fit if c.gain > STRONG * ranking.excess]
+    finalists = [in_full(task, at, c, k) for k, c in enumerate(strong)]
+    excess = in_sample_excess(task, state)
+
+    def closing(some: Sequence[Finalist]) -> list[Finalist]:
+        return [f for f in some if in_sample_excess(task, f.state) < (1 - CLOSES) * excess]
+
+    astray = not worth or bool(np.abs(state.x[:FACTORS]).max() >= FAR)
+    if tried.second_look is None and astray and excess > tolerance and not closing(finalists):
+        looked = tuple(beyond_first_order(task, at))
+        tried = replace(tried, second_look=looked)
+        if looked:
+            plain = without(task, at, min(looked, key=lambda f: f.held_out).state, "without")
+            if loss(task.bench, state) - loss(task.bench, plain) > LITTLE:
+                return _Better(plain, tried)
+    there = {f.effects for f in finalists}
+    looked = tuple(finalist_of(task, at, f.state) for f in tried.second_look or () if f.effects not in there)
+    finalists += closing(looked)
+    left = min([excess, *(in_sample_excess(task, f.state) for f in finalists)])
+    if left > GROSS * tolerance:
+        enough = min(max(LEFT * left, GROSS * tolerance), (1 - CLOSES) * left)
+        if tried.together is None:
+            tried = replace(tried, together=all_at_once(task, at, float(np.hypot(enough, task.floor))))
+            assert tried.together is not None
+            plain = without(task, at, tried.together, "plain")
+            if loss(task.bench, state) - loss(task.bench, plain) > LITTLE:
+                return _Better(plain, tried)
+        if tried.together.vector.added and in_sample_excess(task, tried.together) < enough:
+            return [finalist_of(task, at, tried.together, together=True)]
+    return finalists or [in_full(task, at, c, k) for k, c in enumerate(to_fit)]
 
 
 def _asked(task: Task, state: State, before: Sequence[Round], tolerance: float) -> bool:
