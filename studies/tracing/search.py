@@ -10,37 +10,27 @@ from fabdesign.forward import ForwardModel
 from studies.tracing.black_box import ceiling_squares
 from studies.tracing.data import folds_of
 from studies.tracing.dictionary import Dictionary, dictionary, entries_of
-from studies.tracing.fit import LITTLE, Bench, State, descend, loss
-from studies.tracing.full_fit import FAR, Finalist, Ranked, Say, Task, finalist_of, fitted, in_full, without
+from studies.tracing.finalists import WORTH, Better, Tried, finalists_of
+from studies.tracing.fit import Bench, State, descend
+from studies.tracing.full_fit import Finalist, Ranked, Say, Task, fitted
 from studies.tracing.grid import Grid, on_grid
 from studies.tracing.ranking import (
     ALIKE,
-    Candidate,
     Grams,
     Ranking,
     Scored,
     alike,
     cross_validate,
     excess_of,
-    excess_over,
     gain_interval,
     grams_of,
     rank,
     stand_ins,
 )
-from studies.tracing.second_look import beyond_first_order
 from studies.tracing.stages import Stages
-from studies.tracing.together import all_at_once
-from studies.tracing.vector import FACTORS, Added, Array, Vector
-from studies.tracing.verdict import GROSS
+from studies.tracing.vector import Added, Array, Vector
 
-FINALISTS = 2  # that are fitted in full
-CLOSE = 0.25  # of the excess: a third one is, where it gains that much less than the first at most
 MOST = 3  # effects added
-STRONG = 0.5  # of the excess, that a candidate must take to be fitted by itself before all are at once
-WORTH = 0.15  # of an excess, that a further effect must take
-CLOSES = 0.5  # of the excess of the very trials fitted, that an effect must close whose gain no null was drawn for
-LEFT = 0.25  # of what single ones leave, that all at once may leave at most, where it is much
 _ITERATIONS, _EARLY = 20, 2
 
 
@@ -105,27 +95,15 @@ def search(
     task = Task(bench, stages, folds_of(bench.samples), grid.floor(noise), types, channels, known, say)
     rounds: list[Round] = []
     while True:
-        done = _round(task, state, tuple(rounds), tolerance, seed)
+        done = _round(task, state, tuple(rounds), tolerance, seed, Tried())
         rounds.append(done)
         if done.chosen is None or len(rounds) > MOST:
             return Search(bench, task.folds, task.floor, grid, tuple(rounds))
         state = done.chosen.state
 
 
-@dataclass(frozen=True, eq=False)
-class _Tried:
-    """What the first round has fitted beyond its ranking, where it is done again from a better state without any."""
-
-    second_look: tuple[Finalist, ...] | None = None
-    together: State | None = None
-
-    @property
-    def label(self) -> str:
-        return "_again" * ((self.second_look is not None) + (self.together is not None))
-
-
 def _round(
-    task: Task, state: State, before: tuple[Round, ...], tolerance: float, seed: int, tried: _Tried = _Tried()
+    task: Task, state: State, before: tuple[Round, ...], tolerance: float, seed: int, tried: Tried
 ) -> Round:
     number = len(before)
     task.say(f"round {number + 1}: {1e3 * state.rms:.3f} mm RMS without a further effect")
@@ -141,63 +119,15 @@ def _round(
     if ranking.excess <= tolerance or number >= MOST:
         return nothing
     at = Ranked(number, label, state, grams, ranking)
-    found_in_full = _in_full(task, at, tolerance, tried)
-    if isinstance(found_in_full, _Better):  # the refit had stopped short
-        return _round(task, found_in_full.state, before, tolerance, seed, found_in_full.tried)
-    finalists = sorted(found_in_full, key=lambda f: f.held_out)
+    explaining = finalists_of(task, at, tolerance, tried)
+    if isinstance(explaining, Better):  # the refit had stopped short
+        return _round(task, explaining.state, before, tolerance, seed, explaining.tried)
+    finalists = sorted(explaining, key=lambda f: f.held_out)
     if not finalists or finalists[0].gain <= WORTH * ranking.excess or finalists[0].interval90[0] <= 0:
         return replace(nothing, finalists=tuple(finalists))
     best = finalists[0]
     names = () if best.together else _indistinguishable(grams, ranking, best, finalists, task.floor, seed)
     return replace(nothing, finalists=tuple(finalists), chosen=best, indistinguishable=names)
-
-
-@dataclass(frozen=True, eq=False)
-class _Better:
-    """A state of the round's own model that leaves less than the round's."""
-
-    state: State
-    tried: _Tried
-
-
-def _in_full(task: Task, at: Ranked, tolerance: float, tried: _Tried) -> list[Finalist] | _Better:
-    """What explains a round's residuals, fitted in full: the best of the ranking; at first, where these leave more than
-    the tolerance of the very trials fitted, what a second look finds; where that leaves much, all effects at once."""
-    ranking, state = at.ranking, at.state
-    worth = [c for c in ranking.candidates if ranking.certain(c) and c.gain > WORTH * ranking.excess]
-    to_fit = _to_fit(at.grams, worth, ranking.excess)
-    if at.number > 0:
-        return [in_full(task, at, c, k) for k, c in enumerate(to_fit)]
-    strong = [c for c in to_fit if c.gain > STRONG * ranking.excess]
-    finalists = [in_full(task, at, c, k) for k, c in enumerate(strong)]
-    excess = in_sample_excess(task, state)
-
-    def closing(some: Sequence[Finalist]) -> list[Finalist]:
-        return [f for f in some if in_sample_excess(task, f.state) < (1 - CLOSES) * excess]
-
-    astray = not worth or bool(np.abs(state.x[:FACTORS]).max() >= FAR)
-    if tried.second_look is None and astray and excess > tolerance and not closing(finalists):
-        looked = tuple(beyond_first_order(task, at))
-        tried = replace(tried, second_look=looked)
-        if looked:
-            plain = without(task, at, min(looked, key=lambda f: f.held_out).state, "without")
-            if loss(task.bench, state) - loss(task.bench, plain) > LITTLE:
-                return _Better(plain, tried)
-    there = {f.effects for f in finalists}
-    looked = tuple(finalist_of(task, at, f.state) for f in tried.second_look or () if f.effects not in there)
-    finalists += closing(looked)
-    left = min([excess, *(in_sample_excess(task, f.state) for f in finalists)])
-    if left > GROSS * tolerance:
-        enough = min(max(LEFT * left, GROSS * tolerance), (1 - CLOSES) * left)
-        if tried.together is None:
-            tried = replace(tried, together=all_at_once(task, at, float(np.hypot(enough, task.floor))))
-            assert tried.together is not None
-            plain = without(task, at, tried.together, "plain")
-            if loss(task.bench, state) - loss(task.bench, plain) > LITTLE:
-                return _Better(plain, tried)
-        if tried.together.vector.added and in_sample_excess(task, tried.together) < enough:
-            return [finalist_of(task, at, tried.together, together=True)]
-    return finalists or [in_full(task, at, c, k) for k, c in enumerate(to_fit)]
 
 
 def _asked(task: Task, state: State, before: Sequence[Round], tolerance: float) -> bool:
@@ -212,22 +142,6 @@ def _asked(task: Task, state: State, before: Sequence[Round], tolerance: float) 
 
 def _nothing(state: State) -> Dictionary:
     return Dictionary((), (), np.zeros((len(state.found.residual), 0)))
-
-
-def in_sample_excess(task: Task, state: State) -> float:
-    """m, over the noise, of the trials that were fitted."""
-    return float(excess_over(state.mean_square, task.floor))
-
-
-def _to_fit(grams: Grams, worth: Sequence[Candidate], excess: float) -> list[Candidate]:
-    """The best that are not the same answer to first order: two, and a third where it comes close."""
-    chosen: list[Candidate] = []
-    for candidate in worth:
-        same = chosen and max(map(abs, alike(grams, candidate.best, [c.best for c in chosen]))) > ALIKE
-        close = not chosen or chosen[0].gain - candidate.gain < CLOSE * excess
-        if not same and (len(chosen) < FINALISTS or (len(chosen) == FINALISTS and close)):
-            chosen.append(candidate)
-    return chosen
 
 
 def _indistinguishable(

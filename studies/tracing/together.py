@@ -20,7 +20,7 @@ from studies.tracing.ranking import cross_validate, excess_of, gain_interval, gr
 from studies.tracing.vector import FACTORS, Added, Array, Vector, place_of, scope_of
 
 NEEDED = 10.0  # of log likelihood: an effect that costs less to drop is dropped
-DOUBTFUL = 50.0  # the same to first order: it is tried
+DOUBTFUL = 20.0  # the same to first order: it is tried
 ITERATIONS, EARLY = 20, 3
 TRIALS = 6  # with which all effects are fitted
 
