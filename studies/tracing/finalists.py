@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from studies.tracing.fit import LITTLE, State, loss
+from studies.tracing.fit import State, little, loss
 from studies.tracing.full_fit import FAR, Finalist, Ranked, Task, finalist_of, in_full, without
 from studies.tracing.ranking import ALIKE, Candidate, Grams, alike, excess_over
 from studies.tracing.second_look import beyond_first_order
@@ -15,7 +15,6 @@ from studies.tracing.verdict import GROSS
 
 FINALISTS = 2  # that are fitted in full
 CLOSE = 0.25  # of the excess: a third one is, where it gains that much less than the first at most
-STRONG = 0.5  # of the excess, that a candidate must take to be fitted by itself before all are at once
 WORTH = 0.15  # of an excess, that a further effect must take
 CLOSES = 0.5  # of the excess of the very trials fitted, that an effect must close whose gain no null was drawn for
 LEFT = 0.25  # of what single ones leave, that all at once may leave at most, where it is much
@@ -49,8 +48,8 @@ def finalists_of(task: Task, at: Ranked, tolerance: float, tried: Tried) -> list
     to_fit = _to_fit(at.grams, worth, ranking.excess)
     if at.number > 0:
         return [in_full(task, at, c, k) for k, c in enumerate(to_fit)]
-    strong = [c for c in to_fit if c.gain > STRONG * ranking.excess]
-    finalists = [in_full(task, at, c, k) for k, c in enumerate(strong)]
+    rest = [(k, c) for k, c in enumerate(to_fit) if k > 0]
+    finalists = [in_full(task, at, c, 0) for c in to_fit[:1]]
     excess = in_sample_excess(task, state)
 
     def closing(some: Sequence[Finalist]) -> list[Finalist]:
@@ -62,7 +61,7 @@ def finalists_of(task: Task, at: Ranked, tolerance: float, tried: Tried) -> list
         tried = replace(tried, second_look=looked)
         if looked:
             plain = without(task, at, min(looked, key=lambda f: f.held_out).state, "without")
-            if loss(task.bench, state) - loss(task.bench, plain) > LITTLE:
+            if loss(task.bench, state) - loss(task.bench, plain) > little(task.bench):
                 return Better(plain, tried)
     there = {f.effects for f in finalists}
     looked = tuple(finalist_of(task, at, f.state) for f in tried.second_look or () if f.effects not in there)
@@ -74,11 +73,12 @@ def finalists_of(task: Task, at: Ranked, tolerance: float, tried: Tried) -> list
             tried = replace(tried, together=all_at_once(task, at, float(np.hypot(enough, task.floor))))
             assert tried.together is not None
             plain = without(task, at, tried.together, "plain")
-            if loss(task.bench, state) - loss(task.bench, plain) > LITTLE:
+            if loss(task.bench, state) - loss(task.bench, plain) > little(task.bench):
                 return Better(plain, tried)
         if tried.together.vector.added and in_sample_excess(task, tried.together) < enough:
             return [finalist_of(task, at, tried.together, together=True)]
-    return finalists or [in_full(task, at, c, k) for k, c in enumerate(to_fit)]
+    there = {f.effects for f in finalists}
+    return finalists + [in_full(task, at, c, k) for k, c in rest if (c.effect,) not in there]
 
 
 def in_sample_excess(task: Task, state: State) -> float:

@@ -26,6 +26,7 @@ REACH = 2.5  # prior standard deviations that a parameter moves at most in one i
 LENGTHS = (1.0, 0.5, 0.2)  # of a step, tried at once
 SLIGHT = 0.05  # prior standard deviations: a step under it is the last
 LITTLE = 2.0  # of log likelihood: a step that gains less is the last, too
+CREEP = 0.02  # of the residuals' RMS: and one that gains less, as in calibration
 EARLY = 0.5, 1.0  # s: the first iterations look no further, so that swings are followed into their right turn
 LOST = 0.02  # share of the points without a motion, from which on a place counts for nothing
 _AT_ONCE = 128  # motions in memory
@@ -182,6 +183,11 @@ def loss(bench: Bench, state: State) -> float:
     return 0.5 * bench.observations * float(np.log(max(state.mean_square, 1e-12))) + prior
 
 
+def little(bench: Bench) -> float:
+    """Of log likelihood, what is no gain worth a step or a new round."""
+    return max(LITTLE, CREEP * bench.observations)
+
+
 def descend(
     bench: Bench,
     vector: Vector,
@@ -221,6 +227,7 @@ def _descend(
     if not state.kept.any():
         raise SimulationError("every motion of the trials to trace diverged")
     state, exact, damping = replace(state, jacobian=slopes), False, 0.0
+    least = little(bench)
     for iteration in range(1, iterations + 1):
         if state.jacobian is None:
             state, exact = bench.with_slopes(state), True
@@ -233,7 +240,7 @@ def _descend(
         moved = float(np.abs(best.x - state.x).max())
         gained = loss(bench, state) - loss(bench, best)
         if gained > 0:
-            last = moved < SLIGHT or gained < LITTLE
+            last = moved < SLIGHT or gained < least
             done = last and exact
             slopes = None if last and (exact_at_the_end or not done) else _updated(state, best)
             state, exact, damping = replace(best, jacobian=slopes), False, damping / 10

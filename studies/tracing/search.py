@@ -102,9 +102,7 @@ def search(
         state = done.chosen.state
 
 
-def _round(
-    task: Task, state: State, before: tuple[Round, ...], tolerance: float, seed: int, tried: Tried
-) -> Round:
+def _round(task: Task, state: State, before: tuple[Round, ...], tolerance: float, seed: int, tried: Tried) -> Round:
     number = len(before)
     task.say(f"round {number + 1}: {1e3 * state.rms:.3f} mm RMS without a further effect")
     label = f"{number}{tried.label}"
