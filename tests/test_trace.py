@@ -230,7 +230,7 @@ def test_nothing_is_found_where_nothing_is(tmp_path):
 
 
 def test_what_no_effect_does_is_unexplained(tmp_path):
-    outcome = trace(tmp_path, forward=Shaker())
+    outcome = trace(tmp_path, forward=Shaker(), count=5)
     assert outcome.verdict == "unexplained"
     assert outcome.effects == ()
     assert outcome.model.effects == ()
