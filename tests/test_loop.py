@@ -16,16 +16,20 @@ from fabdesign.errors import InputError
 from fabdesign.forward import Case
 from fabdesign.loop_file import StopRule, read_loop
 from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.model import Model
 from fabdesign.pressure import PressureProgram, rising_program
 from fabdesign.pressure_file import constant_program, read_pressures
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.surface import Surface
 from fabdesign.trial import MeasurementSet
 from studies.check.study import study_findings
+from studies.loop.learning import _traced
 from studies.loop.programs import Asked, programs_for, within_rate
 from studies.loop.resting_shape import resting_faces
 from studies.loop.run import run_loop
 from studies.loop.stop import stop_reason
+from studies.tracing.data import TooLittle
+from studies.tracing.stages import AnotherTrace
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line
 
@@ -143,6 +147,21 @@ def test_a_turn_brings_the_device_nearer_also_when_it_is_killed_on_the_way(
     (place / "key.toml").write_text('format = "fabdesign.key/1"\nseed = 2\n')
     with pytest.raises(InputError, match="holds another study"):
         run_loop(place / "study.toml", place / "out", simulators=simulators)
+
+
+def test_a_trace_that_other_code_began_is_begun_anew(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    forced: list[bool] = []
+
+    def traced(*_: object, force: bool = False, **__: object) -> None:
+        forced.append(force)
+        raise TooLittle("d: 2 trials") if force else AnotherTrace("out: holds another trace")
+
+    monkeypatch.setattr("studies.tracing.run.trace_set", traced)
+    design = build("cross")
+    measured = on_device(Asked(design, (constant_program(HIDDEN),), 1, 1), place / "set")
+    found = _traced(read_loop(place / "study.toml"), measured, Model(), place / "trace", simulators, lambda line: None)
+    assert forced == [False, True]
+    assert found == (None, None, ["not traced: d: 2 trials"])
 
 
 def test_a_laboratory_is_asked_and_answers(place: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from statistics import fmean
 from typing import Any
@@ -111,21 +112,28 @@ def _traced(
 ) -> tuple[Mapping[str, Any] | None, Model | None, list[str]]:
     """The verdict, the model with the effects that it has from now on, and lines for people; no model where there was
     too little to trace."""
+    from studies.tracing.data import TooLittle
     from studies.tracing.run import Options, trace_set
+    from studies.tracing.stages import AnotherTrace
     from studies.tracing.words import verdict_in_words
 
     learning = study.learning
+    trace = partial(
+        trace_set,
+        measured,
+        out,
+        inputs=[],
+        model=known,
+        options=Options(learning.tolerance, learning.trace_grid, study.search.seed),
+        forward=simulators(learning.trace_grid),
+        say=lambda line: say(f"trace: {line}"),
+    )
     try:
-        outcome = trace_set(
-            measured,
-            out,
-            inputs=[],
-            model=known,
-            options=Options(learning.tolerance, learning.trace_grid, study.search.seed),
-            forward=simulators(learning.trace_grid),
-            say=lambda line: say(f"trace: {line}"),
-        )
-    except InputError as error:
+        try:
+            outcome = trace()
+        except AnotherTrace:  # begun with other code: a loop goes on for weeks
+            outcome = trace(force=True)
+    except TooLittle as error:
         return None, None, [f"not traced: {error}"]
     result = outcome.as_json()
     added = [effect["name"] for effect in result["effects"]]

@@ -18,9 +18,13 @@ UNTIL = 6.0  # s of a trial
 _NOISE_FRAMES = 16
 
 
+class TooLittle(InputError):
+    """Too few trials or judged frames to trace."""
+
+
 def draw(trials: Sequence[Trial], stretches: Sequence[Stretch], *, seed: int) -> tuple[list[Sample], SensorNoise]:
     """Judged frames spread over each trial, and random points of them; the sensor's noise. A trial without a judged
-    frame is left out. Raises InputError where none is left."""
+    frame is left out. Raises TooLittle where none is left."""
     rng = np.random.default_rng(seed)
     samples: list[Sample] = []
     clouds: list[np.ndarray] = []
@@ -35,7 +39,7 @@ def draw(trials: Sequence[Trial], stretches: Sequence[Stretch], *, seed: int) ->
         drawn = tuple(c if len(c) <= POINTS else c[rng.choice(len(c), POINTS, replace=False)] for c in frames)
         samples.append(Sample(trial, data.time[chosen], drawn))
     if not samples:
-        raise InputError("no judged frame in any trial: small changes lead elsewhere in all of them")
+        raise TooLittle("no judged frame in any trial: small changes lead elsewhere in all of them")
     clouds = [clouds[k] for k in evenly(len(clouds), _NOISE_FRAMES)]
     return samples, estimate_noise(clouds, trials[0].design.fabric.thickness)
 

@@ -23,7 +23,7 @@ from studies.calibration.clouds import evenly
 from studies.calibration.parameters import PRIOR
 from studies.judged import Stretch, said, share_unjudged
 from studies.judged_search import unjudged
-from studies.tracing.data import TRIALS, draw
+from studies.tracing.data import TRIALS, TooLittle, draw
 from studies.tracing.errors import Place, judged_errors
 from studies.tracing.experiment import Explanation, next_experiment
 from studies.tracing.fit import Bench
@@ -68,7 +68,8 @@ def trace_set(
 
     inputs: the files and folders read, never written over. model: where the fit starts, and effects that are known
     already; they stay as they are. forward: the bare simulator, by default with `options.grid`; one that is given
-    has no finer grid beside it. Raises InputError for too few trials and for a folder of something else.
+    has no finer grid beside it. Raises TooLittle for too few trials and AnotherTrace for a folder of another, both
+    InputErrors.
     """
     trials = fit_trials(measured.trials)
     trials = tuple(trials[i] for i in evenly(len(trials), TRIALS))
@@ -107,7 +108,7 @@ def _trace(
     say(said(stretches, share_unjudged(stretches, every)))
     samples, noise = draw(trials, stretches, seed=options.seed)
     if len({id(s.trial) for s in samples}) < LEAST_TRIALS:
-        raise InputError(f"{measured.name}: {len(samples)} trials with judged frames; expected at least {LEAST_TRIALS}")
+        raise TooLittle(f"{measured.name}: {len(samples)} trials with judged frames; expected at least {LEAST_TRIALS}")
     types = sorted({m.type for s in samples for m in s.trial.design.muscles})
     found = search(
         Bench(samples, Predictor(bare, effects, sensing=True)),

@@ -16,10 +16,14 @@ Arrays = dict[str, np.ndarray]
 _CONTENT = "stages/content.json"
 
 
+class AnotherTrace(InputError):
+    """The folder holds one of other data, options or code."""
+
+
 class Stages:
     """What was computed in a run's folder, by the name of its stage. content: what the run depends on, by field.
 
-    Raises InputError where the folder holds another run, with what differs, unless the folder is worked in anew.
+    Raises AnotherTrace where the folder holds another run, with what differs, unless the folder is worked in anew.
     """
 
     def __init__(self, work: WorkFolder, content: Mapping[str, str]) -> None:
@@ -31,7 +35,7 @@ class Stages:
             if not differ:
                 return
             if not work.anew:
-                raise InputError(
+                raise AnotherTrace(
                     f"{work.folder}: holds another trace: {', '.join(sorted(differ)[:4])} differ; expected another "
                     "folder, or --force"
                 )
