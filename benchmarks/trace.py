@@ -43,7 +43,7 @@ def examine(rig: Rig, measured: Path, out: Path) -> dict[str, Any]:
         "right": rig.right,
         "answer": " + ".join(names) or found["verdict"],
         "indistinguishable": found["indistinguishable"],
-        "is_right": rig.right in answers,
+        "is_right": rig.right in answers or set(names) == set(rig.right.split(" + ")),
         "before": found["error"]["before"]["held_out"],
         "after": found["error"]["after"]["held_out"],
         "floor": found["error"]["noise_floor"],
