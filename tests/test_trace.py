@@ -423,7 +423,7 @@ def test_a_large_effect_is_found_from_the_data_sheet_whatever_the_refit_made_of_
     """Trials late by 0.1 s, and declared parameters that went three deviations off for want of that."""
     measured = write(tmp_path / "set", effects=(Term("dead_time", {"delay": 0.1}),), count=4)
     task, at = task_of(measured, [1.0, -2.0, 2.0, 0.0, 3.0, 0.0, -3.0])
-    found = all_at_once(task, at)
+    found, _ = all_at_once(task, at)
     assert {added.name for added in found.vector.added} <= {"dead_time", "time_offset"}  # from rest these are one
     assert found.vector.added and found.rms < 1.1 * task.floor < 0.25 * at.state.rms
 
@@ -431,7 +431,7 @@ def test_a_large_effect_is_found_from_the_data_sheet_whatever_the_refit_made_of_
 def test_several_effects_are_found_together_and_no_other(tmp_path, task_of):
     effects = Term("filling_lag", {"fill": 0.3, "empty": 0.3}), Term("supply_droop", {"share": 0.15})
     task, at = task_of(write(tmp_path / "set", effects=effects, count=5), np.zeros(FACTORS))
-    found = all_at_once(task, at)
+    found, _ = all_at_once(task, at)
     assert [added.name for added in found.vector.added] == ["filling_lag", "supply_droop"]
     assert found.rms < 1.1 * task.floor
     terms = {term.name: term.values for term in found.vector.terms(found.x)}
@@ -444,8 +444,8 @@ def test_several_effects_are_found_together_and_no_other(tmp_path, task_of):
 
 def test_where_nothing_is_missing_every_effect_is_dropped(tmp_path, task_of):
     task, at = task_of(write(tmp_path / "set", count=4), np.zeros(FACTORS))
-    found = all_at_once(task, at)
-    assert found.vector == Vector()
+    found, plain = all_at_once(task, at)
+    assert found.vector == Vector() and plain.vector == Vector()
     assert found.rms == pytest.approx(NOISE.sigma, rel=0.1)
 
 

@@ -70,13 +70,13 @@ def finalists_of(task: Task, at: Ranked, tolerance: float, tried: Tried) -> list
     if left > GROSS * tolerance:
         enough = min(max(LEFT * left, GROSS * tolerance), (1 - CLOSES) * left)
         if tried.together is None:
-            tried = replace(tried, together=all_at_once(task, at, float(np.hypot(enough, task.floor))))
-            assert tried.together is not None
-            plain = without(task, at, tried.together, "plain")
+            found, plain = all_at_once(task, at, float(np.hypot(enough, task.floor)))
+            tried = replace(tried, together=found)
             if loss(task.bench, state) - loss(task.bench, plain) > little(task.bench):
                 return Better(plain, tried)
-        if tried.together.vector.added and in_sample_excess(task, tried.together) < enough:
-            return [finalist_of(task, at, tried.together, together=True)]
+        together = tried.together
+        if together is not None and together.vector.added and in_sample_excess(task, together) < enough:
+            return [finalist_of(task, at, together, together=True)]
     there = {f.effects for f in finalists}
     return finalists + [in_full(task, at, c, k) for k, c in rest if (c.effect,) not in there]
 

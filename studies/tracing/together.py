@@ -8,6 +8,7 @@ comes out as nothing.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from fabdesign.effects import EFFECTS, Effect
 from studies.calibration.clouds import evenly
 from studies.calibration.parameters import START
 from studies.tracing.fit import Bench, State, descend, loss, normal
-from studies.tracing.full_fit import Ranked, Task, fitted, told
+from studies.tracing.full_fit import Ranked, Task, fitted, told, without
 from studies.tracing.ranking import cross_validate, excess_of, gain_interval, grams_of, without_parameters
 from studies.tracing.vector import FACTORS, Added, Array, Vector, place_of, scope_of
 
@@ -25,10 +26,21 @@ ITERATIONS, EARLY = 20, 3
 TRIALS = 6  # with which all effects are fitted
 
 
-def all_at_once(task: Task, at: Ranked, enough: float = np.inf) -> State:
-    """From the data sheet with every effect, on some of the trials, to what these need; then on all trials, with the
-    shapes free too, to what says something for certain of trials left out. Where all effects leave more than `enough`
-    [m RMS] the first of these is what is given back: fewer would leave more."""
+def all_at_once(task: Task, at: Ranked, enough: float = np.inf) -> tuple[State, State]:
+    """What the data need of all effects, and the round's own model fitted from there.
+
+    From the data sheet with every effect, on some of the trials, to what these need; then on all trials, with the
+    shapes free too, to what says something for certain of trials left out, and explains more than the model without
+    any effect does, fitted from there. Where all effects leave more than `enough` [m RMS] the first of these is what
+    is given back: fewer would leave more."""
+    state = _needed_of_all(task, at, enough)
+    plain = without(task, at, state, "plain")
+    count = len(state.vector.added)
+    explained = loss(task.bench, plain) - loss(task.bench, state) > NEEDED * count
+    return (state if explained or state.rms > enough else plain), plain
+
+
+def _needed_of_all(task: Task, at: Ranked, enough: float) -> State:
     task.say(f"round {at.number + 1}: all effects at once, from the data sheet")
     chosen = evenly(len(task.bench.samples), TRIALS).tolist()
     some = replace(
@@ -45,8 +57,13 @@ def all_at_once(task: Task, at: Ranked, enough: float = np.inf) -> State:
     if state.rms > enough:
         return state
     state = needed(some, f"all_{at.label}", state, some.bench.observations / task.bench.observations)
+    return _on_all_trials(task, at, state, shown=len(chosen))
+
+
+def _on_all_trials(task: Task, at: Ranked, state: State, shown: int) -> State:
+    """shown: how many trials the state was fitted to."""
     whole = Vector(tuple(_with_shapes(added) for added in state.vector.added))
-    if len(chosen) < len(task.bench.samples) or whole.size > state.vector.size:
+    if shown < len(task.bench.samples) or whole.size > state.vector.size:
         x = _at(whole, state)
         fit = partial(descend, task.bench, whole, x, iterations=ITERATIONS, progress=told(task, "with shapes,"))
         state = fitted(task.bench, task.stages, f"whole_{at.label}", whole, fit)
@@ -89,7 +106,8 @@ def refitted_without(task: Task, stage: str, state: State, dropped: Sequence[str
 
 def droppable(bench: Bench, state: State, share: float = 1.0) -> list[str]:
     """The effects that cost less than this share of NEEDED each, one after another, with all other parameters moving to
-    first order along, the cheapest first; where there is none, the cheapest, if it costs less than that of DOUBTFUL."""
+    first order along, the cheapest first; where there is none, the cheapest, if it costs less than that of DOUBTFUL,
+    or the cheapest two, if they cost no more each: a lag and a clock that runs ahead make up for each other."""
     parts = dict(zip((a.name for a in state.vector.added), state.vector.parts(), strict=True))
     dropped: list[str] = []
     paid = _cost(bench, state, [])
@@ -100,7 +118,11 @@ def droppable(bench: Bench, state: State, share: float = 1.0) -> list[str]:
             break
         dropped.append(cheapest)
         paid += costs[cheapest]
-    return dropped
+    if dropped or len(parts) < 2:
+        return dropped
+    pairs = {pair: _cost(bench, state, [parts[name] for name in pair]) - paid for pair in combinations(parts, 2)}
+    cheapest_pair = min(pairs, key=lambda pair: pairs[pair])
+    return list(cheapest_pair) if pairs[cheapest_pair] < share * 2 * DOUBTFUL else []
 
 
 def _cost(bench: Bench, state: State, dropped: Sequence[slice]) -> float:
