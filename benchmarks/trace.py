@@ -14,6 +14,7 @@ import argparse
 import json
 import time
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -27,6 +28,8 @@ from studies.tracing.run import trace_set
 PAGE = ROOT / "docs" / "results" / "trace.md"
 BEGIN, END = "<!-- table -->", "<!-- end of table -->"
 NEEDED = 14  # right of eighteen
+
+Cells = Callable[[dict[str, Any]], list[str]]  # of a row of results
 
 
 def examine(rig: Rig, measured: Path, out: Path) -> dict[str, Any]:
@@ -64,18 +67,7 @@ def table(rows: list[dict[str, Any]]) -> str:
         " [mm] | left | CPU s, wall s | commit |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
-    for rig in RIGS:
-        r = by_name.get(rig.name)
-        layout = f"{rig.layout[0]} {rig.layout[1]}"
-        if r is None:
-            lines.append(f"| {rig.name}, *{layout}* | {rig.put_in} | not run | | | | | | |")
-            continue
-        lines.append(
-            f"| {rig.name}, *{layout}* | {rig.put_in} | {'' if r['is_right'] else '**wrong:** '}{r['answer']} | "
-            f"{', '.join(r['indistinguishable'])} | {r['before']:.2f}, {r['after']:.2f}, {r['floor']:.2f} | "
-            f"{r['excess_before']:.2f}, {r['excess_after']:.2f} | {_left(r)} | {r['cpu_s']:.0f}, {r['wall_s']:.0f} | "
-            f"{r['commit']} |"
-        )
+    lines += [_line(rig, by_name.get(rig.name), _answer, lambda r: [_left(r)]) for rig in RIGS]
     single = [row for row in rows if row["rig"] in {rig.name for rig in RIGS}]
     return "\n".join(
         [*_summary(single), "", *lines, "", *_confusion(single), "", *_several(by_name), "", f"{processor()}.", ""]
@@ -88,20 +80,31 @@ def _several(by_name: dict[str, dict[str, Any]]) -> list[str]:
         " after [mm] | CPU s, wall s | commit |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for rig in SEVERAL:
-        r = by_name.get(rig.name)
-        layout = f"{rig.layout[0]} {rig.layout[1]}"
-        if r is None:
-            lines.append(f"| {rig.name}, *{layout}* | {rig.put_in} | not run | | | | | |")
-            continue
-        true, said = r["right"].split(" + "), r["answer"].split(" + ")
-        beside = ", ".join(name for name in said if name not in true)
-        lines.append(
-            f"| {rig.name}, *{layout}* | {rig.put_in} | {', '.join(n for n in true if n in said)} | {beside} | "
-            f"{r['before']:.2f}, {r['after']:.2f}, {r['floor']:.2f} | {r['excess_before']:.2f}, "
-            f"{r['excess_after']:.2f} | {r['cpu_s']:.0f}, {r['wall_s']:.0f} | {r['commit']} |"
-        )
-    return lines
+    return lines + [_line(rig, by_name.get(rig.name), _found, lambda r: []) for rig in SEVERAL]
+
+
+def _line(rig: Rig, r: dict[str, Any] | None, answer: Cells, left: Cells) -> str:
+    """Of a table: what was put in, `answer`, the errors, `left`, the cost."""
+    cells = [f"{rig.name}, *{rig.layout[0]} {rig.layout[1]}*", rig.put_in]
+    if r is None:
+        return f"| {' | '.join([*cells, 'not run'])} |"
+    cells += answer(r)
+    cells += [
+        f"{r['before']:.2f}, {r['after']:.2f}, {r['floor']:.2f}",
+        f"{r['excess_before']:.2f}, {r['excess_after']:.2f}",
+    ]
+    cells += [*left(r), f"{r['cpu_s']:.0f}, {r['wall_s']:.0f}", r["commit"]]
+    return f"| {' | '.join(cells)} |"
+
+
+def _answer(r: dict[str, Any]) -> list[str]:
+    return [f"{'' if r['is_right'] else '**wrong:** '}{r['answer']}", ", ".join(r["indistinguishable"])]
+
+
+def _found(r: dict[str, Any]) -> list[str]:
+    """Of the effects put in, and beside them."""
+    true, said = r["right"].split(" + "), r["answer"].split(" + ")
+    return [", ".join(n for n in true if n in said), ", ".join(n for n in said if n not in true)]
 
 
 def _summary(rows: list[dict[str, Any]]) -> list[str]:

@@ -4,6 +4,7 @@ import importlib.metadata
 import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -47,7 +48,7 @@ class Outcome:
     next_experiment: Mapping[str, Any] | None
     said: tuple[str, ...]  # lines for people
 
-    @property
+    @cached_property
     def effects(self) -> tuple[EffectTerm, ...]:
         """Those that the verdict stands by, in the order they were added; of those added together the largest first."""
         if self.verdict != "effect":
@@ -129,7 +130,7 @@ class Outcome:
             "explains": self.explained.get(effect.name),
         }
 
-    @property
+    @cached_property  # of several effects found together it takes a cross-validation each
     def explained(self) -> dict[str, float | None]:
         """Share of the gap that each effect closes, in the order they were added."""
         if explains(self.evidence) is None:

@@ -108,11 +108,12 @@ def droppable(bench: Bench, state: State, share: float = 1.0) -> list[str]:
     """The effects that cost less than this share of NEEDED each, one after another, with all other parameters moving to
     first order along, the cheapest first; where there is none, the cheapest, if it costs less than that of DOUBTFUL,
     or the cheapest two, if they cost no more each: a lag and a clock that runs ahead make up for each other."""
+    cost = partial(_cost, *normal(bench, state), state)
     parts = dict(zip((a.name for a in state.vector.added), state.vector.parts(), strict=True))
     dropped: list[str] = []
-    paid = _cost(bench, state, [])
+    paid = cost([])
     while left := [name for name in parts if name not in dropped]:
-        costs = {name: _cost(bench, state, [parts[n] for n in (*dropped, name)]) - paid for name in left}
+        costs = {name: cost([parts[n] for n in (*dropped, name)]) - paid for name in left}
         cheapest = min(costs, key=lambda name: costs[name])
         if costs[cheapest] >= share * (NEEDED if dropped else DOUBTFUL):
             break
@@ -120,14 +121,13 @@ def droppable(bench: Bench, state: State, share: float = 1.0) -> list[str]:
         paid += costs[cheapest]
     if dropped or len(parts) < 2:
         return dropped
-    pairs = {pair: _cost(bench, state, [parts[name] for name in pair]) - paid for pair in combinations(parts, 2)}
+    pairs = {pair: cost([parts[name] for name in pair]) - paid for pair in combinations(parts, 2)}
     cheapest_pair = min(pairs, key=lambda pair: pairs[pair])
     return list(cheapest_pair) if pairs[cheapest_pair] < share * 2 * DOUBTFUL else []
 
 
-def _cost(bench: Bench, state: State, dropped: Sequence[slice]) -> float:
+def _cost(gradient: Array, hessian: Array, state: State, dropped: Sequence[slice]) -> float:
     """The quadratic model's least value where the parameters of `dropped` are at zero; those at a bound stay there."""
-    gradient, hessian = normal(bench, state)
     low, high = state.vector.bounds
     held = ((state.x <= low) & (gradient > 0)) | ((state.x >= high) & (gradient < 0))
     step = np.zeros(len(state.x))

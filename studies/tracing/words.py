@@ -23,7 +23,7 @@ def verdict_in_words(outcome: Outcome) -> str:
         if not evidence.box_certain and not evidence.effects:
             return (
                 f"{missing} the refitted model is {1e3 * (evidence.fitted or 0.0):.2f} mm over the noise off the very "
-                f"trials that it was fitted to."
+                "trials that it was fitted to."
             )
         return (
             f"{missing} {before} over the noise are left on trials held out, "
