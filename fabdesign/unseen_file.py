@@ -24,6 +24,7 @@ from fabdesign.trial import MeasurementSet
 
 GRID = 21  # points a side, where there is no model whose factors belong to a grid
 HIGHEST = 300e3  # Pa, of poses and programs that the study does not name, where the muscles allow it
+FREE = "measured.free:"  # as an error says it
 _RIG = RigLimits(HIGHEST)
 
 
@@ -48,13 +49,15 @@ class Unsewn:
 
 @dataclass(frozen=True, eq=False)
 class UnseenStudy:
-    """trials: of each design that is left out, how many are evaluated at most. samples: models drawn."""
+    """trials: of each design that is left out, how many are evaluated at most. free: effects that are fitted to the
+    others besides, as `calibrate --free` takes them. samples: models drawn."""
 
     name: str
     unsewn: Unsewn | None
     measured: MeasurementSet | None
     folder: Path | None = None  # of the measured set
     trials: int = 12
+    free: tuple[str, ...] = ()
     samples: int = 32
     seed: int = 1
     points_per_side: int = GRID
@@ -72,10 +75,10 @@ def read_unseen(path: Path | str) -> UnseenStudy:
     rig = read_rig_limits(root, path, pressure=HIGHEST)
     unsewn = _unsewn(root, path, rig) if "design" in root else None
     table = root.table("measured", None)
-    measured, folder, trials = None, None, 12
+    measured, folder, trials, free = None, None, 12, ()
     if table is not None:
         folder = path.parent / table.text("set")
-        measured, trials = read_set(folder), table.integer("trials", 12, least=1)
+        measured, trials, free = read_set(folder), table.integer("trials", 12, least=1), table.texts("free", ())
         if len(measured.designs) < 2:
             raise InputError(f"{table.where}: {folder} has one design; expected two or more, to leave each out in turn")
         table.finish()
@@ -88,6 +91,7 @@ def read_unseen(path: Path | str) -> UnseenStudy:
         measured=measured,
         folder=folder,
         trials=trials,
+        free=free,
         samples=root.integer("samples", 32, least=8, most=1000),
         seed=root.integer("seed", 1, least=0),
         points_per_side=root.integer(

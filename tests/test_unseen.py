@@ -12,7 +12,7 @@ from sheets import rolled_sheet
 from fabdesign.catalogue import build
 from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
-from fabdesign.forward import MUSCLE_TYPES, Case
+from fabdesign.forward import MUSCLE_TYPES, Case, Term
 from fabdesign.measurement_set import NewTrial, TrialData, write_set
 from fabdesign.model import Covariance, Model, Parameter
 from fabdesign.model_file import read_model, write_model
@@ -33,7 +33,8 @@ TIMES = np.array([0.1, 0.2, 0.3, 0.5, 0.9])
 
 
 class Arc:
-    """Curls to an arc by gain over bending, of the pressure's sum front less back; late by the damping."""
+    """Curls to an arc by gain over bending, of the pressure's sum front less back; late by the damping. A cloth with a
+    rest curvature hangs in another arc."""
 
     def __init__(self, n: int = 41) -> None:
         self.asked, self._n = 0, n
@@ -51,7 +52,8 @@ class Arc:
         f = dict.fromkeys(("muscle_gain", "axis_offset", "bending", "damping"), 1.0) | plain
         pull = sum((1 if m.side == "front" else -1) * case.program.pressure[-1][m.channel] for m in case.design.muscles)
         final = pull / 400e3 * f["muscle_gain"] * f["axis_offset"] / f["bending"]
-        turns = 0.05 + final * (1 - np.exp(-times / (0.25 * f["damping"])))
+        rest = sum(term.values.get("down", 0.0) for term in case.effects) * 0.1
+        turns = 0.05 + rest + final * (1 - np.exp(-times / (0.25 * f["damping"])))
         return np.stack([rolled_sheet(turn, n=self._n) for turn in turns]).astype(np.float32)
 
 
@@ -70,7 +72,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def write_measured(folder: Path, device: Arc | None = None) -> None:
+def write_measured(folder: Path, device: Arc | None = None, effects: tuple[Term, ...] = ()) -> None:
     """Two designs, three trials each, of a device, an Arc, that bends by a fifth more."""
     rng, trials = np.random.default_rng(0), []
     noise = SensorNoise(0.0006, 0.0, 0.05)
@@ -78,7 +80,7 @@ def write_measured(folder: Path, device: Arc | None = None) -> None:
     for name, design in designs.items():
         for order, kpa in enumerate((100, 200, 300)):
             pressure = np.full((len(TIMES), design.channels), kpa * 1e3)
-            case = Case(design, program_of(TIMES, pressure), {"bending": 1.2})
+            case = Case(design, program_of(TIMES, pressure), {"bending": 1.2}, effects=effects)
             motion = (device or Arc()).motions([case], [TIMES])[0]
             clouds = tuple(noise.draw(Surface.of_faces(frame), 200, rng) for frame in motion)
             data = TrialData(TIMES, pressure, clouds)
@@ -197,6 +199,35 @@ def test_each_design_is_left_out_in_turn_and_a_kill_loses_one(folder: Path) -> N
         assert {"mean", "max", "min", "std"} <= set(found["after"]["chamfer"])
     page = (folder / "out" / "report.html").read_text()
     assert page.count("data:image/png") == page.count("<svg") == 2
+
+
+def test_effects_are_fitted_to_the_others_and_carried_over(folder: Path, run: Run) -> None:
+    write_measured(folder, effects=(Term("rest_curvature", {"down": 6.0}),))
+    text = 'format = "fabdesign.study/1"\nkind = "unseen"\n[measured]\nset = "set"\nfree = ["rest_curvature.down"]\n'
+    (folder / "s.toml").write_text(text)
+    result = run_unseen(folder / "s.toml", folder / "out", forward=Arc(15))
+    assert set(result["left_out"]) == {"one", "two"}
+    for found in result["left_out"].values():
+        (effect,) = found["effects"]
+        curvature = effect["parameters"]["down"]
+        assert effect["name"] == "rest_curvature"
+        assert curvature["value"] == pytest.approx(6.0, rel=0.15)  # the prior holds the bending to the data sheet's
+        before, alone, after = (found[way]["surface_rms"]["mean"] for way in ("before", "without_effects", "after"))
+        assert after < 0.5 * alone and after < 0.5 * before  # no factor bends a cloth at rest
+        floor = found["after"]["surface_floor"]["mean"]
+        assert after == pytest.approx(floor, rel=0.1)
+    page, told = (folder / "out" / "report.html").read_text(), as_text(result)
+    assert "rest curvature.down" in page and page.count("without effects</td>") == 4
+    assert told.count("by factors alone") == 2
+
+
+def test_an_effect_that_does_not_exist_is_refused_before_anything_is_computed(folder: Path, run: Run) -> None:
+    write_measured(folder)
+    text = 'format = "fabdesign.study/1"\nkind = "unseen"\n[measured]\nset = "set"\nfree = ["rest_curvatur"]\n'
+    (folder / "s.toml").write_text(text)
+    one_line(run("study", folder / "s.toml", "-o", folder / "out"), "measured.free: rest_curvatur")
+    assert not (folder / "out").exists()
+    assert "did you mean rest_curvature?" in study_findings(folder / "s.toml").problems[0]
 
 
 class Toss(Arc):

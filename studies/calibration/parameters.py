@@ -148,6 +148,7 @@ def fit_vector(
     factors: dict[str, float] | None = None,
     terms: Iterable[Term] = (),
     scope: str | None = None,
+    where: str = "--free",
 ) -> FitVector:
     """The declared parameters less those `fixed`, and what `free` adds: EFFECT (all of its parameters),
     EFFECT.PARAMETER, EFFECT:PARAMETER=VALUE (one that is chosen, not fitted), muscle_types.NAME.PARAMETER, or "all":
@@ -167,22 +168,22 @@ def fit_vector(
     acting = {term.name: term for term in terms}
     for item in (name for asked in free for name in (_every_strength() if asked == "all" else [asked])):
         if item.startswith(MUSCLE_TYPES):
-            parameters.append(_of_muscles(item))
+            parameters.append(_of_muscles(item, where))
             continue
         name, _, given = item.partition(":")
         name, _, only = name.partition(".")
-        effect = effect_named(name, f"--free {item}")
+        effect = effect_named(name, f"{where} {item}")
         term = acting.get(name) or Term(name, {}, scope if effect.scope == "muscle type" else None)
         if given:
             key, _, value = given.partition("=")
             try:
                 number = float(value)
             except ValueError:
-                raise InputError(f"--free {item}: expected {name}:PARAMETER=NUMBER") from None
-            check_values(effect, {key: number}, f"--free {item}")
+                raise InputError(f"{where} {item}: expected {name}:PARAMETER=NUMBER") from None
+            check_values(effect, {key: number}, f"{where} {item}")
             term = replace(term, values={**term.values, key: number})
         acting[name] = term
-        parameters += _of_effect(effect, only, item, term, {p.name for p in parameters})
+        parameters += _of_effect(effect, only, item, term, {p.name for p in parameters}, where)
     return FitVector(tuple(parameters), tuple(held.items()), tuple(acting.values()))
 
 
@@ -192,16 +193,16 @@ def _every_strength() -> list[str]:
     return [f"{effect.name}.{name}" for effect in fitted for name in effect.strengths]
 
 
-def _of_muscles(item: str) -> FitParameter:
+def _of_muscles(item: str, where: str) -> FitParameter:
     name = item.rpartition(".")[2]
     if name not in OF_MUSCLES:
-        raise InputError(f"--free {item}: expected {MUSCLE_TYPES}NAME.{' or '.join(OF_MUSCLES)}")
+        raise InputError(f"{where} {item}: expected {MUSCLE_TYPES}NAME.{' or '.join(OF_MUSCLES)}")
     return FitParameter(item, PRIOR[name])
 
 
-def _of_effect(effect: Effect, only: str, item: str, term: Term, known: set[str]) -> list[FitParameter]:
+def _of_effect(effect: Effect, only: str, item: str, term: Term, known: set[str], where: str) -> list[FitParameter]:
     if only and only not in effect.parameters:
-        check_values(effect, {only: 0.0}, f"--free {item}")  # raises
+        check_values(effect, {only: 0.0}, f"{where} {item}")  # raises
     found = []
     for key, parameter in effect.parameters.items():
         name = f"{effect.name}.{key}"

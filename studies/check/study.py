@@ -7,7 +7,8 @@ from fabdesign.layouts_file import read_layouts
 from fabdesign.loop_file import read_loop
 from fabdesign.sensitivity_file import read_sensitivity
 from fabdesign.study_file import read_kind, read_study
-from fabdesign.unseen_file import read_unseen
+from fabdesign.unseen_file import FREE, read_unseen
+from studies.calibration.parameters import fit_vector
 from studies.check.design import design_findings, spacing
 from studies.check.findings import Findings, failures
 from studies.layouts.target import load_target
@@ -22,8 +23,9 @@ def study_findings(path: Path) -> Findings:
         targets = [sweep.target] if sweep.target else []
         return found + failures(partial(load_target, target, sweep.design, seed=sweep.seed) for target in targets)
     if kind == "unseen":
-        unsewn = read_unseen(path).unsewn
-        return design_findings(unsewn.design, f"{path}: design") if unsewn else Findings()
+        unseen = read_unseen(path)
+        found = failures([partial(fit_vector, unseen.free, where=f"{path}: {FREE}")])
+        return found + design_findings(unseen.unsewn.design, f"{path}: design") if unseen.unsewn else found
     if kind == "loop":
         from studies.loop.run import open_study  # here: its report needs what a page is drawn with
 

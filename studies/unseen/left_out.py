@@ -14,6 +14,8 @@ from fabdesign.output import whole_file
 from fabdesign.trial import MeasurementSet, Trial
 from studies.calibration.calibrate import calibrate
 from studies.calibration.clouds import evenly
+from studies.calibration.fitted_model import muscle_scope
+from studies.calibration.parameters import fit_vector
 from studies.evaluate import Evaluation, evaluate_sets
 from studies.forward_model import forward_model
 
@@ -25,16 +27,18 @@ def left_out(
     *,
     coarse: ForwardModel,
     trials: int,
+    free: Sequence[str] = (),
     points_per_side: int,
     seed: int,
     picture: Path,
     progress: Callable[[str], None],
 ) -> dict[str, Any]:
     """Errors of the data sheet and of what the other designs' trials of role `fit` gave, on at most `trials` trials of
-    the design `name`; an overlay of one of them goes to `picture` (PNG). coarse: as `calibrate` and `evaluate` take it;
-    stretches that hang on a coin's toss are neither fitted nor judged. What `evaluate` says of a design and of these
-    stretches, the model's factors, and how many trials were fitted. Raises InputError where nothing is left to fit or
-    to judge."""
+    the design `name`; an overlay of one of them goes to `picture` (PNG). free: effects fitted besides
+    (`calibration.parameters.fit_vector`); the errors without them, of factors fitted alone, are then said too. coarse:
+    as `calibrate` and `evaluate` take it; stretches that hang on a coin's toss are neither fitted nor judged. What
+    `evaluate` says of a design and of these stretches, the model's factors and effects, and how many trials were
+    fitted. Raises InputError where nothing is left to fit or to judge."""
     others = tuple(trial for trial in measured.trials if trial.design_name != name and trial.role == "fit")
     own = [trial for trial in measured.trials if trial.design_name == name]
     if not others or not own:
@@ -44,26 +48,35 @@ def left_out(
         replace(measured, trials=others),
         forward,
         coarse=coarse,
+        vector=fit_vector(free, scope=muscle_scope([measured.designs[trial.design_name] for trial in others])),
         points_per_side=points_per_side,
         seed=seed,
         progress=lambda line, share: progress(f"without {name}: {line}"),
     )
-    evaluation = evaluate_sets(
-        found.model,
-        [replace(measured, trials=judged)],
-        forward,
-        coarse=coarse,
-        seed=seed,
-        progress=lambda done, total: progress(f"without {name}: judged {done} of {total} trials"),
-    )
-    _overlay(*_shown(judged, measured, evaluation), found.model, forward, picture)
-    factors = {k: {"factor": p.factor, "interval90": p.interval90} for k, p in found.model.parameters.items()}
+    model = replace(found.model, without_effects={})  # before is the data sheet
+
+    def judge(model: Model, what: str) -> Evaluation:
+        return evaluate_sets(
+            model,
+            [replace(measured, trials=judged)],
+            forward,
+            coarse=coarse,
+            seed=seed,
+            progress=lambda done, total: progress(f"without {name}{what}: judged {done} of {total} trials"),
+        )
+
+    evaluation = judge(model, "")
+    _overlay(*_shown(judged, measured, evaluation), model, forward, picture)
     said = evaluation.as_json()["designs"][name] | evaluation.judged.as_json()
+    if model.effects:
+        said["without_effects"] = judge(found.model.before, ", factors alone").as_json()["designs"][name]["after"]
+    told = found.as_json()
     return said | {
-        "factors": factors,
+        "factors": {k: {key: p[key] for key in ("factor", "interval90")} for k, p in told["parameters"].items()},
+        "effects": told["effects"],
         "fitted": len(found.model.provenance.fitted),
-        "fit_unjudged": found.judged.as_json()["unjudged"],
-        "doubts": list(found.doubts),
+        "fit_unjudged": told["unjudged"],
+        "doubts": told["doubts"],
     }
 
 

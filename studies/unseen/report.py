@@ -29,6 +29,7 @@ def write_report(result: dict[str, Any], out: Path, *, pictures: Path) -> None:
         result=result,
         left=left,
         not_begun=[name for name, found in left_out.items() if not found],
+        effects={name: _effect_rows(found["effects"]) for name, found in left.items()},
         notes=_notes(result),
         bands=[Markup(_band_svg(pose)) for pose in result.get("poses") or []],
         histograms={name: Markup(_histogram_svg(found)) for name, found in left.items()},
@@ -36,6 +37,20 @@ def write_report(result: dict[str, Any], out: Path, *, pictures: Path) -> None:
         version=__version__,
     )
     write_text(out / "report.html", page)
+
+
+def _effect_rows(effects: list[dict[str, Any]]) -> list[tuple[str, str, str, str]]:
+    """Name, value, interval, unit of every parameter."""
+    return [
+        (
+            f"{effect['name']}.{name}".replace("_", " "),
+            f"{p['value']:.4g}",
+            "held" if p["interval90"] is None else "{:.4g} to {:.4g}".format(*p["interval90"]),
+            p["unit"],
+        )
+        for effect in effects
+        for name, p in effect["parameters"].items()
+    ]
 
 
 def _notes(result: dict[str, Any]) -> list[str]:
@@ -126,5 +141,7 @@ def as_text(result: dict[str, Any]) -> str:
             continue
         before, after = left["before"]["surface_rms"]["mean"], left["after"]["surface_rms"]["mean"]
         floor = left["after"]["surface_floor"]["mean"]
-        lines.append(f"{name} left out: surface RMS {before:.2f} -> {after:.2f} mm, floor {floor:.2f}")
+        alone = left.get("without_effects")
+        between = f"{alone['surface_rms']['mean']:.2f} by factors alone, " if alone else ""
+        lines.append(f"{name} left out: surface RMS {before:.2f} -> {between}{after:.2f} mm, floor {floor:.2f}")
     return "\n".join(lines)

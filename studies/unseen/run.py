@@ -10,7 +10,8 @@ import numpy as np
 from fabdesign import SIMULATOR
 from fabdesign.forward import ForwardModel
 from fabdesign.output import WorkFolder, work_folder
-from fabdesign.unseen_file import UnseenStudy, Unsewn, read_unseen
+from fabdesign.unseen_file import FREE, UnseenStudy, Unsewn, read_unseen
+from studies.calibration.parameters import fit_vector
 from studies.forward_model import forward_model
 from studies.judged_search import GRID
 from studies.layouts.content import flat, shortened
@@ -43,6 +44,7 @@ def run_unseen(
     study = study if isinstance(study, UnseenStudy) else read_unseen(study)
     study = study if seconds is None else replace(study, seconds=seconds)
     inputs += [study.folder] if study.folder else []
+    fit_vector(study.free, where=FREE)  # before anything is computed: it raises
     with work_folder(out, made_by="unseen", force=force, inputs=inputs) as work:
         pieces = Pieces(work, _content(study), study.seconds)
         if forward is None:
@@ -54,6 +56,7 @@ def run_unseen(
         if study.unsewn is not None:
             result |= _unsewn(study, study.unsewn, forward, pieces, progress)
         if study.measured is not None:
+            result["free"] = list(study.free)
             result["left_out"] = _left_out(study, work, forward, coarse or forward, pieces, progress)
         result["wall_s"] = pieces.spent
         with work.adding() as files:
@@ -122,6 +125,7 @@ def _left_out(
                 forward,
                 coarse=coarse,
                 trials=study.trials,
+                free=study.free,
                 points_per_side=study.points_per_side,
                 seed=study.seed,
                 picture=work.folder / picture,
