@@ -17,13 +17,15 @@ from fabdesign.forward import Case
 from fabdesign.loop_file import StopRule, read_loop
 from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
 from fabdesign.model import Model
+from fabdesign.model_file import read_model
+from fabdesign.output import work_folder
 from fabdesign.pressure import PressureProgram, rising_program
 from fabdesign.pressure_file import constant_program, read_pressures
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.surface import Surface
 from fabdesign.trial import MeasurementSet
 from studies.check.study import study_findings
-from studies.loop.learning import _traced
+from studies.loop.learning import _traced, learn
 from studies.loop.programs import Asked, programs_for, within_rate
 from studies.loop.resting_shape import resting_faces
 from studies.loop.run import run_loop
@@ -60,6 +62,11 @@ LABORATORY = STUDY.replace(
 )
 
 
+CURL = 1.5  # 1/m, of a cloth that no declared parameter bends at rest
+TRAINED = STUDY.replace("trace = false\n", 'trace = false\ntrain = "field"\ntrain_trials = 3\n')
+TRAINED = TRAINED.replace("number = 3", "number = 6")
+
+
 class Weak(AnalyticCloth):
     """Muscles pull by their gain."""
 
@@ -69,17 +76,23 @@ class Weak(AnalyticCloth):
         return super()._shape(replace(case, program=program), share)
 
 
-def on_device(asked: Asked, out: Path) -> MeasurementSet:
-    """What a device with weak muscles shows."""
+def on_device(asked: Asked, out: Path, *, curl: float = 0.0) -> MeasurementSet:
+    """What a device with weak muscles shows. curl: 1/m, of its cloth, down its length, at any pressure."""
     trials, rng = [], np.random.default_rng(7)
     for order, program in enumerate(asked.programs):
         times = np.arange(1, round(10 * program.duration) + 1) / 10
         case = Case(asked.design, program, {"muscle_gain": GAIN})
-        shapes = Weak().motions([case], [times])[0]
+        shapes = curled(Weak().motions([case], [times])[0], curl)
         clouds = tuple(NOISE.draw(Surface.of_faces(shape), 300, rng) for shape in shapes)
         trials.append(NewTrial(f"t{order}", "d", order, "fit", TrialData(times, program.at(times - 1e-6), clouds)))
     write_set(out, {"d": asked.design}, trials, name="device", description="synthetic")
     return read_set(out)
+
+
+def curled(shapes: NDArray[np.float32], curl: float) -> NDArray[np.float32]:
+    """(..., points, 3) m, to first order."""
+    forwards = 0.5 * curl * shapes[..., 1:2] ** 2
+    return shapes + np.concatenate([np.zeros_like(shapes[..., :2]), forwards], axis=-1)
 
 
 @pytest.fixture
@@ -147,6 +160,38 @@ def test_a_turn_brings_the_device_nearer_also_when_it_is_killed_on_the_way(
     (place / "key.toml").write_text('format = "fabdesign.key/1"\nseed = 2\n')
     with pytest.raises(InputError, match="holds another study"):
         run_loop(place / "study.toml", place / "out", simulators=simulators)
+
+
+def test_a_network_learns_what_remains_and_the_next_design_is_chosen_with_it(
+    place: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shape = Weak().equilibria([Case(build("cross"), constant_program(HIDDEN), {"muscle_gain": GAIN})])[0]
+    surface = Surface.of_faces(curled(shape, CURL))
+    np.savetxt(place / "target.xyz", NOISE.draw(surface, 1500, np.random.default_rng(3)))
+    monkeypatch.setattr("studies.loop.sources._on_rig", lambda source, asked, out, _: on_device(asked, out, curl=CURL))
+    (place / "study.toml").write_text(TRAINED)
+    outcome = run_loop(place / "study.toml", place / "out", simulators=simulators)
+    learned = outcome.turns[0].learned
+    assert learned is not None and learned["corrector"]
+    model = read_model(place / "out" / "turn_0" / "model.toml")
+    assert model.corrector is not None and model.corrector.is_file()
+    assert learned["held_out"]["after"] < 0.5 * learned["held_out"]["before"]
+    first, second = (turn.device for turn in outcome.turns if turn.device)
+    assert second["from_believed"] < 0.5 * first["from_believed"]
+    assert second["excess"] < 0.7 * first["excess"]
+    assert "network field learned from" in (place / "out" / "report.html").read_text()
+
+
+def test_a_network_that_is_of_no_use_on_trials_kept_back_is_not_used(place: Path) -> None:
+    (place / "study.toml").write_text(TRAINED)
+    design = build("cross")
+    programs = tuple(rising_program(np.array(p) * 1e3, 0.5, 1.0) for p in ((100, 300), (300, 100), (250, 250)))
+    measured = on_device(Asked(design, programs, 1, 1), place / "set")  # gain alone, which calibration finds
+    with work_folder(place / "work", made_by="loop") as work:
+        learned = learn(read_loop(place / "study.toml"), [measured], Model(), work, "turn_0", simulators, say=print)
+        assert not learned.corrector and learned.said[-1].endswith("it is not used")
+        assert read_model(place / "work" / "turn_0" / "model.toml").corrector is None
+        assert not list((place / "work" / "turn_0").glob("*.safetensors"))
 
 
 def test_a_trace_that_other_code_began_is_begun_anew(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:

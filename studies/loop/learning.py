@@ -1,5 +1,6 @@
 """What a turn's measurements teach: an effect traced, all parameters refitted with it, a network for what remains."""
 
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -88,8 +89,8 @@ def learn(
         if fit < study.learning.train_trials:
             said.append(f"no network: {fit} trials to learn from; expected {study.learning.train_trials}")
         else:
-            said.append(_trained(study, measured, model, work, name, simulators, say))
-            trained = True
+            line, trained = _trained(study, measured, model, work, name, simulators, say)
+            said.append(line)
     say("judging the model on the trials held out")
     held_out = _held_out(study, sets, model_of(work, name), simulators)
     return Learned(
@@ -181,8 +182,9 @@ def _trained(
     name: str,
     simulators: Simulators,
     say: Say,
-) -> str:
-    """Put the model with a network in the place of the one without; what it is worth, in a line."""
+) -> tuple[str, bool]:
+    """What a network is worth, in a line, and whether it is used: the model with it takes the place of the one without
+    where it brings the trials kept back nearer, of every design."""
     from studies.training.train import train
 
     assert study.learning.train is not None
@@ -190,20 +192,33 @@ def _trained(
         import corrector.paper_training  # noqa: F401 loads PyTorch
     with work.adding() as files:
         (files / name).mkdir()
-        result = train(
-            [measured],
-            simulators(study.points_per_side),
-            files / name / MODEL,
-            goes_to=work.folder / name / MODEL,
-            base=base,
-            network=study.learning.train,
-            seed=study.search.seed,
-            force=True,
-            progress=lambda what, done, total: say(f"training: {what} {done} of {total}"),
-        )
-    shares = [of.closed.value for of in result.held_out.values() if of.closed.value is not None]
-    worth = "" if not shares else f", closes {min(shares):.0%} of what was left on trials kept back"
-    return f"network {study.learning.train} learned from {result.learned_from} trials{worth}"
+        try:
+            result = train(
+                [measured],
+                simulators(study.points_per_side),
+                files / name / MODEL,
+                goes_to=work.folder / name / MODEL,
+                base=base,
+                network=study.learning.train,
+                seed=study.search.seed,
+                force=True,
+                coarse=simulators(min(study.points_per_side, GRID)),
+                progress=lambda what, done, total: say(f"training: {what} {done} of {total}"),
+            )
+        except InputError as error:  # trials that nothing can be learned from
+            shutil.rmtree(files / name)
+            return f"no network: {error}", False
+        shares = [of.closed.value for of in result.held_out.values() if of.closed.value is not None]
+        used = bool(shares) and min(shares) > 0
+        if not used:
+            shutil.rmtree(files / name)
+    learned = f"network {study.learning.train} learned from {result.learned_from} trials"
+    worth = (
+        f"closes {min(shares):.0%} of what was left on trials kept back"
+        if shares
+        else "nothing was left to close on trials kept back"
+    )
+    return f"{learned}, {worth}{'' if used else '; it is not used'}", used
 
 
 def _held_out(
