@@ -26,10 +26,11 @@ from fabdesign.splits import fit_trials
 from fabdesign.surface import Surface
 from fabdesign.trial_file import program_of
 from studies.tracing.data import draw, folds_of
+from studies.tracing.descent import bounded_step, descend
 from studies.tracing.dictionary import Dictionary, Variant, entries_of
 from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
-from studies.tracing.fit import Bench, bounded_step, descend
+from studies.tracing.fit import Bench
 from studies.tracing.full_fit import Ranked, Task
 from studies.tracing.grid import COARSE, FINE, Grid, change, error_of, on_grid
 from studies.tracing.ranking import (

@@ -57,28 +57,48 @@ def finalists_of(task: Task, at: Ranked, tolerance: float, tried: Tried) -> list
 
     astray = not worth or bool(np.abs(state.x[:FACTORS]).max() >= FAR)
     if tried.second_look is None and astray and excess > tolerance and not closing(finalists):
-        looked = tuple(beyond_first_order(task, at))
-        tried = replace(tried, second_look=looked)
-        if looked:
-            plain = without(task, at, min(looked, key=lambda f: f.held_out).state, "without")
-            if loss(task.bench, state) - loss(task.bench, plain) > little(task.bench):
-                return Better(plain, tried)
+        looked = _looked_again(task, at, tried)
+        if isinstance(looked, Better):
+            return looked
+        tried = looked
     there = {f.effects for f in finalists}
-    looked = tuple(finalist_of(task, at, f.state) for f in tried.second_look or () if f.effects not in there)
-    finalists += closing(looked)
+    second = tuple(finalist_of(task, at, f.state) for f in tried.second_look or () if f.effects not in there)
+    finalists += closing(second)
     left = min([excess, *(in_sample_excess(task, f.state) for f in finalists)])
     if left > GROSS * tolerance:
-        enough = min(max(LEFT * left, GROSS * tolerance), (1 - CLOSES) * left)
-        if tried.together is None:
-            found, plain = all_at_once(task, at, float(np.hypot(enough, task.floor)))
-            tried = replace(tried, together=found)
-            if loss(task.bench, state) - loss(task.bench, plain) > little(task.bench):
-                return Better(plain, tried)
-        together = tried.together
-        if together is not None and together.vector.added and in_sample_excess(task, together) < enough:
-            return [finalist_of(task, at, together, together=True)]
+        together = _together(task, at, tried, left, tolerance)
+        if together is not None:
+            return together if isinstance(together, Better) else [together]
     there = {f.effects for f in finalists}
     return finalists + [in_full(task, at, c, k) for k, c in rest if (c.effect,) not in there]
+
+
+def _looked_again(task: Task, at: Ranked, tried: Tried) -> Tried | Better:
+    """With the second look; a better state of the round's own model, where what it found leads to one."""
+    looked = tuple(beyond_first_order(task, at))
+    tried = replace(tried, second_look=looked)
+    if looked:
+        plain = without(task, at, min(looked, key=lambda f: f.held_out).state, "without")
+        if _gains(task, at.state, plain):
+            return Better(plain, tried)
+    return tried
+
+
+def _together(task: Task, at: Ranked, tried: Tried, left: float, tolerance: float) -> Finalist | Better | None:
+    """All effects at once, where they leave little of what single ones `left` [m]; a better state likewise."""
+    enough = min(max(LEFT * left, GROSS * tolerance), (1 - CLOSES) * left)
+    found = tried.together
+    if found is None:
+        found, plain = all_at_once(task, at, float(np.hypot(enough, task.floor)))
+        if _gains(task, at.state, plain):
+            return Better(plain, replace(tried, together=found))
+    if found is None or not found.vector.added or in_sample_excess(task, found) >= enough:
+        return None
+    return finalist_of(task, at, found, together=True)
+
+
+def _gains(task: Task, state: State, other: State) -> bool:
+    return loss(task.bench, state) - loss(task.bench, other) > little(task.bench)
 
 
 def in_sample_excess(task: Task, state: State) -> float:

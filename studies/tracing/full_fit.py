@@ -6,8 +6,9 @@ from functools import partial
 
 import numpy as np
 
+from studies.tracing.descent import descend
 from studies.tracing.dictionary import added_of, starts_of
-from studies.tracing.fit import Bench, State, descend, expected, loss, widened
+from studies.tracing.fit import Bench, State, expected, loss, widened
 from studies.tracing.ranking import (
     Candidate,
     Grams,

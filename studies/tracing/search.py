@@ -9,9 +9,10 @@ import numpy as np
 from fabdesign.forward import ForwardModel
 from studies.tracing.black_box import ceiling_squares
 from studies.tracing.data import folds_of
+from studies.tracing.descent import descend
 from studies.tracing.dictionary import Dictionary, dictionary, entries_of
 from studies.tracing.finalists import WORTH, Better, Tried, finalists_of
-from studies.tracing.fit import Bench, State, descend
+from studies.tracing.fit import Bench, State
 from studies.tracing.full_fit import Finalist, Ranked, Say, Task, fitted
 from studies.tracing.grid import Grid, on_grid
 from studies.tracing.ranking import (

@@ -4,8 +4,9 @@ from functools import partial
 
 import numpy as np
 
+from studies.tracing.descent import descend
 from studies.tracing.dictionary import starts_of
-from studies.tracing.fit import State, descend, loss
+from studies.tracing.fit import State, loss
 from studies.tracing.full_fit import (
     SHORT,
     STARTS,

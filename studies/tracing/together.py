@@ -15,7 +15,8 @@ import numpy as np
 from fabdesign.effects import EFFECTS, Effect
 from studies.calibration.clouds import evenly
 from studies.calibration.parameters import START
-from studies.tracing.fit import Bench, State, descend, loss, normal
+from studies.tracing.descent import descend
+from studies.tracing.fit import Bench, State, loss, normal
 from studies.tracing.full_fit import Ranked, Task, fitted, told, without
 from studies.tracing.ranking import cross_validate, excess_of, gain_interval, grams_of, without_parameters
 from studies.tracing.vector import FACTORS, Added, Array, Vector, place_of, scope_of
