@@ -35,11 +35,11 @@ class PaperTraining:
 
     @staticmethod
     def here(seed: int) -> "PaperTraining":
-        """Full size where there is a GPU; else one that takes two cores a quarter of an hour."""
+        """Full size where there is a GPU; else one for two cores, which rig_a takes within an hour."""
         if torch.cuda.is_available():
             return PaperTraining(seed=seed)
         return PaperTraining(
-            points=512, targets=256, code=128, every=6, epochs=(40, 60), rates=(1e-3, 1e-3), batch=16, seed=seed
+            points=512, targets=256, code=128, every=6, epochs=(100, 100), rates=(1e-3, 1e-3), batch=16, seed=seed
         )
 
 
