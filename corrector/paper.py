@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 from torch import Tensor, nn
 
 from corrector.designs import described, distance
@@ -78,13 +79,18 @@ def drawn(points: Floats, count: int, rng: np.random.Generator) -> Floats:
 
 def chamfer_squared(one: Tensor, other: Tensor) -> Tensor:
     """Mean over the batch of both mean squared nearest distances, summed, in the square of the points' unit."""
-    with torch.no_grad():  # a gradient through all pairs costs four times as much, and is zero but for the nearest
-        apart = torch.cdist(one, other)
-        nearest = apart.argmin(dim=2), apart.argmin(dim=1)
     there, back = (
-        (a - _taken(b, k)).square().sum(dim=2) for a, b, k in ((one, other, nearest[0]), (other, one, nearest[1]))
+        (a - _taken(b, _nearest(a.detach(), b.detach()))).square().sum(dim=2) for a, b in ((one, other), (other, one))
     )
     return (there.mean(dim=1) + back.mean(dim=1)).mean()
+
+
+def _nearest(points: Tensor, others: Tensor) -> Tensor:
+    """(B, n): of each point (B, n, 3) the nearest of the others. The gradient of the distance needs no other pair."""
+    if points.device.type == "cuda":
+        return torch.cdist(points, others).argmin(dim=2)
+    trees = [cKDTree(cloud) for cloud in others.numpy()]
+    return torch.from_numpy(np.stack([tree.query(cloud)[1] for tree, cloud in zip(trees, points.numpy(), strict=True)]))
 
 
 def _taken(points: Tensor, index: Tensor) -> Tensor:

@@ -39,7 +39,7 @@ class PaperTraining:
         if torch.cuda.is_available():
             return PaperTraining(seed=seed)
         return PaperTraining(
-            points=512, targets=256, code=128, every=6, epochs=(100, 100), rates=(1e-3, 1e-3), batch=16, seed=seed
+            points=512, targets=256, code=128, every=6, epochs=(60, 60), rates=(1e-3, 1e-3), batch=16, seed=seed
         )
 
 
