@@ -1,17 +1,14 @@
 """Tracing on a bench: a quasi-static law, and what its left-out records show beside it."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from fabdesign import __version__
 from fabdesign.bench import Bench, BenchRecord
 from fabdesign.bench_file import read_bench
-from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.model import EffectTerm, Model, Provenance, Quantity
 from fabdesign.model_file import write_model
@@ -22,12 +19,14 @@ from studies.benches.needs import require_columns
 from studies.benches.strip import StripLaw
 from studies.calibration.clouds import Indices, evenly
 from studies.tracing.bench_candidates import Shape, Signals, shapes_of, signals_of
+from studies.tracing.bench_outcome import BenchOutcome, Curve
+from studies.tracing.bench_report import render_bench
 from studies.tracing.black_box import WIDTHS, kernel_of, left_out, standardised
 from studies.tracing.dictionary import Dictionary, Variant
 from studies.tracing.ranking import Grams, Ranking, Scored, covariance, excess_of, gain_interval, rank
 from studies.tracing.stages import sha256
 from studies.tracing.vector import Array
-from studies.tracing.verdict import Evidence, Word, decide, explains
+from studies.tracing.verdict import Evidence, decide, explains
 
 TOLERANCE = 0.02  # of the largest output
 LEAST = 3  # records of role fit
@@ -35,71 +34,6 @@ _ROWS = 400  # of a record
 _BOX_ROWS = 40
 _FREE = 1e-4  # size of a variant whose prior says nothing
 _MOST, _WORTH = 3, 0.15
-_SITES = {"stress_relaxation": ("fabric", "fabric"), "muscle_viscosity": ("muscle", "muscle type"),
-          "stroke_softening": ("muscle", "rig")}  # fmt: skip
-Curve = tuple[str, Array, Array, Array, Array]  # a record: its name, the rows' place, measured, before, after
-
-
-@dataclass(frozen=True, eq=False)
-class BenchOutcome:
-    """Of a trace of a bench. Errors in the output's SI unit, RMS of records left out."""
-
-    bench: Bench
-    unit: str
-    verdict: Word
-    evidence: Evidence
-    tolerance: float
-    floor: float
-    first: Ranking
-    found: tuple[EffectTerm, ...]
-    shares: Mapping[str, float]
-    indistinguishable: tuple[str, ...]
-    fit: tuple[float, float]  # before, after
-    curves: tuple[Curve, ...]
-
-    def as_json(self) -> dict[str, Any]:
-        """`trace.json`."""
-        after = self.evidence.after if self.verdict == "effect" else self.evidence.before
-        rows = [{"name": "none", "held_out": self.first.none_held_out, "gain": 0.0, "interval90": [0.0, 0.0],
-                 "adequate": self.evidence.before <= self.tolerance}]  # fmt: skip
-        rows += [
-            {"name": c.effect, "held_out": c.held_out, "gain": c.gain, "interval90": list(c.interval90),
-             "adequate": max(self.evidence.before - c.gain, 0.0) <= self.tolerance}
-            for c in self.first.candidates
-        ]  # fmt: skip
-        return {
-            "format": "fabdesign.trace/1",
-            "verdict": self.verdict,
-            "effects": [_effect(e, self.shares.get(e.name)) for e in self.found] if self.verdict == "effect" else [],
-            "indistinguishable": list(self.indistinguishable) if self.verdict == "effect" else [],
-            "candidates": sorted(rows, key=lambda row: float(str(row["held_out"]))),
-            "error": {
-                "metric": "rms",
-                "unit": self.unit,
-                "noise_floor": self.floor,
-                "tolerance": self.tolerance,
-                "ceiling": float(np.hypot(self.evidence.box_before, self.floor)),
-                "before": {"fit": self.fit[0], "held_out": float(np.hypot(self.evidence.before, self.floor))},
-                "after": {"fit": self.fit[1], "held_out": float(np.hypot(after, self.floor))},
-            },
-            "residual": {"where": None, "when_s": None, "follows": None},
-            "unjudged": [],
-            "discovered": None,
-            "next_experiment": None,
-        }
-
-
-def _effect(effect: EffectTerm, explained: float | None) -> dict[str, Any]:
-    declared = EFFECTS.get(effect.name)
-    site, scope = (declared.site, declared.scope) if declared else _SITES[effect.name]
-    return {
-        "name": effect.name,
-        "site": site,
-        "scope": effect.scope or scope,
-        "parameters": {n: {"value": q.value, "unit": q.unit, "interval90": q.interval90 and list(q.interval90)}
-                       for n, q in effect.parameters.items()},
-        "explains": explained,
-    }  # fmt: skip
 
 
 def trace_bench(
@@ -107,8 +41,6 @@ def trace_bench(
 ) -> BenchOutcome:
     """Trace a bench's records of role `fit`, and write trace.json, model.toml and report.html. tolerance: share of the
     largest output. Raises InputError for an unsound bench and for fewer than three records."""
-    from studies.tracing.bench_report import render_bench
-
     with new_folder(out, made_by="trace", force=force, inputs=[path]) as files:
         outcome = examine(read_bench(path), tolerance, say)
         write_text(files / "trace.json", json.dumps(outcome.as_json(), indent=1) + "\n")

@@ -6,7 +6,7 @@ from typing import Any
 
 from plotly.offline import get_plotlyjs
 
-from studies.tracing.bench import BenchOutcome
+from studies.tracing.bench_outcome import BenchOutcome
 from studies.tracing.words import effect_in_words
 
 _PAGE = """<!doctype html>
