@@ -9,21 +9,20 @@ import numpy as np
 from fabdesign import __version__
 from fabdesign.bench import Bench, BenchRecord
 from fabdesign.bench_file import read_bench
+from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.model import EffectTerm, Model, Provenance, Quantity
 from fabdesign.model_file import write_model
 from fabdesign.output import new_folder, write_text
-from studies.benches.actuator import StaticCurve, hold_of
-from studies.benches.muscle import BenchMuscle
 from studies.benches.needs import require_columns
-from studies.benches.strip import StripLaw
 from studies.calibration.clouds import Indices, evenly
 from studies.tracing.bench_candidates import Shape, Signals, shapes_of, signals_of
+from studies.tracing.bench_law import law
 from studies.tracing.bench_outcome import BenchOutcome, Curve
 from studies.tracing.bench_report import render_bench
+from studies.tracing.bench_selection import Columns, coefficients_of, select
 from studies.tracing.black_box import WIDTHS, kernel_of, left_out, standardised
-from studies.tracing.dictionary import Dictionary, Variant
-from studies.tracing.ranking import Grams, Ranking, Scored, covariance, excess_of, gain_interval, rank
+from studies.tracing.ranking import Scored, excess_of, gain_interval
 from studies.tracing.stages import sha256
 from studies.tracing.vector import Array
 from studies.tracing.verdict import Evidence, decide, explains
@@ -32,8 +31,6 @@ TOLERANCE = 0.02  # of the largest output
 LEAST = 3  # records of role fit
 _ROWS = 400  # of a record
 _BOX_ROWS = 40
-_FREE = 1e-4  # size of a variant whose prior says nothing
-_MOST, _WORTH = 3, 0.15
 
 
 def trace_bench(
@@ -69,112 +66,41 @@ def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) 
     tables = [_table(shape, signals, rows) for shape in shapes]
     say(f"ranking {len({s.effect for s in shapes})} candidates on {len(records)} records")
     box = _box_squares(signals, rows, trial, residual)
-    added: list[int] = []
-    rankings: list[Ranking] = []
-    gains: dict[str, float] = {}
-    alike_last: tuple[str, ...] = ()
-    while True:
-        base = np.column_stack([np.zeros((len(trial), 0)), *(tables[k] for k in added)])
-        left = [k for k in range(len(shapes)) if shapes[k].effect not in {shapes[a].effect for a in added}]
-        grams, dictionary = _grams(base, [tables[k] for k in left], [shapes[k] for k in left], residual, trial)
-        ranking = rank(grams, dictionary, floor)
-        rankings.append(ranking)
-        worth = [c for c in ranking.candidates if ranking.certain(c) and c.gain > _WORTH * ranking.excess]
-        if rankings[0].excess <= limit or not worth or len(added) >= _MOST or ranking.excess <= limit:
-            break
-        best = worth[0]
-        assert best.best.variant is not None
-        rng = np.random.default_rng(0)
-        alike_last = tuple(c.effect for c in worth[1:] if gain_interval(grams, c.best, best.best, floor, rng)[0] <= 0)
-        gains[best.effect] = best.gain / max(rankings[0].excess, 1e-30)
-        added.append(left[dictionary.variants.index(best.best.variant)])
-    own = Scored(None, box, np.zeros(0))
+    columns = Columns(shapes, tables, residual, trial)
+    found = select(columns, floor, limit)
+    own, left = Scored(None, box, np.zeros(0)), found.last.excess
     evidence = Evidence(
-        rankings[0].excess, rankings[-1].excess, len(added), excess_of(grams, own, floor), rankings[-1].excess,
-        gain_interval(grams, rankings[0].none, own, floor, np.random.default_rng(0))[0] > 0,
+        found.first.excess, left, len(found.added), excess_of(found.grams, own, floor), left,
+        gain_interval(found.grams, found.first.none, own, floor, np.random.default_rng(0))[0] > 0,
     )  # fmt: skip
-    verdict = decide(evidence, limit)
-    coefficients, deviation = _coefficients(grams, base, residual)
-    effects = _effects([shapes[k] for k in added], signals, coefficients, deviation)
-    after = residual + base @ coefficients
+    coefficients, deviation = coefficients_of(found.base, residual, trial)
+    after = residual + found.base @ coefficients
     return BenchOutcome(
         bench=bench,
         unit="m" if output == "displacement" else "N",
-        verdict=verdict,
+        verdict=decide(evidence, limit),
         evidence=evidence,
         tolerance=limit,
         floor=floor,
-        first=rankings[0],
-        found=effects,
-        shares={} if explains(evidence) is None else gains,
-        indistinguishable=alike_last,
-        fit=(float(np.sqrt(np.mean(residual**2))), float(np.sqrt(np.mean((after if added else residual) ** 2)))),
+        first=found.first,
+        found=_effects(columns, found.added, coefficients, deviation),
+        shares={} if explains(evidence) is None else found.gains,
+        indistinguishable=found.alike,
+        refused=found.refused,
+        fit=(float(np.sqrt(np.mean(residual**2))), float(np.sqrt(np.mean(after**2)))),
         curves=_curves(records, bench, rows, measured, residual, after, trial),
     )
 
 
-def law(bench: Bench, others: Sequence[BenchRecord], record: BenchRecord) -> Array:
-    """(n,) what the quasi-static law, fitted to other records, says at the rows of one: without any memory."""
-    if bench.specimen == "muscle":
-        return BenchMuscle.fit(others, refits=0).predict(record)
-    if bench.specimen == "strip":
-        return StripLaw.fit(others).predict(record)
-    if bench.specimen == "cylinder":
-        force = np.concatenate([r.columns["force"] for r in others])
-        terms = np.concatenate([_cylinder(r) for r in others])
-        return np.asarray(_cylinder(record) @ np.linalg.lstsq(terms, force, rcond=None)[0])
-    hold = hold_of(record)
-    level = float(StaticCurve.fit(others).displacement(hold.pressure))
-    time = record.columns["time"]
-    return np.where((time >= hold.onset) & (time <= hold.release), level, 0.0)
+def _table(shape: Shape, signals: Sequence[Signals], rows: Sequence[Indices]) -> dict[str, Array]:
+    """(n,) of each of the shape's parameters."""
+    parts = [shape.columns(s) for s in signals]
+    return {name: np.concatenate([part[name][k] for part, k in zip(parts, rows, strict=True)]) for name in parts[0]}
 
 
-def _cylinder(record: BenchRecord) -> Array:
-    """Preload, spring, area times pressure, and its change over the stroke."""
-    x, p = record.columns["displacement"] / 0.01, record.columns["pressure"] / 1e5
-    return np.stack([np.ones_like(x), x, p, x * p], axis=1)
-
-
-def _table(shape: Shape, signals: Sequence[Signals], rows: Sequence[Indices]) -> Array:
-    return np.concatenate(
-        [np.column_stack([*shape.columns(s).values()])[k] for s, k in zip(signals, rows, strict=True)]
-    )
-
-
-def _grams(
-    base: Array, tables: Sequence[Array], shapes: Sequence[Shape], residual: Array, trial: Indices
-) -> tuple[Grams, Dictionary]:
-    scaled = [t / np.maximum(np.sqrt(np.mean(t**2, axis=0)), 1e-30) for t in tables]
-    size = np.sqrt(np.mean(base**2, axis=0)) if base.shape[1] else np.ones(0)
-    table = np.column_stack([base / np.maximum(size, 1e-30), *scaled, residual])
-    count = int(trial.max()) + 1
-    gram = np.stack([table[trial == k].T @ table[trial == k] for k in range(count)])
-    points = np.bincount(trial).astype(float)
-    index = np.arange(count)
-    q = base.shape[1]
-    grams = Grams(gram, index, index, points, np.full(q, 1e-12), np.zeros(q), 10.0 * count)
-    variants, first = [], 0
-    for shape, part in zip(shapes, scaled, strict=True):
-        variants.append(Variant(shape.effect, tuple(range(first, first + part.shape[1])), _FREE, shape.values))
-        first += part.shape[1]
-    return grams, Dictionary((), tuple(variants), np.zeros((0, first)))
-
-
-def _coefficients(grams: Grams, base: Array, residual: Array) -> tuple[Array, Array]:
-    """Of the columns added, and their standard deviations by leaving out records."""
-    if not base.shape[1]:
-        return np.zeros(0), np.zeros(0)
-    size = np.maximum(np.sqrt(np.mean(base**2, axis=0)), 1e-30)
-    fitted = np.linalg.lstsq(base, residual, rcond=None)[0]
-    return np.asarray(-fitted), np.asarray(np.sqrt(np.diag(covariance(grams))) / size)
-
-
-def _effects(
-    shapes: Sequence[Shape], signals: Sequence[Signals], coefficients: Array, deviation: Array
-) -> tuple[EffectTerm, ...]:
+def _effects(columns: Columns, added: Sequence[int], coefficients: Array, deviation: Array) -> tuple[EffectTerm, ...]:
     found, first = [], 0
-    for shape in shapes:
-        names = [*shape.columns(signals[0])]
+    for shape, names in ((columns.shapes[k], [*columns.tables[k]]) for k in added):
         quantities = {
             name: Quantity(float(c), shape.units[name], (float(c - 1.645 * s), float(c + 1.645 * s)))
             for name, c, s in zip(names, coefficients[first:], deviation[first:], strict=False)
@@ -231,13 +157,24 @@ def _curves(
 
 
 def _model(outcome: BenchOutcome) -> Model:
+    """With those of the effects that the simulator has, where its parameters mean the same."""
     bench = outcome.bench
     return Model(
-        effects=outcome.found if outcome.verdict == "effect" else (),
+        effects=tuple(e for e in outcome.found if _simulated(e)) if outcome.verdict == "effect" else (),
         provenance=Provenance(
             sets=(bench.name,),
             fitted=tuple(f"{bench.name}/{r.name}" for r in bench.records if r.role == "fit"),
             versions={"fabdesign": __version__},
             hashes={f"{bench.name}/bench.toml": sha256(bench.file)},
         ),
+    )
+
+
+def _simulated(effect: EffectTerm) -> bool:
+    declared = EFFECTS[effect.name].parameters if effect.name in EFFECTS else {}
+    return all(
+        name in declared
+        and declared[name].unit == q.unit
+        and declared[name].bounds[0] <= q.value <= declared[name].bounds[1]
+        for name, q in effect.parameters.items()
     )

@@ -9,7 +9,11 @@ from fabdesign.bench import BenchRecord, Specimen
 from studies.benches.cylinder import friction_state
 from studies.tracing.vector import Array
 
-PATHS = "displacement", "contraction", "stretch"  # columns that a force goes back and forth over
+PATHS = {
+    "displacement": 1.0,
+    "contraction": -1.0,
+    "stretch": 1.0,
+}  # what a force goes back and forth over, and its sign
 PRESSURES = "pressure", "pressure_command", "pressure_amplitude"
 FAST = 0.02, 0.05, 0.1, 0.2, 0.4  # s
 SLOW = 0.7, 2.0, 6.0, 20.0  # s
@@ -17,8 +21,8 @@ SLOW = 0.7, 2.0, 6.0, 20.0  # s
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """Of one record: law (n,) what the quasi-static law says; path, pressure [kPa] and time, where it has them; number:
-    its place among the records."""
+    """Of one record: law (n,) what the quasi-static law says; path (rises as the specimen lengthens), pressure [kPa]
+    and time, where it has them; number: its place among the records."""
 
     law: Array
     path: Array | None
@@ -38,7 +42,7 @@ class Shape:
 
 
 def signals_of(record: BenchRecord, law: Array, number: int) -> Signals:
-    path = next((record.columns[name] for name in PATHS if name in record.columns), None)
+    path = next((sign * record.columns[name] for name, sign in PATHS.items() if name in record.columns), None)
     pressure = next((record.columns[name] / 1e3 for name in PRESSURES if name in record.columns), None)
     return Signals(law, path, pressure, record.columns.get("time"), number)
 
@@ -64,8 +68,8 @@ def shapes_of(specimen: Specimen, signals: list[Signals], unit: str) -> list[Sha
             found += [Shape("dead_time", {}, late, _delay)]
         else:
             found += [Shape("time_offset", {}, {"offset": "s"}, _offset)]
-        slow = "stress_relaxation" if specimen == "strip" else "muscle_creep"
-        found += [Shape(slow, {"time": t}, {"share": "1", "time": "s"}, _slow(t)) for t in SLOW]
+        slow, sign = ("stress_relaxation", -1.0) if specimen == "strip" else ("muscle_creep", 1.0)
+        found += [Shape(slow, {"time": t}, {"share": "1", "time": "s"}, _slow(t, sign)) for t in SLOW]
     if len(signals) > 2:
         found += [
             Shape("stroke_softening", {"trials": n}, {"loss": "1", "trials": "1"}, _softening(n)) for n in (1.0, 3.0)
@@ -85,11 +89,11 @@ def _friction(slip: float) -> Callable[[Signals], Mapping[str, Array]]:
 def _viscosity(s: Signals) -> Mapping[str, Array]:
     assert s.path is not None and s.time is not None
     rate = np.gradient(s.path, s.time)
-    return {"contracting": -np.maximum(rate, 0.0), "lengthening": -np.minimum(rate, 0.0)}
+    return {"contracting": np.minimum(rate, 0.0), "lengthening": np.maximum(rate, 0.0)}
 
 
-def _slow(time: float) -> Callable[[Signals], Mapping[str, Array]]:
-    """What a share of the law lacks that comes with a time constant."""
+def _slow(time: float, sign: float = 1.0) -> Callable[[Signals], Mapping[str, Array]]:
+    """What a share of the law lacks that comes with a time constant; less than nothing: has beyond it, and loses."""
 
     def columns(s: Signals) -> Mapping[str, Array]:
         assert s.time is not None
@@ -98,7 +102,7 @@ def _slow(time: float) -> Callable[[Signals], Mapping[str, Array]]:
         for k, value in enumerate(s.law):
             state = keep[k] * state + (1 - keep[k]) * value
             late[k] = state
-        return {"share": late - s.law}
+        return {"share": sign * (late - s.law)}
 
     return columns
 

@@ -32,6 +32,7 @@ class BenchOutcome:
     found: tuple[EffectTerm, ...]
     shares: Mapping[str, float]
     indistinguishable: tuple[str, ...]
+    refused: tuple[str, ...]  # candidates that would explain some, but only with a sign that they cannot have
     fit: tuple[float, float]  # before, after
     curves: tuple[Curve, ...]
 

@@ -32,7 +32,16 @@ def bench_in_words(outcome: BenchOutcome) -> str:
     if outcome.verdict == "adequate":
         return f"On records left out the quasi-static law leaves {before} over the noise; nothing is missing beyond it."
     if outcome.verdict == "unexplained":
-        return f"On records left out {before} over the noise remain that none of the known effects explains."
+        if not outcome.found:
+            return f"On records left out {before} over the noise remain that none of the known effects explains."
+        names, left = (
+            " and ".join(e.name.replace("_", " ") for e in outcome.found),
+            _shown(evidence.after, outcome.unit),
+        )
+        return (
+            f"On records left out {before} over the noise remain; {names} would take a part, and {left} are left that "
+            "none of the known effects explains."
+        )
     named = " and ".join(effect_in_words(e) for e in outcome.found)
     also = (
         f" These records cannot tell it from {', '.join(outcome.indistinguishable)}."
@@ -49,7 +58,8 @@ def as_text(outcome: BenchOutcome) -> str:
     lines = [f"{outcome.verdict}: {bench_in_words(outcome)}"]
     for c in outcome.first.candidates:
         gain, low, high = (_shown(v, outcome.unit) for v in (c.gain, *c.interval90))
-        lines.append(f"  {c.effect:<18} gains {gain} (90 % {low} to {high})")
+        sign = ", only with a sign that it cannot have" if c.effect in outcome.refused else ""
+        lines.append(f"  {c.effect:<18} gains {gain} (90 % {low} to {high}){sign}")
     lines.append(f"black box leaves {_shown(outcome.evidence.box_before, outcome.unit)}")
     return "\n".join(lines)
 
@@ -63,13 +73,14 @@ def render_bench(outcome: BenchOutcome) -> str:
     error = outcome.as_json()["error"]
     bars = {"noise": error["noise_floor"], "black box": error["ceiling"], "after": error["after"]["held_out"],
             "before": error["before"]["held_out"]}  # fmt: skip
+    names = [c.effect + (" (wrong sign)" if c.effect in outcome.refused else "") for c in outcome.first.candidates]
     figures: dict[str, Any] = {
         "bars": {
             "data": [{"type": "bar", "orientation": "h", "y": [*bars], "x": [*bars.values()]}],
             "layout": {"xaxis": {"title": f"RMS of records left out, {outcome.unit}"}},
         },
         "candidates": {
-            "data": [{"type": "scatter", "mode": "markers", "y": [c.effect for c in outcome.first.candidates],
+            "data": [{"type": "scatter", "mode": "markers", "y": names,
                       "x": [c.gain for c in outcome.first.candidates],
                       "error_x": {"type": "data", "symmetric": False,
                                   "array": [max(c.interval90[1] - c.gain, 0) for c in outcome.first.candidates],
