@@ -59,6 +59,7 @@ class Part:
     types: Mapping[str, MuscleType]
     fabric: Fabric | None  # where the part has keys of one; those in `keys` are the part's own, the others a stand-in
     keys: frozenset[str]
+    effects: tuple[Term, ...] = ()  # found on a bench, that a design which includes the part has
 
 
 # what stands in for the keys that a part leaves to the design: any sound values do
@@ -81,14 +82,14 @@ def read_part(path: Path | str) -> Part:
     path = Path(path)
     root = load_toml(path, FORMAT, partial=True)
     root.text("name", None)
-    fabrics, types, _ = _contents(root, path, ())
+    fabrics, types, effects = _contents(root, path, ())
     root.finish()
     if not fabrics:
-        return Part(types, None, frozenset())
+        return Part(types, None, frozenset(), tuple(effects))
     given = _merged(fabrics, {})
     keys = frozenset(given.names())
     values = _STAND_IN | {key: given.take(key) for key in given.names()}
-    return Part(types, _fabric(Table(values, given.where)), keys)
+    return Part(types, _fabric(Table(values, given.where)), keys, tuple(effects))
 
 
 def _contents(

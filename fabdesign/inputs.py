@@ -70,3 +70,8 @@ def _texts(path: Path) -> Iterator[str]:
                 yield f"{start}/design.toml"
         elif isinstance(value, list):
             left += value
+
+
+def is_bench(source: Path) -> bool:
+    """Whether it is a bench's folder, or its bench.toml."""
+    return source.name == "bench.toml" or (source / "bench.toml").is_file()

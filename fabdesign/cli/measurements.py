@@ -9,6 +9,7 @@ from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json
 from fabdesign.cli.models import effects_option, load_model
 from fabdesign.cli.progress import counted, described
 from fabdesign.errors import InputError
+from fabdesign.inputs import is_bench
 from fabdesign.model import POINTS_PER_SIDE, Model
 
 
@@ -107,7 +108,7 @@ def calibrate(
 
     Orders of trials that --fit names are those of each SET.
     """
-    benches = [source for source in sources if source.name == "bench.toml" or (source / "bench.toml").is_file()]
+    benches = [source for source in sources if is_bench(source)]
     if benches and len(sources) > 1:
         raise InputError(f"{benches[0]}: a bench; expected it alone, or measurement sets")
     if benches:

@@ -1,5 +1,6 @@
 """Motions of a design: simulate, predict what was measured, and say how far off that is."""
 
+import json
 import os
 from contextlib import ExitStack, nullcontext
 from pathlib import Path
@@ -23,6 +24,7 @@ from fabdesign.cli.console import (
 from fabdesign.cli.models import effects_option, load_model, require_model, without_option
 from fabdesign.cli.progress import counted
 from fabdesign.errors import InputError
+from fabdesign.inputs import is_bench
 
 
 @commands.command()
@@ -179,7 +181,7 @@ def predict(
 
 @commands.command()
 @click.argument("sets", nargs=-1, required=True, type=FILE)
-@click.option("--model", type=FILE, required=True, help="A model file.")
+@click.option("--model", type=FILE, required=True, help="A model file; of a bench what calibrate wrote.")
 @without_option
 @effects_option
 @click.option("--all", "all_trials", is_flag=True, help="Trials of role fit too, in a table of their own.")
@@ -199,7 +201,11 @@ def evaluate(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Say how far a model's motions are from the measured ones of SETS, before and after, in mm."""
+    """Say how far a model's motions are from the measured ones of SETS, before and after, in mm; or of one bench (a
+    folder with bench.toml) how far the law is that calibrate wrote."""
+    if any(is_bench(source) for source in sets):
+        _evaluate_bench(sets, model, all_trials, output, force, as_json)
+        return
     from fabdesign.measurement_set import read_set
     from fabdesign.output import new_folder
     from fabdesign.trial import Role
@@ -229,3 +235,19 @@ def evaluate(
             write_evaluation(evaluation, unfinished)
     text = "\n".join([tables_markdown(evaluation), *(f"skipped: {line}" for line in skipped)])
     print_result(evaluation.as_json() | {"skipped": skipped}, text, as_json)
+
+
+def _evaluate_bench(
+    sources: tuple[Path, ...], law: Path, all_records: bool, output: Path | None, force: bool, as_json: bool
+) -> None:
+    from fabdesign.output import new_folder, write_text
+    from studies.benches.evaluate import evaluate_bench
+
+    if len(sources) > 1:
+        raise InputError(f"{sources[0]}: a bench among {len(sources)} sources; expected a bench alone, or sets")
+    evaluation = evaluate_bench(sources[0], law, all_records=all_records)
+    if output is not None:
+        with new_folder(output, made_by="evaluate", force=force, inputs=[*sources, law]) as files:
+            write_text(files / "evaluation.json", json.dumps(evaluation.as_json(), indent=1) + "\n")
+            write_text(files / "evaluation.md", evaluation.as_markdown() + "\n")
+    print_result(evaluation.as_json(), evaluation.as_markdown(), as_json)

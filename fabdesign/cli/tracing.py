@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json_option, print_result
+from fabdesign.inputs import is_bench
 
 
 @commands.command()
@@ -31,7 +32,7 @@ def trace(
     as_json: bool,
 ) -> None:
     """Say which effect the model of a SET or a BENCH lacks, or that none is missing."""
-    if source.name == "bench.toml" or (source / "bench.toml").is_file():
+    if is_bench(source):
         _trace_bench(source, tolerance, output, force, as_json)
         return
     from fabdesign.measurement_set import read_set

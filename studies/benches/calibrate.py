@@ -28,7 +28,7 @@ from studies.benches.rows import rows_of
 from studies.benches.strip import StripLaw
 from studies.calibration.parameters import FitVector
 
-_LEAST_SHOWN = 0.001  # mm or N: what no gauge reads
+LEAST_SHOWN = 0.001  # mm or N: what no gauge reads
 
 Law = BenchMuscle | StripLaw | CylinderLaw | StaticCurve
 
@@ -133,7 +133,7 @@ def effects_in_words(calibration: BenchCalibration) -> list[str]:
 
 def _shown(error: float, unit: str) -> str:
     value, unit = (1e3 * error, "mm") if unit == "m" else (error, unit)
-    return f"{value:.3g} {unit} RMS" if value >= _LEAST_SHOWN else f"under {_LEAST_SHOWN} {unit} RMS"
+    return f"{value:.3g} {unit} RMS" if value >= LEAST_SHOWN else f"under {LEAST_SHOWN} {unit} RMS"
 
 
 def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:

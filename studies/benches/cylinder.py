@@ -53,11 +53,11 @@ class CylinderLaw:
         scores: dict[tuple[str, float], float] = {}
         for form, terms in FORMS.items():
             for presliding in PRESLIDINGS if "s" in terms else PRESLIDINGS[:1]:
-                tables = [_terms(record, terms, presliding) for record in records]
+                tables = [terms_of(record, terms, presliding) for record in records]
                 scores[form, presliding] = float(np.mean([_left_out(tables, records, i) for i in range(len(records))]))
         form, presliding = min(scores, key=lambda key: scores[key])
         terms = FORMS[form]
-        tables = [_terms(record, terms, presliding) for record in records]
+        tables = [terms_of(record, terms, presliding) for record in records]
         best = _solve(tables, records)
         alone = np.array([_solve(_without(tables, i), _without(records, i)) for i in range(len(records))])
         return CylinderLaw(
@@ -71,13 +71,13 @@ class CylinderLaw:
 
     def predict(self, record: BenchRecord) -> Array:
         """N at every row of a record, in its order."""
-        return _terms(record, self.terms, self.presliding) @ self.coefficients
+        return terms_of(record, self.terms, self.presliding) @ self.coefficients
 
 
 def area_alone(records: Sequence[BenchRecord], held_out: BenchRecord) -> Array:
     """N, what area times pressure alone predicts: the law to beat."""
-    tables = [_terms(record, FORMS["area"], 1.0) for record in records]
-    return _terms(held_out, FORMS["area"], 1.0) @ _solve(tables, records)
+    tables = [terms_of(record, FORMS["area"], 1.0) for record in records]
+    return terms_of(held_out, FORMS["area"], 1.0) @ _solve(tables, records)
 
 
 def friction_state(displacement: Array, presliding: float) -> Array:
@@ -93,7 +93,8 @@ def _state(record: BenchRecord, presliding: float) -> Array:
     return friction_state(record.columns["displacement"], presliding)
 
 
-def _terms(record: BenchRecord, terms: Sequence[str], presliding: float) -> Array:
+def terms_of(record: BenchRecord, terms: Sequence[str], presliding: float) -> Array:
+    """(rows, terms) that a law's coefficients [N] multiply."""
     x, p = record.columns["displacement"] / _STROKE, record.columns["pressure"] / _PRESSURE
     factors = {"1": np.ones(len(x)), "x": x, "p": p}
     if any("s" in term for term in terms):

@@ -1,0 +1,99 @@
+"""How far a law that was fitted to a bench is from its records."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fabdesign.bench import Bench, BenchRecord
+from fabdesign.bench_file import read_bench
+from fabdesign.errors import InputError
+from fabdesign.metrics import Statistics
+from studies.benches.actuator import hold_of
+from studies.benches.calibrate import LEAST_SHOWN
+from studies.benches.law_file import prediction
+from studies.benches.needs import require_columns
+from studies.benches.rows import FORCES
+
+METRIC = "rms"
+
+
+@dataclass(frozen=True)
+class RecordErrors:
+    """Root mean squares over a record's rows, in the output's SI unit; of an actuator the level held. before: without
+    what motion adds (friction, viscosity, effects)."""
+
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, eq=False)
+class BenchEvaluation:
+    """tests, others: by record, of role test and of role fit."""
+
+    bench: Bench
+    unit: str  # N or m
+    tests: Mapping[str, RecordErrors]
+    others: Mapping[str, RecordErrors]
+
+    def as_json(self) -> dict[str, Any]:
+        """What `evaluate BENCH --json` prints."""
+        result: dict[str, Any] = {"designs": {self.bench.name: self._table(self.tests)} if self.tests else {}}
+        if self.others:
+            result["others"] = {self.bench.name: self._table(self.others)}
+        return result | {"metric": METRIC, "unit": self.unit}
+
+    def _table(self, records: Mapping[str, RecordErrors]) -> dict[str, Any]:
+        return {
+            "before": {METRIC: asdict(_statistics([e.before for e in records.values()]))},
+            "after": {METRIC: asdict(_statistics([e.after for e in records.values()]))},
+            "source": self.bench.source or self.bench.description,
+            "records": {name: asdict(errors) for name, errors in records.items()},
+        }
+
+    def as_markdown(self) -> str:
+        """Tables for people, in N or mm."""
+        factor, unit = (1e3, "mm") if self.unit == "m" else (1.0, self.unit)
+
+        def shown(value: float) -> str:
+            return f"{factor * value:.3g}" if factor * value >= LEAST_SHOWN else "0"
+
+        head, lines = f"| record | before, {unit} | after, {unit} |", []
+        for title, records in (("test", self.tests), ("fit", self.others)):
+            if records:
+                lines += [f"## Records of role {title}", "", head, "|---|---|---|"]
+                lines += [f"| {name} | {shown(e.before)} | {shown(e.after)} |" for name, e in records.items()]
+                means = (_statistics([getattr(e, way) for e in records.values()]).mean for way in ("before", "after"))
+                lines += [f"| mean | {' | '.join(map(shown, means))} |", ""]
+        return "\n".join([*lines, f"{self.bench.name}: {self.bench.source or self.bench.description}"])
+
+
+def evaluate_bench(path: Path, law: Path, *, all_records: bool = False) -> BenchEvaluation:
+    """Errors on the records of role `test`, with `all_records` on those of role `fit` too, in a table of their own, of
+    the law in the file `law`, which `calibrate` wrote. Raises InputError, also where there is no such record."""
+    bench = read_bench(path)
+    require_columns(bench, bench.records)
+    predict = prediction(law, bench)
+
+    def errors(record: BenchRecord) -> RecordErrors:
+        measured = _measured(bench, record)
+        return RecordErrors(*(float(np.sqrt(np.mean((way - measured) ** 2))) for way in predict(record)))
+
+    tests = {record.name: errors(record) for record in bench.records if record.role == "test"}
+    others = {record.name: errors(record) for record in bench.records if record.role == "fit" and all_records}
+    if not tests and not others:
+        raise InputError(f"{bench.file}: no record of role test; expected one, or --all for those of role fit")
+    return BenchEvaluation(bench, "m" if bench.specimen == "actuator" else "N", tests, others)
+
+
+def _measured(bench: Bench, record: BenchRecord) -> np.ndarray:
+    if bench.specimen == "actuator":
+        return np.array([hold_of(record).level])
+    return record.columns[next(name for name in FORCES if name in record.columns)]
+
+
+def _statistics(values: list[float]) -> Statistics:
+    table = np.array(values)
+    return Statistics(float(table.mean()), float(table.max()), float(table.min()), float(table.std()))
