@@ -148,6 +148,23 @@ def test_the_command_writes_what_it_found(tmp_path: Path, run: Run) -> None:
     assert "Missing was braid hysteresis" in (tmp_path / "out" / "report.html").read_text()
 
 
+def test_records_of_role_test_are_looked_at_once_at_the_end(tmp_path: Path, run: Run) -> None:
+    write(tmp_path / "bench", (*PRESSURES, 6e5))
+    command = ("trace", tmp_path / "bench", "--tolerance", "0.5", "--json")
+    whole = json.loads(run(*command, "-o", tmp_path / "whole")[1])
+    file = tmp_path / "bench" / "bench.toml"
+    file.write_text(file.read_text().replace('file = "r4.csv"', 'file = "r4.csv"\nrole = "test"'))
+    told = json.loads(run(*command, "-o", tmp_path / "out")[1])
+    error = told["error"]
+    assert error["after"]["held_out"] < 0.3 * error["before"]["held_out"]
+    assert error["before"]["fit"] != whole["error"]["before"]["fit"]  # it took no part
+    csv = tmp_path / "bench" / "r4.csv"
+    header, *rows = csv.read_text().splitlines()
+    csv.write_text("\n".join([header, *(f"{row.rpartition(',')[0]},0" for row in rows)]) + "\n")
+    again = json.loads(run(*command, "-o", tmp_path / "again")[1])
+    assert again["candidates"] == told["candidates"] and again["effects"] == told["effects"]
+
+
 def test_two_records_are_refused(tmp_path: Path, run: Run) -> None:
     write(tmp_path / "bench", PRESSURES[:2])
     one_line(run("trace", tmp_path / "bench", "-o", tmp_path / "out"), "2 records of role fit; expected at least 3")

@@ -51,7 +51,7 @@ def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) 
     records = [r for r in bench.records if r.role == "fit"]
     if len(records) < LEAST:
         raise InputError(f"{bench.file}: {len(records)} records of role fit; expected at least {LEAST}")
-    require_columns(bench, records)
+    require_columns(bench, bench.records)
     output = "displacement" if bench.specimen == "actuator" else bench.output
     say(f"{len(records)} records, each predicted from the others by the quasi-static law")
     laws = [law(bench, [*records[:k], *records[k + 1 :]], record) for k, record in enumerate(records)]
@@ -61,7 +61,7 @@ def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) 
     residual = np.concatenate([(p - m)[k] for p, m, k in zip(laws, measured, rows, strict=True)])
     trial = np.repeat(np.arange(len(records)), [len(k) for k in rows])
     limit = tolerance * max(float(np.abs(m).max()) for m in measured)
-    floor = min(_floor(measured), float(np.sqrt(np.mean(residual**2))))
+    floor = min(_floor(measured), _rms(residual))
     shapes = shapes_of(bench.specimen, signals, "N" if output != "displacement" else "m")
     tables = [_table(shape, signals, rows) for shape in shapes]
     say(f"ranking {len({s.effect for s in shapes})} candidates on {len(records)} records")
@@ -87,9 +87,27 @@ def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) 
         shares={} if explains(evidence) is None else found.gains,
         indistinguishable=found.alike,
         refused=found.refused,
-        fit=(float(np.sqrt(np.mean(residual**2))), float(np.sqrt(np.mean(after**2)))),
+        fit=(_rms(residual), _rms(after)),
+        test=_tested(bench, output, [shapes[k] for k in found.added], coefficients),
         curves=_curves(records, bench, rows, measured, residual, after, trial),
     )
+
+
+def _tested(bench: Bench, output: str, shapes: Sequence[Shape], coefficients: Array) -> tuple[float, float] | None:
+    """RMS on the records of role test, by the law of those of role fit: before, and with the shapes added."""
+    records, tests = ([r for r in bench.records if r.role == role] for role in ("fit", "test"))
+    if not tests:
+        return None
+    laws = [law(bench, records, record) for record in tests]
+    signals = [signals_of(r, way, len(records) + k) for k, (r, way) in enumerate(zip(tests, laws, strict=True))]
+    residual = np.concatenate([way - r.columns[output] for r, way in zip(tests, laws, strict=True)])
+    every = [np.arange(len(way)) for way in laws]
+    columns = [column for shape in shapes for column in _table(shape, signals, every).values()]
+    return _rms(residual), _rms(residual + sum(c * x for c, x in zip(coefficients, columns, strict=True)))
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _table(shape: Shape, signals: Sequence[Signals], rows: Sequence[Indices]) -> dict[str, Array]:

@@ -34,11 +34,14 @@ class BenchOutcome:
     indistinguishable: tuple[str, ...]
     refused: tuple[str, ...]  # candidates that would explain some, but only with a sign that they cannot have
     fit: tuple[float, float]  # before, after
+    test: tuple[float, float] | None  # the same on records of role test, looked at once; None without any
     curves: tuple[Curve, ...]
 
     def as_json(self) -> dict[str, Any]:
         """`trace.json`."""
-        after = self.evidence.after if self.verdict == "effect" else self.evidence.before
+        added = self.verdict == "effect"
+        crossed = (self.evidence.before, self.evidence.after)
+        held_out = self.test or tuple(float(np.hypot(excess, self.floor)) for excess in crossed)
         rows = [{"name": "none", "held_out": self.first.none_held_out, "gain": 0.0, "interval90": [0.0, 0.0],
                  "adequate": self.evidence.before <= self.tolerance}]  # fmt: skip
         rows += [
@@ -58,8 +61,8 @@ class BenchOutcome:
                 "noise_floor": self.floor,
                 "tolerance": self.tolerance,
                 "ceiling": float(np.hypot(self.evidence.box_before, self.floor)),
-                "before": {"fit": self.fit[0], "held_out": float(np.hypot(self.evidence.before, self.floor))},
-                "after": {"fit": self.fit[1], "held_out": float(np.hypot(after, self.floor))},
+                "before": {"fit": self.fit[0], "held_out": held_out[0]},
+                "after": {"fit": self.fit[added], "held_out": held_out[added]},
             },
             "residual": {"where": None, "when_s": None, "follows": None},
             "unjudged": [],
