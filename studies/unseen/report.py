@@ -46,7 +46,7 @@ def _effect_rows(effects: list[dict[str, Any]]) -> list[tuple[str, str, str, str
             f"{effect['name']}.{name}".replace("_", " "),
             f"{p['value']:.4g}",
             "held" if p["interval90"] is None else "{:.4g} to {:.4g}".format(*p["interval90"]),
-            p["unit"],
+            "" if p["unit"] == "1" else p["unit"],
         )
         for effect in effects
         for name, p in effect["parameters"].items()
