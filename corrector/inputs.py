@@ -14,7 +14,7 @@ from corrector.shape import Frames, middle_of
 from fabdesign.design import Design
 from fabdesign.fabric import Fabric
 from fabdesign.forward import MUSCLE_TYPES, Case
-from fabdesign.muscle_law import MuscleLaw
+from fabdesign.muscle_law import MuscleLaw, law_of
 from fabdesign.pressure import PressureProgram
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ class Layout:
 
     @staticmethod
     def of(design: Design) -> "Layout":
-        laws = {name: MuscleLaw.fit(design.muscle_types[name].bench) for name in {m.type for m in design.muscles}}
+        laws = {name: law_of(design.muscle_types[name].bench) for name in {m.type for m in design.muscles}}
         return Layout(design, deposits(design), laws)
 
 

@@ -7,6 +7,7 @@ coefficients bound the derivatives, so every wish is a linear inequality of one 
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 from typing import TYPE_CHECKING
 
@@ -120,6 +121,12 @@ class MuscleLaw:
         if order == 1:
             return np.asarray(force / self.contraction_step - np.where(eps < 0, kink, 0.0))
         return np.asarray(force + kink * np.maximum(-eps, 0.0))
+
+
+@lru_cache(maxsize=64)
+def law_of(table: "BenchTable") -> MuscleLaw:
+    """`MuscleLaw.fit`, once for each table: a search makes thousands of designs of one muscle type."""
+    return MuscleLaw.fit(table)
 
 
 def _check(p: Array, eps: Array, force: Array) -> None:

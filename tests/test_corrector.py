@@ -392,3 +392,17 @@ def test_command_says_what_a_corrector_is_worth(run, hanging, folder: Path) -> N
     assert Path(result["weights"]).is_file()
     assert read_model(folder / "m.toml").factors == read_model(model).factors
     assert not (folder / "m.training").exists()
+
+
+def test_designs_of_one_muscle_type_share_its_law(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search asks for thousands of layouts, and a fit of the law takes longer than their motions."""
+    from corrector.inputs import Layout
+    from fabdesign.muscle_law import MuscleLaw, law_of
+
+    fits: list[object] = []
+    fit = MuscleLaw.fit
+    monkeypatch.setattr(MuscleLaw, "fit", staticmethod(lambda table: fits.append(table) or fit(table)))
+    law_of.cache_clear()
+    layouts = [Layout.of(build("vertical", muscles=count)) for count in (1, 2, 3)]
+    assert len(fits) == 1
+    assert len({id(law) for layout in layouts for law in layout.laws.values()}) == 1

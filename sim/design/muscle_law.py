@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.muscle import BenchTable
-from fabdesign.muscle_law import MuscleLaw
+from fabdesign.muscle_law import law_of
 from sim.kernels import fields as f
 
 
@@ -15,4 +15,4 @@ def bench_grid(table: BenchTable) -> NDArray[np.float32]:
     """(pressures, contractions) N: the muscle law on the kernels' grid."""
     pressure = np.arange(f.TABLE[0])[:, None] * f.PRESSURE_STEP
     contraction = f.FIRST_CONTRACTION + np.arange(f.TABLE[1]) * f.CONTRACTION_STEP
-    return MuscleLaw.fit(table).tension(pressure, contraction[None]).astype(np.float32)
+    return law_of(table).tension(pressure, contraction[None]).astype(np.float32)

@@ -6,7 +6,6 @@ is the declared design times the parameter factors.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -15,8 +14,7 @@ from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.forward import PARAMETERS
-from fabdesign.muscle import BenchTable
-from fabdesign.muscle_law import MuscleLaw
+from fabdesign.muscle_law import law_of
 from studies.rig.cables import Cables, lace
 from studies.rig.shell import DERIVATIVES
 from studies.rig.spline import Axis, Patch
@@ -122,7 +120,7 @@ def build_scene(
     rest = np.zeros((n, 6))
     rest[:, 3:] = _imperfection(uv, cloth.width, cloth.height, seed)
     pressures = np.arange(0.0, max_pressure + 2 * PRESSURE_STEP, PRESSURE_STEP)
-    laws = {name: _law(kind.bench) for name, kind in design.muscle_types.items()}
+    laws = {name: law_of(kind.bench) for name, kind in design.muscle_types.items()}
     tables = {name: law.tension(pressures[:, None], CONTRACTIONS) for name, law in laws.items()}
     return Scene(
         design=design,
@@ -153,11 +151,6 @@ def build_scene(
         tie_stiffness=np.full(len(hung_uv), PIN_STIFFNESS),
         tied_to=np.stack([hung_uv[:, 0] - cloth.width / 2, -hung_uv[:, 1], np.zeros(len(hung_uv))], axis=1),
     )
-
-
-@lru_cache(maxsize=16)
-def _law(bench: BenchTable) -> MuscleLaw:
-    return MuscleLaw.fit(bench)
 
 
 def control_counts(design: Design, resolution: Resolution) -> tuple[int, int, int]:
