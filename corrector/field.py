@@ -49,9 +49,10 @@ class FieldCorrector:
 
     def _correct(self, case: Case, times: NDArray[np.float64], motion: Floats) -> NDArray[np.float32]:
         _, where = with_history(times, HISTORY)
+        _, trust = self._known(case.design)
         answer = np.array(motion[where[0]], dtype=np.float32)
         sound = np.isfinite(motion[where]).all(axis=(0, 2, 3))
-        if sound.any() and self.trust(case.design).applies:
+        if trust.applies and sound.any():
             moved = self.displacement(case, times[sound], motion[where[:, sound]])
             answer[sound] = displaced(answer[sound], moved, case.design.fabric.thickness)
         return answer

@@ -111,6 +111,11 @@ class Statistics:
     min: float
     std: float
 
+    @staticmethod
+    def of(values: NDArray[np.floating[Any]]) -> "Statistics":
+        """Of (n,) values, one or more."""
+        return Statistics(float(values.mean()), float(values.max()), float(values.min()), float(values.std()))
+
 
 def statistics(trials: Sequence[Errors]) -> dict[str, Statistics]:
     """Each error's statistics over trials; those that diverged are left out. At least one must be left."""
@@ -118,7 +123,7 @@ def statistics(trials: Sequence[Errors]) -> dict[str, Statistics]:
     table = table[np.isfinite(table).all(axis=1)]
     names = [field.name for field in fields(Errors)]
     columns = zip(names, table.T, strict=True)
-    return {name: Statistics(float(x.mean()), float(x.max()), float(x.min()), float(x.std())) for name, x in columns}
+    return {name: Statistics.of(x) for name, x in columns}
 
 
 @dataclass(frozen=True)

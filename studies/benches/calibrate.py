@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import tomlkit
+from numpy.typing import NDArray
 
 from fabdesign.bench import Bench, BenchRecord
 from fabdesign.bench_file import read_bench
@@ -24,6 +25,7 @@ from studies.benches.cylinder import CylinderLaw
 from studies.benches.muscle import BenchMuscle
 from studies.benches.muscle_effects import FittedEffects, bench_vector, fit_effects
 from studies.benches.needs import SIZES, require_columns, require_sizes
+from studies.benches.output import measured, unit_of
 from studies.benches.rows import rows_of
 from studies.benches.strip import StripLaw
 from studies.calibration.parameters import FitVector
@@ -89,14 +91,14 @@ def calibrate_bench(
     left_out = []
     for i in range(len(chosen) if len(chosen) > 2 else 0):
         others = chosen[:i] + chosen[i + 1 :]
-        left_out.append(_rms(_fit(bench, others, vector, intervals=False)[0], [chosen[i]]))
+        left_out.append(_rms(bench, _fit(bench, others, vector, intervals=False)[0], [chosen[i]]))
     return BenchCalibration(
         bench=bench,
         law=law,
-        unit="m" if bench.specimen == "actuator" else "N",
-        error_fit=_rms(law, chosen),
+        unit=unit_of(bench.specimen),
+        error_fit=_rms(bench, law, chosen),
         error_left_out=float(np.mean(left_out)) if left_out else None,
-        error_test=_rms(law, tests) if tests else None,
+        error_test=_rms(bench, law, tests) if tests else None,
         constants=_constants(law),
         effects=effects,
     )
@@ -189,15 +191,15 @@ def _fit(
     return StaticCurve.fit(records), ()
 
 
-def _rms(law: Law, records: Sequence[BenchRecord]) -> float:
-    if isinstance(law, StaticCurve):
-        holds = [hold_of(record) for record in records]
-        errors = [np.array([float(law.displacement(hold.pressure)) - hold.level]) for hold in holds]
-    elif isinstance(law, BenchMuscle):
-        errors = [law.predict(r) - r.columns["force" if "force" in r.columns else "load"] for r in records]
-    else:
-        errors = [law.predict(r) - r.columns["force"] for r in records]
+def _rms(bench: Bench, law: Law, records: Sequence[BenchRecord]) -> float:
+    errors = [_predicted(law, record) - measured(bench.specimen, record) for record in records]
     return float(np.sqrt(np.mean(np.square(np.concatenate(errors)))))
+
+
+def _predicted(law: Law, record: BenchRecord) -> NDArray[np.float64]:
+    if isinstance(law, StaticCurve):
+        return np.atleast_1d(law.displacement(hold_of(record).pressure))
+    return law.predict(record)
 
 
 def _constants(law: Law) -> dict[str, Quantity]:

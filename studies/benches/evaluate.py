@@ -11,11 +11,10 @@ from fabdesign.bench import Bench, BenchRecord
 from fabdesign.bench_file import read_bench
 from fabdesign.errors import InputError
 from fabdesign.metrics import Statistics
-from studies.benches.actuator import hold_of
 from studies.benches.calibrate import LEAST_SHOWN
 from studies.benches.law_file import prediction
 from studies.benches.needs import require_columns
-from studies.benches.rows import FORCES
+from studies.benches.output import measured, unit_of
 
 METRIC = "rms"
 
@@ -47,8 +46,8 @@ class BenchEvaluation:
 
     def _table(self, records: Mapping[str, RecordErrors]) -> dict[str, Any]:
         return {
-            "before": {METRIC: asdict(_statistics([e.before for e in records.values()]))},
-            "after": {METRIC: asdict(_statistics([e.after for e in records.values()]))},
+            "before": {METRIC: asdict(_statistics(records, "before"))},
+            "after": {METRIC: asdict(_statistics(records, "after"))},
             "source": self.bench.source or self.bench.description,
             "records": {name: asdict(errors) for name, errors in records.items()},
         }
@@ -65,7 +64,7 @@ class BenchEvaluation:
             if records:
                 lines += [f"## Records of role {title}", "", head, "|---|---|---|"]
                 lines += [f"| {name} | {shown(e.before)} | {shown(e.after)} |" for name, e in records.items()]
-                means = (_statistics([getattr(e, way) for e in records.values()]).mean for way in ("before", "after"))
+                means = (_statistics(records, way).mean for way in ("before", "after"))
                 lines += [f"| mean | {' | '.join(map(shown, means))} |", ""]
         return "\n".join([*lines, f"{self.bench.name}: {self.bench.source or self.bench.description}"])
 
@@ -78,22 +77,15 @@ def evaluate_bench(path: Path, law: Path, *, all_records: bool = False) -> Bench
     predict = prediction(law, bench)
 
     def errors(record: BenchRecord) -> RecordErrors:
-        measured = _measured(bench, record)
-        return RecordErrors(*(float(np.sqrt(np.mean((way - measured) ** 2))) for way in predict(record)))
+        truth = measured(bench.specimen, record)
+        return RecordErrors(*(float(np.sqrt(np.mean((way - truth) ** 2))) for way in predict(record)))
 
     tests = {record.name: errors(record) for record in bench.records if record.role == "test"}
     others = {record.name: errors(record) for record in bench.records if record.role == "fit" and all_records}
     if not tests and not others:
         raise InputError(f"{bench.file}: no record of role test; expected one, or --all for those of role fit")
-    return BenchEvaluation(bench, "m" if bench.specimen == "actuator" else "N", tests, others)
+    return BenchEvaluation(bench, unit_of(bench.specimen), tests, others)
 
 
-def _measured(bench: Bench, record: BenchRecord) -> np.ndarray:
-    if bench.specimen == "actuator":
-        return np.array([hold_of(record).level])
-    return record.columns[next(name for name in FORCES if name in record.columns)]
-
-
-def _statistics(values: list[float]) -> Statistics:
-    table = np.array(values)
-    return Statistics(float(table.mean()), float(table.max()), float(table.min()), float(table.std()))
+def _statistics(records: Mapping[str, RecordErrors], way: str) -> Statistics:
+    return Statistics.of(np.array([getattr(errors, way) for errors in records.values()]))

@@ -1,6 +1,7 @@
 """What `calibrate BENCH` wrote, as what it predicts of a bench's records."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,11 @@ from fabdesign.bench_law_file import FORMAT as BENCH_LAW
 from fabdesign.bench_law_file import BenchLaw, read_bench_law
 from fabdesign.design_file import Part, read_part
 from fabdesign.errors import InputError
-from fabdesign.muscle_law import MuscleLaw
+from fabdesign.muscle_law import law_of
 from fabdesign.table import parse_toml
 from studies.benches.actuator import StaticCurve, hold_of
 from studies.benches.cylinder import terms_of
 from studies.benches.muscle import BenchMuscle
-from studies.benches.rows import PRESSURES
 
 Array = NDArray[np.float64]
 Predict = Callable[[BenchRecord], tuple[Array, Array]]  # (n,) at rest, in motion; of an actuator (1,), the level held
@@ -76,14 +76,9 @@ def _of_muscle(part: Part, path: Path, bench: Bench) -> Predict:
         raise InputError(f"{path}: muscle types {', '.join(part.types) or 'none'}; expected one, or {bench.name}")
     muscle = part.types[name]
     terms = tuple(term for term in part.effects if term.scope in (None, f"muscle_types.{name}"))
-    law = BenchMuscle(MuscleLaw.fit(muscle.bench), muscle.viscosity or None, None, None, None, 0.0, (), terms)
-
-    def predict(record: BenchRecord) -> tuple[Array, Array]:
-        pressure = record.columns[next(name for name in PRESSURES if name in record.columns)]
-        tension = law.law.tension(pressure, record.columns["contraction"])
-        return np.asarray(tension), law.predict(record)
-
-    return predict
+    still = BenchMuscle(law_of(muscle.bench), None, None, None, None, 0.0, ())
+    moving = replace(still, viscosity=muscle.viscosity or None, terms=terms)
+    return lambda record: (still.predict(record), moving.predict(record))
 
 
 def _twice(values: Array) -> tuple[Array, Array]:

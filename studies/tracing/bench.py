@@ -15,6 +15,7 @@ from fabdesign.model import EffectTerm, Model, Provenance, Quantity
 from fabdesign.model_file import write_model
 from fabdesign.output import new_folder, write_text
 from studies.benches.needs import require_columns
+from studies.benches.output import unit_of
 from studies.calibration.clouds import Indices, evenly
 from studies.tracing.bench_candidates import Shape, Signals, shapes_of, signals_of
 from studies.tracing.bench_law import law
@@ -62,7 +63,7 @@ def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) 
     trial = np.repeat(np.arange(len(records)), [len(k) for k in rows])
     limit = tolerance * max(float(np.abs(m).max()) for m in measured)
     floor = min(_floor(measured), _rms(residual))
-    shapes = shapes_of(bench.specimen, signals, "N" if output != "displacement" else "m")
+    shapes = shapes_of(bench.specimen, signals, unit_of(bench.specimen))
     tables = [_table(shape, signals, rows) for shape in shapes]
     say(f"ranking {len({s.effect for s in shapes})} candidates on {len(records)} records")
     box = _box_squares(signals, rows, trial, residual)
@@ -77,7 +78,7 @@ def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) 
     after = residual + found.base @ coefficients
     return BenchOutcome(
         bench=bench,
-        unit="m" if output == "displacement" else "N",
+        unit=unit_of(bench.specimen),
         verdict=decide(evidence, limit),
         evidence=evidence,
         tolerance=limit,
