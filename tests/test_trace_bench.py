@@ -11,6 +11,7 @@ from fabdesign.bench import Bench, BenchRecord, Specimen
 from fabdesign.model_file import read_model
 from studies.benches.cylinder import friction_state
 from studies.tracing.bench import examine
+from studies.tracing.bench_law import law
 from studies.tracing.bench_outcome import BenchOutcome
 from studies.tracing.bench_report import as_text
 from tests.command_line import Run, one_line
@@ -104,6 +105,19 @@ def test_viscosity_is_found_on_a_muscle() -> None:
     (effect,) = outcome.found
     assert outcome.verdict == "effect" and effect.name == "muscle_viscosity"
     assert [q.value for q in effect.parameters.values()] == pytest.approx([30, 30], rel=0.05)
+
+
+def test_a_muscles_law_takes_the_pressure_commanded_where_none_was_measured() -> None:
+    rng = np.random.default_rng(4)
+    measured = [BenchRecord(f"r{k}", muscle(rng, 30.0), {}) for k in range(2)]
+    commanded = [
+        BenchRecord(r.name, {"pressure_command" if k == "pressure" else k: v for k, v in r.columns.items()}, {})
+        for r in measured
+    ]
+    found = [
+        law(Bench("made", "muscle", (), "force", {}, tuple(pair)), pair[:1], pair[1]) for pair in (measured, commanded)
+    ]
+    np.testing.assert_array_equal(*found)
 
 
 def test_a_lag_is_found_on_an_actuator() -> None:

@@ -1,6 +1,7 @@
 """The quasi-static law of a bench: what its specimen would do at once, and the same way each time."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,8 +18,7 @@ def law(bench: Bench, others: Sequence[BenchRecord], record: BenchRecord) -> Arr
     """(n,) what the quasi-static law, fitted to other records, says at the rows of one: without any memory. An
     actuator's level at the highest pressure is its own: there is no curve beyond it."""
     if bench.specimen == "muscle":
-        tension = BenchMuscle.fit(others, refits=0).law.tension
-        return np.asarray(tension(record.columns["pressure"], record.columns["contraction"]))
+        return replace(BenchMuscle.fit(others, refits=0), viscosity=None, hysteresis=None).predict(record)
     if bench.specimen == "strip":
         return StripLaw.fit(others).predict(record)
     if bench.specimen == "cylinder":
