@@ -16,7 +16,7 @@ from fabdesign.catalogue import build
 from fabdesign.design import Design
 from fabdesign.forward import PARAMETERS
 from fabdesign.pressure import PressureProgram
-from studies.calibration.parameters import PRIOR
+from optimize.fit.parameters import PRIOR
 from studies.rig import EffectSetting, run_rig
 from studies.rig.effects.variants import OF
 from studies.rig.key import Key

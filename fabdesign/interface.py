@@ -20,11 +20,11 @@ from fabdesign.model_file import read_model
 from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.pressure_file import constant_program, read_pressures
 from fabdesign.trial import MeasurementSet
+from optimize.fit.parameters import fit_vector
 from sim import Simulator
 from studies.calibration.calibrate import Calibration
 from studies.calibration.calibrate import calibrate as calibrate_sets
 from studies.calibration.fitted_model import muscle_scope
-from studies.calibration.parameters import fit_vector
 from studies.evaluate import Evaluation, evaluate_sets
 from studies.judged_search import GRID as JUDGING
 from studies.layouts.result import StudyResult

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.effects.labels import labels_of
 from fabdesign.effects.registry import effect_named
 from fabdesign.errors import InputError
 from fabdesign.forward import FACTORS
@@ -42,7 +43,7 @@ def drawn(model: Model, root: Array, z: Sequence[float] | Array) -> Model:
             parameters[name] = replace(parameters[name], factor=value)
             continue
         effect, _, key = name.rpartition(".")
-        i = next(i for i, e in enumerate(effects) if e.name == effect)
+        i = labels_of(model.terms).index(effect)
         quantity = replace(effects[i].parameters[key], value=value)
         effects[i] = replace(effects[i], parameters={**effects[i].parameters, key: quantity})
     return replace(model, parameters=parameters, effects=tuple(effects))
@@ -60,8 +61,8 @@ def _centre(model: Model, name: str) -> tuple[float, bool, tuple[float, float]]:
     if name in model.parameters:
         return model.parameters[name].factor, True, FACTORS
     effect, _, key = name.rpartition(".")
-    for term in model.effects:
-        if term.name == effect and key in term.parameters:
-            declared = effect_named(effect, "covariance").parameters[key]
+    for label, term in zip(labels_of(model.terms), model.effects, strict=True):
+        if label == effect and key in term.parameters:
+            declared = effect_named(term.name, "covariance").parameters[key]
             return term.parameters[key].value, declared.transform == "log", declared.bounds
     raise InputError(f"the model's [covariance] names {name}; expected parameters that the model has")

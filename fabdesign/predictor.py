@@ -2,15 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.corrector import Corrector, with_history
-from fabdesign.effects.acting import observed, seen_at
+from fabdesign.effects.acting import is_sensing, observed, seen_at
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.model import Model
 from fabdesign.pressure import PressureProgram
+from fabdesign.sheet import Sheet, of_faces, sheets
 
 Array = NDArray[np.float64]
 
@@ -39,6 +41,20 @@ class Predictor:
         if not self.sensing:
             return motions
         return [observed(case, points) for case, points in zip(own, motions, strict=True)]
+
+    def sheets(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Sheet]:
+        """The same motions as mid-surfaces on the simulator's own grid (fabdesign.sheet)."""
+        if self.corrector is not None:
+            return [of_faces(points) for points in self.motions(cases, times)]
+        own = [self.case(case) for case in cases]
+        shown = [np.asarray(t, dtype=float) for t in times]
+        if not self.sensing:
+            return sheets(self.simulator, own, shown)
+        shown = [seen_at(case, t) for case, t in zip(own, shown, strict=True)]
+        once = _once(own, shown)
+        found = sheets(self.simulator, [own[i] for i in once.values()], [shown[i] for i in once.values()])
+        by_key = dict(zip(once, found, strict=True))
+        return [_seen(case, by_key[_key(case, t)]) for case, t in zip(own, shown, strict=True)]
 
     def _corrected(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
         if self.corrector is None:
@@ -76,3 +92,21 @@ class Predictor:
 def _held(program: PressureProgram, duration: float) -> PressureProgram:
     """The program's last pressures, from the first instant on."""
     return PressureProgram(np.zeros(1), program.pressure[-1:], duration)
+
+
+def _once(cases: Sequence[Case], times: Sequence[Array]) -> dict[tuple[Any, ...], int]:
+    """The first of the cases that differ in what sensors add alone: they are one motion."""
+    found: dict[tuple[Any, ...], int] = {}
+    for i, (case, t) in enumerate(zip(cases, times, strict=True)):
+        found.setdefault(_key(case, t), i)
+    return found
+
+
+def _key(case: Case, times: Array) -> tuple[Any, ...]:
+    terms = tuple((t.name, t.scope, *sorted(t.values.items())) for t in case.effects if not is_sensing(t.name))
+    factors = tuple(sorted(case.factors.items()))
+    return id(case.design), id(case.program), factors, terms, case.order, times.tobytes()
+
+
+def _seen(case: Case, sheet: Sheet) -> Sheet:
+    return Sheet(observed(case, sheet.middle), lambda: observed(case, sheet.points))

@@ -19,6 +19,7 @@ from fabdesign.fabric import Fabric
 from fabdesign.forward import HOLD, RISE, Case
 from fabdesign.model import POINTS_PER_SIDE
 from fabdesign.pressure import RISE_STEPS, rising_program
+from fabdesign.sheet import Sheet
 from sim.design.loading import load_batch, load_constants
 from sim.design.support import Support
 from sim.equilibrium import IN_PLANE, OUT_OF_PLANE, RESTED, damped, equilibrate, long_steps
@@ -107,6 +108,10 @@ class Simulator:
     def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
         """(T, 3362, 3) points [m] of each case at its `times` [s after rest, rising]."""
         return [motion.points for motion in self.run(cases, times)]
+
+    def sheets(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Sheet]:
+        """The same as mid-surfaces on this grid; faces are made where they are asked for."""
+        return [Sheet(motion.middle, lambda motion=motion: motion.points) for motion in self.run(cases, times)]
 
     def run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
         """Motions with mid-surfaces, contractions and tensions; each starts from equilibrium at zero pressure, a free

@@ -22,7 +22,7 @@ from fabdesign.forward import PARAMETERS, Case, ForwardModel, Term
 from fabdesign.output import write_text
 from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.user_cache import user_cache
-from studies.calibration.parameters import PRIOR
+from optimize.fit.parameters import PRIOR
 from studies.judged import Array, Flags, Judged, Stretch, judged
 
 GRID = 21  # points a side, of the simulator that searches
@@ -32,8 +32,9 @@ SHARE = 0.5  # of the draws, from which on an instant hangs on less than the dat
 TILT = 0.05  # degrees that gravity is off
 PRESSURE = 0.01  # that a channel's pressure is off, either way
 INTERVAL = 0.1  # s between the instants that are looked at
-APART = 0.003  # m RMS between the motions of changes to either side: they have gone different ways
-BENT = 0.0015  # m RMS of what is not proportional in them, where it is over half of what is
+APART = 0.35  # of the motion's size, between the motions of changes to either side: they have gone different ways
+BENT = 0.05  # of it, of what is not proportional in them, where it is over half of what is
+LEAST = 0.005  # m, of a motion's size
 GAP = 0.35  # s: unjudged stretches nearer than this are one
 _SEED = 0
 _AT_ONCE = 128  # motions in memory
@@ -68,8 +69,8 @@ def unjudged(
     forward: the bare simulator, GRID points a side are enough. Each draw of the factors' prior is simulated as it is
     and with one small change to either side: gravity tilted, and every channel's pressure off: of the first draw the
     front's up and the back's down, of others by chance. An instant is unjudged where in half of the draws the two
-    motions lie 3 mm apart, or differ from the middle one by unequal amounts. Where the first two draws find nothing
-    there are no more. progress is told motions done and in all.
+    motions lie a third of the motion's size apart, or differ from the middle one by unequal amounts. Where the first
+    two draws find nothing there are no more. progress is told motions done and in all.
     """
     return _named(trials, _spans(trials, forward, progress), [""] * len(trials))
 
@@ -167,11 +168,12 @@ def instants(trial: Trial) -> Array:
 
 def elsewhere(middle: NDArray[Any], up: NDArray[Any], down: NDArray[Any]) -> Flags:
     """(T,) whether motions (T, n, 3) m with a small change to either side have left the way of the one between; a
-    motion that diverged has."""
+    motion that diverged has. At any scale: by the motion's size, the largest RMS distance from where it begins."""
     plus, minus = up - middle, down - middle
     linear, bent = _rms(plus - minus), _rms(plus + minus)
     sound = np.isfinite(linear) & np.isfinite(bent)
-    return ~sound | (linear > APART) | ((bent > BENT) & (bent > 0.5 * linear))
+    size = max(float(np.nanmax(_rms(middle - middle[0]), initial=0.0)), LEAST)
+    return ~sound | (linear > APART * size) | ((bent > BENT * size) & (bent > 0.5 * linear))
 
 
 def _rms(difference: NDArray[Any]) -> Array:
@@ -196,7 +198,7 @@ def _kept(trial: Trial, forward: ForwardModel) -> Path | None:
     """The file with what was found; None for a simulator that does not say what it is."""
     if not hasattr(forward, "__dataclass_fields__"):  # its repr is then all that it is
         return None
-    options = (SCREEN, DRAWS, SHARE, TILT, PRESSURE, INTERVAL, APART, BENT, GAP, _SEED, sorted(PRIOR.items()))
+    options = (SCREEN, DRAWS, SHARE, TILT, PRESSURE, INTERVAL, APART, BENT, LEAST, GAP, _SEED, sorted(PRIOR.items()))
     content = hashlib.sha256(repr((SIMULATOR, forward, options, trial.design)).encode())
     for array in (trial.program.time, trial.program.pressure, trial.times):
         content.update(np.ascontiguousarray(array, dtype=np.float64).tobytes())

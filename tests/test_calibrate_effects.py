@@ -7,9 +7,9 @@ from fabdesign.effects import EFFECTS
 from fabdesign.forward import Term
 from fabdesign.pressure import PressureProgram
 from fabdesign.sensor_noise import SensorNoise
+from optimize.fit.parameters import fit_vector
 from sim import Simulator
 from studies.calibration.calibrate import calibrate
-from studies.calibration.parameters import fit_vector
 from tests.simulated_set import simulated_set
 
 TIMES = np.arange(1, 9) / 16  # s

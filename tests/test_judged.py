@@ -96,10 +96,14 @@ def test_a_motion_that_diverges_is_not_judged():
 
 
 def test_a_large_change_in_proportion_is_judged_until_it_is_many_times_the_usual():
-    middle = np.zeros((1, 9, 3))
-    assert not elsewhere(middle, middle + 0.5e-3, middle - 0.5e-3).any()
-    assert elsewhere(middle, middle + 2e-3, middle - 2e-3).all()
-    assert elsewhere(middle, middle + 1.5e-3, middle).all()  # to one side only
+    """At any scale: by the size of the motion."""
+    for size in (0.01, 0.1):  # m
+        middle = np.zeros((2, 9, 3))
+        middle[1, :, 2] = size
+        last = np.array([[[0.0]], [[1.0]]]) * size
+        assert not elsewhere(middle, middle + 0.09 * last, middle - 0.09 * last).any()
+        assert elsewhere(middle, middle + 0.11 * last, middle - 0.11 * last)[1]
+        assert elsewhere(middle, middle + 0.05 * last, middle)[1]  # to one side only
 
 
 def test_frames_within_a_stretch_are_not_judged():

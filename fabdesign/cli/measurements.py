@@ -119,11 +119,11 @@ def calibrate(
     from fabdesign.measurement_set import read_set
     from fabdesign.model_file import write_model
     from fabdesign.output import new_file
+    from optimize.fit.parameters import fit_vector
     from studies.bad_data import sound_trials
     from studies.calibration.calibrate import calibrate as calibrate_sets
     from studies.calibration.calibrate import orders_of
     from studies.calibration.fitted_model import muscle_scope
-    from studies.calibration.parameters import fit_vector
     from studies.calibration.report import as_text
     from studies.judged_search import GRID as JUDGING
 
@@ -136,6 +136,7 @@ def calibrate(
         factors=base.factors,
         terms=base.terms,
         scope=muscle_scope([design for found, _ in checked for design in found.designs.values()]),
+        channels=max(design.channels for found, _ in checked for design in found.designs.values()),
     )
     with new_file(output, force=force, inputs=[*sources, *([] if model is None else [model])]) as unfinished:
         from sim import Simulator

@@ -78,6 +78,11 @@ def seen_at(case: Case, times: Array) -> Array:
     return times
 
 
+def is_sensing(name: str) -> bool:
+    """Whether an effect changes only what is observed of a motion."""
+    return effect_named(name, "effects").site == "sensing"
+
+
 def observed(case: Case, points: NDArray[Any]) -> NDArray[Any]:
     """(..., 3) m: points of the cloth as the sensors give them."""
     for effect, values, _ in active(case):
@@ -86,4 +91,14 @@ def observed(case: Case, points: NDArray[Any]) -> NDArray[Any]:
     return points
 
 
-__all__ = ["Values", "acting_pressure", "active", "muscles_of", "observed", "seen_at", "specimen_of", "terms_of"]
+__all__ = [
+    "Values",
+    "acting_pressure",
+    "active",
+    "is_sensing",
+    "muscles_of",
+    "observed",
+    "seen_at",
+    "specimen_of",
+    "terms_of",
+]

@@ -7,6 +7,7 @@ is the one without it, and the derivative by the strength exists there.
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
@@ -38,6 +39,7 @@ class EffectParameter:
     off: float | None = None
     transform: Literal["linear", "log"] = "linear"
     whole: bool = False  # a number of something, such as a channel: chosen, not fitted
+    tried: tuple[float, ...] = ()  # at which a fit of all effects has it: a place says nothing at no strength
 
     @property
     def centre(self) -> float:
@@ -64,6 +66,7 @@ class Effect:
     signature: str  # what it looks like in data, and what tells it from others
     source: str
     parameters: Mapping[str, EffectParameter]
+    looks_like: str = ""  # what is no effect of the list and looks the same in data, and how to tell it apart
     pressure: Callable[[ActingPressure, Values], ActingPressure] | None = None
     specimen: Callable[[Specimen, Values, NDArray[np.bool_]], Specimen] | None = None
     clock: Callable[[Array, Values], Array] | None = None
@@ -76,6 +79,18 @@ class Effect:
     def strengths(self) -> tuple[str, ...]:
         """The parameters that switch it off."""
         return tuple(name for name, parameter in self.parameters.items() if parameter.off is not None)
+
+    @property
+    def chosen(self) -> tuple[str, ...]:
+        """The parameters that a fit of all effects tries at some values: channels, and places."""
+        return tuple(name for name, parameter in self.parameters.items() if parameter.whole or parameter.tried)
+
+    def choices(self, channels: int) -> list[dict[str, float]]:
+        """All combinations of what is chosen; a whole number is a channel of `channels`."""
+        values = [
+            range(channels) if self.parameters[name].whole else self.parameters[name].tried for name in self.chosen
+        ]
+        return [dict(zip(self.chosen, map(float, combination), strict=True)) for combination in product(*values)]
 
     def values(self, given: Values) -> dict[str, float]:
         """All parameters: those given, the others typical."""

@@ -20,6 +20,7 @@ from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.model import EffectTerm, Quantity
 from fabdesign.output import write_text
+from optimize.fit.parameters import FitVector
 from studies.benches.actuator import StaticCurve, hold_of
 from studies.benches.cylinder import CylinderLaw
 from studies.benches.muscle import BenchMuscle
@@ -28,7 +29,6 @@ from studies.benches.needs import SIZES, require_columns, require_sizes
 from studies.benches.output import measured, unit_of
 from studies.benches.rows import rows_of
 from studies.benches.strip import StripLaw
-from studies.calibration.parameters import FitVector
 
 LEAST_SHOWN = 0.001  # mm or N: what no gauge reads
 

@@ -16,8 +16,8 @@ from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.forward import MUSCLE_TYPES, PARAMETERS, Term
 from fabdesign.model import EffectTerm, Quantity
+from optimize.fit.parameters import FitVector, fit_vector
 from studies.benches.rows import Rows, motion_columns
-from studies.calibration.parameters import FitVector, fit_vector
 
 Array = NDArray[np.float64]
 _SPANS = (4, 6)  # of pressure and contraction

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from studies.calibration.fit import Fit
-from studies.calibration.parameters import FitParameter
+from optimize.fit.descent import Fit
+from optimize.fit.parameters import FitParameter
 
 _LITTLE = 0.8  # of the prior's standard deviation left: the data say little
 _ALIKE = 0.9  # correlation from which two factors are told as a pair

@@ -17,14 +17,15 @@ from fabdesign.predictor import Predictor
 from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.splits import fit_trials
 from fabdesign.trial import MeasurementSet, Trial
+from optimize.fit.clouds import Sample, evenly, sample_trial
+from optimize.fit.descent import Fit, Progress, fit, parts
+from optimize.fit.inputs import DEFAULT_ACCURACY
+from optimize.fit.parameters import DECLARED, FitVector
 from studies.bad_data import Tolerance
 from studies.calibration.ambiguities import ambiguities
 from studies.calibration.belief import doubts, excess
-from studies.calibration.clouds import Sample, evenly, sample_trial
-from studies.calibration.engine_difference import data_share, engine_difference
-from studies.calibration.fit import Fit, Progress, fit, parts
+from studies.calibration.engine_difference import with_engines
 from studies.calibration.fitted_model import fitted_model
-from studies.calibration.parameters import DECLARED, FitVector
 from studies.calibration.trial_checks import DISAGREE, doubtful
 from studies.judged import Judged
 from studies.judged_search import judge_sets
@@ -140,7 +141,7 @@ def calibrate(
         if not samples:
             raise InputError(f"{', '.join(s.name for s in sets)}: no trial to fit is left; the first: {skipped[0]}")
         found = _fit(samples, forward, slopes, vector, progress)
-    covariance = _with_engines(found, engine_difference(vector) if engines is None else engines)
+    covariance = with_engines(found, engines)
     deviation = np.sqrt(np.diag(covariance))
     why = doubts(found.after, found.outlying, noise)
     model = fitted_model(
@@ -196,13 +197,18 @@ def _fit(
 ) -> Fit:
     """With effects, from the data sheet too: where the fit without them ends may be far off, in a false minimum."""
     if not vector.terms:
-        return fit(samples, forward, slopes=slopes, vector=vector, progress=progress)
+        return fit(samples, forward, slopes=slopes, vector=vector, accuracy=DEFAULT_ACCURACY, progress=progress)
     plain = vector.without_effects
     early, late = parts(progress, _WITHOUT_EFFECTS)
     first = fit(
-        samples, forward, slopes=slopes, vector=plain, progress=lambda line, share: early(f"no effects, {line}", share)
+        samples,
+        forward,
+        slopes=slopes,
+        vector=plain,
+        accuracy=DEFAULT_ACCURACY,
+        progress=lambda line, share: early(f"no effects, {line}", share),
     )
-    found = fit(samples, forward, slopes=slopes, vector=vector, progress=late)
+    found = fit(samples, forward, slopes=slopes, vector=vector, accuracy=DEFAULT_ACCURACY, progress=late)
     return replace(found, before=first.before, without_effects=first)
 
 
@@ -224,12 +230,6 @@ def _doubts(found: Fit, samples: Sequence[Sample], forward: ForwardModel) -> dic
     if not (found.by_trial > DISAGREE).any():
         return {}
     return doubtful(samples, forward, found.vector, found.x)
-
-
-def _with_engines(found: Fit, engines: np.ndarray) -> np.ndarray:
-    """(p, p), wider by the engines' difference as far as the data, not the data sheet, decide."""
-    share = data_share(np.sqrt(np.diag(found.covariance)), found.vector)
-    return found.covariance + np.diag(np.square(share * engines))
 
 
 def _require_names(sets: Sequence[MeasurementSet]) -> None:

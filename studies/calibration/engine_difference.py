@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.csv_table import decimal, read_rows
-from studies.calibration.parameters import DECLARED, FitVector
+from optimize.fit.descent import Fit
+from optimize.fit.parameters import DECLARED, FitVector
 
 Array = NDArray[np.float64]
 FILE = Path(__file__).parent / "engine_difference.csv"
@@ -32,3 +33,11 @@ def data_share(deviation: Array, vector: FitVector = DECLARED) -> Array:
     """(..., p) share of the data in the unknowns found, the prior's being the rest; of their own standard deviations
     (..., p)."""
     return np.clip(1 - np.square(deviation / vector.prior), 0.0, 1.0)
+
+
+def with_engines(found: Fit, engines: Array | None = None) -> Array:
+    """(p, p) covariance of a fit, wider by the engines' difference as far as the data, not the data sheet, decide.
+    engines: (p,) standard deviations of the unknowns, by default those of the virtual rig."""
+    own = engine_difference(found.vector) if engines is None else engines
+    share = data_share(np.sqrt(np.diag(found.covariance)), found.vector)
+    return np.asarray(found.covariance + np.diag(np.square(share * own)))

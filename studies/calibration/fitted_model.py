@@ -8,8 +8,8 @@ from fabdesign.design import Design
 from fabdesign.effects import EFFECTS
 from fabdesign.forward import MUSCLE_TYPES, OF_MUSCLES
 from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
-from studies.calibration.fit import Fit
-from studies.calibration.parameters import FitParameter
+from optimize.fit.descent import Fit
+from optimize.fit.parameters import FitParameter
 
 QUANTILE = 1.645  # two-sided 90 %
 
@@ -37,10 +37,10 @@ def fitted_model(
     for name, factor in found.vector.factors:
         parameters.setdefault(name, Parameter(factor))
     effects = []
-    for term in found.vector.terms_at(found.x):
+    for label, term in zip(found.vector.labels, found.vector.terms_at(found.x), strict=True):
         declared = EFFECTS[term.name]
         values = {
-            key: quantities.get(f"{term.name}.{key}", Quantity(value, declared.parameters[key].unit))
+            key: quantities.get(f"{label}.{key}", Quantity(value, declared.parameters[key].unit))
             for key, value in declared.values(term.values).items()
         }
         own = muscles if declared.scope == "muscle type" else declared.scope

@@ -6,8 +6,8 @@ import numpy as np
 
 from fabdesign.forward import ForwardModel
 from fabdesign.metrics import surface_rms
-from studies.calibration.clouds import Array, Motion, Sample, evenly
-from studies.calibration.parameters import FitVector
+from optimize.fit.clouds import Array, Motion, Sample, evenly
+from optimize.fit.parameters import FitVector
 
 DISAGREE = 0.003  # m RMS, under which nothing is asked
 BETTER = 0.5  # what another reading must leave of it

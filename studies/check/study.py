@@ -8,7 +8,7 @@ from fabdesign.loop_file import read_loop
 from fabdesign.sensitivity_file import read_sensitivity
 from fabdesign.study_file import read_kind, read_study
 from fabdesign.unseen_file import FREE, read_unseen
-from studies.calibration.parameters import fit_vector
+from optimize.fit.parameters import fit_vector
 from studies.check.design import design_findings, spacing
 from studies.check.findings import Findings, failures
 from studies.layouts.target import load_target

@@ -16,9 +16,9 @@ from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.model_file import read_model, write_model
 from fabdesign.output import WorkFolder
 from fabdesign.trial import MeasurementSet
+from optimize.fit.parameters import fit_vector
 from studies.calibration.calibrate import Calibration, calibrate
 from studies.calibration.fitted_model import muscle_scope
-from studies.calibration.parameters import fit_vector
 from studies.evaluate import DesignResult, evaluate_sets
 from studies.judged_search import GRID
 

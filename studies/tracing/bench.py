@@ -14,18 +14,17 @@ from fabdesign.errors import InputError
 from fabdesign.model import EffectTerm, Model, Provenance, Quantity
 from fabdesign.model_file import write_model
 from fabdesign.output import new_folder, write_text
+from optimize.fit.clouds import Indices, evenly
 from studies.benches.needs import require_columns
 from studies.benches.output import unit_of
-from studies.calibration.clouds import Indices, evenly
 from studies.tracing.bench_candidates import Shape, Signals, shapes_of, signals_of
 from studies.tracing.bench_law import law
 from studies.tracing.bench_outcome import BenchOutcome, Curve
+from studies.tracing.bench_ranking import Array, Scored, excess_of, gain_interval
 from studies.tracing.bench_report import render_bench
 from studies.tracing.bench_selection import Columns, coefficients_of, select
 from studies.tracing.black_box import WIDTHS, kernel_of, left_out, standardised
-from studies.tracing.ranking import Scored, excess_of, gain_interval
 from studies.tracing.stages import sha256
-from studies.tracing.vector import Array
 from studies.tracing.verdict import Evidence, decide, explains
 
 TOLERANCE = 0.02  # of the largest output

@@ -7,7 +7,7 @@ import numpy as np
 
 from fabdesign.bench import BenchRecord, Specimen
 from studies.benches.cylinder import friction_state
-from studies.tracing.vector import Array
+from studies.tracing.bench_ranking import Array
 
 PATHS = {
     "displacement": 1.0,

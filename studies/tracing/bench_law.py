@@ -9,7 +9,7 @@ from fabdesign.bench import Bench, BenchRecord
 from studies.benches.actuator import Hold, StaticCurve, hold_of
 from studies.benches.muscle import BenchMuscle
 from studies.benches.strip import StripLaw
-from studies.tracing.vector import Array
+from studies.tracing.bench_ranking import Array
 
 _MOVED = 0.05  # of the level held: what counts as moved
 

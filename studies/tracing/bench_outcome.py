@@ -9,8 +9,7 @@ import numpy as np
 from fabdesign.bench import Bench
 from fabdesign.effects import EFFECTS
 from fabdesign.model import EffectTerm
-from studies.tracing.ranking import Ranking
-from studies.tracing.vector import Array
+from studies.tracing.bench_ranking import Array, Ranking
 from studies.tracing.verdict import Evidence, Word
 
 _SITES = {"stress_relaxation": ("fabric", "fabric"), "muscle_viscosity": ("muscle", "muscle type"),

@@ -6,13 +6,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from fabdesign.effects import EFFECTS
-from studies.calibration.clouds import Indices
+from optimize.fit.clouds import Indices
 from studies.tracing.bench_candidates import Shape
-from studies.tracing.dictionary import Dictionary, Variant
-from studies.tracing.ranking import Candidate, Grams, Ranking, covariance, gain_interval, rank
-from studies.tracing.vector import Array
+from studies.tracing.bench_ranking import (
+    Array,
+    Candidate,
+    Grams,
+    Ranking,
+    Variant,
+    covariance,
+    gain_interval,
+    rank,
+)
 
-_FREE = 1e-4  # size of a variant whose prior says nothing
+_FREE = 2e4  # deviation of coefficients whose prior says nothing
 _MOST, _WORTH = 3, 0.15
 
 
@@ -57,12 +64,12 @@ def select(columns: Columns, floor: float, limit: float) -> Selected:
         base = np.column_stack([np.zeros((len(columns.trial), 0)), *(columns.table(k) for k in added)])
         taken = {columns.shapes[k].effect for k in added}
         left = [k for k, shape in enumerate(columns.shapes) if shape.effect not in taken]
-        grams, dictionary = _grams(
+        grams, variants = _grams(
             base, [columns.table(k) for k in left], [columns.shapes[k] for k in left], columns.residual, columns.trial
         )
-        ranking = rank(grams, dictionary, floor)
+        ranking = rank(grams, variants, floor)
         first = first or ranking
-        worth, wrong = _worth(columns, base, ranking, dictionary, left)
+        worth, wrong = _worth(columns, base, ranking, variants, left)
         refused = wrong if refused is None else refused
         if ranking.excess <= limit or not worth or len(added) >= _MOST:
             return Selected(added, base, first, ranking, grams, gains, alike, refused)
@@ -74,7 +81,7 @@ def select(columns: Columns, floor: float, limit: float) -> Selected:
 
 
 def _worth(
-    columns: Columns, base: Array, ranking: Ranking, dictionary: Dictionary, left: Sequence[int]
+    columns: Columns, base: Array, ranking: Ranking, variants: Sequence[Variant], left: Sequence[int]
 ) -> tuple[list[tuple[Candidate, int]], tuple[str, ...]]:
     """Candidates that gain enough for certain with the places of their shapes, and the names of those that do so only
     with a sign that they cannot have."""
@@ -84,7 +91,7 @@ def _worth(
         if not ranking.certain(candidate) or candidate.gain <= _WORTH * ranking.excess:
             continue
         assert candidate.best.variant is not None
-        place = left[dictionary.variants.index(candidate.best.variant)]
+        place = left[variants.index(candidate.best.variant)]
         beside = np.column_stack([base, columns.table(place)])
         fitted = coefficients_of(beside, columns.residual, columns.trial)
         if _right_sign(columns.shapes[place], [*columns.tables[place]], *fitted):
@@ -115,7 +122,7 @@ def _right_sign(shape: Shape, names: Sequence[str], coefficients: Array, deviati
 
 def _grams(
     base: Array, tables: Sequence[Array], shapes: Sequence[Shape], residual: Array, trial: Indices
-) -> tuple[Grams, Dictionary]:
+) -> tuple[Grams, list[Variant]]:
     scaled = [t / np.maximum(np.sqrt(np.mean(t**2, axis=0)), 1e-30) for t in tables]
     size = np.sqrt(np.mean(base**2, axis=0)) if base.shape[1] else np.ones(0)
     table = np.column_stack([base / np.maximum(size, 1e-30), *scaled, residual])
@@ -125,8 +132,9 @@ def _grams(
     index = np.arange(count)
     q = base.shape[1]
     grams = Grams(gram, index, index, points, np.full(q, 1e-12), np.zeros(q), 10.0 * count)
-    variants, first = [], 0
+    variants: list[Variant] = []
+    first = 0
     for shape, part in zip(shapes, scaled, strict=True):
         variants.append(Variant(shape.effect, tuple(range(first, first + part.shape[1])), _FREE, shape.values))
         first += part.shape[1]
-    return grams, Dictionary((), tuple(variants), np.zeros((0, first)))
+    return grams, variants

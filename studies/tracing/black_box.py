@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.pressure import PressureProgram
-from studies.calibration.clouds import Indices, frames_of
-from studies.tracing.fit import Bench, State
-from studies.tracing.vector import Array
+from optimize.fit.clouds import Array, Indices, frames_of
+from optimize.fit.left_out import Scored
+from studies.tracing.residuals import Residuals
 
 BANDS = (0, 3), (4, 5), (6, 7)  # degrees of the polynomials on the cloth
 LAGS = 0.05, 0.2, 0.8  # s, of first-order lags of the pressures
@@ -39,7 +39,7 @@ class Frames:
     basis: Array
 
 
-def frames_at(bench: Bench, state: State) -> Frames:
+def frames_at(state: Residuals) -> Frames:
     """The residual of a state as shapes, and the features of its frames."""
     frame, groups = frames_of(state.found)
     basis = basis_of(state)
@@ -50,10 +50,10 @@ def frames_at(bench: Bench, state: State) -> Frames:
         b = basis[rows]
         shapes[k] = np.linalg.solve(b.T @ b + ridge, b.T @ state.residual[rows])
         trial[k] = state.found.sample[points[0]]
-    return Frames(shapes, features_of(bench, state), trial, frame, basis)
+    return Frames(shapes, features_of(state), trial, frame, basis)
 
 
-def basis_of(state: State) -> Array:
+def basis_of(state: Residuals) -> Array:
     """(N, m): polynomials of the cloth's coordinates at each point's place, along the front's normal; of mean square 1
     over the cloth."""
     side = state.found.vertex % _SIDE**2
@@ -66,20 +66,19 @@ def basis_of(state: State) -> Array:
     )
 
 
-def features_of(bench: Bench, state: State) -> tuple[Array, ...]:
+def features_of(state: Residuals) -> tuple[Array, ...]:
     """Groups of (F, k), standardised: pressures, those through lags and the time besides, the model's shape and
     velocity, and all of these. Channels that a design does not have count as without pressure."""
-    channels = max(s.trial.program.pressure.shape[1] for s in bench.samples)
+    channels = max(s.trial.program.pressure.shape[1] for s in state.samples)
     rows, poses = [], []
-    for sample, motion in zip(bench.samples, state.motions, strict=True):
-        middle = 0.5 * (motion[:, : motion.shape[1] // 2 : 8] + motion[:, motion.shape[1] // 2 :: 8])
-        flat = np.nan_to_num(np.asarray(middle, dtype=float).reshape(len(motion), -1))
+    for sample, sheet in zip(state.samples, state.sheets, strict=True):
+        flat = sheet.middle.reshape(len(sample.times), -1, 3)[:, ::8].astype(float)
+        flat = np.nan_to_num(flat.reshape(len(sample.times), -1))
         rate = np.gradient(flat, sample.times, axis=0) if len(flat) > 1 else np.zeros_like(flat)
         rows.append(_lagged(sample.trial.program, sample.times, channels))
-        poses.append(np.concatenate([flat, rate], axis=1))
-    told, pose = np.concatenate(rows), np.concatenate(poses)
-    half = pose.shape[1] // 2
-    shape = np.concatenate([_main(pose[:, :half]), _main(pose[:, half:])], axis=1)
+        poses.append((flat, rate))
+    told, shapes, rates = np.concatenate(rows), *(np.concatenate(own) for own in zip(*poses, strict=True))
+    shape = np.concatenate([_main(shapes), _main(rates)], axis=1)
     groups = told[:, :channels], told, shape, np.concatenate([told, shape], axis=1)
     return tuple(standardised(group) for group in groups)
 
@@ -110,10 +109,10 @@ def standardised(table: Array) -> Array:
     return np.asarray((table - table.mean(axis=0))[:, spread > 1e-9] / spread[spread > 1e-9])
 
 
-def ceiling_squares(bench: Bench, state: State, folds: Sequence[int]) -> Array:
-    """(samples,) m^2: sums over the points of each trial of the squared residual less what the black box, trained on
-    the trials of other folds, takes for it. Its kernels and ridges are chosen within those."""
-    frames = frames_at(bench, state)
+def baseline_score(state: Residuals, folds: Sequence[int]) -> Scored:
+    """Of each trial, the residual less what the baseline takes for it, trained on the trials of other folds. Its
+    kernels and ridges are chosen within those."""
+    frames = frames_at(state)
     of_sample = np.unique(folds, return_inverse=True)[1] % MOST_FOLDS
     fold = of_sample[frames.trial]
     kernels = [kernel_of(features, width) for features in frames.features for width in WIDTHS]
@@ -121,10 +120,7 @@ def ceiling_squares(bench: Bench, state: State, folds: Sequence[int]) -> Array:
     field = np.zeros_like(frames.shapes)
     for out in np.unique(fold):
         field[fold == out] = left_out(kernels, frames.shapes, bands, fold, out)
-    left = state.residual - np.einsum("nm,nm->n", frames.basis, field[frames.frame])
-    squares = np.zeros(len(bench.samples))
-    np.add.at(squares, state.found.sample, np.square(np.where(state.kept, left, 0.0)))
-    return squares
+    return state.scored_as(state.residual - np.einsum("nm,nm->n", frames.basis, field[frames.frame]))
 
 
 def left_out(

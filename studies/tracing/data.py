@@ -8,7 +8,7 @@ from fabdesign.errors import InputError
 from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.splits import by_program
 from fabdesign.trial import Trial
-from studies.calibration.clouds import Sample, evenly
+from optimize.fit.clouds import Sample, evenly
 from studies.judged import Stretch, judged
 
 TRIALS = 16  # at most, spread over those allowed

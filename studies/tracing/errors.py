@@ -9,9 +9,9 @@ from fabdesign.forward import ForwardModel
 from fabdesign.metrics import Errors, statistics, trial_errors
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.trial import Trial
-from studies.calibration.clouds import Indices, evenly
+from optimize.fit.clouds import Array, Indices, evenly
+from optimize.fit.parameters import FitVector
 from studies.judged import Stretch, judged
-from studies.tracing.vector import Array, Vector
 
 FRAMES = 20  # of a trial
 
@@ -20,7 +20,7 @@ FRAMES = 20  # of a trial
 class Place:
     """A vector and where in it the model is."""
 
-    vector: Vector
+    vector: FitVector
     x: Array
 
 

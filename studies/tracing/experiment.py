@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from fabdesign.design import Design
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.pressure import PressureProgram, limits
-from studies.tracing.vector import FACTORS, Array, Vector
+from optimize.fit.clouds import Array
+from optimize.fit.parameters import FitVector
 
 SECONDS = 3.0  # of a program
 HIGHEST = 300e3  # Pa, where the muscles allow it
@@ -24,7 +25,7 @@ class Explanation:
     """A fitted model that the data leave possible."""
 
     name: str
-    vector: Vector
+    vector: FitVector
     x: Array
 
 
@@ -69,14 +70,15 @@ def next_experiment(
     tried = programs(design)
     times = np.linspace(SECONDS / _FRAMES, SECONDS, _FRAMES)
     first = explanations[0]
+    factors = [k for k, parameter in enumerate(first.vector.parameters) if parameter.is_factor]
     cases: list[Case] = []
     for program in tried.values():
-        cases += [Case(design, program, e.vector.factors(e.x), e.vector.terms(e.x)) for e in explanations]
-        for k in range(FACTORS):
-            x = first.x + _STEP * np.eye(len(first.x))[k]
-            cases.append(Case(design, program, first.vector.factors(x), first.vector.terms(x)))
+        cases += [Case(design, program, e.vector.factors_at(e.x), e.vector.terms_at(e.x)) for e in explanations]
+        for k in factors:
+            x = first.x + _STEP * first.vector.prior[k] * np.eye(len(first.x))[k]
+            cases.append(Case(design, program, first.vector.factors_at(x), first.vector.terms_at(x)))
     motions = forward.motions(cases, [times] * len(cases))
-    own = len(explanations) + FACTORS
+    own = len(explanations) + len(factors)
     best, gain = "", 0.0
     for k, name in enumerate(tried):
         separated = _separated(motions[k * own : (k + 1) * own], len(explanations))

@@ -3,7 +3,7 @@
 import importlib.metadata
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -11,23 +11,23 @@ import numpy as np
 
 from fabdesign import SIMULATOR, __version__
 from fabdesign.effects import EFFECTS
-from fabdesign.forward import PARAMETERS
-from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
+from fabdesign.forward import ForwardModel
+from fabdesign.model import EffectTerm, Model, Provenance
 from fabdesign.trial import Trial
-from studies.calibration.engine_difference import data_share, engine_difference
-from studies.calibration.fitted_model import QUANTILE
-from studies.calibration.parameters import PRIOR
+from optimize.fit.clouds import Sample, frames_of
+from optimize.fit.descent import Fit
+from optimize.fit.inputs import Accuracy
+from studies.calibration.engine_difference import with_engines
+from studies.calibration.fitted_model import fitted_model
 from studies.judged import Stretch
+from studies.tracing.candidates import Candidate
 from studies.tracing.errors import TrialError, mean_of, other_layouts
-from studies.tracing.full_fit import Finalist
-from studies.tracing.ranking import Grams, covariance
 from studies.tracing.residual import Remains
-from studies.tracing.search import Search, added_effects
-from studies.tracing.together import gains
-from studies.tracing.vector import FACTORS, Array
+from studies.tracing.selection import Selection, label_effect
 from studies.tracing.verdict import Evidence, Word, explains
 
 FORMAT = "fabdesign.trace/1"
+_LITTLE = 0.1  # of its share, below which a frame's weight is told
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,33 +39,66 @@ class Outcome:
     verdict: Word
     evidence: Evidence
     tolerance: float
-    search: Search
+    accuracy: Accuracy
+    selection: Selection
+    samples: tuple[Sample, ...]
+    forward: ForwardModel
+    candidates: tuple[Candidate, ...]
+    alike: tuple[str, ...]
     errors: tuple[TrialError, ...]
     remains: Remains
     stretches: tuple[Stretch, ...]
     share_unjudged: float
     model: Model
     next_experiment: Mapping[str, Any] | None
-    said: tuple[str, ...]  # lines for people
+
+    @property
+    def before(self) -> Fit:
+        return self.selection.plain
+
+    @property
+    def after(self) -> Fit:
+        """What the model is: the declared parameters alone unless effects were found."""
+        return self.selection.chosen if self.verdict == "effect" else self.selection.plain
 
     @cached_property
     def effects(self) -> tuple[EffectTerm, ...]:
-        """Those that the verdict stands by, in the order they were added; of those added together the largest first."""
+        """Those that the verdict stands by, the one whose absence costs most first."""
         if self.verdict != "effect":
             return ()
-        order = [name for done in self.search.rounds if done.chosen for name in self._parts(done.chosen)]
         found = {effect.name: effect for effect in self.model.effects}
-        return tuple(found[name] for name in order)
+        return tuple(found[label_effect(label)] for label in self.selection.labels)
 
     @property
-    def grid_in_words(self) -> str:
-        """Empty where no finer grid was compared with."""
-        if self.search.grid.error is None:
-            return ""
-        return (
-            f"grid: {self.model.points_per_side} points a side, whose error of {1e3 * self.search.grid.error:.2f} mm"
-            " counts with the noise"
-        )
+    def indistinguishable(self) -> tuple[str, ...]:
+        return self.alike if self.verdict == "effect" else ()
+
+    @property
+    def share_below_tenth(self) -> float:
+        """Of the frames, those that count for less than a tenth of their share."""
+        state, counts = self.selection.everything.state, self.selection.everything.normal.counts
+        means = np.array([counts[points].mean() for points in frames_of(state.found)[1]])
+        return float(np.mean(means < _LITTLE * means.mean()))
+
+    @property
+    def said(self) -> list[str]:
+        """Lines for people."""
+        lines = []
+        if self.selection.small:
+            names = ", ".join(label_effect(label) for label in self.selection.small)
+            lines.append(f"certain but within the tolerance, so not added: {names}")
+        lines += [
+            f"{effect.name}: what looks the same is {EFFECTS[effect.name].looks_like}"
+            for effect in self.effects
+            if EFFECTS[effect.name].looks_like
+        ]
+        if self.share_below_tenth:
+            lines.append(
+                f"{self.share_below_tenth:.0%} of the frames count for less than a tenth of their share, since errors "
+                f"of the inputs ({self.accuracy.pressure:.1%} of each pressure, {self.accuracy.tilt:g} degrees of "
+                "level) move them most"
+            )
+        return lines
 
     def as_json(self) -> dict[str, Any]:
         """`trace.json`; mm."""
@@ -90,6 +123,10 @@ class Outcome:
             },
             "unjudged": [stretch.as_json() for stretch in self.stretches],
             "unjudged_share": self.share_unjudged,
+            "weights": {
+                "share_below_tenth": self.share_below_tenth,
+                "input_accuracy": {"pressure": self.accuracy.pressure, "tilt_deg": self.accuracy.tilt},
+            },
             "discovered": None,
             "next_experiment": self.next_experiment,
             "excess": {
@@ -97,25 +134,11 @@ class Outcome:
                 "before": 1e3 * self.evidence.before,
                 "after": 1e3 * self.evidence.after,
                 "black_box": 1e3 * self.evidence.box_before,
-                "chance": 1e3 * self.search.rounds[0].ranking.chance,
-                "decoy": 1e3 * self.search.rounds[0].ranking.decoy,
                 "fitted": None if self.evidence.fitted is None else 1e3 * self.evidence.fitted,
             },
-            "grid": {
-                "points_per_side": self.model.points_per_side,
-                "error_mm": None if self.search.grid.error is None else 1e3 * self.search.grid.error,
-            },
-            "said": list(self.said),
+            "detectable": {c.name: c.detectable for c in self.candidates if not c.chosen},
+            "said": self.said,
         }
-
-    @property
-    def indistinguishable(self) -> tuple[str, ...]:
-        """From the last effect chosen, or from one of several chosen together."""
-        if self.verdict != "effect":
-            return ()
-        *_, last, final = self.search.rounds
-        assert last.chosen is not None
-        return final.stand_ins if last.chosen.together else last.indistinguishable
 
     def _effect(self, effect: EffectTerm) -> dict[str, Any]:
         declared = EFFECTS[effect.name]
@@ -130,28 +153,14 @@ class Outcome:
             "explains": self.explained.get(effect.name),
         }
 
-    @cached_property  # of several effects found together it takes a cross-validation each
+    @cached_property
     def explained(self) -> dict[str, float | None]:
-        """Share of the gap that each effect closes, in the order they were added."""
-        if explains(self.evidence) is None:
+        """Share of the gap that each effect closes; of several, by what its absence costs."""
+        whole = explains(self.evidence)
+        if whole is None:
             return {}
-        shares: dict[str, float | None] = {}
-        last = self.evidence.before
-        for done in self.search.rounds:
-            if done.chosen is not None:
-                now = max(done.ranking.excess - done.chosen.gain, 0.0)
-                share = (last - now) / self.evidence.before
-                shares |= {name: share * part for name, part in self._parts(done.chosen).items()}
-                last = now
-        return shares
-
-    def _parts(self, chosen: Finalist) -> dict[str, float]:
-        """Of several effects found together, each one's part: by what its absence costs."""
-        if len(chosen.effects) == 1:
-            return {chosen.name: 1.0}
-        found = gains(self.search.bench, chosen.state, self.search.folds, self.search.floor)
-        costs = {name: max(found[name].gain, 0.0) for name in sorted(chosen.effects, key=lambda n: -found[n].gain)}
-        return {name: cost / max(sum(costs.values()), 1e-12) for name, cost in costs.items()}
+        costs = {label_effect(name): max(gain, 0.0) ** 2 for name, (gain, _) in self.selection.gains.items()}
+        return {name: whole * cost / max(sum(costs.values()), 1e-30) for name, cost in costs.items()}
 
     @property
     def floor(self) -> float:
@@ -159,47 +168,31 @@ class Outcome:
         for role in ("test", "fit"):
             if (found := mean_of(self.errors, role, "after", "surface_floor")) is not None:
                 return found
-        return self.search.floor
-
-    def candidates(self) -> list[dict[str, Any]]:
-        """The first round's, best first, with `none`; m. Those fitted in full have that fit's figures; several that
-        were fitted together have a row of their own."""
-        first = self.search.rounds[0]
-        full = {f.name: f for f in first.finalists}
-        rows: list[dict[str, Any]] = [
-            {"name": "none", "excess": first.ranking.excess, "gain": 0.0, "interval90": (0.0, 0.0), "full": True,
-             "certain": False}
-        ]  # fmt: skip
-        for c in first.ranking.candidates:
-            gain, interval = (
-                (full[c.effect].gain, full[c.effect].interval90) if c.effect in full else (c.gain, c.interval90)
-            )
-            excess, certain = max(first.ranking.excess - gain, 0.0), first.ranking.certain(c)
-            rows.append(
-                {"name": c.effect, "excess": excess, "gain": gain, "interval90": interval, "full": c.effect in full,
-                 "certain": certain}
-            )  # fmt: skip
-        for f in first.finalists:
-            if len(f.effects) > 1:
-                excess = max(first.ranking.excess - f.gain, 0.0)
-                rows.append(
-                    {"name": f.name, "excess": excess, "gain": f.gain, "interval90": f.interval90, "full": True,
-                     "certain": f.interval90[0] > 0}
-                )  # fmt: skip
-        return sorted(rows, key=lambda row: float(row["excess"]))
+        return self.selection.floor
 
     def _candidates(self) -> list[dict[str, Any]]:
-        return [
+        rows = [
             {
-                "name": row["name"],
-                "held_out": self._surface(row["excess"]),
-                "gain": 1e3 * row["gain"],
-                "interval90": [1e3 * row["interval90"][0], 1e3 * row["interval90"][1]],
-                "adequate": bool(row["excess"] <= self.tolerance),
-                "fitted": "in full" if row["full"] else "linear",
+                "name": "none",
+                "held_out": self._surface(self.evidence.before),
+                "gain": 0.0,
+                "interval90": [0.0, 0.0],
+                "adequate": bool(self.evidence.before <= self.tolerance),
+                "chosen": False,
             }
-            for row in self.candidates()
         ]
+        rows += [
+            {
+                "name": c.name,
+                "held_out": self._surface(c.excess),
+                "gain": 1e3 * c.gain,
+                "interval90": [1e3 * c.interval90[0], 1e3 * c.interval90[1]],
+                "adequate": bool(c.excess <= self.tolerance),
+                "chosen": c.chosen and self.verdict == "effect",
+            }
+            for c in self.candidates
+        ]
+        return rows
 
     def _surface(self, excess: float) -> float:
         """mm of surface RMS."""
@@ -226,66 +219,25 @@ class Outcome:
 
 
 def model_of(
-    search: Search,
+    found: Fit,
+    plain: Fit,
+    samples: Sequence[Sample],
+    *,
     points_per_side: int,
     provenance: Provenance,
-    *,
-    with_effects: bool,
-    known: tuple[EffectTerm, ...] = (),
+    known: tuple[EffectTerm, ...],
+    believable: bool,
 ) -> Model:
-    """The last state as a model, or the first, without effects found; both with those known before."""
-    plain = _parameters(search.before.x, _covariance(search.rounds[0].grams))
-    if not with_effects or not search.after.vector.added:
-        return Model(
-            plain,
-            known,
-            points_per_side=points_per_side,
-            provenance=provenance,
-            covariance=_joint(search.rounds[0].grams, search.before.vector.names),
-        )
-    state, grams = search.after, search.rounds[-1].grams
-    matrix = _covariance(grams)
-    effects = []
-    for added, part in added_effects(state):
-        quantities = {}
-        deviation = np.sqrt(np.diag(matrix)[part])
-        low, high = (added.values(state.x[part] + side * QUANTILE * deviation) for side in (-1, 1))
-        for name, value in added.values(state.x[part]).items():
-            unit = EFFECTS[added.name].parameters[name].unit
-            interval = (low[name], high[name]) if name in added.free else None
-            quantities[name] = Quantity(value, unit, interval)
-        effects.append(EffectTerm(added.name, quantities, added.scope))
-    return Model(
-        _parameters(state.x, matrix),
-        (*known, *effects),
+    """A fit as a model, with the effects known before and the factors found without effects."""
+    model = fitted_model(
+        found if found is plain else replace(found, without_effects=plain),
+        with_engines(found),
+        designs=[s.trial.design for s in samples],
+        believable=believable,
         points_per_side=points_per_side,
         provenance=provenance,
-        without_effects=plain,
-        covariance=_joint(grams, state.vector.names),
     )
-
-
-def _covariance(grams: Grams) -> Array:
-    """In prior standard deviations, with the engines' difference in the declared parameters."""
-    matrix = covariance(grams)
-    prior = np.array([PRIOR[name] for name in PARAMETERS])
-    own = np.sqrt(np.diag(matrix))[:FACTORS] * prior
-    extra = data_share(own) * engine_difference() / prior
-    return matrix + np.diag(np.concatenate([np.square(extra), np.zeros(len(matrix) - FACTORS)]))
-
-
-def _parameters(x: Array, matrix: Array) -> dict[str, Parameter]:
-    found = {}
-    for k, name in enumerate(PARAMETERS):
-        centre, half = PRIOR[name] * x[k], QUANTILE * PRIOR[name] * float(np.sqrt(matrix[k, k]))
-        found[name] = Parameter(float(np.exp(centre)), (float(np.exp(centre - half)), float(np.exp(centre + half))))
-    return found
-
-
-def _joint(grams: Grams, names: Sequence[str]) -> Covariance:
-    """Of the factors' logarithms and the effects' parameters, in their transforms."""
-    scale = [PRIOR[n] if n in PRIOR else EFFECTS[n.split(".")[0]].parameters[n.split(".")[1]].deviation for n in names]
-    return Covariance(tuple(names), _covariance(grams) * np.outer(scale, scale))
+    return replace(model, effects=(*known, *model.effects))
 
 
 def provenance_of(

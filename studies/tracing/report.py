@@ -15,6 +15,7 @@ from fabdesign.motion_file import square_triangles
 from studies.judged import WHY
 from studies.tracing.outcome import Outcome
 from studies.tracing.residual import remains
+from studies.tracing.residuals import Residuals
 from studies.tracing.words import experiment_in_words, verdict_in_words
 from studies.view.items import Item
 from studies.view.page import render_page
@@ -27,7 +28,7 @@ _LAYOUT = {"margin": {"l": 60, "r": 20, "t": 30, "b": 45}, "font": {"family": "s
 
 def render_report(outcome: Outcome) -> str:
     """HTML."""
-    before = remains(outcome.search.bench, outcome.search.before, outcome.search.folds)
+    before = remains(Residuals.of(outcome.samples, outcome.before), outcome.selection.folds)
     figures = {
         "bars": _bars(outcome),
         "candidates": _candidates(outcome),
@@ -52,6 +53,7 @@ def render_report(outcome: Outcome) -> str:
         motion=_motion(outcome),
         parameters=_parameter_rows(outcome.model),
         signature={name: EFFECTS[name].signature for name in EFFECTS},
+        units={e.name: {n: "" if p.unit == "1" else p.unit for n, p in e.parameters.items()} for e in EFFECTS.values()},
         figures=Markup(json.dumps(figures, separators=(",", ":")).replace("</", "<\\/")),
         plotly=Markup(get_plotlyjs()),
     )
@@ -59,7 +61,7 @@ def render_report(outcome: Outcome) -> str:
 
 def _bars(outcome: Outcome) -> dict[str, Any]:
     error = outcome.as_json()["error"]
-    rows = [("noise floor", error["noise_floor"], _GREY), ("black box", error["ceiling"], _GREY),
+    rows = [("noise floor", error["noise_floor"], _GREY), ("baseline", error["ceiling"], _GREY),
             ("after", error["after"]["held_out"], _BLUE), ("before", error["before"]["held_out"], _RED)]  # fmt: skip
     bar = {
         "type": "bar", "orientation": "h", "y": [r[0] for r in rows], "x": [r[1] for r in rows],
@@ -74,32 +76,23 @@ def _figure(data: list[dict[str, Any]], **layout: Any) -> dict[str, Any]:
 
 
 def _candidates(outcome: Outcome) -> dict[str, Any]:
-    rows = [row for row in reversed(outcome.candidates()) if row["name"] != "none"]
-    gains = [1e3 * row["gain"] for row in rows]
+    rows = [*reversed(outcome.candidates)]
     marks = {
-        "type": "scatter", "mode": "markers", "y": [row["name"] for row in rows], "x": gains,
-        "marker": {"size": 9, "color": [_BLUE if row["certain"] else _GREY for row in rows]},
+        "type": "scatter", "mode": "markers", "y": [c.name for c in rows], "x": [1e3 * c.gain for c in rows],
+        "marker": {"size": 9, "color": [_BLUE if c.chosen else _GREY for c in rows]},
         "error_x": {"type": "data", "symmetric": False, "thickness": 1.5,
-                    "array": [1e3 * max(row["interval90"][1] - row["gain"], 0) for row in rows],
-                    "arrayminus": [1e3 * max(row["gain"] - row["interval90"][0], 0) for row in rows]},
+                    "array": [1e3 * max(c.interval90[1] - c.gain, 0) for c in rows],
+                    "arrayminus": [1e3 * max(c.gain - c.interval90[0], 0) for c in rows]},
     }  # fmt: skip
-    ranking = outcome.search.rounds[0].ranking
-    chance = 1e3 * max(ranking.chance, ranking.decoy)
-    line = {
-        "type": "line",
-        "x0": chance,
-        "x1": chance,
-        "y0": 0,
-        "y1": 1,
-        "yref": "paper",
-        "line": {"dash": "dot", "color": _RED},
-    }
-    axis = {"title": "gain of held-out excess, mm (90 %); dotted: chance and decoys"}
-    return _figure([marks], shapes=[line], margin={"l": 130, "r": 20, "t": 10, "b": 45}, xaxis=axis)
+    tolerance = 1e3 * outcome.tolerance
+    line = {"type": "line", "x0": tolerance, "x1": tolerance, "y0": 0, "y1": 1, "yref": "paper",
+            "line": {"dash": "dot", "color": _RED}}  # fmt: skip
+    axis = {"title": "gain of held-out excess, mm (90 %); dotted: the tolerance"}
+    return _figure([marks], shapes=[line], margin={"l": 150, "r": 20, "t": 10, "b": 45}, xaxis=axis)
 
 
 def _cloth(outcome: Outcome, cells: np.ndarray, title: str) -> dict[str, Any]:
-    fabric = outcome.search.bench.samples[0].trial.design.fabric
+    fabric = outcome.samples[0].trial.design.fabric
     n = len(cells)
     centres = (np.arange(n) + 0.5) / n
     heat = {
@@ -150,12 +143,11 @@ def _worst(outcome: Outcome) -> str:
 
 def _motion(outcome: Outcome) -> str:
     name = _worst(outcome)
-    search = outcome.search
-    trial = next(s.trial for s in search.bench.samples if s.trial.name == name)
+    trial = next(s.trial for s in outcome.samples if s.trial.name == name)
     frames = np.unique(np.linspace(0, len(trial.times) - 1, min(_FRAMES, len(trial.times))).round().astype(int))
     times, clouds = trial.times[frames], trial.load().frames
-    after = search.after if outcome.verdict == "effect" else search.before
-    motions = search.bench.forward.motions([s.vector.case(trial, s.x) for s in (search.before, after)], [times, times])
+    fits = outcome.before, outcome.after
+    motions = outcome.forward.motions([found.vector.case(trial, found.x) for found in fits], [times, times])
     items = [Item(f"measured, {name}", times, [clouds[int(k)] for k in frames])]
     for title, motion in zip(("before", "after"), motions, strict=True):
         if np.isfinite(motion).all():

@@ -5,10 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from studies.calibration.clouds import Indices
+from optimize.fit.clouds import Array, Indices
 from studies.tracing.black_box import RIDGES, Frames, frames_at
-from studies.tracing.fit import Bench, State
-from studies.tracing.vector import Array
+from studies.tracing.residuals import Residuals
 
 CELLS = 10  # of the map of the cloth, a side
 _SIDE = 41
@@ -29,7 +28,7 @@ class Remains:
     shares: dict[str, float]
 
 
-def remains(bench: Bench, state: State, folds: Sequence[int]) -> Remains:
+def remains(state: Residuals, folds: Sequence[int]) -> Remains:
     """Of the residual of a state."""
     side = state.found.vertex % _SIDE**2
     u = np.einsum("nc,nc->n", state.found.weights, (side % _SIDE) / (_SIDE - 1))
@@ -40,11 +39,11 @@ def remains(bench: Bench, state: State, folds: Sequence[int]) -> Remains:
     sums = np.bincount(cell[kept], squared[kept], minlength=CELLS**2)
     cells = np.sqrt(np.where(counts > 0, sums / np.maximum(counts, 1), np.nan)).reshape(CELLS, CELLS)
     worst = int(np.nanargmax(cells))
-    fabric = bench.samples[0].trial.design.fabric
+    fabric = state.samples[0].trial.design.fabric
     where = ((worst % CELLS + 0.5) / CELLS * fabric.width, (worst // CELLS + 0.5) / CELLS * fabric.height)
     over_time: dict[str, tuple[Array, Array]] = {}
     all_times, all_squares = [], []
-    for s, sample in enumerate(bench.samples):
+    for s, sample in enumerate(state.samples):
         own = kept & (state.found.sample == s)
         frame = state.found.frame[own]
         count = np.maximum(np.bincount(frame, minlength=len(sample.times)), 1)
@@ -55,18 +54,18 @@ def remains(bench: Bench, state: State, folds: Sequence[int]) -> Remains:
     times, squares = np.concatenate(all_times), np.concatenate(all_squares)
     blocks = (times / 0.5).astype(int)
     means = np.bincount(blocks, squares) / np.maximum(np.bincount(blocks), 1)
-    shares = _follows(bench, state, folds)
+    shares = _follows(state, folds)
     best = max(shares, key=lambda name: shares[name])
     return Remains(
         cells, over_time, where, float(0.5 * means.argmax() + 0.25), best if shares[best] > _FOLLOWED else None, shares
     )
 
 
-def _follows(bench: Bench, state: State, folds: Sequence[int]) -> dict[str, float]:
+def _follows(state: Residuals, folds: Sequence[int]) -> dict[str, float]:
     """Share of the residual's shapes, of trials left out, that each kind of feature predicts, linearly."""
-    frames = frames_at(bench, state)
+    frames = frames_at(state)
     fold = np.asarray(folds)[frames.trial]
-    kinds = _kinds(bench, state, frames)
+    kinds = _kinds(state, frames)
     total = float(np.square(frames.shapes).sum())
     place = _left(np.zeros((len(fold), 0)), frames, fold)
     shares = {"place": 1 - place / total}
@@ -75,16 +74,16 @@ def _follows(bench: Bench, state: State, folds: Sequence[int]) -> dict[str, floa
     return shares
 
 
-def _kinds(bench: Bench, state: State, frames: Frames) -> dict[str, Array]:
-    channels = max(s.trial.program.pressure.shape[1] for s in bench.samples)
+def _kinds(state: Residuals, frames: Frames) -> dict[str, Array]:
+    channels = max(s.trial.program.pressure.shape[1] for s in state.samples)
     parts: dict[str, list[Array]] = {name: [] for name in ("pressure", "rate", "history", "time", "order", "pose")}
-    for sample, motion in zip(bench.samples, state.motions, strict=True):
+    for sample, sheet in zip(state.samples, state.sheets, strict=True):
         program, times = sample.trial.program, sample.times
         told = np.pad(program.at(times) / 1e5, ((0, 0), (0, channels - program.pressure.shape[1])))
         grid = np.arange(0.0, times[-1] + 0.01, 0.01)
         path = np.pad(program.at(grid) / 1e5, ((0, 0), (0, channels - program.pressure.shape[1])))
         slow, fast = (_lag(path, tau)[np.clip(np.searchsorted(grid, times), 0, len(grid) - 1)] for tau in (1.0, 0.15))
-        middle = 0.5 * (motion[:, : motion.shape[1] // 2 : 40] + motion[:, motion.shape[1] // 2 :: 40])
+        middle = sheet.middle.reshape(len(times), -1, 3)[:, ::40]
         parts["pressure"].append(told)
         parts["rate"].append(fast - told)
         parts["history"].append(slow - told)

@@ -6,38 +6,40 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from fabdesign import SIMULATOR, __version__
+from fabdesign import SIMULATOR
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import check_values, effect_named
 from fabdesign.errors import InputError
-from fabdesign.forward import PARAMETERS, ForwardModel
+from fabdesign.forward import ForwardModel
 from fabdesign.model import Model
 from fabdesign.model_file import write_model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.predictor import Predictor
 from fabdesign.splits import fit_trials
 from fabdesign.trial import MeasurementSet, Trial
-from studies.calibration.clouds import evenly
-from studies.calibration.parameters import PRIOR
+from optimize.fit.clouds import Sample, evenly
+from optimize.fit.inputs import DEFAULT_ACCURACY, Accuracy
+from optimize.fit.left_out import LeftOut
+from studies.calibration.fitted_model import muscle_scope
 from studies.judged import Stretch, said, share_unjudged
 from studies.judged_search import unjudged
-from studies.tracing.data import TRIALS, TooLittle, draw
+from studies.tracing.black_box import baseline_score
+from studies.tracing.candidates import Candidate, candidates_of
+from studies.tracing.data import TRIALS, TooLittle, draw, folds_of
 from studies.tracing.errors import Place, judged_errors
 from studies.tracing.experiment import Explanation, next_experiment
-from studies.tracing.fit import Bench
-from studies.tracing.grid import COARSE, FINE
 from studies.tracing.outcome import Outcome, model_of, provenance_of
-from studies.tracing.ranking import excess_over
 from studies.tracing.residual import remains
-from studies.tracing.search import Search, search
+from studies.tracing.residuals import Residuals
+from studies.tracing.selection import Selection, Task, label_effect, select
 from studies.tracing.stages import Stages, sha256
-from studies.tracing.vector import FACTORS
 from studies.tracing.verdict import Evidence, decide
 
+ALGORITHM = 2  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 TOLERANCE = 0.5e-3  # m of excess
 LEAST_TRIALS = 3  # with different pressures
+GRID = 21  # points a side: within 0.3 mm of a finer one, for a hundredth of a second a column
+CALM_STEPS = 12  # time steps in one, far from jumps: within 0.03 mm of 8; at 16 single motions are off by millimetres
 
 Say = Callable[[str], None]
 Experiment = Mapping[str, Any] | None
@@ -45,12 +47,13 @@ Experiment = Mapping[str, Any] | None
 
 @dataclass(frozen=True)
 class Options:
-    """tolerance: m of held-out excess within which a model is adequate. grid: points a side; None: COARSE, for a trace
-    asks for hundreds of motions, or FINE where that changes too much."""
+    """tolerance: m of held-out excess within which a model is adequate. grid: points a side; None: GRID. accuracy: of
+    pressures and the frame's level."""
 
     tolerance: float = TOLERANCE
     grid: int | None = None
     seed: int = 0
+    accuracy: Accuracy = DEFAULT_ACCURACY
 
 
 def trace_set(
@@ -67,9 +70,8 @@ def trace_set(
     """Trace, and write `trace.json`, `model.toml` and `report.html` into `out`. The same call goes on after a kill.
 
     inputs: the files and folders read, never written over. model: where the fit starts, and effects that are known
-    already; they stay as they are. forward: the bare simulator, by default with `options.grid`; one that is given
-    has no finer grid beside it. Raises TooLittle for too few trials and AnotherTrace for a folder of another, both
-    InputErrors.
+    already; they stay as they are. forward: the bare simulator, by default with `options.grid`. Raises TooLittle for
+    too few trials and AnotherTrace for a folder of another, both InputErrors.
     """
     trials = fit_trials(measured.trials)
     trials = tuple(trials[i] for i in evenly(len(trials), TRIALS))
@@ -81,11 +83,8 @@ def trace_set(
         if forward is None:
             from sim import Simulator  # here: it loads and starts taichi
 
-            forward = Simulator(options.grid or COARSE)
-            finer = None if options.grid else Simulator(FINE)
-        else:
-            finer = None
-        outcome = _trace(measured, trials, tests, known, stages, (forward, finer), options, say)
+            forward = Simulator(options.grid or GRID, calm_steps=CALM_STEPS)
+        outcome = _trace(measured, trials, tests, known, stages, forward, options, say)
         _write(work, outcome)
     return outcome
 
@@ -96,63 +95,71 @@ def _trace(
     tests: tuple[Trial, ...],
     known: Model,
     stages: Stages,
-    grids: tuple[ForwardModel, ForwardModel | None],
+    bare: ForwardModel,
     options: Options,
     say: Say,
 ) -> Outcome:
-    """grids: the bare simulator, and that of a finer grid."""
-    bare, fine = grids
-    effects = Model(effects=known.effects)
     every = (*trials, *tests)
-    stretches = _stretches(stages, every, bare, options, say)
+    stretches = _stretches(stages, every, bare, say)
     say(said(stretches, share_unjudged(stretches, every)))
     samples, noise = draw(trials, stretches, seed=options.seed)
     if len({id(s.trial) for s in samples}) < LEAST_TRIALS:
         raise TooLittle(f"{measured.name}: {len(samples)} trials with judged frames; expected at least {LEAST_TRIALS}")
-    types = sorted({m.type for s in samples for m in s.trial.design.muscles})
-    found = search(
-        Bench(samples, Predictor(bare, effects, sensing=True)),
-        stages,
-        noise.sigma,
-        tolerance=options.tolerance,
-        finer=None if fine is None else Predictor(fine, effects, sensing=True),
-        start=_start(known),
-        types=types,
-        channels=max(s.trial.design.channels for s in samples),
-        known=[effect.name for effect in known.effects],
-        seed=options.seed,
-        say=say,
+    forward = Predictor(bare, Model(effects=known.effects), sensing=True)
+    selection = select(
+        Task(
+            samples=samples,
+            forward=forward,
+            folds=folds_of(samples),
+            floor=noise.sigma,
+            tolerance=options.tolerance,
+            accuracy=options.accuracy,
+            factors=known.factors,
+            known=[effect.name for effect in known.effects],
+            scope=muscle_scope([s.trial.design for s in samples]),
+            stages=stages,
+            say=say,
+        )
     )
-    bench, forward = found.bench, found.bench.forward
-    left = remains(bench, found.after, found.folds)
-    evidence = _evidence(found, max(left.shares.values()))
+    left = remains(Residuals.of(samples, selection.chosen), selection.folds)
+    evidence = _evidence(selection, samples, max(left.shares.values()))
     verdict = decide(evidence, options.tolerance)
-    before = Place(found.before.vector, found.before.x)
-    after = Place(found.after.vector, found.after.x) if verdict == "effect" else before
+    fitted = selection.chosen if verdict == "effect" else selection.plain
+    if verdict != "effect" and selection.chosen is not selection.plain:
+        left = remains(Residuals.of(samples, selection.plain), selection.folds)
     say("errors before and after, on the trials fitted and once on those of role test")
+    before, after = (Place(found.vector, found.x) for found in (selection.plain, fitted))
     errors = judged_errors(every, stretches, forward, before, after, noise)
-    if verdict != "effect" and found.after is not found.before:
-        left = remains(bench, found.before, found.folds)
+    candidates, alike = candidates_of(selection)
     say("what to measure next")
-    experiment = _experiment(samples[0].trial, forward, found, noise.sigma, verdict)
+    experiment = _experiment(samples[0].trial, forward, selection, candidates, noise.sigma, verdict)
     hashes = {f"{measured.name}/{t.file.name}": sha256(t.file) for t in trials}
-    provenance = provenance_of(measured.name, [s.trial for s in samples], tests, hashes, options.seed)
-    grid = found.grid.points_per_side or options.grid or COARSE
-    fitted = model_of(found, grid, provenance, with_effects=verdict == "effect", known=known.effects)
     return Outcome(
         name=measured.name,
         synthetic="synthetic" in measured.description,
         verdict=verdict,
         evidence=evidence,
         tolerance=options.tolerance,
-        search=found,
+        accuracy=options.accuracy,
+        selection=selection,
+        samples=tuple(samples),
+        forward=forward,
+        candidates=candidates,
+        alike=alike,
         errors=tuple(errors),
         remains=left,
         stretches=stretches,
         share_unjudged=share_unjudged(stretches, every),
-        model=fitted,
+        model=model_of(
+            fitted,
+            selection.plain,
+            samples,
+            points_per_side=options.grid or GRID,
+            provenance=provenance_of(measured.name, [s.trial for s in samples], tests, hashes, options.seed),
+            known=known.effects,
+            believable=verdict != "unexplained",
+        ),
         next_experiment=experiment,
-        said=tuple(_said(found, evidence, options.tolerance)),
     )
 
 
@@ -165,68 +172,51 @@ def _check(model: Model) -> None:
         check_values(effect_named(term.name, "--model"), term.values, "--model")
 
 
-def _start(model: Model) -> np.ndarray:
-    """(7,) prior standard deviations, of the factors that all muscle types share."""
-    x = np.zeros(FACTORS)
-    for k, name in enumerate(PARAMETERS):
-        own = [v for n, v in model.factors.items() if n.split(".")[-1] == name]
-        x[k] = np.clip(np.log(np.mean(own)) / PRIOR[name], -4, 4) if own else 0.0
-    return x
+def _stretches(stages: Stages, trials: tuple[Trial, ...], bare: ForwardModel, say: Say) -> tuple[Stretch, ...]:
+    def found() -> list[list[Any]]:
+        def told(done: int, total: int) -> None:
+            say(f"stretches near a bifurcation: {done} of {total} motions")
 
+        return [[s.trial, s.begin, s.end] for s in unjudged(trials, bare, progress=told)]
 
-def _stretches(
-    stages: Stages, trials: tuple[Trial, ...], bare: ForwardModel, options: Options, say: Say
-) -> tuple[Stretch, ...]:
-    kept = stages.text(
-        "unjudged",
-        lambda: [
-            [s.trial, s.begin, s.end]
-            for s in unjudged(
-                trials, bare,
-                progress=lambda done, total: say(f"stretches that hang on a hair: {done} of {total} motions"),
-            )
-        ],
-    )  # fmt: skip
+    kept = stages.text("unjudged", found)
     return tuple(Stretch(str(trial), float(begin), float(end)) for trial, begin, end in kept)
 
 
-def _evidence(found: Search, left: float) -> Evidence:
-    first, last = found.rounds[0], found.rounds[-1]
+def _evidence(selection: Selection, samples: Sequence[Sample], left: float) -> Evidence:
+    floor, folds = selection.floor, selection.folds
+    plain, chosen = (LeftOut.of(found, folds) for found in (selection.plain, selection.chosen))
+    before, after = (Residuals.of(samples, found) for found in (selection.plain, selection.chosen))
+    box = baseline_score(before, folds)
+    beside = box if selection.chosen is selection.plain else baseline_score(after, folds)
     return Evidence(
-        before=first.ranking.excess,
-        after=last.ranking.excess,
-        effects=sum(r.chosen is not None for r in found.rounds),
-        box_before=first.box,
-        box_after=last.box,
-        box_certain=first.box_interval90[0] > 0,
+        before=plain.scored().excess(floor),
+        after=chosen.scored().excess(floor),
+        effects=len(selection.chosen.vector.labels),
+        box_before=box.excess(floor),
+        box_after=beside.excess(floor),
+        box_certain=plain.gain(before.scored, box, floor)[1][0] > 0,
         left=left,
-        fitted=float(excess_over(found.before.mean_square, found.floor)),
+        fitted=before.scored.excess(floor),
     )
 
 
-def _experiment(trial: Trial, forward: ForwardModel, found: Search, noise: float, verdict: str) -> Experiment:
-    """Between the explanations of the last round that had any."""
-    ranked = [r for r in found.rounds if r.finalists]
-    if not ranked or verdict == "adequate":
+def _experiment(
+    trial: Trial,
+    forward: ForwardModel,
+    selection: Selection,
+    candidates: Sequence[Candidate],
+    noise: float,
+    verdict: str,
+) -> Experiment:
+    """Between the model and what else the data leave possible: the declared parameters alone, and the joint fit."""
+    if verdict == "adequate":
         return None
-    explanations = [Explanation(f.name, f.state.vector, f.state.x) for f in ranked[-1].finalists]
-    if len(explanations) < 2:
-        explanations.append(Explanation("none", found.before.vector, found.before.x))
+    fits = {"none": selection.plain, "every effect": selection.everything}
+    if selection.chosen is not selection.plain:
+        fits = {" and ".join(label_effect(label) for label in selection.labels): selection.chosen, **fits}
+    explanations = [Explanation(name, found.vector, found.x) for name, found in fits.items()]
     return next_experiment(trial.design, forward, explanations, noise)
-
-
-def _said(found: Search, evidence: Evidence, tolerance: float) -> list[str]:
-    lines = []
-    first = found.rounds[0]
-    certain = [c for c in first.ranking.candidates if first.ranking.certain(c)]
-    if evidence.before <= tolerance and certain:
-        named = ", ".join(f"{c.effect} ({1e3 * c.gain:.2f} mm)" for c in certain[:3])
-        lines.append(f"certain but within the tolerance, so not added: {named}")
-    if evidence.before > tolerance and not certain:
-        lines.append("no candidate by itself gains more than chance and decoys do")
-    if first.chosen is not None and first.chosen.together:
-        lines.append(f"found where all effects were fitted at once: {', '.join(first.chosen.effects)}")
-    return lines
 
 
 def _content(measured: MeasurementSet, trials: tuple[Trial, ...], known: Model, options: Options) -> dict[str, str]:
@@ -235,11 +225,12 @@ def _content(measured: MeasurementSet, trials: tuple[Trial, ...], known: Model, 
     content |= {f"role of {t.name}": t.role for t in trials}
     return content | {
         "--tolerance": f"{1e3 * options.tolerance:g} mm",
-        "--grid": str(options.grid or "by itself"),
+        "--grid": str(options.grid or GRID),
         "--seed": str(options.seed),
+        "accuracy": repr(options.accuracy),
         "--model": repr((sorted(known.factors.items()), known.terms)),
         "simulator": str(SIMULATOR),
-        "version": __version__,
+        "algorithm": str(ALGORITHM),
         "effects": ", ".join(EFFECTS),
     }
 

@@ -11,12 +11,12 @@ def verdict_in_words(outcome: Outcome) -> str:
     if outcome.verdict == "adequate":
         if evidence.before <= outcome.tolerance:
             return (
-                f"The model with its declared parameters refitted is adequate: on trials held out it leaves {before} "
-                f"over the noise, within {1e3 * outcome.tolerance:g} mm."
+                f"The model with its declared parameters refitted is adequate: trials held out are {before} off, over "
+                f"the noise, within the tolerance of {1e3 * outcome.tolerance:g} mm."
             )
         return (
-            f"The model is adequate as far as these data say: it leaves {before} over the noise, but neither a "
-            "candidate nor a black box takes of that what chance would not."
+            f"The model is adequate as far as these data say: trials held out are {before} off, over the noise. No "
+            "effect of the list is needed, and a flexible baseline does not predict what is left either."
         )
     if outcome.verdict == "unexplained":
         missing = "Something is missing that none of the known effects explains, alone or together with others:"
@@ -27,7 +27,7 @@ def verdict_in_words(outcome: Outcome) -> str:
             )
         return (
             f"{missing} {before} over the noise are left on trials held out, "
-            f"{1e3 * (evidence.fitted or 0.0):.2f} mm on those fitted, of which a black box takes all but "
+            f"{1e3 * (evidence.fitted or 0.0):.2f} mm on those fitted, of which a flexible baseline takes all but "
             f"{1e3 * evidence.box_before:.2f} mm."
         )
     named = " and ".join(effect_in_words(effect) for effect in outcome.effects)
@@ -68,16 +68,15 @@ def as_text(outcome: Outcome) -> str:
     lines = [f"{outcome.verdict}: {verdict_in_words(outcome)}"]
     lines.append(
         f"surface RMS of trials held out {error['before']['held_out']:.2f} -> {error['after']['held_out']:.2f} mm, "
-        f"noise floor {error['noise_floor']:.2f}, black box {error['ceiling']:.2f}"
+        f"noise floor {error['noise_floor']:.2f}, flexible baseline {error['ceiling']:.2f}"
     )
     for row in result["candidates"]:
         low, high = row["interval90"]
         if row["name"] != "none":
-            lines.append(
-                f"  {row['name']:<18} gains {row['gain']:6.2f} mm (90 % {low:.2f} to {high:.2f}), {row['fitted']}"
-            )
-    lines.append(f"unjudged: {outcome.share_unjudged:.0%} of the frames")
-    lines += [outcome.grid_in_words, *outcome.said] if outcome.grid_in_words else outcome.said
+            what = "its absence costs" if row["chosen"] else "would take"
+            lines.append(f"  {row['name']:<20} {what} {row['gain']:6.2f} mm (90 % {low:.2f} to {high:.2f})")
+    lines.append(f"left out: {outcome.share_unjudged:.0%} of the frames")
+    lines += outcome.said
     if (experiment := experiment_in_words(outcome)) is not None:
         lines.append(f"next: {experiment}")
     return "\n".join(lines)

@@ -15,7 +15,7 @@ from fabdesign.npz_file import open_npz
 from fabdesign.output import WorkFolder, whole_file
 from fabdesign.splits import split
 from fabdesign.trial import MeasurementSet, Trial
-from studies.calibration.clouds import evenly
+from optimize.fit.clouds import evenly
 from studies.judged import Judged
 from studies.judged_search import judge_sets
 

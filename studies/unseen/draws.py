@@ -11,7 +11,7 @@ from fabdesign.forward import MUSCLE_TYPES, OF_MUSCLES, Case
 from fabdesign.model import Model
 from fabdesign.model_sampling import drawn, joint_root
 from fabdesign.pressure import PressureProgram
-from studies.calibration.parameters import PRIOR
+from optimize.fit.parameters import PRIOR
 
 Array = NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from fabdesign.forward import Case, ForwardModel
 from fabdesign.model import Model
 from fabdesign.output import whole_file
 from fabdesign.trial import MeasurementSet, Trial
+from optimize.fit.clouds import evenly
+from optimize.fit.parameters import fit_vector
 from studies.calibration.calibrate import calibrate
-from studies.calibration.clouds import evenly
 from studies.calibration.fitted_model import muscle_scope
-from studies.calibration.parameters import fit_vector
 from studies.evaluate import Evaluation, evaluate_sets
 from studies.forward_model import forward_model
 

@@ -11,7 +11,7 @@ from fabdesign import SIMULATOR
 from fabdesign.forward import ForwardModel
 from fabdesign.output import WorkFolder, work_folder
 from fabdesign.unseen_file import FREE, UnseenStudy, Unsewn, read_unseen
-from studies.calibration.parameters import fit_vector
+from optimize.fit.parameters import fit_vector
 from studies.forward_model import forward_model
 from studies.judged_search import GRID
 from studies.layouts.content import flat, shortened

@@ -3,7 +3,7 @@
 The unknown of a parameter is x = t(value) - t(centre), t the logarithm or nothing; its prior is normal about zero.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects import Effect
+from fabdesign.effects.labels import labels_of
 from fabdesign.effects.registry import EFFECTS, check_values, effect_named
 from fabdesign.errors import InputError
 from fabdesign.forward import FACTORS, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS, Case, Term
@@ -100,18 +101,45 @@ class FitVector:
         own = {p.name: p.value(v) for p, v in zip(self.parameters, x, strict=True) if p.is_factor}
         return {**dict(self.factors), **own}
 
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """Of each term, as its parameters are named: its effect, and of several of one effect what was chosen."""
+        return labels_of(self.terms)
+
     def terms_at(self, x: Array) -> tuple[Term, ...]:
         values = {p.name: p.value(v) for p, v in zip(self.parameters, x, strict=True)}
         return tuple(
             replace(
                 term,
                 values={**term.values} | {
-                    key: values[f"{term.name}.{key}"]
-                    for key in EFFECTS[term.name].parameters if f"{term.name}.{key}" in values
+                    key: values[f"{label}.{key}"]
+                    for key in EFFECTS[term.name].parameters if f"{label}.{key}" in values
                 },
             )
-            for term in self.terms
+            for label, term in zip(self.labels, self.terms, strict=True)
         )  # fmt: skip
+
+    def part(self, label: str) -> NDArray[np.intp]:
+        """Which unknowns are those of a term."""
+        return np.flatnonzero([name.rpartition(".")[0] == label and "." in name for name in self.names])
+
+    def only(self, labels: Collection[str]) -> tuple["FitVector", NDArray[np.intp]]:
+        """The factors and the terms of `labels`, named as they then are, and which of the unknowns these keep."""
+        kept = [label in labels for label in self.labels]
+        terms = tuple(term for term, k in zip(self.terms, kept, strict=True) if k)
+        own = FitVector((), self.factors, terms).labels
+        named = dict(zip((n for n, k in zip(self.labels, kept, strict=True) if k), own, strict=True))
+        index, parameters = [], []
+        for k, parameter in enumerate(self.parameters):
+            label, _, key = parameter.name.rpartition(".")
+            if parameter.is_factor:
+                parameters.append(parameter)
+            elif label in named:
+                parameters.append(replace(parameter, name=f"{named[label]}.{key}"))
+            else:
+                continue
+            index.append(k)
+        return FitVector(tuple(parameters), self.factors, terms), np.array(index, dtype=np.intp)
 
     def case(self, trial: Trial, x: Array) -> Case:
         return Case(trial.design, trial.program, self.factors_at(x), self.terms_at(x), trial.order)
@@ -148,14 +176,15 @@ def fit_vector(
     factors: dict[str, float] | None = None,
     terms: Iterable[Term] = (),
     scope: str | None = None,
+    channels: int = 0,
     where: str = "--free",
 ) -> FitVector:
     """The declared parameters less those `fixed`, and what `free` adds: EFFECT (all of its parameters),
     EFFECT.PARAMETER, EFFECT:PARAMETER=VALUE (one that is chosen, not fitted), muscle_types.NAME.PARAMETER, or "all":
-    the strengths of every effect that leaves nothing to choose.
+    the strengths of every effect, of one that is somewhere or in some channel at every choice that it declares.
 
     factors, terms: a model's: what is held has their values, and what is free begins there. scope: of the muscles'
-    effects that are added. Raises InputError.
+    effects that are added. channels: of the designs. Raises InputError.
     """  # fmt: skip
     for name in fixed:
         if name not in PARAMETERS:
@@ -184,13 +213,28 @@ def fit_vector(
             term = replace(term, values={**term.values, key: number})
         acting[name] = term
         parameters += _of_effect(effect, only, item, term, {p.name for p in parameters}, where)
-    return FitVector(tuple(parameters), tuple(held.items()), tuple(acting.values()))
+    terms = [*acting.values()]
+    for effect in EFFECTS.values() if "all" in free else ():
+        if effect.chosen and effect.name not in acting:
+            own = [
+                Term(effect.name, values, scope if effect.scope == "muscle type" else None)
+                for values in effect.choices(channels)
+            ]
+            terms += own
+            for label in FitVector((), (), tuple(own)).labels:
+                parameters += [_strength(effect, key, f"{label}.{key}") for key in effect.strengths]
+    return FitVector(tuple(parameters), tuple(held.items()), tuple(terms))
+
+
+def _strength(effect: Effect, key: str, name: str) -> FitParameter:
+    """An unknown of an effect that begins at its centre."""
+    p = effect.parameters[key]
+    return FitParameter(name, p.deviation, p.centre, p.transform, p.unit, p.bounds)
 
 
 def _every_strength() -> list[str]:
     """EFFECT.PARAMETER each."""
-    fitted = [effect for effect in EFFECTS.values() if not any(p.whole for p in effect.parameters.values())]
-    return [f"{effect.name}.{name}" for effect in fitted for name in effect.strengths]
+    return [f"{effect.name}.{name}" for effect in EFFECTS.values() if not effect.chosen for name in effect.strengths]
 
 
 def _of_muscles(item: str, where: str) -> FitParameter:
@@ -208,9 +252,7 @@ def _of_effect(effect: Effect, only: str, item: str, term: Term, known: set[str]
         name = f"{effect.name}.{key}"
         if parameter.whole or (only and key != only) or name in known or f":{key}=" in item:
             continue
-        unknown = FitParameter(
-            name, parameter.deviation, parameter.centre, parameter.transform, parameter.unit, parameter.bounds
-        )
+        unknown = _strength(effect, key, name)
         begin = term.values.get(key, parameter.typical)
         share = START if parameter.off is not None and key not in term.values else 1.0
         found.append(replace(unknown, start=share * unknown.unknown(begin)))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.forward import SIDE
 from fabdesign.surface import Surface
 from fabdesign.trial import Trial
 from fabdesign.trial_file import TrialData
@@ -99,8 +100,35 @@ def frames_of(found: Match, rows: NDArray[np.bool_] | slice = slice(None)) -> tu
     return frame, np.split(np.argsort(frame, kind="stable"), np.cumsum(np.bincount(frame))[:-1])
 
 
-def derivatives(found: Match, changes: Sequence[Motion]) -> Array:
-    """(N, parameters) m: change of each residual. changes: (parameters, F, 2 n, 3) m a sample, of the vertices.
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Where the matched places lie on a grid of n x n nodes: a residual changes by `-normal @ (weights @ moved nodes)`.
+
+    The normal's own turn moves the face along the face: to first order the height over it does not see that. So nodes
+    of the mid-surface say all, and no face is made of a motion that only a derivative asks for.
+    """
+
+    node: Indices  # (N, 4)
+    weighted: Array  # (N, 4, 3): minus the normal, by bilinear weight
+
+
+def nodes_of(found: Match, side: int, face: int = SIDE) -> Nodes:
+    """side: nodes a side of the grid that the derivatives are made on; face: points a side of the faces matched."""
+    place = found.vertex % (face * face)
+    across, down = (
+        np.einsum("nc,nc->n", found.weights, k.astype(np.float64)) * (side - 1) / (face - 1)
+        for k in (place % face, place // face)
+    )
+    column, row = (np.clip(at.astype(np.intp), 0, side - 2) for at in (across, down))
+    a, b = across - column, down - row
+    first = row * side + column
+    node = np.stack([first, first + 1, first + side, first + side + 1], axis=1)
+    weights = np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b], axis=1)
+    return Nodes(node, -weights[:, :, None] * found.normal[:, None, :])
+
+
+def derivatives(found: Match, nodes: Nodes, changes: Sequence[Motion]) -> Array:
+    """(N, k) m: change of each residual. changes: (k, F, n, n, 3) m a sample, of the mid-surface.
 
     To first order the distance changes by the motion of the matched place along the normal: where the nearest place
     slides to does not matter, as it is the nearest. NaN where a change is not known.
@@ -109,10 +137,10 @@ def derivatives(found: Match, changes: Sequence[Motion]) -> Array:
 
     def fill(s: int, change: Motion) -> None:
         rows = np.flatnonzero(found.sample == s)
-        frame, vertex = found.frame[rows], found.vertex[rows]
-        weighted = found.weights[rows, :, None] * found.normal[rows, None, :]
-        for p, moved in enumerate(change):
-            result[rows, p] = -np.einsum("ncd,ncd->n", weighted, moved[frame[:, None], vertex])
+        flat = change.reshape(*change.shape[:2], -1, 3)
+        frame, node, weighted = found.frame[rows, None], nodes.node[rows], nodes.weighted[rows]
+        for k, moved in enumerate(flat):
+            result[rows, k] = np.einsum("ncd,ncd->n", weighted, moved[frame, node])
 
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         for _ in threads.map(fill, range(len(changes)), changes):

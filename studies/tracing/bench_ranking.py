@@ -1,26 +1,32 @@
-"""Ranking by cross-validation over whole trials: linear algebra on each trial's Gram matrix.
+"""Ranking by cross-validation over whole records of a bench: linear algebra on each trial's Gram matrix.
 
 At a state the residual is r + J d + C b: declared parameters d, a candidate's columns b, each with its prior. What one
 trial says of all of them is its Gram matrix of [J C r]; folds, bootstraps and null distributions need no more.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.tracing.dictionary import Dictionary, Variant
-from studies.tracing.fit import Bench, State
-from studies.tracing.vector import Array
+Array = NDArray[np.float64]
 
 FLIPS = 200  # sign vectors of the null at most
 BOOTSTRAP = 2000  # draws of trials
-ALIKE = 0.98  # cosine from which on two candidates are one answer
 CHANCE = 0.99  # quantile of the best of all candidates' gain by chance, above which one is certain
-LEAST_TRIALS = 7  # under which halves of trials are flipped, for there are too few of them
 _ROUNDS = 3  # of the noise's size against the fit
+
+
+@dataclass(frozen=True)
+class Variant:
+    """A candidate at one shape: columns that are taken together."""
+
+    effect: str
+    columns: tuple[int, ...]
+    deviation: float  # of the columns' coefficients, by the prior
+    shape: Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,22 +51,6 @@ class Grams:
     def mean_square(self) -> float:
         """m^2, of the residual as it is."""
         return float(self.gram[:, -1, -1].sum() / self.points.sum())
-
-
-def grams_of(bench: Bench, state: State, columns: Array, folds: Sequence[int]) -> Grams:
-    """folds: of each sample."""
-    count = len(bench.samples)
-    halves = count < LEAST_TRIALS
-    table = np.column_stack([state.slopes, columns, state.residual])
-    unit = state.found.sample * 2
-    if halves:
-        middle = np.array([len(s.times) // 2 for s in bench.samples])
-        unit = unit + (state.found.frame >= middle[state.found.sample])
-    names = np.unique(unit)
-    gram = np.stack([table[unit == u].T @ table[unit == u] for u in names])
-    points = np.array([state.kept[unit == u].sum() for u in names], dtype=float)
-    trial = names // 2
-    return Grams(gram, trial, np.asarray(folds)[trial], points, state.vector.precision, state.x, bench.observations)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,36 +121,21 @@ class Ranking:
     none_held_out: float  # m RMS
     candidates: tuple[Candidate, ...]  # best first
     chance: float  # m of gain that the best of all candidates reaches where there is none, in 99 of 100 cases
-    decoy: float  # m of gain of the best decoy
     excess: float  # m, held out, without any
 
     def certain(self, candidate: Candidate) -> bool:
-        """Whether it gains what neither chance nor a decoy does."""
-        return candidate.gain > max(self.chance, self.decoy) and candidate.interval90[0] > 0
+        """Whether it gains what chance does not."""
+        return candidate.gain > self.chance and candidate.interval90[0] > 0
 
 
-def without_parameters(grams: Grams, gone: slice) -> Grams:
-    """With these parameters of the state at zero and held there, to first order."""
-    count = grams.gram.shape[1]
-    change = np.eye(count)
-    change[gone, -1] = -grams.x[gone]
-    change = np.delete(change, range(count)[gone], axis=1)
-    return replace(
-        grams,
-        gram=change.T @ grams.gram @ change,
-        precision=np.delete(grams.precision, gone),
-        x=np.delete(grams.x, gone),
-    )
-
-
-def rank(grams: Grams, found: Dictionary, floor: float, *, seed: int = 0) -> Ranking:
+def rank(grams: Grams, variants: Sequence[Variant], floor: float, *, seed: int = 0) -> Ranking:
     """floor: m, RMS of the sensor's noise in the residuals."""
     none = cross_validate(grams, None)
-    scored = {id(v): cross_validate(grams, v) for v in found.variants}
+    scored = {id(v): cross_validate(grams, v) for v in variants}
     rng = np.random.default_rng(seed)
     candidates = []
-    for effect in found.effects:
-        own = [scored[id(v)] for v in found.variants if v.effect == effect and not v.decoy]
+    for effect in dict.fromkeys(v.effect for v in variants):
+        own = [scored[id(v)] for v in variants if v.effect == effect]
         best = min(own, key=lambda s: s.squares.sum())
         candidates.append(
             Candidate(
@@ -172,13 +147,11 @@ def rank(grams: Grams, found: Dictionary, floor: float, *, seed: int = 0) -> Ran
             )
         )
     before = excess_of(grams, none, floor)
-    decoys = [before - excess_of(grams, scored[id(v)], floor) for v in found.variants if v.decoy]
     return Ranking(
         none,
         held_out(grams, none),
         tuple(sorted(candidates, key=lambda c: c.held_out)),
-        _chance(grams, found, floor, rng),
-        max(decoys, default=0.0),
+        _chance(grams, variants, floor, rng),
         before,
     )
 
@@ -209,15 +182,13 @@ def gain_interval(
     return float(low), float(high)
 
 
-def _chance(grams: Grams, found: Dictionary, floor: float, rng: np.random.Generator) -> float:
+def _chance(grams: Grams, variants: Sequence[Variant], floor: float, rng: np.random.Generator) -> float:
     """m: the CHANCE quantile of the largest gain of all variants where the residual of each unit has a sign by chance,
     so that nothing in it agrees from trial to trial (wild bootstrap, Liu 1988)."""
     signs, points = sign_vectors(len(grams.points), rng), grams.points.sum()
-    if not len(signs) or not found.variants:
+    if not len(signs) or not variants:
         return 0.0
-    least = [
-        excess_over(_left_out(grams, v, signs)[0].sum(axis=1) / points, floor) for v in found.variants if not v.decoy
-    ]
+    least = [excess_over(_left_out(grams, v, signs)[0].sum(axis=1) / points, floor) for v in variants]
     before = excess_over(_left_out(grams, None, signs)[0].sum(axis=1) / points, floor)
     return float(np.quantile(before - np.min(least, axis=0), CHANCE))
 
@@ -229,44 +200,6 @@ def sign_vectors(count: int, rng: np.random.Generator) -> Array:
         return every[1:]
     drawn = rng.choice([-1.0, 1.0], size=(FLIPS, count))
     return drawn * drawn[:, :1]
-
-
-def alike(grams: Grams, one: Scored, others: Sequence[Scored]) -> list[float]:
-    """Cosine of what each of `others` takes with what `one` takes, less what the declared parameters can take."""
-    q = grams.parameters
-    total = grams.gram.sum(axis=0)
-    share = grams.observations / (grams.points.sum() * max(grams.mean_square, 1e-12))
-    j = share * total[:q, :q] + np.diag(grams.precision)
-
-    def inner(a: Scored, b: Scored) -> float:
-        ca, cb = ([q + c for c in s.variant.columns] if s.variant else [] for s in (a, b))
-        cross = total[np.ix_(ca, cb)] - share * total[np.ix_(ca, range(q))] @ np.linalg.solve(
-            j, total[np.ix_(range(q), cb)]
-        )
-        return float(a.coefficients @ cross @ b.coefficients)
-
-    own = inner(one, one)
-    return [inner(one, other) / max(np.sqrt(own * max(inner(other, other), 0.0)), 1e-30) for other in others]
-
-
-def stand_ins(grams: Grams, part: slice, variants: Sequence[Variant]) -> tuple[str, ...]:
-    """Effects that, one by one, would take what these parameters of the state do: cosine over ALIKE, less what its
-    other parameters can take."""
-    q = grams.parameters
-    total = grams.gram.sum(axis=0)
-    share = grams.observations / (grams.points.sum() * max(grams.mean_square, 1e-12))
-    others = np.delete(np.arange(q), range(q)[part])
-    j = share * total[np.ix_(others, others)] + np.diag(grams.precision[others])
-    left = total - share * total[:, others] @ np.linalg.solve(j, total[others])
-    own = left[:, part] @ grams.x[part]
-    size = float(grams.x[part] @ own[part])
-    names = []
-    for variant in variants:
-        columns = [q + c for c in variant.columns]
-        taken = own[columns] @ np.linalg.lstsq(left[np.ix_(columns, columns)], own[columns], rcond=1e-9)[0]
-        if not variant.decoy and taken > ALIKE**2 * size:
-            names.append(variant.effect)
-    return tuple(dict.fromkeys(names))
 
 
 def covariance(grams: Grams) -> Array:

@@ -1,0 +1,43 @@
+"""What a fit asks of a motion: the mid-surface on the simulator's own grid, and the faces only where clouds ask."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.forward import Case, ForwardModel
+
+Floats = NDArray[np.floating[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Sheet:
+    """One motion. middle: (T, n, n, 3) m, nodes of the mid-surface by rising v, then rising u."""
+
+    middle: Floats
+    faces: Callable[[], Floats]
+
+    @cached_property
+    def points(self) -> Floats:
+        """(T, 2 m, 3) m: front face, then back face, as `ForwardModel.motions` gives them."""
+        return self.faces()
+
+
+def sheets(forward: ForwardModel, cases: Sequence[Case], times: Sequence[NDArray[np.float64]]) -> list[Sheet]:
+    """Motions of the cases at their `times` [s]. A forward model that has no `sheets` of its own is asked for faces,
+    whose mean is the mid-surface."""
+    own = getattr(forward, "sheets", None)
+    if own is not None:
+        return list(own(cases, times))
+    return [of_faces(points) for points in forward.motions(cases, times)]
+
+
+def of_faces(points: Floats) -> Sheet:
+    """The sheet between two faces (T, 2 n^2, 3) m."""
+    half = points.shape[1] // 2
+    side = round(half**0.5)
+    middle = 0.5 * (points[:, :half] + points[:, half:])
+    return Sheet(middle.reshape(len(points), side, side, 3), lambda: points)

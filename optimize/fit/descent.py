@@ -1,0 +1,261 @@
+"""The one fit: bounded Gauss-Newton steps in its unknowns, with priors, over growing horizons; honest covariances."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from fabdesign.forward import ForwardModel
+from fabdesign.surface import CAP
+from optimize.fit.clouds import Array, Match, Sample, cut, frames_of
+from optimize.fit.inputs import Accuracy, InputErrors, input_errors
+from optimize.fit.normal import BLOCK, FAR, Normal, directions, loss, scatter, step_to_minimum
+from optimize.fit.parameters import DECLARED, FitVector
+from optimize.fit.problem import Evaluation, FitProblem, Linearisation
+
+_STEP = 0.03  # of a logarithm, in the first finite differences
+_ITERATIONS = 20
+_CONVERGED = 0.01  # of a logarithm
+CLOSE = 0.5  # of log likelihood: a step that promises less is the last, and still taken
+_CLOSE_ENOUGH = 3.0  # the same where a longer horizon follows
+_PROMISED = 0.25  # of the gain that a step promised: while it gains as much, its Jacobian is updated, not made anew
+_NEAR = 0.03  # of a logarithm: steps under it are left to the next horizon
+_LENGTHS = (1.0, 2.0, 0.5)  # of a step, simulated at once while that is no dearer than one
+_AT_ONCE = 16  # motions that take a machine of two cores no longer than one
+_DEARER = 4.0  # times, a motion on 61 points a side than on 41
+_DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
+
+
+Progress = Callable[[str, float], None]  # what is done, and about what share of it all
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """The minimum and what is known about it. Vectors and matrices are in the order of `vector`, of x."""
+
+    vector: FitVector
+    x: Array  # (p,)
+    covariance: Array  # (p, p)
+    before: float  # m, RMS of the residuals capped at 10 mm, at the data sheet
+    after: float  # m, the same at the minimum
+    by_trial: Array  # (samples,) m, and of each trial; NaN where its motion was lost from the start
+    outlying: float  # share of frames that the model misses by far, or has lost
+    lost: tuple[tuple[str, float], ...]  # trials whose motion diverged, and from when on [s] they were left out
+    iterations: int
+    converged: bool
+    state: Linearisation  # the residuals and their Jacobian
+    normal: Normal  # the normal equations there
+    inputs: InputErrors | None = None  # where these are weighed
+    without_effects: "Fit | None" = None
+
+    @property
+    def information(self) -> Array:
+        """(p, p) of the data alone, tempered."""
+        return self.normal.information
+
+    @property
+    def sensitivity(self) -> Array:
+        """(p, p) m^2: the mean square change of the residuals, weighted by frame, is v^T sensitivity v."""
+        return self.normal.sensitivity
+
+    @property
+    def scale(self) -> float:
+        """m, robust standard deviation of the residuals."""
+        return self.normal.scale
+
+
+def fit(
+    samples: Sequence[Sample],
+    forward: ForwardModel,
+    *,
+    slopes: ForwardModel | None = None,
+    vector: FitVector = DECLARED,
+    accuracy: Accuracy | InputErrors | None = None,
+    start: Array | None = None,
+    close: float = CLOSE,
+    progress: Progress = lambda line, share: None,
+) -> Fit:
+    """Most probable unknowns given the samples. Each iteration simulates motions and a difference for each unknown.
+
+    The horizon grows: the first half second alone, then the first second, and so on. Cloth that buckles late goes one
+    way or another at factors a hair apart; what came before leads to factors near enough, and has fewer false minima.
+    start: (p,) where it begins, on all frames at once; without it, at the vector's start with the first horizon.
+    `slopes`, a cheaper engine, makes all differences, and the motions too until the last horizon. Differences are
+    always made where the factors are: those of another place seem to converge percents off.
+    accuracy: of the inputs, whose errors then enter the residuals' covariance; or what they do, known from a fit of
+    the same samples, so that models are compared by the same weights.
+    close: of log likelihood, what the last step promises at most.
+    `progress` is told what is done, and about what share.
+
+    All points of a block of 0.5 s share the model's error, so their likelihood is tempered: raised to the power that
+    makes its curvature agree with the scatter of the blocks' scores (Pauli, Racugno and Ventura 2011), and at least so
+    far that a block counts as MODES observations: an error of the model that all trials share scatters no scores. The
+    covariance is the sandwich of both (Liang and Zeger 1986), with the prior's share. Raises SimulationError where
+    nothing is left because every motion diverges.
+    """
+    weight = np.diag(1 / vector.prior**2)
+    slopes = forward if slopes is None else slopes
+    x, along, iterations = vector.start if start is None else start, np.diag(_STEP * vector.scale), 0
+    *early, last = horizons(samples)
+    if start is not None:
+        early = []
+    costs = np.array([*early, last * (1 if slopes == forward else _DEARER)])
+    *ends, _ = (np.cumsum(costs) / costs.sum()).tolist()
+    for horizon, told in zip(early, parts(progress, *ends), strict=False):
+        problem = FitProblem([cut(sample, horizon) for sample in samples], slopes, slopes, vector)
+        evaluation = problem.evaluate([x])[0]
+        inputs = input_errors(problem, evaluation, accuracy) if isinstance(accuracy, Accuracy) else None
+        state = problem.linearise(evaluation, along)
+        state, more, _ = _descend(
+            problem, state, weight, f"to {horizon:g} s, ", told, near=True, close=_CLOSE_ENOUGH, inputs=inputs
+        )
+        _, normal = step_to_minimum(problem.samples, state, weight, 0.0, vector, inputs)
+        x, along, iterations = state.x, directions(normal, vector), iterations + more
+    problem = FitProblem(samples, forward, slopes, vector)
+    evaluation, sheet = problem.evaluate([x, np.zeros(len(x))])
+    inputs = input_errors(problem, evaluation, accuracy) if isinstance(accuracy, Accuracy) else accuracy
+    state = problem.linearise(evaluation, along)
+    told = parts(progress, *ends)[-1]
+    state, more, converged = _descend(problem, state, weight, f"to {last:g} s, ", told, close=close, inputs=inputs)
+    return concluded(problem, state, inputs, capped(sheet.found.residual), iterations + more, converged)
+
+
+def concluded(
+    problem: FitProblem,
+    state: Linearisation,
+    inputs: InputErrors | None,
+    before: float,
+    iterations: int,
+    converged: bool,
+) -> Fit:
+    """The fit that ended at a state."""
+    samples, vector, found = problem.samples, problem.vector, state.found
+    weight = np.diag(1 / vector.prior**2)
+    _, normal = step_to_minimum(samples, state, weight, 0.0, vector, inputs)
+    return Fit(
+        vector=vector,
+        x=state.x,
+        covariance=_covariance(normal, weight),
+        before=before,
+        after=capped(found.residual),
+        by_trial=np.array([capped(found.residual[found.sample == s]) for s in range(len(samples))]),
+        outlying=_share_outlying(found),
+        lost=_lost(samples, found),
+        iterations=iterations,
+        converged=converged,
+        state=state,
+        normal=normal,
+        inputs=inputs,
+    )
+
+
+def parts(progress: Progress, *ends: float) -> list[Progress]:
+    """Of work in parts one after another, what each tells its own share: `ends` are the shares of it all at which the
+    parts but the last end."""
+
+    def part(begin: float, end: float) -> Progress:
+        return lambda line, share: progress(line, float(begin + share * (end - begin)))
+
+    return [part(*pair) for pair in pairwise((0.0, *ends, 1.0))]
+
+
+def horizons(samples: Sequence[Sample]) -> list[float]:
+    """s after rest, one a descent: 0.5, 1.0, 2.0 and so on while that holds frames that the one before does not and is
+    well short of the last, which holds all."""
+    blocks = {max(1, int(np.ceil(time / BLOCK - 1e-6))) for sample in samples for time in sample.times}
+    last, before, horizon = BLOCK * max(blocks), 0.0, BLOCK
+    found: list[float] = []
+    while 1.4 * horizon <= last:
+        if any(before < BLOCK * k <= horizon for k in blocks):
+            found.append(horizon)
+        before, horizon = horizon, 2 * horizon
+    return [*found, last]
+
+
+def _descend(
+    problem: FitProblem,
+    state: Linearisation,
+    weight: Array,
+    named: str,
+    progress: Progress,
+    *,
+    near: bool = False,
+    close: float = CLOSE,
+    inputs: InputErrors | None = None,
+) -> tuple[Linearisation, int, bool]:
+    """From `state` until a step is slight, or with `near` no longer large: where that led, how many iterations, and
+    whether it converged.
+
+    Between two Jacobians by differences stands Broyden's update (1965), which costs no motions of its own, while
+    steps gain most of what they promise. The last step is one by differences."""
+    slight = _NEAR if near else _CONVERGED
+    lengths = (1.0,) if near else _LENGTHS[: max(1, _AT_ONCE // len(problem.samples))]
+    damping, exact = 0.0, True
+    for iteration in range(1, _ITERATIONS + 1):
+        step, normal = step_to_minimum(problem.samples, state, weight, damping, problem.vector, inputs)
+        promised = -loss(problem.samples, state, _promised(state, step), normal, weight, inputs)
+        line = f"{named}iteration {iteration}: {1e3 * capped(state.found.residual):.3f} mm RMS"
+        progress(line, iteration / (iteration + 2))
+        small = promised < close or bool(np.abs(step / problem.vector.scale).max() < slight)
+        evaluations = problem.evaluate([problem.vector.inside(state.x + length * step) for length in lengths])
+        gains = [-loss(problem.samples, state, other, normal, weight, inputs) for other in evaluations]
+        best = int(np.argmax(gains))
+        if gains[best] > 0:
+            damping = damping / 10
+            if small and (exact or near):
+                return problem.with_jacobian(evaluations[best], state.jacobian), iteration, True
+            if not small and gains[best] > _PROMISED * promised:
+                moved = _updated(state, evaluations[best])
+                state, exact = problem.with_jacobian(evaluations[best], moved), False
+            else:
+                state, exact = problem.linearise(evaluations[best], directions(normal, problem.vector)), True
+        elif not exact:
+            state, exact = problem.linearise(state, directions(normal, problem.vector)), True
+        elif small:
+            return state, iteration, True
+        else:
+            damping = max(10 * damping, _DAMPING)
+    return state, _ITERATIONS, False
+
+
+def _promised(state: Linearisation, step: Array) -> Evaluation:
+    """What a step would lead to if the residuals were linear."""
+    found = replace(state.found, residual=state.found.residual + state.jacobian @ step)
+    return Evaluation(state.x + step, state.sheets, found)
+
+
+def _updated(state: Linearisation, other: Evaluation) -> Array:
+    """The Jacobian at another place, by what the residuals did on the way."""
+    step = other.x - state.x
+    missed = other.found.residual - state.found.residual - state.jacobian @ step
+    usable = np.isfinite(missed) & (np.abs(other.found.residual) < CAP) & (np.abs(state.found.residual) < CAP)
+    return np.asarray(state.jacobian + np.outer(np.where(usable, missed, 0.0), step / max(float(step @ step), 1e-30)))
+
+
+def _covariance(normal: Normal, weight: Array) -> Array:
+    """(p, p), the sandwich; of a likelihood whose observations are capped, its own curvature."""
+    bread = np.linalg.inv(normal.information + weight)
+    if normal.capped:
+        return np.asarray(bread)
+    meat = normal.tempering**2 * scatter(normal.scores, normal.information, weight) + weight
+    return np.asarray(bread @ meat @ bread)
+
+
+def capped(residual: Array) -> float:
+    """m, RMS of what is not lost."""
+    kept = residual[np.isfinite(residual)]
+    return float(np.sqrt(np.mean(np.square(np.clip(kept, -CAP, CAP))))) if len(kept) else float("nan")
+
+
+def _share_outlying(found: Match) -> float:
+    """Share of frames whose median residual is over FAR times the usual one, or lost."""
+    size = np.where(np.isfinite(found.residual), np.abs(found.residual), np.inf)
+    medians = np.array([np.median(size[points]) for points in frames_of(found)[1]])
+    return float(np.mean(medians > FAR * np.median(medians)))
+
+
+def _lost(samples: Sequence[Sample], found: Match) -> tuple[tuple[str, float], ...]:
+    bad = np.isnan(found.residual)
+    first = {int(s): float(samples[s].times[found.frame[bad & (found.sample == s)].min()]) for s in found.sample[bad]}
+    return tuple((samples[s].trial.name, time) for s, time in sorted(first.items()))

@@ -1,0 +1,271 @@
+"""The linearised problem at a state: residuals reweighted for strays, whitened, tempered, with priors."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.optimize import lsq_linear
+
+from fabdesign.errors import SimulationError
+from optimize.fit.clouds import Array, Indices, Match, Sample, frames_of
+from optimize.fit.inputs import InputErrors
+from optimize.fit.parameters import DECLARED, FitVector
+from optimize.fit.problem import Evaluation, Linearisation
+
+HUBER = 1.345  # of the scale: 95 % efficient on normal noise (Huber 1981)
+BLOCK = 0.5  # s: residuals of one trial within it count as one observation, about half a swing of the cloth
+MODES = 10  # observations that the points of such a block count as at most: about the shapes a model's error takes
+BENT = 2.0  # times what is not proportional in errors of the inputs, for those that were not tried
+FAR = 2.0  # times the usual median residual: an outlying frame, which counts less
+_CHANGE = 0.2e-3  # m, RMS of the residuals' change that later differences aim at: ten times the noise of two motions
+_SHORTEST, _LONGEST = 0.1, 1.5  # of such a difference, in standard deviations of the prior
+_LARGEST = 0.4  # of a logarithm, in one iteration
+_REWEIGHTED = 6  # times, in one iteration
+_SMALLEST_SCALE = 1e-6  # m, for clouds without noise
+
+
+@dataclass(frozen=True, eq=False)
+class Normal:
+    """The normal equations at a state."""
+
+    gradient: Array  # (p,)
+    hessian: Array  # (p, p) of the data
+    scores: Array  # (clusters, p)
+    tempering: float
+    capped: bool  # the tempering is that by MODES
+    scale: float
+    sensitivity: Array
+    frames: Array  # (N,) weight of each point's frame; 0 where it is not used
+    counts: Array  # (N,) how much of what a point says errors of the inputs leave, 0 to 1
+    weights: Array  # (N,) 1/m^2 of each point; 0 where it is not used
+    clusters: Indices  # (N,) which share the model's error
+
+    @property
+    def information(self) -> Array:
+        """(p, p) of the data alone, tempered."""
+        return self.tempering * self.hessian
+
+
+def step_to_minimum(
+    samples: Sequence[Sample],
+    state: Linearisation,
+    weight: Array,
+    damping: float,
+    vector: FitVector = DECLARED,
+    inputs: InputErrors | None = None,
+) -> tuple[Array, Normal]:
+    """The step to the minimum of the linearised residuals, reweighted until it stands; and its normal equations. An
+    unknown at its limit stays there where the step would lead beyond."""
+    step: Array = np.zeros(len(weight))
+    for _ in range(_REWEIGHTED):
+        normal = normal_equations(samples, state, weight, step, vector, inputs)
+        gradient = normal.tempering * normal.gradient + weight @ state.x
+        damped = normal.information + weight + damping * np.diag(np.diag(normal.information))
+        last, step = step, _bounded_step(damped, gradient, state.x, vector)
+        step = step * min(1.0, _LARGEST / max(float(np.abs(step / vector.scale).max()), 1e-12))
+        if np.abs((step - last) / vector.scale).max() < 1e-4:
+            break
+    return step, normal
+
+
+def _bounded_step(hessian: Array, gradient: Array, x: Array, vector: FitVector) -> Array:
+    """To the quadratic model's least value within the limits: a step that is cut at one of them afterwards leaves the
+    other unknowns where they are no good."""
+    step = np.asarray(-np.linalg.solve(hessian, gradient), dtype=np.float64)
+    low, high = vector.limits
+    if (x + step >= low).all() and (x + step <= high).all():
+        return step
+    root = np.linalg.cholesky(hessian)
+    target = -solve_triangular(root, gradient, lower=True)
+    return np.asarray(lsq_linear(root.T, target, bounds=(np.minimum(low - x, 0.0), np.maximum(high - x, 0.0))).x)
+
+
+def directions(normal: Normal, vector: FitVector = DECLARED) -> Array:
+    """(p, p), a row each: combinations of unknowns that change the residuals independently, and by as much each.
+
+    Where all factors nearly cancel, the differences of single ones drown in the noise and the curvature of each; as one
+    difference, long enough, that combination stands out.
+    """
+    prior = vector.prior
+    squares, vectors = np.linalg.eigh(normal.sensitivity * np.outer(prior, prior))
+    length = np.clip(_CHANGE / np.sqrt(np.maximum(squares, 1e-30)), _SHORTEST, _LONGEST)
+    return np.asarray((vectors * length * prior[:, None]).T)
+
+
+def normal_equations(
+    samples: Sequence[Sample],
+    state: Linearisation,
+    weight: Array,
+    step: Array,
+    vector: FitVector = DECLARED,
+    inputs: InputErrors | None = None,
+) -> Normal:
+    """Weights, scores and tempering are those of the residuals that `step` is expected to leave.
+
+    inputs: an error of theirs may have any value in every block: it is marginalised, which whitens the block by
+    sigma^2 + U U^T (Woodbury); what it does that is not proportional counts as noise. Where small errors of the inputs
+    move the cloth far, little is left.
+    """
+    found, jacobian = state.found, state.jacobian
+    sound = np.isfinite(found.residual) & np.isfinite(jacobian).all(axis=1)
+    if inputs is not None:
+        sound &= np.isfinite(inputs.columns).all(axis=1) & np.isfinite(inputs.bent)
+    if not sound.any():
+        raise SimulationError("every motion of the trials to fit diverged")
+    r, j = found.residual[sound], jacobian[sound]
+    _, cluster = np.unique(clusters(samples, found)[sound], return_inverse=True)
+    left, sharp = r + j @ step, np.ones(len(r))
+    scale = _scale(left)
+    if inputs is not None:
+        u, bent = inputs.columns[sound], inputs.bent[sound]
+        sharp = 1 / (1 + np.square(BENT * bent / scale))
+        left = _cleaned(left, u, sharp, cluster, scale)
+        scale = _scale(left[sharp > 0.5]) if (sharp > 0.5).any() else scale
+        sharp = 1 / (1 + np.square(BENT * bent / scale))
+    frames = sharp * _frame_weights(found, sound, left * np.sqrt(sharp))
+    w = frames * np.minimum(1.0, HUBER * scale / np.maximum(np.abs(left) * np.sqrt(sharp), 1e-12)) / scale**2
+    white = j if inputs is None else j - _explained(j, u, w, cluster)[0]
+    scores = np.zeros((cluster.max() + 1, len(weight)))
+    np.add.at(scores, cluster, white * (w * left)[:, None])
+    hessian = (white * w[:, None]).T @ j
+    hessian = 0.5 * (hessian + hessian.T)
+    # weights above one would trust points more than their number allows
+    inverse = np.linalg.inv(hessian + weight)
+    seen, scattered = (float(np.trace(inverse @ m)) for m in (hessian, scatter(scores, hessian, weight)))
+    tempering = min(1.0, seen / scattered) if scattered > 0 else 1.0  # 0: no point says anything
+    most = MODES * len(scores) / max(float(frames.sum()), 1e-12)
+    capped = most < tempering
+    tempering = min(tempering, most)
+    return Normal(
+        gradient=white.T @ (w * r),
+        hessian=hessian,
+        scores=scores,
+        tempering=tempering,
+        capped=capped,
+        scale=scale,
+        sensitivity=(j * frames[:, None]).T @ j / frames.sum(),
+        frames=_everywhere(frames, sound),
+        counts=_everywhere(sharp * _share(j, white, w, cluster, vector.prior), sound),
+        weights=_everywhere(w, sound),
+        clusters=clusters(samples, found),
+    )
+
+
+def _everywhere(values: Array, sound: NDArray[np.bool_]) -> Array:
+    """(N, ...): the values of sound points, zero for others."""
+    out = np.zeros((len(sound), *values.shape[1:]))
+    out[sound] = values
+    return out
+
+
+def _explained(table: Array, u: Array, w: Array, cluster: Indices) -> tuple[Array, Array]:
+    """(N, p): of the columns of `table` (N, p), what errors of the inputs (N, k) make of them in each cluster; and
+    (p,) the sums of these errors' squares, in standard deviations."""
+    out, paid = np.empty_like(table), np.zeros(table.shape[1])
+    for rows in groups_of(cluster):
+        own, weighted = u[rows], u[rows] * w[rows, None]
+        errors = np.linalg.solve(np.eye(own.shape[1]) + weighted.T @ own, weighted.T @ table[rows])
+        out[rows] = own @ errors
+        paid += np.square(errors).sum(axis=0)
+    return out, paid
+
+
+def whitened(columns: Array, normal: Normal, inputs: InputErrors | None) -> Array:
+    """(N, k) m: columns of changes of the residuals less what errors of the inputs can make of them."""
+    if inputs is None:
+        return columns
+    used = np.flatnonzero(normal.weights > 0)
+    _, cluster = np.unique(normal.clusters[used], return_inverse=True)
+    out = columns.copy()
+    out[used] -= _explained(columns[used], inputs.columns[used], normal.weights[used], cluster)[0]
+    return out
+
+
+def _cleaned(left: Array, u: Array, sharp: Array, cluster: Indices, scale: float) -> Array:
+    """(N,) m: the residual less what errors of the inputs explain of it."""
+    bounded = sharp * np.minimum(1.0, HUBER * scale / np.maximum(np.abs(left), 1e-12)) / scale**2
+    return np.asarray(left - _explained(left[:, None], u, bounded, cluster)[0][:, 0])
+
+
+def _share(j: Array, white: Array, w: Array, cluster: Indices, prior: Array) -> Array:
+    """(N,): of what each cluster would say of the unknowns, prior standard deviations alike, what is left."""
+    out = np.ones(len(j))
+    if white is j:
+        return out
+    raw, kept = ((a * j * prior**2).sum(axis=1) * w for a in (j, white))
+    for rows in groups_of(cluster):
+        out[rows] = np.clip(kept[rows].sum() / max(raw[rows].sum(), 1e-30), 0.0, 1.0)
+    return out
+
+
+def groups_of(cluster: Indices) -> list[Indices]:
+    """The rows of each cluster."""
+    return np.split(np.argsort(cluster, kind="stable"), np.cumsum(np.bincount(cluster))[:-1])
+
+
+def scatter(scores: Array, information: Array, weight: Array) -> Array:
+    """(p, p) variance of the sum of the clusters' scores about their mean, for the parameters fitted."""
+    fitted = float(np.trace(np.linalg.solve(information + weight, information)))
+    centred = scores - scores.mean(axis=0)
+    count = len(scores)
+    return np.asarray(centred.T @ centred * count / max(count - fitted, 1.0))
+
+
+def loss(
+    samples: Sequence[Sample],
+    old: Evaluation,
+    new: Evaluation,
+    normal: Normal,
+    weight: Array,
+    inputs: InputErrors | None = None,
+) -> float:
+    """How much worse `new` is than `old`, over the points that both have; infinite where `new` loses over a tenth."""
+    both = np.isfinite(old.found.residual) & np.isfinite(new.found.residual) & (normal.frames > 0)
+    if both.sum() < 0.9 * (np.isfinite(old.found.residual) & (normal.frames > 0)).sum():
+        return float("inf")
+    _, cluster = np.unique(clusters(samples, old.found)[both], return_inverse=True)
+    size = [_size(e.found.residual[both], normal, both, cluster, inputs) for e in (new, old)]
+    return normal.tempering * (size[0] - size[1]) + 0.5 * float(new.x @ weight @ new.x - old.x @ weight @ old.x)
+
+
+def _size(
+    residual: Array, normal: Normal, rows: NDArray[np.bool_], cluster: Indices, inputs: InputErrors | None
+) -> float:
+    """Of -log likelihood, with the errors of the inputs that make it least."""
+    scale, frames = normal.scale, normal.frames[rows]
+    if inputs is None:
+        return float((frames * _huber(residual / scale)).sum())
+    u = inputs.columns[rows]
+    bounded = frames * np.minimum(1.0, HUBER * scale / np.maximum(np.abs(residual), 1e-12)) / scale**2
+    explained, paid = _explained(residual[:, None], u, bounded, cluster)
+    left = residual - explained[:, 0]
+    return float((frames * _huber(left / scale)).sum()) + 0.5 * float(paid[0])
+
+
+def _huber(t: Array) -> Array:
+    size = np.abs(t)
+    return np.where(size <= HUBER, 0.5 * t * t, HUBER * (size - 0.5 * HUBER))
+
+
+def _scale(residual: Array) -> float:
+    return max(1.4826 * float(np.median(np.abs(residual))), _SMALLEST_SCALE)
+
+
+def _frame_weights(found: Match, sound: NDArray[np.bool_], residual: Array) -> Array:
+    """Of each point, by its frame: less where the median residual is over FAR times the usual one."""
+    frame, groups = frames_of(found, sound)
+    size = np.abs(residual)
+    medians = np.array([np.median(size[points]) for points in groups])
+    far = medians / (FAR * max(float(np.median(medians)), _SMALLEST_SCALE))
+    return np.asarray(np.square(1 / np.maximum(1.0, far))[frame])
+
+
+def clusters(samples: Sequence[Sample], found: Match) -> Indices:
+    """Trial and block of time of each point."""
+    result = np.empty(len(found.sample), dtype=np.intp)
+    for s, sample in enumerate(samples):
+        rows = found.sample == s
+        result[rows] = s * 10_000 + (sample.times[found.frame[rows]] / BLOCK - 1e-6).astype(int)
+    return result

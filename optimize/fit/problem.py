@@ -1,0 +1,76 @@
+"""Motions at some unknowns beside the measured points, and how they change with each unknown."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fabdesign.forward import Case, ForwardModel
+from fabdesign.sheet import Sheet, sheets
+from optimize.fit.clouds import Array, Match, Sample, derivatives, match, nodes_of
+from optimize.fit.parameters import DECLARED, FitVector
+
+_AT_ONCE = 192  # motions in memory
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    x: Array  # (p,) the unknowns
+    sheets: list[Sheet]  # a sample
+    found: Match
+
+
+@dataclass(frozen=True, eq=False)
+class Linearisation(Evaluation):
+    jacobian: Array  # (N, p) m
+
+
+@dataclass(frozen=True, eq=False)
+class FitProblem:
+    """The samples, the unknowns, and the engines that make motions and differences of them."""
+
+    samples: Sequence[Sample]
+    forward: ForwardModel
+    slopes: ForwardModel
+    vector: FitVector = DECLARED
+
+    def evaluate(self, xs: Sequence[Array]) -> list[Evaluation]:
+        """All in one batch."""
+        count = len(self.samples)
+        motions = self._sheets(self.forward, [self.vector.case(s.trial, x) for x in xs for s in self.samples])
+        parts = [motions[k : k + count] for k in range(0, len(motions), count)]
+        return [
+            Evaluation(x, own, match(self.samples, [sheet.points for sheet in own]))
+            for x, own in zip(xs, parts, strict=True)
+        ]
+
+    def linearise(self, evaluation: Evaluation, along: Array) -> Linearisation:
+        """With the Jacobian by differences along the rows of `along` (p, p), within limits."""
+        along = self.vector.steps(evaluation.x, along)
+        others = [[self.vector.case(s.trial, evaluation.x + row) for s in self.samples] for row in along]
+        return self.with_jacobian(evaluation, self.differences(evaluation, others) @ np.linalg.inv(along).T)
+
+    def with_jacobian(self, evaluation: Evaluation, jacobian: Array) -> Linearisation:
+        return Linearisation(evaluation.x, evaluation.sheets, evaluation.found, jacobian)
+
+    def differences(self, evaluation: Evaluation, others: Sequence[Sequence[Case]]) -> Array:
+        """(N, k) m: change of each residual from the evaluation's motions to those of k times a case a sample."""
+        if self.slopes == self.forward:
+            base = evaluation.sheets
+        else:
+            base = self._sheets(self.slopes, [self.vector.case(s.trial, evaluation.x) for s in self.samples])
+        nodes = nodes_of(evaluation.found, base[0].middle.shape[1])
+        parts, at_once = [], max(1, _AT_ONCE // len(self.samples))
+        for first in range(0, len(others), at_once):
+            some = others[first : first + at_once]
+            moved = self._sheets(self.slopes, [case for row in some for case in row])
+            changes = [
+                np.stack([moved[k * len(base) + s].middle - sheet.middle for k in range(len(some))])
+                for s, sheet in enumerate(base)
+            ]
+            parts.append(derivatives(evaluation.found, nodes, changes))
+        return np.concatenate(parts, axis=1)
+
+    def _sheets(self, forward: ForwardModel, cases: Sequence[Case]) -> list[Sheet]:
+        """Of cases, a sample each in turn."""
+        return sheets(forward, cases, [self.samples[k % len(self.samples)].times for k in range(len(cases))])

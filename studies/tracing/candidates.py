@@ -1,0 +1,107 @@
+"""What each effect would take, and which the data cannot tell from those chosen: linear algebra on the joint fit."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fabdesign.effects import EFFECTS
+from optimize.fit.left_out import LeftOut, Scored
+from studies.tracing.selection import ALIKE, NEEDED, Selection, label_effect
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect. gain: m of excess, in quadrature: of one chosen, what trials left out gain by it; of another, what
+    they would gain by it beside those chosen. detectable: the smallest value of each strength that would show."""
+
+    name: str
+    gain: float
+    interval90: tuple[float, float]
+    excess: float  # m, of the model with it; of one chosen, without it
+    chosen: bool
+    detectable: dict[str, float]
+
+
+def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
+    """Every effect of the joint fit, the largest gain first; and what would do as well as one of those chosen."""
+    everything, chosen = selection.everything, selection.chosen
+    taken = {label_effect(label) for label in chosen.vector.labels}
+    others = [label for label in everything.vector.labels if label_effect(label) not in taken]
+    parts = {label: everything.vector.part(label) for label in others}
+    columns = np.concatenate([np.zeros(0, dtype=np.intp), *parts.values()]).astype(np.intp)
+    wide = LeftOut.of(chosen, selection.folds).with_columns(
+        everything.state.jacobian[:, columns], everything.vector.prior[columns]
+    )
+    count, first, places = len(chosen.x), len(chosen.x), {}
+    for label, part in parts.items():
+        places[label] = np.arange(first, first + len(part))
+        first += len(part)
+    added = np.arange(count, first)
+    none = wide.scored(added)
+    found = [_chosen(wide, none, added, label, selection) for label in chosen.vector.labels]
+    found += [_other(wide, none, added, places[label], label, selection) for label in others]
+    best: dict[str, Candidate] = {}
+    for candidate in sorted(found, key=lambda c: c.gain):
+        best[candidate.name] = candidate
+    ranked = sorted(best.values(), key=lambda c: (-c.chosen, -c.gain))
+    return tuple(ranked), _alike(wide, selection, places)
+
+
+def _chosen(wide: LeftOut, none: Scored, added: np.ndarray, label: str, selection: Selection) -> Candidate:
+    part = selection.chosen.vector.part(label)
+    without = wide.scored(np.concatenate([added, part]))
+    gain, interval = wide.gain(without, none, selection.floor)
+    return Candidate(
+        label_effect(label), gain, interval, without.excess(selection.floor), True,
+        _detectable(wide, added, part, label),
+    )  # fmt: skip
+
+
+def _other(
+    wide: LeftOut, none: Scored, added: np.ndarray, own: np.ndarray, label: str, selection: Selection
+) -> Candidate:
+    beside = wide.scored(np.setdiff1d(added, own))
+    gain, interval = wide.gain(none, beside, selection.floor)
+    return Candidate(
+        label_effect(label), gain, interval, beside.excess(selection.floor), False,
+        _detectable(wide, np.setdiff1d(added, own), own, label),
+    )  # fmt: skip
+
+
+def _detectable(wide: LeftOut, off: np.ndarray, part: np.ndarray, label: str) -> dict[str, float]:
+    """The value of each strength that would have cost NEEDED to drop, the declared parameters and those chosen free."""
+    free = np.setdiff1d(np.arange(len(wide.x)), off)
+    covariance = np.linalg.inv(wide.information[np.ix_(free, free)])
+    effect = EFFECTS[label_effect(label)]
+    found = {}
+    for key, k in zip(effect.strengths, part, strict=False):
+        place = int(np.searchsorted(free, k))
+        size = float(np.sqrt(2 * NEEDED * covariance[place, place]))
+        parameter = effect.parameters[key]
+        found[key] = parameter.centre * float(np.exp(size)) if parameter.transform == "log" else parameter.centre + size
+    return found
+
+
+def _alike(wide: LeftOut, selection: Selection, places: dict[str, np.ndarray]) -> tuple[str, ...]:
+    """Effects that, one by one, would take what one of those chosen does: cosine over ALIKE, less what the other
+    unknowns of the model can take."""
+    chosen = selection.chosen
+    total = wide.information
+    names: list[str] = []
+    for label in chosen.vector.labels:
+        part = chosen.vector.part(label)
+        others = np.setdiff1d(np.arange(len(chosen.x)), part)
+        data = total - np.diag(1 / wide.prior**2)
+        left = data - data[:, others] @ np.linalg.solve(total[np.ix_(others, others)], data[others])
+        own = left[:, part] @ chosen.x[part]
+        size = float(chosen.x[part] @ own[part])
+        for other, columns in places.items():
+            inverse = np.linalg.pinv(left[np.ix_(columns, columns)], rcond=1e-9, hermitian=True)
+            if own[columns] @ inverse @ own[columns] > ALIKE**2 * size > 0:
+                names.append(label_effect(other))
+    return tuple(dict.fromkeys(names))
+
+
+def named(candidates: Sequence[Candidate]) -> dict[str, Candidate]:
+    return {candidate.name: candidate for candidate in candidates}

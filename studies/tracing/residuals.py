@@ -1,0 +1,40 @@
+"""The residuals of a fit as everything that looks at them takes them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.sheet import Sheet
+from optimize.fit.clouds import Array, Match, Sample
+from optimize.fit.descent import Fit
+from optimize.fit.left_out import LeftOut, Scored
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    samples: Sequence[Sample]
+    sheets: Sequence[Sheet]  # the model's motions, a sample each
+    found: Match
+    residual: Array  # (N,) m, zero where not kept
+    kept: NDArray[np.bool_]  # (N,) no stray, and the motion is there
+    counts: Array  # (N,) how much of what a point says errors of the inputs leave, 0 to 1
+
+    @staticmethod
+    def of(samples: Sequence[Sample], fit: Fit) -> "Residuals":
+        left = LeftOut.of(fit, range(len(samples)))
+        return Residuals(samples, fit.state.sheets, left.found, left.residual, left.kept, fit.normal.counts)
+
+    @property
+    def scored(self) -> Scored:
+        """Of each trial as it is, fitted."""
+        return self.scored_as(self.residual)
+
+    def scored_as(self, residual: Array) -> Scored:
+        """Of each trial, with (N,) m in place of the residual."""
+        weights = self.counts * self.kept
+        squares, sums = np.zeros(len(self.samples)), np.zeros(len(self.samples))
+        np.add.at(squares, self.found.sample, weights * np.square(residual))
+        np.add.at(sums, self.found.sample, weights)
+        return Scored(squares, sums)
