@@ -33,8 +33,9 @@ from fabdesign.pressure import PressureProgram
 from fabdesign.trial import MeasurementSet
 from optimize.fit.parameters import PRIOR
 from sim import Simulator
-from studies.calibration.calibrate import QUANTILE, calibrate
+from studies.calibration.calibrate import calibrate
 from studies.calibration.engine_difference import FILE, data_share, engine_difference
+from studies.calibration.fitted_model import QUANTILE
 from studies.evaluate import noise_of
 from studies.rig import run_rig
 from studies.rig.key import Key

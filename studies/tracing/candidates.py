@@ -1,6 +1,5 @@
 """What each effect would take, and which the data cannot tell from those chosen: linear algebra on the joint fit."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +17,7 @@ class Candidate:
     name: str
     gain: float
     interval90: tuple[float, float]
-    excess: float  # m, of the model with it; of one chosen, without it
+    excess: float  # m, of the model with it
     chosen: bool
     detectable: dict[str, float]
 
@@ -53,7 +52,7 @@ def _chosen(wide: LeftOut, none: Scored, added: np.ndarray, label: str, selectio
     without = wide.scored(np.concatenate([added, part]))
     gain, interval = wide.gain(without, none, selection.floor)
     return Candidate(
-        label_effect(label), gain, interval, without.excess(selection.floor), True,
+        label_effect(label), gain, interval, none.excess(selection.floor), True,
         _detectable(wide, added, part, label),
     )  # fmt: skip
 
@@ -101,7 +100,3 @@ def _alike(wide: LeftOut, selection: Selection, places: dict[str, np.ndarray]) -
             if own[columns] @ inverse @ own[columns] > ALIKE**2 * size > 0:
                 names.append(label_effect(other))
     return tuple(dict.fromkeys(names))
-
-
-def named(candidates: Sequence[Candidate]) -> dict[str, Candidate]:
-    return {candidate.name: candidate for candidate in candidates}

@@ -11,7 +11,7 @@ import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.forward import ForwardModel, Term
-from optimize.fit.clouds import Array, Indices, Sample, cut
+from optimize.fit.clouds import Array, Indices, Sample, cut, evenly
 from optimize.fit.descent import CLOSE, Fit, fit, horizons
 from optimize.fit.inputs import Accuracy, InputErrors
 from optimize.fit.left_out import LeftOut
@@ -21,6 +21,7 @@ from studies.tracing.kept_fit import kept_fit
 from studies.tracing.stages import Stages
 
 NEEDED = 8.0  # of log likelihood: what costs less to drop is dropped; four standard deviations of one parameter
+EARLY_TRIALS = 5  # to which every effect is fitted on horizons before the last
 KNOWN = 0.35  # of the prior's standard deviation, over which the data say little of an unknown
 _EARLY_CLOSE, _JOINT_CLOSE = 3.0, 1.0  # of log likelihood: where a fit ends that others follow
 ALIKE = 0.98  # cosine from which on two effects are one answer
@@ -84,9 +85,9 @@ def select(task: Task) -> Selection:
     The horizon grows, as in any fit; what a horizon says for certain to be next to nothing is left out of the later
     ones: a column costs a motion of every trial."""
     vector = without(fit_vector(["all"], factors=task.factors, scope=task.scope, channels=task.channels), task.known)
-    start = vector.start
+    start, some = vector.start, evenly(len(task.samples), EARLY_TRIALS)
     for horizon in horizons(task.samples)[:-1]:
-        shorter = replace(task, samples=[cut(sample, horizon) for sample in task.samples])
+        shorter = replace(task, samples=[cut(task.samples[k], horizon) for k in some])
         early = _fit(shorter, f"every effect to {horizon:g} s", vector, start=start, close=_EARLY_CLOSE)
         vector, index = vector.only(possible(early, task.tolerance))
         start = early.x[index]
