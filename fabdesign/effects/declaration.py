@@ -64,6 +64,7 @@ class Effect:
     signature: str  # what it looks like in data, and what tells it from others
     source: str
     parameters: Mapping[str, EffectParameter]
+    looks_like: str = ""  # what is no effect of the list and looks the same in data, and how to tell it apart
     pressure: Callable[[ActingPressure, Values], ActingPressure] | None = None
     specimen: Callable[[Specimen, Values, NDArray[np.bool_]], Specimen] | None = None
     clock: Callable[[Array, Values], Array] | None = None
