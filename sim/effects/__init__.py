@@ -1,7 +1,13 @@
 """The kernels' parts of effects: added forces, a file each (their declarations are in fabdesign/effects)."""
 
 from sim.effects import (
-    air_drag, braid_hysteresis, cloth_stress, loop_slip, muscle_creep, muscle_viscosity, threshold_pressure,
+    air_drag,
+    braid_hysteresis,
+    cloth_stress,
+    loop_slip,
+    muscle_creep,
+    muscle_viscosity,
+    threshold_pressure,
 )  # fmt: skip
 
 __all__ = [
