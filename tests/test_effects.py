@@ -298,7 +298,7 @@ def test_viscosity_differs_by_direction():
 
 
 def test_a_muscle_slides_until_friction_holds_it():
-    # of a cloth that gives way to nothing, excess falls by 4 k / L a metre: its rate is mobility 4 k / 6 c
+    # of a cloth that gives way to nothing, excess falls by 2 k / L a metre: its rate is mobility 2 k / 6 c
     loss, friction, grip, c = 0.4, 0.1, 0.05, 5.0
     way = puller(intervals=2)
     kind = replace(way.muscle_types["linear"], viscosity=c)

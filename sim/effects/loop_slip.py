@@ -30,10 +30,8 @@ def _lent(b, k):
 
 @ti.func
 def _slide(b, nu, nv, npt):
-    if npt > 0:
-        F.point[b, X.slid_next] = F.point[b, X.slid]
     k = 1
-    while k < npt:
+    while k < npt - 1:  # neither the first nor the last fixed point has two intervals
         above, below = F.point[b, X.tension + k - 1], F.point[b, X.tension + k]
         held = 0.5 * F.point[b, X.slip_friction + k] * (ti.abs(above) + ti.abs(below)) + F.point[b, X.slip_grip + k]
         apart = below - above
