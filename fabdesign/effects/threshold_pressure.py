@@ -1,34 +1,17 @@
 """Threshold pressure: a muscle's bladder must be blown up before pressure contracts the braid."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.bench import MuscleRecord
-from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
+from fabdesign.effects.declaration import Effect, EffectParameter, Values
 from fabdesign.effects.specimen import Specimen
-
-
-def past_threshold(pressure: Array, threshold: float, width: float) -> Array:
-    """Pa that act. The width is `width` tanh(threshold / width): so a threshold of nothing leaves the pressure as it
-    is, and one of 2 (4) widths differs by 4 (0.1) % of the width."""
-    if threshold <= 0:
-        return pressure
-    w = width * np.tanh(threshold / width)
-    return np.asarray(w * np.logaddexp(0.0, (pressure - threshold) / w))
 
 
 def _specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
     threshold, width = 1e3 * values["threshold"], 1e3 * values["width"]
-    return specimen.with_muscles(
-        muscles, threshold_pressure=threshold, threshold_width=width * np.tanh(threshold / width)
-    )
-
-
-def _bench(record: MuscleRecord, values: Values) -> MuscleRecord:
-    acting = past_threshold(record.pressure, 1e3 * values["threshold"], 1e3 * values["width"])
-    return replace(record, pressure=acting)
+    # so a threshold of nothing leaves the pressure as it is; from 2 (4) widths on the width is right to 4 (0.1) %
+    narrowed = width * np.tanh(threshold / width)
+    return specimen.with_muscles(muscles, threshold_pressure=threshold, threshold_width=narrowed)
 
 
 THRESHOLD_PRESSURE = Effect(
@@ -47,5 +30,4 @@ THRESHOLD_PRESSURE = Effect(
     },
     specimen=_specimen,
     force="sim.effects.threshold_pressure:THRESHOLD_PRESSURE",
-    bench=_bench,
 )
