@@ -52,10 +52,10 @@ class Simulator:
     al. 2016), here solved to convergence: an implicit step (generalised-alpha, Chung and Hulbert 1993) by
     preconditioned conjugate gradients, so that stiffness does not depend on a number of iterations.
 
-    Implements fabdesign.forward.ForwardModel: SI units in and out. Limits: at most 8 muscle types a batch. The cloth
-    passes through itself unless `self_contact`: then nodes meet cells, without friction and without the thickness of
-    muscles; borders that meet head on can pass. Steps then stay short, which costs 5 to 8 times as much. Raises
-    InputError where an option is out of range.
+    Implements fabdesign.forward.ForwardModel: SI units in and out. Limits: muscles do not slip, at most 8 muscle types
+    a batch. The cloth passes through itself unless `self_contact`: then nodes meet cells, without friction and without
+    the thickness of muscles; borders that meet head on can pass. Steps then stay short, which costs 5 to 8 times as
+    much. Raises InputError where an option is out of range.
 
     >>> import numpy as np
     >>> from fabdesign.catalogue import build

@@ -25,15 +25,15 @@ class ReferenceWithEffects(ReferenceSheet):
     """creep: (share, time [s]). hysteresis: (friction [N/Pa], friction at zero [N], slip). loss: share of the pressure
     at a muscle's far end. gains: by channel. drag [N s^2/m^4]. curl: across, down, twist [1/m]. threshold: (threshold,
     width) [Pa]. viscous: contracting, lengthening [N s]. patch: (u, v, radius [m], factor). relaxation: (share, time
-    [s]). added: (u, v [m], kg). slip: (mobility, friction, grip [N])."""
+    [s]). added: (u, v [m], kg)."""
 
     def __init__(
         self, design, n, *, creep=(0.0, 1.0), hysteresis=(0.0, 0.0, 1.0), loss=0.0, gains=None, drag=0.0,
         curl=(0.0, 0.0, 0.0), threshold=(0.0, 1.0), viscous=(0.0, 0.0), patch=(0.0, 0.0, 1.0, 1.0),
-        relaxation=(0.0, 1.0), added=(0.0, 0.0, 0.0), slip=(0.0, 0.0, 0.0),
+        relaxation=(0.0, 1.0), added=(0.0, 0.0, 0.0),
     ):  # fmt: skip
         super().__init__(design, n)
-        self.curl, self.threshold, self.viscous, self.relaxation, self.slip = curl, threshold, viscous, relaxation, slip
+        self.curl, self.threshold, self.viscous, self.relaxation = curl, threshold, viscous, relaxation
         self.creep, self.hysteresis, self.drag = creep, hysteresis, drag
         counts = [len(muscle.fixed_points()) - 1 for muscle in design.muscles]
         along = np.concatenate([(np.arange(c) + 0.5) / c for c in counts])  # even intervals
@@ -41,7 +41,6 @@ class ReferenceWithEffects(ReferenceSheet):
         self.gain = np.array([(gains or {}).get(int(c), 1.0) for c in self.channel])
         self.ages = 0.0  # s, in a step; none at rest
         self.lent = self.friction = self.before = np.zeros(len(along))
-        self.slid = np.zeros(sum(counts) + len(counts))  # m, at every fixed point
         self.relaxed = None
         self.stiffer = self._stiffer(*patch)
         u, v, mass = added
@@ -77,9 +76,6 @@ class ReferenceWithEffects(ReferenceSheet):
 
     def tensions(self, contraction, pressure):
         seen = contraction - self._lent(contraction)
-        start, end = self.intervals.T
-        lengths = self.length + self.slid[start] - self.slid[end]
-        seen = seen - contraction + 1 - (1 - contraction) * self.length / lengths
         idle = super().tensions(seen, np.zeros(len(pressure)))
         force = idle + self.gain * (super().tensions(seen, pressure) - idle)
         return force - self._friction(contraction, pressure)
@@ -95,23 +91,10 @@ class ReferenceWithEffects(ReferenceSheet):
             return 0 * limit
         return np.clip(self.friction + limit / slip * (contraction - self.before), -limit, limit)
 
-    def _slide(self):
-        """(points,) m that go through in this step."""
-        mobility, friction, grip = self.slip
-        start, end = self.intervals.T
-        lengths, moved = self.length + self.slid[start] - self.slid[end], np.zeros(len(self.slid))
-        viscosity = ReferenceSheet.viscosities(self, 0)
-        for k in np.flatnonzero(end[:-1] == start[1:]):
-            above, below = self.tension[k : k + 2]
-            excess = max(abs(below - above) - friction * (abs(above) + abs(below)) / 2 - grip, 0)
-            speed = mobility * excess * lengths[k] / (6 * max(viscosity[k], 2.0))
-            moved[end[k]] = self.ages * np.sign(below - above) * speed
-        return moved
-
     def remember(self, pressure):
         lent, friction = self._lent(self.contraction), self._friction(self.contraction, pressure)
         self.lent, self.friction, self.before = lent, friction, self.contraction.copy()
-        self.slid, self.relaxed = self.slid + self._slide(), self.relaxed_next
+        self.relaxed = self.relaxed_next
 
     # --- cloth
 

@@ -80,7 +80,6 @@ EFFECTS = {
     ),
     "stress_relaxation": ({"share": 0.4, "time": 0.03}, {"relaxation": (0.4, 0.03)}),
     "added_mass": ({"u": 0.13, "v": 0.17, "mass": 0.005}, {"added": (0.13, 0.17, 0.005)}),
-    "loop_slip": ({"mobility": 20.0, "friction": 0.05, "grip": 0.02}, {"slip": (20.0, 0.05, 0.02)}),
 }  # fmt: skip
 
 

@@ -15,7 +15,6 @@ from fabdesign.effects.filling_lag import FILLING_LAG
 from fabdesign.effects.frame_tilt import FRAME_TILT
 from fabdesign.effects.line_loss import LINE_LOSS
 from fabdesign.effects.local_stiffening import LOCAL_STIFFENING
-from fabdesign.effects.loop_slip import LOOP_SLIP
 from fabdesign.effects.muscle_creep import MUSCLE_CREEP
 from fabdesign.effects.muscle_viscosity import MUSCLE_VISCOSITY
 from fabdesign.effects.odd_muscle import ODD_MUSCLE
@@ -39,7 +38,6 @@ EFFECTS: dict[str, Effect] = {
         THRESHOLD_PRESSURE, BRAID_HYSTERESIS, MUSCLE_CREEP, MUSCLE_VISCOSITY, STROKE_SOFTENING, ODD_MUSCLE,
         FILLING_LAG, DEAD_TIME, SUPPLY_DROOP, LINE_LOSS,
         ORTHOTROPY, LOCAL_STIFFENING, STRESS_RELAXATION, REST_CURVATURE,
-        LOOP_SLIP,
         AIR_DRAG, FRAME_TILT, ADDED_MASS,
         REGISTRATION_BIAS, TIME_OFFSET, SCALE_ERROR,
     )

@@ -147,9 +147,9 @@ def tension(b, npt, added: ti.template()):
             F.point[b, X.tension + k][lane] = h0 + f * (h1 - h0)
             F.point[b, X.compliance + k][lane] = (h0 - h1) / CONTRACTION_STEP
             lane = F.after[lane]
-        if ti.static(len(added) > 0):
-            F.point[b, X.compliance + k] = F.point[b, X.compliance + k] * seen_share
         for force in ti.static(added):
+            if ti.static(force.has_lent):
+                F.point[b, X.compliance + k] = F.point[b, X.compliance + k] * seen_share
             if ti.static(force.has_tension):
                 more, stiffness = force.tension(b, k)
                 F.point[b, X.tension + k] = F.point[b, X.tension + k] + more

@@ -37,7 +37,6 @@ EFFECTS = {
     "local_stiffening": {"u": 0.09, "v": 0.06, "radius": 0.04},
     "stress_relaxation": {"share": 0.4, "time": 0.1},
     "rest_curvature": {"across": 0.7, "down": 1.0, "twist": 0.5},
-    "loop_slip": {},
     "air_drag": {"coefficient": 60.0},
     "frame_tilt": {},
     "added_mass": {},
