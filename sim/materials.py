@@ -94,11 +94,12 @@ class Lane:
 
     @cached_property
     def mean_mass(self) -> float:
-        """kg/m^2, muscles included"""
+        """kg/m^2, muscles and added masses included"""
         design = self.specimen.design
         laced = sum(design.muscle_types[m.type].mass_per_length * m.length for m in design.muscles)
         cloth = self.factor("areal_density") * self.fabric.areal_density
-        return cloth + laced / (self.fabric.width * self.fabric.height)
+        added = sum(mass for _, _, mass in self.specimen.masses)
+        return cloth + (laced + added) / (self.fabric.width * self.fabric.height)
 
     @property
     def weight_tension(self) -> float:
@@ -146,7 +147,7 @@ CONSTANTS: dict[str, Constant] = {
     "GY": Constant("m/s^2", "gravity along y", lambda c: c.fabric.gravity[1]),
     "GZ": Constant("m/s^2", "gravity along z", lambda c: c.fabric.gravity[2]),
     # of the solver's flat cloth
-    "MEAN_MASS": Constant("kg/m^2", "muscles included", lambda c: c.mean_mass),
+    "MEAN_MASS": Constant("kg/m^2", "muscles and added masses included", lambda c: c.mean_mass),
     "WEIGHT_TENSION": Constant("N/m", "mean, of a cloth hung by its top", lambda c: c.weight_tension),
     "TOP_HELD": Constant("1", "1 where the top edge is held", lambda c: float(c.support == Support.TOP)),
     "BOTTOM_HELD": Constant("1", "1 where the bottom edge is held", lambda c: float(c.support == Support.BOTTOM)),

@@ -314,7 +314,7 @@ def _has_added_force(case: Case) -> bool:
 
 def _added_forces() -> tuple[AddedForce, ...]:
     """Those of all effects: one kernel serves them all, and values make them zero."""
-    return tuple(force_of(effect) for effect in EFFECTS.values() if effect.force is not None)
+    return tuple(dict.fromkeys(force_of(effect) for effect in EFFECTS.values() if effect.force is not None))
 
 
 def _is_free(fabric: Fabric) -> bool:

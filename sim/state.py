@@ -225,9 +225,9 @@ def loaded() -> set[str]:
     return {p.name for p in PLANES if p.life == LOADED} | {a.name for a in ARRAYS if a.life == LOADED}
 
 
-def added() -> list[Plane]:
-    """What added forces load: numbers of the specimen's muscles."""
-    return [plane for plane in PLANES[BUILT_IN:] if plane.life == LOADED]
+def added(on: Entity) -> list[str]:
+    """What added forces load on intervals, numbers of the specimen's muscles, or on nodes, of its places: by name."""
+    return [plane.name for plane in PLANES[BUILT_IN:] if plane.life == LOADED and plane.on == on]
 
 
 def declare(*more: Plane) -> None:

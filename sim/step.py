@@ -113,7 +113,7 @@ def step(
 ):  # fmt: skip
     """Step m of one block. kept: 1 where frames are kept of it, for which muscles are evaluated once more: a lane that
     has converged has moved since. So is memory. added: forces of effects."""
-    begin(b, m, npt, scheme, pressure)
+    begin(b, m, npt, added, scheme, pressure)
     if work[m, b] == FACTORISED:
         factorise(b, nu, nv)
         green(b, nu, nv, npt)
@@ -150,7 +150,7 @@ def step(
 
 
 @ti.func
-def begin(b, m, npt, scheme: ti.template(), pressure: ti.template()):
+def begin(b, m, npt, added: ti.template(), scheme: ti.template(), pressure: ti.template()):
     """The lanes' schemes and their muscles' pressures in step m."""
     lane = 0
     while lane < LANES:
@@ -164,6 +164,12 @@ def begin(b, m, npt, scheme: ti.template(), pressure: ti.template()):
             F.point[b, X.pressure + k][lane] = F.point[b, X.pressure_share + k][lane] * acting
             k = F.after[k]
         lane = F.after[lane]
+    for force in ti.static(added):
+        if ti.static(force.has_pressure):
+            k = 0
+            while k < npt:
+                F.point[b, X.pressure + k] = force.pressure(b, k)
+                k = F.after[k]
 
 
 @ti.func

@@ -268,6 +268,10 @@ class ReferenceSheet:
         """(intervals,) Pa in the muscles, from (channels,) Pa."""
         return pressure[self.channel]
 
+    def viscosities(self, rate):
+        """(intervals,) N s, at contraction rates `rate`."""
+        return self.factor["damping"] * np.array([self.design.muscle_types[k].viscosity for k in self.kind])
+
     def remember(self, pressure):
         """At a step's end; this cloth has no memory."""
 
@@ -283,7 +287,7 @@ class ReferenceSheet:
         direction, length = unit(points[end] - points[start])
         self.contraction = 1 - length / self.length
         shortening = -np.sum(direction * (rates[end] - rates[start]), axis=1) / self.length
-        viscosity = self.factor["damping"] * np.array([self.design.muscle_types[k].viscosity for k in self.kind])
+        viscosity = self.viscosities(shortening)
         self.tension = self.tensions(self.contraction, pressure) - viscosity * shortening
 
         def to_nodes(force):

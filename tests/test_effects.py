@@ -8,9 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fabdesign.effects import BUILT_IN, EFFECTS
-from fabdesign.effects.acting import acting_pressure
+from fabdesign.effects.acting import acting_pressure, observed, specimen_of
 from fabdesign.effects.filling_lag import lagged
 from fabdesign.forward import Case, Term
 from fabdesign.model import EffectTerm, Model, Quantity
@@ -18,6 +19,7 @@ from fabdesign.muscle import Muscle
 from fabdesign.predictor import Predictor
 from fabdesign.pressure import PressureProgram
 from sim import Simulator
+from sim.design.nodes import node_means
 from tests.sim_designs import cloth, held, laced, linear_muscle, middle
 
 SIMULATOR = Simulator(points_per_side=11)
@@ -103,7 +105,58 @@ def test_line_loss_falls_from_a_path_s_first_point():
     assert down.contraction[0, 0] > 1.2 * up.contraction[0, -1]  # of one place
 
 
+def test_threshold_is_one_curve_of_the_pressure():
+    # w log(1 + exp((p - threshold) / w)), alike going up and down
+    threshold, width, kpa = 40.0, 10.0, [5, 30, 40, 60, 200, 60, 30]
+    case = Case(puller(), stepped(0.1 * np.arange(7), kpa))
+    [motion] = SIMULATOR.run([with_effects(case, Term("threshold_pressure"))], [0.1 * np.arange(1, 8) - 0.01])
+    w = width * np.tanh(threshold / width)
+    expected = 1e3 * w * np.log1p(np.exp((np.array(kpa) - threshold) / w))
+    assert pressure_seen(motion)[:, 0] == pytest.approx(expected, rel=2e-3, abs=300.0)
+    assert 1e3 * width * np.log(2) == pytest.approx(expected[2], rel=2e-3)  # hardly narrower, as on the rig
+
+
 # --- constants and the rest state
+
+
+def test_softening_grows_from_trial_to_trial():
+    case, orders = with_effects(held(puller(), (200,)), Term("stroke_softening", {"loss": 0.3})), [0, 1, 3, 30]
+    motions = SIMULATOR.run([replace(case, order=k) for k in orders], [np.array([0.1])] * 4)
+    expected = 200e3 * (1 - 0.3 * -np.expm1(-np.array(orders) / 3))
+    assert [pressure_seen(motion)[-1, 0] for motion in motions] == pytest.approx(expected, rel=2e-3)
+
+
+def test_added_mass_stretches_the_cloth_above_it():
+    # without contraction across, the mean tension along v above the mass is m g / width: the hem sinks by m g v / k w
+    m, v = 0.02, 0.147
+    case = held(cloth(poisson=0.0), ())
+    heavy = with_effects(case, Term("added_mass", {"u": 0.131, "v": v, "mass": m}))
+    [start], [plain] = (SIMULATOR.run([c], [np.zeros(1)]) for c in (heavy, case))
+    sunk = (plain.middle - start.middle)[0, -1, :, 1].astype(float)
+    assert np.average(sunk, weights=np.r_[0.5, np.ones(9), 0.5]) == pytest.approx(m * 9.81 * v / (520 * 0.2), rel=0.02)
+    assert sunk[6] > 1.2 * sunk[1]  # more on its own side
+
+
+def test_stiffening_everywhere_is_a_stiffer_cloth():
+    factor, shape = 1.8, {"u": 0.1, "v": 0.1, "radius": 2.0}
+    front = laced("cross", 2, support="clamped", gravity=(0.0, -7.0, -7.0), membrane_stiffness=(520.0, 400.0))
+    alike = dict.fromkeys(("membrane", "shear", "bending"), factor)
+    stiff = with_effects(held(front, (200, 50)), Term("local_stiffening", shape | {"factor": factor}))
+    cases = [stiff, held(front, (200, 50), **alike), held(front, (200, 50))]
+    one, other, plain = SIMULATOR.run(cases, [np.array([0.0, 0.02, 0.05])] * 3)
+    assert np.abs(one.middle - other.middle).max() < 5e-5
+    assert np.abs(one.middle - plain.middle).max() > 2e-3
+
+
+def test_a_stiff_disc_has_its_area_on_any_grid():
+    design, disc = cloth(), Term("local_stiffening", {"u": 0.08, "v": 0.11, "radius": 0.03, "factor": 3.0})
+    for n in (11, 41):
+        stiffer = node_means(specimen_of(with_effects(held(design, ()), disc)), "stiffer", n).reshape(n, n)
+        at, areas = np.linspace(0, 0.2, n), np.full((n, n), (0.2 / (n - 1)) ** 2)
+        total = (stiffer * areas).sum()
+        assert total == pytest.approx(2 * np.pi * 0.03**2, rel=0.01)
+        middle_at = (stiffer.sum(axis=0) @ at / stiffer.sum(), stiffer.sum(axis=1) @ at / stiffer.sum())
+        assert middle_at == pytest.approx((0.08, 0.11), abs=0.1 * 0.2 / (n - 1))
 
 
 def test_tilted_cloth_hangs_along_gravity():
@@ -201,6 +254,49 @@ def test_creep_is_the_standard_linear_solid():
     assert end / ((bare.reshape(2, 41, 41, 3)[:, -1, 20, 1]).mean() + 0.2) == pytest.approx(1 / left, rel=0.01)
 
 
+def test_relaxation_is_one_prony_term():
+    # K (eps - s z) = P - k eps, tau dz/dt = eps - z: as creep's closed form, with K for k
+    share, tau, times = 0.4, 0.1, np.array([0.1, 0.2, 0.4, 0.8])
+    case = held(puller(), (200,))
+    relaxed = with_effects(case, Term("stress_relaxation", {"share": share, "time": tau}))
+    slow, plain = SIMULATOR.run([relaxed, case], [times] * 2)
+    elastic = plain.contraction[-1, 0]
+    part = share * (1 - STIFFNESS * elastic / (2 * PULL))  # s K / (k + K)
+    z = elastic / (1 - part) * -np.expm1(-times * (1 - part) / tau)
+    assert slow.contraction[:, 0] == pytest.approx(elastic + part * z, rel=0.01)
+    assert part * z[-1] > 0.1 * elastic
+
+
+def test_a_relaxed_cloth_rests_as_a_softer_one():
+    share, sheet = 0.3, cloth(support="clamped", gravity=(0.0, -7.0, -7.0))
+    softer = dict.fromkeys(("membrane", "shear", "bending"), 1 - share)
+    relaxed = with_effects(held(sheet, ()), Term("stress_relaxation", {"share": share, "time": 0.5}))
+    one, other, plain = (
+        middle(shape) for shape in SIMULATOR.equilibria([relaxed, held(sheet, (), **softer), held(sheet, ())])
+    )
+    assert np.abs(one - other).max() < 1e-4
+    assert np.abs(one - plain).max() > 5e-3
+    [start] = SIMULATOR.run([relaxed], [np.zeros(1)])
+    assert np.abs(start.middle[0] - other[::4, ::4]).max() < 1e-4  # and so it starts: it has hung for long
+
+
+def test_viscosity_differs_by_direction():
+    # c d eps/dt = P - (k + K) eps: exponentials, with another time constant going back
+    into, back, times = 20.0, 50.0, np.array([0.1, 0.2, 0.4, 0.7, 0.9])
+    plain = puller()
+    bare = replace(plain, fabric=replace(plain.fabric, viscosity=0.0, air_damping=0.0))
+    slow = Case(bare, stepped([0.0, 0.5], [200, 0]), effects=(
+        Term("muscle_viscosity", {"contracting": into, "lengthening": back}),
+    ))  # fmt: skip
+    [motion], [settled] = SIMULATOR.run([slow], [times]), SIMULATOR.run([held(plain, (200,))], [np.array([0.4])])
+    elastic = settled.contraction[0, 0]
+    stiffness = 2 * PULL / elastic  # k + K
+    top = elastic * -np.expm1(-0.5 * stiffness / into)
+    up, down = -elastic * np.expm1(-times * stiffness / into), top * np.exp(-(times - 0.5) * stiffness / back)
+    assert motion.contraction[:, 0] == pytest.approx(np.where(times <= 0.5, up, down), rel=0.02)
+    assert down[-1] > 0.1 * elastic
+
+
 FRICTION, SLIP = 0.4, 0.001  # N, 1
 HYSTERESIS = Term("braid_hysteresis", {"friction": 0.0, "friction_at_zero": FRICTION, "slip": SLIP})
 
@@ -278,12 +374,30 @@ def test_time_offset_is_predicted_and_not_simulated():
     assert np.abs(predicted - plain).max() > 1e-3
 
 
+def test_clouds_are_turned_shifted_and_scaled():
+    turns, shift = {"about_x": 3.0, "about_y": -2.0, "about_z": 5.0}, {"x": 0.01, "y": -0.02, "z": 0.005}
+    points = np.random.default_rng(0).uniform(-0.1, 0.1, (3, 7, 3))
+    case = with_effects(PLAIN, Term("registration_bias", turns | shift), Term("scale_error", {"scale": 0.03}))
+    turn = Rotation.from_euler("xyz", list(turns.values()), degrees=True).as_matrix()
+    expected = 1.03 * (points @ turn.T + list(shift.values()))
+    assert observed(case, points) == pytest.approx(expected, abs=1e-12)
+    other = replace(case, effects=case.effects[::-1])
+    assert observed(other, points) == pytest.approx(1.03 * points @ turn.T + list(shift.values()), abs=1e-12)
+    # predicted and not simulated
+    cases, times = [replace(PLAIN, effects=case.effects)], [TIMES]
+    [seen], [moved] = (Predictor(SIMULATOR, Model(), sensing=s).motions(cases, times) for s in (True, False))
+    [plain] = SIMULATOR.motions([PLAIN], times)
+    assert np.array_equal(moved, plain)
+    assert np.abs(seen - 1.03 * (plain @ turn.T + list(shift.values()))).max() < 1e-6
+
+
 # --- all of them
 
 TIMES = np.array([0.05, 0.1])
 PLAIN = Case(
     laced("cross", 2),
     PressureProgram(np.array([0.0, 0.04]), np.array([[200e3, 50e3], [100e3, 50e3]]), 0.1),
+    order=3,
 )
 
 
@@ -295,7 +409,7 @@ def test_off_are_the_bits_without():
 
 
 def test_lanes_keep_their_bits_and_leave_nothing():
-    own = [n for n in BUILT_IN if n != "time_offset"]
+    own = [n for n in BUILT_IN if EFFECTS[n].site != "sensing"]
     cases = [PLAIN, *(with_effects(PLAIN, Term(name)) for name in own)]
     bare, *together = SIMULATOR.run(cases, [TIMES] * len(cases))
     for name, case, beside in zip(own, cases[1:], together, strict=True):

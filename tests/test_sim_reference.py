@@ -73,6 +73,13 @@ EFFECTS = {
     "odd_muscle": ({"channel": 0.0, "factor": 0.7}, {"gains": {0: 0.7}}),
     "air_drag": ({"coefficient": 20.0}, {"drag": 20.0}),
     "rest_curvature": ({"across": 1.0, "down": 2.0, "twist": 0.7}, {"curl": (1.0, 2.0, 0.7)}),
+    "threshold_pressure": ({"threshold": 60.0, "width": 15.0}, {"threshold": (60e3, 15e3 * np.tanh(4.0))}),
+    "muscle_viscosity": ({"contracting": 30.0, "lengthening": 10.0}, {"viscous": (30.0, 10.0)}),
+    "local_stiffening": (
+        {"u": 0.07, "v": 0.06, "radius": 0.05, "factor": 4.0}, {"patch": (0.07, 0.06, 0.05, 4.0)},
+    ),
+    "stress_relaxation": ({"share": 0.4, "time": 0.03}, {"relaxation": (0.4, 0.03)}),
+    "added_mass": ({"u": 0.13, "v": 0.17, "mass": 0.005}, {"added": (0.13, 0.17, 0.005)}),
 }  # fmt: skip
 
 

@@ -18,6 +18,8 @@ AIR_DRAG = Effect(
     what="force per area against the normal velocity, coefficient |v_n| v_n",
     signature="after steps, where the cloth is fast and broadside; nothing when driven slowly; fast swings die sooner "
     "than slow ones",
+    looks_like="air that moves with the cloth (an added mass that grows with its speed); swing a light rigid plate of "
+    "the same size in the same room",
     source="quadratic drag of a plate, 1/2 rho c_d; docs/effects.md",
     parameters={
         "coefficient": EffectParameter("N s^2/m^4", "on |v_n| v_n", 3.0, (0.0, 100.0), 3.0, off=0.0),

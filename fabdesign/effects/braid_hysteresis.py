@@ -36,6 +36,8 @@ BRAID_HYSTERESIS = Effect(
     what="friction against contraction and lengthening, up to friction times pressure: one Maxwell-slip element an "
     "interval, which gives way by `slip` of contraction before it slides",
     signature="branches at equal pressure, as wide at any rate; minor loops; still open at hold",
+    looks_like="friction of the cloth with itself, or a pressure sensor with a dead band; cycle one muscle on its "
+    "bench by pressure measured at the muscle",
     source="Maxwell-slip model (Iwan 1966, doi:10.1115/1.3625199); docs/effects.md",
     parameters={
         "friction": EffectParameter("N/kPa", "limit by pressure", 0.005, (0.0, 0.1), 0.005, off=0.0),

@@ -40,6 +40,7 @@ DEAD_TIME = Effect(
     what="pressure acts a while after it is set: p(t - delay)",
     signature="a pure shift of every onset, the same for small and large steps; with all channels from rest it is the "
     "same as time_offset",
+    looks_like="a late trigger or time stamp; put a lamp on the valve's signal into the cameras' view",
     source="transport delay; docs/effects.md",
     parameters={"delay": EffectParameter("s", "delay", 0.04, (0.0, 1.0), 0.05, off=0.0)},
     pressure=_pressure,

@@ -52,6 +52,7 @@ FILLING_LAG = Effect(
     scope="rig",
     what="pressure follows the set point with a time constant: dp/dt = (set point - p) / tau",
     signature="late after every step, by as much of the step however large; gone at hold; slower ramps shrink it",
+    looks_like="a regulator that limits its slope or overshoots; log the pressure at the muscle while one step is set",
     source="first-order filling of a volume through a line; docs/effects.md",
     parameters={
         "fill": EffectParameter("s", "time constant while the pressure rises", 0.08, (0.0, 3.0), 0.1, off=0.0),

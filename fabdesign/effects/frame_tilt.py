@@ -24,6 +24,7 @@ FRAME_TILT = Effect(
     scope="rig",
     what="gravity turns about the frame's x axis, then its z axis",
     signature="in the frame of the laboratory, at zero pressure too, more where the cloth gives way more",
+    looks_like="a steady draught; level the frame and measure with the door shut",
     source="a frame out of level; docs/effects.md",
     parameters={
         "about_x": EffectParameter("deg", "forwards or backwards", 3.0, (-30.0, 30.0), 2.0, off=0.0),

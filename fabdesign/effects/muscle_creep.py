@@ -29,6 +29,7 @@ MUSCLE_CREEP = Effect(
     scope="muscle type",
     what="a slow contraction z, dz/dt = (share max(eps, 0) - z) / time, that the bench law does not see: F(p, eps - z)",
     signature="slow extra at hold, slow recovery after; as much for slow and fast ramps once held",
+    looks_like="a slow leak, or a muscle that warms; log the pressure over a long hold and repeat at once",
     source="standard linear solid; docs/effects.md",
     parameters={
         "share": EffectParameter("1", "of the contraction, in the end", 0.15, (0.0, 0.8), 0.1, off=0.0),

@@ -9,11 +9,7 @@ from fabdesign.effects.specimen import Specimen
 
 def _specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
     odd = np.array([muscle.channel == int(values["channel"]) for muscle in specimen.design.muscles], dtype=bool)
-    gains = {float(gain) for gain in specimen.muscles["gain"][odd & muscles]}
-    for gain in gains:
-        same = odd & muscles & (specimen.muscles["gain"] == gain)
-        specimen = specimen.with_muscles(same, gain=gain * values["factor"])
-    return specimen
+    return specimen.with_muscles(odd & muscles, gain=specimen.muscles["gain"] * values["factor"])
 
 
 ODD_MUSCLE = Effect(
@@ -22,6 +18,7 @@ ODD_MUSCLE = Effect(
     scope="rig",
     what="what pressure adds to the tension is multiplied in one channel's muscles",
     signature="stripes fixed to one muscle, in step with its pressure, whatever the others do",
+    looks_like="a regulator of this channel that is out by a share, or a looser lacing; exchange two channels' hoses",
     source="repeat variation of woven muscles, 2 to 4 %; docs/effects.md",
     parameters={
         "channel": EffectParameter("1", "the odd channel, from 0", 0.0, (0.0, 255.0), 1.0, whole=True),

@@ -37,6 +37,7 @@ ORTHOTROPY = Effect(
     scope="fabric",
     what="k_1 / k_2 and B_1 / B_2 times `ratio`, their products unchanged",
     signature="follows the cloth, not gravity: curls about one direction are too weak, about the other too strong",
+    looks_like="muscles that stiffen the cloth along their paths; measure strips of the bare cloth in both directions",
     source="orthotropic plate (Lekhnitskii 1968); docs/effects.md",
     parameters={
         "ratio": EffectParameter("1", "on their ratio", 2.0, (0.05, 20.0), 0.5, off=1.0, transform="log"),

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from fabdesign.effects.added_mass import ADDED_MASS
 from fabdesign.effects.air_drag import AIR_DRAG
 from fabdesign.effects.braid_hysteresis import BRAID_HYSTERESIS
 from fabdesign.effects.dead_time import DEAD_TIME
@@ -13,11 +14,18 @@ from fabdesign.effects.declaration import Effect, Values
 from fabdesign.effects.filling_lag import FILLING_LAG
 from fabdesign.effects.frame_tilt import FRAME_TILT
 from fabdesign.effects.line_loss import LINE_LOSS
+from fabdesign.effects.local_stiffening import LOCAL_STIFFENING
 from fabdesign.effects.muscle_creep import MUSCLE_CREEP
+from fabdesign.effects.muscle_viscosity import MUSCLE_VISCOSITY
 from fabdesign.effects.odd_muscle import ODD_MUSCLE
 from fabdesign.effects.orthotropy import ORTHOTROPY
+from fabdesign.effects.registration_bias import REGISTRATION_BIAS
 from fabdesign.effects.rest_curvature import REST_CURVATURE
+from fabdesign.effects.scale_error import SCALE_ERROR
+from fabdesign.effects.stress_relaxation import STRESS_RELAXATION
+from fabdesign.effects.stroke_softening import STROKE_SOFTENING
 from fabdesign.effects.supply_droop import SUPPLY_DROOP
+from fabdesign.effects.threshold_pressure import THRESHOLD_PRESSURE
 from fabdesign.effects.time_offset import TIME_OFFSET
 from fabdesign.errors import InputError
 from fabdesign.table import nearest
@@ -27,11 +35,11 @@ GROUP = "fabdesign.effects"  # entry points of installed packages, each an Effec
 EFFECTS: dict[str, Effect] = {
     effect.name: effect
     for effect in (
-        BRAID_HYSTERESIS, MUSCLE_CREEP, ODD_MUSCLE,
+        THRESHOLD_PRESSURE, BRAID_HYSTERESIS, MUSCLE_CREEP, MUSCLE_VISCOSITY, STROKE_SOFTENING, ODD_MUSCLE,
         FILLING_LAG, DEAD_TIME, SUPPLY_DROOP, LINE_LOSS,
-        ORTHOTROPY, REST_CURVATURE,
-        AIR_DRAG, FRAME_TILT,
-        TIME_OFFSET,
+        ORTHOTROPY, LOCAL_STIFFENING, STRESS_RELAXATION, REST_CURVATURE,
+        AIR_DRAG, FRAME_TILT, ADDED_MASS,
+        REGISTRATION_BIAS, TIME_OFFSET, SCALE_ERROR,
     )
 }  # fmt: skip
 BUILT_IN = tuple(EFFECTS)

@@ -17,6 +17,8 @@ REST_CURVATURE = Effect(
     scope="fabric",
     what="moments are of the curvatures beyond those of the free cloth; positive ones bend the hem towards the front",
     signature="at zero pressure too, where the cloth is; flips when the cloth is turned over, as a tilt does not",
+    looks_like="a set that is left by the trials before, or a crooked clamp; turn the cloth over and measure it at "
+    "rest",
     source="plate with an initial curvature (Timoshenko and Woinowsky-Krieger 1959); docs/effects.md",
     parameters={
         "across": EffectParameter("1/m", "along u", 0.0, (-20.0, 20.0), 1.0, off=0.0),

@@ -1,6 +1,6 @@
 """A specimen: a design as it really is, with scale factors and effects put into its constants."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,6 +10,7 @@ from fabdesign.design import Design
 from fabdesign.fabric import Fabric
 
 Array = NDArray[np.float64]
+OfPlace = Callable[[Array, Array], Array]  # of places (u, v) [m] on the flat cloth
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,7 +20,8 @@ class Specimen:
     muscles: (m,) numbers of every muscle by name: `gain` (on what pressure adds to the tension), `lever` (on the axis'
     offset), `pressure_loss` (share of the pressure lost from a muscle's first end to its last), and those that an
     effect's force asks for by its planes' names (zero where none says otherwise). constants: numbers of the whole
-    specimen that a force asks for, by name.
+    specimen that a force asks for, by name; places: those that differ over the cloth, of which a node gets the mean
+    over its area. masses: (u [m], v [m], kg) each, fixed to the cloth.
     """
 
     design: Design
@@ -27,12 +29,14 @@ class Specimen:
     order: int = 0
     muscles: Mapping[str, Array] = field(default_factory=dict)
     constants: Mapping[str, float] = field(default_factory=dict)
+    places: Mapping[str, OfPlace] = field(default_factory=dict)
+    masses: tuple[tuple[float, float, float], ...] = ()
 
     def with_fabric(self, fabric: Fabric) -> "Specimen":
         return replace(self, design=replace(self.design, fabric=fabric))
 
-    def with_muscles(self, where: NDArray[np.bool_], **values: float) -> "Specimen":
-        """Where `where` (m,) holds, the muscles' numbers by name are these."""
+    def with_muscles(self, where: NDArray[np.bool_], **values: float | Array) -> "Specimen":
+        """Where `where` (m,) holds, the muscles' numbers by name are these, one for all or (m,)."""
         count = len(self.design.muscles)
         changed = {
             name: np.where(where, value, self.muscles.get(name, np.zeros(count))) for name, value in values.items()
@@ -41,3 +45,9 @@ class Specimen:
 
     def with_constants(self, **values: float) -> "Specimen":
         return replace(self, constants={**self.constants, **values})
+
+    def with_place(self, name: str, value: OfPlace) -> "Specimen":
+        return replace(self, places={**self.places, name: value})
+
+    def with_mass(self, u: float, v: float, mass: float) -> "Specimen":
+        return replace(self, masses=(*self.masses, (u, v, mass)))

@@ -27,6 +27,8 @@ SUPPLY_DROOP = Effect(
     scope="rig",
     what="each other channel above 5 kPa takes a share of a channel's pressure: p (1 - share n)",
     signature="grows with the number of open channels, at hold too; one channel alone is right",
+    looks_like="valves that leak into each other (crosstalk), or a pull of the supply by something else; log all "
+    "channels while one more is opened",
     source="a supply's source impedance, to first order; docs/effects.md",
     parameters={
         "share": EffectParameter("1", "lost by each other open channel", 0.05, (0.0, 0.5), 0.05, off=0.0),

@@ -13,6 +13,7 @@ def as_json(effects: dict[str, Effect]) -> list[dict[str, Any]]:
             "scope": effect.scope,
             "what": effect.what,
             "signature": effect.signature,
+            "looks_like": effect.looks_like,
             "source": effect.source,
             "remembers": effect.remembers,
             "parameters": {
@@ -47,6 +48,7 @@ def one_as_text(effect: Effect) -> str:
         f"{effect.name} ({effect.site}; belongs to the {effect.scope})",
         f"what it is: {effect.what}",
         f"in data: {effect.signature}",
+        *([f"looks like: {effect.looks_like}"] if effect.looks_like else []),
         f"source: {effect.source}",
         "parameters:",
     ]
@@ -65,10 +67,15 @@ def in_words(p: EffectParameter) -> str:
 
 def markdown_table(effects: dict[str, Effect]) -> str:
     """The table of docs/effects.md."""
-    rows = ["| effect | site | scope | parameters (unit: default) | what it is |", "|---|---|---|---|---|"]
+    rows = [
+        "| effect | site | scope | parameters (unit: default) | what it is | what looks the same, and how to tell |",
+        "|---|---|---|---|---|---|",
+    ]
     for effect in effects.values():
         listed = ", ".join(
             f"`{name}` ({'' if p.unit == '1' else p.unit + ': '}{p.typical:g})" for name, p in effect.parameters.items()
         )
-        rows.append(f"| `{effect.name}` | {effect.site} | {effect.scope} | {listed} | {effect.what} |")
+        rows.append(
+            f"| `{effect.name}` | {effect.site} | {effect.scope} | {listed} | {effect.what} | {effect.looks_like} |"
+        )
     return "\n".join(rows)

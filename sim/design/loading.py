@@ -14,7 +14,7 @@ from fabdesign.muscle import MuscleType
 from sim import state
 from sim.design.lacing import Lacing, lace, touched
 from sim.design.muscle_law import bench_grid
-from sim.design.nodes import node_arrays
+from sim.design.nodes import node_arrays, node_means
 from sim.design.support import Support
 from sim.kernels.fields import LANES, TABLE, TYPES, F, allocate
 from sim.kernels.transfer import Shared, load, put
@@ -95,13 +95,14 @@ def _side_by_side(values: Sequence[NDArray]) -> NDArray:
 
 def _nodes(specimen: Specimen, n: int) -> dict[str, NDArray]:
     """What a lane has on the padded grid."""
-    rest, mass, free = node_arrays(specimen.design, specimen.factors, n)
+    rest, mass, free = node_arrays(specimen, n)
 
     def padded(values: NDArray) -> NDArray:
         return np.pad(values.reshape(n, n), 1).ravel()
 
     positions = np.array([padded(component) for component in rest.T])
-    return {"x0": positions, "q": positions, "mass": padded(mass), "free": padded(free)}
+    of_places = {name: padded(node_means(specimen, name, n)) for name in state.added("node")}
+    return {"x0": positions, "q": positions, "mass": padded(mass), "free": padded(free)} | of_places
 
 
 def _types(cases: Sequence[Case]) -> dict[tuple[str, MuscleType], int]:
@@ -145,7 +146,7 @@ def _fixed_points(
         "base": (base[:, 0] + 1) * (n + 2) + base[:, 1] + 1,
         "channel": filled(lacing.channel),
         "muscle_type": filled(np.array(table, np.int32)),
-        **{plane.name: filled(of_muscles(plane.name)) for plane in state.added()},
+        **{name: filled(of_muscles(name)) for name in state.added("interval")},
     }
 
 

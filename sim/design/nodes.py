@@ -1,29 +1,31 @@
 """The grid of a design: where its nodes rest, their masses, and which are held."""
 
-from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
+from fabdesign.effects.specimen import Specimen
 from sim.design.support import Support
 
 Array = NDArray[np.float64]
+FINE = 0.0025  # m between the points over which a node's mean is taken
 
 
-def node_arrays(design: Design, factors: Mapping[str, float], n: int) -> tuple[Array, Array, Array]:
+def node_arrays(specimen: Specimen, n: int) -> tuple[Array, Array, Array]:
     """Rest positions (n n, 3) m, lumped masses (n n,) kg and free (n n,), rows of rising v."""
-    fabric = design.fabric
+    design, fabric = specimen.design, specimen.design.fabric
     u, v = np.linspace(0, fabric.width, n), np.linspace(0, fabric.height, n)
     uu, vv = np.meshgrid(u, v)
     rest = np.stack([uu - fabric.width / 2, -vv, np.zeros_like(uu)], axis=-1).reshape(-1, 3)
     trapezoid = np.ones(n)
     trapezoid[[0, -1]] = 0.5
     cell = u[1] * v[1]
-    mass = factors.get("areal_density", 1.0) * fabric.areal_density * cell * np.outer(trapezoid, trapezoid)
+    mass = specimen.factors.get("areal_density", 1.0) * fabric.areal_density * cell * np.outer(trapezoid, trapezoid)
     for muscle in design.muscles:
         _add_line_mass(mass, muscle.path, design.muscle_types[muscle.type].mass_per_length, u[1], v[1])
+    for at_u, at_v, added in specimen.masses:
+        _add_masses(mass, np.array([at_u / u[1]]), np.array([at_v / v[1]]), added)
     free = np.ones((n, n))
     support = Support.of(fabric)
     if support.is_edge:
@@ -34,6 +36,24 @@ def node_arrays(design: Design, factors: Mapping[str, float], n: int) -> tuple[A
     return rest, mass.ravel(), free.ravel()
 
 
+def node_means(specimen: Specimen, name: str, n: int) -> Array:
+    """(n n,) means over the nodes' areas of what differs by place; 0 where nothing does."""
+    value, fabric = specimen.places.get(name), specimen.design.fabric
+    if value is None:
+        return np.zeros(n * n)
+    u, v = (_points_within(size, n) for size in (fabric.width, fabric.height))
+    found = value(*np.meshgrid(u.ravel(), v.ravel()))
+    return np.asarray(found.reshape(n, v.shape[1], n, u.shape[1]).mean(axis=(1, 3)).ravel())
+
+
+def _points_within(size: float, n: int) -> Array:
+    """(n, k) m, points even over the stretches of n nodes."""
+    h = size / (n - 1)
+    ends = np.clip((np.arange(n + 1) - 0.5) * h, 0.0, size)
+    count = int(np.ceil(h / FINE))
+    return np.asarray(ends[:-1, None] + np.diff(ends)[:, None] * (np.arange(count) + 0.5) / count)
+
+
 def _add_line_mass(mass: Array, path: tuple[tuple[float, float], ...], density: float, hu: float, hv: float) -> None:
     corners = np.array(path)
     for a, b in pairwise(corners):
@@ -41,7 +61,12 @@ def _add_line_mass(mass: Array, path: tuple[tuple[float, float], ...], density: 
         samples = max(2, int(np.ceil(4 * length / min(hu, hv))))
         share = (np.arange(samples) + 0.5) / samples
         x, y = ((a + (b - a) * share[:, None]) / (hu, hv)).T
-        i, j = (np.minimum(t.astype(int), n - 2) for t, n in ((x, mass.shape[1]), (y, mass.shape[0])))
-        for row, down in ((j, j + 1 - y), (j + 1, y - j)):
-            for column, across in ((i, i + 1 - x), (i + 1, x - i)):
-                np.add.at(mass, (row, column), down * across * (density * length / samples))
+        _add_masses(mass, x, y, density * length / samples)
+
+
+def _add_masses(mass: Array, x: Array, y: Array, each: float) -> None:
+    """Masses of `each` kg at columns x and rows y, to the nodes around, bilinearly."""
+    i, j = (np.minimum(t.astype(int), n - 2) for t, n in ((x, mass.shape[1]), (y, mass.shape[0])))
+    for row, down in ((j, j + 1 - y), (j + 1, y - j)):
+        for column, across in ((i, i + 1 - x), (i + 1, x - i)):
+            np.add.at(mass, (row, column), down * across * each)

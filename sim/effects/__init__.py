@@ -1,5 +1,5 @@
 """The kernels' parts of effects: added forces, a file each (their declarations are in fabdesign/effects)."""
 
-from sim.effects import air_drag, braid_hysteresis, muscle_creep
+from sim.effects import air_drag, braid_hysteresis, cloth_stress, muscle_creep, muscle_viscosity, threshold_pressure
 
-__all__ = ["air_drag", "braid_hysteresis", "muscle_creep"]
+__all__ = ["air_drag", "braid_hysteresis", "cloth_stress", "muscle_creep", "muscle_viscosity", "threshold_pressure"]

@@ -1,8 +1,9 @@
 """Forces that effects add to a step: creep, friction, drag, whatever the cloth and its muscles have not of their own.
 
-An added force is one file: its planes, its constants, and functions of Taichi at one of three places of a step, each
-evaluated as often as a step is, lanes side by side:
+An added force is one file: its planes, its constants, and functions of Taichi at one or more of four places of a step,
+each but the first evaluated as often as a step is, lanes side by side:
 
+    pressure(b, k)          the pressure that acts in interval k [Pa], from F.point[b, X.pressure + k], once a step
     cloth(b, nu, nv, npt)   adds to F.f what pulls at the nodes at positions F.q and velocities F.v (and strains F.eu,
                             tangents F.tu, normals F.n, contractions X.eps, ... as cloth and muscles leave them)
     lent(b, k)              contraction of interval k that the bench law does not see, and its derivative by contraction
@@ -36,15 +37,20 @@ class AddedForce:
     """Declares its planes and constants; step.py calls its functions. One object for each force: kernels are compiled
     for it."""
 
-    cloth: Callable[..., Any] | None = None  # functions of Taichi, as above
+    pressure: Callable[..., Any] | None = None  # functions of Taichi, as above
+    cloth: Callable[..., Any] | None = None
     lent: Callable[..., Any] | None = None
     tension: Callable[..., Any] | None = None
-    # remembered ones, and loaded ones of intervals: numbers of the specimen's muscles by that name
+    # remembered ones, and loaded ones: on intervals numbers of the specimen's muscles, on nodes of its places, by name
     planes: tuple[Plane, ...] = ()
     constants: Mapping[str, Constant] = field(default_factory=dict, hash=False)  # M.NAME, from the specimen
 
     @property
-    def has_cloth(self) -> bool:  # taichi knows no None
+    def has_pressure(self) -> bool:  # taichi knows no None
+        return self.pressure is not None
+
+    @property
+    def has_cloth(self) -> bool:
         return self.cloth is not None
 
     @property
@@ -57,8 +63,8 @@ class AddedForce:
 
     def __post_init__(self) -> None:
         for plane in self.planes:
-            if plane.life == state.LOADED and plane.on != "interval":
-                raise ValueError(f"plane {plane.name}: on {plane.on}; what an effect loads is on intervals")
+            if plane.life == state.LOADED and plane.on not in ("interval", "node"):
+                raise ValueError(f"plane {plane.name}: on {plane.on}; what an effect loads is on intervals or nodes")
             if plane.life not in (state.LOADED, state.REMEMBERED):
                 raise ValueError(f"plane {plane.name}: planes of an added force are loaded or remembered")
         state.declare(*self.planes)

@@ -83,7 +83,25 @@ def star_row(b, nu, nv, j):
 @ti.func
 def clamp_pass(b, nu, nv, support):
     """Half a cell of bending between the held normal (0, 0, 1) of a clamped edge and the first edges of the cloth."""
-    s = nu + 2
+    count, h, width, stiffness, curved = clamped_edge(b, nu, nv, support)
+    i = 0
+    while i < count:
+        k, e = clamped_ends(nu, nv, support, i)
+        w = ti.f32(1.0)
+        if i == 0 or i == count - 1:
+            w = 0.5
+        dx, dy, dz = difference(b, F.q + k, F.q + e)
+        il = 1.0 / ti.sqrt(dx * dx + dy * dy + dz * dz)
+        tz = dz * il
+        m = w * F.lane[b, M.CLAMPED] * stiffness * width * 2.0 / h * (tz - 0.5 * h * curved) * il
+        fx, fy, fz = load(b, F.f + e)
+        store(b, F.f + e, fx + m * tz * dx * il, fy + m * tz * dy * il, fz - m * (1.0 - tz * tz))
+        i = F.after[i]
+
+
+@ti.func
+def clamped_edge(b, nu, nv, support):
+    """Nodes of a clamped edge, spacings away from it and along it [m], B [N m], the free cloth's curvature [1/m]."""
     count = nu
     h = F.lane[b, M.HV]
     width = F.lane[b, M.HU]
@@ -95,29 +113,25 @@ def clamp_pass(b, nu, nv, support):
         width = F.lane[b, M.HV]
         stiffness = F.lane[b, M.B1]
         curved = F.lane[b, M.CURVED1]
-    i = 0
-    while i < count:
-        k = s + i + 1
-        e = k + s
-        if support == BOTTOM:
-            k = nv * s + i + 1
-            e = k - s
-        if support == LEFT:
-            k = (i + 1) * s + 1
-            e = k + 1
-        if support == RIGHT:
-            k = (i + 1) * s + nu
-            e = k - 1
-        w = ti.f32(1.0)
-        if i == 0 or i == count - 1:
-            w = 0.5
-        dx, dy, dz = difference(b, F.q + k, F.q + e)
-        il = 1.0 / ti.sqrt(dx * dx + dy * dy + dz * dz)
-        tz = dz * il
-        m = w * F.lane[b, M.CLAMPED] * stiffness * width * 2.0 / h * (tz - 0.5 * h * curved) * il
-        fx, fy, fz = load(b, F.f + e)
-        store(b, F.f + e, fx + m * tz * dx * il, fy + m * tz * dy * il, fz - m * (1.0 - tz * tz))
-        i = F.after[i]
+    return count, h, width, stiffness, curved
+
+
+@ti.func
+def clamped_ends(nu, nv, support, i):
+    """Node i of a clamped edge, and its neighbour in the cloth."""
+    s = nu + 2
+    k = s + i + 1
+    e = k + s
+    if support == BOTTOM:
+        k = nv * s + i + 1
+        e = k - s
+    if support == LEFT:
+        k = (i + 1) * s + 1
+        e = k + 1
+    if support == RIGHT:
+        k = (i + 1) * s + nu
+        e = k - 1
+    return k, e
 
 
 @ti.func

@@ -5,7 +5,7 @@ value of the effects' parameters they are solved for, and the parameters move by
 Pereyra 1973, doi:10.1137/0710036). Intervals are 90 %, from the sandwich over blocks of rows.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,10 +52,10 @@ def fit_effects(rows_of: Callable[[tuple[Term, ...]], Rows], vector: FitVector) 
     from scipy.optimize import least_squares
 
     plain = rows_of(())
-    spans = _Spans.of(plain)
+    spans, acting = _Spans.of(plain), {term.name for term in vector.terms}
 
     def left(x: Array) -> Array:
-        return spans.left(rows_of(vector.terms_at(vector.inside(x))), friction=_has_friction(vector))
+        return spans.left(rows_of(vector.terms_at(vector.inside(x))), acting)
 
     x, low, high = vector.start, *vector.limits
     for _ in range(2):  # the second with the noise that the first leaves
@@ -86,10 +86,6 @@ def _with_intervals(term: Term, quantities: dict[str, Quantity]) -> EffectTerm:
     return EffectTerm(term.name, values, term.scope or effect.scope)
 
 
-def _has_friction(vector: FitVector) -> bool:
-    return any(term.name == "braid_hysteresis" for term in vector.terms)
-
-
 def _covariance(jacobian: Array, residual: Array, block: NDArray[np.intp]) -> Array:
     """(p, p) sandwich: rows of a block share their error. The prior's rows, behind the data's, count as one each."""
     inverse = np.linalg.inv(jacobian.T @ jacobian)
@@ -111,13 +107,15 @@ class _Spans:
         start, end = min(float(rows.contraction.min()), 0.0), max(float(rows.contraction.max()), 0.0)
         return _Spans(float(rows.pressure.max()) / _SPANS[0], start, (end - start) / _SPANS[1])
 
-    def left(self, rows: Rows, *, friction: bool) -> Array:
-        """(n,) N that law and damping do not explain."""
+    def left(self, rows: Rows, acting: Collection[str]) -> Array:
+        """(n,) N that law and damping do not explain; no damping that one of the effects `acting` is by itself."""
         p = design_matrix(rows.pressure / self.pressure, _SPANS[0] + 3)
         e = design_matrix((rows.contraction - self.start) / self.contraction, _SPANS[1] + 3)
         smooth = (p[:, :, None] * e[:, None, :]).reshape(len(p), -1)
         stretch = p * (np.maximum(-rows.contraction, 0.0) / self.contraction)[:, None]
-        damping = motion_columns(rows.rate, friction=not friction)
+        damping = motion_columns(rows.rate, friction="braid_hysteresis" not in acting)
+        if "muscle_viscosity" in acting:
+            damping[:, 0] = 0.0
         columns = np.hstack([smooth, stretch, damping])
         columns = columns[:, np.abs(columns).max(axis=0) > 0]
         ridge = _RIDGE * np.sqrt(len(p)) * np.eye(columns.shape[1])

@@ -18,7 +18,6 @@ PRESSURES = ("pressure", "pressure_command")  # columns, in order of preference
 FORCES = ("force", "load")
 _BLOCKS = 10  # a record is cut into, where there are too few records to draw from
 _SAME_WAY = 1e-5  # 1/s: slower contraction counts as standing still
-_RATE_WINDOW = 3  # rows on either side of the one whose rate is taken
 
 
 @dataclass(frozen=True)
@@ -48,9 +47,9 @@ def rows_of(records: Sequence[BenchRecord], terms: Sequence[Term] = ()) -> Rows:
         moving = "time" in columns and n > 2
         if terms and not moving:
             raise InputError(f"{record.name}: no time column; expected one, for effects show in time")
-        rate = _slope(columns["time"], contraction) if moving else np.zeros(n)
         block = i * _BLOCKS + (np.arange(n) * _BLOCKS // n if len(records) < _BLOCKS else 0)
         seen = MuscleRecord.measured(columns["time"] if moving else np.arange(n, dtype=float), pressure, contraction)
+        rate = seen.rate if moving else np.zeros(n)
         for term in terms:
             if (bench := EFFECTS[term.name].bench) is not None:
                 seen = bench(seen, EFFECTS[term.name].values(term.values))
@@ -73,11 +72,3 @@ def motion_columns(rate: Array, *, friction: bool = True) -> Array:
     """(n, 2): what viscosity and hysteresis multiply; without friction the latter is zero."""
     sign = np.where(np.abs(rate) > _SAME_WAY, np.sign(rate), 0.0)
     return np.stack([rate, sign if friction else np.zeros(len(rate))], axis=1)
-
-
-def _slope(time: Array, values: Array) -> Array:
-    """(n,) slope of the line through the rows around each one: noise makes neighbours' differences useless."""
-    half = min(_RATE_WINDOW, (len(time) - 1) // 2)
-    kernel = np.arange(half, -half - 1, -1.0)
-    inner = np.convolve(values, kernel, "valid") / np.convolve(time, kernel, "valid")
-    return np.pad(inner, half, mode="edge")

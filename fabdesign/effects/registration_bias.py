@@ -1,0 +1,47 @@
+"""Registration bias: the cameras' world is turned and shifted against the frame's, always alike."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
+
+
+def turning(about_x: float, about_y: float, about_z: float) -> Array:
+    """(3, 3) of turns [rad] about the world's x axis, then its y, then its z axis."""
+    turn = np.eye(3)
+    for axis, angle in enumerate((about_x, about_y, about_z)):
+        i, j = (axis + 1) % 3, (axis + 2) % 3
+        one = np.eye(3)
+        one[i, i] = one[j, j] = np.cos(angle)
+        one[j, i], one[i, j] = np.sin(angle), -np.sin(angle)
+        turn = one @ turn
+    return turn
+
+
+def _observed(points: NDArray[Any], values: Values) -> NDArray[Any]:
+    turn = turning(*(np.radians(values[f"about_{axis}"]) for axis in "xyz"))
+    return np.asarray(points @ turn.T + np.array([values[axis] for axis in "xyz"]))
+
+
+REGISTRATION_BIAS = Effect(
+    "registration_bias",
+    site="sensing",
+    scope="sensors",
+    what="all clouds are turned about the world's x, y and z axes, in this order, and shifted",
+    signature="the same at every pressure and instant, a rigid motion; a rigid target shows it too",
+    looks_like="a frame that was moved after the cameras' calibration, or a crooked clamp; measure a rigid plate in "
+    "the frame",
+    source="rigid motion of a registration; docs/effects.md",
+    parameters={
+        "x": EffectParameter("m", "shift along x", 0.0, (-0.2, 0.2), 0.003, off=0.0),
+        "y": EffectParameter("m", "shift along y", 0.0, (-0.2, 0.2), 0.003, off=0.0),
+        "z": EffectParameter("m", "shift along z", 0.003, (-0.2, 0.2), 0.003, off=0.0),
+        **{
+            f"about_{axis}": EffectParameter("deg", f"turn about {axis}", 0.0, (-30.0, 30.0), 1.0, off=0.0)
+            for axis in "xyz"
+        },
+    },
+    observed=_observed,
+)
