@@ -24,8 +24,8 @@ ADDED_MASS = Effect(
     "pulls down there too",
     source="a point mass; docs/effects.md",
     parameters={
-        "u": EffectParameter("m", "across", 0.15, (0.0, 5.0), 0.05),
-        "v": EffectParameter("m", "down", 0.18, (0.0, 5.0), 0.05),
+        "u": EffectParameter("m", "across", 0.15, (0.0, 5.0), 0.05, tried=(0.25, 0.75)),
+        "v": EffectParameter("m", "down", 0.18, (0.0, 5.0), 0.05, tried=(0.4, 0.85)),
         "mass": EffectParameter("kg", "added", 0.005, (0.0, 1.0), 0.005, off=0.0),
     },
     specimen=_specimen,

@@ -39,7 +39,7 @@ class EffectParameter:
     off: float | None = None
     transform: Literal["linear", "log"] = "linear"
     whole: bool = False  # a number of something, such as a channel: chosen, not fitted
-    tried: tuple[float, ...] = ()  # at which a fit of all effects has it: a place says nothing at no strength
+    tried: tuple[float, ...] = ()  # of a place, shares of the cloth at which a fit of all effects has it: chosen too
 
     @property
     def centre(self) -> float:
@@ -85,10 +85,12 @@ class Effect:
         """The parameters that a fit of all effects tries at some values: channels, and places."""
         return tuple(name for name, parameter in self.parameters.items() if parameter.whole or parameter.tried)
 
-    def choices(self, channels: int) -> list[dict[str, float]]:
-        """All combinations of what is chosen; a whole number is a channel of `channels`."""
+    def choices(self, channels: int, size: Mapping[str, float]) -> list[dict[str, float]]:
+        """All combinations of what is chosen: a whole number is a channel of `channels`, a place a share of the cloth's
+        `size` [m] along u and v."""
         values = [
-            range(channels) if self.parameters[name].whole else self.parameters[name].tried for name in self.chosen
+            range(channels) if p.whole else [share * size[name] for share in p.tried]
+            for name, p in ((name, self.parameters[name]) for name in self.chosen)
         ]
         return [dict(zip(self.chosen, map(float, combination), strict=True)) for combination in product(*values)]
 

@@ -177,6 +177,7 @@ def fit_vector(
     terms: Iterable[Term] = (),
     scope: str | None = None,
     channels: int = 0,
+    size: tuple[float, float] = (0.2, 0.2),
     where: str = "--free",
 ) -> FitVector:
     """The declared parameters less those `fixed`, and what `free` adds: EFFECT (all of its parameters),
@@ -184,7 +185,7 @@ def fit_vector(
     the strengths of every effect, of one that is somewhere or in some channel at every choice that it declares.
 
     factors, terms: a model's: what is held has their values, and what is free begins there. scope: of the muscles'
-    effects that are added. channels: of the designs. Raises InputError.
+    effects that are added. channels, size: of the designs, and of their cloth [m]. Raises InputError.
     """  # fmt: skip
     for name in fixed:
         if name not in PARAMETERS:
@@ -218,7 +219,7 @@ def fit_vector(
         if effect.chosen and effect.name not in acting:
             own = [
                 Term(effect.name, values, scope if effect.scope == "muscle type" else None)
-                for values in effect.choices(channels)
+                for values in effect.choices(channels, dict(zip("uv", size, strict=True)))
             ]
             terms += own
             for label in FitVector((), (), tuple(own)).labels:

@@ -84,7 +84,10 @@ def select(task: Task) -> Selection:
 
     The horizon grows, as in any fit; what a horizon says for certain to be next to nothing is left out of the later
     ones: a column costs a motion of every trial."""
-    vector = without(fit_vector(["all"], factors=task.factors, scope=task.scope, channels=task.channels), task.known)
+    fabric = task.samples[0].trial.design.fabric
+    size = fabric.width, fabric.height
+    every = fit_vector(["all"], factors=task.factors, scope=task.scope, channels=task.channels, size=size)
+    vector = without(every, task.known)
     start, some = vector.start, evenly(len(task.samples), EARLY_TRIALS)
     for horizon in horizons(task.samples)[:-1]:
         shorter = replace(task, samples=[cut(task.samples[k], horizon) for k in some])
