@@ -23,7 +23,15 @@ from fabdesign.cli import (  # noqa: F401 their commands join the group
 from fabdesign.cli.console import commands
 from fabdesign.errors import InputError, SimulationError
 
-_EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "ezdxf": "dxf", "torch": "corrector"}
+_EXTRAS = {
+    "open3d": "clouds",
+    "trimesh": "mesh",
+    "ezdxf": "dxf",
+    "torch": "corrector",
+    "pygltflib": "export",
+    "meshio": "export",
+    "rerun": "rerun",
+}
 
 
 class Terminated(BaseException):
