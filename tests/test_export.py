@@ -174,6 +174,6 @@ def test_no_cut_list_without_tails(tmp_path: Path) -> None:
 
 
 def test_muscle_longer_than_its_stock(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"muscle 1 needs 340.4 mm; expected at most its stock, 300 mm of EM20"):
+    with pytest.raises(InputError, match=r"muscle 0 needs 340.4 mm; expected at most its stock, 300 mm of EM20"):
         export_design(with_type(build("cross"), stock_length=0.3), tmp_path / "out", stem="d", tail_length=0.05)
     assert not (tmp_path / "out").exists()

@@ -17,6 +17,7 @@ from studies.view.items import Item
 
 INSTANTS = 40  # of a motion, at most
 _NOISE_FRAMES = 8  # that a sensor's noise is estimated from
+_FEWEST = 800  # points of a cloth's cloud, under which a curved cloth looks like noise
 
 Array = NDArray[np.float64]
 
@@ -101,7 +102,9 @@ def _few(points: Array) -> Array:
 
 
 def _noise(clouds: Sequence[Array], model: Array) -> SensorNoise | None:
-    """Of the sensor that saw a cloth; None where the clouds are too few to say."""
+    """Of the sensor that saw a cloth; None where the clouds have too few points to say."""
+    if np.median([len(cloud) for cloud in clouds]) < _FEWEST:
+        return None
     front, back = two_faces(model)
     thickness = float(np.median(np.linalg.norm(front - back, axis=-1)))
     chosen = np.unique(np.linspace(0, len(clouds) - 1, min(_NOISE_FRAMES, len(clouds))).astype(int))

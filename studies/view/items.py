@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import isqrt
 from pathlib import Path
 from typing import Any
@@ -35,17 +36,21 @@ class Item:
     times: NDArray[np.float64]
     frames: Any
     triangles: NDArray[np.intp] | None = None  # (t, 3), of all frames alike; None: a cloud
-    is_cloth: bool = False  # points and triangles are two square faces, as the simulator gives them
     size: tuple[float, float] | None = None  # m, of the flat cloth; None: not known
     muscles: LacedMuscles | None = None
     predicts: str = ""  # title of the panel that this one predicts
 
     @staticmethod
     def of_motion(title: str, motion: MotionData, predicts: str = "") -> "Item":
-        count, triangles = motion.points.shape[1], motion.triangles
-        square = count >= 8 and 2 * isqrt(count // 2) ** 2 == count
-        is_cloth = square and triangles is not None and np.array_equal(triangles, square_triangles(count))
-        return Item(title, motion.time, motion.points, triangles, is_cloth, motion.size, motion.muscles, predicts)
+        return Item(title, motion.time, motion.points, motion.triangles, motion.size, motion.muscles, predicts)
+
+    @cached_property
+    def is_cloth(self) -> bool:
+        """Whether points and triangles are two square faces, as the simulator gives them."""
+        count = len(self.frames[0])
+        if self.triangles is None or count < 8 or 2 * isqrt(count // 2) ** 2 != count:
+            return False
+        return np.array_equal(self.triangles, square_triangles(count))
 
     @property
     def moves(self) -> bool:

@@ -18,12 +18,13 @@ LEVELS = 32_000  # a coordinate is stored as a whole number of the largest one's
 MOST_POINTS = 4_000  # of a frame that has no triangles: more look the same
 
 
-def render_page(title: str, items: Sequence[Item], apart: Sequence[Distance | None]) -> str:
+def render_page(title: str, items: Sequence[Item], apart: Sequence[Distance | None] = ()) -> str:
     """HTML of the items side by side, with one time slider where something moves; points are rounded to the LEVELS-th
-    part of the largest coordinate. apart: of every panel, how far it is from the one it is compared with."""
+    part of the largest coordinate. apart: of every panel, how far it is from what it is compared with; none: unsaid."""
     size = max(float(np.abs(frame).max(initial=0.0)) for item in items for frame in vertices_of(item))
     scale = max(size, 1e-6) / LEVELS
-    packed = [_packed(item, scale) | {"apart": _told(distance)} for item, distance in zip(items, apart, strict=True)]
+    told = [_told(distance) for distance in apart or [None] * len(items)]
+    packed = [_packed(item, scale) | {"apart": own} for item, own in zip(items, told, strict=True)]
     data = {"scale": scale, "cloud": CLOUD, "items": packed}
     template = Environment(autoescape=True).from_string(
         files("studies.view").joinpath("page.html.j2").read_text(encoding="utf-8")

@@ -44,7 +44,7 @@ def save_picture(
     shape = (len(items), len(instants))
     figure = plt.figure(figsize=(max(2.6 * shape[1], _LEAST_WIDTH) + 0.4, 3.1 * shape[0]), layout="constrained")
     box = _box(items)
-    rows = np.atleast_1d(figure.subfigures(shape[0], 1))
+    rows = figure.subfigures(shape[0], 1, squeeze=False)[:, 0]
     for row, item, distance in zip(rows, items, apart, strict=True):
         drawn = _Drawn(item)
         row.suptitle(f"{item.title}\n{_said(distance)}" if distance else item.title, fontsize=9, x=0.01, ha="left")

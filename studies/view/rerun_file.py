@@ -45,7 +45,9 @@ def _log_states(recording: rerun.RecordingStream, name: str, item: Item, frame: 
     if item.muscles is None:
         return
     for what, values in (("contraction", item.muscles.contraction), ("tension_N", item.muscles.tension)):
-        for number in range(len(item.muscles.sides)) if values is not None else ():
+        if values is None:
+            continue
+        for number in range(len(item.muscles.sides)):
             mean = float(values[frame, item.muscles.owners == number].mean())
             recording.log([name, what, f"muscle {number}"], rerun.Scalars(mean))
 
