@@ -14,6 +14,7 @@ from fabdesign.cli import (  # noqa: F401 their commands join the group
     loop,
     measurements,
     motions,
+    result_folders,
     searches,
     sweeps,
     tracing,
@@ -31,6 +32,8 @@ _EXTRAS = {
     "pygltflib": "export",
     "meshio": "export",
     "rerun": "rerun",
+    "pandas": "tables",
+    "pyarrow": "tables",
 }
 
 
