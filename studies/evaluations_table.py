@@ -22,9 +22,9 @@ class EvaluationsTable:
 
 
 def read_evaluations(folder: Path) -> EvaluationsTable:
-    """A row an evaluation of `optimize` and `layouts` (part: the cell's folder; x_0, ...: what varies, 0 to 1 within its
-    bounds, in mm and kPa in `result.json`), or a row a sample of `sensitivity`. Nothing in the folder changes.
+    """A row an evaluation of `optimize` and `layouts`, or a sample of `sensitivity`. Nothing in the folder changes.
 
+    part: the cell's folder. x_0, ...: what the evaluated layout varies, 0 to 1 within its bounds, positions first.
     Raises InputError where there is neither.
     """
     if not folder.is_dir():
@@ -63,8 +63,10 @@ def _searches(folder: Path, histories: Sequence[Path]) -> EvaluationsTable:
 
 def _read(history: Path) -> list[tuple[Any, ...]]:
     query = "select number, seconds, stage, objective, diverged, x from evaluations order by number"
+    at_work = history.with_name(history.name + "-wal").exists()  # else SQLite would leave files of its own beside it
     try:
-        file = sqlite3.connect(f"{history.resolve().as_uri()}?mode=ro", uri=True)
+        how = "mode=ro" if at_work else "mode=ro&immutable=1"
+        file = sqlite3.connect(f"{history.resolve().as_uri()}?{how}", uri=True)
         try:
             return file.execute(query).fetchall()
         finally:
