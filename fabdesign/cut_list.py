@@ -17,7 +17,7 @@ def write_cut_list(design: Design, path: Path, *, tail_length: float | None = No
     muscle that is longer than its type's stock.
     """
     rows = []
-    for number, muscle in enumerate(design.muscles, start=1):
+    for number, muscle in enumerate(design.muscles):
         kind = design.muscle_types[muscle.type]
         tail = _tail(design, kind, tail_length)
         cut = muscle.length + 2 * tail

@@ -25,7 +25,7 @@ def write_dxf(design: Design, path: Path, *, seam_allowance: float) -> None:
         right, bottom = width + out, -height - out
         corners = [(-out, out), (right, out), (right, bottom), (-out, bottom)]
         space.add_lwpolyline(corners, close=True, dxfattribs={"layer": layer})
-    for number, muscle in enumerate(design.muscles, start=1):
+    for number, muscle in enumerate(design.muscles):
         face = {"layer": muscle.side.upper()}
         space.add_lwpolyline([(u * 1e3, -v * 1e3) for u, v in muscle.path], dxfattribs=face)
         for u, v in muscle.fixed_points():

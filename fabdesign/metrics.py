@@ -73,10 +73,28 @@ def trial_errors(
 
     The floors' draws are spread evenly over the frames. A motion that diverged (NaN) has NaN errors.
     """
-    if len(measured) != len(predicted):
-        raise ValueError(f"{len(measured)} measured frames, {len(predicted)} predicted")
     if not np.isfinite(predicted).all():
         return Errors(*[np.nan] * 5)
+    distances, floors = _by_frame(measured, predicted, noise, seed, draws)
+    (c, s, beyond), (c_floor, s_floor) = np.mean(distances, axis=0), np.mean(floors, axis=0)
+    return Errors(float(c), float(c_floor), float(s), float(s_floor), float(beyond))
+
+
+def frame_errors(
+    measured: Sequence[Floats], predicted: Floats, noise: SensorNoise, *, seed: int = 0, draws: int = DRAWS
+) -> list[Errors]:
+    """Of every frame what `trial_errors` takes the means of; all with the floors of the whole trial."""
+    distances, floors = _by_frame(measured, predicted, noise, seed, draws)
+    c_floor, s_floor = np.mean(floors, axis=0).tolist()
+    return [Errors(c, c_floor, s, s_floor, beyond) for c, s, beyond in distances]
+
+
+def _by_frame(
+    measured: Sequence[Floats], predicted: Floats, noise: SensorNoise, seed: int, draws: int
+) -> tuple[list[tuple[float, float, float]], list[tuple[float, float]]]:
+    """Chamfer, surface RMS and share beyond the cap of every frame; Chamfer and surface RMS of every draw."""
+    if len(measured) != len(predicted):
+        raise ValueError(f"{len(measured)} measured frames, {len(predicted)} predicted")
     rng = np.random.default_rng(seed)
     per_frame = np.bincount(np.arange(draws) * len(measured) // draws, minlength=len(measured))
     counts = np.repeat([len(cloud) for cloud in measured], per_frame).tolist()
@@ -89,8 +107,7 @@ def trial_errors(
         for strays in islice(offsets, repeats):
             drawn = noise.draw(surface, len(cloud), rng, strays)
             floors.append((to_model.of(drawn), capped_rms(surface.distance(drawn, within=CAP))))
-    (c, s, beyond), (c_floor, s_floor) = np.mean(distances, axis=0), np.mean(floors, axis=0)
-    return Errors(float(c), float(c_floor), float(s), float(s_floor), float(beyond))
+    return distances, floors
 
 
 MANY_BEYOND = 0.05  # share of the points from which on a capped figure hides how far off they are

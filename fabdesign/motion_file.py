@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
+from fabdesign.laced_muscles import LacedMuscles
 from fabdesign.npz_file import NpzArrays, open_npz
 from fabdesign.surface import face_triangles
 
@@ -20,18 +21,43 @@ class MotionData:
     time: NDArray[np.float64]  # (T,) s after rest
     points: NDArray[np.float32]  # (T, n, 3) m
     triangles: NDArray[np.intp] | None  # (m, 3), outer side off the sheet; None: not known
+    size: tuple[float, float] | None = None  # m, width and height of the flat cloth; None: not known
+    muscles: LacedMuscles | None = None  # None: not known
 
 
-def write_motion(path: Path, time: NDArray[np.float64], points: NDArray[np.float32]) -> None:
-    """Write `time` (T,) float64 s, `points` (T, 2 n^2, 3) float32 m (order: `ForwardModel.motions`) and `triangles`
-    (m, 3) int32 over them."""
-    triangles = square_triangles(points.shape[1])
+# optional arrays of a motion's file, by the field of LacedMuscles
+_OF_MUSCLES = {
+    "points": "muscle_points",
+    "begins": "muscle_begins",
+    "sides": "muscle_sides",
+    "diameters": "muscle_diameters",
+    "contraction": "contraction",
+    "tension": "tension",
+}
+_KNOWN_OF_SIMULATOR = ("contraction", "tension")
+
+
+def write_motion(
+    path: Path,
+    time: NDArray[np.float64],
+    points: NDArray[np.float32],
+    *,
+    size: tuple[float, float] | None = None,
+    muscles: LacedMuscles | None = None,
+) -> None:
+    """Write `time` (T,) float64 s, `points` (T, 2 n^2, 3) float32 m (order: `ForwardModel.motions`), `triangles`
+    (m, 3) int32 over them, and, where given, `cloth_size` (2,) m and the arrays of the muscles (docs/files.md)."""
+    arrays: dict[str, Any] = {} if size is None else {"cloth_size": np.array(size, np.float64)}
+    if muscles is not None:
+        found = {name: getattr(muscles, field) for field, name in _OF_MUSCLES.items()}
+        arrays |= {name: array for name, array in found.items() if array is not None}
     with path.open("wb") as stream:
         np.savez_compressed(
             stream,
             time=time.astype(np.float64),
             points=points.astype(np.float32),
-            triangles=triangles.astype(np.int32),
+            triangles=square_triangles(points.shape[1]).astype(np.int32),
+            **arrays,
         )
 
 
@@ -43,6 +69,7 @@ def read_motion(path: Path) -> MotionData:
     with open_npz(path, "a motion's arrays") as arrays:
         points, time = _points(arrays, path), arrays.get("time")
         triangles = arrays.get("triangles") if "triangles" in arrays else None
+        size, muscles = _size(arrays, path), _muscles(arrays, path, len(points))
     count = points.shape[1]
     if time.shape != (len(points),) or time.dtype.kind not in "fiu":
         raise InputError(f"{path}: time is {time.shape} {time.dtype}; expected ({len(points)},) float64")
@@ -51,12 +78,12 @@ def read_motion(path: Path) -> MotionData:
         raise InputError(f"{path}: time does not rise frame by frame")
     if triangles is None:
         square = 2 * isqrt(count // 2) ** 2 == count and count >= 8
-        return MotionData(time, points, square_triangles(count) if square else None)
+        return MotionData(time, points, square_triangles(count) if square else None, size, muscles)
     if triangles.ndim != 2 or triangles.shape[1] != 3 or triangles.dtype.kind not in "iu":
         raise InputError(f"{path}: triangles is {triangles.shape} {triangles.dtype}; expected (m, 3) int32")
     if len(triangles) and not 0 <= triangles.min() <= triangles.max() < count:
         raise InputError(f"{path}: triangles name point {triangles.max()}; expected 0 to {count - 1}")
-    return MotionData(time, points, triangles.astype(np.intp))
+    return MotionData(time, points, triangles.astype(np.intp), size, muscles)
 
 
 def square_triangles(count: int) -> NDArray[np.intp]:
@@ -73,3 +100,41 @@ def _points(arrays: NpzArrays, path: Path) -> NDArray[np.float32]:
     if bad.any():
         raise InputError(f"{path}: {int(bad.sum())} of {len(points)} frames are not finite; expected metres")
     return points.astype(np.float32)
+
+
+def _size(arrays: NpzArrays, path: Path) -> tuple[float, float] | None:
+    if "cloth_size" not in arrays:
+        return None
+    size = arrays.get("cloth_size")
+    if size.shape != (2,) or size.dtype.kind not in "fiu" or not (np.isfinite(size) & (size > 0)).all():
+        raise InputError(f"{path}: cloth_size is {size.tolist()}; expected width and height in metres")
+    return float(size[0]), float(size[1])
+
+
+def _muscles(arrays: NpzArrays, path: Path, frames: int) -> LacedMuscles | None:
+    if "muscle_points" not in arrays:
+        return None
+    found = {
+        field: arrays.get(name)
+        for field, name in _OF_MUSCLES.items()
+        if name in arrays or field not in _KNOWN_OF_SIMULATOR
+    }
+    count, points = len(found["sides"]), found["points"]
+    most = points.shape[1] if points.ndim == 3 else 0
+    shapes = {
+        "points": (frames, most, 3),
+        "begins": (count + 1,),
+        "sides": (count,),
+        "diameters": (count,),
+        **dict.fromkeys(_KNOWN_OF_SIMULATOR, (frames, most - count)),
+    }
+    for field, array in found.items():
+        kinds = "iu" if field in ("begins", "sides") else "fiu"
+        if array.shape != shapes[field] or array.dtype.kind not in kinds or not np.isfinite(array).all():
+            raise InputError(
+                f"{path}: {_OF_MUSCLES[field]} is {array.shape} {array.dtype}; expected {shapes[field]}, finite"
+            )
+    begins = found["begins"]
+    if begins[0] != 0 or begins[-1] != most or (np.diff(begins) < 2).any():
+        raise InputError(f"{path}: muscle_begins is {begins.tolist()}; expected 0, ..., {most}, two points a muscle")
+    return LacedMuscles(**found)

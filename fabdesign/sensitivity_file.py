@@ -16,6 +16,7 @@ from fabdesign.model import Model
 from fabdesign.model_file import read_model
 from fabdesign.model_sampling import covered, joint_root
 from fabdesign.pressure import limits
+from fabdesign.shape_output import EXPECTED, read_shape_output
 from fabdesign.study_file import FORMAT, TargetFile, read_start_pressures, read_targets, require_kind
 from fabdesign.table import Table, load_toml
 from fabdesign.varied import Varied, read_varied
@@ -32,6 +33,7 @@ MIDDLE = 200e3  # Pa, of channels that nothing is said of
 class SensitivityStudy:
     """joint: the model's parameters are drawn from its joint covariance, all of them, beside `varied`.
 
+    outputs: names of OUTPUTS, or what `read_shape_output` reads.
     at: s after rest, of motions under constant pressures from there; none: shapes at rest. pressures (channels,) Pa
     hold where they do not vary. samples: rows of the Sobol design, a row being one sample and, for every parameter,
     one with that parameter exchanged. trajectories: of Morris' design. seconds: of computing, all sessions together.
@@ -67,8 +69,13 @@ def read_sensitivity(path: Path | str) -> SensitivityStudy:
     model = None if model_name is None else read_model(path.parent / model_name)
     varied, joint = _parameters(root.table("parameters"), design, model or Model())
     outputs = root.texts("outputs", ("tip", "mean_curvature"))
-    if not outputs or len({*outputs}) < len(outputs) or not {*outputs} <= {*OUTPUTS}:
+    if not outputs or len({*outputs}) < len(outputs):
         raise root.bad("outputs", f"some of {', '.join(OUTPUTS)}, each once")
+    for text in outputs:
+        if text not in OUTPUTS and "(" not in text:
+            raise root.bad("outputs", f"some of {', '.join(OUTPUTS)}, or {EXPECTED}")
+        if text not in OUTPUTS:
+            read_shape_output(text, design.fabric, f"{path}: outputs")
     targets = read_targets(root, path) if "target" in root or "chamfer" in outputs else ()
     if targets and "chamfer" not in outputs:
         raise InputError(f'{path}: a target, and no "chamfer" among the outputs; expected both or neither')

@@ -23,7 +23,7 @@ def face_drawing(design: Design, side: str, *, seam_allowance: float) -> Drawing
     """
     width, height = design.fabric.width * 1e3, design.fabric.height * 1e3
     shapes = [*_outlines(width, height, seam_allowance * 1e3), *_hung(design, side)]
-    for number, muscle in enumerate(design.muscles, start=1):
+    for number, muscle in enumerate(design.muscles):
         if muscle.side == side:
             shapes += _muscle(muscle, number, design.fabric.width)
     around = max(seam_allowance * 1e3, 5.0)

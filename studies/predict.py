@@ -12,10 +12,10 @@ from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.measurement_set import Trial, read_set
 from fabdesign.model import POINTS_PER_SIDE, Model
-from fabdesign.motion_file import write_motion
+from fabdesign.motion_file import MotionData, write_motion
 from fabdesign.output import new_folder
 from fabdesign.pressure import PressureProgram
-from studies.forward_model import forward_model
+from studies.laced_motion import laced_motions, laced_rest
 
 FRAME_RATE = 60.0  # Hz, of the paper's cameras
 _AT_ONCE = 32  # motions in memory
@@ -46,14 +46,27 @@ def simulate(
     model: Model | None = None,
     order: int = 0,
 ) -> NDArray[np.float32]:
-    """(T, 2 n, 3) points [m] of one motion (order: `ForwardModel.motions`), without sensing effects.
+    """(T, 2 n, 3) points [m] of the motion that `moved` gives."""
+    return moved(forward, design, program, times, model=model, order=order).points
+
+
+def moved(
+    forward: ForwardModel,
+    design: Design,
+    program: PressureProgram,
+    times: NDArray[np.float64],
+    *,
+    model: Model | None = None,
+    order: int = 0,
+) -> MotionData:
+    """One motion with its muscles, without sensing effects.
 
     order: the motion's place in the specimen's session. Raises InputError for a model with a part that cannot be used,
     SimulationError where the motion diverges.
     """
-    points = forward_model(forward, model).motions([Case(design, program, order=order)], [times])[0]
-    _require_finite(points, times, design.name)
-    return points
+    motion = laced_motions(forward, model, [Case(design, program, order=order)], [times])[0]
+    _require_finite(motion.points, times, design.name)
+    return motion
 
 
 def predict(
@@ -69,18 +82,17 @@ def predict(
 
     Raises InputError and SimulationError; then nothing is written.
     """
-    predictor = forward_model(forward, model, sensing=True)
     with new_folder(out, made_by="predict") as unfinished:
         cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
         for part in batches([len(trial.times) for trial in trials], _AT_ONCE):
             batch = trials[part]
             times = [trial.times for trial in batch]
-            motions = predictor.motions(cases[part], times)
-            for trial, at, points in zip(batch, times, motions, strict=True):
-                _require_finite(points, at, str(trial.file))
+            motions = laced_motions(forward, model, cases[part], times, sensing=True)
+            for trial, motion in zip(batch, motions, strict=True):
+                _require_finite(motion.points, motion.time, str(trial.file))
                 file = unfinished / "trials" / trial.file.name
                 file.parent.mkdir(exist_ok=True)
-                write_motion(file, at, points)
+                write_motion(file, motion.time, motion.points, size=motion.size, muscles=motion.muscles)
             progress(part.stop, len(trials))
 
 
@@ -114,14 +126,21 @@ def folders_of(sources: Sequence[tuple[str, tuple[Trial, ...]]]) -> dict[str, tu
 def rest(
     forward: ForwardModel, design: Design, program: PressureProgram, *, model: Model | None = None, order: int = 0
 ) -> NDArray[np.float32]:
-    """(2 n, 3) points [m] of the shape at rest under the program's last pressures.
+    """(2 n, 3) points [m] of the shape that `rested` gives."""
+    return rested(forward, design, program, model=model, order=order).points[0]
 
-    Raises InputError like `simulate`, SimulationError where none was found.
+
+def rested(
+    forward: ForwardModel, design: Design, program: PressureProgram, *, model: Model | None = None, order: int = 0
+) -> MotionData:
+    """The shape at rest under the program's last pressures, with its muscles, as a motion of one frame.
+
+    Raises InputError like `moved`, SimulationError where none was found.
     """
-    points = forward_model(forward, model).equilibria([Case(design, program, order=order)])[0]
-    if not np.isfinite(points).all():
+    shape = laced_rest(forward, model, Case(design, program, order=order))
+    if not np.isfinite(shape.points).all():
         raise SimulationError(f"{design.name}: no shape at rest was found; nothing written")
-    return points
+    return shape
 
 
 def _require_finite(points: NDArray[np.float32], times: NDArray[np.float64], what: str) -> None:

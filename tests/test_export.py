@@ -161,7 +161,7 @@ def test_cut_list_has_tails(tmp_path: Path) -> None:
     design = with_type(build("cross"), tail_length=0.05, stock_length=0.4)
     export_design(design, tmp_path, stem="d", paper=None)
     rows = (tmp_path / "d_cut_list.csv").read_text().splitlines()
-    assert rows[1] == "1,EM20,front,0,240.4,50.0,340.4,13"  # 170 mm sqrt(2), and a tail at each end
+    assert rows[1] == "0,EM20,front,0,240.4,50.0,340.4,13"  # 170 mm sqrt(2), and a tail at each end
     export_design(design, tmp_path / "asked", stem="d", paper=None, tail_length=0.03)
     assert "240.4,30.0,300.4" in (tmp_path / "asked" / "d_cut_list.csv").read_text()
 
@@ -174,6 +174,6 @@ def test_no_cut_list_without_tails(tmp_path: Path) -> None:
 
 
 def test_muscle_longer_than_its_stock(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"muscle 1 needs 340.4 mm; expected at most its stock, 300 mm of EM20"):
+    with pytest.raises(InputError, match=r"muscle 0 needs 340.4 mm; expected at most its stock, 300 mm of EM20"):
         export_design(with_type(build("cross"), stock_length=0.3), tmp_path / "out", stem="d", tail_length=0.05)
     assert not (tmp_path / "out").exists()

@@ -18,11 +18,12 @@ from fabdesign.forward import Case
 from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Quantity
 from fabdesign.model_sampling import drawn, joint_root
 from fabdesign.sensitivity_file import SensitivityStudy, read_sensitivity
+from fabdesign.shape_output import read_shape_output
 from fabdesign.varied import Varied
 from studies.sensitivity.designs import STEP, saltelli_rows, trajectories
 from studies.sensitivity.estimators import indices, screening
 from studies.sensitivity.inputs import Inputs
-from studies.sensitivity.outputs import mean_curvature, tip
+from studies.sensitivity.outputs import Outputs, mean_curvature, tip
 from studies.sensitivity.run import Progress, run_sensitivity
 from studies.sensitivity.snapping import snaps
 from tests.analytic_cloth import AnalyticCloth
@@ -165,6 +166,28 @@ class Counting(AnalyticCloth):
                 raise KeyboardInterrupt
             self.computed += len(cases)
         return super().equilibria(cases)
+
+
+def test_outputs_in_words_of_a_bent_cloth() -> None:
+    """A quarter of a circle from the hung edge to the lower one, hollow to the front."""
+    u, s = np.meshgrid(np.linspace(-0.1, 0.1, 41), np.linspace(0, 0.2, 41))
+    r = 0.2 / (np.pi / 2)
+    middle = np.stack([u, -r * np.sin(s / r), r * (1 - np.cos(s / r))], axis=-1).reshape(-1, 3)
+    fabric, points = build("cross").fabric, np.concatenate([middle, middle])
+    for text, unit, expected in (
+        ("height of corner (0.2, 0.2)", "mm", -1e3 * r),
+        ("x of corner (0.2, 0.2)", "mm", 100.0),
+        ("z of (0.1, 0.2)", "mm", 1e3 * r),
+        ("distance from upper-left (0, 0) to lower left (0, 0.2)", "mm", 1e3 * r * 2**0.5),
+        ("angle at a (0.1, 0) from b (0.2, 0) to c (0.1, 0.2)", "degrees", 90.0),
+        ("angle at (0, 0.1) from (0, 0) to (0, 0.2)", "degrees", 135.0),
+    ):
+        output = read_shape_output(text, fabric, "study")
+        assert output.unit == unit
+        assert output.of(points) == pytest.approx(expected, abs=1e-6)
+    outputs = Outputs(("tip", "height of corner (0.2, 0.2)"), fabric, points)
+    assert [(c.name, c.unit) for c in outputs.columns][3] == ("height of corner (0.2, 0.2)", "mm")
+    np.testing.assert_allclose(outputs.of(points[None].astype(np.float32), None), [0, 0, 0, -1e3 * r], atol=1e-4)
 
 
 def numbers(result: object) -> object:
@@ -347,6 +370,10 @@ def test_a_study_is_read_as_written(folder: Path) -> None:
         ("[parameters.effects.odd_muscle.channel]\nlow = 0\nhigh = 1\n", "is a choice"),
         ("samples = 100\n" + TWO, "a power of two"),
         ('outputs = ["tips"]\n' + TWO, "some of tip, mean_curvature"),
+        ('outputs = ["hight of (0, 0)"]\n' + TWO, 'expected "height of NAME (u, v)"'),
+        ('outputs = ["height of a (0, 0.9)"]\n' + TWO, "expected places on the cloth, 0.2 by 0.2 m"),
+        ('outputs = ["height of a (0, 1e)"]\n' + TWO, "expected two numbers"),
+        ('outputs = ["distance from (0, 0) to (0, 0)"]\n' + TWO, "one place twice"),
         ('outputs = ["chamfer"]\n' + TWO, "expected one [target]"),
         ('method = "sobel"\n' + TWO, 'expected "morris", "sobol"'),
         ("at = [1.0, 0.5]\n" + TWO, "rising times"),

@@ -18,6 +18,7 @@ from fabdesign.model import Model
 from fabdesign.motion_file import write_motion
 from fabdesign.pressure_file import constant_program
 from fabdesign.trial_file import TrialData, write_trial
+from studies.view.distance import distances
 from studies.view.items import items_of
 from studies.view.page import LEVELS, render_page
 from tests.analytic_cloth import AnalyticCloth
@@ -38,7 +39,7 @@ def files(tmp_path: Path) -> tuple[Path, Path]:
 
 def test_the_page_holds_every_point_and_loads_nothing(files: tuple[Path, Path]) -> None:
     items = items_of(files)
-    page = render_page("both", items)
+    page = render_page("both", items, distances(items))
     assert not re.findall(r"(?:src|href)=|https?://", page)
     data = json.loads(re.findall(r'id="data">(.*?)</script>', page)[0])
     assert [panel["title"] for panel in data["items"]] == ["motion", "trial, measured"]
@@ -110,8 +111,14 @@ def test_what_cannot_be_shown_is_refused_and_nothing_is_written(files: tuple[Pat
         ((tmp_path / "none.npz", "-o", out), "none.npz"),
         ((tmp_path / "notes.md", "-o", out), "notes.md"),
         ((far, "-o", out), "far.xyz: points are beyond 5 m; expected metres"),
-        ((*files, "-o", tmp_path / "out" / "p.pdf"), "expected a name that ends in .html, .png or .gif"),
+        (
+            (*files, "-o", tmp_path / "out" / "p.pdf"),
+            "expected a name that ends in .html, .png, .gif, .glb, .pvd, .rrd or .csv",
+        ),
         ((*files, "--time", "1", "-o", out), "instants of a picture"),
+        ((*files, "--marker", "a=0,0", "-o", out), "points in a table; expected an output that ends in .csv"),
+        ((*files, "--marker", "a", "-o", out.with_suffix(".csv")), "--marker a: expected NAME=U,V"),
+        ((*files, "-o", out.with_suffix(".csv")), "trial, measured: is a cloud or mesh, without named points"),
         (([files[0]] * 9)[:9] + ["-o", out], "9 panels; expected at most 8"),
     ):
         code, text = run(*words)

@@ -14,6 +14,7 @@ from fabdesign.cli import (  # noqa: F401 their commands join the group
     loop,
     measurements,
     motions,
+    result_folders,
     searches,
     sweeps,
     tracing,
@@ -23,7 +24,17 @@ from fabdesign.cli import (  # noqa: F401 their commands join the group
 from fabdesign.cli.console import commands
 from fabdesign.errors import InputError, SimulationError
 
-_EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "ezdxf": "dxf", "torch": "corrector"}
+_EXTRAS = {
+    "open3d": "clouds",
+    "trimesh": "mesh",
+    "ezdxf": "dxf",
+    "torch": "corrector",
+    "pygltflib": "export",
+    "meshio": "export",
+    "rerun": "rerun",
+    "pandas": "tables",
+    "pyarrow": "tables",
+}
 
 
 class Terminated(BaseException):

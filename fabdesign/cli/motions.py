@@ -80,8 +80,7 @@ def simulate(
     from fabdesign.motion_file import square_triangles, write_motion
     from fabdesign.output import new_file, new_files
     from fabdesign.pressure_file import constant_program, read_pressures
-    from studies.predict import frame_times, rest
-    from studies.predict import simulate as simulate_motion
+    from studies.predict import frame_times, moved, rested
 
     loaded = read_design(design)
     if pressures is None and loaded.channels:
@@ -112,17 +111,17 @@ def simulate(
         rise, hold = RISE if rise is None else rise, HOLD if hold is None else hold
         simulator = Simulator(side, self_contact=self_contact, rise=rise, hold=hold)
         if equilibrium:
-            points = rest(simulator, loaded, program, model=fitted, order=order)[None]
+            motion = rested(simulator, loaded, program, model=fitted, order=order)
         else:
-            points = simulate_motion(simulator, loaded, program, times, model=fitted, order=order)
-        write_motion(unfinished, times, points)
-        for file, frame in zip(meshes, points, strict=mesh is not None):
+            motion = moved(simulator, loaded, program, times, model=fitted, order=order)
+        write_motion(unfinished, times, motion.points, size=motion.size, muscles=motion.muscles)
+        for file, frame in zip(meshes, motion.points, strict=mesh is not None):
             write_mesh(file, frame, square_triangles(len(frame)))
-    result: dict[str, Any] = {"motion": str(output), "frames": len(times), "points": points.shape[1]}
+    result: dict[str, Any] = {"motion": str(output), "frames": len(times), "points": motion.points.shape[1]}
     if mesh_files:
         result["meshes"] = [str(file) for file in mesh_files]
     what = "the shape at rest," if equilibrium else f"{len(times)} frames of"
-    print_result(result, f"{output}: {what} {points.shape[1]} points", as_json)
+    print_result(result, f"{output}: {what} {motion.points.shape[1]} points", as_json)
 
 
 @commands.command()

@@ -29,7 +29,7 @@ def layout_svg(design: Design, pressures: NDArray[np.float64], highest: float) -
         parts.append(f'<text x="0" y="-8" class="face">{side}{", seen through the cloth" if panel else ""}</text>')
         parts.append(f'<rect width="{width:.1f}" height="{height:.1f}" class="cloth"/>')
         parts.append(f'<line x1="0" y1="0" x2="{width:.1f}" y2="0" class="hung"/>')
-        for number, muscle in enumerate(design.muscles, start=1):
+        for number, muscle in enumerate(design.muscles):
             if muscle.side == side:
                 parts += _muscle(number, np.array(muscle.path) * SCALE, pressures[muscle.channel], highest)
         parts.append("</g>")

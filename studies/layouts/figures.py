@@ -6,13 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.distances import nearest_distances
+from fabdesign.mid_surface import at_places, two_faces
 from fabdesign.muscle import Muscle
 from fabdesign.surface import face_triangles
 from studies.layouts.result import StudyResult
 
 SHOWN = 2000  # target points drawn: enough to see the shape through
-FAR = 8.0  # mm, end of the colour scale
-SCALE = [[0.0, "#dbe7f3"], [0.3, "#dbe7f3"], [0.6, "#fdae61"], [1.0, "#b40426"]]  # up to 2.4 mm is sampling alone
+SAMPLED = 2.4  # mm from the nearest point of a dense cloud, that sampling alone makes: one colour up to there
+NEAR, MIDDLE, FAR = "#dbe7f3", "#fdae61", "#b40426"
 TICKS = [1, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 50, 100, 200, 500, 1000]  # mm
 LEGEND = {"orientation": "h", "x": 0, "y": 0, "yanchor": "top", "font": {"size": 11}}
 FRONT, BACK, TARGET = "#b2182b", "#2166ac", "#222222"
@@ -22,17 +23,23 @@ def scene_figure(result: StudyResult, pose: int) -> dict[str, Any]:
     """Target cloud over the result's faces, coloured by their distance to the cloud, with the muscles on them."""
     points, target = result.points[pose], result.targets[pose].points
     far = 1e3 * nearest_distances(points, target)
+    top = max(float(np.ceil(10 * far.max()) / 10), 0.1)
     traces = [
         points_trace(target[:: max(1, len(target) // SHOWN)], "target", TARGET),
         {
             **faces_trace(points),
             "name": "result",
             "intensity": _rounded(far, 2),
-            "colorscale": SCALE,
+            "colorscale": colour_scale(top),
             "cmin": 0,
-            "cmax": FAR,
+            "cmax": top,
             "opacity": 0.85,
-            "colorbar": {"title": {"text": "mm to the nearest<br>target point"}, "thickness": 12, "len": 0.5, "x": 1.0},
+            "colorbar": {
+                "title": {"text": f"mm to the nearest<br>target point,<br>largest {far.max():.1f}"},
+                "thickness": 12,
+                "len": 0.5,
+                "x": 1.0,
+            },
             "hovertemplate": "%{intensity:.1f} mm<extra>result</extra>",
         },
         {
@@ -43,19 +50,27 @@ def scene_figure(result: StudyResult, pose: int) -> dict[str, Any]:
             "visible": "legendonly",
         },
     ]
-    for number, muscle in enumerate(result.design.muscles, start=1):
+    for number, muscle in enumerate(result.design.muscles):
         pressure = result.pressures[pose][muscle.channel] / 1e3
         traces.append(
             {
                 "type": "scatter3d",
                 "mode": "lines",
-                "name": f"muscle {number}, {muscle.side}: {pressure:.0f} kPa",
+                "name": f"muscle {number}, {muscle.side}, channel {muscle.channel}: {pressure:.0f} kPa",
                 "line": {"width": 7, "color": FRONT if muscle.side == "front" else BACK},
                 "hoverinfo": "name",
                 **_axes(_on_cloth(muscle, points, result)),
             }
         )
     return {"data": traces, "layout": scene_layout() | {"legend": LEGEND}}
+
+
+def colour_scale(top: float) -> list[list[float | str]]:
+    """Plotly's, from 0 to `top` mm."""
+    begin = SAMPLED / top
+    if begin >= 1:
+        return [[0.0, NEAR], [1.0, NEAR]]
+    return [[0.0, NEAR], [begin, NEAR], [begin + 0.43 * (1 - begin), MIDDLE], [1.0, FAR]]
 
 
 def scene_layout() -> dict[str, Any]:
@@ -145,15 +160,7 @@ def _rounded(values: NDArray[np.float64], digits: int) -> list[float]:
 
 def _on_cloth(muscle: Muscle, points: NDArray[np.float64], result: StudyResult) -> NDArray[np.float64]:
     """(n, 3) m: the muscle's fixed points on its face of the deformed cloth, by bilinear interpolation."""
-    side = round(np.sqrt(len(points) / 2))
-    faces = points.reshape(2, side, side, 3)
-    fabric = result.design.fabric
-    places = muscle.fixed_points() / [fabric.width, fabric.height] * (side - 1)
-    low = np.clip(places.astype(int), 0, side - 2)
-    (s, t), (i, j) = (places - low).T[..., None], low.T
-    outer = faces[0 if muscle.side == "front" else 1]
-    upper = outer[j, i] * (1 - s) + outer[j, i + 1] * s
-    lower = outer[j + 1, i] * (1 - s) + outer[j + 1, i + 1] * s
-    lifted = upper * (1 - t) + lower * t
-    middle = faces.mean(axis=0)[j, i]
+    fabric, faces = result.design.fabric, two_faces(points)
+    places = muscle.fixed_points() / [fabric.width, fabric.height]
+    lifted, middle = at_places(faces[0 if muscle.side == "front" else 1], places), at_places(faces.mean(axis=0), places)
     return np.asarray(lifted + 0.6 * (lifted - middle))  # off the face, where the eye sees it

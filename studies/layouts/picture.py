@@ -57,7 +57,7 @@ def _draw_scene(axes: Axes3D, title: str, result: StudyResult) -> None:
 
 def _draw_face(axes: Axes, side: str, result: StudyResult) -> None:
     fabric, highest = result.design.fabric, result.study.limits.pressure[1]
-    for number, muscle in enumerate(result.design.muscles, start=1):
+    for number, muscle in enumerate(result.design.muscles):
         if muscle.side != side:
             continue
         pressure = result.pressures[0][muscle.channel]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from fabdesign.distances import chamfer
 from fabdesign.fabric import Fabric
 from fabdesign.forward import SIDE
+from fabdesign.shape_output import ShapeOutput, read_shape_output
 
 Array = NDArray[np.float64]
 # by output: columns, their unit, and how little of it is rounding
@@ -18,6 +20,7 @@ COLUMNS = {
     "chamfer": (("chamfer",), "mm", 1e-3),
     "largest_tension": (("largest_tension",), "N", 1e-3),
 }
+_LEAST_OF_SHAPE = 1e-2  # mm or degrees, of an output that a study says in words
 _FREE = {"top": -1, "bottom": 0, "left": -1, "right": 0}  # row or column of the free edge opposite the hung one
 
 
@@ -30,7 +33,8 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Outputs:
-    """names: of COLUMNS. rest (3362, 3) m: what `tip` is measured from. target (n, 3) m: of `chamfer`. at: s; none:
+    """names: of COLUMNS, or outputs in words (fabdesign.shape_output).
+    rest (3362, 3) m: what `tip` is measured from. target (n, 3) m: of `chamfer`. at: s; none:
     at rest."""
 
     names: tuple[str, ...]
@@ -45,9 +49,16 @@ class Outputs:
         return [
             Column(column + moment, unit, least)
             for moment in moments
-            for columns, unit, least in (COLUMNS[name] for name in self.names)
+            for columns, unit, least in map(self._columns_of, self.names)
             for column in columns
         ]
+
+    @cached_property
+    def _in_words(self) -> dict[str, ShapeOutput]:
+        return {name: read_shape_output(name, self.fabric, "outputs") for name in self.names if name not in COLUMNS}
+
+    def _columns_of(self, name: str) -> tuple[tuple[str, ...], str, float]:
+        return COLUMNS[name] if name in COLUMNS else ((name,), self._in_words[name].unit, _LEAST_OF_SHAPE)
 
     def of(self, frames: NDArray[np.float32], tension: NDArray[np.float32] | None) -> Array:
         """(columns,) of (T, 3362, 3) m, and of the intervals' tensions (T, intervals) N where they are watched; NaN
@@ -57,7 +68,9 @@ class Outputs:
             lost = not np.isfinite(points).all()
             for name in self.names:
                 if lost:
-                    values += [np.nan] * len(COLUMNS[name][0])
+                    values += [np.nan] * len(self._columns_of(name)[0])
+                elif name in self._in_words:
+                    values.append(self._in_words[name].of(points))
                 elif name == "tip":
                     values += (1e3 * (tip(points, self.fabric) - tip(self.rest, self.fabric))).tolist()
                 elif name == "mean_curvature":

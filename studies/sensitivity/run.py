@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign import SIMULATOR
-from fabdesign.errors import SimulationError
+from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.model import Model
 from fabdesign.output import WorkFolder, work_folder
@@ -19,6 +19,7 @@ from optimize.history import OtherStudy
 from studies.forward_model import forward_model
 from studies.layouts.content import flat, shortened
 from studies.layouts.target import load_target
+from studies.muscle_states import WithMuscleStates, knows_muscles
 from studies.sensitivity.designs import saltelli_rows, trajectories
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import Outputs, needs_tension
@@ -26,7 +27,6 @@ from studies.sensitivity.report import write_report
 from studies.sensitivity.result import Computed, SensitivityResult
 from studies.sensitivity.snapping import moved, spreads
 from studies.sensitivity.store import FILE, Store
-from studies.sensitivity.tensions import WithTensions
 
 Array = NDArray[np.float64]
 BATCH = 128  # samples in one call: twice what the simulator takes side by side
@@ -91,7 +91,9 @@ class _Sweep:
             from sim import Simulator  # here: it loads and starts taichi
 
             forward = Simulator(study.points_per_side, rise=study.rise, hold=study.hold)
-        self._tensions = WithTensions(forward) if needs_tension(study.outputs) else None
+        if needs_tension(study.outputs) and not knows_muscles(forward):
+            raise InputError(f"largest_tension: {type(forward).__name__} knows no tensions; expected the simulator")
+        self._tensions = WithMuscleStates(forward) if needs_tension(study.outputs) else None
         bare = replace(study.model or Model(), parameters={}, effects=())  # a case brings all of it
         self._forward = replace(forward_model(self._tensions or forward, study.model), model=bare)
         self.outputs = Outputs(study.outputs, study.design.fabric, self._at_rest(), target, study.at)
@@ -167,7 +169,7 @@ class _Sweep:
 
     def _outputs_of(self, values: Array) -> list[Array]:
         frames = self._shapes([self.inputs.case(row) for row in values])
-        tensions = self._tensions.last if self._tensions else [None] * len(values)
+        tensions = [motion.tension for motion in self._tensions.last] if self._tensions else [None] * len(values)
         return [self.outputs.of(f, t) for f, t in zip(frames, tensions, strict=True)]
 
     def _moves_of(self, values: Array) -> list[Array]:

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from math import isqrt
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +15,14 @@ from fabdesign.design import Design
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
 from fabdesign.forward import Case, ForwardModel
+from fabdesign.laced_muscles import LacedMuscles
 from fabdesign.measurement_set import read_set
 from fabdesign.model import Model
-from fabdesign.motion_file import read_motion, square_triangles
+from fabdesign.motion_file import MotionData, read_motion, square_triangles
 from fabdesign.npz_file import open_npz
 from fabdesign.trial import Trial
 from fabdesign.trial_file import read_trial
-from studies.forward_model import forward_model
+from studies.laced_motion import laced_motions
 
 LARGEST = 5.0  # m, of any coordinate: what is larger is in another unit
 MOST = 8  # side by side
@@ -33,6 +36,25 @@ class Item:
     times: NDArray[np.float64]
     frames: Any
     triangles: NDArray[np.intp] | None = None  # (t, 3), of all frames alike; None: a cloud
+    size: tuple[float, float] | None = None  # m, of the flat cloth; None: not known
+    muscles: LacedMuscles | None = None
+    predicts: str = ""  # title of the panel that this one predicts
+
+    @staticmethod
+    def of_motion(title: str, motion: MotionData, predicts: str = "") -> "Item":
+        return Item(title, motion.time, motion.points, motion.triangles, motion.size, motion.muscles, predicts)
+
+    @cached_property
+    def is_cloth(self) -> bool:
+        """Whether points and triangles are two square faces, as the simulator gives them."""
+        count = len(self.frames[0])
+        if self.triangles is None or count < 8 or 2 * isqrt(count // 2) ** 2 != count:
+            return False
+        return np.array_equal(self.triangles, square_triangles(count))
+
+    @property
+    def moves(self) -> bool:
+        return len(self.times) > 1
 
     def nearest(self, time: float) -> int:
         """The frame that is shown at `time` [s]."""
@@ -82,8 +104,7 @@ def _items(
         if is_trial:
             return _lone_trial(file, design, model, forward)
         if is_motion:
-            motion = read_motion(file)
-            return [Item(file.stem, motion.time, motion.points, motion.triangles)]
+            return [Item.of_motion(file.stem, read_motion(file))]
     shape = read_geometry(file)
     return [Item(file.name, np.zeros(1), shape.points[None], shape.triangles if shape.is_mesh else None)]
 
@@ -103,8 +124,13 @@ def _trial(trial: Trial, name: str, source: str, model: Model | None, forward: F
     items = [Item(f"{name}, {source}", np.asarray(data.time, np.float64), data.frames)]
     if model is not None and forward is not None:
         case = Case(trial.design, trial.program, order=trial.order)
-        points = forward_model(forward, model, sensing=True).motions([case], [trial.times])[0]
-        if not np.isfinite(points).all():
+        motion = laced_motions(forward, model, [case], [trial.times], sensing=True)[0]
+        if not np.isfinite(motion.points).all():
             raise InputError(f"{trial.file}: its prediction diverges; expected a model under which it can be shown")
-        items.append(Item(f"{name}, predicted", trial.times, points, square_triangles(points.shape[1])))
+        items.append(Item.of_motion(f"{name}, predicted", motion, items[0].title))
     return items
+
+
+def timeline(items: Sequence[Item]) -> NDArray[np.float64]:
+    """(T,) s, rising: the instants of the panel with the most frames, at each of which the others show the nearest."""
+    return max(items, key=lambda item: len(item.times)).times

@@ -10,35 +10,53 @@ import numpy as np
 from jinja2 import Environment
 from markupsafe import Markup
 
+from studies.view.distance import Distance, said
 from studies.view.items import Item
+from studies.view.shapes import CLOUD, KEY, parts_of, vertices_of
 
 LEVELS = 32_000  # a coordinate is stored as a whole number of the largest one's 32,000th: 10 um of 0.3 m
 MOST_POINTS = 4_000  # of a frame that has no triangles: more look the same
 
 
-def render_page(title: str, items: Sequence[Item]) -> str:
-    """HTML of the items side by side, with one time slider; points are rounded to the LEVELS-th part of the largest
-    coordinate."""
-    size = max(float(np.abs(frame).max(initial=0.0)) for item in items for frame in item.frames)
+def render_page(title: str, items: Sequence[Item], apart: Sequence[Distance | None] = ()) -> str:
+    """HTML of the items side by side, with one time slider where something moves; points are rounded to the LEVELS-th
+    part of the largest coordinate. apart: of every panel, how far it is from what it is compared with; none: unsaid."""
+    size = max(float(np.abs(frame).max(initial=0.0)) for item in items for frame in vertices_of(item))
     scale = max(size, 1e-6) / LEVELS
-    data = {"scale": scale, "items": [_packed(item, scale) for item in items]}
+    told = [_told(distance) for distance in apart or [None] * len(items)]
+    packed = [_packed(item, scale) | {"apart": own} for item, own in zip(items, told, strict=True)]
+    data = {"scale": scale, "cloud": CLOUD, "items": packed}
     template = Environment(autoescape=True).from_string(
         files("studies.view").joinpath("page.html.j2").read_text(encoding="utf-8")
     )
     content = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
-    return template.render(title=title, items=items, data=Markup(content))
+    moves = any(item.moves for item in items)
+    return template.render(title=title, items=items, data=Markup(content), key=KEY, moves=moves)
 
 
 def _packed(item: Item, scale: float) -> dict[str, Any]:
-    kept = [_thinned(frame) if item.triangles is None else np.asarray(frame) for frame in item.frames]
+    kept = [_thinned(frame) if item.triangles is None else frame for frame in vertices_of(item)]
     whole = [np.round(frame / scale).astype("<i2") for frame in kept]
-    triangles = np.zeros((0, 3)) if item.triangles is None else item.triangles
+    parts = parts_of(item)
+    triangles = np.concatenate([np.zeros((0, 3), np.int64), *(part.triangles for part in parts)])
     return {
         "title": item.title,
         "times": [round(float(t), 6) for t in item.times],
         "counts": [len(frame) for frame in whole],
         "points": _base64(np.concatenate(whole)),
         "triangles": _base64(triangles.astype("<u4")),
+        "parts": [[3 * len(part.triangles), part.colour] for part in parts],
+    }
+
+
+def _told(distance: Distance | None) -> dict[str, Any] | None:
+    if distance is None:
+        return None
+    return {
+        "from": f"from {distance.reference}",
+        "times": [round(float(t), 6) for t in distance.times],
+        "lines": [said(errors) for errors in distance.errors],
+        "whole": f"{distance.when}: {said(distance.whole)}" if distance.when else "",
     }
 
 

@@ -11,14 +11,20 @@ matplotlib.use("Agg")
 import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.animation import FuncAnimation, PillowWriter
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from scipy.spatial import cKDTree
 
+from studies.view.distance import Distance, said
 from studies.view.items import Item
+from studies.view.shapes import CLOUD, MUSCLE, parts_of, vertex_normals
 
 SHOWN = 1500  # points of a cloud drawn
-FRONT, BACK, CLOUD = "#cc3838", "#3873bf", "#222b3d"
 INSTANTS = 5  # of a picture, from the first to the last frame
 RATE = 15.0  # Hz of an animation
+_UPWARDS = [0, 2, 1]
+_ELEVATION, _AZIMUTH = 12, -60  # degrees
+_TO_VIEWER = np.array([0.489, 0.208, 0.847])  # x, y, z of the file, whose z is the second axis reversed
+_LEAST_WIDTH = 6.0  # inches, that a line of words needs
 
 
 def instants_of(items: Sequence[Item], times: Sequence[float]) -> list[float]:
@@ -29,40 +35,60 @@ def instants_of(items: Sequence[Item], times: Sequence[float]) -> list[float]:
     return [begin] if end <= begin else np.linspace(begin, end, INSTANTS).tolist()
 
 
-def save_picture(items: Sequence[Item], path: Path, times: Sequence[float] = ()) -> None:
-    """A PNG with a row an item and a column an instant [s]."""
+def save_picture(
+    items: Sequence[Item], path: Path, apart: Sequence[Distance | None], times: Sequence[float] = ()
+) -> None:
+    """A PNG with a row an item and a column an instant [s]. apart: how far each panel is from the one it is compared
+    with."""
     instants = instants_of(items, times)
     shape = (len(items), len(instants))
-    figure = plt.figure(figsize=(2.6 * shape[1] + 0.4, 2.9 * shape[0]), layout="constrained")
+    figure = plt.figure(figsize=(max(2.6 * shape[1], _LEAST_WIDTH) + 0.4, 3.1 * shape[0]), layout="constrained")
     box = _box(items)
-    for row, item in enumerate(items):
-        for column, instant in enumerate(instants):
-            axes = figure.add_subplot(*shape, row * shape[1] + column + 1, projection="3d")
+    rows = figure.subfigures(shape[0], 1, squeeze=False)[:, 0]
+    for row, item, distance in zip(rows, items, apart, strict=True):
+        drawn = _Drawn(item)
+        row.suptitle(f"{item.title}\n{_said(distance)}" if distance else item.title, fontsize=9, x=0.01, ha="left")
+        for column, instant in enumerate(instants if item.moves else instants[:1]):
+            axes = row.add_subplot(1, shape[1], column + 1, projection="3d")
             frame = item.nearest(instant)
-            _draw(axes, item, frame, box)
-            name = f"{item.title}\n" if column == 0 else "\n"
-            axes.set_title(f"{name}{item.times[frame]:.2f} s", fontsize=9, loc="left")
+            drawn.draw(axes, frame, box)
+            axes.set_title(f"{item.times[frame]:.2f} s" if item.moves else "a still shape", fontsize=8, loc="left")
     figure.savefig(path, dpi=100, format="png")
     plt.close(figure)
 
 
-def save_animation(items: Sequence[Item], path: Path) -> None:
+def save_animation(items: Sequence[Item], path: Path, apart: Sequence[Distance | None]) -> None:
     """A GIF of the items side by side, in real time at RATE."""
     begin, end = _span(items)
     instants = np.arange(begin, end + 0.5 / RATE, 1 / RATE)
-    figure = plt.figure(figsize=(3.2 * len(items), 3.4), layout="constrained")
+    figure = plt.figure(figsize=(3.4 * len(items), 4.1), layout="constrained")
     panels = [figure.add_subplot(1, len(items), k + 1, projection="3d") for k in range(len(items))]
+    drawn = [_Drawn(item) for item in items]
+    heads = [_head(item, distance) for item, distance in zip(items, apart, strict=True)]
     box = _box(items)
 
     def show(instant: float) -> list[Any]:
-        for axes, item in zip(panels, items, strict=True):
+        for axes, one, head in zip(panels, drawn, heads, strict=True):
             axes.clear()
-            _draw(axes, item, item.nearest(instant), box)
-            axes.set_title(f"{item.title}\n{instant:.2f} s", fontsize=9, loc="left")
+            one.draw(axes, one.item.nearest(instant), box)
+            axes.set_title(f"{head}\n{instant:.2f} s", fontsize=7, loc="left")
         return []
 
     FuncAnimation(figure, show, frames=instants, blit=False).save(path, writer=PillowWriter(fps=round(RATE)), dpi=70)
     plt.close(figure)
+
+
+def _said(distance: Distance) -> str:
+    when = f"{distance.when}, " if distance.when else ""
+    return f"from {distance.reference}: {when}{said(distance.whole)}"
+
+
+def _head(item: Item, distance: Distance | None) -> str:
+    """As many lines for every panel, so that all stay alike."""
+    more = ["", "", ""]
+    if distance is not None:
+        more = [f"from {distance.reference}, {distance.when}:", *said(distance.whole).split(", ")]
+    return "\n".join([item.title, *(more + [""])[:3]])
 
 
 def _span(items: Sequence[Item]) -> tuple[float, float]:
@@ -75,22 +101,44 @@ def _box(items: Sequence[Item]) -> np.ndarray:
     return np.array([np.min([low for low, _ in ends], axis=0), np.max([high for _, high in ends], axis=0)])
 
 
-def _draw(axes: Any, item: Item, frame: int, box: np.ndarray) -> None:
-    """With the file's y upwards: matplotlib's vertical axis is its third."""
-    points = np.asarray(item.frames[frame])[:, [0, 2, 1]]
-    if item.triangles is None:
-        shown = points[:: -(-len(points) // SHOWN)]
-        axes.scatter(*shown.T, s=1.2, color=CLOUD, depthshade=False)
-    else:
-        half = len(item.triangles) // 2
-        colours = [FRONT] * half + [BACK] * (len(item.triangles) - half)
-        corners = points[item.triangles]
-        axes.add_collection3d(
-            Poly3DCollection(corners, facecolors=colours, edgecolors=colours, linewidths=0.1, shade=True)
-        )
-    low, high = box[:, [0, 2, 1]]
-    axes.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(np.maximum(high - low, 0.02))
-    axes.view_init(elev=12, azim=-60)
-    axes.tick_params(labelsize=6, pad=-2)
-    axes.locator_params(nbins=3)
+class _Drawn:
+    """A panel that is drawn frame by frame, the file's y upwards: matplotlib's vertical axis is its third."""
+
+    def __init__(self, item: Item) -> None:
+        self.item = item
+        parts = [part for part in parts_of(item) if part.triangles.max() < len(item.frames[0])]  # muscles are lines
+        self._corners = np.concatenate([np.zeros((0, 3), int), *(part.triangles for part in parts)])
+        self._colours = np.repeat([part.colour for part in parts], [len(part.triangles) for part in parts], axis=0)
+
+    def draw(self, axes: Any, frame: int, box: np.ndarray) -> None:
+        points = np.asarray(self.item.frames[frame])[:, _UPWARDS]
+        if not len(self._corners):
+            shown = points[:: -(-len(points) // SHOWN)]
+            axes.scatter(*shown.T, s=1.2, color=CLOUD, depthshade=False)
+        else:
+            colours = {"facecolors": self._colours, "edgecolors": self._colours}
+            axes.add_collection3d(Poly3DCollection(points[self._corners], **colours, linewidths=0.1, shade=True))
+            if len(muscles := self._seen_muscles(frame)):
+                axes.add_collection3d(Line3DCollection(muscles, colors=[MUSCLE], zorder=10))
+        low, high = box[:, _UPWARDS]
+        axes.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]), zlim=(low[2], high[2]))
+        axes.computed_zorder = False
+        axes.set_box_aspect(np.maximum(high - low, 0.02))
+        axes.view_init(elev=_ELEVATION, azim=_AZIMUTH)
+        axes.tick_params(labelsize=6, pad=-2)
+        axes.locator_params(nbins=3)
+
+    def _seen_muscles(self, frame: int) -> np.ndarray:
+        """(n, 2, 3) m: intervals on a face that looks towards the viewer. Drawn last, since by their depth matplotlib
+        would sort them half into the cloth; a fold in front does not hide them."""
+        muscles, points = self.item.muscles, np.asarray(self.item.frames[frame])
+        if muscles is None or not len(muscles.sides):
+            return np.zeros((0, 2, 3))
+        ends = muscles.points[frame][muscles.intervals]
+        normals = vertex_normals(points, self._corners)
+        half, seen = len(points) // 2, np.zeros(len(ends), dtype=bool)
+        for side, face in ((1, slice(0, half)), (-1, slice(half, None))):
+            own = muscles.sides[muscles.owners] == side
+            nearest = cKDTree(points[face]).query(ends[own].mean(axis=1))[1]
+            seen[own] = normals[face][nearest] @ _TO_VIEWER > 0
+        return np.asarray(ends[seen][:, :, _UPWARDS])

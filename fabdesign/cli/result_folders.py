@@ -1,0 +1,88 @@
+"""Look over folders that searches, sweeps and traces have made."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from fabdesign.cli.console import FILE, commands, force_option, json_option, print_result
+from fabdesign.errors import InputError
+
+
+@commands.group("studies")
+def studies_group() -> None:
+    """List, show and compare results, and take their evaluations as a table."""
+
+
+@studies_group.command("list")
+@click.argument("folders", nargs=-1, type=FILE)
+@json_option
+def list_results(folders: tuple[Path, ...], as_json: bool) -> None:
+    """Results in FOLDERS and below, by default here: a line each."""
+    from studies.result_folders import folders_below
+
+    found = folders_below(folders or (Path(),))
+    lines = [f"{folder.path}: {folder.made_by}{_said(folder.headline)}" for folder in found]
+    results = [{"folder": str(one.path), "made_by": one.made_by, **one.headline} for one in found]
+    print_result({"results": results}, "\n".join(lines) or "no results", as_json)
+
+
+@studies_group.command()
+@click.argument("folder", type=FILE)
+@json_option
+def show(folder: Path, as_json: bool) -> None:
+    """What a result says: every number and word of it."""
+    from studies.result_folders import read_folder
+
+    found = read_folder(folder)
+    lines = [f"{found.path}: {found.made_by}", *(f"  {name}: {_cell(value)}" for name, value in found.figures.items())]
+    content = {"folder": str(found.path), "made_by": found.made_by, "result": dict(found.result)}
+    print_result(content, "\n".join(lines if found.result else [*lines, "  no result yet"]), as_json)
+
+
+@studies_group.command()
+@click.argument("folders", nargs=-1, required=True, type=FILE)
+@json_option
+def compare(folders: tuple[Path, ...], as_json: bool) -> None:
+    """In which figures results differ: a row a figure, a column a folder."""
+    from studies.result_folders import compared, read_folder
+
+    if len(folders) < 2:
+        raise InputError(f"{folders[0]}: one folder; expected two or more to compare")
+    rows = compared([read_folder(folder) for folder in folders])
+    table = [["", *map(str, folders)], *([name, *map(_cell, values)] for name, values in rows.items())]
+    widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in table]
+    text = "\n".join(lines) if rows else "no figure differs"
+    print_result({"folders": [str(folder) for folder in folders], "differ": rows}, text, as_json)
+
+
+@studies_group.command()
+@click.argument("folder", type=FILE)
+@click.option("-o", "--output", type=FILE, required=True, help="NAME.csv or NAME.parquet (needs the extra tables).")
+@force_option
+@json_option
+def table(folder: Path, output: Path, force: bool, as_json: bool) -> None:
+    """Every evaluation of a search or sweep as one table."""
+    from fabdesign.output import new_file
+    from studies.evaluations_table import read_evaluations, write_evaluations
+
+    kind = output.suffix.lower()
+    if kind not in (".csv", ".parquet"):
+        raise InputError(f"{output}: expected a name that ends in .csv or .parquet")
+    if kind == ".parquet":
+        import pandas  # noqa: F401 missing: said before anything is done
+        import pyarrow  # noqa: F401
+    with new_file(output, force=force) as unfinished:
+        found = read_evaluations(folder)
+        write_evaluations(found, unfinished)
+    result = {"file": str(output), "rows": len(found.rows), "columns": list(found.columns)}
+    print_result(result, f"{output}: {len(found.rows)} rows, {len(found.columns)} columns", as_json)
+
+
+def _said(figures: dict[str, Any]) -> str:
+    return "".join(f", {name} {_cell(value)}" for name, value in figures.items()) or ", no result yet"
+
+
+def _cell(value: Any) -> str:
+    return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,44 @@
+"""The mid-surface between the two faces of a cloth: places on it, and how far it is strained."""
+
+from math import isqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
+
+
+def two_faces(points: Floats) -> Array:
+    """(..., face, row, column, 3) m of points (..., 2 n n, 3) m, the front face's first."""
+    side = isqrt(points.shape[-2] // 2)
+    return np.asarray(points, np.float64).reshape(*points.shape[:-2], 2, side, side, 3)
+
+
+def mid_surface(points: Floats) -> Array:
+    """(..., row, column, 3) m between the faces of points (..., 2 n n, 3) m, rows of rising v."""
+    return np.asarray(two_faces(points).mean(axis=-4))
+
+
+def at_places(grid: Floats, places: ArrayLike) -> Array:
+    """(..., k, d): values of a grid (..., rows, columns, d) at `places` (k, 2), shares of width and height from the
+    upper left corner; bilinear between its points."""
+    rows, columns = grid.shape[-3:-1]
+    at = np.asarray(places, dtype=float) * [columns - 1, rows - 1]
+    low = np.clip(at.astype(int), 0, [columns - 2, rows - 2])
+    (s, t), (i, j) = (at - low).T[..., None], low.T
+    upper = grid[..., j, i, :] * (1 - s) + grid[..., j, i + 1, :] * s
+    lower = grid[..., j + 1, i, :] * (1 - s) + grid[..., j + 1, i + 1, :] * s
+    return np.asarray(upper * (1 - t) + lower * t)
+
+
+def strains(middle: Floats, size: tuple[float, float]) -> tuple[Array, Array, Array]:
+    """Engineering strain across, down, and shear [rad], each (..., rows, columns), of a mid-surface (..., rows,
+    columns, 3) m against the flat cloth of `size` (width, height) m; by central differences, one-sided at the hems."""
+    rows, columns = middle.shape[-3:-1]
+    across = np.gradient(np.asarray(middle, np.float64), size[0] / (columns - 1), axis=-2)
+    down = np.gradient(np.asarray(middle, np.float64), size[1] / (rows - 1), axis=-3)
+    lengths = [np.linalg.norm(way, axis=-1) for way in (across, down)]
+    sine = (across * down).sum(axis=-1) / (lengths[0] * lengths[1])
+    return lengths[0] - 1, lengths[1] - 1, np.arcsin(np.clip(sine, -1, 1))

@@ -1,0 +1,88 @@
+"""Every evaluation of a search or sweep as one table, read from its folder."""
+
+import csv
+import json
+import sqlite3
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fabdesign.csv_table import write_rows
+from fabdesign.errors import InputError
+
+HISTORY, SAMPLES = "history.sqlite", "samples.csv"
+_COLUMNS = ["part", "evaluation", "seconds", "stage", "objective_mm", "diverged"]
+
+
+@dataclass(frozen=True)
+class EvaluationsTable:
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Any]]  # None: no value
+
+
+def read_evaluations(folder: Path) -> EvaluationsTable:
+    """A row an evaluation of `optimize` and `layouts`, or a sample of `sensitivity`. Nothing in the folder changes.
+
+    part: the cell's folder. x_0, ...: what the evaluated layout varies, 0 to 1 within its bounds, positions first.
+    Raises InputError where there is neither.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder")
+    histories = sorted(folder.rglob(HISTORY))
+    if histories:
+        return _searches(folder, histories)
+    if (folder / SAMPLES).is_file():
+        return _samples(folder / SAMPLES)
+    raise InputError(f"{folder}: has no {HISTORY} and no {SAMPLES}; expected the folder of a search or of a sweep")
+
+
+def write_evaluations(table: EvaluationsTable, path: Path) -> None:
+    """Write a CSV, or by the ending .parquet a Parquet file, which needs the extra `tables`."""
+    if path.suffix.lower() == ".parquet":
+        import pandas
+
+        pandas.DataFrame(table.rows, columns=table.columns).to_parquet(path, index=False)
+    else:
+        write_rows(path, table.columns, [["" if cell is None else cell for cell in row] for row in table.rows])
+
+
+def _searches(folder: Path, histories: Sequence[Path]) -> EvaluationsTable:
+    found = []
+    for history in histories:
+        part = history.parent.relative_to(folder).as_posix()
+        found += [(part, *row[:5], json.loads(row[5])) for row in _read(history)]
+    most = max((len(row[-1]) for row in found), default=0)
+    rows = [
+        [part, number, seconds, stage, None if diverged else 1e3 * objective, bool(diverged), *x]
+        + [None] * (most - len(x))
+        for part, number, seconds, stage, objective, diverged, x in found
+    ]
+    return EvaluationsTable([*_COLUMNS, *(f"x_{k}" for k in range(most))], rows)
+
+
+def _read(history: Path) -> list[tuple[Any, ...]]:
+    query = "select number, seconds, stage, objective, diverged, x from evaluations order by number"
+    at_work = history.with_name(history.name + "-wal").exists()  # else SQLite would leave files of its own beside it
+    try:
+        how = "mode=ro" if at_work else "mode=ro&immutable=1"
+        file = sqlite3.connect(f"{history.resolve().as_uri()}?{how}", uri=True)
+        try:
+            return file.execute(query).fetchall()
+        finally:
+            file.close()
+    except sqlite3.Error as error:
+        raise InputError(f"{history}: cannot be read ({error})") from None
+
+
+def _samples(path: Path) -> EvaluationsTable:
+    """Numbers where a cell is one: the names of methods are words."""
+    try:
+        header, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
+    except (OSError, ValueError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read ({error})") from None
+    return EvaluationsTable(header, [[row[0], *map(_number, row[1:])] for row in rows])
+
+
+def _number(cell: str) -> float | int | None:
+    return None if not cell else int(cell) if cell.isdecimal() else float(cell)

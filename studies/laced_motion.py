@@ -1,0 +1,49 @@
+"""Motions and shapes at rest with the muscles on them."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.effects.acting import seen_at
+from fabdesign.forward import Case, ForwardModel
+from fabdesign.laced_muscles import LacedMuscles, laced_muscles
+from fabdesign.model import Model
+from fabdesign.motion_file import MotionData, square_triangles
+from studies.forward_model import forward_model
+from studies.muscle_states import WithMuscleStates, knows_muscles
+
+Array = NDArray[np.float64]
+
+
+def laced_motions(
+    forward: ForwardModel, model: Model | None, cases: Sequence[Case], times: Sequence[Array], *, sensing: bool = False
+) -> list[MotionData]:
+    """The motions of `forward_model(forward, model, sensing=sensing)`; contraction and tension where `forward` knows
+    them. A motion that diverged holds NaN."""
+    kept = WithMuscleStates(forward) if knows_muscles(forward) else None
+    predictor = forward_model(kept or forward, model, sensing=sensing)
+    motions = predictor.motions(cases, times)
+    found = []
+    for k, (case, at, points) in enumerate(zip(cases, times, motions, strict=True)):
+        seen = seen_at(predictor.case(case), at) if sensing else at
+        found.append(_motion(case, at, points, kept.last[k] if kept else None, seen))
+    return found
+
+
+def laced_rest(forward: ForwardModel, model: Model | None, case: Case) -> MotionData:
+    """The shape at rest, as a motion of one frame at the end of the pressures."""
+    kept = WithMuscleStates(forward) if knows_muscles(forward) else None
+    points = forward_model(kept or forward, model).equilibria([case])[0]
+    return _motion(case, np.array([case.program.duration]), points[None], kept.last[0] if kept else None, np.zeros(1))
+
+
+def _motion(case: Case, at: Array, points: NDArray[np.float32], state: Any, seen: Array) -> MotionData:
+    """state: the simulator's own motion, whose instants hold those that are `seen` (T,) s, and perhaps more."""
+    fabric, own = case.design.fabric, {}
+    if state is not None:
+        frames = np.abs(state.time[:, None] - seen).argmin(axis=0)
+        own = {"contraction": state.contraction[frames], "tension": state.tension[frames]}
+    muscles: LacedMuscles = laced_muscles(case.design, points, **own)
+    return MotionData(at, points, square_triangles(points.shape[1]), (fabric.width, fabric.height), muscles)

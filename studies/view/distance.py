@@ -1,0 +1,114 @@
+"""How far the shapes of two panels are apart, with the noise floor: what side by side alone does not say."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.cloud_file import POINTS
+from fabdesign.distances import chamfer
+from fabdesign.errors import InputError
+from fabdesign.metrics import Errors, frame_errors, mean_errors
+from fabdesign.mid_surface import two_faces
+from fabdesign.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
+from fabdesign.surface import Surface
+from studies.view.items import Item
+
+INSTANTS = 40  # of a motion, at most
+_NOISE_FRAMES = 8  # that a sensor's noise is estimated from
+_FEWEST = 800  # points of a cloth's cloud, under which a curved cloth looks like noise
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Distance:
+    """From a panel to the one it is compared with, at `times` (K,) s. NaN in errors: not known."""
+
+    reference: str
+    times: Array
+    errors: tuple[Errors, ...]  # m
+    both_move: bool
+
+    @property
+    def whole(self) -> Errors:
+        """Of the motion: the mean of two that move, else the last."""
+        return mean_errors(self.errors) if self.both_move else self.errors[-1]
+
+    @property
+    def when(self) -> str:
+        """What `whole` is of; empty between still shapes."""
+        return "" if len(self.times) == 1 else "mean of the motion" if self.both_move else "at the motion's end"
+
+    def as_json(self) -> dict[str, object]:
+        """mm; null: not known."""
+        names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
+        found = {name: 1e3 * getattr(self.whole, name) for name in names}
+        values = {name: value if np.isfinite(value) else None for name, value in found.items()}
+        return {"from": self.reference, "of": self.when or "still shapes", "unit": "mm", **values}
+
+
+def said(errors: Errors) -> str:
+    """In words."""
+    floors = np.isfinite(errors.chamfer_floor)
+
+    def figure(value: float, floor: float) -> str:
+        return f"{1e3 * value:.2f} mm" + (f" (noise floor {1e3 * floor:.2f})" if floors else "")
+
+    text = f"Chamfer {figure(errors.chamfer, errors.chamfer_floor)}"
+    if np.isfinite(errors.surface_rms):
+        text += f", surface RMS {figure(errors.surface_rms, errors.surface_floor)}"
+    return text
+
+
+def distances(items: Sequence[Item]) -> list[Distance | None]:
+    """Of every panel to the first one, of a prediction to what it predicts; None of what others are compared with."""
+    by_title = {item.title: item for item in items}
+    found: list[Distance | None] = []
+    for item in items:
+        reference = by_title.get(item.predicts, items[0])
+        found.append(None if reference is item else _distance(reference, item))
+    return found
+
+
+def _distance(reference: Item, item: Item) -> Distance:
+    both_move = item.moves and reference.moves
+    times = item.times if item.moves or not reference.moves else reference.times
+    times = times[np.unique(np.linspace(0, len(times) - 1, min(INSTANTS, len(times))).astype(int))]
+    pairs = [(_frame(reference, t), _frame(item, t)) for t in times]
+    if not item.is_cloth and not reference.is_cloth:
+        errors = [Errors(chamfer(*map(_few, pair)), np.nan, np.nan, np.nan) for pair in pairs]
+        return Distance(reference.title, times, tuple(errors), both_move)
+    seen, model = zip(*(pair if item.is_cloth else pair[::-1] for pair in pairs), strict=True)
+    source = reference if item.is_cloth else item
+    noise = NOISE_FREE if source.triangles is not None else _noise(seen, model[0])
+    errors = frame_errors(seen, np.array(model), noise or NOISE_FREE)
+    if noise is None:
+        errors = [Errors(e.chamfer, np.nan, e.surface_rms, np.nan) for e in errors]
+    return Distance(reference.title, times, tuple(errors), both_move)
+
+
+def _frame(item: Item, time: float) -> Array:
+    """(n, 3) m: its points as a sensor would give them; of a mesh that is no cloth even draws over its area."""
+    points = np.asarray(item.frames[item.nearest(time)], np.float64)
+    if item.triangles is None or item.is_cloth:
+        return points
+    return Surface(points, item.triangles).sample(POINTS, np.random.default_rng(0))[0]
+
+
+def _few(points: Array) -> Array:
+    return points[:: -(-len(points) // POINTS)]
+
+
+def _noise(clouds: Sequence[Array], model: Array) -> SensorNoise | None:
+    """Of the sensor that saw a cloth; None where the clouds have too few points to say."""
+    if np.median([len(cloud) for cloud in clouds]) < _FEWEST:
+        return None
+    front, back = two_faces(model)
+    thickness = float(np.median(np.linalg.norm(front - back, axis=-1)))
+    chosen = np.unique(np.linspace(0, len(clouds) - 1, min(_NOISE_FRAMES, len(clouds))).astype(int))
+    try:
+        return estimate_noise([clouds[k] for k in chosen], thickness)
+    except InputError:
+        return None
