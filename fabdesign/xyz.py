@@ -1,4 +1,4 @@
-"""Clouds as text: a point a line, x y z, as XYZ (blanks), CSV (commas, with or without a header) or PTS (with a count)."""
+"""Clouds as text, a point a line: XYZ (blanks), CSV (commas, with or without a header) and PTS (with a count)."""
 
 import io
 from dataclasses import dataclass
