@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.bounded_file import LARGEST, read_bytes
+from fabdesign.c3d_file import read_c3d
 from fabdesign.errors import InputError
 from fabdesign.measured_points import require_cloud, sound_points
 from fabdesign.npz_file import open_npz, read_npy
@@ -22,7 +23,7 @@ from fabdesign.xyz import read_pts, read_xyz
 POINTS = 3362  # drawn on a mesh by default: as many as the simulator's faces have
 OTHER_MESHES = (".off", ".glb", ".gltf", ".3mf")  # through trimesh
 TEXTS = (".xyz", ".csv", ".txt", ".tsv", ".asc")  # a point a line
-KINDS = (".ply", ".pcd", ".pts", ".obj", ".stl", ".npy", ".npz", *TEXTS, *OTHER_MESHES)
+KINDS = (".ply", ".pcd", ".pts", ".obj", ".stl", ".npy", ".npz", ".c3d", *TEXTS, *OTHER_MESHES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,7 @@ class Geometry:
 
 def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
     """Read a cloud or a mesh: PLY, PCD, PTS, OBJ, STL, XYZ, CSV, an npy (n, 3), an npz with `points` (n, 3), or the
-    given `frame` of a trial's npz; .off, .glb, .gltf and .3mf through trimesh.
+    given `frame` of a trial's npz or of a C3D; .off, .glb, .gltf and .3mf through trimesh.
 
     Of a cloud what a depth sensor adds is left out and said (`fabdesign.measured_points`). Raises InputError, with one
     line, for a file that is not there, damaged, cut short, too large or of another kind, for no points, for a cloud
@@ -74,6 +75,10 @@ def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
         found = Geometry(corners, np.arange(len(corners)).reshape(-1, 3))
     elif suffix == ".obj":
         found = Geometry(*read_obj(path))
+    elif suffix == ".c3d":
+        markers = read_c3d(path)
+        index = _frame(frame, len(markers.frames), path)
+        found = Geometry(markers.frames[index], none, frame=index, unit=markers.unit)
     elif suffix in TEXTS:
         text = read_xyz(path)
         found = Geometry(text.points, none, unit=text.unit)
