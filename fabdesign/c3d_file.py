@@ -36,7 +36,7 @@ def read_c3d(path: Path | str) -> Markers:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             reader = c3d.Reader(io.BytesIO(content))
-            frames = [points[:, :4] for _, points, _ in reader.read_frames(copy=True)]
+            frames = [points[:, :4] for _, points, _ in reader.read_frames(copy=True, check_nan=False)]
             rate, declared = float(reader.point_rate), reader.last_frame - reader.first_frame + 1
             units = reader.get("POINT:UNITS")
             name = units.string_value.strip().lower() if units is not None else ""
