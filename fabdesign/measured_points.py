@@ -125,6 +125,8 @@ def _many(points: Points) -> int:
 
 
 def _same_x(points: Points, many: int) -> bool:
+    if len(points) < many:
+        return False
     x = np.sort(points[:, 0])
     return bool((x[many - 1 :] == x[: len(x) - many + 1]).any())
 

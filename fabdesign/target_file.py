@@ -80,7 +80,7 @@ def _without_far(geometry: Geometry, factor: float, fabric: Fabric, target: Targ
         return geometry
     size = max(fabric.width, fabric.height)
     where = f"{target.file} frame {geometry.frame}" if geometry.trial else f"{target.file}"
-    kept, left_out = sound_points(geometry.points, where, size=size if geometry.trial else size / factor)
+    kept, left_out = sound_points(geometry.points, where, size=size / factor, unit_known=geometry.trial)
     left_out.tell(len(geometry.points), where)
     return replace(geometry, points=kept)
 
