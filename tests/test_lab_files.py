@@ -26,7 +26,8 @@ from fabdesign.headings import parse_heading
 from fabdesign.metrics import distance_to_faces
 from fabdesign.muscle import BenchTable
 from fabdesign.ply import write_ply
-from fabdesign.pressure_file import read_csv
+from fabdesign.pressure_file import constant_program, read_csv
+from fabdesign.recording import Recording, Sensor
 from fabdesign.study_file import Study, StudyLimits, TargetFile
 from fabdesign.target_file import PlacedTarget, read_target
 from fabdesign.trial_file import read_trial
@@ -445,6 +446,27 @@ def test_a_trial_is_read_without_them_and_says_so_once(folder: Path, run: Run) -
     assert "001.npz, 1 of 2 frames: 4 of 804 points are left out (3 not finite, 1 far off)" in line
     _, out, _ = run("check", folder / "set", "--json")
     assert len(json.loads(out)["files"][str(folder / "set")]["notes"]) == 1
+
+
+def test_a_recordings_frame_is_read_without_them(tmp_path: Path) -> None:
+    seen = tube(200) + [0, 0, 0.6]  # before the camera
+    added = np.concatenate([np.full((5, 3), np.nan), np.zeros((40, 3)), [[0, 0, 9e3]]])
+    (tmp_path / "frames" / "0000").mkdir(parents=True)
+    write_ply(tmp_path / "frames" / "0000" / "left.ply", np.concatenate([seen, added]))
+    sensor = Sensor("left", np.eye(4))
+    program = constant_program([0.0])
+    recording = Recording(tmp_path, "r", build("cross"), np.array([0.1]), (sensor,), program)
+    np.testing.assert_allclose(recording.frame(sensor, 0), seen, atol=1e-6)
+    assert sum("left out" in line for line in said(lambda: recording.frame(sensor, 0))) == 1
+
+
+def test_a_command_says_once_how_a_table_was_read(folder: Path, run: Run, hanging: type) -> None:
+    (folder / "p.txt").write_text("Zeit [ms]\tKanal 0 [bar]\tKanal 1 [bar]\n0\t1\t0,5\n500\t2\t0\n")
+    code, _, err = run("simulate", folder / "cross.toml", "--pressures", folder / "p.txt", "-o", folder / "out.npz")
+    assert code == 0, err
+    (line,) = [line for line in err.splitlines() if line.startswith("note: ")]
+    assert "written with tabs and decimal commas; read Zeit [ms] as time, Kanal 0 [bar] as channel_0" in line
+    np.testing.assert_array_equal(hanging.asked[0].program.pressure, [[1e5, 5e4], [2e5, 0]])  # type: ignore[attr-defined]
 
 
 # --- markers ----------------------------------------------------------------------------------------------------------
