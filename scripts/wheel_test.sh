@@ -45,7 +45,7 @@ from fabdesign.model_file import read_model
 package = Path(fabdesign.__file__).parent
 assert Path(sys.argv[1]) not in package.parents, package
 assert fabdesign.__version__ == importlib.metadata.version("fabdesign")
-assert (package / "py.typed").is_file()
+assert all((package.parent / name / "py.typed").is_file() for name in ("fabdesign", "sim", "corrector", "optimize", "studies"))
 assert len(read_set(package / "data" / "demo_set").trials[0].load().frames) > 0
 read_model(package / "data" / "demo_model.toml")
 templates = ("layouts/report", "view/page", "tracing/report", "sensitivity/report")
