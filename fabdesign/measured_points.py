@@ -134,9 +134,11 @@ def _same_x(points: Points, many: int) -> bool:
 def _have_depth(points: Points) -> NDArray[np.bool_]:
     """(n,) False where a pixel has none: of two and more points at the file's origin, and of many at another place."""
     origin = ~points.any(axis=1)
-    without = origin if origin.sum() >= 2 else np.zeros(len(points), dtype=bool)
+    without = np.zeros(len(points), dtype=np.bool_)
+    if origin.sum() >= 2:
+        without[origin] = True
     many = _many(points)
     if _same_x(points, many):
         _, which, counts = np.unique(points, axis=0, return_inverse=True, return_counts=True)
-        without = without | (counts[which.ravel()] >= many)
-    return ~without
+        without[counts[which.ravel()] >= many] = True
+    return np.logical_not(without)
