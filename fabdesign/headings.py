@@ -70,10 +70,12 @@ class Heading:
 
     @property
     def quantity(self) -> str | None:
-        """What it measures, by its name: `pressure`, `channel_0`, ..."""
+        """What it measures, by its name and, of a name of several, its unit: `pressure`, `channel_0`, ..."""
         if found := _CHANNEL.fullmatch(self.name):
             return f"channel_{int(found[1])}"
-        return next((quantity for quantity, words in WORDS.items() if self.name in words), None)
+        unit = self.unit
+        fitting = (q for q, words in WORDS.items() if self.name in words)
+        return next((q for q in fitting if unit is None or unit.dimension == DIMENSIONS[q]), None)
 
 
 def dimension_of(quantity: str) -> Dimension:
