@@ -70,7 +70,7 @@ def run_sensitivity(
     inputs += [study.target.file] if study.target else []
     target = load_target(study.target, study.design, seed=study.seed) if study.target else None
     with work_folder(out, made_by="sensitivity", force=force, inputs=inputs) as work:
-        with _store(work, _content(study, target and target.points)) as store:
+        with _store(work, _content(study, None if target is None else target.points)) as store:
             result = _Sweep(study, target, store, forward, progress).run()
         with work.adding() as files:
             write_report(result, files)
