@@ -1,10 +1,10 @@
 # `make demo` and `make test` do their own set-up, from nothing but Python and a Debian underneath.
 
 PYTHON := .venv/bin/python
-EXTRAS := clouds,corrector,dev,dxf,export,mesh# without corrector, tests that need PyTorch skip
+EXTRAS := clouds,corrector,dev,dxf,export,mesh,mocap# without corrector, tests that need PyTorch skip
 SETUP := pyproject.toml constraints.txt scripts/setup.sh
 
-.PHONY: demo test lint clean reference verify-sim verify-trace bench-sim loop
+.PHONY: demo test lint clean docs reference wheel wheel-test verify-sim verify-trace bench-sim loop
 
 demo: .venv/.ready-demo
 	.venv/bin/fabdesign demo -o demo
@@ -33,13 +33,22 @@ bench-sim: .venv/.ready-bench
 loop: .venv/.ready-test
 	$(PYTHON) -m benchmarks.loop
 
-# the Python interface's reference, from its docstrings: build/reference/index.html
-reference: .venv/.ready-reference
-	$(PYTHON) -m pdoc -o build/reference --math fabdesign.interface fabdesign.design fabdesign.muscle fabdesign.fabric \
-		fabdesign.model fabdesign.effects sim.simulator
+# the documentation with the Python interface's reference, from docs and docstrings: build/docs/index.html, read without a network
+docs: .venv/.ready-docs
+	$(PYTHON) -m sphinx -W --keep-going -q -b html docs build/docs
+
+reference: docs # its former name: build/docs/reference.html
+
+# dist/*.whl and dist/*.tar.gz
+wheel: .venv/.ready-test
+	$(PYTHON) -m build
+
+# the wheel in an empty environment of every Python that is here, outside the repository; downloads packages
+wheel-test: wheel
+	scripts/wheel_test.sh dist/*.whl
 
 clean:
-	rm -rf .venv demo build *.egg-info
+	rm -rf .venv demo build dist *.egg-info
 
 .venv/.ready-demo: $(SETUP)
 	scripts/setup.sh
@@ -49,7 +58,7 @@ clean:
 	scripts/setup.sh $(EXTRAS)
 	touch $@
 
-.venv/.ready-reference: $(SETUP)
+.venv/.ready-docs: $(SETUP)
 	scripts/setup.sh docs
 	touch $@
 

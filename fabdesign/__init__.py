@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from fabdesign.interface import calibrate, equilibrium, evaluate, faces_of, optimize, simulate
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 SIMULATOR = "2"  # counts changes of the simulator that move motions: factors fitted with another one may not fit
 __all__ = ["calibrate", "equilibrium", "evaluate", "faces_of", "optimize", "simulate"]
 

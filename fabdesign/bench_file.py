@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from fabdesign.bench import Array, Bench, BenchRecord
-from fabdesign.csv_table import decimal, read_rows
 from fabdesign.errors import InputError
+from fabdesign.headings import Heading
+from fabdesign.lab_table import Column, LabTable
 from fabdesign.measured_units import require_measured_pressures
 from fabdesign.table import Table, load_toml
 
@@ -56,20 +57,32 @@ def _record(table: Table, path: Path, needed: tuple[str, ...]) -> BenchRecord:
 def read_record(file: Path, needed: tuple[str, ...] = ()) -> dict[str, Array]:
     """Columns (n,) of a record's CSV, SI, by their names without unit. Raises InputError where a `needed` one is not
     there, for two of one name, a value that is no finite number and a time that does not rise."""
-    header, rows = read_rows(file)
-    for column in needed:
-        if column not in header:
-            raise InputError(f"{file}: no column {column}; it has {', '.join(header)}")
+    table = LabTable(file, "columns such as time_s,pressure_kpa,force_n")
     columns: dict[str, Array] = {}
-    for i, column in enumerate(header):
-        bare, power = _bare(column)
+    for i, heading in enumerate(table.headings):
+        bare, column = _column(table, i, heading)
         if bare in columns:
             raise InputError(f"{file}: two columns hold {bare}")
-        columns[bare] = np.array([float(decimal(row[i], file, line, column).scaleb(power)) for line, row in rows])
+        columns[bare] = np.array([float(value) for _, _, value in table.cells(column)])
+    for name in needed:
+        if name not in table.header and _bare(name)[0] not in columns:
+            raise InputError(f"{file}: no column {name}; it has {', '.join(table.header)}")
+    table.say([] if table.taken else table.header)
     if "time" in columns and (np.diff(columns["time"]) <= 0).any():
         late = int(np.argmax(np.diff(columns["time"]) <= 0)) + 1
-        raise InputError(f"{file} line {rows[late][0]}: time_s = {columns['time'][late]:g} does not rise")
+        raise InputError(f"{file} line {table.rows[late][0]}: time_s = {columns['time'][late]:g} does not rise")
     return columns
+
+
+def _column(table: LabTable, index: int, heading: Heading) -> tuple[str, Column]:
+    """A column and its name: as the format writes it, or as a laboratory does where that names a quantity."""
+    text = table.header[index]
+    bare, power = _bare(text)
+    own = power or bare != text or heading.symbol is None
+    quantity = heading.quantity
+    if own or quantity is None or heading.unit is None:
+        return bare, Column(index, heading, Decimal(1).scaleb(power))
+    return quantity, table.take(index, quantity)
 
 
 def _require_units(records: tuple[BenchRecord, ...], path: Path) -> None:

@@ -2,34 +2,41 @@
 
 from pathlib import Path
 
-from fabdesign.csv_table import decimal, read_rows, write_rows
+from fabdesign.csv_table import write_rows
 from fabdesign.errors import InputError
+from fabdesign.lab_table import LabTable
 from fabdesign.measured_units import require_measured_pressures
 from fabdesign.muscle import BenchTable
-from fabdesign.table import kilopascals, pascals
+from fabdesign.table import kilopascals
 
 COLUMNS = ["pressure_kpa", "contraction", "force_n"]
 
 
 def read_bench_table(path: Path) -> BenchTable:
-    """Read a bench table. Raises InputError for another header, a bad number, a pressure below 0, a contraction of
-    1 or more, pressures that are in MPa or Pa, and a table that spans fewer than two pressures or two contractions."""
-    header, rows = read_rows(path)
-    if header != COLUMNS:
-        raise InputError(f"{path}: columns are {','.join(header)}; expected {','.join(COLUMNS)}")
+    """Read a bench table, its columns in any order and unit that their headings say (`fabdesign.lab_table`).
+
+    Raises InputError for other columns, a bad number, a pressure below 0, a contraction of 1 or more, pressures that
+    are in MPa or Pa, and a table that spans fewer than two pressures or two contractions.
+    """
+    table = LabTable(path, ",".join(COLUMNS))
+    columns = [table.find(name) for name in ("pressure", "contraction", "force")]
+    table.say(COLUMNS)
     pressure, contraction, force = [], [], []
-    for line, row in rows:
-        kpa, shortening, tension = (decimal(cell, path, line, name) for cell, name in zip(row, COLUMNS, strict=True))
-        if kpa < 0:
-            raise InputError(f"{path} line {line}: pressure_kpa = {kpa}; expected a gauge pressure from 0")
+    for (line, written, pascal), (_, share, shortening), (_, _, newton) in zip(*map(table.cells, columns), strict=True):
+        if written < 0:
+            heading = columns[0].heading.text
+            raise InputError(f"{path} line {line}: {heading} = {written}; expected a gauge pressure from 0")
         if shortening >= 1:
-            raise InputError(f"{path} line {line}: contraction = {shortening}; expected 1 - l/l0, no percentage")
-        pressure.append(pascals(kpa))
+            heading = columns[1].heading.text
+            raise InputError(
+                f"{path} line {line}: {heading} = {share}; expected 1 - l/l0, no percentage (contraction [%] is one)"
+            )
+        pressure.append(float(pascal))
         contraction.append(float(shortening))
-        force.append(float(tension))
-    for name, values in (("pressure_kpa", pressure), ("contraction", contraction)):
+        force.append(float(newton))
+    for column, values in zip(columns, (pressure, contraction), strict=False):
         if len(set(values)) < 2:
-            raise InputError(f"{path}: {name} has one value only; a muscle's law needs at least two")
+            raise InputError(f"{path}: {column.heading.text} has one value only; a muscle's law needs at least two")
     require_measured_pressures(pressure, str(path))
     return BenchTable(tuple(pressure), tuple(contraction), tuple(force))
 

@@ -1,25 +1,29 @@
 """Clouds and meshes from files, whatever their kind: one strict reader for targets, recordings and `check`."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.bounded_file import LARGEST, read_bytes
+from fabdesign.c3d_file import read_c3d
 from fabdesign.errors import InputError
-from fabdesign.measured_points import require_cloud
-from fabdesign.npz_file import open_npz
+from fabdesign.measured_points import require_cloud, sound_points
+from fabdesign.npz_file import open_npz, read_npy
 from fabdesign.obj import read_obj
+from fabdesign.pcd import read_pcd
+from fabdesign.placement import Unit
 from fabdesign.ply import read_ply
 from fabdesign.stl import read_stl
 from fabdesign.surface import Surface
 from fabdesign.trial_file import read_trial
-from fabdesign.xyz import read_xyz
+from fabdesign.xyz import read_pts, read_xyz
 
 POINTS = 3362  # drawn on a mesh by default: as many as the simulator's faces have
 OTHER_MESHES = (".off", ".glb", ".gltf", ".3mf")  # through trimesh
-KINDS = (".ply", ".obj", ".stl", ".xyz", ".csv", ".npz", *OTHER_MESHES)
+TEXTS = (".xyz", ".csv", ".txt", ".tsv", ".asc")  # a point a line
+KINDS = (".ply", ".pcd", ".pts", ".obj", ".stl", ".npy", ".npz", ".c3d", *TEXTS, *OTHER_MESHES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +35,7 @@ class Geometry:
     trial: bool = False  # a frame of a measured trial, in m
     time: float | None = None  # s after rest, of a frame
     frame: int | None = None  # from 0
+    unit: Unit | None = None  # where the file itself names it
 
     @property
     def is_mesh(self) -> bool:
@@ -42,20 +47,27 @@ class Geometry:
 
 
 def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
-    """Read a cloud or a mesh: PLY, OBJ, STL, XYZ, CSV, an npz with `points` (n, 3), or the given `frame` of a trial's
-    npz; .off, .glb, .gltf and .3mf through trimesh.
+    """Read a cloud or a mesh: PLY, PCD, PTS, OBJ, STL, XYZ, CSV, an npy (n, 3), an npz with `points` (n, 3), or the
+    given `frame` of a trial's npz or of a C3D; .off, .glb, .gltf and .3mf through trimesh.
 
-    Raises InputError, with one line, for a file that is not there, damaged, cut short, too large or of another kind,
-    for coordinates that are not finite, for no points, and for a mesh without area.
+    Of a cloud what a depth sensor adds is left out and said (`fabdesign.measured_points`). Raises InputError, with one
+    line, for a file that is not there, damaged, cut short, too large or of another kind, for no points, for a cloud
+    less than half of which is sound, for a mesh with coordinates that are not finite or without area.
     """
     path = Path(path)
     suffix = path.suffix.lower()
     none = np.zeros((0, 3), dtype=np.intp)
     if suffix == ".npz":
         found = _npz(path, frame)
+    elif suffix == ".npy":
+        found = Geometry(read_npy(path), none)
     elif suffix == ".ply":
         ply = read_ply(path)
         found = Geometry(ply.points, ply.triangles)
+    elif suffix == ".pcd":
+        found = Geometry(read_pcd(path), none)
+    elif suffix == ".pts":
+        found = Geometry(read_pts(path), none)
     elif suffix == ".stl":
         corners = read_stl(path).reshape(-1, 3)
         if not len(corners):
@@ -63,14 +75,25 @@ def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
         found = Geometry(corners, np.arange(len(corners)).reshape(-1, 3))
     elif suffix == ".obj":
         found = Geometry(*read_obj(path))
-    elif suffix in (".xyz", ".csv"):
-        found = Geometry(read_xyz(path), none)
+    elif suffix == ".c3d":
+        markers = read_c3d(path)
+        index = _frame(frame, len(markers.frames), path)
+        found = Geometry(markers.frames[index], none, frame=index, unit=markers.unit)
+    elif suffix in TEXTS:
+        text = read_xyz(path)
+        found = Geometry(text.points, none, unit=text.unit)
     elif suffix in OTHER_MESHES:
         found = _foreign_mesh(path)
     else:
         raise InputError(f"{path}: is of no kind that is read; expected a cloud or mesh ({', '.join(KINDS)})")
-    require_cloud(found.points, str(path), size=np.inf)
-    return _with_area(found, path) if found.is_mesh else found
+    if found.is_mesh:
+        require_cloud(found.points, str(path), size=np.inf)
+        return _with_area(found, path)
+    if found.trial:
+        return found
+    points, left_out = sound_points(found.points, str(path), unit_known=False)
+    left_out.tell(len(found.points), str(path))
+    return replace(found, points=points)
 
 
 def read_cloud(
@@ -80,9 +103,14 @@ def read_cloud(
 
     size: the cloth's longer side [m], for the hint that a cloud is in millimetres. Raises InputError.
     """
-    cloud = read_geometry(path, frame=frame).sample(points, np.random.default_rng(seed))
-    require_cloud(cloud, str(path), size=size)
-    return cloud
+    geometry = read_geometry(path, frame=frame)
+    cloud = geometry.sample(points, np.random.default_rng(seed))
+    if geometry.is_mesh:
+        require_cloud(cloud, str(path), size=size)
+        return cloud
+    kept, left_out = sound_points(cloud, str(path), size=size)
+    left_out.tell(len(cloud), str(path))
+    return kept
 
 
 def _npz(path: Path, frame: int) -> Geometry:

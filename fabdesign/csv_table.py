@@ -1,8 +1,14 @@
-"""Strict reading and whole writing of the CSV tables: a header line, then numbers."""
+"""Strict reading and whole writing of tables: a header line, then numbers.
+
+Written with commas and decimal points; read with semicolons, tabs or blanks between the columns too, with decimal
+commas, a byte order mark and comment lines (#).
+"""
 
 import csv
 import io
+import re
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from math import isfinite
 from pathlib import Path
@@ -11,12 +17,40 @@ from fabdesign.errors import InputError
 from fabdesign.output import write_text
 from fabdesign.table import read_text
 
+_MARKS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
+_WITH_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+_WITH_POINT = re.compile(r"[-+]?\d*\.\d*([eE][-+]?\d+)?")
+
+
+@dataclass(frozen=True)
+class RawTable:
+    """A table's cells as texts, numbers with decimal points."""
+
+    header: list[str]
+    rows: list[tuple[int, list[str]]]  # with the line's number
+    mark: str  # between columns
+    decimal_comma: bool
+
+    @property
+    def written(self) -> str | None:
+        """In words, where it is written otherwise than this program does."""
+        if self.mark == "," and not self.decimal_comma:
+            return None
+        return _MARKS[self.mark] + (" and decimal commas" if self.decimal_comma else "")
+
 
 def read_rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     """The header's names and every row with its line number; InputError where a row has another width."""
-    lines = enumerate(csv.reader(io.StringIO(read_text(path))), start=1)
+    table = read_raw_table(path)
+    return table.header, table.rows
+
+
+def read_raw_table(path: Path) -> RawTable:
+    """The cells as they stand, however the columns are separated. Raises InputError where a row has another width."""
+    text = read_text(path)
+    mark = separator(next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), ""))
     try:
-        rows = [(i, [cell.strip() for cell in row]) for i, row in lines if any(c.strip() for c in row)]
+        rows = [(i, cells) for i, cells in _cells(text, mark) if any(cells) and not cells[0].startswith("#")]
     except csv.Error as error:
         raise InputError(f"{path}: is no sound table ({error})") from None
     if not rows:
@@ -27,7 +61,40 @@ def read_rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
     for line, row in rows[1:]:
         if len(row) != len(header):
             raise InputError(f"{path} line {line}: {len(row)} values; the header names {len(header)} columns")
-    return header, rows[1:]
+    return _with_points(RawTable(header, rows[1:], mark, False), path)
+
+
+def separator(header: str) -> str:
+    """What stands between the columns of a header line: a semicolon, a tab, a comma or blanks."""
+    for mark in (";", "\t", ","):
+        if mark in header:
+            return mark
+    return " " if len(header.split()) > 1 and "[" not in header and "(" not in header else ","
+
+
+def _cells(text: str, mark: str) -> Iterable[tuple[int, list[str]]]:
+    if mark == " ":
+        return ((i, line.split() or [""]) for i, line in enumerate(text.splitlines(), start=1))
+    lines = csv.reader(io.StringIO(text), delimiter=mark)
+    return ((lines.line_num, [cell.strip() for cell in row] or [""]) for row in lines)
+
+
+def _with_points(table: RawTable, path: Path) -> RawTable:
+    """The same with decimal points. Raises InputError where numbers have points in some cells and commas in others."""
+    commas = next(((line, cell) for line, row in table.rows for cell in row if _WITH_COMMA.fullmatch(cell)), None)
+    if commas is None:
+        return table
+    points = next(((line, cell) for line, row in table.rows for cell in row if _WITH_POINT.fullmatch(cell)), None)
+    if points is not None:
+        raise InputError(
+            f"{path}: {commas[1]!r} in line {commas[0]} and {points[1]!r} in line {points[0]}; expected decimal points "
+            "or decimal commas, not both"
+        )
+    rows = [
+        (line, [cell.replace(",", ".") if _WITH_COMMA.fullmatch(cell) else cell for cell in row])
+        for line, row in table.rows
+    ]
+    return RawTable(table.header, rows, table.mark, True)
 
 
 def decimal(text: str, path: Path, line: int, column: str) -> Decimal:

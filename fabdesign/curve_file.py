@@ -2,9 +2,10 @@
 
 from pathlib import Path
 
-from fabdesign.csv_table import decimal, read_rows, write_rows
+from fabdesign.csv_table import write_rows
 from fabdesign.curve import MembraneCurve
 from fabdesign.errors import InputError
+from fabdesign.lab_table import LabTable
 
 COLUMNS = ["strain", "tension_n_per_m", "direction"]
 
@@ -12,16 +13,19 @@ COLUMNS = ["strain", "tension_n_per_m", "direction"]
 def read_membrane_curve(path: Path) -> MembraneCurve:
     """Read a membrane curve. `direction` is 1 (across), 2 (down) or `both`; without that column the curve holds for
     both. Raises InputError for another header, and unless strain and tension both rise from row to row."""
-    header, rows = read_rows(path)
-    if header not in (COLUMNS, COLUMNS[:2]):
-        raise InputError(f"{path}: columns are {','.join(header)}; expected {','.join(COLUMNS)}")
+    table = LabTable(path, ",".join(COLUMNS))
+    columns = [table.find("strain"), table.find("tension")]
+    place = next((i for i, heading in enumerate(table.headings) if heading.name == "direction"), None)
+    if place is None and len(table.header) > 2:
+        raise table.bad("direction is the third column")
+    table.say(COLUMNS if place is not None else COLUMNS[:2])
     strain: tuple[list[float], list[float]] = ([], [])
     tension: tuple[list[float], list[float]] = ([], [])
-    for line, row in rows:
-        name = row[2] if len(row) == 3 else "both"
+    for (line, row), *cells in zip(table.rows, *map(table.cells, columns), strict=True):
+        name = row[place] if place is not None else "both"
         if name not in ("1", "2", "both"):
             raise InputError(f"{path} line {line}: direction = {name!r}; expected 1 (across), 2 (down) or both")
-        values = [float(decimal(cell, path, line, column)) for cell, column in zip(row[:2], COLUMNS[:2], strict=True)]
+        values = [float(value) for _, _, value in cells]
         for direction in (0, 1) if name == "both" else (int(name) - 1,):
             for column, samples, value in zip(COLUMNS, (strain, tension), values, strict=False):
                 if samples[direction] and value <= samples[direction][-1]:

@@ -1,24 +1,88 @@
-"""What every measured cloud must satisfy before anything computes with it."""
+"""What every measured cloud must satisfy before anything computes with it, and what a sensor adds to one.
+
+A depth sensor writes NaN, pixels without depth at its own origin, and now and then a point far away. Up to half of a
+frame is left out for that, counted and said; where more would go, the frame is refused.
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, note
+
+Points = NDArray[np.float64]
 
 _FAR = 10.0  # cloth sizes; a cloud so far off is in another unit, not badly placed
 _CENTIMETRES = 100.0  # cloth sizes, below which hundredths are likelier than thousandths
+_BEYOND = 3.0  # cloth sizes from the middle of the cloud: no point of the cloth
+_ALONE = 100.0  # median distances from the middle, beyond which no shape's own points lie, where no size is known
+_REPEATED, _REPEATED_SHARE = 8, 0.01  # points at exactly one place, which a measured surface never has
 
 
-def require_cloud(points: NDArray[np.float64], where: str, *, size: float | None = None) -> None:
+@dataclass(frozen=True)
+class LeftOut:
+    """How many points were left out of a cloud."""
+
+    not_finite: int = 0
+    without_depth: int = 0  # at the sensor's origin
+    far: int = 0
+
+    def __add__(self, other: "LeftOut") -> "LeftOut":
+        return LeftOut(
+            self.not_finite + other.not_finite, self.without_depth + other.without_depth, self.far + other.far
+        )
+
+    @property
+    def count(self) -> int:
+        return self.not_finite + self.without_depth + self.far
+
+    def __str__(self) -> str:
+        parts = [(self.not_finite, "not finite"), (self.without_depth, "without depth"), (self.far, "far off")]
+        return ", ".join(f"{count} {what}" for count, what in parts if count)
+
+    def tell(self, of: int, where: str) -> None:
+        """Say what was left out of so many points; nothing where nothing was."""
+        if self.count:
+            note(f"{where}: {self.count} of {of} points are left out ({self})")
+
+
+def sound_points(
+    points: Points, where: str, *, size: float | None = None, unit_known: bool = True
+) -> tuple[Points, LeftOut]:
+    """The points of a cloud (n, 3) m that can be the cloth's, and how many others there were.
+
+    size: the cloth's longer side [m]; without one, only what is far off by the cloud's own measure goes. unit_known:
+    False of a file that may be in another unit than m. Raises InputError as `require_cloud` does, and where more than
+    half would be left out.
+    """
+    _require_points(points, where)
+    if _as_a_rule(points, size):
+        return points, LeftOut()
+    finite = np.isfinite(points).all(axis=1)
+    depth = _have_depth(points) | ~finite
+    kept = finite & depth
+    near = np.ones(len(points), dtype=bool)
+    if kept.any():
+        off = np.linalg.norm(points - np.median(points[kept], axis=0), axis=1)
+        far = kept & (off > (_BEYOND * size if size is not None else _ALONE * np.median(off[kept])))
+        if far.sum() <= len(points) / 2:  # else it is the unit: `require_cloud` says so
+            near = ~far
+    left_out = LeftOut(int((~finite).sum()), int((~depth).sum()), int((~near).sum()))
+    if 2 * left_out.count > len(points):
+        raise InputError(f"{where}: of {len(points)} points {left_out}; expected at least half of them sound")
+    points = points[kept & near]
+    require_cloud(points, where, size=size if unit_known else np.inf)
+    return points, left_out
+
+
+def require_cloud(points: Points, where: str, *, size: float | None = None) -> None:
     """Raise InputError unless `points` is an (n, 3) cloud in m with n > 0 and finite coordinates.
 
     size: the cloth's longer side [m], 1 m where it is not known; a cloud ten times as far away is taken to be in
     another unit.
     """
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise InputError(f"{where}: points of shape {points.shape}; expected (n, 3)")
-    if len(points) == 0:
-        raise InputError(f"{where}: the cloud is empty; expected points")
+    _require_points(points, where)
     if within_reach(points, size=size):
         return
     bad = ~np.isfinite(points).all(axis=1)
@@ -32,7 +96,49 @@ def require_cloud(points: NDArray[np.float64], where: str, *, size: float | None
         )
 
 
-def within_reach(points: NDArray[np.float64], *, size: float | None = None) -> bool:
+def within_reach(points: Points, *, size: float | None = None) -> bool:
     """Whether every point (n, 3) m is finite and so near that nothing of `require_cloud` can fail but their number."""
     largest = max(float(points.max(initial=0.0)), -float(points.min(initial=0.0)))  # NaN where a point has one
     return largest < _FAR * (size or 1.0) / 2  # of the three coordinates the root of three is the most
+
+
+def _require_points(points: Points, where: str) -> None:
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"{where}: points of shape {points.shape}; expected (n, 3)")
+    if len(points) == 0:
+        raise InputError(f"{where}: the cloud is empty; expected points")
+
+
+def _as_a_rule(points: Points, size: float | None) -> bool:
+    """Whether nothing needs to be left out, found in a fraction of the time that reading a frame takes."""
+    if size is None or not within_reach(points, size=size):
+        return False
+    if not np.linalg.norm(points.max(axis=0) - points.min(axis=0)) <= _BEYOND * size:
+        return False
+    if _same_x(points, _many(points)):
+        return False
+    return int(np.count_nonzero(~points.any(axis=1))) < 2
+
+
+def _many(points: Points) -> int:
+    return max(_REPEATED, round(_REPEATED_SHARE * len(points)))
+
+
+def _same_x(points: Points, many: int) -> bool:
+    if len(points) < many:
+        return False
+    x = np.sort(points[:, 0])
+    return bool((x[many - 1 :] == x[: len(x) - many + 1]).any())
+
+
+def _have_depth(points: Points) -> NDArray[np.bool_]:
+    """(n,) False where a pixel has none: of two and more points at the file's origin, and of many at another place."""
+    origin = ~points.any(axis=1)
+    without = np.zeros(len(points), dtype=np.bool_)
+    if origin.sum() >= 2:
+        without[origin] = True
+    many = _many(points)
+    if _same_x(points, many):
+        _, which, counts = np.unique(points, axis=0, return_inverse=True, return_counts=True)
+        without[counts[which.ravel()] >= many] = True
+    return np.logical_not(without)

@@ -4,7 +4,7 @@ With `fabdesign.splits`, the only place where these are computed. Chamfer: unsqu
 summed. Everything in m; people are shown mm.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
 from itertools import islice
 from typing import Any
@@ -50,6 +50,14 @@ def surface_rms(measured: Floats, model: Floats) -> float:
     return capped_rms(Surface.of_faces(model).distance(measured, within=CAP))
 
 
+def distance_to_faces(markers: Floats, model: Floats) -> float:
+    """Mean distance [m] of a few markers (n, 3) to the faces of a model frame (2 rows cols, 3), one way and uncapped.
+
+    In place of Chamfer: most of the model has no marker near it.
+    """
+    return float(Surface.of_faces(model).distance(markers).mean())
+
+
 def chamfer_floor(model: Floats, count: int, noise: SensorNoise, *, seed: int = 0) -> float:
     """Chamfer [m] of `count` noisy points drawn on the model's surface against the model's points, mean of 20 draws."""
     return float(np.mean([chamfer(points, model) for points in _draws(model, count, noise, seed)]))
@@ -67,15 +75,22 @@ def _draws(model: Floats, count: int, noise: SensorNoise, seed: int) -> Iterator
 
 
 def trial_errors(
-    measured: Sequence[Floats], predicted: Floats, noise: SensorNoise, *, seed: int = 0, draws: int = DRAWS
+    measured: Sequence[Floats],
+    predicted: Floats,
+    noise: SensorNoise,
+    *,
+    seed: int = 0,
+    draws: int = DRAWS,
+    markers: bool = False,
 ) -> Errors:
     """Means over the frames of a trial: T measured clouds (n_t, 3) m against a motion (T, 2 rows cols, 3) m.
 
-    The floors' draws are spread evenly over the frames. A motion that diverged (NaN) has NaN errors.
+    markers: `distance_to_faces` in place of Chamfer. The floors' draws are spread evenly over the frames. A motion that
+    diverged (NaN) has NaN errors.
     """
     if not np.isfinite(predicted).all():
         return Errors(*[np.nan] * 5)
-    distances, floors = _by_frame(measured, predicted, noise, seed, draws)
+    distances, floors = _by_frame(measured, predicted, noise, seed, draws, markers=markers)
     (c, s, beyond), (c_floor, s_floor) = np.mean(distances, axis=0), np.mean(floors, axis=0)
     return Errors(float(c), float(c_floor), float(s), float(s_floor), float(beyond))
 
@@ -90,7 +105,7 @@ def frame_errors(
 
 
 def _by_frame(
-    measured: Sequence[Floats], predicted: Floats, noise: SensorNoise, seed: int, draws: int
+    measured: Sequence[Floats], predicted: Floats, noise: SensorNoise, seed: int, draws: int, *, markers: bool = False
 ) -> tuple[list[tuple[float, float, float]], list[tuple[float, float]]]:
     """Chamfer, surface RMS and share beyond the cap of every frame; Chamfer and surface RMS of every draw."""
     if len(measured) != len(predicted):
@@ -101,13 +116,18 @@ def _by_frame(
     offsets = iter(noise.stray_offsets(counts, rng))
     distances, floors = [], []
     for cloud, model, repeats in zip(measured, predicted, per_frame, strict=True):
-        surface, to_model = Surface.of_faces(model), ChamferTo(model)
+        surface = Surface.of_faces(model)
+        to_model = _to(surface) if markers else ChamferTo(model).of
         off = surface.distance(cloud, within=CAP)
-        distances.append((to_model.of(cloud), capped_rms(off), float(np.mean(off > CAP))))
+        distances.append((to_model(cloud), capped_rms(off), float(np.mean(off > CAP))))
         for strays in islice(offsets, repeats):
             drawn = noise.draw(surface, len(cloud), rng, strays)
-            floors.append((to_model.of(drawn), capped_rms(surface.distance(drawn, within=CAP))))
+            floors.append((to_model(drawn), capped_rms(surface.distance(drawn, within=CAP))))
     return distances, floors
+
+
+def _to(surface: Surface) -> Callable[[Floats], float]:
+    return lambda points: float(surface.distance(points).mean())
 
 
 MANY_BEYOND = 0.05  # share of the points from which on a capped figure hides how far off they are

@@ -1,5 +1,6 @@
-"""The arrays of an npz; whatever is wrong with the file becomes one line."""
+"""The arrays of an npz or npy; whatever is wrong with the file becomes one line."""
 
+import io
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.bounded_file import read_bytes
 from fabdesign.errors import InputError
 
 # what numpy and zipfile raise for damaged bytes
@@ -57,6 +59,27 @@ def open_npz(path: Path, expected: str) -> Iterator[NpzArrays]:
         raise InputError(f"{path}: no such file") from None
     except _DAMAGED:
         raise InputError(f"{path}: is damaged or cut short; expected an npz with {expected}") from None
+
+
+def read_npy(path: Path) -> NDArray[np.float64]:
+    """(n, 3) points of an npy. Raises InputError for damage, another shape and what is no number."""
+    expected = "an npy with points (n, 3)"
+    content = read_bytes(path, expected)
+    stream = io.BytesIO(content)
+    try:
+        version = np.lib.format.read_magic(stream)
+        header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        shape, _, dtype = header(stream)
+    except _DAMAGED:
+        raise InputError(f"{path}: is damaged or no npy; expected {expected}") from None
+    if dtype.kind not in "fiu" or len(shape) != 2 or shape[1] != 3:
+        raise InputError(f"{path}: is {shape} {dtype}; expected {expected}")
+    size = shape[0] * 3 * dtype.itemsize  # before an array is made that has only its header's word
+    if len(content) - stream.tell() != size:
+        raise InputError(
+            f"{path}: has {len(content) - stream.tell()} bytes of points and not {size}; expected {expected}"
+        )
+    return np.load(io.BytesIO(content), allow_pickle=False).astype(np.float64)
 
 
 def _require_small(archive: np.lib.npyio.NpzFile, path: Path, expected: str) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.bounded_file import decode, read_bytes
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, note
 
 # statements that say nothing about where the surface is
 _OTHER = {"vn", "vt", "vp", "g", "o", "s", "mg", "l", "p", "usemtl", "mtllib", "usemap", "maplib"}
@@ -28,9 +28,11 @@ def read_obj(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     text = decode(read_bytes(path, "an OBJ mesh"), path).replace("\\\r\n", " ").replace("\\\n", " ")
     vertices: list[tuple[float, ...]] = []
     triangles: list[tuple[int, int, int]] = []
+    lines = False
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split("#", 1)[0].split()
         if not words or words[0] in _OTHER:
+            lines |= words[:1] == ["l"]
             continue
         try:
             if words[0] == "v" and len(words) in (4, 5, 7, 8):  # with a weight, with a colour
@@ -44,6 +46,8 @@ def read_obj(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
             _refuse(path, number, line)
     if not vertices:
         raise InputError(f"{path}: has no vertices; expected a sound OBJ")
+    if lines and not triangles:
+        note(f"{path}: has lines and no faces; its {len(vertices)} vertices are taken")
     faces = np.array(triangles, dtype=np.intp).reshape(-1, 3)
     if faces.size and faces.max() >= len(vertices):
         raise InputError(f"{path}: a face names vertex {faces.max() + 1} of {len(vertices)}; expected a sound OBJ")

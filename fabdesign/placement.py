@@ -22,11 +22,11 @@ _COLUMNS = 20  # in which the edge is looked for
 _STEADY = 1.0  # degrees: a smaller turn off the right angle is sampling, and is not made
 # m, in the mean over the strip:
 _GAIN = 0.006  # what exchanged axes must gain over the file's own
-_CLEAR = 0.004  # by how much a placement must fit better than one at another edge
-_TIE = 1e-4  # what a quarter turn must gain: between front and back the lesser turn decides
+CLEAR = 0.004  # by how much a placement must fit better than one at another edge
+TIE = 1e-4  # what a quarter turn must gain: between front and back the lesser turn decides
 _ROUNDS = 4
-_OVER = Rotation.from_euler("y", 180, degrees=True)  # changes front and back
-_SAME = np.radians(20)  # turns that differ by less find the same edge
+OVER = Rotation.from_euler("y", 180, degrees=True)  # changes front and back
+SAME = np.radians(20)  # turns that differ by less find the same edge
 
 
 @dataclass(frozen=True)
@@ -80,26 +80,26 @@ def fit_placement(
     given = Rotation.from_euler("xyz", rotation or np.zeros(3), degrees=True)
     metres = given.apply(factor * points)
     found = []
-    for turn in _right_angles()[: 1 if rotation is not None else None]:
+    for turn in right_angles()[: 1 if rotation is not None else None]:
         final, shift = _laid_on_edge(metres, turn, fabric, drawn)
         gap = _strip_gap(final.apply(metres) + shift, fabric)
-        found.append((gap + _TIE * turn.magnitude() / (np.pi / 2), final * given, shift))
+        found.append((gap + TIE * turn.magnitude() / (np.pi / 2), final * given, shift))
     least, turn, shift = min(found, key=lambda candidate: candidate[0])
     if found[0][0] <= least + _GAIN:
         least, turn, shift = found[0]
-    placement = _placement(factor, turn, shift)
-    near = [(gap, other, _placement(factor, other, s)) for gap, other, s in found if gap < least + _CLEAR]
-    over = [p for gap, other, p in near if gap < least + 3 * _TIE and _differ(other, _OVER * turn) < _SAME]
-    rivals = [p for _, other, p in near if min(_differ(other, turn), _differ(other, _OVER * turn)) >= _SAME]
+    placement = placement_of(factor, turn, shift)
+    near = [(gap, other, placement_of(factor, other, s)) for gap, other, s in found if gap < least + CLEAR]
+    over = [p for gap, other, p in near if gap < least + 3 * TIE and differ(other, OVER * turn) < SAME]
+    rivals = [p for _, other, p in near if min(differ(other, turn), differ(other, OVER * turn)) >= SAME]
     kept = turn is found[0][1]
     return Fit(placement, over[0] if over else None, rivals[0] if rivals and not kept else None)
 
 
-def _differ(a: Rotation, b: Rotation) -> float:
+def differ(a: Rotation, b: Rotation) -> float:
     return float((a * b.inv()).magnitude())
 
 
-def _placement(factor: float, turn: Rotation, shift: Array) -> Placement:
+def placement_of(factor: float, turn: Rotation, shift: Array) -> Placement:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # at 90 degrees about y the angles are not unique
         angles = turn.as_euler("xyz", degrees=True)
@@ -108,7 +108,7 @@ def _placement(factor: float, turn: Rotation, shift: Array) -> Placement:
     return Placement(factor, (a, b, c), (x, y, z))
 
 
-def _right_angles() -> list[Rotation]:
+def right_angles() -> list[Rotation]:
     """The 24 rotations that take axes to axes, least turn first."""
     frames = [
         np.eye(3)[list(order)] * np.array(signs)[:, None]

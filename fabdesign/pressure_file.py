@@ -1,20 +1,24 @@
 """Pressures in: a CSV, a trial's npz, or one constant row such as "400,0,200". Pressures out: the CSV."""
 
 import re
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fabdesign.csv_table import decimal, read_rows, write_rows
+from fabdesign.csv_table import write_rows
 from fabdesign.design import Design
 from fabdesign.effort import LONGEST
 from fabdesign.errors import InputError
+from fabdesign.lab_table import Column, LabTable
 from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.table import kilopascals, pascals
 from fabdesign.trial_file import program_of, read_trial_pressures
 
+TABLES = (".csv", ".tsv", ".txt")  # endings of text tables
 SINGLE_ROW_DURATION = 1.5  # s, of a program that has one row
+_KILO = Decimal(1000)  # Pa: `channel_0` without a unit is in kPa
 _CONSTANT = re.compile(r"\s*[-+.\w]+(\s*,\s*[-+.\w]+)*\s*,?\s*")
 
 
@@ -60,7 +64,7 @@ def _read(spec: str | Path) -> PressureProgram:
     path = Path(spec)
     if path.suffix == ".npz":
         return program_of(*read_trial_pressures(path))
-    if isinstance(spec, str) and path.suffix != ".csv" and _CONSTANT.fullmatch(spec) and not _exists(path):
+    if isinstance(spec, str) and path.suffix.lower() not in TABLES and _CONSTANT.fullmatch(spec) and not _exists(path):
         return _read_constant(spec)
     return read_csv(path)
 
@@ -82,15 +86,16 @@ def _read_constant(spec: str) -> PressureProgram:
 
 def read_csv(path: Path) -> PressureProgram:
     """The program of a pressure CSV, not yet checked against a design. Raises InputError."""
-    header, rows = read_rows(path)
-    expected = ["time_s", *(f"channel_{i}" for i in range(len(header) - 1))]
-    if header != expected:
-        raise InputError(f"{path}: columns are {','.join(header)}; expected time_s,channel_0,channel_1,...")
-    time, pressure = [], []
-    for line, row in rows:
-        cells = [decimal(cell, path, line, name) for cell, name in zip(row, header, strict=True)]
-        time.append(float(cells[0]))
-        pressure.append([pascals(cell) for cell in cells[1:]])
+    table = LabTable(path, "time_s,channel_0,channel_1,...")
+    time_column = table.find("time")
+    channels = _channels(table, time_column)
+    table.say(["time_s", *(f"channel_{i}" for i in range(len(channels)))])
+    rows = zip(table.cells(time_column), *map(table.cells, channels), strict=True)
+    time: list[float] = []
+    pressure: list[list[float]] = []
+    for (line, _, second), *cells in rows:
+        time.append(float(second))
+        pressure.append([float(pascal) for _, _, pascal in cells])
         if min(pressure[-1], default=0.0) < 0:
             raise InputError(f"{path} line {line}: a pressure below 0; expected kPa from 0")
         if len(time) == 1 and time[0] != 0:
@@ -101,3 +106,19 @@ def read_csv(path: Path) -> PressureProgram:
             raise InputError(f"{path} line {line}: time_s = {time[-1]:g} does not rise from the row before")
     duration = round(2 * time[-1] - time[-2], 9) if len(time) > 1 else SINGLE_ROW_DURATION
     return PressureProgram.of_rows(np.array(time), np.array(pressure).reshape(len(time), -1), duration=duration)
+
+
+def _channels(table: LabTable, time: Column) -> list[Column]:
+    """Every other column, in the order of their numbers; of columns without numbers that have units of pressure, as
+    they stand. Raises InputError where the numbers are not 0, 1, ... or a column is neither."""
+    others = [i for i in range(len(table.headings)) if i != time.index]
+    names = [table.headings[i].quantity for i in others]
+    if all(name in (None, "pressure") for name in names):
+        return [table.take(i, f"channel_{k}") for k, i in enumerate(others)]
+    by_name = {f"channel_{k}" for k in range(len(others))}
+    if set(names) != by_name or len(set(names)) < len(names):
+        raise table.bad("one column a channel, from 0")
+    return [
+        table.find(name, default=_KILO if name in table.header else None)
+        for name in sorted(by_name, key=lambda name: int(name.rpartition("_")[2]))
+    ]

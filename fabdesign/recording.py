@@ -13,7 +13,6 @@ from fabdesign.cloud_file import read_cloud
 from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
-from fabdesign.measured_points import require_cloud
 from fabdesign.measured_units import require_measured_pressures, require_seconds
 from fabdesign.ply import write_ply
 from fabdesign.pressure import PressureProgram, require_pressures
@@ -75,7 +74,6 @@ class Recording:
         if file is None:
             raise InputError(f"{what}: sensor {sensor.name} is missing; expected {files[0]} or .npz")
         cloud = read_cloud(file, size=_SIZE)
-        require_cloud(cloud, str(file), size=_SIZE)
         if self.convention == "backward":
             cloud = cloud * [1.0, -1.0, -1.0]
         if np.median(cloud[:, 2]) <= 0:

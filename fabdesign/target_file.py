@@ -7,14 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.cloud_file import POINTS, Geometry, read_geometry
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, note
 from fabdesign.fabric import Fabric
 from fabdesign.hung_cloth import misplaced
-from fabdesign.measured_points import require_cloud
+from fabdesign.marker_placement import MARKERS, fit_markers
+from fabdesign.measured_points import sound_points
 from fabdesign.placement import UNITS, Fit, Placement, Unit, fit_placement
 from fabdesign.study_file import TargetFile
 
 MOST = 10_000  # points that are compared: more cost time and say nothing new
+FEWEST = 6  # points: as many as a pose has unknowns
 _DENSE = 20_000  # points on a mesh by which it is registered
 
 Array = NDArray[np.float64]
@@ -27,22 +29,34 @@ class PlacedTarget:
     placement: Placement
     turned_over: Placement | None = None  # of a fitted one that fits as well with front and back changed
 
+    @property
+    def markers(self) -> bool:
+        """Whether there are so few points that only the distances from them to the cloth say something."""
+        return not self.geometry.is_mesh and len(self.points) < MARKERS
+
 
 def read_target(target: TargetFile, fabric: Fabric, *, seed: int = 0) -> PlacedTarget:
     """Read a target and place it: POINTS points drawn on a mesh with `seed`, at most MOST of a cloud.
 
-    Raises InputError for a file that `read_geometry` refuses, and for a target that cannot be a cloth held as `fabric`,
+    A cloud of few points is markers: they need not show the cloth's edge. Raises InputError for a file that
+    `read_geometry` refuses, for fewer points than FEWEST, and for a target that cannot be a cloth held as `fabric`,
     with the unit, or the registration, that would do.
     """
     geometry, rng = read_geometry(target.file, frame=target.frame), np.random.default_rng(seed)
     if geometry.trial and (target.unit != "m" or target.scale != 1):
         raise InputError(f"{target.file}: unit or scale for a trial, which says its own; expected none")
-    if geometry.trial:
-        require_cloud(geometry.points, f"{target.file} frame {geometry.frame}", size=max(fabric.width, fabric.height))
+    if geometry.unit is not None and target.unit == "m":
+        target = replace(target, unit=geometry.unit)
+        note(f"{target.file}: its header says {geometry.unit}; read so")
+    elif geometry.unit not in (None, target.unit):
+        raise InputError(f'{target.file}: its header says {geometry.unit}; expected unit = "{geometry.unit}"')
+    factor, turned_over = UNITS[target.unit] * target.scale, None
+    geometry = _without_far(geometry, factor, fabric, target)
     raw = geometry.sample(POINTS, rng)
+    if len(raw) < FEWEST:
+        raise InputError(f"{target.file}: has {len(raw)} points; expected at least {FEWEST}")
     if len(raw) > MOST and not geometry.trial:
         raw = raw[np.sort(rng.choice(len(raw), MOST, replace=False))]
-    factor, turned_over = UNITS[target.unit] * target.scale, None
     if target.place == "fit":
         fit = _fit(geometry, raw, fabric, factor, target)
         if fit.rival is not None:
@@ -60,16 +74,29 @@ def read_target(target: TargetFile, fabric: Fabric, *, seed: int = 0) -> PlacedT
     return PlacedTarget(points, geometry, placement, turned_over)
 
 
+def _without_far(geometry: Geometry, factor: float, fabric: Fabric, target: TargetFile) -> Geometry:
+    """A cloud without what lies too far from the rest to be of this cloth; in another unit it is left as it is."""
+    if geometry.is_mesh:
+        return geometry
+    size = max(fabric.width, fabric.height)
+    where = f"{target.file} frame {geometry.frame}" if geometry.trial else f"{target.file}"
+    kept, left_out = sound_points(geometry.points, where, size=size / factor, unit_known=geometry.trial)
+    left_out.tell(len(geometry.points), where)
+    return replace(geometry, points=kept)
+
+
 def _fit(geometry: Geometry, raw: Array, fabric: Fabric, factor: float, target: TargetFile) -> Fit:
     """With the vertices of a mesh, and points drawn on it closely: its edge is then known exactly. A trial's axes are
     the world's."""
     if fabric.hung != "top":
         raise InputError(f'{target.file}: place = "fit" for a cloth held elsewhere; expected one hung by its top edge')
+    rotation = target.rotation or ((0.0, 0.0, 0.0) if geometry.trial else None)
+    if not geometry.is_mesh and len(raw) < MARKERS:
+        return fit_markers(raw, fabric, factor=factor, rotation=rotation)
     points = raw
     if geometry.is_mesh:
         drawn = geometry.sample(_DENSE, np.random.default_rng(0))
         points = np.concatenate([geometry.points[np.unique(geometry.triangles)], drawn])
-    rotation = target.rotation or ((0.0, 0.0, 0.0) if geometry.trial else None)
     return fit_placement(points, fabric, factor=factor, rotation=rotation, drawn=not geometry.is_mesh)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fabdesign.effort import LONGEST
 from fabdesign.errors import InputError
-from fabdesign.measured_points import require_cloud
+from fabdesign.measured_points import LeftOut, sound_points
 from fabdesign.measured_units import require_measured_pressures, require_seconds
 from fabdesign.npz_file import NpzArrays, open_npz
 from fabdesign.output import whole_file
@@ -35,7 +35,8 @@ class TrialData:
 def read_trial(path: Path, *, size: float | None = None) -> TrialData:
     """All arrays of a trial. size: the cloth's longer side [m], for the check that the clouds are in metres.
 
-    Raises InputError for a damaged file, a missing array, one of another shape or type, and an empty or odd cloud.
+    What a depth sensor adds to a frame is left out and said (`fabdesign.measured_points`). Raises InputError for a
+    damaged file, a missing array, one of another shape or type, and an empty or odd cloud.
     """
     with open_npz(path, "a trial's arrays") as arrays:
         time, pressure = _time_and_pressure(arrays, path)
@@ -49,10 +50,14 @@ def read_trial(path: Path, *, size: float | None = None) -> TrialData:
     if offsets[0] != 0 or offsets[-1] != len(points) or (np.diff(offsets.astype(np.int64)) < 0).any():
         raise InputError(f"{path}: offsets do not rise from 0 to the number of points, {len(points)}")
     metres = points.astype(np.float64) * float(scale)
-    frames = tuple(metres[a:b] for a, b in pairwise(offsets))
-    for t, frame in enumerate(frames):
-        require_cloud(frame, f"{path} frame {t}", size=size)
-    return TrialData(time, pressure, frames)
+    frames: list[Floats] = []
+    left_out, hit = LeftOut(), 0
+    for t, (a, b) in enumerate(pairwise(offsets)):
+        frame, without = sound_points(metres[a:b], f"{path} frame {t}", size=size)
+        frames.append(frame)
+        left_out, hit = left_out + without, hit + (without.count > 0)
+    left_out.tell(len(metres), f"{path}, {hit} of {len(frames)} frames")
+    return TrialData(time, pressure, tuple(frames))
 
 
 def read_trial_pressures(path: Path) -> tuple[Floats, Floats]:

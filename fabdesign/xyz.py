@@ -1,57 +1,142 @@
-"""Clouds as text: a point a line, x y z, as XYZ (blanks) or CSV (commas, with or without a header)."""
+"""Clouds as text, a point a line: XYZ (blanks), CSV (commas, with or without a header) and PTS (with a count)."""
 
 import io
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import NoReturn, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.bounded_file import decode, read_bytes
+from fabdesign.csv_table import separator
 from fabdesign.errors import InputError
+from fabdesign.headings import parse_heading, parse_units_row
+from fabdesign.placement import Unit
 
-_AXES = ("x", "y", "z")
+_AXES = ["x", "y", "z"]
+_PTS_WIDTHS = (3, 4, 6, 7)  # x y z, then an intensity, a colour, or both
+Lines = list[tuple[int, str]]  # with their numbers in the file
 
 
-def read_xyz(path: Path | str) -> NDArray[np.float64]:
-    """(n, 3) points in the file's unit; n may be 0.
+@dataclass(frozen=True, eq=False)
+class TextCloud:
+    points: NDArray[np.float64]  # (n, 3) in the file's unit; NaN where a cell is empty; n may be 0
+    unit: Unit | None = None  # that the header names
 
-    Lines that are empty or start with # are skipped; numbers are parted by commas, semicolons or blanks. A header
-    names the columns x, y and z; without one they are the first three, and a CSV has no others. Raises InputError.
+
+def read_xyz(path: Path | str) -> TextCloud:
+    """Points of a text file.
+
+    Lines that are empty or start with # are skipped; numbers are parted by semicolons, tabs, commas or blanks, and may
+    have decimal commas where no commas part them. A header names the columns x, y and z, with their unit or above a row
+    of units; without one they are the first three, and a CSV has no others. Raises InputError.
     """
     path = Path(path)
-    lines = [
-        (number, line.strip())
-        for number, line in enumerate(decode(read_bytes(path, "a cloud"), path).splitlines(), start=1)
-        if line.strip() and not line.lstrip().startswith("#")
-    ]
+    lines = _lines(path)
     if not lines:
-        return np.zeros((0, 3))
-    comma = next((mark for mark in ",;" if mark in lines[0][1]), None)
-    head = [cell.strip().strip('"').lower() for cell in lines[0][1].split(comma)]
-    columns = (0, 1, 2)
-    if not _is_number(head[0]):
-        if len(set(head)) < len(head) or not set(_AXES) <= set(head):
-            _refuse(path, lines[0], "is neither a point nor a header with x, y and z")
-        columns = (head.index("x"), head.index("y"), head.index("z"))
-        lines = lines[1:]
-    elif len(head) < 3 or (comma and len(head) > 3):
-        _refuse(path, lines[0], "has no header" if comma and len(head) > 3 else "is no point")
+        return TextCloud(np.zeros((0, 3)))
+    mark = _mark(lines[0][1])
+    head = _split(lines[0][1], mark)
+    columns, unit = [0, 1, 2], None
+    if _is_number(head[0].replace(",", ".")):
+        if len(head) < 3 or (mark and len(head) > 3):
+            _refuse(path, lines[0], "has no header" if mark and len(head) > 3 else "is no point")
+    else:
+        columns, unit, lines = _named(path, lines, mark)
     if not lines:
+        return TextCloud(np.zeros((0, 3)))
+    return TextCloud(_numbers(path, lines, mark, len(head), columns), unit)
+
+
+def read_pts(path: Path | str) -> NDArray[np.float64]:
+    """(n, 3) points of a PTS: their count, then as many lines of x y z, with an intensity, a colour, or both, or none.
+
+    Raises InputError."""
+    path = Path(path)
+    lines = _lines(path)
+    if not lines or not lines[0][1].isdecimal():
+        raise InputError(f"{path}: its first line is no count of points; expected a sound PTS")
+    count, rows = int(lines[0][1]), lines[1:]
+    if count != len(rows):
+        raise InputError(f"{path}: has {len(rows)} points; its first line says {count}; expected a sound PTS")
+    if not rows:
         return np.zeros((0, 3))
-    text = io.StringIO("\n".join(line for _, line in lines))
+    width = len(rows[0][1].split())
+    if width not in _PTS_WIDTHS:
+        _refuse(path, rows[0], "is no point")
+    return _numbers(path, rows, None, width, [0, 1, 2])
+
+
+def _lines(path: Path) -> Lines:
+    text = decode(read_bytes(path, "a cloud"), path)
+    numbered = ((number, line.strip()) for number, line in enumerate(text.splitlines(), start=1))
+    return [(number, line) for number, line in numbered if line and not line.startswith("#")]
+
+
+def _mark(line: str) -> str | None:
+    """What parts the cells; None: blanks."""
+    mark = separator(line)
+    return None if mark == " " or mark not in line else mark
+
+
+def _split(line: str, mark: str | None) -> list[str]:
+    return [cell.strip().strip('"') for cell in line.split(mark)]
+
+
+def _named(path: Path, lines: Lines, mark: str | None) -> tuple[list[int], Unit | None, Lines]:
+    """The places of x, y and z, their unit, and the lines below the header and its units."""
+    headings = [parse_heading(cell) for cell in _split(lines[0][1], mark)]
+    names = [heading.name for heading in headings]
+    if len(set(names)) < len(names) or not set(_AXES) <= set(names):
+        _refuse(path, lines[0], "is neither a point nor a header with x, y and z")
+    columns = [names.index(axis) for axis in _AXES]
+    symbols = [headings[i].symbol for i in columns]
+    rest = lines[1:]
+    if rest and (row := parse_units_row(_split(rest[0][1], mark))) is not None and len(row) == len(names):
+        symbols = [row[i] or symbol for i, symbol in zip(columns, symbols, strict=True)]
+        rest = rest[1:]
+    return columns, _unit(path, lines[0], symbols), rest
+
+
+def _unit(path: Path, header: tuple[int, str], symbols: list[str | None]) -> Unit | None:
+    if not any(symbols):
+        return None
+    unit = next((unit for unit in get_args(Unit) if unit == symbols[0]), None)
+    if unit is None or len(set(symbols)) > 1:
+        _refuse(path, header, f"names the units {', '.join(map(str, symbols))}, not one of {', '.join(get_args(Unit))}")
+    return unit
+
+
+def _numbers(path: Path, lines: Lines, mark: str | None, width: int, columns: list[int]) -> NDArray[np.float64]:
+    if mark != ",":  # else they part the cells
+        lines = [(number, line.replace(",", ".")) for number, line in lines]
+    counted = mark is not None and all(line.count(mark) == width - 1 for _, line in lines)
     try:
-        table = np.loadtxt(text, delimiter=comma, comments=None, ndmin=2)
+        table = np.loadtxt(
+            io.StringIO("\n".join(line for _, line in lines)),
+            delimiter=mark,
+            comments=None,
+            ndmin=2,
+            usecols=columns if counted else None,  # others may be no numbers
+        )
     except ValueError:
-        table = np.zeros((0, 0))
-    if table.shape != (len(lines), len(head)):
-        bad = next((line for line in lines if not _is_row(line[1].split(comma), len(head))), lines[-1])
-        _refuse(path, bad, "is no row of numbers as the first")
-    return table[:, columns]
+        return _slowly(path, lines, mark, width, columns)
+    if table.shape != (len(lines), 3 if counted else width):
+        return _slowly(path, lines, mark, width, columns)
+    return table if counted else table[:, columns]
 
 
-def _is_row(cells: list[str], width: int) -> bool:
-    return len(cells) == width and all(map(_is_number, cells))
+def _slowly(path: Path, lines: Lines, mark: str | None, width: int, columns: list[int]) -> NDArray[np.float64]:
+    """Row by row: an empty cell is a point that was not seen, anything else that is no number is refused."""
+    points = []
+    for line in lines:
+        cells = _split(line[1], mark)
+        chosen = [cells[i] or "nan" for i in columns] if len(cells) == width else [""]
+        if not all(map(_is_number, chosen)):
+            _refuse(path, line, "is no row of numbers as the first")
+        points.append([float(cell) for cell in chosen])
+    return np.array(points)
 
 
 def _is_number(cell: str) -> bool:

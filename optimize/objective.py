@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 
 from fabdesign.distances import chamfer
 from fabdesign.forward import SIDE, Case, ForwardModel
+from fabdesign.metrics import distance_to_faces
 from fabdesign.pressure import PressureProgram
 from fabdesign.surface import CAP, Surface, capped_rms
 from optimize.design_space import DesignSpace, Vector
@@ -28,6 +29,7 @@ class Target:
 
     points: NDArray[np.float64]  # (n, 3) m
     time: float | None = None
+    markers: bool = False  # few points: in place of Chamfer, their mean distance to the cloth's faces
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,18 +65,25 @@ class Objective:
         """m; NaN where the shape is not finite."""
         if not np.all(np.isfinite(shape)):
             return float("nan")
-        distance = chamfer if self.measure == "chamfer" else _surface_rms
-        return float(np.mean([distance(t.points, pose) for t, pose in zip(self.targets, shape, strict=True)]))
+        return float(np.mean([self._distance(t, pose) for t, pose in zip(self.targets, shape, strict=True)]))
+
+    def _distance(self, target: Target, pose: NDArray[np.float64]) -> float:
+        if self.measure == "surface_rms":
+            return _surface_rms(target.points, pose)
+        return distance_to_faces(target.points, pose) if target.markers else chamfer(target.points, pose)
 
     @property
     def thin(self) -> int:
         """Stride through a shape's points that `gradient` can do with."""
-        return THIN if self.measure == "chamfer" else 1
+        return THIN if self.measure == "chamfer" and not any(target.markers for target in self.targets) else 1
 
     def gradient(self, shape: Shape) -> tuple[float, Shape]:
         """Value [m] against the thinned targets, and its derivative by each coordinate (nearest neighbours held)."""
         if self.measure == "chamfer":
-            found = [_chamfer_gradient(_tree(t), pose) for t, pose in zip(self.targets, shape, strict=True)]
+            found = [
+                _markers_gradient(t.points, pose) if t.markers else _chamfer_gradient(_tree(t), pose)
+                for t, pose in zip(self.targets, shape, strict=True)
+            ]
         else:
             measured = [t.points[::SURFACE_THIN] for t in self.targets]
             found = [_surface_gradient(points, pose) for points, pose in zip(measured, shape, strict=True)]
@@ -108,9 +117,25 @@ def _surface_gradient(measured: NDArray[np.float64], model: NDArray[np.float64])
     corners = surface.triangles[near.triangle]  # (n, 3)
     pull = np.einsum("nk,nkd->nd", near.weights, model[corners]) - measured
     pull[near.distance >= CAP] = 0.0  # strays beyond it have no slope
-    shares = (near.weights[:, :, None] * pull[:, None, :] / (len(measured) * max(value, 1e-12))).reshape(-1, 3)
-    columns = [np.bincount(corners.ravel(), shares[:, axis], len(model)) for axis in range(3)]
-    return value, np.stack(columns, axis=1)
+    return value, _on_corners(corners, near.weights, pull / (len(measured) * max(value, 1e-12)), len(model))
+
+
+def _markers_gradient(measured: NDArray[np.float64], model: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    surface = Surface.of_faces(model)
+    near = surface.nearest(measured)
+    corners = surface.triangles[near.triangle]  # (n, 3)
+    pull = np.einsum("nk,nkd->nd", near.weights, model[corners]) - measured
+    pull /= (len(measured) * np.maximum(near.distance, 1e-12))[:, None]
+    return float(near.distance.mean()), _on_corners(corners, near.weights, pull, len(model))
+
+
+def _on_corners(
+    corners: NDArray[np.intp], weights: NDArray[np.float64], pull: NDArray[np.float64], count: int
+) -> NDArray[np.float64]:
+    """(count, 3): pulls (n, 3) at places in triangles, shared out to their corners (n, 3) by weights (n, 3)."""
+    shares = (weights[:, :, None] * pull[:, None, :]).reshape(-1, 3)
+    columns = [np.bincount(corners.ravel(), shares[:, axis], count) for axis in range(3)]
+    return np.stack(columns, axis=1)
 
 
 def refined(cloud: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -105,14 +105,14 @@ def test_unsound_ply_is_refused(write, content, message):
 def test_clouds_that_no_computation_should_see(write, tmp_path):
     for content, message in [
         (ascii_ply([]), "empty"),
-        (ascii_ply(["0 0 0", "nan 0 0"]), "1 of 2 points are not finite"),
+        (ascii_ply(["0 0 1", "nan 0 0", "0 0 nan"]), "of 3 points 2 not finite; expected at least half of them sound"),
         (ascii_ply(["0 -100 3", "90 -190 0"]), "is it in millimetres"),
     ]:
         with pytest.raises(InputError, match=message):
             read_cloud(write(content))
     with pytest.raises(InputError, match="no such file"):
         read_cloud(tmp_path / "none.ply")
-    with pytest.raises(InputError, match=r"of no kind that is read; expected a cloud or mesh \(.ply, .obj"):
+    with pytest.raises(InputError, match=r"of no kind that is read; expected a cloud or mesh \(.ply, .pcd, .pts, .obj"):
         read_cloud(write("x", "cloud.doc"))
     with pytest.raises(InputError, match="damaged or cut short"):
         read_cloud(write(b"PK\x03\x04 cut", "cloud.npz"))
@@ -226,7 +226,7 @@ STL = (
         ("a.obj", "# nothing\n", "has no vertices"),
         ("a.xyz", "0 0 0\n0 1\n", 'line 2: "0 1" is no row of numbers as the first'),
         ("a.xyz", "0 0 0\n0 1 one\n", 'line 2: "0 1 one" is no row'),
-        ("a.xyz", "0 0 0\n0 nan 1\n", "1 of 2 points are not finite"),
+        ("a.xyz", "0 0 1\n0 nan 1\n0 nan 2\n", "of 3 points 2 not finite"),
         ("a.xyz", "# nothing\n", "the cloud is empty"),
         ("a.csv", "u,v\n1,2\n", 'line 1: "u,v" is neither a point nor a header'),
         ("a.csv", "1,2,3,4\n", "has no header"),

@@ -22,6 +22,7 @@ from fabdesign.cli import (  # noqa: F401 their commands join the group
     viewing,
 )
 from fabdesign.cli.console import commands
+from fabdesign.cli.notes import notes_told
 from fabdesign.errors import InputError, SimulationError
 
 _EXTRAS = {
@@ -49,7 +50,7 @@ def main() -> None:
     """Run the command line: exit 0 on success, 2 on bad input 1 on other failures, 130 and 143 where it was stopped
     by Ctrl-C and by SIGTERM, each with one line."""
     try:
-        with _ended_by_signals():
+        with _ended_by_signals(), notes_told():
             commands.main(prog_name="fabdesign", standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()

@@ -52,7 +52,12 @@ def check(files: tuple[Path, ...], as_json: bool) -> None:
     found = {str(file): inspect(file) for file in files}
     if as_json:
         listed = {
-            name: {"sound": not of.problems, "problems": [*of.problems], "warnings": [*of.warnings]}
+            name: {
+                "sound": not of.problems,
+                "problems": [*of.problems],
+                "warnings": [*of.warnings],
+                "notes": [*of.notes],
+            }
             for name, of in found.items()
         }
         click.echo(json.dumps({"files": listed}))
@@ -61,6 +66,8 @@ def check(files: tuple[Path, ...], as_json: bool) -> None:
             click.echo(f"fabdesign: {line}", err=True)
         for line in () if of.problems else of.warnings:  # what is not sound is mended first
             click.echo(f"warning: {line}", err=True)
+        for line in () if of.problems else of.notes:
+            click.echo(f"note: {line}", err=True)
         if not of.problems and not as_json:
             click.echo(f"{name}: sound" + _counted(of.warnings))
     if any(of.problems for of in found.values()):

@@ -1,5 +1,6 @@
 """Every kind of file that a command reads: how it is recognised, and what is asked of it."""
 
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -7,20 +8,23 @@ from pathlib import Path
 import numpy as np
 
 from fabdesign.bench_file import read_record
-from fabdesign.bench_law_file import TABLES, read_bench_law, read_law_table
+from fabdesign.bench_law_file import TABLES as TABLES_OF_LAWS
+from fabdesign.bench_law_file import read_bench_law, read_law_table
 from fabdesign.bench_table_file import COLUMNS as BENCH_TABLE
 from fabdesign.bench_table_file import read_bench_table
 from fabdesign.cloud_file import KINDS, read_geometry
-from fabdesign.csv_table import read_rows
+from fabdesign.csv_table import read_raw_table
 from fabdesign.curve_file import read_membrane_curve
 from fabdesign.design_file import is_part, read_design, read_part
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, InputNote
+from fabdesign.headings import parse_heading, parse_units_row, unit_of
 from fabdesign.measurement_set import read_set
 from fabdesign.model_file import read_model
 from fabdesign.motion_file import read_motion
 from fabdesign.npz_file import open_npz
+from fabdesign.placement import UNITS
 from fabdesign.pressure import PressureProgram
-from fabdesign.pressure_file import read_csv, read_pressures
+from fabdesign.pressure_file import TABLES, read_csv, read_pressures
 from fabdesign.recording import Recording, read_recording
 from fabdesign.table import nearest, parse_toml
 from fabdesign.trial_file import read_trial
@@ -37,8 +41,16 @@ _SLOW = 8.0  # s between a program's rows, from which milliseconds are likelier
 
 
 def inspect(path: Path) -> Findings:
-    """Everything that is wrong with a file or folder, and what is implausible. Of a set every trial is read, of a
-    recording every cloud, of a study every target."""
+    """Everything that is wrong with a file or folder, what is implausible, and what was left out or read otherwise
+    than as the format has it. Of a set every trial is read, of a recording every cloud, of a study every target."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", InputNote)
+        found = _inspect(path)
+    return found + Findings(notes=tuple(str(each.message) for each in caught))
+
+
+def _inspect(path: Path) -> Findings:
     try:
         if path.is_dir():
             return _folder(path)
@@ -47,8 +59,8 @@ def inspect(path: Path) -> Findings:
         suffix = path.suffix.lower()
         if suffix == ".npz":
             return _npz(path)
-        if suffix == ".csv":
-            return _csv(path)
+        if suffix in TABLES:
+            return _table(path)
         if suffix in KINDS:
             return _cloud(path)
         return _BY_FORMAT[_format(path)](path)
@@ -153,30 +165,36 @@ def _npz(path: Path) -> Findings:
 
 def _cloud(path: Path) -> Findings:
     """Of a cloud or mesh, which may stand in any unit and frame: a study says which."""
-    far = float(np.linalg.norm(np.ptp(read_geometry(path).points, axis=0)))
+    geometry = read_geometry(path)
+    far = UNITS[geometry.unit or "m"] * float(np.linalg.norm(np.ptp(geometry.points, axis=0)))
     line = f'{path}: is {far:.3g} m across; a cloth is not (a study\'s target in millimetres says unit = "mm")'
     return Findings(warnings=(line,) if far > _LARGEST else ())
 
 
-def _csv(path: Path) -> Findings:
-    header, _ = read_rows(path)
-    names = {column.lower() for column in header}
-    if header == BENCH_TABLE:
-        lines = bench_table_lines(read_bench_table(path))
-        return Findings(warnings=tuple(f"{path}: {line}" for line in lines))
-    if header[:2] == ["strain", "tension_n_per_m"]:
-        read_membrane_curve(path)
-        return Findings()
-    specimen = next((specimen for specimen, columns in TABLES.items() if header == [*columns]), None)
+def _table(path: Path) -> Findings:
+    """Of a text table, by what its headings measure."""
+    raw = read_raw_table(path)
+    header = raw.header
+    headings = [parse_heading(text) for text in header]
+    specimen = next((specimen for specimen, columns in TABLES_OF_LAWS.items() if header == [*columns]), None)
     if specimen is not None:
         read_law_table(path, specimen)
         return Findings()
-    if names & {"stretch", "force_n", "load_n", "displacement_m", "contraction"}:
+    if {"x", "y", "z"} <= {heading.name for heading in headings} or all(map(_is_number, header)):
+        return _cloud(path)
+    measured = {heading.quantity for heading in headings} | {heading.name for heading in headings}
+    symbols = parse_units_row(raw.rows[0][1]) or [heading.symbol or "" for heading in headings]
+    measured |= {unit.dimension for symbol in symbols if (unit := unit_of(symbol)) is not None}
+    if {"pressure", "contraction", "force"} <= measured and "time" not in measured:
+        lines = bench_table_lines(read_bench_table(path))
+        return Findings(warnings=tuple(f"{path}: {line}" for line in lines))
+    if {"strain", "tension"} <= measured:
+        read_membrane_curve(path)
+        return Findings()
+    if measured & {"stretch", "force", "load", "displacement", "contraction"}:
         read_record(path)
         return Findings()
-    if {"x", "y", "z"} <= names or all(_is_number(cell) for cell in header):
-        return _cloud(path)
-    if not names & {"time_s", "channel_0"}:
+    if not {"time", "channel_0"} & measured:
         raise InputError(
             f"{path}: columns are {','.join(header)}; expected pressures (time_s,channel_0,...), a bench table "
             f"({','.join(BENCH_TABLE)}), a membrane curve (strain,tension_n_per_m), a bench record or a cloud (x,y,z)"
@@ -196,7 +214,7 @@ def _programs(program: PressureProgram, where: str, *, measured_at: object = Non
 
 def _is_number(cell: str) -> bool:
     try:
-        float(cell)
+        float(cell.replace(",", "."))
     except ValueError:
         return False
     return True

@@ -8,16 +8,19 @@ from fabdesign.errors import InputError
 
 @dataclass(frozen=True)
 class Findings:
-    """A line each. problems: what a command refuses or a workshop cannot make; warnings: what is implausible."""
+    """A line each. problems: what a command refuses or a workshop cannot make; warnings: what is implausible; notes:
+    what was left out, or read otherwise than as the format has it."""
 
     problems: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     def __add__(self, other: "Findings") -> "Findings":
         """Both, a line that both have once."""
         return Findings(
             tuple(dict.fromkeys((*self.problems, *other.problems))),
             tuple(dict.fromkeys((*self.warnings, *other.warnings))),
+            tuple(dict.fromkeys((*self.notes, *other.notes))),
         )
 
 

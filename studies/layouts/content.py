@@ -28,6 +28,8 @@ def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, st
         name = "target" if len(targets) == 1 else f"target {number}"
         content[f"{name}.time"] = target.time
         content[f"{name}.points"] = hashlib.sha256(target.points.tobytes()).hexdigest()
+        if target.markers:
+            content[f"{name}.distances"] = "from markers, one way"
     return {name: shortened(str(value)) for name, value in content.items() if name not in _RAISED}
 
 

@@ -62,7 +62,7 @@ def run_study(
         study = replace(study, limits=replace(study.limits, seconds=seconds))
     require_searchable(study, study.name)
     targets = tuple(load_target(target, study.design, seed=study.seed) for target in study.targets)
-    objective = Objective([Target(t.points, t.time) for t in targets], study.objective, study.order)
+    objective = Objective([Target(t.points, t.time, t.markers) for t in targets], study.objective, study.order)
     starts = first_starts(study)
     inputs = [*([] if isinstance(given, Study) else [given]), *(target.file for target in study.targets)]
     with work_folder(out, made_by="optimize", force=force, inputs=inputs) as work:

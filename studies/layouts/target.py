@@ -15,7 +15,6 @@ from fabdesign.study_file import TargetFile
 from fabdesign.table import load_toml
 from fabdesign.target_file import PlacedTarget, read_target
 
-FEWEST = 200  # points from which noise can be told from shape
 ENOUGH = 4000  # points for the same
 NOISELESS = 1e-4  # m: bends that a quadric does not follow look like less noise than that
 
@@ -28,6 +27,7 @@ class LoadedTarget:
     time: float | None
     description: str
     noise: SensorNoise = NOISE_FREE  # what the cloud shows; none on a mesh
+    markers: bool = False  # so few points that only their distances to the cloth count, one way
 
     @property
     def measured(self) -> bool:
@@ -52,10 +52,12 @@ def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedT
     if frame.trial:
         where = f"frame {frame.frame} of {path.stem}, {frame.time:.3g} s after rest"
     parts = [target.description or where, *_placed(target, placed)]
+    if placed.markers:
+        parts.append(f"{len(placed.points)} markers: their mean distance to the cloth, one way, in place of Chamfer")
     if frame.trial:
         parts.append(_set_description(path))
     noise = _noise(placed, design.fabric.thickness)
-    return LoadedTarget(placed.points, frame.time, ", ".join(filter(None, parts)), noise)
+    return LoadedTarget(placed.points, frame.time, ", ".join(filter(None, parts)), noise, placed.markers)
 
 
 def target_errors(
@@ -64,7 +66,11 @@ def target_errors(
     """Mean over the targets, of shapes (poses, 2 n, 3) m. The floors take the noise that each target shows."""
     own = -(-draws // len(targets))
     found = [
-        astuple(trial_errors([target.points], shape[None], target.noise, seed=seed + pose, draws=own))
+        astuple(
+            trial_errors(
+                [target.points], shape[None], target.noise, seed=seed + pose, draws=own, markers=target.markers
+            )
+        )
         for pose, (target, shape) in enumerate(zip(targets, shapes, strict=True))
     ]
     return Errors(*np.mean(found, axis=0).tolist())
@@ -89,7 +95,7 @@ def _placed(target: TargetFile, placed: PlacedTarget) -> list[str]:
 def _noise(placed: PlacedTarget, thickness: float) -> SensorNoise:
     """None on a mesh; a trial's is that of a cloth of this thickness [m], another cloud's also that of a single layer,
     if that is less. So little that no sensor is so good is none."""
-    if placed.geometry.is_mesh or len(placed.points) < FEWEST:
+    if placed.geometry.is_mesh or placed.markers:
         return NOISE_FREE
     some = placed.points[:: -(-len(placed.points) // ENOUGH)]
     layers = (thickness,) if placed.geometry.trial else (thickness, 0.0)

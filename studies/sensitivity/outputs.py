@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from fabdesign.distances import chamfer
 from fabdesign.fabric import Fabric
 from fabdesign.forward import SIDE
+from fabdesign.metrics import distance_to_faces
 from fabdesign.shape_output import ShapeOutput, read_shape_output
+from studies.layouts.target import LoadedTarget
 
 Array = NDArray[np.float64]
 # by output: columns, their unit, and how little of it is rounding
@@ -33,14 +35,13 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Outputs:
-    """names: of COLUMNS, or outputs in words (fabdesign.shape_output).
-    rest (3362, 3) m: what `tip` is measured from. target (n, 3) m: of `chamfer`. at: s; none:
-    at rest."""
+    """names: of COLUMNS, or outputs in words (fabdesign.shape_output). rest (3362, 3) m: what `tip` is measured from.
+    target: of `chamfer`; of markers it is their mean distance to the cloth. at: s; none: at rest."""
 
     names: tuple[str, ...]
     fabric: Fabric
     rest: Array
-    target: Array | None = None
+    target: LoadedTarget | None = None
     at: tuple[float, ...] = ()
 
     @property
@@ -77,7 +78,8 @@ class Outputs:
                     values.append(mean_curvature(points))
                 elif name == "chamfer":
                     assert self.target is not None
-                    values.append(1e3 * chamfer(self.target, points))
+                    distance = distance_to_faces if self.target.markers else chamfer
+                    values.append(1e3 * distance(self.target.points, points))
                 else:
                     assert tension is not None
                     values.append(float(tension[k].max(initial=0.0)))

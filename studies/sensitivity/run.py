@@ -18,7 +18,7 @@ from fabdesign.sensitivity_file import SensitivityStudy, read_sensitivity
 from optimize.history import OtherStudy
 from studies.forward_model import forward_model
 from studies.layouts.content import flat, shortened
-from studies.layouts.target import load_target
+from studies.layouts.target import LoadedTarget, load_target
 from studies.muscle_states import WithMuscleStates, knows_muscles
 from studies.sensitivity.designs import saltelli_rows, trajectories
 from studies.sensitivity.inputs import Inputs
@@ -68,9 +68,9 @@ def run_sensitivity(
     study = study if isinstance(study, SensitivityStudy) else read_sensitivity(study)
     study = study if seconds is None else replace(study, seconds=seconds)
     inputs += [study.target.file] if study.target else []
-    target = load_target(study.target, study.design, seed=study.seed).points if study.target else None
+    target = load_target(study.target, study.design, seed=study.seed) if study.target else None
     with work_folder(out, made_by="sensitivity", force=force, inputs=inputs) as work:
-        with _store(work, _content(study, target)) as store:
+        with _store(work, _content(study, None if target is None else target.points)) as store:
             result = _Sweep(study, target, store, forward, progress).run()
         with work.adding() as files:
             write_report(result, files)
@@ -81,7 +81,7 @@ class _Sweep:
     def __init__(
         self,
         study: SensitivityStudy,
-        target: Array | None,
+        target: LoadedTarget | None,
         store: Store,
         forward: ForwardModel | None,
         progress: Callable[[Progress], None],

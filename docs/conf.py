@@ -1,0 +1,35 @@
+"""The documentation site: `make docs` turns the pages of this folder and the code's docstrings into build/docs.
+
+Nothing is fetched, neither while it is built nor while it is read: no fonts, scripts or mathematics from elsewhere. The
+search runs in the browser, also on pages opened as files.
+"""
+
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+from fabdesign import __version__  # noqa: E402 after the path
+
+project = "fabdesign"
+author = "The fabdesign developers"
+copyright = author
+version = release = __version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
+source_suffix = {".md": "markdown"}
+root_doc = "index"
+myst_heading_anchors = 4
+suppress_warnings = ["myst.header"]  # pages of results begin at any level
+
+default_role = "literal"  # docstrings name code in single backticks
+autodoc_member_order = "bysource"
+autodoc_typehints = "signature"
+autodoc_default_options = {"members": True, "undoc-members": True}
+python_use_unqualified_type_names = True
+
+html_theme = "furo"
+html_title = f"fabdesign {__version__}"
+html_copy_source = False
+html_show_sphinx = False

@@ -1,0 +1,167 @@
+"""Strict PCD: ascii, binary and compressed. What is short, long or odd is refused, never guessed.
+
+Format: Point Cloud Library, The PCD file format, versions .5 to .7.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.bounded_file import LARGEST, read_bytes
+from fabdesign.errors import InputError
+
+_KINDS = {"F4": "f4", "F8": "f8", **{f"{t}{n}": f"{t.lower()}{n}" for t in "IU" for n in (1, 2, 4, 8)}}
+_KEYS = {"VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"}
+_LONGEST_HEADER = 65536  # bytes
+
+
+@dataclass(frozen=True)
+class _Header:
+    names: list[str]
+    kinds: list[str]  # numpy types without byte order
+    counts: list[int]  # values a field
+    points: int
+    data: str
+    start: int  # of the body
+
+    @property
+    def row(self) -> np.dtype[np.void]:
+        fields = zip(self.names, self.kinds, self.counts, strict=True)
+        return np.dtype([(f"{i} {name}", "<" + kind, (count,)) for i, (name, kind, count) in enumerate(fields)])
+
+
+def read_pcd(path: Path | str) -> NDArray[np.float64]:
+    """(n, 3) points in the file's unit, NaN where the sensor saw nothing; the viewpoint is not applied.
+
+    Raises InputError, with one line, for anything that is not exactly a sound file.
+    """
+    path = Path(path)
+    content = read_bytes(path, "a PCD")
+    header = _header(content, path)
+    body = content[header.start :]
+    if header.data == "ascii":
+        columns = _ascii(body, header, path)
+    elif header.data == "binary":
+        columns = _binary(body, header, path)
+    else:
+        columns = _compressed(body, header, path)
+    places = [header.names.index(axis) for axis in "xyz"]
+    return np.stack([np.asarray(columns[i], dtype=np.float64) for i in places], axis=1)
+
+
+def _refuse(path: Path, why: str) -> NoReturn:
+    raise InputError(f"{path}: {why}; expected a sound PCD")
+
+
+def _header(content: bytes, path: Path) -> _Header:
+    values: dict[str, list[str]] = {}
+    at = 0
+    while "DATA" not in values:
+        end = content.find(b"\n", at, _LONGEST_HEADER)
+        if end < 0:
+            _refuse(path, "has no PCD header")
+        words = content[at:end].decode("latin-1").split()
+        at = end + 1
+        if not words or words[0].startswith("#"):
+            continue
+        if words[0] not in _KEYS or words[0] in values:
+            _refuse(path, f'its header has the line "{" ".join(words)[:60]}"')
+        values[words[0]] = words[1:]
+    names = values.get("FIELDS", values.get("COLUMNS", []))
+    sizes, types = values.get("SIZE", []), values.get("TYPE", [])
+    counts = values.get("COUNT", ["1"] * len(names))
+    if not names or not len(names) == len(sizes) == len(types) == len(counts):
+        _refuse(path, "its header does not name as many fields, sizes, types and counts")
+    kinds = [_KINDS.get(kind + size) for kind, size in zip(types, sizes, strict=True)]
+    whole = [*counts, *(values.get(key, ["?"])[0] for key in ("WIDTH", "HEIGHT", "POINTS") if values.get(key))]
+    if None in kinds or not all(number.isdecimal() and len(number) < 10 for number in whole):
+        _refuse(path, "its header has a size, type or number that is none")
+    if [names.count(axis) for axis in "xyz"] != [1, 1, 1]:
+        _refuse(path, "its fields are not x, y, z")
+    if any(counts[names.index(axis)] != "1" for axis in "xyz"):
+        _refuse(path, "its fields x, y, z are not one number each")
+    if not values.get("WIDTH") or not values.get("HEIGHT"):
+        _refuse(path, "its header has no width and height")
+    points = int(values["WIDTH"][0]) * int(values["HEIGHT"][0])
+    if values.get("POINTS") and int(values["POINTS"][0]) != points:
+        _refuse(path, f"its header says {values['POINTS'][0]} points, and width times height is {points}")
+    data = " ".join(values["DATA"])
+    if data not in ("ascii", "binary", "binary_compressed"):
+        _refuse(path, f"its data are {data[:40]}")
+    return _Header(names, [str(kind) for kind in kinds], [int(count) for count in counts], points, data, at)
+
+
+def _ascii(body: bytes, header: _Header, path: Path) -> list[NDArray[np.float64]]:
+    lines = [line for line in body.decode("latin-1").splitlines() if line.strip()]
+    if len(lines) != header.points:
+        _refuse(path, f"has {len(lines)} rows; its header says {header.points} points")
+    if not lines:
+        return [np.zeros(0)] * len(header.names)
+    try:
+        table = np.loadtxt(lines, comments=None, ndmin=2)
+    except ValueError:
+        _refuse(path, "a row is no row of numbers, or not as long as the others")
+    if table.shape[1] != sum(header.counts):
+        _refuse(path, f"has {table.shape[1]} values a row; its header says {sum(header.counts)}")
+    first = np.cumsum([0, *header.counts[:-1]])
+    return [table[:, i] for i in first]
+
+
+def _binary(body: bytes, header: _Header, path: Path) -> list[NDArray[np.float64]]:
+    size = header.row.itemsize * header.points
+    if len(body) != size:
+        _refuse(path, f"has {len(body)} bytes of points; its header says {size}")
+    rows = np.frombuffer(body, header.row, header.points)
+    return [
+        rows[name][:, 0] if rows[name].shape[1:] != (0,) else np.zeros(len(rows)) for name in header.row.names or ()
+    ]
+
+
+def _compressed(body: bytes, header: _Header, path: Path) -> list[NDArray[np.float64]]:
+    """Columns one after another, compressed together."""
+    size = header.row.itemsize * header.points
+    packed, unpacked = (int.from_bytes(body[i : i + 4], "little") for i in (0, 4))
+    if len(body) < 8 or len(body) != 8 + packed or unpacked != size or size > LARGEST:
+        _refuse(path, f"has {max(len(body) - 8, 0)} bytes of points that unpack to {unpacked}; its header says {size}")
+    content = _unpacked(body[8:], size)
+    if content is None:
+        _refuse(path, "its compressed points are damaged")
+    columns, at = [], 0
+    for kind, count in zip(header.kinds, header.counts, strict=True):
+        dtype = np.dtype("<" + kind)
+        values = np.frombuffer(content, dtype, header.points * count, at).reshape(header.points, count)
+        columns.append(values[:, 0] if count else np.zeros(header.points))
+        at += values.nbytes
+    return columns
+
+
+def _unpacked(packed: bytes, size: int) -> bytes | None:
+    """LZF: a control byte, then a run of new bytes, or a length and how far back the bytes stand. None: damaged."""
+    out = bytearray()
+    at, end = 0, len(packed)
+    while at < end and len(out) <= size:
+        control = packed[at]
+        at += 1
+        if control < 32:
+            out += packed[at : at + control + 1]
+            at += control + 1
+            continue
+        length = control >> 5
+        if length == 7 and at < end:
+            length += packed[at]
+            at += 1
+        if at >= end:
+            return None
+        start = len(out) - ((control & 31) << 8) - packed[at] - 1
+        at += 1
+        length += 2
+        if start < 0:
+            return None
+        while length:  # what is copied may overlap what it becomes
+            chunk = out[start : start + length]
+            out += chunk
+            start, length = start + len(chunk), length - len(chunk)
+    return bytes(out) if at == end and len(out) == size else None
