@@ -40,7 +40,7 @@ class StudyResult:
     wall_s: float  # of the search, earlier sessions included
     stop_reason: str
     reach: Reach
-    way: Way
+    way: Way | None  # None where the motion to the result was not followed
 
     @property
     def interrupted(self) -> bool:
@@ -67,7 +67,7 @@ class StudyResult:
             "constraints": {k: v / 1e3 if k == "pressure" else v for k, v in self.constraints.items()},
             "stop_reason": self.stop_reason,
             "reach": self.reach.as_json(),
-            "way": self.way.as_json(),
+            "way": self.way.as_json() if self.way else None,
             "seed": self.study.seed,
             "targets": [target.description for target in self.targets],
         }
