@@ -1,7 +1,8 @@
 """The evaluations of a search: batches within its limits, all recorded, the best kept."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -85,6 +86,7 @@ class Evaluations:
         self.objective, self._on_progress = objective, on_progress
         self.seconds, self._most = seconds, evaluations
         self._began = time.monotonic() - history.seconds
+        self._noting = True
         self._pace: dict[tuple[int, int, bool], float] = {}  # s that a batch of a size took last in a stage
 
     @property
@@ -142,6 +144,15 @@ class Evaluations:
             self._on_progress(self)
         return results
 
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """Within it nothing becomes `best`."""
+        self._noting = False
+        try:
+            yield
+        finally:
+            self._noting = True
+
     def require_time(self, needed: float = 0.0) -> None:
         """Raises Stop where less than `needed` s are left."""
         if self.elapsed + needed > self.seconds:
@@ -184,7 +195,9 @@ class Evaluations:
             )
             for value, raw, (_, x) in zip(values, found, batch, strict=True)
         )
-        for value, space, (start, x) in zip(values, spaces, batch, strict=True) if cheap is None else ():
+        for value, space, (start, x) in (
+            zip(values, spaces, batch, strict=True) if cheap is None and self._noting else ()
+        ):
             if space.feasible(x):
                 self._note(Best(start, x.copy(), value, number))
         return list(zip(values, shapes, strict=True))

@@ -16,9 +16,10 @@ from fabdesign.forward import Case
 from fabdesign.layouts_file import read_layouts
 from fabdesign.pressure_file import constant_program
 from optimize.evaluations import Evaluations
+from optimize.start_rows import as_rows, of_rows
 from studies.layout_grid.result import Found, GridResult
 from studies.layout_grid.run import run_layouts
-from studies.layout_grid.seeds import as_rows, of_rows, seeds_of
+from studies.layout_grid.seeds import seeds_of
 from studies.layout_grid.turns import CellTurns, next_turn
 from studies.layouts.result import StudyResult
 from tests.analytic_cloth import AnalyticCloth
@@ -123,7 +124,7 @@ def test_a_cell_begins_at_its_neighbours_with_idle_muscles(timed: tuple[GridResu
     grown = [p for d, p in decoded if np.allclose(d.muscles[0].path, path, rtol=0, atol=1e-9) and p[0, 1] == 0]
     assert grown  # with an idle one
     assert all(pressures[0, 0] == pytest.approx(one.result.pressures[0, 0]) for pressures in grown)
-    again = of_rows(json.loads(json.dumps(as_rows(seeds))), both.cell)
+    again = of_rows(json.loads(json.dumps(as_rows(seeds))), both.cell.study.design, seeds[0][0].limits)
     assert [space.design for space, _ in again] == [design for design, _ in decoded]
     assert not seeds_of(one.cell, result.found)
 

@@ -12,12 +12,13 @@ from fabdesign.forward import ForwardModel
 from fabdesign.layouts_file import Cell, LayoutsStudy, read_layouts
 from fabdesign.output import WorkFolder, work_folder, write_text
 from optimize.evaluations import Evaluations
+from optimize.start_rows import as_rows, of_rows
 from optimize.starts import Start
 from studies.layout_grid.report import write_report
 from studies.layout_grid.result import Found, GridResult
-from studies.layout_grid.seeds import as_rows, of_rows, seeds_of
+from studies.layout_grid.seeds import seeds_of
 from studies.layout_grid.turns import FIRST, FOLLOWED, FURTHER, LEAST, CellTurns, best_beneath, next_turn, recent_gain
-from studies.layouts.begin import first_starts
+from studies.layouts.begin import first_starts, limits_of
 from studies.layouts.result import StudyResult
 from studies.layouts.run import run_study
 from studies.layouts.target import load_target
@@ -193,7 +194,7 @@ class _Grid:
             forward=forward,
             coarse=coarse,
             seconds=own.seconds,
-            starts=[*of_rows(own.seeds, cell), *(drawn if own.drawn else [])],
+            starts=[*of_rows(own.seeds, cell.study.design, limits_of(cell.study)), *(drawn if own.drawn else [])],
             force=anew,
             follow=follow,
             progress=told,

@@ -1,10 +1,7 @@
 """Where the search of a cell begins besides its own draws: at what the cells that it includes have found."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
-from typing import Any
-
-import numpy as np
+from dataclasses import replace
 
 from fabdesign.design import Design
 from fabdesign.layouts_file import SIDES, Cell
@@ -51,26 +48,3 @@ def _nearest(beneath: Sequence[Found]) -> list[Found]:
 
 def _on_cloth_of(cell: Cell, muscles: Sequence[Muscle]) -> Design:
     return replace(cell.study.design, muscles=tuple(muscles))
-
-
-def as_rows(starts: Sequence[Start]) -> list[dict[str, Any]]:
-    """For JSON: muscles, and (poses, channels) pressures in Pa."""
-    rows = []
-    for space, x in starts:
-        design, pressures = space.decode(x)
-        rows.append({"muscles": [asdict(muscle) for muscle in design.muscles], "pressures": pressures.tolist()})
-    return rows
-
-
-def of_rows(rows: Sequence[dict[str, Any]], cell: Cell) -> list[Start]:
-    """What `as_rows` wrote."""
-    starts = []
-    for row in rows:
-        muscles = [
-            Muscle(**{**muscle, "path": tuple((float(u), float(v)) for u, v in muscle["path"])})
-            for muscle in row["muscles"]
-        ]
-        design, pressures = _on_cloth_of(cell, muscles), np.array(row["pressures"], dtype=float)
-        space = DesignSpace(design, limits_of(cell.study), pressures, vary_positions=True)
-        starts.append((space, space.encode(design, pressures)))
-    return starts
