@@ -1,6 +1,6 @@
 """Study files: `fabdesign.study/1`, what a person asks of a search."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -17,6 +17,7 @@ from fabdesign.model_file import read_model
 from fabdesign.placement import UNITS, Unit
 from fabdesign.pressure import LARGEST, limits
 from fabdesign.pressure_file import read_pressures
+from fabdesign.search_terms import Price, Robust, read_price, read_robust
 from fabdesign.table import Table, load_toml, pascals
 
 FORMAT = "fabdesign.study/1"
@@ -98,6 +99,8 @@ class Study:
     order: int = 0  # the place in the specimen's session of what is searched for
     rise: float = RISE  # s, in which pressures rise on the way to an equilibrium
     hold: float = HOLD  # s, for which they then hold, where effects remember
+    price: Price = field(default_factory=Price)
+    robust: Robust | None = None
 
 
 def read_study(path: Path | str) -> Study:
@@ -152,6 +155,8 @@ def read_search(root: Table, path: Path) -> Study:
         order=root.integer("order", 0, least=0),
         rise=root.number("rise", RISE, least=0.01, most=60),
         hold=root.number("hold", HOLD, least=0, most=3600),
+        price=read_price(root),
+        robust=read_robust(root),
     )
     root.finish()
     return study

@@ -80,9 +80,11 @@ class Evaluations:
     ) -> None:
         self.starts, self.stages, self.history = [*starts], stages, history
         self.best: Best | None = None
+        self.best_shape: Shape | None = None  # of the best, where it was evaluated in this session
         self.rivals: dict[int, Best] = {}  # of each start, the nearest on the last stage's model, while within NEAR
         self.campaign_began = 0.0  # s of search, when the campaign under way began
         self.stage = "start"  # under way
+        self.told = ""  # for people, once there is something to tell
         self.objective, self._on_progress = objective, on_progress
         self.seconds, self._most = seconds, evaluations
         self._began = time.monotonic() - history.seconds
@@ -195,17 +197,15 @@ class Evaluations:
             )
             for value, raw, (_, x) in zip(values, found, batch, strict=True)
         )
-        for value, space, (start, x) in (
-            zip(values, spaces, batch, strict=True) if cheap is None and self._noting else ()
-        ):
-            if space.feasible(x):
-                self._note(Best(start, x.copy(), value, number))
+        for value, shape, (space, x), (start, _) in zip(values, shapes, points, batch, strict=True):
+            if cheap is None and self._noting and space.feasible(x):
+                self._note(Best(start, x.copy(), value, number), shape)
         return list(zip(values, shapes, strict=True))
 
-    def _note(self, found: Best) -> None:
+    def _note(self, found: Best, shape: Shape) -> None:
         """Keep it as the best, and among those that are as near."""
         if self._better(found.stage, found.value):
-            self.best = found
+            self.best, self.best_shape = found, shape
         if self.stages[found.stage].forward is self.stages[-1].forward:
             known = self.rivals.get(found.start)
             if known is None or found.value < known.value:

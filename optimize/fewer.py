@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.muscle import Muscle
+from fabdesign.search_terms import Price
 from optimize.design_space import DesignSpace
 from optimize.evaluations import Evaluations, Stop
 from optimize.local_search import LocalSearch
@@ -29,30 +30,17 @@ SHARED = 0.05  # of the pressure range, within which two muscles may share a cha
 Layout = tuple[list[Muscle], NDArray[np.float64]]  # and (poses, muscles) Pa
 
 
-@dataclass(frozen=True)
-class Price:
-    """muscle, channel: m of the objective that one more must gain. tolerance: share of the objective that a layout with
-    fewer may be worse in any case."""
-
-    muscle: float = 0.0
-    channel: float = 0.0
-    tolerance: float = 0.03
-
-    def allowed(self, value: float, fewer: int) -> float:
-        """m, for a layout with `fewer` muscles (and channels) less than one that reaches `value` m."""
-        return max((1 + self.tolerance) * value, value + fewer * (self.muscle + self.channel))
-
-
 @dataclass(frozen=True, eq=False)
 class Fewer:
-    """start: with its value in m on the full model; before, count: of the layout that it comes from. ended: why no
-    smaller one was taken."""
+    """start: with its value in m on the full model; before, count: of the layout that it comes from. ended: why it is
+    that layout itself, empty where it is another. cut: by a limit, before all was tried."""
 
     start: Start
     value: float
     before: float
     count: int
     ended: str
+    cut: bool = False
 
 
 def fewer_muscles(evaluations: Evaluations, *, least: int, price: Price) -> Fewer:
@@ -66,7 +54,7 @@ def fewer_muscles(evaluations: Evaluations, *, least: int, price: Price) -> Fewe
     value, count = np.inf if best is None else best.value, len(design.muscles)
     found = Fewer((space, x), value, value, count, "no smaller layout is near enough")
     if best is None or evaluations.stages[best.stage].forward is not evaluations.stages[last].forward:
-        return replace(found, ended="the time ended before the full model")
+        return replace(found, ended="the search ended before the full model", cut=True)
     begun = len(evaluations.starts)
     try:
         with evaluations.aside():
@@ -82,7 +70,7 @@ def fewer_muscles(evaluations: Evaluations, *, least: int, price: Price) -> Fewe
                     break
             return _with_shared_channels(evaluations, found, price)
     except Stop as stop:
-        return replace(found, ended=found.ended and str(stop))
+        return replace(found, ended=found.ended and str(stop), cut=bool(found.ended))
     finally:
         del evaluations.starts[begun:]
 

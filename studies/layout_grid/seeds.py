@@ -10,10 +10,9 @@ from optimize.additions import pulling, with_idle
 from optimize.design_space import DesignSpace
 from optimize.starts import Start
 from studies.layout_grid.result import Found
-from studies.layouts.begin import limits_of
+from studies.layouts.begin import PULL, limits_of
 
 CANDIDATES = 12  # of further muscles, drawn for each neighbour's layout: idle, and again at a share of the pressure
-SHARE = 0.4  # of the pressure range: past the threshold of a braided muscle, so that a pull shows
 
 
 def seeds_of(cell: Cell, found: Sequence[Found]) -> list[Start]:
@@ -34,7 +33,7 @@ def seeds_of(cell: Cell, found: Sequence[Found]) -> list[Start]:
         )
         seeds += more
         if len(result.design.muscles) < cell.muscles:
-            seeds += pulling(more, len(result.design.muscles), SHARE)
+            seeds += pulling(more, len(result.design.muscles), PULL)
     return seeds
 
 

@@ -15,6 +15,7 @@ from plotly.offline import get_plotlyjs
 from fabdesign import __version__
 from fabdesign.metrics import MANY_BEYOND, Errors, told_beyond
 from fabdesign.model import Model
+from studies.layouts.after import fewer_said
 from studies.layouts.drawing import layout_svg
 from studies.layouts.figures import convergence_figure, scene_figure
 from studies.layouts.result import StudyResult
@@ -58,6 +59,7 @@ def render_report(title: str, sections: Sequence[Section], *, more: str = "") ->
         ],
         failed=lambda result: sum(entry.diverged for entry in result.history),
         layout=_layout,
+        fewer_said=fewer_said,
         place=lambda point: ", ".join(f"{1e3 * x:.0f}" for x in point),
         provenance=_provenance(sections),
         figures=Markup(json.dumps(figures, separators=(",", ":")).replace("</", "<\\/")),

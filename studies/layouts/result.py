@@ -16,8 +16,10 @@ from fabdesign.output import write_text
 from fabdesign.pressure import rising_program
 from fabdesign.pressure_file import SINGLE_ROW_DURATION, constant_program, write_pressures
 from fabdesign.study_file import Study
+from optimize.fewer import Fewer
 from optimize.history import Entry
 from optimize.search import INTERRUPTED
+from studies.layouts.after import fewer_said
 from studies.layouts.reach import Reach
 from studies.layouts.target import LoadedTarget
 from studies.layouts.way import Way
@@ -41,6 +43,7 @@ class StudyResult:
     stop_reason: str
     reach: Reach
     way: Way | None  # None where the motion to the result was not followed
+    fewer: Fewer | None = None  # what leaving muscles out came to, where their number may vary
 
     @property
     def interrupted(self) -> bool:
@@ -51,6 +54,22 @@ class StudyResult:
     def objective(self) -> float:
         """m, of the measure that was searched."""
         return self.errors.chamfer if self.study.objective == "chamfer" else self.errors.surface_rms
+
+    @property
+    def after_a_tenth(self) -> float | None:
+        """m, the best after a tenth of the study's seconds; None before the first evaluation."""
+        within = 0.1 * self.study.limits.seconds
+        early = [e.objective for e in self.history if e.seconds <= within and not e.diverged]
+        return min(early, default=None)
+
+    def _fewer(self, found: Fewer) -> dict[str, Any]:
+        return {
+            "muscles": len(found.start[0].design.muscles),
+            "of": found.count,
+            "before_mm": 1e3 * found.before,
+            "tolerance": self.study.price.tolerance,
+            "said": fewer_said(self.study, found),
+        }
 
     def as_json(self) -> dict[str, Any]:
         """What result.json holds: distances in mm, pressures in kPa, margins in m (kPa for pressure);
@@ -68,6 +87,8 @@ class StudyResult:
             "stop_reason": self.stop_reason,
             "reach": self.reach.as_json(),
             "way": self.way.as_json() if self.way else None,
+            "after_a_tenth_mm": self.after_a_tenth and 1e3 * self.after_a_tenth,
+            "fewer": self.fewer and self._fewer(self.fewer),
             "seed": self.study.seed,
             "targets": [target.description for target in self.targets],
         }

@@ -15,14 +15,17 @@ from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.study_file import Study, read_study, require_searchable
 from optimize.design_space import DesignSpace
 from optimize.evaluations import Evaluations, Stage
+from optimize.fewer import Fewer
 from optimize.history import History, OtherStudy
 from optimize.margins import constraint_margins
 from optimize.objective import Objective, Target
-from optimize.search import search
+from optimize.search import INTERRUPTED, search
 from optimize.starts import Start
 from studies.forward_model import forward_model
+from studies.layouts.after import points_of, search_seconds, shrunk
 from studies.layouts.begin import first_starts, fresh_starts, limits_of
 from studies.layouts.content import study_content
+from studies.layouts.progress import saying_a_tenth
 from studies.layouts.reach import reach_of
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult, pressures_kpa, write_best
@@ -94,18 +97,21 @@ def _search_in(
         given = forward_models(
             forward, coarse, points_per_side=(study.model or Model()).points_per_side, rise=study.rise, hold=study.hold
         )
+        floor = _floor(study, targets)
         fine, quick = (forward_model(simulator, study.model) for simulator in given)
         evaluations = Evaluations(
             objective,
             starts,
             _stages(study, quick, fine),
             history,
-            seconds=study.limits.seconds,
+            seconds=search_seconds(study),
             evaluations=study.limits.evaluations,
-            on_progress=_keeping_best(work, targets, study.rise, progress),
+            on_progress=_keeping_best(work, targets, study.rise, saying_a_tenth(floor, progress)),
         )
-        stop_reason = search(evaluations, fresh=fresh_starts(study), floor=_floor(study, targets))
-        return _result(study, targets, evaluations, fine, stop_reason, follow)
+        stop_reason, fewer = search(evaluations, fresh=fresh_starts(study), floor=floor), None
+        if stop_reason != INTERRUPTED:
+            fewer = shrunk(study, evaluations)
+        return _result(study, targets, evaluations, fine, stop_reason, follow=follow, fewer=fewer)
 
 
 def forward_models(
@@ -198,11 +204,14 @@ def _result(
     evaluations: Evaluations,
     forward: ForwardModel,
     stop_reason: str,
+    *,
     follow: bool = True,
+    fewer: Fewer | None = None,
 ) -> StudyResult:
-    """Of what is as near as the best, the first that does not hang on the way to it, else the best: where its motion
-    leads, valued once more on the full model, and the resting cloth beside it."""
-    objective, points = evaluations.objective, evaluations.finalists() if follow else [evaluations.best_point()]
+    """Of the layout of fewer muscles and what is as near as the best, the first that does not hang on the way to it,
+    else the first: where its motion leads, valued once more on the full model, and the resting cloth beside it."""
+    objective = evaluations.objective
+    points = [*points_of(fewer), *evaluations.finalists()][: None if follow else 1]
     found = [space.decode(x) for space, x in points]
     still = [
         (DesignSpace(design, limits_of(study), np.zeros_like(pressures), vary_pressures=False), np.empty(0))
@@ -235,4 +244,5 @@ def _result(
         stop_reason=stop_reason,
         reach=reach_of(study, design, pressures, shape, errors, margins),
         way=way,
+        fewer=fewer,
     )

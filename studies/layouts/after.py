@@ -1,0 +1,66 @@
+"""What follows a search within its seconds: no more muscles than needed."""
+
+from fabdesign.study_file import Study
+from optimize.design_space import DesignSpace, Vector
+from optimize.evaluations import Evaluations
+from optimize.fewer import Fewer, fewer_muscles
+from optimize.start_rows import as_rows, of_rows
+from studies.layouts.begin import limits_of
+
+SHRINKING = 0.2  # of the seconds, kept for leaving muscles out where the study lets their number vary
+
+
+def search_seconds(study: Study) -> float:
+    """s for the search itself."""
+    return study.limits.seconds * (1 - SHRINKING if _may_shrink(study) else 1)
+
+
+def _may_shrink(study: Study) -> bool:
+    choice = study.muscles
+    return choice is not None and (choice.least < choice.most or study.price.channel > 0)
+
+
+def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
+    """The layout of fewer muscles that serves, within all of the study's seconds; None where their number is given.
+
+    What was found stands in the history: the same search is not shrunk twice.
+    """
+    best, choice = evaluations.best, study.muscles
+    if not _may_shrink(study) or choice is None or best is None:
+        return None
+    evaluations.seconds = study.limits.seconds
+    state = evaluations.history.load()
+    known = state.get("fewer")
+    if known and known["best"] == best.as_row() and known["seconds"] >= (evaluations.seconds if known["cut"] else 0):
+        [start] = of_rows([known["row"]], study.design, limits_of(study))
+        return Fewer(start, known["value"], known["before"], known["count"], known["ended"])
+    found = fewer_muscles(evaluations, least=choice.least, price=study.price)
+    state["fewer"] = {
+        "best": best.as_row(),
+        "row": as_rows([found.start])[0],
+        "value": found.value,
+        "before": found.before,
+        "count": found.count,
+        "ended": found.ended,
+        "cut": found.cut,
+        "seconds": evaluations.seconds,
+    }
+    evaluations.history.save(state, evaluations.elapsed)
+    return found
+
+
+def fewer_said(study: Study, found: Fewer) -> str:
+    """For people."""
+    count = len(found.start[0].design.muscles)
+    near = f"within {study.price.tolerance:.0%} of it" if not study.price.muscle else "for the price of a muscle"
+    if count < found.count:
+        mm = f"{1e3 * found.value:.2f} mm instead of {1e3 * found.before:.2f}"
+        return f"{count} muscles do where the search came to {found.count}: {mm}, {near}."
+    if found.cut:
+        return f"Whether fewer than {found.count} muscles would do was not tried to the end: {found.ended}."
+    return f"Fewer than {found.count} muscles do not do: no smaller layout came {near}."
+
+
+def points_of(found: Fewer | None) -> list[tuple[DesignSpace, Vector]]:
+    """The smaller layout, to come before what the search found; none where there is none."""
+    return [] if found is None or found.ended else [found.start]
