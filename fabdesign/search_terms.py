@@ -60,7 +60,7 @@ def read_robust(root: Table) -> Robust | None:
     default = Robust()
     tolerance = 1e-3 * table.number("tolerance", above=0) if "tolerance" in table else None
     robust = Robust(
-        placement=table.number("placement", default.placement, least=0, most=0.1),
+        placement=table.number("placement", default.placement, above=0, most=0.1),
         pressure=table.number("pressure", default.pressure, least=0, most=0.5),
         muscle_gain=table.number("muscle_gain", default.muscle_gain, least=0, most=0.5),
         covariance=table.flag("covariance", default.covariance),

@@ -43,6 +43,7 @@ class TargetFile:
     rotation: tuple[float, float, float] | None = None  # degrees about the fixed axes x, y, z, in this order
     translation: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
     place: Literal["given", "fit"] = "given"
+    weight: float = 1.0  # among the poses of a study
 
 
 @dataclass(frozen=True)
@@ -192,6 +193,7 @@ def read_targets(root: Table, path: Path) -> tuple[TargetFile, ...]:
             rotation=table.numbers("rotation", None, count=3),
             translation=table.numbers("translation", (0.0, 0.0, 0.0), count=3),
             place=table.text("place", "given", choices=("given", "fit")),
+            weight=table.number("weight", 1.0, above=0),
         )
         if target.place == "fit" and "translation" in table:
             raise table.bad("translation", 'none beside place = "fit", which finds it')

@@ -64,7 +64,7 @@ class Evaluations:
     """Values designs on the stages' forward models within limits, and keeps the best so far in `best`.
 
     starts: (space, vector) each. `seconds` includes the earlier sessions of `history`. on_progress is told after every
-    batch.
+    batch. near: share of the best value within which others are kept besides it.
     """
 
     def __init__(
@@ -77,15 +77,16 @@ class Evaluations:
         seconds: float,
         evaluations: int,
         on_progress: Callable[["Evaluations"], None] = lambda _: None,
+        near: float = NEAR,
     ) -> None:
         self.starts, self.stages, self.history = [*starts], stages, history
         self.best: Best | None = None
         self.best_shape: Shape | None = None  # of the best, where it was evaluated in this session
-        self.rivals: dict[int, Best] = {}  # of each start, the nearest on the last stage's model, while within NEAR
+        self.rivals: dict[int, Best] = {}  # of each start, the nearest on the last stage's model, while that near
         self.campaign_began = 0.0  # s of search, when the campaign under way began
         self.stage = "start"  # under way
         self.told = ""  # for people, once there is something to tell
-        self.objective, self._on_progress = objective, on_progress
+        self.objective, self._on_progress, self._near = objective, on_progress, near
         self.seconds, self._most = seconds, evaluations
         self._began = time.monotonic() - history.seconds
         self._noting = True
@@ -107,7 +108,7 @@ class Evaluations:
             return self.starts[0]
         return self.space(self.best.start, self.best.stage), self.best.x
 
-    def finalists(self) -> list[tuple[DesignSpace, Vector]]:
+    def finalists(self, most: int = FINALISTS) -> list[tuple[DesignSpace, Vector]]:
         """The best, and what other starts came to that is as near: another layout or other pressures."""
         best = self.best
         if best is None or self.stages[best.stage].forward is not self.stages[-1].forward:
@@ -115,7 +116,7 @@ class Evaluations:
         found = [self.best_point()]
         for rival in sorted(self.rivals.values(), key=lambda rival: rival.value):
             point = self.space(rival.start, rival.stage), rival.x
-            if rival.start != best.start and len(found) < FINALISTS and not any(_same(point, other) for other in found):
+            if rival.start != best.start and len(found) < most and not any(_same(point, other) for other in found):
                 found.append(point)
         return found
 
@@ -211,7 +212,7 @@ class Evaluations:
             if known is None or found.value < known.value:
                 self.rivals[found.start] = found
             if self.best is not None:
-                most = (1 + NEAR) * self.best.value
+                most = (1 + self._near) * self.best.value
                 self.rivals = {start: rival for start, rival in self.rivals.items() if rival.value <= most}
 
     def _better(self, number: int, value: float) -> bool:

@@ -34,12 +34,20 @@ class Target:
 class Objective:
     """Mean over the poses' targets of the Chamfer distance [m] (unsquared, both directions summed) or surface RMS [m].
 
-    order: the place in the specimen's session of what is searched for, 0 of a rested one.
+    order: the place in the specimen's session of what is searched for, 0 of a rested one. weights: of the targets in
+    the mean, above 0; empty: all alike.
     """
 
     targets: Sequence[Target]
     measure: Measure = "chamfer"
     order: int = 0
+    weights: Sequence[float] = ()
+
+    @property
+    def shares(self) -> NDArray[np.float64]:
+        """(poses,) of the targets in the mean; they sum to 1."""
+        weights = np.array(self.weights or [1.0] * len(self.targets))
+        return np.asarray(weights / weights.sum())
 
     def shapes(self, forward: ForwardModel, points: Sequence[tuple[DesignSpace, Vector]]) -> list[Shape]:
         """The shape of each point; a diverged one holds NaN."""
@@ -64,7 +72,7 @@ class Objective:
         if not np.all(np.isfinite(shape)):
             return float("nan")
         distance = chamfer if self.measure == "chamfer" else _surface_rms
-        return float(np.mean([distance(t.points, pose) for t, pose in zip(self.targets, shape, strict=True)]))
+        return float(self.shares @ [distance(t.points, pose) for t, pose in zip(self.targets, shape, strict=True)])
 
     @property
     def thin(self) -> int:
@@ -78,7 +86,8 @@ class Objective:
         else:
             measured = [t.points[::SURFACE_THIN] for t in self.targets]
             found = [_surface_gradient(points, pose) for points, pose in zip(measured, shape, strict=True)]
-        return float(np.mean([value for value, _ in found])), np.array([s for _, s in found]) / len(found)
+        slopes = np.array([slope for _, slope in found])
+        return float(self.shares @ [value for value, _ in found]), self.shares[:, None, None] * slopes
 
 
 @lru_cache(maxsize=64)

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 from fabdesign import __version__
 from fabdesign.output import write_text
 from studies.layout_grid.result import WORDS, Found, GridResult
-from studies.layout_grid.shape_picture import shape_png
 from studies.layouts.drawing import layout_svg
+from studies.layouts.shape_picture import shape_png
 
 MARKS = {"front": ">", "back": "<", "both": "D"}
 
@@ -42,10 +42,7 @@ def render(result: GridResult) -> str:
         measure="Chamfer distance" if search.objective == "chamfer" else "surface RMS",
         points_per_side=search.model.points_per_side if search.model else 41,
         picture=Markup(front_svg(result)),
-        shapes=[
-            Markup(shape_png(f.result.points[0], f.result.targets[0].points)) if f.result else ""
-            for f in _shown(result)
-        ],
+        shapes=[_shapes(f) for f in _shown(result)],
         shown=_shown(result),
         layout=lambda f: Markup(layout_svg(f.result.design, f.result.pressures[0], search.limits.pressure[1])),
         version=__version__,
@@ -56,6 +53,13 @@ def _shown(result: GridResult) -> list[Found]:
     """Cells with a shape, those of the front first."""
     front = result.front
     return [*front, *(f for f in result.found if f.result and f not in front)]
+
+
+def _shapes(found: Found) -> list[Markup]:
+    """A picture a pose."""
+    assert found.result is not None
+    poses = zip(found.result.points, found.result.targets, strict=True)
+    return [Markup(shape_png(points, target.points)) for points, target in poses]
 
 
 def front_svg(result: GridResult) -> str:

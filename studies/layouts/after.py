@@ -1,4 +1,4 @@
-"""What follows a search within its seconds: no more muscles than needed."""
+"""What follows a search: no more muscles than needed, and a robust layout where it is asked for."""
 
 from fabdesign.study_file import Study
 from optimize.design_space import DesignSpace, Vector
@@ -9,10 +9,15 @@ from studies.layouts.begin import limits_of
 
 SHRINKING = 0.2  # of the seconds, kept for leaving muscles out where the study lets their number vary
 
+ROBUST = 0.15  # and for a robust choice, where the study asks for one
+POOL = 8  # layouts that such a choice is made among, at most
+NEAR = 0.1  # of the nearest value: so near they lie
+
 
 def search_seconds(study: Study) -> float:
     """s for the search itself."""
-    return study.limits.seconds * (1 - SHRINKING if _may_shrink(study) else 1)
+    kept = (SHRINKING if _may_shrink(study) else 0.0) + (ROBUST if study.robust else 0.0)
+    return study.limits.seconds * (1 - kept)
 
 
 def _may_shrink(study: Study) -> bool:
@@ -28,7 +33,7 @@ def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
     best, choice = evaluations.best, study.muscles
     if not _may_shrink(study) or choice is None or best is None:
         return None
-    evaluations.seconds = study.limits.seconds
+    evaluations.seconds = study.limits.seconds * (1 - (ROBUST if study.robust else 0.0))
     state = evaluations.history.load()
     known = state.get("fewer")
     if known and known["best"] == best.as_row() and known["seconds"] >= (evaluations.seconds if known["cut"] else 0):

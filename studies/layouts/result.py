@@ -21,7 +21,9 @@ from optimize.history import Entry
 from optimize.search import INTERRUPTED
 from studies.layouts.after import fewer_said
 from studies.layouts.reach import Reach
-from studies.layouts.target import LoadedTarget
+from studies.layouts.robustness import Robustness
+from studies.layouts.robustness import as_json as robust_json
+from studies.layouts.target import LoadedTarget, pose_errors
 from studies.layouts.way import Way
 
 
@@ -43,6 +45,7 @@ class StudyResult:
     stop_reason: str
     reach: Reach
     way: Way | None  # None where the motion to the result was not followed
+    robust: Robustness | None = None  # where the study asks for it
     fewer: Fewer | None = None  # what leaving muscles out came to, where their number may vary
 
     @property
@@ -61,6 +64,21 @@ class StudyResult:
         within = 0.1 * self.study.limits.seconds
         early = [e.objective for e in self.history if e.seconds <= within and not e.diverged]
         return min(early, default=None)
+
+    def _poses(self) -> list[dict[str, float]]:
+        """Of several poses, the errors of each."""
+        if len(self.targets) == 1:
+            return []
+        found = pose_errors(self.targets, self.points, seed=self.study.seed)
+        return [
+            {name: 1e3 * value for name, value in asdict(errors).items() if name != "beyond"}
+            | {"weight": target.weight}
+            for errors, target in zip(found, self.targets, strict=True)
+        ]
+
+    def _robust(self) -> dict[str, Any] | None:
+        asked = self.study.robust
+        return None if self.robust is None or asked is None else robust_json(self.robust, asked)
 
     def _fewer(self, found: Fewer) -> dict[str, Any]:
         return {
@@ -85,9 +103,11 @@ class StudyResult:
             "pressures_kpa": pressures_kpa(self.pressures),
             "constraints": {k: v / 1e3 if k == "pressure" else v for k, v in self.constraints.items()},
             "stop_reason": self.stop_reason,
+            "poses": self._poses(),
             "reach": self.reach.as_json(),
             "way": self.way.as_json() if self.way else None,
             "after_a_tenth_mm": self.after_a_tenth and 1e3 * self.after_a_tenth,
+            "robust": self._robust(),
             "fewer": self.fewer and self._fewer(self.fewer),
             "seed": self.study.seed,
             "targets": [target.description for target in self.targets],

@@ -14,7 +14,7 @@ from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.study_file import Study, read_study, require_searchable
 from optimize.design_space import DesignSpace
-from optimize.evaluations import Evaluations, Stage
+from optimize.evaluations import FINALISTS, NEAR, Evaluations, Stage
 from optimize.fewer import Fewer
 from optimize.history import History, OtherStudy
 from optimize.margins import constraint_margins
@@ -22,13 +22,15 @@ from optimize.objective import Objective, Target
 from optimize.search import INTERRUPTED, search
 from optimize.starts import Start
 from studies.forward_model import forward_model
-from studies.layouts.after import points_of, search_seconds, shrunk
+from studies.layouts.after import NEAR as NEAR_ENOUGH
+from studies.layouts.after import POOL, points_of, search_seconds, shrunk
 from studies.layouts.begin import first_starts, fresh_starts, limits_of
 from studies.layouts.content import study_content
 from studies.layouts.progress import saying_a_tenth
 from studies.layouts.reach import reach_of
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult, pressures_kpa, write_best
+from studies.layouts.robustness import most_robust, robustness_of
 from studies.layouts.target import LoadedTarget, load_target, target_errors
 from studies.layouts.way import ways
 
@@ -68,7 +70,9 @@ def run_study(
         study = replace(study, limits=replace(study.limits, seconds=seconds))
     require_searchable(study, study.name)
     targets = tuple(load_target(target, study.design, seed=study.seed) for target in study.targets)
-    objective = Objective([Target(t.points, t.time) for t in targets], study.objective, study.order)
+    objective = Objective(
+        [Target(t.points, t.time) for t in targets], study.objective, study.order, [t.weight for t in targets]
+    )
     begun = first_starts(study) if starts is None else [*starts]
     inputs = [*([] if isinstance(given, Study) else [given]), *(target.file for target in study.targets)]
     with work_folder(out, made_by="optimize", force=force, inputs=inputs) as work:
@@ -107,11 +111,23 @@ def _search_in(
             seconds=search_seconds(study),
             evaluations=study.limits.evaluations,
             on_progress=_keeping_best(work, targets, study.rise, saying_a_tenth(floor, progress)),
+            near=NEAR_ENOUGH if study.robust else NEAR,
         )
         stop_reason, fewer = search(evaluations, fresh=fresh_starts(study), floor=floor), None
         if stop_reason != INTERRUPTED:
             fewer = shrunk(study, evaluations)
-        return _result(study, targets, evaluations, fine, stop_reason, follow=follow, fewer=fewer)
+        if study.robust is None or not follow:
+            points = [*points_of(fewer), *evaluations.finalists()][: None if follow else 1]
+            return _result(study, targets, evaluations, fine, stop_reason, points, follow=follow, fewer=fewer)
+        points = [*points_of(fewer), *evaluations.finalists(POOL)]
+        chosen = most_robust(study, study.robust, points, objective, quick)
+        points.insert(0, points.pop(chosen))
+        result = _result(study, targets, evaluations, fine, stop_reason, points[:FINALISTS], fewer=fewer)
+        nearest = evaluations.best.value if evaluations.best else result.objective
+        found = (result.design, result.pressures)
+        return replace(
+            result, robust=robustness_of(study, study.robust, found, objective, quick, fine, nominal=nearest)
+        )
 
 
 def forward_models(
@@ -204,14 +220,15 @@ def _result(
     evaluations: Evaluations,
     forward: ForwardModel,
     stop_reason: str,
+    points: Sequence[Start] = (),
     *,
     follow: bool = True,
     fewer: Fewer | None = None,
 ) -> StudyResult:
-    """Of the layout of fewer muscles and what is as near as the best, the first that does not hang on the way to it,
-    else the first: where its motion leads, valued once more on the full model, and the resting cloth beside it."""
+    """Of `points`, by default what is as near as the best, the first that does not hang on the way to it, else the
+    first: where its motion leads, valued once more on the full model, and the resting cloth beside it."""
     objective = evaluations.objective
-    points = [*points_of(fewer), *evaluations.finalists()][: None if follow else 1]
+    points = [*points] or evaluations.finalists()
     found = [space.decode(x) for space, x in points]
     still = [
         (DesignSpace(design, limits_of(study), np.zeros_like(pressures), vary_pressures=False), np.empty(0))

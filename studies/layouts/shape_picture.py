@@ -2,6 +2,7 @@
 
 import base64
 import io
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,19 +18,25 @@ CLOTH, TARGET = "#8fb3d9", "#b2182b"
 WIDTH, HEIGHT, DPI = 9.0, 4.4, 90  # inches of a picture, and dots an inch
 
 
-def shape_png(points: Array, target: Array) -> str:
-    """A PNG as a data address. points (2 n n, 3) m: front face, then back face; target (n, 3) m."""
-    side = round(np.sqrt(len(points) / 2))
-    middle = points.reshape(2, side, side, 3).mean(axis=0)
+def shape_png(points: Array, target: Array, copies: Sequence[Array] = ()) -> str:
+    """A PNG as a data address. points (2 n n, 3) m: front face, then back face; target (n, 3) m. copies: shapes like
+    `points` whose columns are drawn thinly in the side view."""
+    middle, others = _middle(points), [_middle(copy) for copy in copies]
     some = target[:: max(1, len(target) // SHOWN)]
-    every = np.concatenate([middle.reshape(-1, 3), some])
+    every = np.concatenate([middle.reshape(-1, 3), some, *(other.reshape(-1, 3) for other in others)])
     low, high = every.min(axis=0) - 0.005, every.max(axis=0) + 0.005
     figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
     _from_an_angle(figure.add_subplot(1, 2, 1, projection="3d"), middle, some, low, high)
-    _from_the_side(figure.add_subplot(1, 2, 2), middle, some, low, high)
+    _from_the_side(figure.add_subplot(1, 2, 2), middle, others, some, low, high)
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=DPI, metadata={"Software": None})
     return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode("ascii")
+
+
+def _middle(points: Array) -> Array:
+    """(n, n, 3) m."""
+    side = round(np.sqrt(len(points) / 2))
+    return np.asarray(points.reshape(2, side, side, 3).mean(axis=0))
 
 
 def _from_an_angle(axes: Any, middle: Array, target: Array, low: Array, high: Array) -> None:
@@ -46,10 +53,15 @@ def _from_an_angle(axes: Any, middle: Array, target: Array, low: Array, high: Ar
     axes.set(xticklabels=[], yticklabels=[], zticklabels=[])
 
 
-def _from_the_side(axes: Any, middle: Array, target: Array, low: Array, high: Array) -> None:
+def _from_the_side(axes: Any, middle: Array, others: Sequence[Array], target: Array, low: Array, high: Array) -> None:
     """The columns of the cloth, z to the right and y upwards, in mm."""
     axes.plot(1e3 * target[:, 2], 1e3 * target[:, 1], ".", markersize=2.5, color=TARGET, label="target")
     columns = np.linspace(0, len(middle) - 1, 9).round().astype(int)
+    for other in others:
+        for k in columns[::4]:
+            axes.plot(1e3 * other[:, k, 2], 1e3 * other[:, k, 1], "-", color="#9aa5b1", linewidth=0.4, alpha=0.8)
+    if others:
+        axes.plot([], [], "-", color="#9aa5b1", label="copies with scatter, three columns")
     for k in columns:
         axes.plot(1e3 * middle[:, k, 2], 1e3 * middle[:, k, 1], "-", color="#2f5f8f", linewidth=1.0)
     axes.plot([], [], "-", color="#2f5f8f", label="cloth, nine columns")
