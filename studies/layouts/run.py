@@ -114,8 +114,10 @@ def _search_in(
             near=NEAR_ENOUGH if study.robust else NEAR,
         )
         stop_reason, fewer = search(evaluations, fresh=fresh_starts(study), floor=floor), None
-        if stop_reason != INTERRUPTED:
-            fewer = shrunk(study, evaluations)
+        try:
+            fewer = None if stop_reason == INTERRUPTED else shrunk(study, evaluations)
+        except KeyboardInterrupt:
+            stop_reason = INTERRUPTED
         if study.robust is None or not follow:
             points = [*points_of(fewer), *evaluations.finalists()][: None if follow else 1]
             return _result(study, targets, evaluations, fine, stop_reason, points, follow=follow, fewer=fewer)
