@@ -1,9 +1,9 @@
 """No more muscles than needed: those whose absence costs least are left out, the others take over, while the objective
 stays within a tolerance or a price pays for it.
 
-Smaller layouts of every size are tried side by side, each the greedy choice of muscles: drop one, or lay two that do
-the same into one. Their pressures and places are then searched on the coarse model, the smallest that is near enough
-is finished on the full one.
+The number of muscles is found by bisection. A smaller layout is the greedy choice of muscles: drop one, or
+lay two that do the same into one, whichever costs least. Its pressures and places are then searched on the coarse model
+and on the full one; what is near enough is kept, and is where the next begins.
 """
 
 from collections.abc import Sequence
@@ -21,8 +21,8 @@ from optimize.local_search import LocalSearch
 from optimize.search import run_rounds
 from optimize.starts import Start
 
-ROUNDS = 5  # of the smaller layouts on the coarse model,
-FINE_ROUNDS = 4  # and of the chosen one on the full model
+ROUNDS = 5  # of a smaller layout on the coarse model,
+FINE_ROUNDS = 4  # and on the full one
 CLOSE = 0.1  # of the cloth's longer side: so near, in the mean of their ends, two muscles do the same
 HOPEFUL = 1.5  # times what is allowed: a layout on the coarse model is tried on the full one up to there
 SHARED = 0.05  # of the pressure range, within which two muscles may share a channel in every pose
@@ -55,40 +55,50 @@ def fewer_muscles(evaluations: Evaluations, *, least: int, price: Price) -> Fewe
     found = Fewer((space, x), value, value, count, "no smaller layout is near enough")
     if best is None or evaluations.stages[best.stage].forward is not evaluations.stages[last].forward:
         return replace(found, ended="the search ended before the full model", cut=True)
-    begun = len(evaluations.starts)
+    begun, lowest, highest = len(evaluations.starts), least, count
+    layout: Layout = ([*design.muscles], pressures[:, [muscle.channel for muscle in design.muscles]])
     try:
         with evaluations.aside():
-            own: Layout = ([*design.muscles], pressures[:, [muscle.channel for muscle in design.muscles]])
-            smaller = run_rounds(evaluations, last - 1, _smaller(evaluations, own, space, least), ROUNDS)
-            for local in sorted(smaller, key=lambda local: len(local.space.design.muscles)):
-                allowed = price.allowed(value, count - len(local.space.design.muscles))
-                if local.value > HOPEFUL * allowed:
+            while lowest < highest:
+                size = (lowest + highest) // 2
+                allowed = price.allowed(value, count - size)
+                smaller = _searched(evaluations, _thinned(evaluations, layout, space, size), allowed)
+                if smaller is None:
+                    lowest = size + 1
                     continue
-                [fine] = run_rounds(evaluations, last, [local], FINE_ROUNDS, until=allowed) or [local]
-                if fine is not local and fine.value <= allowed:
-                    found = replace(found, start=(fine.space, fine.x), value=fine.value, ended="")
-                    break
+                highest = size
+                found = replace(found, start=(smaller.space, smaller.x), value=smaller.value, ended="")
+                reduced, own = smaller.space.decode(smaller.x)
+                layout = [*reduced.muscles], own
             return _with_shared_channels(evaluations, found, price)
     except Stop as stop:
-        return replace(found, ended=found.ended and str(stop), cut=bool(found.ended))
+        return replace(found, ended=found.ended and str(stop), cut=True)
     finally:
         del evaluations.starts[begun:]
 
 
-def _smaller(evaluations: Evaluations, layout: Layout, space: DesignSpace, least: int) -> list[LocalSearch]:
-    """Of every smaller size, the greedy choice, on the coarse model."""
-    stage, found = len(evaluations.stages) - 2, []
-    while len(layout[0]) > least:
-        candidates = [
-            (layout, start) for layout in (*_drops(layout), *_merges(layout, space)) if (start := _start(layout, space))
-        ]
+def _thinned(evaluations: Evaluations, layout: Layout, space: DesignSpace, size: int) -> LocalSearch | None:
+    """The greedy choice of `size` of the layout's muscles, on the coarse model; None where there is none."""
+    stage, local = len(evaluations.stages) - 2, None
+    while len(layout[0]) > size:
+        choices = [*_drops(layout), *_merges(layout, space)]
+        candidates = [(choice, start) for choice in choices if (start := _start(choice, space))]
         if not candidates:
-            break
+            return None
         searches = _searches(evaluations, stage, [start for _, start in candidates])
         best = min(range(len(searches)), key=lambda k: searches[k].value)
-        layout = candidates[best][0]
-        found.append(searches[best])
-    return found
+        layout, local = candidates[best][0], searches[best]
+    return local
+
+
+def _searched(evaluations: Evaluations, local: LocalSearch | None, allowed: float) -> LocalSearch | None:
+    """The search on from there, first on the coarse model; None where it does not come to what is allowed, m."""
+    last = len(evaluations.stages) - 1
+    coarse = run_rounds(evaluations, last - 1, [local], ROUNDS, until=allowed) if local else []
+    if not coarse or coarse[0].value > HOPEFUL * allowed:
+        return None
+    fine = run_rounds(evaluations, last, coarse, FINE_ROUNDS, until=allowed)
+    return fine[0] if fine and fine[0].value <= allowed else None
 
 
 def _searches(evaluations: Evaluations, stage: int, starts: Sequence[Start]) -> list[LocalSearch]:

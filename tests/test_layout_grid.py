@@ -2,7 +2,7 @@
 
 import itertools
 import json
-import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -39,7 +39,25 @@ seconds = 600
 """
 
 
-SECONDS = 8.0
+SECONDS = 60.0  # of the clock of
+CASE = 0.1  # s that a shape takes on it
+
+
+class Timed(AnalyticCloth):
+    """A cloth whose every shape takes CASE s on a clock of its own, so that no test hangs on the machine's."""
+
+    now = 0.0
+
+    def motions(self, cases: Sequence[Case], times: Sequence[np.ndarray]) -> list[np.ndarray]:
+        self.now += CASE * len(cases)
+        return super().motions(cases, times)
+
+    def equilibria(self, cases: Sequence[Case]) -> list[np.ndarray]:
+        self.now += CASE * len(cases)
+        return super().equilibria(cases)
+
+    def monotonic(self) -> float:
+        return self.now
 
 
 @pytest.fixture
@@ -85,24 +103,26 @@ def test_a_grid_finds_its_front_and_goes_on_where_it_was(folder: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def timed(tmp_path_factory: pytest.TempPathFactory) -> tuple[GridResult, float]:
-    """One and two muscles, on the front and on both faces, within six seconds; and the seconds taken."""
+def timed(tmp_path_factory: pytest.TempPathFactory) -> GridResult:
+    """One and two muscles, on the front and on both faces."""
     folder = tmp_path_factory.mktemp("timed")
     _write(folder, STUDY.replace('["front"]', '["front", "both"]').replace("250", "100000"))
-    begin = time.monotonic()
-    result = run_layouts(folder / "s.toml", folder / "out", forward=AnalyticCloth(21), seconds=SECONDS)
-    return result, time.monotonic() - begin
+    cloth = Timed(21)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("optimize.evaluations.time", cloth)
+        patch.setattr("studies.layout_grid.run.time", cloth)
+        return run_layouts(folder / "s.toml", folder / "out", forward=cloth, seconds=SECONDS)
 
 
-def test_a_grid_keeps_its_seconds(timed: tuple[GridResult, float]) -> None:
-    result, _ = timed
+def test_a_grid_keeps_its_seconds(timed: GridResult) -> None:
+    result = timed
     assert len(result.found) == result.total == 4
-    assert result.wall_s < 1.5 * SECONDS  # an end here, with its page, takes a tenth of that alone
+    assert 0.5 * SECONDS < result.wall_s < SECONDS + 24 * CASE  # at most the last batch of motions over it
     assert all(f.result and f.result.way is None for f in result.found if f not in result.front)
 
 
-def test_more_muscles_and_a_second_face_are_never_worse(timed: tuple[GridResult, float]) -> None:
-    result, _ = timed
+def test_more_muscles_and_a_second_face_are_never_worse(timed: GridResult) -> None:
+    result = timed
     reached = {f.cell: best.objective for f in result.found for best in [result.nearest(f.cell)] if best}
     assert [cell.name for cell in reached] == ["1_EM20_front", "1_EM20_both", "2_EM20_front", "2_EM20_both"]
     for one, other in itertools.product(reached, reached):
@@ -112,8 +132,8 @@ def test_more_muscles_and_a_second_face_are_never_worse(timed: tuple[GridResult,
         assert 1e3 * reached[f.cell] == rows[f.cell.name]["objective_mm"] <= rows[f.cell.name]["searched_mm"]
 
 
-def test_a_cell_begins_at_its_neighbours_with_idle_muscles(timed: tuple[GridResult, float]) -> None:
-    result, _ = timed
+def test_a_cell_begins_at_its_neighbours_with_idle_muscles(timed: GridResult) -> None:
+    result = timed
     one, _, _, both = result.found
     assert one.result is not None
     seeds = seeds_of(both.cell, result.found)
@@ -129,8 +149,8 @@ def test_a_cell_begins_at_its_neighbours_with_idle_muscles(timed: tuple[GridResu
     assert not seeds_of(one.cell, result.found)
 
 
-def test_time_goes_where_it_still_gains(timed: tuple[GridResult, float]) -> None:
-    result, _ = timed
+def test_time_goes_where_it_still_gains(timed: GridResult) -> None:
+    result = timed
     going = tuple(replace(f, result=replace(f.result, stop_reason="time used")) for f in result.found if f.result)
     result = replace(result, found=going)
     one, _, two, _ = going
@@ -152,8 +172,8 @@ def _at(found: Found, chamfer: float) -> StudyResult:
     return replace(found.result, errors=replace(found.result.errors, chamfer=chamfer))
 
 
-def test_what_did_not_help_is_said(timed: tuple[GridResult, float]) -> None:
-    result, _ = timed
+def test_what_did_not_help_is_said(timed: GridResult) -> None:
+    result = timed
     front, both = result.found[2:]
     assert front.result is not None
     worse = replace(both, result=_at(both, 9.0))

@@ -45,7 +45,7 @@ def recent_gain(found: Found) -> float:
     entries = [entry for entry in found.result.history if not entry.diverged]
     last = [(e.seconds, e.objective) for e in entries if e.stage == "full model"]
     if not last:
-        return float("inf")
+        return found.objective
     half = found.result.wall_s / 2
     before = [value for seconds, value in last if seconds <= half] or [last[0][1]]
     return max(0.0, min(before) - min(value for _, value in last))

@@ -38,7 +38,7 @@ def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
     known = state.get("fewer")
     if known and known["best"] == best.as_row() and known["seconds"] >= (evaluations.seconds if known["cut"] else 0):
         [start] = of_rows([known["row"]], study.design, limits_of(study))
-        return Fewer(start, known["value"], known["before"], known["count"], known["ended"])
+        return Fewer(start, known["value"], known["before"], known["count"], known["ended"], known["cut"])
     found = fewer_muscles(evaluations, least=choice.least, price=study.price)
     state["fewer"] = {
         "best": best.as_row(),
@@ -60,7 +60,8 @@ def fewer_said(study: Study, found: Fewer) -> str:
     near = f"within {study.price.tolerance:.0%} of it" if not study.price.muscle else "for the price of a muscle"
     if count < found.count:
         mm = f"{1e3 * found.value:.2f} mm instead of {1e3 * found.before:.2f}"
-        return f"{count} muscles do where the search came to {found.count}: {mm}, {near}."
+        cut = ", not tried to the end" if found.cut else ""
+        return f"{count} muscles do where the search came to {found.count}: {mm}, {near}{cut}."
     if found.cut:
         return f"Whether fewer than {found.count} muscles would do was not tried to the end: {found.ended}."
     return f"Fewer than {found.count} muscles do not do: no smaller layout came {near}."
