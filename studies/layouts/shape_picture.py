@@ -59,7 +59,7 @@ def _from_the_side(axes: Any, middle: Array, others: Sequence[Array], target: Ar
     columns = np.linspace(0, len(middle) - 1, 9).round().astype(int)
     for other in others:
         for k in columns[::4]:
-            axes.plot(1e3 * other[:, k, 2], 1e3 * other[:, k, 1], "-", color="#9aa5b1", linewidth=0.4, alpha=0.8)
+            axes.plot(1e3 * other[:, k, 2], 1e3 * other[:, k, 1], "-", color="#7a8694", linewidth=0.6)
     if others:
         axes.plot([], [], "-", color="#9aa5b1", label="copies with scatter, three columns")
     for k in columns:
@@ -67,4 +67,4 @@ def _from_the_side(axes: Any, middle: Array, others: Sequence[Array], target: Ar
     axes.plot([], [], "-", color="#2f5f8f", label="cloth, nine columns")
     axes.set(xlim=(1e3 * low[2], 1e3 * high[2]), ylim=(1e3 * low[1], 1e3 * high[1]))
     axes.set(xlabel="z, mm (from the side)", ylabel="y, mm", aspect="equal")
-    axes.legend(fontsize="small", frameon=False)
+    axes.legend(fontsize="small", frameon=False, loc="lower left", bbox_to_anchor=(0, 1))
