@@ -4,7 +4,7 @@ PYTHON := .venv/bin/python
 EXTRAS := clouds,corrector,dev,dxf,export,mesh,mocap# without corrector, tests that need PyTorch skip
 SETUP := pyproject.toml constraints.txt scripts/setup.sh
 
-.PHONY: demo test lint clean docs reference wheel wheel-test verify-sim verify-trace bench-sim loop
+.PHONY: demo test lint clean docs reference wheel wheel-test verify-sim verify-trace bench-sim bench-search loop
 
 demo: .venv/.ready-demo
 	.venv/bin/fabdesign demo -o demo
@@ -28,6 +28,10 @@ verify-trace: .venv/.ready-test
 # what a motion costs, beside bounds and others, 20 minutes; writes its part of docs/results/simulator.md
 bench-sim: .venv/.ready-bench
 	$(PYTHON) -m benchmarks.sim
+
+# the search on targets of the virtual rig, in parts: what is done is kept in build/search; QUICK=1 for a small one; writes docs/results/search.md
+bench-search: .venv/.ready-test
+	$(PYTHON) -m benchmarks.search
 
 # six loops on virtual rigs, in parts: what is done is kept in build/loop; writes docs/results/loop.md
 loop: .venv/.ready-test

@@ -24,10 +24,16 @@ class Cell:
     sides: Sides
     study: Study
 
+    def includes(self, other: "Cell") -> bool:
+        """Whether what `other` may lay out this cell may too, with muscles left over."""
+        fewer = other.type == self.type and other.muscles <= self.muscles
+        return fewer and {*SIDES[other.sides]} <= {*SIDES[self.sides]}
+
 
 @dataclass(frozen=True, eq=False)
 class LayoutsStudy:
-    """search: what all cells have in common; its limits' seconds and evaluations are shared evenly by them."""
+    """search: what all cells have in common. Each cell may use an even share of its limits' evaluations; their seconds
+    are an even share too, which `studies.layout_grid` moves to where they gain."""
 
     search: Study
     muscles: tuple[int, ...]
@@ -36,12 +42,13 @@ class LayoutsStudy:
 
     @property
     def cells(self) -> Iterator[Cell]:
+        """Each after all that it includes."""
         count = len(self.muscles) * len(self.types) * len(self.sides)
         limits = self.search.limits
         limits = replace(limits, seconds=limits.seconds / count, evaluations=max(1, limits.evaluations // count))
         for type_ in self.types:
-            for sides in self.sides:
-                for muscles in self.muscles:
+            for muscles in self.muscles:
+                for sides in sorted(self.sides, key=lambda sides: len(SIDES[sides])):
                     name = f"{muscles}_{type_}_{sides}"
                     own = replace(_of_type(self.search, type_), name=name, limits=limits)
                     study = replace(own, muscles=MuscleChoice(muscles, muscles, SIDES[sides]))

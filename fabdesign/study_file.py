@@ -1,6 +1,6 @@
 """Study files: `fabdesign.study/1`, what a person asks of a search."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -17,6 +17,7 @@ from fabdesign.model_file import read_model
 from fabdesign.placement import UNITS, Unit
 from fabdesign.pressure import LARGEST, limits
 from fabdesign.pressure_file import read_pressures
+from fabdesign.search_terms import Price, Robust, read_price, read_robust
 from fabdesign.table import Table, load_toml, pascals
 
 FORMAT = "fabdesign.study/1"
@@ -42,6 +43,7 @@ class TargetFile:
     rotation: tuple[float, float, float] | None = None  # degrees about the fixed axes x, y, z, in this order
     translation: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
     place: Literal["given", "fit"] = "given"
+    weight: float = 1.0  # among the poses of a study
 
 
 @dataclass(frozen=True)
@@ -98,6 +100,8 @@ class Study:
     order: int = 0  # the place in the specimen's session of what is searched for
     rise: float = RISE  # s, in which pressures rise on the way to an equilibrium
     hold: float = HOLD  # s, for which they then hold, where effects remember
+    price: Price = field(default_factory=Price)
+    robust: Robust | None = None
 
 
 def read_study(path: Path | str) -> Study:
@@ -152,6 +156,8 @@ def read_search(root: Table, path: Path) -> Study:
         order=root.integer("order", 0, least=0),
         rise=root.number("rise", RISE, least=0.01, most=60),
         hold=root.number("hold", HOLD, least=0, most=3600),
+        price=read_price(root),
+        robust=read_robust(root),
     )
     root.finish()
     return study
@@ -187,6 +193,7 @@ def read_targets(root: Table, path: Path) -> tuple[TargetFile, ...]:
             rotation=table.numbers("rotation", None, count=3),
             translation=table.numbers("translation", (0.0, 0.0, 0.0), count=3),
             place=table.text("place", "given", choices=("given", "fit")),
+            weight=table.number("weight", 1.0, above=0),
         )
         if target.place == "fit" and "translation" in table:
             raise table.bad("translation", 'none beside place = "fit", which finds it')

@@ -1,7 +1,8 @@
 """The evaluations of a search: batches within its limits, all recorded, the best kept."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -63,7 +64,7 @@ class Evaluations:
     """Values designs on the stages' forward models within limits, and keeps the best so far in `best`.
 
     starts: (space, vector) each. `seconds` includes the earlier sessions of `history`. on_progress is told after every
-    batch.
+    batch. near: share of the best value within which others are kept besides it.
     """
 
     def __init__(
@@ -76,15 +77,19 @@ class Evaluations:
         seconds: float,
         evaluations: int,
         on_progress: Callable[["Evaluations"], None] = lambda _: None,
+        near: float = NEAR,
     ) -> None:
         self.starts, self.stages, self.history = [*starts], stages, history
         self.best: Best | None = None
-        self.rivals: dict[int, Best] = {}  # of each start, the nearest on the last stage's model, while within NEAR
+        self.best_shape: Shape | None = None  # of the best, where it was evaluated in this session
+        self.rivals: dict[int, Best] = {}  # of each start, the nearest on the last stage's model, while that near
         self.campaign_began = 0.0  # s of search, when the campaign under way began
         self.stage = "start"  # under way
-        self.objective, self._on_progress = objective, on_progress
+        self.told = ""  # for people, once there is something to tell
+        self.objective, self._on_progress, self._near = objective, on_progress, near
         self.seconds, self._most = seconds, evaluations
         self._began = time.monotonic() - history.seconds
+        self._noting = True
         self._pace: dict[tuple[int, int, bool], float] = {}  # s that a batch of a size took last in a stage
 
     @property
@@ -103,7 +108,7 @@ class Evaluations:
             return self.starts[0]
         return self.space(self.best.start, self.best.stage), self.best.x
 
-    def finalists(self) -> list[tuple[DesignSpace, Vector]]:
+    def finalists(self, most: int = FINALISTS) -> list[tuple[DesignSpace, Vector]]:
         """The best, and what other starts came to that is as near: another layout or other pressures."""
         best = self.best
         if best is None or self.stages[best.stage].forward is not self.stages[-1].forward:
@@ -111,7 +116,7 @@ class Evaluations:
         found = [self.best_point()]
         for rival in sorted(self.rivals.values(), key=lambda rival: rival.value):
             point = self.space(rival.start, rival.stage), rival.x
-            if rival.start != best.start and len(found) < FINALISTS and not any(_same(point, other) for other in found):
+            if rival.start != best.start and len(found) < most and not any(_same(point, other) for other in found):
                 found.append(point)
         return found
 
@@ -141,6 +146,15 @@ class Evaluations:
             self._pace[number, len(batch), cheap is None] = self.elapsed - begin
             self._on_progress(self)
         return results
+
+    @contextmanager
+    def aside(self) -> Iterator[None]:
+        """Within it nothing becomes `best`."""
+        self._noting = False
+        try:
+            yield
+        finally:
+            self._noting = True
 
     def require_time(self, needed: float = 0.0) -> None:
         """Raises Stop where less than `needed` s are left."""
@@ -184,21 +198,21 @@ class Evaluations:
             )
             for value, raw, (_, x) in zip(values, found, batch, strict=True)
         )
-        for value, space, (start, x) in zip(values, spaces, batch, strict=True) if cheap is None else ():
-            if space.feasible(x):
-                self._note(Best(start, x.copy(), value, number))
+        for value, shape, (space, x), (start, _) in zip(values, shapes, points, batch, strict=True):
+            if cheap is None and self._noting and space.feasible(x):
+                self._note(Best(start, x.copy(), value, number), shape)
         return list(zip(values, shapes, strict=True))
 
-    def _note(self, found: Best) -> None:
+    def _note(self, found: Best, shape: Shape) -> None:
         """Keep it as the best, and among those that are as near."""
         if self._better(found.stage, found.value):
-            self.best = found
+            self.best, self.best_shape = found, shape
         if self.stages[found.stage].forward is self.stages[-1].forward:
             known = self.rivals.get(found.start)
             if known is None or found.value < known.value:
                 self.rivals[found.start] = found
             if self.best is not None:
-                most = (1 + NEAR) * self.best.value
+                most = (1 + self._near) * self.best.value
                 self.rivals = {start: rival for start, rival in self.rivals.items() if rival.value <= most}
 
     def _better(self, number: int, value: float) -> bool:

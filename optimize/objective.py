@@ -36,12 +36,20 @@ class Target:
 class Objective:
     """Mean over the poses' targets of the Chamfer distance [m] (unsquared, both directions summed) or surface RMS [m].
 
-    order: the place in the specimen's session of what is searched for, 0 of a rested one.
+    order: the place in the specimen's session of what is searched for, 0 of a rested one. weights: of the targets in
+    the mean, above 0; empty: all alike.
     """
 
     targets: Sequence[Target]
     measure: Measure = "chamfer"
     order: int = 0
+    weights: Sequence[float] = ()
+
+    @property
+    def shares(self) -> NDArray[np.float64]:
+        """(poses,) of the targets in the mean; they sum to 1."""
+        weights = np.array(self.weights or [1.0] * len(self.targets))
+        return np.asarray(weights / weights.sum())
 
     def shapes(self, forward: ForwardModel, points: Sequence[tuple[DesignSpace, Vector]]) -> list[Shape]:
         """The shape of each point; a diverged one holds NaN."""
@@ -65,7 +73,7 @@ class Objective:
         """m; NaN where the shape is not finite."""
         if not np.all(np.isfinite(shape)):
             return float("nan")
-        return float(np.mean([self._distance(t, pose) for t, pose in zip(self.targets, shape, strict=True)]))
+        return float(self.shares @ [self._distance(t, pose) for t, pose in zip(self.targets, shape, strict=True)])
 
     def _distance(self, target: Target, pose: NDArray[np.float64]) -> float:
         if self.measure == "surface_rms":
@@ -87,7 +95,8 @@ class Objective:
         else:
             measured = [t.points[::SURFACE_THIN] for t in self.targets]
             found = [_surface_gradient(points, pose) for points, pose in zip(measured, shape, strict=True)]
-        return float(np.mean([value for value, _ in found])), np.array([s for _, s in found]) / len(found)
+        slopes = np.array([slope for _, slope in found])
+        return float(self.shares @ [value for value, _ in found]), self.shares[:, None, None] * slopes
 
 
 @lru_cache(maxsize=64)

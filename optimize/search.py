@@ -23,6 +23,8 @@ INTERRUPTED = "interrupted; the same command goes on from here"
 NOTHING_NEW = "ended: no search promises a further gain, and there are no fresh starts"
 AGREE = 3  # searches from different starts that end as near as the best one does, itself included
 ALIKE = 0.01  # of the best value, by which such ends may differ
+IDLE = 3  # campaigns that came no nearer than NO_GAIN of the best value: a further one is not worth its time
+NO_GAIN = 0.005
 
 Start = tuple[DesignSpace, Vector]
 # of campaign k = 1, 2, ... and the best so far: starts, and whether they owe nothing to the best
@@ -60,7 +62,7 @@ def search(
         if evaluations.history.load() is None:
             _save(evaluations, at)  # so that an end within the screening is kept too
         while not at.reason:
-            _campaign(evaluations, at)
+            _campaign(evaluations, at, floor)
             if at.independent:
                 at.ends += [s.value for s in at.searches]
             at.reason = _reason_to_end(evaluations, at, floor)
@@ -81,26 +83,39 @@ def _reason_to_end(evaluations: Evaluations, at: _Progress, floor: Callable[[Sha
     best = evaluations.best
     if best is None:
         return ""
-    nearest = min(at.searches, key=lambda s: s.value)
-    if nearest.shape is None:  # after a checkpoint
-        [(_, nearest.shape)] = evaluations.evaluate(at.stage, [(nearest.start, nearest.x)])
-    if floor is not None and nearest.value <= (1 + ALIKE) * floor(nearest.shape):
+    if _at_floor(evaluations, at, floor):
         return "at the floor: points of this very shape, as many and as noisy, are no nearer"
     if sum(end <= (1 + ALIKE) * best.value for end in at.ends) >= AGREE:
         return f"converged: {AGREE} searches from different starts end within {ALIKE:.0%} of the best"
+    if len(at.bests) >= IDLE and best.value > (1 - NO_GAIN) * at.bests[-IDLE][2]:
+        return f"nothing gained: {IDLE} rounds of restarts came no nearer by {NO_GAIN:.1%}"
     return ""
 
 
-def _campaign(evaluations: Evaluations, at: _Progress) -> None:
-    """From where it stands through all stages."""
+def _at_floor(evaluations: Evaluations, at: _Progress, floor: Callable[[Shape], float] | None) -> bool:
+    """Whether the nearest of the searches under way is as near as its own points would be."""
+    if floor is None:
+        return False
+    nearest = min(at.searches, key=lambda s: s.value)
+    if nearest.shape is None:  # after a checkpoint
+        [(_, nearest.shape)] = evaluations.evaluate(at.stage, [(nearest.start, nearest.x)])
+    return nearest.value <= (1 + ALIKE) * floor(nearest.shape)
+
+
+def _campaign(evaluations: Evaluations, at: _Progress, floor: Callable[[Shape], float] | None) -> None:
+    """From where it stands through all stages; no round follows one that has come to the floor on the last."""
     for number in range(at.stage, len(evaluations.stages)):
         if number > at.stage or not at.searches:
             at.searches = _enter(evaluations, number, at.searches or _screen(evaluations, at))
             at.stage = number
             _save(evaluations, at)
         while (going := [s for s in at.searches if not s.done]) and evaluations.may_begin(number):
+            before = min(s.value for s in at.searches)
             _round(evaluations, number, going)
             _save(evaluations, at)
+            gained = min(s.value for s in at.searches) < before
+            if gained and number == len(evaluations.stages) - 1 and _at_floor(evaluations, at, floor):
+                return
 
 
 def _begin(evaluations: Evaluations, at: _Progress, fresh: Fresh | None) -> bool:
@@ -178,6 +193,26 @@ def _round(evaluations: Evaluations, number: int, searches: list[LocalSearch]) -
     for local, xs, found in zip(searches, trials, _evaluate_all(evaluations, number, searches, wanted), strict=True):
         local.accept(evaluations.objective, xs, found[: len(xs)], [shape for _, shape in found[len(xs) :]])
         local.done = local.done or local.rounds >= stage.rounds
+
+
+def run_rounds(
+    evaluations: Evaluations, number: int, searches: Sequence[LocalSearch], rounds: int, *, until: float = 0.0
+) -> list[LocalSearch]:
+    """Searches that go on from where they stand on the model of a stage, side by side, for up to so many rounds each or
+    until they come to `until` m. What diverges there is left out."""
+    spaces = [evaluations.space(s.start, number) for s in searches]
+    xs = [space.encode(*s.space.decode(s.x)) for space, s in zip(spaces, searches, strict=True)]
+    values = evaluations.evaluate(number, [(s.start, x) for s, x in zip(searches, xs, strict=True)])
+    moved = [
+        local.enter(space, x, value, shape)
+        for local, space, x, (value, shape) in zip(searches, spaces, xs, values, strict=True)
+        if np.all(np.isfinite(shape))
+    ]
+    for _ in range(rounds):
+        if not (going := [s for s in moved if not s.done and s.value > until]):
+            break
+        _round(evaluations, number, going)
+    return moved
 
 
 def _find_slopes(evaluations: Evaluations, number: int, searches: list[LocalSearch]) -> None:

@@ -193,6 +193,15 @@ def _loose(design: Design, limits: Limits, count: int, rng: Generator) -> NDArra
     return rng.uniform(*_box(design, limits), (count, 2, 2))
 
 
+def random_line(design: Design, limits: Limits, rng: Generator) -> NDArray[np.float64]:
+    """(2, 2) m: a line through the cloth's box at any angle, cut to a part of it."""
+    angle, gap = rng.uniform(-np.pi / 2, np.pi / 2), rng.uniform(-0.45, 0.45)
+    if rng.random() < 0.5:
+        angle = rng.choice(ANGLES)
+    begin = rng.uniform(0.0, 0.4)
+    return _part(_lines(design, limits, np.array([gap]), angle), begin, rng.uniform(begin + 0.4, 1.0))[0]
+
+
 def _box(design: Design, limits: Limits) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     high = np.array([design.fabric.width, design.fabric.height]) - limits.edge
     return np.full(2, limits.edge), high

@@ -1,6 +1,9 @@
 """A grid of searches for one target, and studies of any kind by one command."""
 
+import itertools
 import json
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +16,12 @@ from fabdesign.forward import Case
 from fabdesign.layouts_file import read_layouts
 from fabdesign.pressure_file import constant_program
 from optimize.evaluations import Evaluations
+from optimize.start_rows import as_rows, of_rows
+from studies.layout_grid.result import Found, GridResult
 from studies.layout_grid.run import run_layouts
+from studies.layout_grid.seeds import seeds_of
+from studies.layout_grid.turns import CellTurns, next_turn
+from studies.layouts.result import StudyResult
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line
 
@@ -31,14 +39,39 @@ seconds = 600
 """
 
 
+SECONDS = 60.0  # of the clock of
+CASE = 0.1  # s that a shape takes on it
+
+
+class Timed(AnalyticCloth):
+    """A cloth whose every shape takes CASE s on a clock of its own, so that no test hangs on the machine's."""
+
+    now = 0.0
+
+    def motions(self, cases: Sequence[Case], times: Sequence[np.ndarray]) -> list[np.ndarray]:
+        self.now += CASE * len(cases)
+        return super().motions(cases, times)
+
+    def equilibria(self, cases: Sequence[Case]) -> list[np.ndarray]:
+        self.now += CASE * len(cases)
+        return super().equilibria(cases)
+
+    def monotonic(self) -> float:
+        return self.now
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    design = build("vertical")
-    write_design(design, tmp_path / "d.toml")
-    shape = AnalyticCloth().equilibria([Case(design, constant_program([300e3, 0, 300e3]))])[0]
-    np.savetxt(tmp_path / "target.xyz", shape[::8])
-    (tmp_path / "s.toml").write_text(STUDY)
+    _write(tmp_path, STUDY)
     return tmp_path
+
+
+def _write(folder: Path, study: str) -> None:
+    design = build("vertical")
+    write_design(design, folder / "d.toml")
+    shape = AnalyticCloth().equilibria([Case(design, constant_program([300e3, 0, 300e3]))])[0]
+    np.savetxt(folder / "target.xyz", shape[::8])
+    (folder / "s.toml").write_text(study)
 
 
 def test_a_grid_finds_its_front_and_goes_on_where_it_was(folder: Path) -> None:
@@ -64,8 +97,93 @@ def test_a_grid_finds_its_front_and_goes_on_where_it_was(folder: Path) -> None:
     front = [cells[name]["objective_mm"] for name in result["front"]]
     assert front == sorted(front, reverse=True)
     page = (folder / "out" / "report.html").read_text()
-    assert page.count("<svg") == 1 + len(front)
+    assert page.count("<svg") == 1 + len(cells)
+    assert page.count("data:image/png") == len(cells)  # each shape beside the target
     assert (folder / "out" / "cells" / "2_EM20_front" / "report.html").is_file()
+
+
+@pytest.fixture(scope="module")
+def timed(tmp_path_factory: pytest.TempPathFactory) -> GridResult:
+    """One and two muscles, on the front and on both faces."""
+    folder = tmp_path_factory.mktemp("timed")
+    _write(folder, STUDY.replace('["front"]', '["front", "both"]').replace("250", "100000"))
+    cloth = Timed(21)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("optimize.evaluations.time", cloth)
+        patch.setattr("studies.layout_grid.run.time", cloth)
+        return run_layouts(folder / "s.toml", folder / "out", forward=cloth, seconds=SECONDS)
+
+
+def test_a_grid_keeps_its_seconds(timed: GridResult) -> None:
+    result = timed
+    assert len(result.found) == result.total == 4
+    assert 0.5 * SECONDS < result.wall_s < SECONDS + 24 * CASE  # at most the last batch of motions over it
+    assert all(f.result and f.result.way is None for f in result.found if f not in result.front)
+
+
+def test_more_muscles_and_a_second_face_are_never_worse(timed: GridResult) -> None:
+    result = timed
+    reached = {f.cell: best.objective for f in result.found for best in [result.nearest(f.cell)] if best}
+    assert [cell.name for cell in reached] == ["1_EM20_front", "1_EM20_both", "2_EM20_front", "2_EM20_both"]
+    for one, other in itertools.product(reached, reached):
+        assert not one.includes(other) or reached[one] <= reached[other]
+    rows = {row["name"]: row for row in result.as_json()["cells"]}
+    for f in result.found:
+        assert 1e3 * reached[f.cell] == rows[f.cell.name]["objective_mm"] <= rows[f.cell.name]["searched_mm"]
+
+
+def test_a_cell_begins_at_its_neighbours_with_idle_muscles(timed: GridResult) -> None:
+    result = timed
+    one, _, _, both = result.found
+    assert one.result is not None
+    seeds = seeds_of(both.cell, result.found)
+    decoded = [space.decode(x) for space, x in seeds]
+    assert {len(design.muscles) for design, _ in decoded} == {2}
+    assert all(space.feasible(x) for space, x in seeds)
+    path = np.array(one.result.design.muscles[0].path)
+    grown = [p for d, p in decoded if np.allclose(d.muscles[0].path, path, rtol=0, atol=1e-9) and p[0, 1] == 0]
+    assert grown  # with an idle one
+    assert all(pressures[0, 0] == pytest.approx(one.result.pressures[0, 0]) for pressures in grown)
+    again = of_rows(json.loads(json.dumps(as_rows(seeds))), both.cell.study.design, seeds[0][0].limits)
+    assert [space.design for space, _ in again] == [design for design, _ in decoded]
+    assert not seeds_of(one.cell, result.found)
+
+
+def test_time_goes_where_it_still_gains(timed: GridResult) -> None:
+    result = timed
+    going = tuple(replace(f, result=replace(f.result, stop_reason="time used")) for f in result.found if f.result)
+    result = replace(result, found=going)
+    one, _, two, _ = going
+    turns = {f.cell.name: CellTurns(seconds=10, turns=1, beneath=0.0) for f in going}
+    assert next_turn(result, turns, 5.0) is None
+    turns[one.cell.name].gained = 0.1 * one.objective
+    assert next_turn(result, turns, 5.0) is one
+    turns[two.cell.name].gained = one.objective + two.objective
+    assert next_turn(result, turns, 5.0) is two
+    ended = replace(two, result=replace(two.result, stop_reason="at the floor: no nearer"))
+    assert next_turn(replace(result, found=(one, ended)), turns, 5.0) is one
+    worse = replace(two, result=_at(two, 9.0))  # one muscle has got ahead of two since these began
+    turns[two.cell.name].beneath = 8.0
+    assert next_turn(replace(result, found=(one, worse)), turns, 5.0) is worse
+
+
+def _at(found: Found, chamfer: float) -> StudyResult:
+    assert found.result is not None
+    return replace(found.result, errors=replace(found.result.errors, chamfer=chamfer))
+
+
+def test_what_did_not_help_is_said(timed: GridResult) -> None:
+    result = timed
+    front, both = result.found[2:]
+    assert front.result is not None
+    worse = replace(both, result=_at(both, 9.0))
+    said = replace(result, found=(front, worse)).said(both.cell)
+    assert said[0].startswith("2 muscles on both faces did not help: 2 on the front are nearer, at ")
+    assert said[0].endswith("its own search came to 9000.00 mm.")
+    one_face = replace(both, result=replace(front.result, pressures=np.array([[300e3, 0.0]])))
+    assert one_face.sides_used == "front"
+    said = replace(result, found=(one_face,)).said(both.cell)
+    assert said == ["1 of its 2 muscles is idle.", "Only the front pulls: a second face did not help."]
 
 
 def test_a_cell_without_room_is_told(folder: Path) -> None:

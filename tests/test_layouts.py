@@ -90,6 +90,7 @@ def test_every_pose_has_its_own_pressures(trial: Path, tmp_path: Path) -> None:
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     np.testing.assert_allclose(result["pressures_kpa"], [TRUTH / 1e3] * 2, atol=12)
     assert (tmp_path / "out" / "pressures_2.csv").is_file()
+    assert np.mean([pose["chamfer"] for pose in result["poses"]]) == pytest.approx(result["chamfer"])
 
 
 def test_a_layout_keeps_the_limits_and_its_start(trial: Path, tmp_path: Path) -> None:

@@ -83,3 +83,16 @@ def test_nan_is_nan_and_not_a_small_number(space: DesignSpace) -> None:
     shape = shape_of(space)
     shape[0, 7, 1] = np.nan
     assert np.isnan(Objective([Target(np.zeros((3, 3)))]).value(shape))
+
+
+def test_poses_count_by_their_weights() -> None:
+    rng = np.random.default_rng(4)
+    shape = rng.normal(size=(2, 50, 3))
+    targets = [Target(rng.normal(size=(40, 3))) for _ in range(2)]
+    alone = [Objective([target]).value(pose[None]) for target, pose in zip(targets, shape, strict=True)]
+    weighted = Objective(targets, weights=(3.0, 1.0))
+    assert weighted.value(shape) == pytest.approx((3 * alone[0] + alone[1]) / 4)
+    assert Objective(targets).value(shape) == pytest.approx(np.mean(alone))
+    value, slope = weighted.gradient(shape)
+    step = 1e-6 * rng.normal(size=shape.shape)
+    assert weighted.gradient(shape + step)[0] - value == pytest.approx(float((slope * step).sum()), rel=1e-2)

@@ -25,7 +25,8 @@ from types import SimpleNamespace
 from studies.layouts.progress import LiveLine
 with LiveLine("sheet") as line:
     history, best = SimpleNamespace(evaluations=64), SimpleNamespace(value=0.0123)
-    line.show(SimpleNamespace(stage="layouts", best=best, history=history, elapsed=20.0, seconds=60.0, share=1 / 3))
+    line.show(SimpleNamespace(stage="layouts", best=best, history=history, elapsed=20.0, seconds=60.0, share=1 / 3,
+                              told="after a tenth of its time 20.00 mm"))
     time.sleep(0.2)
 """
 
@@ -68,3 +69,4 @@ def test_a_search_shows_its_best_and_the_seconds_left():
     shown = on_terminal(SEARCH)
     assert "sheet: layouts: best 12.300 mm, 64 evaluations, 20 s" in shown
     assert "━" in shown and "40 s left at most" in shown
+    assert "sheet: after a tenth of its time 20.00 mm" in shown

@@ -37,7 +37,9 @@ def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_j
         f"{output}: {result['objective_mm']:.3f} mm (Chamfer {result['chamfer']:.3f}, floor "
         f"{result['chamfer_floor']:.3f}) after {result['evaluations']} evaluations; {result['stop_reason']}"
     )
-    said = [*result["reach"]["said"], *result["way"]["said"]]
+    after = [result["fewer"]["said"]] if result["fewer"] else []
+    after += result["robust"]["said"] if result["robust"] else []
+    said = [*after, *result["reach"]["said"], *result["way"]["said"]]
     if result["surface_beyond"] >= MANY_BEYOND:
         said.append(told_beyond(result["surface_beyond"]))
     text = "\n".join([*(f"target: {target}" for target in result["targets"]), text, *said])

@@ -52,8 +52,7 @@ def _layouts(study: Path, output: Path, *, seconds: float | None, force: bool, a
 
         def show(cell: Cell, number: int, total: int, evaluations: Evaluations) -> None:
             best = "none yet" if evaluations.best is None else f"{1e3 * evaluations.best.value:.3f} mm"
-            left = max(0.0, cell.study.limits.seconds * (total - number + 1) - evaluations.elapsed)
-            line.say(f"{cell.name}, {number} of {total}: best {best}, at most {left:.0f} s left")
+            line.say(f"{cell.name}, {number} of {total}: best {best}, {evaluations.elapsed:.0f} s in this cell")
 
         result = run_layouts(study, output, seconds=seconds, force=force, progress=show)
     print_result(result.as_json(), f"{as_text(result)}\nreport: {output / 'report.html'}", as_json)

@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 
 from fabdesign import __version__
 from fabdesign.output import write_text
-from studies.layout_grid.result import Found, GridResult
+from studies.layout_grid.result import WORDS, Found, GridResult
 from studies.layouts.drawing import layout_svg
+from studies.layouts.shape_picture import shape_png
 
 MARKS = {"front": ">", "back": "<", "both": "D"}
 
@@ -36,16 +37,34 @@ def render(result: GridResult) -> str:
         name=search.name,
         targets=next(f.result.targets for f in result.found if f.result),
         front=result.front,
+        rows=[(f, result.nearest(f.cell), result.said(f.cell)) for f in result.found],
+        words=WORDS,
         measure="Chamfer distance" if search.objective == "chamfer" else "surface RMS",
         points_per_side=search.model.points_per_side if search.model else 41,
         picture=Markup(front_svg(result)),
+        shapes=[_shapes(f) for f in _shown(result)],
+        shown=_shown(result),
         layout=lambda f: Markup(layout_svg(f.result.design, f.result.pressures[0], search.limits.pressure[1])),
         version=__version__,
     )
 
 
+def _shown(result: GridResult) -> list[Found]:
+    """Cells with a shape, those of the front first."""
+    front = result.front
+    return [*front, *(f for f in result.found if f.result and f not in front)]
+
+
+def _shapes(found: Found) -> list[Markup]:
+    """A picture a pose."""
+    assert found.result is not None
+    poses = zip(found.result.points, found.result.targets, strict=True)
+    return [Markup(shape_png(points, target.points)) for points, target in poses]
+
+
 def front_svg(result: GridResult) -> str:
-    """Error against muscles: a mark a cell, the front as a line, the floor dashed."""
+    """Error against muscles: a mark a cell, hollow where a cell with fewer is nearer, the front as a line, the floor
+    dashed."""
     figure = Figure(figsize=(7.5, 4.2), layout="constrained")
     axes = figure.subplots()
     sound = [f for f in result.found if f.result]
@@ -53,8 +72,13 @@ def front_svg(result: GridResult) -> str:
         for sides in result.study.sides:
             own = [f for f in sound if (f.cell.type, f.cell.sides) == (type_, sides)]
             if own:
-                at = [f.cell.muscles for f in own], [1e3 * f.objective for f in own]
-                axes.plot(*at, MARKS[sides], color=f"C{k}", linestyle=":", linewidth=0.8, label=f"{type_}, {sides}")
+                counts = [f.cell.muscles for f in own]
+                reached = [1e3 * min(f.objective, _nearest(result, f)) for f in own]
+                label = f"{type_}, {sides}"
+                axes.plot(counts, reached, MARKS[sides], color=f"C{k}", linestyle=":", linewidth=0.8, label=label)
+                worse = [f for f in own if f.objective > _nearest(result, f)]
+                at = [f.cell.muscles for f in worse], [1e3 * f.objective for f in worse]
+                axes.plot(*at, MARKS[sides], color=f"C{k}", fillstyle="none")
     front = result.front
     most = max(f.cell.muscles for f in sound)
     steps = [*(f.cell.muscles for f in front), most], [*(1e3 * f.objective for f in front), 1e3 * front[-1].objective]
@@ -66,6 +90,11 @@ def front_svg(result: GridResult) -> str:
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
+
+
+def _nearest(result: GridResult, found: Found) -> float:
+    best = result.nearest(found.cell)
+    return best.objective if best else float("inf")
 
 
 def _floor(found: Found) -> float:
@@ -80,6 +109,7 @@ def as_text(result: GridResult) -> str:
         f"{f.cell.muscles} muscles, {f.cell.type}, {f.cell.sides}: {1e3 * f.objective:.3f} mm" for f in result.front
     ]
     lines += [f"{f.cell.name}: {f.why}" for f in result.found if f.result is None]
+    lines += [sentence for f in result.found if f.result for sentence in result.said(f.cell)]
     if result.interrupted:
         lines.append("interrupted; the same command goes on from here")
     return "\n".join(lines)

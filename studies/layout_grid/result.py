@@ -1,10 +1,16 @@
 """What a grid of searches found."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
+
+import numpy as np
 
 from fabdesign.layouts_file import Cell, LayoutsStudy
 from studies.layouts.result import StudyResult
+
+PULLS = 0.05  # of the pressure range, over its lowest, from which on a muscle does something
+WORDS = {"front": "on the front", "back": "on the back", "both": "on both faces"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,6 +26,21 @@ class Found:
         """m; infinite without a result."""
         return self.result.objective if self.result else float("inf")
 
+    @cached_property
+    def pulling(self) -> tuple[int, ...]:
+        """Muscles of the result, from 0, that do something in some pose."""
+        if self.result is None:
+            return ()
+        low, high = self.result.study.limits.pressure
+        own = self.result.pressures[:, [muscle.channel for muscle in self.result.design.muscles]].max(axis=0)
+        return tuple(np.flatnonzero(own > low + PULLS * (high - low)).tolist())
+
+    @property
+    def sides_used(self) -> str:
+        """ "front", "back" or "both": the faces of the muscles that pull; empty where none does."""
+        used = {self.result.design.muscles[k].side for k in self.pulling} if self.result else set()
+        return "both" if len(used) == 2 else next(iter(used), "")
+
 
 @dataclass(frozen=True, eq=False)
 class GridResult:
@@ -28,10 +49,16 @@ class GridResult:
     study: LayoutsStudy
     found: tuple[Found, ...]
     total: int
+    wall_s: float = 0.0  # of all of it, earlier sessions included
 
     @property
     def interrupted(self) -> bool:
         return any(f.result is not None and f.result.interrupted for f in self.found)
+
+    def nearest(self, cell: Cell) -> Found | None:
+        """The nearest layout that `cell` may have: its own, or that of a cell with fewer muscles or on one face."""
+        may = [f for f in self.found if f.result is not None and cell.includes(f.cell)]
+        return min(may, key=lambda f: (f.objective, f.cell.muscles), default=None)
 
     @property
     def front(self) -> list[Found]:
@@ -42,27 +69,52 @@ class GridResult:
                 kept.append(f)
         return kept
 
+    def said(self, cell: Cell) -> list[str]:
+        """Sentences on where more muscles, or a second face, did not help."""
+        own, best = next((f for f in self.found if f.cell is cell), None), self.nearest(cell)
+        if own is None or best is None:
+            return []
+        said, count = [], f"{cell.muscles} muscles" if cell.muscles > 1 else "1 muscle"
+        if best is not own:
+            came = f"its own search came to {1e3 * own.objective:.2f} mm" if own.result else own.why
+            said.append(
+                f"{count} {WORDS[cell.sides]} did not help: {best.cell.muscles} {WORDS[best.cell.sides]} are nearer, "
+                f"at {1e3 * best.objective:.2f} mm; {came}."
+            )
+        idle = len(best.result.design.muscles) - len(best.pulling) if best.result else 0
+        if idle:
+            said.append(f"{idle} of its {best.cell.muscles} muscles {'is' if idle == 1 else 'are'} idle.")
+        if cell.sides == "both" and best.sides_used in ("front", "back"):
+            said.append(f"Only the {best.sides_used} pulls: a second face did not help.")
+        return said
+
     def as_json(self) -> dict[str, Any]:
         """What result.json holds: mm."""
         front = self.front
         return {
-            "cells": [_cell(f, f in front) for f in self.found],
+            "cells": [self._cell(f, f in front) for f in self.found],
             "front": [f.cell.name for f in front],
             "objective": self.study.search.objective,
             "left": self.total - len(self.found),
             "interrupted": self.interrupted,
+            "wall_s": self.wall_s,
             "seed": self.study.search.seed,
         }
 
-
-def _cell(found: Found, on_front: bool) -> dict[str, Any]:
-    cell = found.cell
-    entry: dict[str, Any] = {"name": cell.name, "muscles": cell.muscles, "type": cell.type, "sides": cell.sides}
-    if found.result is None:
-        return entry | {"why_not": found.why}
-    result = found.result.as_json()
-    keys = ("objective_mm", "chamfer", "chamfer_floor", "surface_rms", "surface_floor", "evaluations", "wall_s")
-    said = found.result.reach.sentences
-    return entry | {k: result[k] for k in keys} | {
-        "stop_reason": result["stop_reason"], "said": said, "front": on_front
-    }  # fmt: skip
+    def _cell(self, found: Found, on_front: bool) -> dict[str, Any]:
+        cell, best = found.cell, self.nearest(found.cell)
+        entry: dict[str, Any] = {"name": cell.name, "muscles": cell.muscles, "type": cell.type, "sides": cell.sides}
+        if found.result is None:
+            entry["why_not"] = found.why
+        if best is None or best.result is None:
+            return entry
+        result = best.result.as_json()
+        keys = ("objective_mm", "chamfer", "chamfer_floor", "surface_rms", "surface_floor")
+        entry |= {k: result[k] for k in keys}
+        entry |= {"of": best.cell.name, "sides_used": best.sides_used, "muscles_used": len(best.pulling)}
+        entry |= {"said": [*self.said(cell), *best.result.reach.sentences], "front": on_front}
+        if found.result is not None:
+            own = found.result.as_json()
+            entry |= {"searched_mm": own["objective_mm"], "stop_reason": own["stop_reason"]}
+            entry |= {"evaluations": own["evaluations"], "wall_s": own["wall_s"]}
+        return entry

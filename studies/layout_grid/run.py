@@ -1,21 +1,33 @@
 """A grid of searches for one target, each in a folder of its own, and their front."""
 
+import json
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import ForwardModel
 from fabdesign.layouts_file import Cell, LayoutsStudy, read_layouts
-from fabdesign.output import WorkFolder, work_folder
+from fabdesign.output import WorkFolder, work_folder, write_text
 from optimize.evaluations import Evaluations
+from optimize.start_rows import as_rows, of_rows
+from optimize.starts import Start
 from studies.layout_grid.report import write_report
 from studies.layout_grid.result import Found, GridResult
-from studies.layouts.begin import first_starts
+from studies.layout_grid.seeds import seeds_of
+from studies.layout_grid.turns import FIRST, FOLLOWED, FURTHER, LEAST, CellTurns, best_beneath, next_turn, recent_gain
+from studies.layouts.begin import first_starts, limits_of
+from studies.layouts.result import StudyResult
 from studies.layouts.run import run_study
 from studies.layouts.target import load_target
 
 CELLS = "cells"  # the folder of the searches' folders
+TURNS = "turns.json"  # how the time was shared, by which a grid goes on
+END = 0.25  # of a turn, that its end is thought to take before one was measured
+
+Progress = Callable[[Cell, int, int, Evaluations], None]
 
 
 def run_layouts(
@@ -26,14 +38,18 @@ def run_layouts(
     coarse: ForwardModel | None = None,
     seconds: float | None = None,
     force: bool = False,
-    progress: Callable[[Cell, int, int, Evaluations], None] = lambda *_: None,
+    progress: Progress = lambda *_: None,
 ) -> GridResult:
     """Search every cell and write `result.json`, `report.html` and `cells/NAME`, what `optimize` writes, into `out`.
 
-    Each cell has its share of the seconds (of the study, or `seconds`). The same study goes on in its folder: finished
-    cells are not searched again, the one that was under way goes on, and with more seconds all do. Ctrl-C ends with
-    what is there. A cell for which no layout keeps the limits is told, not searched. progress: of a cell, its number,
-    how many there are, and how its search stands.
+    A cell begins at what the cells that it includes have found, so that more muscles and a second face are no worse.
+    Every cell has a turn, with an even share of 60 % of the seconds (of the study, or `seconds`); the rest goes to
+    those that gain by it, while any does, and to the motions that lead to the results on the front. All of that is
+    within the seconds, but for the last batch and the page.
+
+    The same study goes on in its folder: finished cells are not searched again, the one that was under way goes on,
+    and with more seconds those that gain do. Ctrl-C ends with what is there. A cell for which no layout keeps the
+    limits is told, not searched. progress: of a cell, its number, how many there are, and how its search stands.
     Raises InputError like `run_study`, SimulationError where no cell has a result.
     """
     inputs = [] if isinstance(study, LayoutsStudy) else [study]
@@ -45,7 +61,7 @@ def run_layouts(
         load_target(target, study.search.design, seed=study.search.seed)  # sound, or said at once
         inputs.append(target.file)
     with work_folder(out, made_by="layouts", force=force, inputs=inputs) as work:
-        result = _searched(work, study, forward, coarse, progress)
+        result = _Grid(work, study, forward, coarse, progress).searched()
         if work.anew and result.interrupted:
             work.complete = False
         with work.adding() as files:
@@ -53,34 +69,146 @@ def run_layouts(
     return result
 
 
-def _searched(
-    work: WorkFolder,
-    study: LayoutsStudy,
-    forward: ForwardModel | None,
-    coarse: ForwardModel | None,
-    progress: Callable[[Cell, int, int, Evaluations], None],
-) -> GridResult:
-    cells, found = [*study.cells], []
-    for number, cell in enumerate(cells, start=1):
-        try:
-            first_starts(cell.study)
-        except InputError as error:
-            found.append(Found(cell, None, str(error)))
-            continue
+class _Grid:
+    """The turns of a grid in its folder."""
 
-        def told(evaluations: Evaluations, cell: Cell = cell, number: int = number) -> None:
-            progress(cell, number, len(cells), evaluations)
+    def __init__(
+        self,
+        work: WorkFolder,
+        study: LayoutsStudy,
+        forward: ForwardModel | None,
+        coarse: ForwardModel | None,
+        progress: Progress,
+    ) -> None:
+        self._work, self._study, self._progress = work, study, progress
+        self._models = forward, coarse
+        self._cells = [*study.cells]
+        self._found: list[Found] = []
+        state = _state(work.folder / TURNS)
+        self._turns = {name: CellTurns(**row) for name, row in state.get("cells", {}).items()}
+        self._began = time.monotonic() - state.get("spent", 0.0)
+        self._end = 0.0  # s that a turn took beyond its search
 
-        try:
-            result = run_study(
-                cell.study, work.folder / CELLS / cell.name, forward=forward, coarse=coarse, progress=told
+    def searched(self) -> GridResult:
+        for cell in self._cells:
+            self._first_turn(cell)
+            if self._result().interrupted:
+                return self._result()
+        result = self._result()
+        if not any(f.result for f in self._found):
+            raise SimulationError(f"{self._study.search.name}: no cell has a result; the first: {self._found[0].why}")
+        while not result.interrupted and (further := self._time_for_another()):
+            chosen = next_turn(result, self._turns, further)
+            if chosen is None:
+                break
+            self._further_turn(chosen, further)
+            result = self._result()
+        return result if result.interrupted else self._followed(result)
+
+    def _followed(self, result: GridResult) -> GridResult:
+        """With the motions that lead to what is on the front, the nearest first, while there is time for another."""
+        longest = 0.0
+        while ahead := [f for f in reversed(result.front) if f.result is not None and f.result.way is None]:
+            begin = time.monotonic()
+            if self._spent + longest > self._study.search.limits.seconds:
+                return result
+            own = self._turns[ahead[0].cell.name]
+            followed = self._run(
+                ahead[0].cell, own, first_starts(ahead[0].cell.study) if own.drawn else [], follow=True
             )
+            self._found[self._found.index(ahead[0])] = Found(ahead[0].cell, followed, "")
+            longest = max(longest, time.monotonic() - begin)
+            result = self._result()
+        return result
+
+    @property
+    def _spent(self) -> float:
+        return time.monotonic() - self._began
+
+    def _result(self) -> GridResult:
+        return GridResult(self._study, tuple(self._found), len(self._cells), self._spent)
+
+    def _time_for_another(self) -> float:
+        """s of search in another turn, 0 where there is no time."""
+        seconds = (1 - FOLLOWED) * self._study.search.limits.seconds
+        left, turn = seconds - self._spent - self._end, max(FURTHER * seconds, LEAST * self._end)
+        return min(turn, left) if left > LEAST * self._end and left > 0.01 * seconds else 0.0
+
+    def _first_turn(self, cell: Cell) -> None:
+        own = self._turns.get(cell.name)
+        try:
+            drawn = first_starts(cell.study)
+        except InputError as error:
+            self._found.append(Found(cell, None, str(error)))
+            return
+        if own is None:
+            share = FIRST * self._study.search.limits.seconds / len(self._cells)
+            own = CellTurns(
+                seeds=as_rows(seeds_of(cell, self._found)),
+                seconds=max(share / 4, share - (self._end or END * share)),
+                beneath=best_beneath(cell, self._result()),
+            )
+            self._turns[cell.name] = own
+            self._keep()
+        try:
+            result = self._run(cell, own, drawn)
         except SimulationError as error:
-            found.append(Found(cell, None, str(error)))
-            continue
-        found.append(Found(cell, result, ""))
-        if result.interrupted:
-            break
-    if not any(f.result for f in found):
-        raise SimulationError(f"{study.search.name}: no cell has a result; the first: {found[0].why}")
-    return GridResult(study, tuple(found), len(cells))
+            self._found.append(Found(cell, None, str(error)))
+            return
+        found = Found(cell, result, "")
+        self._found.append(found)
+        if not own.turns and not result.interrupted:
+            own.turns, own.value, own.gained = 1, found.objective, recent_gain(found)
+        self._keep()
+
+    def _further_turn(self, chosen: Found, seconds: float) -> None:
+        """On from where it stands; or anew from what its neighbours have found since."""
+        cell, own = chosen.cell, self._turns[chosen.cell.name]
+        beneath = best_beneath(cell, self._result())
+        anew = chosen.objective - beneath > 0 and beneath < own.beneath
+        if anew:
+            seeds = seeds_of(cell, self._found)
+            own.seeds, own.drawn, own.seconds, own.beneath = as_rows(seeds), False, 0.0, beneath
+        own.seconds += seconds
+        result = self._run(cell, own, first_starts(cell.study) if own.drawn else [], anew=anew)
+        found = Found(cell, result, "")
+        self._found[self._found.index(chosen)] = found
+        own.turns += 1
+        own.gained, own.value = max(0.0, own.value - found.objective), found.objective
+        self._keep()
+
+    def _run(
+        self, cell: Cell, own: CellTurns, drawn: list[Start], *, anew: bool = False, follow: bool = False
+    ) -> StudyResult:
+        last = time.monotonic()
+
+        def told(evaluations: Evaluations) -> None:
+            nonlocal last
+            last = time.monotonic()
+            self._progress(cell, self._cells.index(cell) + 1, len(self._cells), evaluations)
+
+        forward, coarse = self._models
+        result = run_study(
+            cell.study,
+            self._work.folder / CELLS / cell.name,
+            forward=forward,
+            coarse=coarse,
+            seconds=own.seconds,
+            starts=[*of_rows(own.seeds, cell.study.design, limits_of(cell.study)), *(drawn if own.drawn else [])],
+            force=anew,
+            follow=follow,
+            progress=told,
+        )
+        if not follow:
+            self._end = max(self._end, time.monotonic() - last)
+        return result
+
+    def _keep(self) -> None:
+        state = {"spent": self._spent, "cells": {name: own.as_row() for name, own in self._turns.items()}}
+        with self._work.adding() as files:
+            write_text(files / TURNS, json.dumps(state) + "\n")
+
+
+def _state(file: Path) -> dict[str, Any]:
+    """Empty before the first turn."""
+    return json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}

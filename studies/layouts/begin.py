@@ -6,6 +6,7 @@ import numpy as np
 
 from fabdesign.errors import InputError
 from fabdesign.study_file import Study
+from optimize.additions import pulling, with_idle
 from optimize.design_space import DesignSpace, Limits, Vector
 from optimize.search import Fresh
 from optimize.starts import Start, catalogue_starts, layout_starts, pressure_starts, thinned_starts
@@ -13,7 +14,9 @@ from optimize.variations import variations
 
 PRESSURE_STARTS = 31  # screened before pressures are searched
 LAYOUT_STARTS = 64  # drawn and screened before layouts are searched; a multiple of what the simulator takes at once
-VARIATIONS = 32  # of the best, screened by every other campaign
+VARIATIONS = 24  # of the best, screened by every other campaign,
+ADDITIONS = 16  # and as many places of a muscle more, each with
+PULL = 0.4  # of the pressure range: past the threshold of a braided muscle, so that a pull shows
 THINNED_STARTS = 72  # of the design's own muscles, where it has more than the layout may
 
 
@@ -88,10 +91,21 @@ def fresh_starts(study: Study) -> Fresh | None:
     limits, poses, choice = limits_of(study), len(study.targets), study.muscles
     if choice is not None:
 
+        def added(best: Start, seed: int) -> list[Start]:
+            """With one muscle more at a share of the pressure: what it promises shows when these are screened."""
+            count = len(best[0].design.muscles)
+            if count + 1 not in choice.counts:
+                return []
+            more = with_idle(best, count=count + 1, sides=choice.sides, number=ADDITIONS, seed=seed)
+            return pulling(more, count, PULL)
+
         def layouts(campaign: int, best: Start) -> tuple[list[Start], bool]:
             seed, counts, sides = study.seed + 1000 * campaign, choice.counts, choice.sides
             if campaign % 2:
-                return variations(best, counts=counts, sides=sides, number=VARIATIONS, seed=seed), False
+                return [
+                    *variations(best, counts=counts, sides=sides, number=VARIATIONS, seed=seed),
+                    *added(best, seed),
+                ], False
             drawn = layout_starts(
                 study.design, limits, poses, counts=counts, sides=sides, number=LAYOUT_STARTS, seed=seed
             )

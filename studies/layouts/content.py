@@ -27,6 +27,7 @@ def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, st
     for number, target in enumerate(targets, start=1):
         name = "target" if len(targets) == 1 else f"target {number}"
         content[f"{name}.time"] = target.time
+        content[f"{name}.weight"] = target.weight
         content[f"{name}.points"] = hashlib.sha256(target.points.tobytes()).hexdigest()
         if target.markers:
             content[f"{name}.distances"] = "from markers, one way"

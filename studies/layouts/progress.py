@@ -1,6 +1,7 @@
 """The live line of a search, on standard error."""
 
 import time
+from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
@@ -8,8 +9,28 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from optimize.evaluations import Evaluations
+from optimize.objective import Shape
 
+TENTH = 0.1  # of its limits, after which a search says how far it is
 QUIET_INTERVAL = 10.0  # s between lines where standard error is no terminal
+
+
+def saying_a_tenth(
+    floor: Callable[[Shape], float], progress: Callable[[Evaluations], None]
+) -> Callable[[Evaluations], None]:
+    """Progress of a search that also tells, after a tenth of its limits, how far it is. floor: m, of a shape."""
+
+    def report(evaluations: Evaluations) -> None:
+        best, shape = evaluations.best, evaluations.best_shape
+        if not evaluations.told and evaluations.share >= TENTH and best is not None and shape is not None:
+            least = floor(shape)
+            over = f", {best.value / least:.2f} times the noise floor" if least > 0 else ""
+            evaluations.told = (
+                f"after a tenth of its time {1e3 * best.value:.2f} mm{over}, in stage {evaluations.stage}"
+            )
+        progress(evaluations)
+
+    return report
 
 
 class LiveLine:
@@ -22,8 +43,12 @@ class LiveLine:
         self._bar = Progress(*columns, console=self._console, transient=True) if self._console.is_terminal else None
         self._task = None if self._bar is None else self._bar.add_task(title, total=1.0, left="")
         self._shown = -QUIET_INTERVAL
+        self._told = ""
 
     def show(self, evaluations: Evaluations) -> None:
+        if evaluations.told != self._told:
+            self._told = evaluations.told
+            self._console.print(f"{self._title}: {self._told}", highlight=False, soft_wrap=True)
         best = "none yet" if evaluations.best is None else f"{1e3 * evaluations.best.value:.3f} mm"
         done = f"{evaluations.history.evaluations} evaluations, {evaluations.elapsed:.0f} s"
         left = f"{max(0.0, evaluations.seconds - evaluations.elapsed):.0f} s left at most"

@@ -15,9 +15,12 @@ from plotly.offline import get_plotlyjs
 from fabdesign import __version__
 from fabdesign.metrics import MANY_BEYOND, Errors, told_beyond
 from fabdesign.model import Model
+from studies.layouts.after import fewer_said
 from studies.layouts.drawing import layout_svg
 from studies.layouts.figures import convergence_figure, scene_figure
 from studies.layouts.result import StudyResult
+from studies.layouts.robustness import said as robust_said
+from studies.layouts.shape_picture import shape_png
 
 PACKAGES = ("taichi", "nlopt", "numpy", "scipy")
 
@@ -58,6 +61,9 @@ def render_report(title: str, sections: Sequence[Section], *, more: str = "") ->
         ],
         failed=lambda result: sum(entry.diverged for entry in result.history),
         layout=_layout,
+        fewer_said=fewer_said,
+        robust_said=robust_said,
+        robust_picture=_robust_picture,
         place=lambda point: ", ".join(f"{1e3 * x:.0f}" for x in point),
         provenance=_provenance(sections),
         figures=Markup(json.dumps(figures, separators=(",", ":")).replace("</", "<\\/")),
@@ -70,6 +76,12 @@ def _error_cells(errors: Errors, floors: bool = True) -> Markup:
     cells = [f"<td>{1e3 * found:.2f}</td><td>{f'{1e3 * floor:.2f}' if floors else ''}</td>" for found, floor in pairs]
     cells.append(f"<td>{errors.beyond:.1%}</td>")
     return Markup("".join(cells))
+
+
+def _robust_picture(result: StudyResult) -> Markup:
+    """The result, its copies with scatter and the target."""
+    copies = [shape[0] for shape in result.robust.shapes] if result.robust else []
+    return Markup(shape_png(result.points[0], result.targets[0].points, copies))
 
 
 def _layout(result: StudyResult, pose: int) -> Markup:

@@ -16,10 +16,14 @@ from fabdesign.output import write_text
 from fabdesign.pressure import rising_program
 from fabdesign.pressure_file import SINGLE_ROW_DURATION, constant_program, write_pressures
 from fabdesign.study_file import Study
+from optimize.fewer import Fewer
 from optimize.history import Entry
 from optimize.search import INTERRUPTED
+from studies.layouts.after import fewer_said
 from studies.layouts.reach import Reach
-from studies.layouts.target import LoadedTarget
+from studies.layouts.robustness import Robustness
+from studies.layouts.robustness import as_json as robust_json
+from studies.layouts.target import LoadedTarget, pose_errors
 from studies.layouts.way import Way
 
 
@@ -40,7 +44,9 @@ class StudyResult:
     wall_s: float  # of the search, earlier sessions included
     stop_reason: str
     reach: Reach
-    way: Way
+    way: Way | None  # None where the motion to the result was not followed
+    robust: Robustness | None = None  # where the study asks for it
+    fewer: Fewer | None = None  # what leaving muscles out came to, where their number may vary
 
     @property
     def interrupted(self) -> bool:
@@ -51,6 +57,37 @@ class StudyResult:
     def objective(self) -> float:
         """m, of the measure that was searched."""
         return self.errors.chamfer if self.study.objective == "chamfer" else self.errors.surface_rms
+
+    @property
+    def after_a_tenth(self) -> float | None:
+        """m, the best after a tenth of the study's seconds; None before the first evaluation."""
+        within = 0.1 * self.study.limits.seconds
+        early = [e.objective for e in self.history if e.seconds <= within and not e.diverged]
+        return min(early, default=None)
+
+    def _poses(self) -> list[dict[str, float]]:
+        """Of several poses, the errors of each."""
+        if len(self.targets) == 1:
+            return []
+        found = pose_errors(self.targets, self.points, seed=self.study.seed)
+        return [
+            {name: 1e3 * value for name, value in asdict(errors).items() if name != "beyond"}
+            | {"weight": target.weight}
+            for errors, target in zip(found, self.targets, strict=True)
+        ]
+
+    def _robust(self) -> dict[str, Any] | None:
+        asked = self.study.robust
+        return None if self.robust is None or asked is None else robust_json(self.robust, asked)
+
+    def _fewer(self, found: Fewer) -> dict[str, Any]:
+        return {
+            "muscles": len(found.start[0].design.muscles),
+            "of": found.count,
+            "before_mm": 1e3 * found.before,
+            "tolerance": self.study.price.tolerance,
+            "said": fewer_said(self.study, found),
+        }
 
     def as_json(self) -> dict[str, Any]:
         """What result.json holds: distances in mm, pressures in kPa, margins in m (kPa for pressure);
@@ -66,8 +103,12 @@ class StudyResult:
             "pressures_kpa": pressures_kpa(self.pressures),
             "constraints": {k: v / 1e3 if k == "pressure" else v for k, v in self.constraints.items()},
             "stop_reason": self.stop_reason,
+            "poses": self._poses(),
             "reach": self.reach.as_json(),
-            "way": self.way.as_json(),
+            "way": self.way.as_json() if self.way else None,
+            "after_a_tenth_mm": self.after_a_tenth and 1e3 * self.after_a_tenth,
+            "robust": self._robust(),
+            "fewer": self.fewer and self._fewer(self.fewer),
             "seed": self.study.seed,
             "targets": [target.description for target in self.targets],
         }

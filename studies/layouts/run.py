@@ -1,7 +1,7 @@
 """A target cloud becomes a layout with pressures: one study from its file to its report."""
 
 import sqlite3
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -14,18 +14,23 @@ from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.study_file import Study, read_study, require_searchable
 from optimize.design_space import DesignSpace
-from optimize.evaluations import Evaluations, Stage
+from optimize.evaluations import FINALISTS, NEAR, Evaluations, Stage
+from optimize.fewer import Fewer
 from optimize.history import History, OtherStudy
-from optimize.margins import Limits, constraint_margins
+from optimize.margins import constraint_margins
 from optimize.objective import Objective, Target
-from optimize.search import search
+from optimize.search import INTERRUPTED, search
 from optimize.starts import Start
 from studies.forward_model import forward_model
+from studies.layouts.after import NEAR as NEAR_ENOUGH
+from studies.layouts.after import POOL, points_of, search_seconds, shrunk
 from studies.layouts.begin import first_starts, fresh_starts, limits_of
 from studies.layouts.content import study_content
+from studies.layouts.progress import saying_a_tenth
 from studies.layouts.reach import reach_of
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult, pressures_kpa, write_best
+from studies.layouts.robustness import most_robust, robustness_of
 from studies.layouts.target import LoadedTarget, load_target, target_errors
 from studies.layouts.way import ways
 
@@ -41,6 +46,8 @@ def run_study(
     coarse: ForwardModel | None = None,
     seconds: float | None = None,
     force: bool = False,
+    starts: Sequence[Start] | None = None,
+    follow: bool = True,
     progress: Callable[[Evaluations], None] = lambda _: None,
 ) -> StudyResult:
     """Search, and write `result.json`, `design.toml`, `pressures.csv` and `report.html` into `out`.
@@ -48,8 +55,9 @@ def run_study(
     The search runs on `coarse` and ends on `forward` (by default the simulator with 21 points a side and with the
     study's model's or 41; `forward` alone serves for both). While it runs, `out` always has the best so far; the same
     call on the same folder goes on after an interruption, and does not search again what is finished. Further poses'
-    pressures are `pressures_2.csv` and so on. `seconds` takes the place of the limit of the study. Ctrl-C ends the
-    search with a result.
+    pressures are `pressures_2.csv` and so on. `seconds` takes the place of the limit of the study. starts: where the
+    search begins, the same in every call on a folder; by default what `first_starts` gives. follow: whether the
+    motion that leads to the result is computed too, after the search. Ctrl-C ends the search with a result.
 
     A folder of another study (optimize.history.OtherStudy) or of other files, and one where another search runs, are
     refused: InputError, like other bad input before anything is computed. force: search anew in such a folder of
@@ -62,11 +70,16 @@ def run_study(
         study = replace(study, limits=replace(study.limits, seconds=seconds))
     require_searchable(study, study.name)
     targets = tuple(load_target(target, study.design, seed=study.seed) for target in study.targets)
-    objective = Objective([Target(t.points, t.time, t.markers) for t in targets], study.objective, study.order)
-    starts = first_starts(study)
+    objective = Objective(
+        [Target(t.points, t.time, t.markers) for t in targets],
+        study.objective,
+        study.order,
+        [t.weight for t in targets],
+    )
+    begun = first_starts(study) if starts is None else [*starts]
     inputs = [*([] if isinstance(given, Study) else [given]), *(target.file for target in study.targets)]
     with work_folder(out, made_by="optimize", force=force, inputs=inputs) as work:
-        result = _search_in(work, study, targets, objective, starts, forward, coarse, progress)
+        result = _search_in(work, study, targets, objective, begun, forward, coarse, follow, progress)
         if work.anew and result.interrupted:
             work.complete = False
             result = replace(result, stop_reason=f"{result.stop_reason}; {out} holds the earlier result until then")
@@ -84,24 +97,42 @@ def _search_in(
     starts: list[Start],
     forward: ForwardModel | None,
     coarse: ForwardModel | None,
+    follow: bool,
     progress: Callable[[Evaluations], None],
 ) -> StudyResult:
     with _open_history(work, study_content(study, targets)) as history:
         given = forward_models(
             forward, coarse, points_per_side=(study.model or Model()).points_per_side, rise=study.rise, hold=study.hold
         )
+        floor = _floor(study, targets)
         fine, quick = (forward_model(simulator, study.model) for simulator in given)
         evaluations = Evaluations(
             objective,
             starts,
             _stages(study, quick, fine),
             history,
-            seconds=study.limits.seconds,
+            seconds=search_seconds(study),
             evaluations=study.limits.evaluations,
-            on_progress=_keeping_best(work, targets, study.rise, progress),
+            on_progress=_keeping_best(work, targets, study.rise, saying_a_tenth(floor, progress)),
+            near=NEAR_ENOUGH if study.robust else NEAR,
         )
-        stop_reason = search(evaluations, fresh=fresh_starts(study), floor=_floor(study, targets))
-        return _result(study, targets, evaluations, fine, stop_reason)
+        stop_reason, fewer = search(evaluations, fresh=fresh_starts(study), floor=floor), None
+        try:
+            fewer = None if stop_reason == INTERRUPTED else shrunk(study, evaluations)
+        except KeyboardInterrupt:
+            stop_reason = INTERRUPTED
+        if study.robust is None or not follow:
+            points = [*points_of(fewer), *evaluations.finalists()][: None if follow else 1]
+            return _result(study, targets, evaluations, fine, stop_reason, points, follow=follow, fewer=fewer)
+        points = [*points_of(fewer), *evaluations.finalists(POOL)]
+        chosen = most_robust(study, study.robust, points, objective, quick)
+        points.insert(0, points.pop(chosen))
+        result = _result(study, targets, evaluations, fine, stop_reason, points[:FINALISTS], fewer=fewer)
+        nearest = evaluations.best.value if evaluations.best else result.objective
+        found = (result.design, result.pressures)
+        return replace(
+            result, robust=robustness_of(study, study.robust, found, objective, quick, fine, nominal=nearest)
+        )
 
 
 def forward_models(
@@ -119,10 +150,6 @@ def forward_models(
 
     fine = Simulator(points_per_side, rise=rise, hold=hold)
     return fine, coarse or Simulator(COARSE, tolerance=1e-6, rise=rise, hold=hold)
-
-
-def _limits(study: Study) -> Limits:
-    return Limits(study.limits.pressure, study.limits.spacing, study.limits.edge)
 
 
 def _stages(study: Study, coarse: ForwardModel, fine: ForwardModel) -> list[Stage]:
@@ -198,10 +225,15 @@ def _result(
     evaluations: Evaluations,
     forward: ForwardModel,
     stop_reason: str,
+    points: Sequence[Start] = (),
+    *,
+    follow: bool = True,
+    fewer: Fewer | None = None,
 ) -> StudyResult:
-    """Of what is as near as the best, the first that does not hang on the way to it, else the best: where its motion
-    leads, valued once more on the full model, and the resting cloth beside it."""
-    objective, points = evaluations.objective, evaluations.finalists()
+    """Of `points`, by default what is as near as the best, the first that does not hang on the way to it, else the
+    first: where its motion leads, valued once more on the full model, and the resting cloth beside it."""
+    objective = evaluations.objective
+    points = [*points] or evaluations.finalists()
     found = [space.decode(x) for space, x in points]
     still = [
         (DesignSpace(design, limits_of(study), np.zeros_like(pressures), vary_pressures=False), np.empty(0))
@@ -211,10 +243,11 @@ def _result(
     shapes, rests = every[: len(points)], every[len(points) :]
     if not (np.all(np.isfinite(shapes[0])) and np.all(np.isfinite(rests[0]))):
         raise SimulationError(f"{study.name}: the best design diverges on the full model; {stop_reason}")
-    found_ways = ways(objective, forward, found, shapes, rests, rise=study.rise)
+    found_ways = ways(objective, forward, found, shapes, rests, rise=study.rise) if follow else []
     chosen = next((k for k, one in enumerate(found_ways) if not one.hangs), 0)
-    (design, pressures), shape, rest, way = found[chosen], shapes[chosen], rests[chosen], found_ways[chosen]
-    if not way.reached and np.all(np.isfinite(way.shape)):
+    (design, pressures), shape, rest = found[chosen], shapes[chosen], rests[chosen]
+    way = found_ways[chosen] if follow else None
+    if way is not None and not way.reached and np.all(np.isfinite(way.shape)):
         shape = way.shape
     errors = target_errors(targets, shape, design, seed=study.seed)
     margins = constraint_margins(design, pressures, limits_of(study))
@@ -233,4 +266,5 @@ def _result(
         stop_reason=stop_reason,
         reach=reach_of(study, design, pressures, shape, errors, margins),
         way=way,
+        fewer=fewer,
     )

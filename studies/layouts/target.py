@@ -28,6 +28,7 @@ class LoadedTarget:
     description: str
     noise: SensorNoise = NOISE_FREE  # what the cloud shows; none on a mesh
     markers: bool = False  # so few points that only their distances to the cloth count, one way
+    weight: float = 1.0  # among the poses of a study
 
     @property
     def measured(self) -> bool:
@@ -57,23 +58,28 @@ def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedT
     if frame.trial:
         parts.append(_set_description(path))
     noise = _noise(placed, design.fabric.thickness)
-    return LoadedTarget(placed.points, frame.time, ", ".join(filter(None, parts)), noise, placed.markers)
+    said = ", ".join(filter(None, parts))
+    return LoadedTarget(placed.points, frame.time, said, noise, placed.markers, target.weight)
 
 
 def target_errors(
     targets: Sequence[LoadedTarget], shapes: NDArray[np.float64], design: Design, *, seed: int = 0, draws: int = DRAWS
 ) -> Errors:
-    """Mean over the targets, of shapes (poses, 2 n, 3) m. The floors take the noise that each target shows."""
-    own = -(-draws // len(targets))
-    found = [
-        astuple(
-            trial_errors(
-                [target.points], shape[None], target.noise, seed=seed + pose, draws=own, markers=target.markers
-            )
-        )
+    """Mean over the targets by their weights, of shapes (poses, 2 n, 3) m. The floors take the noise that each target
+    shows."""
+    found = pose_errors(targets, shapes, seed=seed, draws=-(-draws // len(targets)))
+    weights = [target.weight for target in targets]
+    return Errors(*np.average([astuple(errors) for errors in found], axis=0, weights=weights).tolist())
+
+
+def pose_errors(
+    targets: Sequence[LoadedTarget], shapes: NDArray[np.float64], *, seed: int = 0, draws: int = DRAWS
+) -> list[Errors]:
+    """Of each target beside its shape. draws: of each floor."""
+    return [
+        trial_errors([target.points], shape[None], target.noise, seed=seed + pose, draws=draws, markers=target.markers)
         for pose, (target, shape) in enumerate(zip(targets, shapes, strict=True))
     ]
-    return Errors(*np.mean(found, axis=0).tolist())
 
 
 def _placed(target: TargetFile, placed: PlacedTarget) -> list[str]:

@@ -1,0 +1,1 @@
+"""What the search reaches on targets of the virtual rig: `python -m benchmarks.search`."""

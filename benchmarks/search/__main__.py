@@ -1,0 +1,60 @@
+"""The search on targets of the virtual rig. Writes docs/results/search.md.
+
+    python -m benchmarks.search [--parts reach,grid,robust,poses] [--work FOLDER] [--others]
+
+A case that is done is kept in the folder, so that the same command goes on. QUICK=1: two cases a part, a quarter of the
+seconds. --others: random search, and CMA-ES and TPE where `cma` and `optuna` are installed, on the first six targets.
+"""
+
+import argparse
+import json
+import os
+from pathlib import Path
+
+from benchmarks.machine import ROOT, commit
+from benchmarks.search.baselines import NEAR, baselines
+from benchmarks.search.page import page
+from benchmarks.search.parts import SECONDS, cases
+from benchmarks.search.targets import truths
+from fabdesign.output import write_text
+
+PAGE = ROOT / "docs" / "results" / "search.md"
+PARTS = ("reach", "grid", "robust", "poses")
+QUICK, SHARE = 2, 0.25  # cases a part, and of their seconds, with QUICK=1
+COMPARED = 6
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--parts", default=",".join(PARTS), help="Some of them; none: only the page.")
+    parser.add_argument("--work", type=Path, default=ROOT / "build" / "search")
+    parser.add_argument("--others", action="store_true", help="Other searches too.")
+    options = parser.parse_args()
+    quick = os.environ.get("QUICK") == "1"
+    work = options.work / "quick" if quick else options.work
+    done: dict[str, int] = dict.fromkeys(PARTS, 0)
+    for case in cases():
+        if case.part not in options.parts.split(",") or (quick and done[case.part] >= QUICK):
+            continue
+        done[case.part] += 1
+        file = work / case.part / f"{case.name}.json"
+        if file.is_file():
+            continue
+        print(f"{case.part}: {case.name}", flush=True)
+        folder = work / case.part / case.name
+        folder.mkdir(parents=True, exist_ok=True)
+        row = case.run(folder, SHARE if quick else 1.0) | {"commit": commit(PAGE)}
+        write_text(file, json.dumps(row, indent=2) + "\n")
+        write_text(PAGE, page(work, quick=quick))
+    for truth in truths()[:COMPARED] if options.others else []:
+        file = work / "others" / f"{truth.name}.json"
+        ours = work / "reach" / f"{truth.name}.json"
+        if ours.is_file() and not file.is_file():
+            near = 1e-3 * NEAR * json.loads(ours.read_text(encoding="utf-8"))["floor_mm"]
+            row = baselines(truth, work / "reach" / truth.name, SHARE * SECONDS if quick else SECONDS, near)
+            write_text(file, json.dumps(row, indent=2) + "\n")
+    write_text(PAGE, page(work, quick=quick))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,119 @@
+"""The page of results, of the cases that are done."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from benchmarks.machine import processor
+from benchmarks.search.parts import cases
+
+Rows = dict[str, dict[str, Any]]
+NEAR, POSE = 1.1, 1.15  # times the floor, and times what a pose reaches alone
+
+
+def page(work: Path, *, quick: bool) -> str:
+    """What is done in `work`, and what is not."""
+    every = [*cases()]
+    rows = {
+        part: {
+            case.name: json.loads(file.read_text(encoding="utf-8"))
+            for case in every
+            if case.part == part and (file := work / part / f"{case.name}.json").is_file()
+        }
+        for part in dict.fromkeys(case.part for case in every)
+    }
+    others = {file.stem: json.loads(file.read_text(encoding="utf-8")) for file in sorted((work / "others").glob("*"))}
+    left = {part: sum(case.part == part for case in every) - len(found) for part, found in rows.items()}
+    commits = sorted({row["commit"] for found in rows.values() for row in found.values()})
+    lines = [
+        "# What the search reaches",
+        "",
+        "Targets are shapes at rest of known layouts, measured on the virtual rig (`rig.md`): an independent",
+        "simulation, no hardware. None is a mesh but the half tube.",
+        "",
+        f"`make bench-search`{' with QUICK=1' if quick else ''} (`python -m benchmarks.search`),",
+        f"commit {', '.join(commits) or 'none'}, {processor()}.",
+        "Seconds are those of the machine as it was; CPU seconds, of all threads, tell more where it was busy.",
+        "",
+        f"Not run: {', '.join(f'{count} of part {part}' for part, count in left.items() if count) or 'nothing'}"
+        f"{'' if others else '; other searches (--others)'}.",
+    ]
+    lines += _reach(rows["reach"]) + _grid(rows["grid"]) + _robust(rows["robust"]) + _poses(rows["poses"])
+    return "\n".join([*lines, *_others(others), ""])
+
+
+def _reach(rows: Rows) -> list[str]:
+    if not rows:
+        return []
+    near = {name: row for name, row in rows.items() if row["value_mm"] <= NEAR * row["floor_mm"]}
+    few = sum(row["muscles"] <= row["truth"] + 1 for row in near.values())
+    lines = ["", "## Targets of 2 to 8 muscles", ""]
+    lines.append(f"Within 10 % of the floor: **{len(near)} of {len(rows)}** (bound 11 of 12). Of those, at most one")
+    lines.append(f"muscle more than the truth: **{few}** (bound 10 of 12).")
+    lines += [
+        "",
+        "| target | Chamfer, mm | floor | muscles | truth | seconds | CPU seconds | ended |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for name, r in rows.items():
+        cells = f"{r['value_mm']:.2f} | {r['floor_mm']:.2f} | {r['muscles']} | {r['truth']} | {r['wall_s']:.0f}"
+        lines.append(f"| {name} | {cells} | {r['cpu_s']:.0f} | {r['stop_reason'].split(':')[0]} |")
+    return lines
+
+
+def _grid(rows: Rows) -> list[str]:
+    if not rows:
+        return []
+    lines = ["", "## `layouts`: a cloth of 0.30 x 0.18 m bent to a half tube, clamped", ""]
+    lines.append("Reached (what the cell's own search came to), mm; seconds given and taken.")
+    names = list(next(iter(rows.values()))["cells"])
+    lines += ["", f"| | {' | '.join(names)} | given | taken |", f"|---{'|---' * (len(names) + 2)}|"]
+    for name, row in rows.items():
+        cells = [f"{row['cells'][key][0]:.1f} ({row['cells'][key][1]:.1f})" for key in names]
+        lines.append(f"| {name} | {' | '.join(cells)} | {row['seconds']:.0f} | {row['wall_s']:.0f} |")
+    return lines
+
+
+def _robust(rows: Rows) -> list[str]:
+    if not rows:
+        return []
+    lines = ["", "## Copies with scatter", ""]
+    lines.append("50 copies on the simulator, not the rig, of the nominal result and of that chosen for yield.")
+    lines += ["", "| target | result | nominal, mm | expected | yield | tolerance |", "|---|---|---|---|---|---|"]
+    for name, row in rows.items():
+        for choose in ("nominal", "yield"):
+            r = row[choose]
+            cells = f"{r['nominal_mm']:.2f} | {r['expected_mm']:.2f} | {r['yield']:.0%} | {r['tolerance_mm']:.2f}"
+            lines.append(f"| {name} | {choose} | {cells} |")
+    return lines
+
+
+def _poses(rows: Rows) -> list[str]:
+    if not rows:
+        return []
+    lines = ["", "## Two poses, one layout", "", "Each within 15 % of what its own layout reaches is the bound.", ""]
+    lines += ["| target | together, mm | alone | met |", "|---|---|---|---|"]
+    for name, row in rows.items():
+        pairs = [*zip(row["poses_mm"], row["alone_mm"], strict=True)]
+        met = all(one <= POSE * alone for one, alone in pairs)
+        together, alone = (", ".join(f"{pair[k]:.2f}" for pair in pairs) for k in (0, 1))
+        lines.append(f"| {name} | {together} | {alone} | {'yes' if met else 'no'} |")
+    return lines
+
+
+def _others(rows: Rows) -> list[str]:
+    if not rows:
+        return []
+    lines = [
+        "",
+        "## Other searches",
+        "",
+        "Seconds to 1.2 times the floor, told the truth's number of muscles and faces.",
+        "",
+    ]
+    names = list(next(iter(rows.values())))
+    lines += [f"| target | {' | '.join(names)} |", f"|---{'|---' * len(names)}|"]
+    for name, row in rows.items():
+        cells = [f"{r['seconds']:.0f}" if r["seconds"] else f"not ({r['best_mm']:.1f} mm)" for r in row.values()]
+        lines.append(f"| {name} | {' | '.join(cells)} |")
+    return lines

@@ -1,0 +1,139 @@
+"""The parts of the benchmark: each case is a search, and what is kept of it."""
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from benchmarks.search.targets import Truth, half_tube, measured, truths
+from fabdesign.catalogue import build
+from fabdesign.layouts_file import LayoutsStudy
+from fabdesign.search_terms import Robust
+from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
+from optimize.objective import Objective, Target
+from studies.forward_model import forward_model
+from studies.layout_grid.run import run_layouts
+from studies.layouts.result import StudyResult
+from studies.layouts.robustness import as_json, robustness_of
+from studies.layouts.run import forward_models, run_study
+
+SECONDS = 60.0  # of a search
+CELL = 80.0  # of a cell of the half tube's grid
+SEEDS = (1, 2, 3)  # of that grid
+COUNTS = (2, 4, 6)
+COPIES = 50
+TOLERANCE = 1.25  # times the nominal value, within which a copy counts
+FEW = 4  # targets of the parts that compare two searches
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Case:
+    """name: of its file. run: in a folder, with all seconds times a factor."""
+
+    part: str
+    name: str
+    run: Callable[[Path, float], Row]
+
+
+def cases() -> Iterator[Case]:
+    """All of them, cheapest part first."""
+    known = truths()
+    for truth in known:
+        yield Case("reach", truth.name, lambda folder, share, truth=truth: reach(truth, folder, share))
+    for seed in SEEDS:
+        yield Case("grid", f"seed_{seed}", lambda folder, share, seed=seed: grid(seed, folder, share))
+    for truth in known[:FEW]:
+        yield Case("robust", truth.name, lambda folder, share, truth=truth: robust(truth, folder, share))
+        yield Case("poses", truth.name, lambda folder, share, truth=truth: poses(truth, folder, share))
+
+
+def study_of(truth: Truth, files: list[Path], seconds: float) -> Study:
+    """Any layout of up to eight muscles on the truth's cloth, which starts without one."""
+    return Study(
+        truth.name,
+        replace(truth.design, muscles=()),
+        tuple(TargetFile(file) for file in files),
+        positions=True,
+        muscles=MuscleChoice(1, 8),
+        limits=StudyLimits(seconds=seconds),
+    )
+
+
+def timed(study: Study, out: Path) -> tuple[StudyResult, Row]:
+    """The result of a search, and what is kept of any."""
+    cpu, wall = time.process_time(), time.monotonic()
+    result = run_study(study, out)
+    row = {
+        "value_mm": 1e3 * result.objective,
+        "floor_mm": 1e3 * result.errors.chamfer_floor,
+        "muscles": len(result.design.muscles),
+        "cpu_s": time.process_time() - cpu,
+        "wall_s": time.monotonic() - wall,
+        "stop_reason": result.stop_reason,
+    }
+    return result, row
+
+
+def reach(truth: Truth, folder: Path, share: float) -> Row:
+    """One target of the rig, one search."""
+    _, row = timed(study_of(truth, [measured(truth, 0, folder)], share * SECONDS), folder / "out")
+    return row | {"truth": truth.muscles}
+
+
+def grid(seed: int, folder: Path, share: float) -> Row:
+    """The half tube, by number of muscles on the front and on both faces."""
+    fabric = replace(build("vertical").fabric, width=0.30, height=0.18, support="clamped")
+    design = replace(build("basic", fabric=fabric, muscles=4), muscles=())
+    cells = 2 * len(COUNTS)
+    search = Study(
+        f"half tube, seed {seed}",
+        design,
+        (TargetFile(half_tube(folder / "tube.obj")),),
+        seed=seed,
+        positions=True,
+        limits=StudyLimits(seconds=share * CELL * cells),
+    )
+    cpu = time.process_time()
+    result = run_layouts(LayoutsStudy(search, COUNTS, tuple(design.muscle_types), ("front", "both")), folder / "out")
+    kept = {row["name"]: [row["objective_mm"], row["searched_mm"]] for row in result.as_json()["cells"]}
+    return {
+        "cells": kept,
+        "seconds": search.limits.seconds,
+        "wall_s": result.wall_s,
+        "cpu_s": time.process_time() - cpu,
+    }
+
+
+def robust(truth: Truth, folder: Path, share: float) -> Row:
+    """Copies of the nominal result beside those of the one that is chosen for yield at the same tolerance."""
+    study = study_of(truth, [measured(truth, 0, folder)], share * SECONDS)
+    nominal, _ = timed(study, folder / "nominal")
+    asked = Robust(copies=COPIES, tolerance=TOLERANCE * nominal.objective, choose="yield")
+    chosen, _ = timed(replace(study, robust=asked), folder / "yield")
+    coarse, fine = (forward_model(simulator, None) for simulator in reversed(forward_models(None, None)))
+    objective = Objective([Target(target.points, target.time) for target in nominal.targets])
+    found = robustness_of(
+        replace(study, robust=asked),
+        asked,
+        (nominal.design, nominal.pressures),
+        objective,
+        coarse,
+        fine,
+        nominal=nominal.objective,
+    )
+    return {"nominal": as_json(found, asked), "yield": chosen.as_json()["robust"]}
+
+
+def poses(truth: Truth, folder: Path, share: float) -> Row:
+    """Two poses with one layout, and each with its own."""
+    files = [measured(truth, pose, folder) for pose in (0, 1)]
+    both, row = timed(study_of(truth, files, share * 2 * SECONDS), folder / "both")
+    row["poses_mm"] = [pose["chamfer"] for pose in both.as_json()["poses"]]
+    row["alone_mm"] = [
+        timed(study_of(truth, [file], share * SECONDS), folder / f"pose_{k}")[1]["value_mm"]
+        for k, file in enumerate(files)
+    ]
+    return row

@@ -1,0 +1,95 @@
+"""Targets that a known layout made on the virtual rig, and a half tube that none did."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.catalogue import build
+from fabdesign.design import Design
+from fabdesign.measurement_set import read_set
+from fabdesign.pressure import rising_program
+from optimize.margins import Limits
+from optimize.starts import layout_starts
+
+RISE, HOLD = 1.0, 3.0  # s, of the motion to a target
+ELEMENT, STEP = 0.01, 1 / 960  # m, s of the rig: coarser than its own, which costs far more
+POINTS = 3362
+POSES = 2
+
+
+@dataclass(frozen=True)
+class Truth:
+    """A layout with its poses' pressures (poses, channels) Pa."""
+
+    name: str
+    design: Design
+    pressures: NDArray[np.float64]
+
+    @property
+    def muscles(self) -> int:
+        return len(self.design.muscles)
+
+
+def truths() -> list[Truth]:
+    """Twelve of 2 to 8 muscles: parallel and loose lines on one face and both, two with a corner, two of cloths that
+    are not square. Each with two poses."""
+    found = []
+    for number, count in enumerate((2, 2, 3, 3, 4, 4, 5, 5, 6, 6, 7, 8)):
+        cloth = build("vertical")
+        if number in (4, 9):
+            cloth = build("vertical", fabric=replace(cloth.fabric, width=0.3, height=0.18))
+        drawn = layout_starts(
+            cloth, Limits(), POSES, counts=range(count, count + 1), sides=("front", "back"), number=1, seed=number + 50
+        )
+        space, x = drawn[0]
+        design, pressures = space.decode(x)
+        if number in (2, 7):
+            design = _bent(design)
+        rng = np.random.default_rng(number)
+        pressures = np.maximum(pressures, 150e3) * rng.uniform(0.6, 1.0, pressures.shape)
+        kind = "bent" if number in (2, 7) else "drawn"
+        found.append(Truth(f"{number:02d}_{count}_{kind}", replace(design, name=f"truth_{number:02d}"), pressures))
+    return found
+
+
+def _bent(design: Design) -> Design:
+    """With a corner in its first muscle, a tenth of its length off the line."""
+    first, *others = design.muscles
+    a, b = np.array(first.path[0]), np.array(first.path[-1])
+    along = b - a
+    middle = (a + b) / 2 + 0.1 * np.array([-along[1], along[0]])
+    size = np.array([design.fabric.width, design.fabric.height])
+    u, v = np.clip(middle, 0.01, size - 0.01)
+    bent = replace(first, path=(first.path[0], (float(u), float(v)), first.path[-1]))
+    return replace(design, muscles=(bent, *others))
+
+
+def measured(truth: Truth, pose: int, folder: Path) -> Path:
+    """The cloud of a pose as the rig's sensor sees it at rest; made once."""
+    from studies.rig import run_rig
+    from studies.rig.scene import Resolution
+
+    file = folder / f"{truth.name}_{pose}.npz"
+    if not file.is_file():
+        out = folder / f"{truth.name}_{pose}"
+        program = rising_program(truth.pressures[pose], RISE, RISE + HOLD)
+        run_rig(truth.design, [program], out=out, force=True, resolution=Resolution(element=ELEMENT, step=STEP))
+        frames = read_set(out).trials[0].load().frames[-8:]
+        points = np.concatenate(frames)
+        np.savez(file, points=points[np.random.default_rng(pose).permutation(len(points))[:POINTS]])
+    return file
+
+
+def half_tube(file: Path, *, width: float = 0.30, height: float = 0.18) -> Path:
+    """A mesh (OBJ) of the cloth bent to half a tube about a horizontal axis, hung by its upper edge; m."""
+    radius, across, down = height / np.pi, 31, 37
+    u, v = np.meshgrid(np.linspace(0, width, across), np.linspace(0, height, down))
+    points = np.stack([u - width / 2, -radius * np.sin(v / radius), radius * (1 - np.cos(v / radius))], axis=-1)
+    corner = np.arange(across * down).reshape(down, across) + 1
+    a, b, c, d = (x.ravel() for x in (corner[:-1, :-1], corner[:-1, 1:], corner[1:, :-1], corner[1:, 1:]))
+    faces = [*zip(a, c, b, strict=True), *zip(b, c, d, strict=True)]
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in points.reshape(-1, 3)]
+    file.write_text("\n".join([*lines, *(f"f {i} {j} {k}" for i, j, k in faces), ""]))
+    return file

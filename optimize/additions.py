@@ -1,0 +1,86 @@
+"""A good layout with muscles more: where the search for a larger layout begins, so that it is no worse."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.random import Generator
+
+from fabdesign.muscle import Muscle
+from optimize.design_space import DesignSpace, Vector
+from optimize.starts import PITCH, Side, Start, random_line
+
+TRIES = 40  # draws of a further muscle before a layout counts as full
+BESIDE = 0.5  # of the further muscles are drawn beside one that is there, the others anywhere
+SHIFT = 0.15  # of the cloth, standard deviation from the muscle beside which one is drawn
+
+
+def with_idle(best: Start, *, count: int, sides: Sequence[Side], number: int, seed: int) -> list[Start]:
+    """Up to `number` layouts of `count` muscles that hold those of `best`, each with a channel of its own; the further
+    ones are drawn on `sides` and idle, at the lowest pressure. All keep the limits.
+
+    A layout that has `count` muscles already comes back alone.
+    """
+    space, x = best
+    design, pressures = space.decode(x)
+    own = pressures[:, [muscle.channel for muscle in design.muscles]]
+    rng = np.random.default_rng(seed)
+    further = count - len(design.muscles)
+    starts = []
+    for _ in range(number if further > 0 else 1):
+        start = _own_channels(design.muscles, own, space)
+        for _ in range(further):
+            start = None if start is None else _with_one_more(start, sides, rng)
+        if start is not None:
+            starts.append(start)
+    return starts
+
+
+def pulling(starts: Sequence[Start], muscles: int, share: float) -> list[Start]:
+    """The same layouts with their muscles from number `muscles` on at a share of the pressure range."""
+    found = []
+    for space, x in starts:
+        design, pressures = space.decode(x)
+        low, high = space.limits.pressure
+        pressures = pressures.copy()
+        pressures[:, muscles:] = low + share * (high - low)
+        found.append((replace(space, start_pressures=pressures), space.encode(design, pressures)))
+    return found
+
+
+def _with_one_more(start: Start, sides: Sequence[Side], rng: Generator) -> Start | None:
+    space, x = start
+    design, pressures = space.decode(x)
+    for _ in range(TRIES):
+        muscle = _drawn(design.muscles, space, sides, rng)
+        idle = np.full((len(pressures), 1), space.limits.pressure[0])
+        found = _own_channels([*design.muscles, muscle], np.concatenate([pressures, idle], axis=1), space)
+        if found is not None:
+            return found
+    return None
+
+
+def _drawn(muscles: Sequence[Muscle], space: DesignSpace, sides: Sequence[Side], rng: Generator) -> Muscle:
+    fabric = space.design.fabric
+    side = sides[int(rng.integers(len(sides)))]
+    if muscles and rng.random() < BESIDE:
+        near = muscles[int(rng.integers(len(muscles)))]
+        shift = SHIFT * np.array([fabric.width, fabric.height]) * rng.standard_normal((len(near.path), 2))
+        path = np.array(near.path) + shift
+        kind, pitch = near.type, near.fixed_point_pitch
+    else:
+        path = random_line(space.design, space.limits, rng)
+        kind = str(rng.choice(list(space.design.muscle_types)))
+        pitch = muscles[0].fixed_point_pitch if muscles else PITCH
+    inside = np.clip(path, space.limits.edge, np.array([fabric.width, fabric.height]) - space.limits.edge)
+    corners = tuple((float(u), float(v)) for u, v in inside)
+    return Muscle(type=kind, side=side, channel=0, path=corners, fixed_point_pitch=pitch)
+
+
+def _own_channels(muscles: Sequence[Muscle], pressures: Vector, space: DesignSpace) -> Start | None:
+    """With a channel for each muscle; None where a limit is broken."""
+    numbered = tuple(replace(muscle, channel=channel) for channel, muscle in enumerate(muscles))
+    design = replace(space.design, muscles=numbered)
+    own = DesignSpace(design, space.limits, pressures, space.vary_pressures, vary_positions=True)
+    x = own.encode(design, pressures)
+    return (own, x) if own.feasible(x) else None

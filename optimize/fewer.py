@@ -1,0 +1,184 @@
+"""No more muscles than needed: those whose absence costs least are left out, the others take over, while the objective
+stays within a tolerance or a price pays for it.
+
+The number of muscles is found by bisection. A smaller layout is the greedy choice of muscles: drop one, or
+lay two that do the same into one, whichever costs least. Its pressures and places are then searched on the coarse model
+and on the full one; what is near enough is kept, and is where the next begins.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.muscle import Muscle
+from fabdesign.search_terms import Price
+from optimize.design_space import DesignSpace
+from optimize.evaluations import Evaluations, Stop
+from optimize.local_search import LocalSearch
+from optimize.search import run_rounds
+from optimize.starts import Start
+
+ROUNDS = 5  # of a smaller layout on the coarse model,
+FINE_ROUNDS = 4  # and on the full one
+CLOSE = 0.1  # of the cloth's longer side: so near, in the mean of their ends, two muscles do the same
+HOPEFUL = 1.5  # times what is allowed: a layout on the coarse model is tried on the full one up to there
+SHARED = 0.05  # of the pressure range, within which two muscles may share a channel in every pose
+
+Layout = tuple[list[Muscle], NDArray[np.float64]]  # and (poses, muscles) Pa
+
+
+@dataclass(frozen=True, eq=False)
+class Fewer:
+    """start: with its value in m on the full model; before, count: of the layout that it comes from. ended: why it is
+    that layout itself, empty where it is another. cut: by a limit, before all was tried."""
+
+    start: Start
+    value: float
+    before: float
+    count: int
+    ended: str
+    cut: bool = False
+
+
+def fewer_muscles(evaluations: Evaluations, *, least: int, price: Price) -> Fewer:
+    """The best of `evaluations` with as few muscles as the price allows, never under `least`; itself where none may go.
+
+    Nothing that is evaluated here becomes the `best` of the evaluations. Ends at their limits with what it has.
+    """
+    space, x = evaluations.best_point()
+    best, last = evaluations.best, len(evaluations.stages) - 1
+    design, pressures = space.decode(x)
+    value, count = np.inf if best is None else best.value, len(design.muscles)
+    found = Fewer((space, x), value, value, count, "no smaller layout is near enough")
+    if best is None or evaluations.stages[best.stage].forward is not evaluations.stages[last].forward:
+        return replace(found, ended="the search ended before the full model", cut=True)
+    begun, lowest, highest = len(evaluations.starts), least, count
+    layout: Layout = ([*design.muscles], pressures[:, [muscle.channel for muscle in design.muscles]])
+    try:
+        with evaluations.aside():
+            while lowest < highest:
+                size = (lowest + highest) // 2
+                allowed = price.allowed(value, count - size)
+                smaller = _searched(evaluations, _thinned(evaluations, layout, space, size), allowed)
+                if smaller is None:
+                    lowest = size + 1
+                    continue
+                highest = size
+                found = replace(found, start=(smaller.space, smaller.x), value=smaller.value, ended="")
+                reduced, own = smaller.space.decode(smaller.x)
+                layout = [*reduced.muscles], own
+            return _with_shared_channels(evaluations, found, price)
+    except Stop as stop:
+        return replace(found, ended=found.ended and str(stop), cut=True)
+    finally:
+        del evaluations.starts[begun:]
+
+
+def _thinned(evaluations: Evaluations, layout: Layout, space: DesignSpace, size: int) -> LocalSearch | None:
+    """The greedy choice of `size` of the layout's muscles, on the coarse model; None where there is none."""
+    stage, local = len(evaluations.stages) - 2, None
+    while len(layout[0]) > size:
+        choices = [*_drops(layout), *_merges(layout, space)]
+        candidates = [(choice, start) for choice in choices if (start := _start(choice, space))]
+        if not candidates:
+            return None
+        searches = _searches(evaluations, stage, [start for _, start in candidates])
+        best = min(range(len(searches)), key=lambda k: searches[k].value)
+        layout, local = candidates[best][0], searches[best]
+    return local
+
+
+def _searched(evaluations: Evaluations, local: LocalSearch | None, allowed: float) -> LocalSearch | None:
+    """The search on from there, first on the coarse model; None where it does not come to what is allowed, m."""
+    last = len(evaluations.stages) - 1
+    coarse = run_rounds(evaluations, last - 1, [local], ROUNDS, until=allowed) if local else []
+    if not coarse or coarse[0].value > HOPEFUL * allowed:
+        return None
+    fine = run_rounds(evaluations, last, coarse, FINE_ROUNDS, until=allowed)
+    return fine[0] if fine and fine[0].value <= allowed else None
+
+
+def _searches(evaluations: Evaluations, stage: int, starts: Sequence[Start]) -> list[LocalSearch]:
+    """From starts that the evaluations get to know, valued on the model of a stage."""
+    first = len(evaluations.starts)
+    evaluations.starts += starts
+    spaces = [evaluations.space(first + k, stage) for k in range(len(starts))]
+    xs = [own.encode(*space.decode(x)) for own, (space, x) in zip(spaces, starts, strict=True)]
+    results = evaluations.evaluate(stage, [(first + k, x) for k, x in enumerate(xs)])
+    return [
+        LocalSearch(first + k, own, x, value, shape=shape)
+        for k, (own, x, (value, shape)) in enumerate(zip(spaces, xs, results, strict=True))
+    ]
+
+
+def _with_shared_channels(evaluations: Evaluations, found: Fewer, price: Price) -> Fewer:
+    """Muscles whose pressures agree on one channel, where the price of a channel pays for it."""
+    shared = with_shared_channels(found.start)
+    saved = found.start[0].start_pressures.shape[1] - shared[0].start_pressures.shape[1]
+    if price.channel <= 0 or saved <= 0:
+        return found
+    last = len(evaluations.stages) - 1
+    allowed = found.value + saved * price.channel
+    local = run_rounds(evaluations, last, _searches(evaluations, last, [shared]), FINE_ROUNDS, until=allowed)
+    if local and local[0].value <= allowed:
+        return replace(found, start=(local[0].space, local[0].x), value=local[0].value, ended="")
+    return found
+
+
+def _drops(layout: Layout) -> list[Layout]:
+    muscles, pressures = layout
+    return [([*muscles[:k], *muscles[k + 1 :]], np.delete(pressures, k, axis=1)) for k in range(len(muscles))]
+
+
+def _merges(layout: Layout, space: DesignSpace) -> list[Layout]:
+    """Pairs on one face that lie close become one between them, with the higher pressures."""
+    muscles, pressures = layout
+    size = max(space.design.fabric.width, space.design.fabric.height)
+    merged = []
+    for i, j in combinations(range(len(muscles)), 2):
+        a, b = muscles[i], muscles[j]
+        if (a.side, a.type, len(a.path)) != (b.side, b.type, len(b.path)):
+            continue
+        one, other = np.array(a.path), np.array(b.path)
+        ways = [other, other[::-1]]
+        other = min(ways, key=lambda way: float(np.linalg.norm(way - one)))
+        if np.linalg.norm(one - other, axis=1).mean() > CLOSE * size:
+            continue
+        path = tuple((float(u), float(v)) for u, v in (one + other) / 2)
+        kept = [*muscles[:j], *muscles[j + 1 :]]
+        kept[i] = replace(a, path=path)
+        own = np.delete(pressures, j, axis=1)
+        own[:, i] = np.maximum(pressures[:, i], pressures[:, j])
+        merged.append((kept, own))
+    return merged
+
+
+def _start(layout: Layout, space: DesignSpace) -> Start | None:
+    muscles = tuple(replace(muscle, channel=channel) for channel, muscle in enumerate(layout[0]))
+    own = replace(space, design=replace(space.design, muscles=muscles), start_pressures=layout[1], vary_positions=True)
+    x = own.encode(own.design, layout[1])
+    return (own, x) if own.feasible(x) else None
+
+
+def with_shared_channels(start: Start) -> Start:
+    """The same layout with muscles on one channel whose pressures agree in every pose, at their mean."""
+    space, x = start
+    design, pressures = space.decode(x)
+    low, high = space.limits.pressure
+    own = pressures[:, [muscle.channel for muscle in design.muscles]]
+    groups: list[list[int]] = []
+    for k in range(own.shape[1]):
+        alike = (g for g in groups if np.all(np.abs(own[:, k] - own[:, g[0]]) <= SHARED * (high - low)))
+        group = next(alike, None)
+        if group is None:
+            groups.append([k])
+        else:
+            group.append(k)
+    channel_of = {k: channel for channel, group in enumerate(groups) for k in group}
+    muscles = tuple(replace(muscle, channel=channel_of[k]) for k, muscle in enumerate(design.muscles))
+    shared = np.stack([own[:, group].mean(axis=1) for group in groups], axis=1)
+    found = replace(space, design=replace(design, muscles=muscles), start_pressures=shared)
+    return found, found.encode(found.design, shared)

@@ -1,0 +1,34 @@
+"""Layouts and their pressures as rows that JSON holds exactly."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from fabdesign.design import Design
+from fabdesign.muscle import Muscle
+from optimize.design_space import DesignSpace
+from optimize.margins import Limits
+from optimize.starts import Start
+
+
+def as_rows(starts: Sequence[Start]) -> list[dict[str, Any]]:
+    """Muscles, and (poses, channels) pressures in Pa."""
+    rows = []
+    for space, x in starts:
+        design, pressures = space.decode(x)
+        rows.append({"muscles": [asdict(muscle) for muscle in design.muscles], "pressures": pressures.tolist()})
+    return rows
+
+
+def of_rows(rows: Sequence[Mapping[str, Any]], cloth: Design, limits: Limits) -> list[Start]:
+    """What `as_rows` gave, on the cloth and with the muscle types of a design."""
+    starts = []
+    for row in rows:
+        paths = [tuple((float(u), float(v)) for u, v in muscle["path"]) for muscle in row["muscles"]]
+        muscles = [Muscle(**{**own, "path": path}) for own, path in zip(row["muscles"], paths, strict=True)]
+        design, pressures = replace(cloth, muscles=tuple(muscles)), np.array(row["pressures"], dtype=float)
+        space = DesignSpace(design, limits, pressures, vary_positions=True)
+        starts.append((space, space.encode(design, pressures)))
+    return starts

@@ -1,0 +1,72 @@
+"""How the time of a grid is shared: a turn for every cell, then turns for those that still gain."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from fabdesign.layouts_file import Cell
+from studies.layout_grid.result import Found, GridResult
+
+FIRST = 0.6  # of the seconds, for the first turns of all cells
+FOLLOWED = 0.12  # of the seconds, at the end, for the motions that lead to the results
+FURTHER = 0.05  # of the seconds: a further turn
+LEAST = 2.0  # times what an end takes, for a turn to be worth it
+GAINS = 0.005  # of the value: less is no gain
+ENDED = ("converged", "at the floor", "ended", "nothing gained", "the limit of", "every design")
+
+
+@dataclass
+class CellTurns:
+    """Of one cell. seconds: of search, all turns together, as `run_study` takes them. gained: m, in the last turn.
+    seeds: what its search began with besides its own draws (drawn: whether there were any)."""
+
+    seeds: list[dict[str, Any]] = field(default_factory=list)
+    drawn: bool = True
+    seconds: float = 0.0
+    turns: int = 0
+    gained: float = 0.0
+    value: float = float("inf")  # m, after the last turn
+    beneath: float = float("inf")  # m, of the nearest layout that its seeds were made of
+
+    def as_row(self) -> dict[str, Any]:
+        """For JSON: infinite values are absent."""
+        return {name: value for name, value in vars(self).items() if value != float("inf")}
+
+
+def best_beneath(cell: Cell, result: GridResult) -> float:
+    """m, of the nearest layout of the other cells that `cell` includes."""
+    return min((f.objective for f in result.found if f.cell is not cell and cell.includes(f.cell)), default=np.inf)
+
+
+def recent_gain(found: Found) -> float:
+    """m that the full model's best fell by in the latter half of the search; all of it where it came only then."""
+    assert found.result is not None
+    entries = [entry for entry in found.result.history if not entry.diverged]
+    last = [(e.seconds, e.objective) for e in entries if e.stage == "full model"]
+    if not last:
+        return found.objective
+    half = found.result.wall_s / 2
+    before = [value for seconds, value in last if seconds <= half] or [last[0][1]]
+    return max(0.0, min(before) - min(value for _, value in last))
+
+
+def next_turn(result: GridResult, turns: dict[str, CellTurns], seconds: float) -> Found | None:
+    """The cell that promises most in a turn of so many seconds; None where none does.
+
+    A cell promises what it gained a second in its turn before, or, where its neighbours have got ahead of it, what
+    it lies behind them.
+    """
+    promised = []
+    for f in result.found:
+        own = turns.get(f.cell.name)
+        if f.result is None or own is None:
+            continue
+        behind = f.objective - best_beneath(f.cell, result)
+        if behind > GAINS * f.objective and best_beneath(f.cell, result) < (1 - GAINS) * own.beneath:
+            promised.append((behind, f))
+        elif not f.result.stop_reason.startswith(ENDED) and own.gained > GAINS * f.objective:
+            per_second = own.gained / max(own.seconds / max(1, own.turns), 1e-9)
+            promised.append((per_second * seconds - max(0.0, behind), f))
+    best = max(promised, key=lambda pair: pair[0], default=None)
+    return best[1] if best is not None and best[0] > 0 else None

@@ -1,0 +1,72 @@
+"""What follows a search: no more muscles than needed, and a robust layout where it is asked for."""
+
+from fabdesign.study_file import Study
+from optimize.design_space import DesignSpace, Vector
+from optimize.evaluations import Evaluations
+from optimize.fewer import Fewer, fewer_muscles
+from optimize.start_rows import as_rows, of_rows
+from studies.layouts.begin import limits_of
+
+SHRINKING = 0.2  # of the seconds, kept for leaving muscles out where the study lets their number vary
+
+ROBUST = 0.15  # and for a robust choice, where the study asks for one
+POOL = 8  # layouts that such a choice is made among, at most
+NEAR = 0.1  # of the nearest value: so near they lie
+
+
+def search_seconds(study: Study) -> float:
+    """s for the search itself."""
+    kept = (SHRINKING if _may_shrink(study) else 0.0) + (ROBUST if study.robust else 0.0)
+    return study.limits.seconds * (1 - kept)
+
+
+def _may_shrink(study: Study) -> bool:
+    choice = study.muscles
+    return choice is not None and (choice.least < choice.most or study.price.channel > 0)
+
+
+def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
+    """The layout of fewer muscles that serves, within all of the study's seconds; None where their number is given.
+
+    What was found stands in the history: the same search is not shrunk twice.
+    """
+    best, choice = evaluations.best, study.muscles
+    if not _may_shrink(study) or choice is None or best is None:
+        return None
+    evaluations.seconds = study.limits.seconds * (1 - (ROBUST if study.robust else 0.0))
+    state = evaluations.history.load()
+    known = state.get("fewer")
+    if known and known["best"] == best.as_row() and known["seconds"] >= (evaluations.seconds if known["cut"] else 0):
+        [start] = of_rows([known["row"]], study.design, limits_of(study))
+        return Fewer(start, known["value"], known["before"], known["count"], known["ended"], known["cut"])
+    found = fewer_muscles(evaluations, least=choice.least, price=study.price)
+    state["fewer"] = {
+        "best": best.as_row(),
+        "row": as_rows([found.start])[0],
+        "value": found.value,
+        "before": found.before,
+        "count": found.count,
+        "ended": found.ended,
+        "cut": found.cut,
+        "seconds": evaluations.seconds,
+    }
+    evaluations.history.save(state, evaluations.elapsed)
+    return found
+
+
+def fewer_said(study: Study, found: Fewer) -> str:
+    """For people."""
+    count = len(found.start[0].design.muscles)
+    near = f"within {study.price.tolerance:.0%} of it" if not study.price.muscle else "for the price of a muscle"
+    if count < found.count:
+        mm = f"{1e3 * found.value:.2f} mm instead of {1e3 * found.before:.2f}"
+        cut = ", not tried to the end" if found.cut else ""
+        return f"{count} muscles do where the search came to {found.count}: {mm}, {near}{cut}."
+    if found.cut:
+        return f"Whether fewer than {found.count} muscles would do was not tried to the end: {found.ended}."
+    return f"Fewer than {found.count} muscles do not do: no smaller layout came {near}."
+
+
+def points_of(found: Fewer | None) -> list[tuple[DesignSpace, Vector]]:
+    """The smaller layout, to come before what the search found; none where there is none."""
+    return [] if found is None or found.ended else [found.start]

@@ -1,0 +1,260 @@
+"""Whether a shape survives the sewing: the error of copies whose muscles, pressures and cloth differ as built ones do.
+
+A copy is a vector z of independent standard normals: shifts of every corner point, errors of every channel's pressure
+and every muscle's gain, and what the model's joint covariance leaves open. The shape's derivatives by z, from one batch
+of differences, give the error of any number of copies without another simulation; a batch of true copies confirms it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import norm, qmc
+
+from fabdesign.design import Design
+from fabdesign.forward import Case
+from fabdesign.model import Model
+from fabdesign.model_sampling import drawn, joint_root
+from fabdesign.predictor import Predictor
+from fabdesign.search_terms import Robust
+from fabdesign.study_file import Study
+from optimize.design_space import DesignSpace
+from optimize.objective import Objective, Shape
+from optimize.starts import Start
+from studies.layouts.begin import limits_of
+
+Array = NDArray[np.float64]
+
+LINEAR_COPIES = 128  # of a layout, by derivatives; a power of two
+OFF = 0.003  # m that a muscle lies off its place when the most delicate one is looked for
+YIELD_OVER = 0.25  # of the nominal value, within which a copy counts where the study states no tolerance
+APART = 0.005  # m RMS, and
+BRANCH = 0.5  # of its own way from the nominal shape, by which a copy misses what the derivatives say: another branch
+
+
+@dataclass(frozen=True)
+class EachWithItsModel:
+    """A forward model whose case number k has the k-th model. Implements fabdesign.forward.ForwardModel."""
+
+    predictor: Predictor
+    models: tuple[Model, ...]
+
+    def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
+        """As each case's model gives them."""
+        return replace(self.predictor, model=Model()).motions(self._own(cases), times)
+
+    def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
+        """As each case's model gives them."""
+        return replace(self.predictor, model=Model()).equilibria(self._own(cases))
+
+    def _own(self, cases: Sequence[Case]) -> list[Case]:
+        models = zip(cases, self.models, strict=True)
+        return [replace(self.predictor, model=model).case(case) for case, model in models]
+
+
+class Scatter:
+    """How copies of one layout differ: `size` standard normals a copy."""
+
+    def __init__(self, study: Study, robust: Robust, design: Design, pressures: Array) -> None:
+        self._study, self._robust, self._design, self._pressures = study, robust, design, pressures
+        self._model = study.model or Model()
+        covered = robust.covariance and self._model.covariance is not None
+        self._root = joint_root(self._model) if covered else np.empty((0, 0))
+        self._corners = [len(muscle.path) for muscle in design.muscles]
+        counts = 2 * sum(self._corners), design.channels, len(design.muscles), len(self._root)
+        self._ends = np.cumsum(counts).tolist()
+        self.size: int = self._ends[-1]
+
+    def shifted(self, muscle: int, direction: Sequence[float], metres: float) -> Array:
+        """(size,) the copy of which one muscle, from 0, lies off its place."""
+        z = np.zeros(self.size)
+        first = 2 * sum(self._corners[:muscle])
+        step = np.tile(np.asarray(direction) * metres, self._corners[muscle])
+        z[first : first + 2 * self._corners[muscle]] = step / self._robust.placement
+        return z
+
+    def shapes(self, objective: Objective, forward: Predictor, zs: Sequence[Array]) -> list[Shape]:
+        """Of copies, in one batch; a diverged one holds NaN."""
+        points, models = [], []
+        for z in zs:
+            design, pressures, model = self._copy(z)
+            space = DesignSpace(design, limits_of(self._study), pressures, vary_pressures=False)
+            points.append((space, np.empty(0)))
+            models.append(model)
+        return objective.shapes(EachWithItsModel(forward, tuple(models)), points)
+
+    def _copy(self, z: Array) -> tuple[Design, Array, Model]:
+        places, channels, gains, rest = np.split(z, self._ends[:-1])
+        robust, fabric = self._robust, self._design.fabric
+        shifts = np.split(robust.placement * places.reshape(-1, 2), np.cumsum(self._corners)[:-1])
+        muscles = []
+        for k, (muscle, shift) in enumerate(zip(self._design.muscles, shifts, strict=True)):
+            moved = np.clip(np.array(muscle.path) + shift, 0.0, [fabric.width, fabric.height])
+            muscles.append(replace(muscle, channel=k, path=tuple((float(u), float(v)) for u, v in moved)))
+        own = [muscle.channel for muscle in self._design.muscles]
+        factors = (1 + robust.pressure * channels[own]) * (1 + robust.muscle_gain * gains)
+        pressures = np.maximum(0.0, self._pressures[:, own] * factors)
+        model = drawn(self._model, self._root, rest) if len(rest) else self._model
+        return replace(self._design, muscles=tuple(muscles)), pressures, model
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """The shape of copies by derivatives: nominal (poses, 2 n, 3) m, and (size, poses, 2 n, 3) m a standard normal."""
+
+    nominal: Shape
+    slopes: NDArray[np.float64]
+
+    def at(self, z: Array) -> Shape:
+        return self.nominal + np.tensordot(z, self.slopes, axes=1)
+
+
+def linear(scatter: Scatter, objective: Objective, forward: Predictor) -> Linear:
+    """By differences of one standard deviation, in one batch. What diverges has no slope."""
+    nominal, *ahead = scatter.shapes(objective, forward, [np.zeros(scatter.size), *np.eye(scatter.size)])
+    slopes = np.array([shape - nominal for shape in ahead])
+    slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0
+    return Linear(nominal, slopes)
+
+
+@dataclass(frozen=True, eq=False)
+class Robustness:
+    """Of one layout, in m of the searched measure. The first two by derivatives, the others of `copies` true copies.
+
+    yielded: share within `tolerance`. elsewhere: copies of another stable shape, or diverged. band: (2 n,) m that the
+    points of the first pose move by, standard deviation. delicate: the muscle, from 1, and the value with it 3 mm off.
+    """
+
+    nominal: float
+    expected_linear: float
+    yield_linear: float
+    tolerance: float
+    expected: float
+    yielded: float
+    worst: float
+    elsewhere: int
+    shapes: tuple[Shape, ...]
+    band: Array
+    delicate: tuple[int, float]
+
+    @property
+    def copies(self) -> int:
+        return len(self.shapes)
+
+
+def first_order(
+    scatter: Scatter, model: Linear, objective: Objective, tolerance: float, *, seed: int
+) -> tuple[float, float]:
+    """Expected value [m] and yield, by derivatives."""
+    sequence = qmc.Sobol(scatter.size, rng=np.random.default_rng(seed)).random(LINEAR_COPIES)
+    values = np.array([objective.value(model.at(z)) for z in norm.ppf(sequence)])
+    return float(values.mean()), float((values <= tolerance).mean())
+
+
+def tolerance_of(robust: Robust, nominal: float) -> float:
+    """m of the objective within which a copy counts for the yield; nominal: m, of the search's result."""
+    return robust.tolerance if robust.tolerance is not None else (1 + YIELD_OVER) * nominal
+
+
+def most_robust(study: Study, robust: Robust, points: Sequence[Start], objective: Objective, coarse: Predictor) -> int:
+    """Number of the layout that the study would choose of several near ones, by derivatives on the coarse model."""
+    scored, tolerance = [], None
+    for k, (space, x) in enumerate(points):
+        scatter = Scatter(study, robust, *space.decode(x))
+        model = linear(scatter, objective, coarse)
+        if not np.isfinite(model.nominal).all():
+            continue
+        if tolerance is None:
+            tolerance = tolerance_of(robust, objective.value(model.nominal))
+        expected, share = first_order(scatter, model, objective, tolerance, seed=study.seed)
+        scored.append(((-share, expected) if robust.choose == "yield" else (expected, -share), k))
+    return min(scored)[1] if scored else 0
+
+
+def robustness_of(
+    study: Study,
+    robust: Robust,
+    result: tuple[Design, Array],
+    objective: Objective,
+    coarse: Predictor,
+    fine: Predictor,
+    *,
+    nominal: float,
+) -> Robustness:
+    """nominal: m, of the search's nearest result, which the tolerance is counted from where the study states none."""
+    scatter, tolerance = Scatter(study, robust, *result), tolerance_of(robust, nominal)
+    model = linear(scatter, objective, coarse)
+    expected, share = first_order(scatter, model, objective, tolerance, seed=study.seed)
+    zs = np.random.default_rng(study.seed + 1).standard_normal((robust.copies, scatter.size))
+    centre, *shapes = scatter.shapes(objective, fine, [np.zeros(scatter.size), *zs])
+    values = np.array([objective.value(shape) for shape in shapes])
+    sound = [shape for shape in shapes if np.isfinite(shape).all()]
+    moved = np.array([shape[0] - centre[0] for shape in sound]) if sound else np.zeros((1, *centre[0].shape))
+    return Robustness(
+        nominal=objective.value(centre),
+        expected_linear=expected,
+        yield_linear=share,
+        tolerance=tolerance,
+        expected=float(np.mean(values[np.isfinite(values)])) if sound else float("inf"),
+        yielded=float(np.mean(values <= tolerance)),
+        worst=float(np.max(np.where(np.isfinite(values), values, np.inf))),
+        elsewhere=sum(_elsewhere(shape, centre, model, z) for shape, z in zip(shapes, zs, strict=True)),
+        shapes=tuple(sound),
+        band=np.sqrt(np.square(moved).sum(axis=2).mean(axis=0)),
+        delicate=_most_delicate(scatter, model, objective, len(result[0].muscles)),
+    )
+
+
+def _elsewhere(shape: Shape, centre: Shape, model: Linear, z: Array) -> bool:
+    way = shape - centre
+    missed, length = _rms(way - (model.at(z) - model.nominal)), _rms(way)
+    return not missed <= max(APART, BRANCH * length)
+
+
+def _rms(difference: Shape) -> float:
+    return float(np.sqrt(np.square(difference).sum(axis=-1).mean()))
+
+
+def _most_delicate(scatter: Scatter, model: Linear, objective: Objective, muscles: int) -> tuple[int, float]:
+    """By derivatives: of every muscle the worst of four directions."""
+    ways = ((1, 0), (-1, 0), (0, 1), (0, -1))
+    worst = [max(objective.value(model.at(scatter.shifted(k, way, OFF))) for way in ways) for k in range(muscles)]
+    return int(np.argmax(worst)) + 1, float(np.max(worst))
+
+
+def as_json(found: Robustness, robust: Robust) -> dict[str, object]:
+    """What `robust` in result.json holds: mm, null where copies diverged."""
+
+    def mm(value: float) -> float | None:
+        return 1e3 * value if np.isfinite(value) else None
+
+    return {
+        "nominal_mm": mm(found.nominal),
+        "expected_mm": mm(found.expected),
+        "worst_mm": mm(found.worst),
+        "yield": found.yielded,
+        "tolerance_mm": mm(found.tolerance),
+        "copies": found.copies,
+        "elsewhere": found.elsewhere,
+        "first_order": {"expected_mm": mm(found.expected_linear), "yield": found.yield_linear},
+        "band_mm": {"mean": mm(float(found.band.mean())), "largest": mm(float(found.band.max()))},
+        "delicate": {"muscle": found.delicate[0], "off_mm": 1e3 * OFF, "value_mm": mm(found.delicate[1])},
+        "chosen_for": robust.choose,
+        "said": said(found),
+    }
+
+
+def said(found: Robustness) -> list[str]:
+    """Sentences for people."""
+    lines = [
+        f"Of {found.copies} copies with scatter {found.yielded:.0%} are within {1e3 * found.tolerance:.2f} mm; "
+        f"expected {1e3 * found.expected:.2f} mm, worst {1e3 * found.worst:.2f}, nominal {1e3 * found.nominal:.2f}.",
+        f"Points move by {1e3 * found.band.mean():.1f} mm in the mean, {1e3 * found.band.max():.1f} mm where most "
+        "(standard deviation).",
+        f"Muscle {found.delicate[0]} is the most delicate: {1e3 * OFF:.0f} mm off its place it makes "
+        f"{1e3 * found.delicate[1]:.2f} mm.",
+    ]
+    if found.elsewhere:
+        lines.append(f"{found.elsewhere} of them come to another stable shape, or to none: the layout is near a fold.")
+    return lines

@@ -1,0 +1,70 @@
+"""A shape beside its target as a picture in a page: from the front at an angle, and from the side."""
+
+import base64
+import io
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from numpy.typing import NDArray
+
+from fabdesign.surface import face_triangles
+
+Array = NDArray[np.float64]
+SHOWN = 900  # points of the target drawn
+CLOTH, TARGET = "#8fb3d9", "#b2182b"
+WIDTH, HEIGHT, DPI = 9.0, 4.4, 90  # inches of a picture, and dots an inch
+
+
+def shape_png(points: Array, target: Array, copies: Sequence[Array] = ()) -> str:
+    """A PNG as a data address. points (2 n n, 3) m: front face, then back face; target (n, 3) m. copies: shapes like
+    `points` whose columns are drawn thinly in the side view."""
+    middle, others = _middle(points), [_middle(copy) for copy in copies]
+    some = target[:: max(1, len(target) // SHOWN)]
+    every = np.concatenate([middle.reshape(-1, 3), some, *(other.reshape(-1, 3) for other in others)])
+    low, high = every.min(axis=0) - 0.005, every.max(axis=0) + 0.005
+    figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
+    _from_an_angle(figure.add_subplot(1, 2, 1, projection="3d"), middle, some, low, high)
+    _from_the_side(figure.add_subplot(1, 2, 2), middle, others, some, low, high)
+    data = io.BytesIO()
+    figure.savefig(data, format="png", dpi=DPI, metadata={"Software": None})
+    return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode("ascii")
+
+
+def _middle(points: Array) -> Array:
+    """(n, n, 3) m."""
+    side = round(np.sqrt(len(points) / 2))
+    return np.asarray(points.reshape(2, side, side, 3).mean(axis=0))
+
+
+def _from_an_angle(axes: Any, middle: Array, target: Array, low: Array, high: Array) -> None:
+    """With y upwards: matplotlib's vertical axis is its third."""
+    turned = [0, 2, 1]
+    side = len(middle)
+    corners = middle.reshape(-1, 3)[face_triangles(side, side)[: 2 * (side - 1) ** 2]][:, :, turned]
+    axes.add_collection3d(Poly3DCollection(corners, facecolors=[CLOTH] * len(corners), alpha=0.55, shade=True))
+    axes.scatter(*target[:, turned].T, s=2.5, color=TARGET, depthshade=False)
+    (x0, z0, y0), (x1, z1, y1) = low[turned], high[turned]
+    axes.set(xlim=(x0, x1), ylim=(z1, z0), zlim=(y0, y1))
+    axes.set_box_aspect(np.maximum(high - low, 0.02)[turned])
+    axes.view_init(elev=14, azim=-58)
+    axes.set(xticklabels=[], yticklabels=[], zticklabels=[])
+
+
+def _from_the_side(axes: Any, middle: Array, others: Sequence[Array], target: Array, low: Array, high: Array) -> None:
+    """The columns of the cloth, z to the right and y upwards, in mm."""
+    axes.plot(1e3 * target[:, 2], 1e3 * target[:, 1], ".", markersize=2.5, color=TARGET, label="target")
+    columns = np.linspace(0, len(middle) - 1, 9).round().astype(int)
+    for other in others:
+        for k in columns[::4]:
+            axes.plot(1e3 * other[:, k, 2], 1e3 * other[:, k, 1], "-", color="#7a8694", linewidth=0.6)
+    if others:
+        axes.plot([], [], "-", color="#9aa5b1", label="copies with scatter, three columns")
+    for k in columns:
+        axes.plot(1e3 * middle[:, k, 2], 1e3 * middle[:, k, 1], "-", color="#2f5f8f", linewidth=1.0)
+    axes.plot([], [], "-", color="#2f5f8f", label="cloth, nine columns")
+    axes.set(xlim=(1e3 * low[2], 1e3 * high[2]), ylim=(1e3 * low[1], 1e3 * high[1]))
+    axes.set(xlabel="z, mm (from the side)", ylabel="y, mm", aspect="equal")
+    axes.legend(fontsize="small", frameon=False, loc="lower left", bbox_to_anchor=(0, 1))

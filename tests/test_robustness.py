@@ -1,0 +1,149 @@
+"""Copies with scatter: what they are, what derivatives say of them, and which layout is chosen for them."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fabdesign.catalogue import build
+from fabdesign.design import Design
+from fabdesign.forward import Case
+from fabdesign.model import Covariance, Model, Parameter
+from fabdesign.pressure_file import constant_program
+from fabdesign.search_terms import Robust
+from fabdesign.study_file import Study, TargetFile
+from optimize.design_space import DesignSpace, Limits
+from optimize.objective import Objective, Target
+from optimize.starts import Start
+from studies.forward_model import forward_model
+from studies.layouts.robustness import Scatter, first_order, linear, most_robust, robustness_of
+from studies.layouts.run import run_study
+from tests.analytic_cloth import AnalyticCloth
+
+CLOTH = build("vertical")
+LINE = ((0.1, 0.03), (0.1, 0.17))
+ROBUST = Robust(copies=24)
+FORWARD = forward_model(AnalyticCloth(11), None)
+
+
+def with_muscles(*sides: str) -> Design:
+    first = CLOTH.muscles[0]
+    muscles = tuple(
+        replace(first, channel=k, side="front" if side == "front" else "back", path=LINE)
+        for k, side in enumerate(sides)
+    )
+    return replace(CLOTH, muscles=muscles)
+
+
+def start_of(design: Design, kpa: list[float]) -> Start:
+    space = DesignSpace(design, Limits(), 1e3 * np.array([kpa]), vary_positions=True)
+    return space, space.encode(design, space.start_pressures)
+
+
+ONE = with_muscles("front"), [200.0]
+# the back takes away what the front has too much: the same shape, of larger forces
+SHARE = float(np.tanh(380 / 250) ** 2 - np.tanh(200 / 250) ** 2)
+TWO = with_muscles("front", "back"), [380.0, 250 * float(np.arctanh(np.sqrt(SHARE)))]
+STUDY = Study("s", ONE[0], (), robust=ROBUST)
+
+
+@pytest.fixture(scope="module")
+def objective() -> Objective:
+    shape = AnalyticCloth(11).equilibria([Case(ONE[0], constant_program([200e3]))])[0].astype(float)
+    return Objective([Target(np.random.default_rng(2).normal(shape, 6e-4))])
+
+
+def test_a_muscle_off_its_place_is_that_very_design(objective: Objective) -> None:
+    scatter = Scatter(STUDY, ROBUST, ONE[0], np.array([[200e3]]))
+    assert scatter.size == 4 + 1 + 1  # two corners, a channel, a muscle
+    moved = replace(ONE[0].muscles[0], path=((0.103, 0.03), (0.103, 0.17)))
+    [shape, nominal] = scatter.shapes(objective, FORWARD, [scatter.shifted(0, (1, 0), 0.003), np.zeros(6)])
+    wanted = objective.shapes(FORWARD, [start_of(replace(ONE[0], muscles=(moved,)), [200.0]), start_of(*ONE)])
+    np.testing.assert_allclose([shape, nominal], wanted, atol=1e-7)
+    stronger = np.zeros(6)
+    stronger[4], stronger[5] = 1.0, -1.0  # pressure 5 % up, gain 4 % down
+    [shape] = scatter.shapes(objective, FORWARD, [stronger])
+    [wanted] = objective.shapes(FORWARD, [start_of(ONE[0], [200 * 1.05 * 0.96])])
+    np.testing.assert_allclose(shape, wanted, atol=1e-7)
+
+
+def test_derivatives_say_what_a_batch_of_copies_shows(objective: Objective) -> None:
+    found = robustness_of(STUDY, ROBUST, (ONE[0], np.array([[200e3]])), objective, FORWARD, FORWARD, nominal=0.008)
+    scatter = Scatter(STUDY, ROBUST, ONE[0], np.array([[200e3]]))
+    zs = np.random.default_rng(5).standard_normal((200, scatter.size))
+    values = [objective.value(shape) for shape in scatter.shapes(objective, FORWARD, list(zs))]
+    assert found.expected_linear == pytest.approx(np.mean(values), rel=0.05)
+    assert found.expected == pytest.approx(np.mean(values), rel=0.15)
+    assert found.worst > found.expected > found.nominal
+    assert found.yielded <= 1 and found.tolerance == pytest.approx(0.010)
+    assert found.elsewhere == 0
+    tip = found.band.reshape(2, 41, 41)[0, -1].mean()
+    assert tip > 3 * found.band.reshape(2, 41, 41)[0, 10].mean()  # what is near the held edge moves little
+
+
+@pytest.mark.parametrize("choose", ["expected", "yield"])
+def test_of_equal_shapes_the_one_of_smaller_forces_is_chosen(objective: Objective, choose: str) -> None:
+    robust = replace(ROBUST, choose=choose)
+    points = [start_of(*TWO), start_of(*ONE)]
+    [two, one] = objective.shapes(FORWARD, points)
+    np.testing.assert_allclose(one, two, atol=1e-5)
+    assert most_robust(STUDY, robust, points, objective, FORWARD) == 1
+    scores = []
+    for space, x in points:
+        scatter = Scatter(STUDY, robust, *space.decode(x))
+        scores.append(first_order(scatter, linear(scatter, objective, FORWARD), objective, 0.010, seed=1))
+    assert scores[1][0] < scores[0][0]
+    assert scores[1][1] > scores[0][1] + 0.2
+
+
+def test_the_muscle_that_pulls_is_the_delicate_one(objective: Objective) -> None:
+    idle = replace(ONE[0].muscles[0], channel=0, path=((0.03, 0.03), (0.03, 0.17)))
+    pulls = replace(ONE[0].muscles[0], channel=1)
+    design = replace(ONE[0], muscles=(idle, pulls))
+    study, robust = STUDY, replace(ROBUST, copies=8)
+    found = robustness_of(study, robust, (design, np.array([[0.0, 200e3]])), objective, FORWARD, FORWARD, nominal=0.008)
+    assert found.delicate[0] == 2
+    assert found.delicate[1] > found.nominal
+
+
+class Recording(AnalyticCloth):
+    def __init__(self) -> None:
+        super().__init__(11)
+        self.factors: list[dict[str, float]] = []
+
+    def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
+        self.factors += [dict(case.factors) for case in cases]
+        return super().equilibria(cases)
+
+
+def test_the_models_covariance_scatters_too(objective: Objective) -> None:
+    model = Model(
+        {"bending": Parameter(1.2), "membrane": Parameter(0.9)},
+        covariance=Covariance(("bending", "membrane"), np.array([[0.01, 0.0], [0.0, 0.0004]])),
+    )
+    study, simulator = replace(STUDY, model=model), Recording()
+    scatter = Scatter(study, ROBUST, ONE[0], np.array([[200e3]]))
+    assert scatter.size == 6 + 2
+    z = np.zeros((2, 8))
+    z[1, 6] = 1.0
+    scatter.shapes(objective, forward_model(simulator, model), list(z))
+    assert simulator.factors[0] == pytest.approx({"bending": 1.2, "membrane": 0.9})
+    assert simulator.factors[1] == pytest.approx({"bending": 1.2 * np.exp(0.1), "membrane": 0.9})
+    assert Scatter(study, replace(ROBUST, covariance=False), ONE[0], np.array([[200e3]])).size == 6
+
+
+def test_a_study_reports_its_copies(objective: Objective, tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "target.xyz", objective.targets[0].points[::2])
+    study = replace(STUDY, targets=(TargetFile(tmp_path / "target.xyz"),), robust=replace(ROBUST, copies=8))
+    study = replace(study, limits=replace(study.limits, evaluations=80))
+    result = run_study(study, tmp_path / "out", forward=AnalyticCloth(11))
+    kept = json.loads((tmp_path / "out" / "result.json").read_text())["robust"]
+    assert kept["copies"] == 8 and 0 <= kept["yield"] <= 1
+    assert kept["nominal_mm"] == pytest.approx(1e3 * result.objective, rel=0.02)
+    assert kept["delicate"]["muscle"] == 1 and len(kept["said"]) == 3
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Copies with scatter" in page and "data:image/png" in page
