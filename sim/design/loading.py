@@ -124,8 +124,8 @@ def fixed_points(
     spare[:2, 0], spare[2:4, 0], spare[2:4, 1] = 1, -1, 1  # at a node, tangents to the next
     weights = np.concatenate([lacing.weights[:4], np.repeat(spare[:, None], room - count, axis=1)], axis=1)
     base = np.concatenate([lacing.base, np.full((room - count, 2), first, np.int32)])
-    own_types = [specimen.design.muscle_types[name] for name in lacing.muscle_type]
-    table = [types[name, own] for name, own in zip(lacing.muscle_type, own_types, strict=True)]
+    own = {name: specimen.design.muscle_types[name] for name in dict.fromkeys(lacing.muscle_type)}
+    place = {named[0]: types[named] for named in own.items()}  # hashing a bench table takes long
 
     def filled(values: NDArray, spare: float = 0) -> NDArray:
         return np.pad(values, (0, room - count), constant_values=spare)
@@ -141,10 +141,10 @@ def fixed_points(
         "rest": filled(lacing.rest, 1.0),
         "gain": filled(of_muscles("gain")),
         "pressure_share": filled(1 - of_muscles("pressure_loss") * lacing.along),
-        "viscosity": filled(damping * np.array([own.viscosity for own in own_types])),
+        "viscosity": filled(damping * np.array([own[name].viscosity for name in lacing.muscle_type])),
         "base": (base[:, 0] + 1) * (n + 2) + base[:, 1] + 1,
         "channel": filled(lacing.channel),
-        "muscle_type": filled(np.array(table, np.int32)),
+        "muscle_type": filled(np.array([place[name] for name in lacing.muscle_type], np.int32)),
         **{plane.name: filled(of_muscles(plane.name)) for plane in state.added()},
     }
 

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from fabdesign.column import Column
 from fabdesign.effects.acting import specimen_of
+from fabdesign.effects.specimen import Specimen
 from fabdesign.forward import Case
-from sim.design.lacing import Lacing, lace, touched
+from sim.design.lacing import lace, touched
 from sim.design.loading import fixed_points, muscle_table, node_values, side_by_side
 from sim.kernels.fields import LANES
 from sim.materials import Lane, lane_constants
 
 Array = NDArray[np.float64]
 Values = dict[str, NDArray]
-UNMOVED = ("x0", "q", "free")  # of the nodes: where they rest and which are held
 
 
 class Laid:
@@ -30,24 +30,35 @@ class Laid:
         self.n, self._pressure = n, pressure
         self._types = muscle_table(cases)
         self._size = np.max([touched(case.design, n) for case in cases], axis=0).tolist()
-        self._laced: dict[int, tuple[object, Lacing]] = {}
 
-    def values(self, case: Case) -> Values:
-        """By name, of what a column may move."""
+    def laid(self, case: Case, base: "LaidCase | None" = None) -> "LaidCase":
+        """base: of a case that it may share arrays with, where nothing that they depend on differs."""
         specimen = specimen_of(case)
-        key = id(case.design)
-        if key not in self._laced:
-            self._laced[key] = case.design, lace(case.design, self.n, *self._size)
-        nodes = node_values(specimen, self.n)
-        return {
-            "lane": lane_constants(Lane(specimen, self.n)),
-            **{name: value for name, value in nodes.items() if name not in UNMOVED},
-            **fixed_points(self._laced[key][1], specimen, self._types, self.n),
-        }
+        values: Values = {"lane": lane_constants(Lane(specimen, self.n))}
+        same = base is not None and base.case.design.muscles == case.design.muscles
+        if same and specimen.design is base.specimen.design and _factor(specimen) == _factor(base.specimen):
+            values["mass"] = base.values["mass"]
+        else:
+            values["mass"] = node_values(specimen, self.n)["mass"]
+        if same and _same_muscles(specimen, base.specimen):
+            values |= {name: value for name, value in base.values.items() if name not in values}
+        else:
+            lacing = lace(case.design, self.n, *self._size)
+            values |= fixed_points(lacing, specimen, self._types, self.n)
+        return LaidCase(case, specimen, values)
 
     def pressure(self, case: Case) -> Array:
         """(channels,) Pa that act at rest."""
         return self._pressure(case)
+
+
+@dataclass(frozen=True, eq=False)
+class LaidCase:
+    """values: by name, as `put` takes them, of all that a column may move: where nodes rest and which are held stays."""
+
+    case: Case
+    specimen: Specimen
+    values: Values
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +92,7 @@ class Explicit:
         self._laid, self._channels = laid, channels
         own = {id(case): case for case in lanes}
         self._lanes = lanes
-        self._values = {key: laid.values(case) for key, case in own.items()}
+        self._own = {key: laid.laid(case) for key, case in own.items()}
         self._pressures = {key: laid.pressure(case) for key, case in own.items()}
 
     @property
@@ -91,7 +102,7 @@ class Explicit:
 
     def values(self, names: Sequence[str]) -> Values:
         """Of the lanes as they are."""
-        return {name: side_by_side([self._values[id(case)][name] for case in self._lanes]) for name in names}
+        return {name: side_by_side([self._own[id(case)].values[name] for case in self._lanes]) for name in names}
 
     def changes(self, moves: Sequence[Move | None]) -> list[Change]:
         """For one move a lane, None where there is none: to one side, then to the other."""
@@ -105,7 +116,7 @@ class Explicit:
             same = _same_pressures(case, moved)
             pressures.append(self._pressures[id(case)] if same else self._laid.pressure(moved))
             weights.append(0.0 if own is None else (2 * side - 1) / own.width)
-        base = [self._values[id(case)] for case in self._lanes]
+        base = [self._own[id(case)].values for case in self._lanes]
         changed = [name for name in base[0] if any(v[name] is not b[name] for v, b in zip(values, base, strict=True))]
         weight = np.array(weights, np.float32).reshape(-1, LANES)
         return Change(
@@ -114,20 +125,29 @@ class Explicit:
 
     def _moved(self, case: Case, moved: Case) -> Values:
         """The moved case's values, the very arrays of the case itself where they are equal."""
-        base = self._values[id(case)]
-        if _same_specimen(case, moved):
-            return base
+        base = self._own[id(case)]
+        if moved.design is case.design and moved.factors == case.factors and moved.effects == case.effects:
+            return base.values
         return {
-            name: base[name] if np.array_equal(value, base[name]) else value
-            for name, value in self._laid.values(moved).items()
+            name: base.values[name] if np.array_equal(value, base.values[name]) else value
+            for name, value in self._laid.laid(moved, base).values.items()
         }
 
     def _side_by_side(self, pressures: Sequence[Array]) -> NDArray[np.float32]:
         return side_by_side([np.pad(own, (0, self._channels - len(own))) for own in pressures]).astype(np.float32)
 
 
-def _same_specimen(case: Case, moved: Case) -> bool:
-    return moved.design is case.design and moved.factors == case.factors and moved.effects == case.effects
+def _factor(specimen: Specimen) -> float:
+    return specimen.factors.get("areal_density", 1.0)
+
+
+def _same_muscles(one: Specimen, other: Specimen) -> bool:
+    """Whether their fixed points are alike, for the same muscles."""
+    return (
+        one.factors.get("damping", 1.0) == other.factors.get("damping", 1.0)
+        and one.muscles.keys() == other.muscles.keys()
+        and all(np.array_equal(values, other.muscles[name]) for name, values in one.muscles.items())
+    )
 
 
 def _same_pressures(case: Case, moved: Case) -> bool:

@@ -12,7 +12,7 @@ from sim.tangent.muscles import muscle_tangent
 from sim.time.scheme import CV
 
 SOLVED, UNSOLVED, INDEFINITE = range(3)  # what came of a column
-RZ, ACTIVE, FIRST = 4, 6, 8  # slots of F.reduce
+RZ, ACTIVE = 4, 6  # slots of F.reduce
 LEAST = 1e-30
 
 
@@ -28,8 +28,8 @@ def apply_tangent(b, nu, nv, npt, support, moving: ti.template()):
 def conjugate_gradients(
     b, nu, nv, npt, support, edge, slot, iterations, tolerance, moving: ti.template()
 ):
-    """T.x += the solution of -tangent x = F.r, until the preconditioned residual has fallen by `tolerance`. T.found at
-    `slot` says what came of it; a lane whose tangent is not positive definite stops."""
+    """T.x += the solution of -tangent x = F.r, until the preconditioned residual is below `tolerance` times that. T.found
+    at `slot` says what came of it; a lane whose tangent is not positive definite stops."""
     count = (nu + 2) * (nv + 2)
     cv = thrice(F.scheme[b, CV])
     k = 0
@@ -37,34 +37,38 @@ def conjugate_gradients(
         F.node3[b, F.p + k] = Wide(0.0)
         k = F.after[k]
     F.reduce[b, ACTIVE] = Lanes(1.0)
-    F.reduce[b, FIRST] = Lanes(0.0)
     i = 0
     while i <= iterations:
         rotate(b, nu, nv, F.r, True)
         solve(b, nu, nv, npt, edge)
         rotate(b, nu, nv, F.y, False)
-        F.reduce[b, 0] = Lanes(0.0)
+        for n in range(3):
+            F.reduce[b, n] = Lanes(0.0)
         k = 0
         while k < count:
-            F.reduce[b, 0] = F.reduce[b, 0] + sum3(F.node3[b, F.y + k] * F.node3[b, F.r + k])
+            y = F.node3[b, F.y + k]
+            x = T.node3[b, T.x + k]
+            F.reduce[b, 0] = F.reduce[b, 0] + sum3(y * F.node3[b, F.r + k])
+            F.reduce[b, 1] = F.reduce[b, 1] + sum3(y * y)
+            F.reduce[b, 2] = F.reduce[b, 2] + sum3(x * x)
             k = F.after[k]
         going = 0
         lane = 0
         while lane < LANES:
             rz = F.reduce[b, 0][lane]
+            small = F.reduce[b, 1][lane] <= tolerance * tolerance * F.reduce[b, 2][lane]
             beta = ti.f32(0.0)
-            if i == 0:
-                F.reduce[b, FIRST][lane] = rz
-            else:
+            if i > 0:
                 beta = rz / ti.max(F.reduce[b, RZ][lane], LEAST)
             F.reduce[b, 1][lane] = beta
             F.reduce[b, RZ][lane] = rz
-            if F.reduce[b, ACTIVE][lane] > 0 and not rz > tolerance * tolerance * F.reduce[b, FIRST][lane]:
-                F.reduce[b, ACTIVE][lane] = 0.0
-                T.found[b, slot][lane] = SOLVED if rz >= 0 else INDEFINITE
             if F.reduce[b, ACTIVE][lane] > 0:
                 T.found[b, slot][lane] = UNSOLVED
-                going += 1
+                if small or not rz > 0:
+                    F.reduce[b, ACTIVE][lane] = 0.0
+                    T.found[b, slot][lane] = SOLVED if small else INDEFINITE
+                else:
+                    going += 1
             lane = F.after[lane]
         if going == 0 or i == iterations:
             i = iterations
@@ -110,3 +114,4 @@ def advance(b, nu, nv, npt, support, slot, cv, moving: ti.template()):
         T.node3[b, T.x + k] = T.node3[b, T.x + k] + step * F.node3[b, F.p + k]
         F.node3[b, F.r + k] = F.node3[b, F.r + k] + step * F.node3[b, F.f + k]
         k = F.after[k]
+

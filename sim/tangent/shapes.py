@@ -17,10 +17,10 @@ from sim.tangent.shape_kernels import explicit_kernel, read_columns, settle_kern
 from sim.time.batch import Batch
 
 Array = NDArray[np.float64]
-ITERATIONS = 80
-TOLERANCE = 1e-3
-SETTLING = 2
-STIFFENED = 300.0
+ITERATIONS = 100  # at most, of a solve: some 25 are usual
+TOLERANCE = 1e-4  # of the preconditioned residual to the solution: soft modes then lack up to 1e-2 of a column
+SETTLING = 2  # Newton steps from where a damped motion came to rest
+STIFFENED = 300.0  # 1/s^2 times the mass that the preconditioner adds, without which it may not be positive definite
 
 
 @dataclass(frozen=True, eq=False)
