@@ -104,7 +104,9 @@ def _with_path(muscle: Muscle, path: tuple[tuple[float, float], ...]) -> Muscle:
     least = float((after / (counts + 0.5)).max() * (1 + 1e-9))
     most = float(np.min(np.where(counts > 1, after / (counts - 0.5), np.inf)) * (1 - 1e-9))
     if least > most:
-        raise InputError(f"muscle along {path}: no pitch leaves its {int(counts.sum())} intervals; expected less of a move")
+        raise InputError(
+            f"muscle along {path}: no pitch leaves its {int(counts.sum())} intervals; expected a shorter move"
+        )
     return replace(muscle, path=path, fixed_point_pitch=float(np.clip(muscle.fixed_point_pitch, least, most)))
 
 

@@ -1,42 +1,42 @@
 """How the forces of the cloth change in a direction: sim/forces/cloth.py, differentiated line by line.
 
-The state is that of the last evaluation (F.q, F.v and the planes that it left); the direction is F.p in the positions
-and, where the state moves, F.hv in the velocities. F.f becomes the change of the forces, -M a included.
+The state is that of the last evaluation, at rest (F.q and the planes that it left); the direction is F.p. F.f becomes
+the change of the forces.
 """
 
 import taichi as ti
 
 from sim.design.support import BOTTOM, EDGES, LEFT, RIGHT
 from sim.forces.cloth import border
+from sim.forces.shear_twist import edge_means
 from sim.kernels.fields import F
 from sim.kernels.vectors import Wide, cross, difference, dot, load, parts, store, thrice
 from sim.materials import M
 from sim.tangent.fields import T
-from sim.time.scheme import CA
 
 
 @ti.func
-def fabric_tangent(b, nu, nv, support, moving: ti.template()):
-    """F.f <- the change of the cloth's forces. moving: whether velocities count."""
+def fabric_tangent(b, nu, nv, support):
+    """F.f <- the change of the cloth's forces."""
     for j in range(-1, nv + 2):
         if 0 <= j < nv - 1:
-            cell_row(b, nu, j, moving)
-            edge_row(b, nu, nv, j, False, moving)
+            cell_row(b, nu, j)
+            edge_row(b, nu, nv, j, False)
         if 0 <= j < nv:
-            edge_row(b, nu, nv, j, True, moving)
+            edge_row(b, nu, nv, j, True)
         if 1 <= j <= nv:
             star_row(b, nu, nv, j - 1)
             edge_force_row(b, nu, j - 1, True)
         if 2 <= j <= nv:
             edge_force_row(b, nu, j - 2, False)
         if j >= 2:
-            gather_row(b, nu, nv, j - 2, moving)
+            gather_row(b, nu, nv, j - 2)
     if 0 <= support < EDGES:
         clamp_pass(b, nu, nv, support)
 
 
 @ti.func
-def edge_row(b, nu, nv, j, along_u: ti.template(), moving: ti.template()):
+def edge_row(b, nu, nv, j, along_u: ti.template()):
     """Changes of tangents, strains and tensions of the edges along u or v that begin in row j."""
     t = ti.static(F.tu if along_u else F.tv)
     strain = ti.static(F.eu if along_u else F.ev)
@@ -51,7 +51,6 @@ def edge_row(b, nu, nv, j, along_u: ti.template(), moving: ti.template()):
     A = F.lane[b, M.AREA]
     quadratic = F.lane[b, M.Q1] if ti.static(along_u) else F.lane[b, M.Q2]
     cubic = F.lane[b, M.R1] if ti.static(along_u) else F.lane[b, M.R2]
-    vA = F.lane[b, M.VISCOSITY] * A * ih
     i = 0
     while i < count:
         k = (j + 1) * s + i + 1
@@ -72,10 +71,6 @@ def edge_row(b, nu, nv, j, along_u: ti.template(), moving: ti.template()):
         up = ti.max(ep, 0.0)
         stretch = ih * longer
         tension = A * (kh + up * (2.0 * quadratic + 3.0 * cubic * up)) * stretch
-        if ti.static(moving):
-            vx, vy, vz = difference(b, F.v + k, F.v + e)
-            wx, wy, wz = difference(b, F.hv + k, F.hv + e)
-            tension += vA * (dot(tx, ty, tz, wx, wy, wz) + dot(dx, dy, dz, vx, vy, vz))
         T.node3[b, d_t + k] = Wide(dx, dy, dz)
         T.node[b, d_strain + k] = stretch
         T.node[b, d_tension + k] = w * tension
@@ -216,23 +211,10 @@ def star_row(b, nu, nv, j):
 
 
 @ti.func
-def edge_means(b, k, s):
-    """Of the plane of F.node3 at k: means of both edges along u, of both along v, and the mixed difference of a cell."""
-    q0 = F.node3[b, k]
-    q1 = F.node3[b, k + 1]
-    q2 = F.node3[b, k + s]
-    q3 = F.node3[b, k + s + 1]
-    p = q3 - q0
-    m = q1 - q2
-    return 0.5 * (p + m), 0.5 * (p - m), (q3 - q1) - (q2 - q0)
-
-
-@ti.func
-def cell_row(b, nu, j, moving: ti.template()):
+def cell_row(b, nu, j):
     """Changes of the forces of shear and twist of the cells in row j."""
     s = nu + 2
     SA = F.lane[b, M.S] * F.lane[b, M.AREA]
-    VA = 0.5 * F.lane[b, M.VISCOSITY] * F.lane[b, M.AREA]
     ihh = F.lane[b, M.IHU] * F.lane[b, M.IHV]
     TA = 2.0 * F.lane[b, M.T] * F.lane[b, M.AREA] * ihh * ihh
     free_twist = F.lane[b, M.CURVED12] * F.lane[b, M.AREA]
@@ -267,16 +249,6 @@ def cell_row(b, nu, j, moving: ti.template()):
         d_hz = d_ir * az + ir * pz - d_gb * bz - gb * qz
         tau = -0.5 * SA * g
         d_tau = -0.5 * SA * d_g
-        if ti.static(moving):
-            du, dv, _ = edge_means(b, F.v + k, s)
-            wx, wy, wz = parts(du)
-            yx, yy, yz = parts(dv)
-            tau -= 0.5 * VA * (dot(gx, gy, gz, wx, wy, wz) + dot(hx, hy, hz, yx, yy, yz))
-            d_tau -= 0.5 * VA * (dot(d_gx, d_gy, d_gz, wx, wy, wz) + dot(d_hx, d_hy, d_hz, yx, yy, yz))
-            more_du, more_dv, _ = edge_means(b, F.hv + k, s)
-            wx, wy, wz = parts(more_du)
-            yx, yy, yz = parts(more_dv)
-            d_tau -= 0.5 * VA * (dot(gx, gy, gz, wx, wy, wz) + dot(hx, hy, hz, yx, yy, yz))
         nx, ny, nz = cross(bx, by, bz, ax, ay, az)
         il = 1.0 / ti.sqrt(dot(nx, ny, nz, nx, ny, nz))
         nx, ny, nz = nx * il, ny * il, nz * il
@@ -315,16 +287,14 @@ def cell_row(b, nu, j, moving: ti.template()):
 
 
 @ti.func
-def gather_row(b, nu, nv, j, moving: ti.template()):
-    """F.f = change of the internal forces - air damping - M a, with a change of a = ca p."""
+def gather_row(b, nu, nv, j):
+    """F.f = change of the internal forces."""
     s = nu + 2
-    ca = thrice(F.scheme[b, CA])
-    drag = thrice(F.lane[b, M.AIR] * F.lane[b, M.AREA])
     i = 0
     while i < nu:
         k = (j + 1) * s + i + 1
-        s1, w1 = border(i, nu)
-        s2, w2 = border(j, nv)
+        s1, _ = border(i, nu)
+        s2, _ = border(j, nv)
         e = F.node3[b, F.pu + k] - F.node3[b, F.pu + k - 1] + F.node3[b, F.pv + k] - F.node3[b, F.pv + k - s]
         m = (
             F.node3[b, F.na + k - 1]
@@ -341,10 +311,6 @@ def gather_row(b, nu, nv, j, moving: ti.template()):
             + (F.node3[b, F.ca + k - s - 1] + F.node3[b, F.cb + k - s - 1] + F.node3[b, F.cd + k - s - 1])
         )
         F.node3[b, F.f + k] = e + m + ce
-        if ti.static(moving):
-            F.node3[b, F.f + k] = F.node3[b, F.f + k] - (
-                thrice(F.node[b, F.mass + k]) * ca * F.node3[b, F.p + k] + w1 * w2 * drag * F.node3[b, F.hv + k]
-            )
         i = F.after[i]
 
 

@@ -54,7 +54,7 @@ class Laid:
 
 @dataclass(frozen=True, eq=False)
 class LaidCase:
-    """values: by name, as `put` takes them, of all that a column may move: where nodes rest and which are held stays."""
+    """values: by name, as `put` takes them, of all that a column may move, which is not where nodes rest."""
 
     case: Case
     specimen: Specimen
@@ -91,18 +91,18 @@ class Explicit:
     def __init__(self, laid: Laid, lanes: Sequence[Case], channels: int) -> None:
         self._laid, self._channels = laid, channels
         own = {id(case): case for case in lanes}
-        self._lanes = lanes
+        self.lanes = lanes
         self._own = {key: laid.laid(case) for key, case in own.items()}
         self._pressures = {key: laid.pressure(case) for key, case in own.items()}
 
     @property
     def pressure(self) -> NDArray[np.float32]:
         """(blocks, channels, LANES) Pa of the lanes as they are."""
-        return self._side_by_side([self._pressures[id(case)] for case in self._lanes])
+        return self._side_by_side([self._pressures[id(case)] for case in self.lanes])
 
     def values(self, names: Sequence[str]) -> Values:
         """Of the lanes as they are."""
-        return {name: side_by_side([self._own[id(case)].values[name] for case in self._lanes]) for name in names}
+        return {name: side_by_side([self._own[id(case)].values[name] for case in self.lanes]) for name in names}
 
     def changes(self, moves: Sequence[Move | None]) -> list[Change]:
         """For one move a lane, None where there is none: to one side, then to the other."""
@@ -110,13 +110,13 @@ class Explicit:
 
     def _change(self, moves: Sequence[Move | None], side: int) -> Change:
         values, pressures, weights = [], [], []
-        for case, own in zip(self._lanes, moves, strict=True):
+        for case, own in zip(self.lanes, moves, strict=True):
             moved = case if own is None else own.sides[side]
             values.append(self._moved(case, moved))
             same = _same_pressures(case, moved)
             pressures.append(self._pressures[id(case)] if same else self._laid.pressure(moved))
             weights.append(0.0 if own is None else (2 * side - 1) / own.width)
-        base = [self._own[id(case)].values for case in self._lanes]
+        base = [self._own[id(case)].values for case in self.lanes]
         changed = [name for name in base[0] if any(v[name] is not b[name] for v, b in zip(values, base, strict=True))]
         weight = np.array(weights, np.float32).reshape(-1, LANES)
         return Change(

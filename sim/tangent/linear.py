@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from sim.design.support import EDGES
 from sim.kernels.fields import LANES, F
 from sim.kernels.vectors import Lanes, Wide, sum3, thrice
 from sim.solver.frames import rotate
@@ -9,7 +10,6 @@ from sim.solver.muscles import solve
 from sim.tangent.cloth import fabric_tangent
 from sim.tangent.fields import T
 from sim.tangent.muscles import muscle_tangent
-from sim.time.scheme import CV
 
 SOLVED, UNSOLVED, INDEFINITE = range(3)  # what came of a column
 RZ, ACTIVE = 4, 6  # slots of F.reduce
@@ -17,21 +17,18 @@ LEAST = 1e-30
 
 
 @ti.func
-def apply_tangent(b, nu, nv, npt, support, moving: ti.template()):
-    """F.f <- the change of forces - M a in the direction F.p, velocities F.hv."""
-    fabric_tangent(b, nu, nv, support, moving)
+def apply_tangent(b, nu, nv, npt, support):
+    """F.f <- the change of forces in the direction F.p."""
+    fabric_tangent(b, nu, nv, support)
     if npt > 0:
-        muscle_tangent(b, nu, npt, moving)
+        muscle_tangent(b, nu, npt)
 
 
 @ti.func
-def conjugate_gradients(
-    b, nu, nv, npt, support, edge, slot, iterations, tolerance, moving: ti.template()
-):
-    """T.x += the solution of -tangent x = F.r, until the preconditioned residual is below `tolerance` times that. T.found
-    at `slot` says what came of it; a lane whose tangent is not positive definite stops."""
+def conjugate_gradients(b, nu, nv, npt, support, slot, iterations, tolerance):
+    """T.x += the solution of -tangent x = F.r, until the preconditioned residual is below `tolerance` times that. What
+    came of it to T.found at `slot`; a lane whose tangent is not positive definite stops."""
     count = (nu + 2) * (nv + 2)
-    cv = thrice(F.scheme[b, CV])
     k = 0
     while k < count:
         F.node3[b, F.p + k] = Wide(0.0)
@@ -40,7 +37,7 @@ def conjugate_gradients(
     i = 0
     while i <= iterations:
         rotate(b, nu, nv, F.r, True)
-        solve(b, nu, nv, npt, edge)
+        solve(b, nu, nv, npt, support < EDGES)
         rotate(b, nu, nv, F.y, False)
         for n in range(3):
             F.reduce[b, n] = Lanes(0.0)
@@ -73,12 +70,12 @@ def conjugate_gradients(
         if going == 0 or i == iterations:
             i = iterations
         else:
-            advance(b, nu, nv, npt, support, slot, cv, moving)
+            advance(b, nu, nv, npt, support, slot)
         i += 1
 
 
 @ti.func
-def advance(b, nu, nv, npt, support, slot, cv, moving: ti.template()):
+def advance(b, nu, nv, npt, support, slot):
     """One direction further."""
     count = (nu + 2) * (nv + 2)
     beta, active = thrice(F.reduce[b, 1]), thrice(F.reduce[b, ACTIVE])
@@ -86,10 +83,8 @@ def advance(b, nu, nv, npt, support, slot, cv, moving: ti.template()):
     while k < count:
         d = active * (F.node3[b, F.y + k] + beta * F.node3[b, F.p + k])
         F.node3[b, F.p + k] = d
-        if ti.static(moving):
-            F.node3[b, F.hv + k] = cv * d
         k = F.after[k]
-    apply_tangent(b, nu, nv, npt, support, moving)
+    apply_tangent(b, nu, nv, npt, support)
     F.reduce[b, 2] = Lanes(0.0)
     k = 0
     while k < count:
@@ -114,4 +109,3 @@ def advance(b, nu, nv, npt, support, slot, cv, moving: ti.template()):
         T.node3[b, T.x + k] = T.node3[b, T.x + k] + step * F.node3[b, F.p + k]
         F.node3[b, F.r + k] = F.node3[b, F.r + k] + step * F.node3[b, F.f + k]
         k = F.after[k]
-

@@ -11,17 +11,14 @@ from sim.kernels.patch import exchange, weigh_across, weigh_rows
 from sim.kernels.vectors import Wide, cross, parts, sum3, thrice
 from sim.state import PATCH
 from sim.tangent.fields import T
-from sim.time.scheme import CV
 
 
 @ti.func
-def muscle_tangent(b, nu, npt, moving: ti.template()):
-    """F.f += the change of the muscles' forces in the direction F.p (and F.hv in the velocities)."""
+def muscle_tangent(b, nu, npt):
+    """F.f += the change of the muscles' forces in the direction F.p."""
     sample(b, nu, npt, F.p, X.fu)
-    if ti.static(moving):
-        sample(b, nu, npt, F.hv, X.fn)
-    points(b, npt, moving)
-    pull(b, npt, moving)
+    points(b, npt)
+    pull(b, npt)
     couples(b, npt)
     scatter(b, nu, npt)
 
@@ -57,8 +54,8 @@ def crossed(e, g):
 
 
 @ti.func
-def points(b, npt, moving: ti.template()):
-    """Changes of the normals, positions and velocities of the fixed points."""
+def points(b, npt):
+    """Changes of the normals and positions of the fixed points."""
     pt = 0
     while pt < npt:
         along_u = F.point3[b, X.tan_u + pt]
@@ -73,26 +70,11 @@ def points(b, npt, moving: ti.template()):
         d_normal = d_area - larger * normal
         T.point3[b, T.d_normal + pt] = d_normal
         F.point3[b, X.fu + pt] = F.point3[b, X.fu + pt] + offset * d_normal
-        if ti.static(moving):
-            vel_u = F.point3[b, X.vel_u + pt]
-            vel_v = F.point3[b, X.vel_v + pt]
-            plane = il * (crossed(vel_v, along_u) + crossed(along_v, vel_u))
-            change = (
-                il
-                * (
-                    (crossed(F.point3[b, X.fn_v + pt], along_u) + crossed(vel_v, d_u))
-                    + (crossed(d_v, vel_u) + crossed(along_v, F.point3[b, X.fn_u + pt]))
-                )
-                - larger * plane
-            )
-            along = sum3(plane * normal)
-            turned = change - thrice(sum3(change * normal + plane * d_normal)) * normal - thrice(along) * d_normal
-            F.point3[b, X.fn + pt] = F.point3[b, X.fn + pt] + offset * turned
         pt = F.after[pt]
 
 
 @ti.func
-def pull(b, npt, moving: ti.template()):
+def pull(b, npt):
     """Changes of the intervals' pulls on their fixed points."""
     pt = 0
     while pt < npt:
@@ -106,12 +88,6 @@ def pull(b, npt, moving: ti.template()):
         longer = sum3(along * change)
         turned = (change - thrice(longer) * along) / thrice(rest * (1.0 - F.point[b, X.eps + k]))
         tension = longer / F.point[b, X.compliance + k]
-        if ti.static(moving):
-            # the compliance holds viscosity as if velocities changed by cv times positions
-            speed = F.point3[b, X.vel + k + 1] - F.point3[b, X.vel + k]
-            d_speed = F.point3[b, X.fn + k + 1] - F.point3[b, X.fn + k]
-            faster = sum3(turned * speed + along * d_speed)
-            tension += F.point[b, X.viscosity + k] / rest * (faster - F.scheme[b, CV] * longer)
         active = F.point[b, X.active + k]
         d_pull = thrice(active * tension) * along + thrice(active * F.point[b, X.tension + k]) * turned
         T.point3[b, T.d_force + k] = T.point3[b, T.d_force + k] + d_pull

@@ -1,11 +1,8 @@
 """Kernels of the derivatives of a shape at rest: forces there, their explicit changes, the linear solves."""
 
-import functools
-
 import taichi as ti
 
 from sim.design.support import EDGES
-from sim.forces.added import AddedForce
 from sim.forces.cloth import fabric_force
 from sim.kernels.fields import LANES, SPREAD, F, Timed, X
 from sim.kernels.vectors import Lanes, Wide, thrice
@@ -19,9 +16,11 @@ from sim.tangent.fields import T
 from sim.tangent.linear import conjugate_gradients
 from sim.time.scheme import CA
 
+NOTHING_ADDED = ()  # forces of effects: shapes with them take differences
+
 
 @ti.func
-def forces_at_rest(b, nu, nv, npt, support, pressure: ti.template(), added: ti.template()):
+def forces_at_rest(b, nu, nv, npt, support, pressure: ti.template()):
     """F.f <- forces at F.q without motion, under the channels' pressures."""
     lane = 0
     while lane < LANES:
@@ -33,7 +32,7 @@ def forces_at_rest(b, nu, nv, npt, support, pressure: ti.template(), added: ti.t
         lane = F.after[lane]
     fabric_force(b, nu, nv, support)
     if npt > 0:
-        muscles(b, nu, npt, added)
+        muscles(b, nu, npt, NOTHING_ADDED)
 
 
 @ti.kernel
@@ -66,116 +65,92 @@ def _still_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32):
             k = F.after[k]
 
 
-@functools.cache
-def settle_kernel(added: tuple[AddedForce, ...]) -> Timed:
-    """Newton steps to where the forces balance, from a shape that moves no more; the preconditioner is built before
-    them. T.found says what came of them, of the last one in the first slot."""
-
-    @ti.kernel
-    def kernel(
-        nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, smoothing: ti.i32, steps: ti.i32,
-        iterations: ti.i32, tolerance: ti.f32, stiffened: ti.f32,
-        pressure: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    ):  # fmt: skip
-        for task in range(nb * SPREAD):
-            if task % SPREAD == 0:
-                b = task // SPREAD
-                forces_at_rest(b, nu, nv, npt, support, pressure, added)
-                F.scheme[b, CA] = Lanes(stiffened)
-                factorise(b, nu, nv)
-                green(b, nu, nv, npt)
-                frames(b, nu, nv, smoothing)
-                if npt > 0:
-                    woodbury(b, nu, npt)
-                if support < EDGES:
-                    assemble(b, nu, nv, npt)
-                F.scheme[b, CA] = Lanes(0.0)
-                for _ in range(steps):
-                    k = 0
-                    while k < (nu + 2) * (nv + 2):
-                        F.node3[b, F.r + k] = F.node3[b, F.f + k] * thrice(F.node[b, F.free + k])
-                        T.node3[b, T.x + k] = Wide(0.0)
-                        k = F.after[k]
-                    conjugate_gradients(b, nu, nv, npt, support, support < EDGES, 0, iterations, tolerance, False)
-                    k = 0
-                    while k < (nu + 2) * (nv + 2):
-                        F.node3[b, F.q + k] = F.node3[b, F.q + k] + T.node3[b, T.x + k]
-                        k = F.after[k]
-                    forces_at_rest(b, nu, nv, npt, support, pressure, added)
-
-    return Timed(kernel)
-
-
-@functools.cache
-def explicit_kernel(added: tuple[AddedForce, ...]) -> Timed:
+@ti.kernel
+def _explicit_kernel(
+    nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, slot: ti.i32,
+    pressure: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    weight: ti.types.ndarray(dtype=ti.f32, ndim=2),
+):  # fmt: skip
     """T.columns at `slot` += weight of the lane times the forces there: what moved constants change."""
+    for task in range(nb * SPREAD):
+        if task % SPREAD == 0:
+            b = task // SPREAD
+            forces_at_rest(b, nu, nv, npt, support, pressure)
+            share = Lanes(0.0)
+            for lane in range(LANES):
+                share[lane] = weight[b, lane]
+            o = slot * F.nodes
+            k = 0
+            while k < (nu + 2) * (nv + 2):
+                force = thrice(share * F.node[b, F.free + k]) * F.node3[b, F.f + k]
+                T.columns[b, o + k] = T.columns[b, o + k] + force
+                k = F.after[k]
 
-    @ti.kernel
-    def kernel(
-        nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, slot: ti.i32,
-        pressure: ti.types.ndarray(dtype=ti.f32, ndim=3),
-        weight: ti.types.ndarray(dtype=ti.f32, ndim=2),
-    ):  # fmt: skip
-        for task in range(nb * SPREAD):
-            if task % SPREAD == 0:
-                b = task // SPREAD
-                forces_at_rest(b, nu, nv, npt, support, pressure, added)
-                share = Lanes(0.0)
-                for lane in range(LANES):
-                    share[lane] = weight[b, lane]
-                o = slot * F.nodes
+
+@ti.kernel
+def _solve_kernel(
+    nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, smoothing: ti.i32,
+    settles: ti.i32, first: ti.i32, turns: ti.i32, iterations: ti.i32, tolerance: ti.f32, stiffened: ti.f32,
+    pressure: ti.types.ndarray(dtype=ti.f32, ndim=3),
+):  # fmt: skip
+    """Linear solves with the tangent at F.q, `turns` one after another; what came of them to T.found from `first` on.
+
+    settles = 1: Newton steps of F.q to where the forces balance, before which the preconditioner is built, with
+    `stiffened` 1/s^2 times the mass in it. settles = 0: T.columns from `first` on, the right sides, become solutions.
+    """
+    for task in range(nb * SPREAD):
+        if task % SPREAD == 0:
+            b = task // SPREAD
+            turn = 0
+            while turn < turns:
+                if settles == 1 or turn == 0:
+                    forces_at_rest(b, nu, nv, npt, support, pressure)
+                if settles == 1 and turn == 0:
+                    precondition(b, nu, nv, npt, support, smoothing, stiffened)
+                o = (first + turn) * F.nodes
                 k = 0
                 while k < (nu + 2) * (nv + 2):
-                    T.columns[b, o + k] = T.columns[b, o + k] + thrice(share * F.node[b, F.free + k]) * F.node3[
-                        b, F.f + k
-                    ]
+                    right = F.node3[b, F.f + k] * thrice(F.node[b, F.free + k])
+                    if settles == 0:
+                        right = T.columns[b, o + k]
+                    F.node3[b, F.r + k] = right
+                    T.node3[b, T.x + k] = Wide(0.0)
                     k = F.after[k]
-
-    return Timed(kernel)
-
-
-@functools.cache
-def solve_kernel(added: tuple[AddedForce, ...]) -> Timed:
-    """T.columns <- the shape's changes, for right sides that lie there."""
-
-    @ti.kernel
-    def kernel(
-        nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, slots: ti.i32,
-        iterations: ti.i32, tolerance: ti.f32,
-        pressure: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    ):  # fmt: skip
-        for task in range(nb * SPREAD):
-            if task % SPREAD == 0:
-                b = task // SPREAD
-                forces_at_rest(b, nu, nv, npt, support, pressure, added)
-                slot = 0
-                while slot < slots:
-                    o = slot * F.nodes
-                    k = 0
-                    while k < (nu + 2) * (nv + 2):
-                        F.node3[b, F.r + k] = T.columns[b, o + k]
-                        T.node3[b, T.x + k] = Wide(0.0)
-                        k = F.after[k]
-                    conjugate_gradients(
-                        b, nu, nv, npt, support, support < EDGES, slot, iterations, tolerance, False
-                    )
-                    k = 0
-                    while k < (nu + 2) * (nv + 2):
+                conjugate_gradients(b, nu, nv, npt, support, first + turn, iterations, tolerance)
+                k = 0
+                while k < (nu + 2) * (nv + 2):
+                    if settles == 1:
+                        F.node3[b, F.q + k] = F.node3[b, F.q + k] + T.node3[b, T.x + k]
+                    else:
                         T.columns[b, o + k] = T.node3[b, T.x + k]
-                        k = F.after[k]
-                    slot = F.after[slot]
+                    k = F.after[k]
+                turn = F.after[turn]
 
-    return Timed(kernel)
+
+@ti.func
+def precondition(b, nu, nv, npt, support, smoothing, stiffened):
+    """The preconditioner of the shape at hand."""
+    F.scheme[b, CA] = Lanes(stiffened)
+    factorise(b, nu, nv)
+    green(b, nu, nv, npt)
+    frames(b, nu, nv, smoothing)
+    if npt > 0:
+        woodbury(b, nu, npt)
+    if support < EDGES:
+        assemble(b, nu, nv, npt)
+    F.scheme[b, CA] = Lanes(0.0)
 
 
 @ti.kernel
 def _read_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=5),
                  found: ti.types.ndarray(dtype=ti.i32, ndim=3)):  # fmt: skip
-    """out (nb, slots, LANES, nu nv, 3): columns; found (nb, slots, LANES)."""
+    """out (nb, slots, LANES, nu nv, 3): columns; found (nb, slots and more, LANES)."""
     for b in range(nb):
-        for slot in range(slots):
+        for slot in range(found.shape[1]):
             for lane in range(LANES):
                 found[b, slot, lane] = T.found[b, slot][lane]
+        for slot in range(slots):
+            for lane in range(LANES):
                 for j in range(nv):
                     i = 0
                     while i < nu:
@@ -186,4 +161,9 @@ def _read_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, out: ti.type
                         i = F.after[i]
 
 
-still, read_columns = Timed(_still_kernel), Timed(_read_kernel)
+still, explicit, solve, read_columns = (
+    Timed(_still_kernel),
+    Timed(_explicit_kernel),
+    Timed(_solve_kernel),
+    Timed(_read_kernel),
+)

@@ -8,76 +8,111 @@ from numpy.typing import NDArray
 
 from fabdesign.column import Column
 from fabdesign.forward import Case
-from sim.kernels.fields import LANES
-from sim.kernels.transfer import put
+from sim.kernels.fields import LANES, F
+from sim.kernels.transfer import put, read
 from sim.tangent import fields
 from sim.tangent.explicit import Explicit, Laid, Move, move
 from sim.tangent.linear import SOLVED
-from sim.tangent.shape_kernels import explicit_kernel, read_columns, settle_kernel, solve_kernel, still
+from sim.tangent.shape_kernels import explicit, read_columns, solve, still
 from sim.time.batch import Batch
 
 Array = NDArray[np.float64]
 ITERATIONS = 100  # at most, of a solve: some 25 are usual
 TOLERANCE = 1e-4  # of the preconditioned residual to the solution: soft modes then lack up to 1e-2 of a column
 SETTLING = 2  # Newton steps from where a damped motion came to rest
+FARTHEST = 1e-3  # m, RMS that they may move it: further lies another shape
 STIFFENED = 300.0  # 1/s^2 times the mass that the preconditioner adds, without which it may not be positive definite
 
 
 @dataclass(frozen=True, eq=False)
+class Lane:
+    """A case that lies at rest in a lane, and which of the columns are solved there."""
+
+    case: Case
+    columns: tuple[int, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Solved:
-    """Columns of one lane."""
+    """What came of one lane. settled: whether the forces balance at `middle`, near where the lane came to rest."""
 
-    changes: NDArray[np.float32]  # (own columns, n, n, 3) m per unit
-    found: NDArray[np.int32]  # (own columns,) SOLVED, UNSOLVED or INDEFINITE
-
-    @property
-    def right(self) -> bool:
-        return bool((self.found == SOLVED).all())
+    middle: NDArray[np.float32]  # (n, n, 3) m
+    settled: bool
+    changes: dict[int, NDArray[np.float32]]  # (n, n, 3) m per unit, by column; those that were not solved are absent
 
 
-def changes_at_rest(
-    batch: Batch,
-    lanes: Sequence[Case],
-    own: Sequence[Sequence[Column]],
-    pressure: Callable[[Case], Array],
+def share_out(cases: Sequence[Case], columns: Sequence[Sequence[int]]) -> list[tuple[int, Lane]]:
+    """Lanes for the cases' `columns`, each with its case's index: where there are spare lanes a case takes several,
+    each with some of its columns."""
+    copies = max(1, min(LANES // max(len(cases), 1), *map(len, columns)) if columns else 1)
+    return [(i, Lane(case, tuple(columns[i][k::copies]))) for i, case in enumerate(cases) for k in range(copies)]
+
+
+def together(lanes: Sequence[Solved]) -> Solved:
+    """Of one case, from all of its lanes, whose shapes are the same to the last bit."""
+    changes = {c: change for lane in lanes for c, change in lane.changes.items()}
+    return Solved(lanes[0].middle, lanes[0].settled, changes)
+
+
+def solve_at_rest(
+    batch: Batch, lanes: Sequence[Lane], columns: Sequence[Column], pressure: Callable[[Case], Array]
 ) -> list[Solved]:
-    """Of each lane's case, at rest in the fields, its `own` columns."""
-    slots = max(map(len, own))
-    fields.allocate(slots)
+    """Of the lanes of a batch at rest. pressure(case): (channels,) Pa that act there."""
+    slots = max(1, *(len(lane.columns) for lane in lanes))
+    fields.allocate(slots + SETTLING)
     still(*batch.grid)
-    channels = max(1, *(case.program.pressure.shape[1] for case in lanes))
-    explicit = Explicit(Laid(lanes, batch.nu, pressure), lanes, channels)
-    settle_kernel(batch.added)(
-        *batch.grid, batch.points, batch.support, batch.smoothing, SETTLING, ITERATIONS, TOLERANCE, STIFFENED,
-        explicit.pressure,
-    )  # fmt: skip
-    _put_right_sides(batch, lanes, own, explicit)
-    solve_kernel(batch.added)(
-        *batch.grid, batch.points, batch.support, slots, ITERATIONS, TOLERANCE, explicit.pressure
-    )
+    cases = [lane.case for lane in lanes]
+    channels = max(1, *(case.program.pressure.shape[1] for case in cases))
+    host = Explicit(Laid(cases, batch.nu, pressure), cases, channels)
+
+    def run(settles: bool, first: int, turns: int) -> None:
+        solve(
+            *batch.grid, batch.points, batch.support, batch.smoothing, int(settles), first, turns, ITERATIONS,
+            TOLERANCE, STIFFENED, host.pressure,
+        )  # fmt: skip
+
+    before = _positions(batch, F.x0)
+    run(True, slots, SETTLING)
+    _put_right_sides(batch, [[columns[k] for k in lane.columns] for lane in lanes], host)
+    run(False, 0, slots)
+    middle = _positions(batch, F.q)
     out = np.empty((batch.blocks, slots, LANES, batch.nu * batch.nv, 3), np.float32)
-    found = np.empty((batch.blocks, slots, LANES), np.int32)
+    found = np.empty((batch.blocks, slots + SETTLING, LANES), np.int32)
     read_columns(*batch.grid, slots, out, found)
-    shapes = out.swapaxes(1, 2).reshape(len(lanes), slots, batch.nv, batch.nu, 3)
-    flags = found.swapaxes(1, 2).reshape(len(lanes), slots)
-    return [Solved(shape[: len(c)], flag[: len(c)]) for shape, flag, c in zip(shapes, flags, own, strict=True)]
+    shapes = out.swapaxes(1, 2).reshape(len(lanes), slots, *middle.shape[1:])
+    flags = found.swapaxes(1, 2).reshape(len(lanes), -1)
+    moved = np.sqrt(np.square(middle - before).sum(axis=-1).mean(axis=(1, 2)))
+    settled = (flags[:, -1] == SOLVED) & (moved < FARTHEST)  # NaN compares false
+    return [
+        Solved(
+            middle[i],
+            bool(settled[i]),
+            {c: shapes[i, k] for k, c in enumerate(lane.columns) if flags[i, k] == SOLVED},
+        )
+        for i, lane in enumerate(lanes)
+    ]
 
 
-def _put_right_sides(
-    batch: Batch, lanes: Sequence[Case], own: Sequence[Sequence[Column]], explicit: Explicit
-) -> None:
+def _positions(batch: Batch, plane: int) -> NDArray[np.float32]:
+    """(lanes, n, n, 3) m in a plane of F.node3."""
+    out = np.empty((batch.blocks, LANES, batch.nu * batch.nv, 3), np.float32)
+    read(*batch.grid, plane, out)
+    return out.reshape(-1, batch.nv, batch.nu, 3)
+
+
+def _put_right_sides(batch: Batch, own: Sequence[Sequence[Column]], host: Explicit) -> None:
     """What each column changes in the forces at the shape as it is, to the columns' places in the fields."""
-    kernel, changed = explicit_kernel(batch.added), set[str]()
-    for slot in range(max(map(len, own))):
+    changed = set[str]()
+    for slot in range(max(1, *map(len, own))):
         moves: list[Move | None] = [
             move(case, columns[slot], columns[slot].step) if slot < len(columns) else None
-            for case, columns in zip(lanes, own, strict=True)
+            for case, columns in zip(host.lanes, own, strict=True)
         ]
-        for change in explicit.changes(moves):
-            values = {**explicit.values(sorted(changed - change.values.keys())), **change.values}
+        for change in host.changes(moves):
+            values = {**host.values(sorted(changed - change.values.keys())), **change.values}
             if values:
                 put(batch.blocks, values)
             changed = set(change.values)
-            kernel(*batch.grid, batch.points, batch.support, slot, change.pressure, change.weight)
+            explicit(*batch.grid, batch.points, batch.support, slot, change.pressure, change.weight)
     if changed:
-        put(batch.blocks, explicit.values(sorted(changed)))
+        put(batch.blocks, host.values(sorted(changed)))
