@@ -62,11 +62,13 @@ def factor(name: str) -> Column:
 
 def of_effect(effect: str, parameter: str, step: float, far: float | None = None) -> Column:
     """An effect's parameter, in its declared unit; from its value `off` where the case is without the effect."""
-    declared = effect_named(effect, "column").parameters[parameter]
+    parameters = effect_named(effect, "column").parameters
+    declared = parameters[parameter]
+    off = {name: own.off for name, own in parameters.items() if own.off is not None}
 
     def own(case: Case) -> tuple[Term, float]:
         terms = [term for term in terms_of(case) if term.name == effect]
-        term = terms[0] if terms else Term(effect, {parameter: declared.centre})
+        term = terms[0] if terms else Term(effect, {**off, parameter: declared.centre})
         return term, term.values.get(parameter, declared.typical)
 
     def moved(case: Case, by: float) -> Case:

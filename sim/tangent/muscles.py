@@ -83,10 +83,11 @@ def pull(b, npt):
     k = 0
     while k < npt - 1:
         along = F.point3[b, X.dir + k]
-        rest = F.point[b, X.rest + k]
+        apart = F.point3[b, X.pos + k + 1] - F.point3[b, X.pos + k]
+        il = 1.0 / ti.sqrt(sum3(apart * apart) + 1e-16)  # spare points lie upon each other
         change = F.point3[b, X.fu + k + 1] - F.point3[b, X.fu + k]
         longer = sum3(along * change)
-        turned = (change - thrice(longer) * along) / thrice(rest * (1.0 - F.point[b, X.eps + k]))
+        turned = (change - thrice(longer) * along) * thrice(il)
         tension = longer / F.point[b, X.compliance + k]
         active = F.point[b, X.active + k]
         d_pull = thrice(active * tension) * along + thrice(active * F.point[b, X.tension + k]) * turned
