@@ -1,7 +1,7 @@
 """What derivatives need beside the fields of the simulator, made at their first use.
 
 Planes over nodes and points as in sim/kernels/fields.py, parts of `T.node`, `T.node3`, `T.point3`; `T.columns` holds a
-vector plane for each of `slots` columns. A `d` stands for the change of a plane of that name in a direction.
+vector plane for each of SLOTS columns. A `d` stands for the change of a plane of that name in a direction.
 """
 
 from types import SimpleNamespace
@@ -15,21 +15,20 @@ SCALARS = ("d_eu", "d_ev", "d_su", "d_sv", "d_s1", "d_s2")
 VECTORS = ("d_tu", "d_tv", "d_n", "x")
 POINT_VECTORS = ("d_normal", "d_force")
 
-T: Any = SimpleNamespace(start=None, slots=0)
+SLOTS = 32  # columns of a lane at a time: kernels are compiled for the very fields
+
+T: Any = SimpleNamespace(start=None)
 
 
-def allocate(slots: int) -> None:
-    """Room for `slots` columns a lane. Does nothing where there is room already."""
-    if T.start is F.node and T.slots >= slots:
+def allocate() -> None:
+    """Make them, where the simulator's own fields are other ones than the last time."""
+    if T.start is F.node:
         return
-    if T.start is not F.node:
-        T.slots = 0
-        T.node = _planes(SCALARS, F.nodes, LANES)
-        T.node3 = _planes(VECTORS, F.nodes, WIDE)
-        T.point3 = _planes(POINT_VECTORS, F.points, WIDE)
-    T.slots = -(-max(slots, T.slots) // 8) * 8
-    T.columns = ti.Vector.field(WIDE, ti.f32, shape=(F.blocks, T.slots * F.nodes))
-    T.found = ti.Vector.field(LANES, ti.i32, shape=(F.blocks, T.slots))  # what came of a column
+    T.node = _planes(SCALARS, F.nodes, LANES)
+    T.node3 = _planes(VECTORS, F.nodes, WIDE)
+    T.point3 = _planes(POINT_VECTORS, F.points, WIDE)
+    T.columns = ti.Vector.field(WIDE, ti.f32, shape=(F.blocks, SLOTS * F.nodes))
+    T.found = ti.Vector.field(LANES, ti.i32, shape=(F.blocks, SLOTS))  # what came of a column
     T.start = F.node
 
 

@@ -59,19 +59,15 @@ def _still_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32):
         while k < T.node3.shape[1]:
             T.node3[b, k] = Wide(0.0)
             k = F.after[k]
-        k = 0
-        while k < T.columns.shape[1]:
-            T.columns[b, k] = Wide(0.0)
-            k = F.after[k]
 
 
 @ti.kernel
 def _explicit_kernel(
-    nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, slot: ti.i32,
+    nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, slot: ti.i32, anew: ti.i32,
     pressure: ti.types.ndarray(dtype=ti.f32, ndim=3),
     weight: ti.types.ndarray(dtype=ti.f32, ndim=2),
 ):  # fmt: skip
-    """T.columns at `slot` += weight of the lane times the forces there: what moved constants change."""
+    """T.columns at `slot` += weight of the lane times the forces there: what moved constants change. anew: from 0."""
     for task in range(nb * SPREAD):
         if task % SPREAD == 0:
             b = task // SPREAD
@@ -83,20 +79,23 @@ def _explicit_kernel(
             k = 0
             while k < (nu + 2) * (nv + 2):
                 force = thrice(share * F.node[b, F.free + k]) * F.node3[b, F.f + k]
-                T.columns[b, o + k] = T.columns[b, o + k] + force
+                before = T.columns[b, o + k]
+                if anew == 1:
+                    before = Wide(0.0)
+                T.columns[b, o + k] = before + force
                 k = F.after[k]
 
 
 @ti.kernel
 def _solve_kernel(
     nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, smoothing: ti.i32,
-    settles: ti.i32, first: ti.i32, turns: ti.i32, iterations: ti.i32, tolerance: ti.f32, stiffened: ti.f32,
+    settles: ti.i32, turns: ti.i32, iterations: ti.i32, tolerance: ti.f32, stiffened: ti.f32,
     pressure: ti.types.ndarray(dtype=ti.f32, ndim=3),
 ):  # fmt: skip
-    """Linear solves with the tangent at F.q, `turns` one after another; what came of them to T.found from `first` on.
+    """Linear solves with the tangent at F.q, `turns` one after another; what came of them to T.found.
 
     settles = 1: Newton steps of F.q to where the forces balance, before which the preconditioner is built, with
-    `stiffened` 1/s^2 times the mass in it. settles = 0: T.columns from `first` on, the right sides, become solutions.
+    `stiffened` 1/s^2 times the mass in it. settles = 0: T.columns, the right sides, become solutions.
     """
     for task in range(nb * SPREAD):
         if task % SPREAD == 0:
@@ -107,7 +106,7 @@ def _solve_kernel(
                     forces_at_rest(b, nu, nv, npt, support, pressure)
                 if settles == 1 and turn == 0:
                     precondition(b, nu, nv, npt, support, smoothing, stiffened)
-                o = (first + turn) * F.nodes
+                o = turn * F.nodes
                 k = 0
                 while k < (nu + 2) * (nv + 2):
                     right = F.node3[b, F.f + k] * thrice(F.node[b, F.free + k])
@@ -116,7 +115,7 @@ def _solve_kernel(
                     F.node3[b, F.r + k] = right
                     T.node3[b, T.x + k] = Wide(0.0)
                     k = F.after[k]
-                conjugate_gradients(b, nu, nv, npt, support, first + turn, iterations, tolerance)
+                conjugate_gradients(b, nu, nv, npt, support, turn, iterations, tolerance)
                 k = 0
                 while k < (nu + 2) * (nv + 2):
                     if settles == 1:
@@ -142,28 +141,34 @@ def precondition(b, nu, nv, npt, support, smoothing, stiffened):
 
 
 @ti.kernel
-def _read_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=5),
-                 found: ti.types.ndarray(dtype=ti.i32, ndim=3)):  # fmt: skip
-    """out (nb, slots, LANES, nu nv, 3): columns; found (nb, slots and more, LANES)."""
+def _read_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=5)):
+    """out (nb, slots, LANES, nu nv, 3): columns."""
     for b in range(nb):
-        for slot in range(found.shape[1]):
-            for lane in range(LANES):
-                found[b, slot, lane] = T.found[b, slot][lane]
         for slot in range(slots):
             for lane in range(LANES):
                 for j in range(nv):
                     i = 0
                     while i < nu:
+                        k = slot * F.nodes + (j + 1) * (nu + 2) + i + 1
                         for c in range(3):
-                            out[b, slot, lane, j * nu + i, c] = T.columns[
-                                b, slot * F.nodes + (j + 1) * (nu + 2) + i + 1
-                            ][c * LANES + lane]
+                            out[b, slot, lane, j * nu + i, c] = T.columns[b, k][c * LANES + lane]
                         i = F.after[i]
 
 
-still, explicit, solve, read_columns = (
+@ti.kernel
+def _found_kernel(nb: ti.i32, slots: ti.i32, out: ti.types.ndarray(dtype=ti.i32, ndim=3)):
+    """out (nb, slots, LANES): what came of the last solves."""
+    ti.loop_config(serialize=True)
+    for b in range(nb):
+        for slot in range(slots):
+            for lane in range(LANES):
+                out[b, slot, lane] = T.found[b, slot][lane]
+
+
+still, explicit, solve, read_columns, read_found = (
     Timed(_still_kernel),
     Timed(_explicit_kernel),
     Timed(_solve_kernel),
     Timed(_read_kernel),
+    Timed(_found_kernel),
 )

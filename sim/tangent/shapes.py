@@ -13,7 +13,7 @@ from sim.kernels.transfer import put, read
 from sim.tangent import fields
 from sim.tangent.explicit import Explicit, Laid, Move, move
 from sim.tangent.linear import SOLVED
-from sim.tangent.shape_kernels import explicit, read_columns, solve, still
+from sim.tangent.shape_kernels import explicit, read_columns, read_found, solve, still
 from sim.time.batch import Batch
 
 Array = NDArray[np.float64]
@@ -58,39 +58,39 @@ def solve_at_rest(
     batch: Batch, lanes: Sequence[Lane], columns: Sequence[Column], pressure: Callable[[Case], Array]
 ) -> list[Solved]:
     """Of the lanes of a batch at rest. pressure(case): (channels,) Pa that act there."""
-    slots = max(1, *(len(lane.columns) for lane in lanes))
-    fields.allocate(slots + SETTLING)
+    fields.allocate()
     still(*batch.grid)
     cases = [lane.case for lane in lanes]
     channels = max(1, *(case.program.pressure.shape[1] for case in cases))
     host = Explicit(Laid(cases, batch.nu, pressure), cases, channels)
-
-    def run(settles: bool, first: int, turns: int) -> None:
-        solve(
-            *batch.grid, batch.points, batch.support, batch.smoothing, int(settles), first, turns, ITERATIONS,
-            TOLERANCE, STIFFENED, host.pressure,
-        )  # fmt: skip
-
     before = _positions(batch, F.x0)
-    run(True, slots, SETTLING)
-    _put_right_sides(batch, [[columns[k] for k in lane.columns] for lane in lanes], host)
-    run(False, 0, slots)
+    settled = _solve(batch, host, True, SETTLING)[:, -1] == SOLVED
     middle = _positions(batch, F.q)
-    out = np.empty((batch.blocks, slots, LANES, batch.nu * batch.nv, 3), np.float32)
-    found = np.empty((batch.blocks, slots + SETTLING, LANES), np.int32)
-    read_columns(*batch.grid, slots, out, found)
-    shapes = out.swapaxes(1, 2).reshape(len(lanes), slots, *middle.shape[1:])
-    flags = found.swapaxes(1, 2).reshape(len(lanes), -1)
     moved = np.sqrt(np.square(middle - before).sum(axis=-1).mean(axis=(1, 2)))
-    settled = (flags[:, -1] == SOLVED) & (moved < FARTHEST)  # NaN compares false
-    return [
-        Solved(
-            middle[i],
-            bool(settled[i]),
-            {c: shapes[i, k] for k, c in enumerate(lane.columns) if flags[i, k] == SOLVED},
-        )
-        for i, lane in enumerate(lanes)
-    ]
+    settled &= moved < FARTHEST  # NaN compares false
+    changes: list[dict[int, NDArray[np.float32]]] = [{} for _ in lanes]
+    for first in range(0, max(len(lane.columns) for lane in lanes), fields.SLOTS):
+        own = [lane.columns[first : first + fields.SLOTS] for lane in lanes]
+        slots = max(map(len, own))
+        _put_right_sides(batch, [[columns[c] for c in some] for some in own], host)
+        found = _solve(batch, host, False, slots)
+        shapes = np.empty((batch.blocks, slots, LANES, batch.nu * batch.nv, 3), np.float32)
+        read_columns(*batch.grid, slots, shapes)
+        by_lane = shapes.swapaxes(1, 2).reshape(len(lanes), slots, *middle.shape[1:])
+        for i, some in enumerate(own):
+            changes[i] |= {c: by_lane[i, k] for k, c in enumerate(some) if found[i, k] == SOLVED}
+    return [Solved(middle[i], bool(settled[i]), changes[i]) for i in range(len(lanes))]
+
+
+def _solve(batch: Batch, host: Explicit, settles: bool, turns: int) -> NDArray[np.int32]:
+    """(lanes, turns) what came of so many linear solves."""
+    solve(
+        *batch.grid, batch.points, batch.support, batch.smoothing, int(settles), turns, ITERATIONS, TOLERANCE,
+        STIFFENED, host.pressure,
+    )  # fmt: skip
+    found = np.empty((batch.blocks, turns, LANES), np.int32)
+    read_found(batch.blocks, turns, found)
+    return found.swapaxes(1, 2).reshape(-1, turns)
 
 
 def _positions(batch: Batch, plane: int) -> NDArray[np.float32]:
@@ -103,16 +103,16 @@ def _positions(batch: Batch, plane: int) -> NDArray[np.float32]:
 def _put_right_sides(batch: Batch, own: Sequence[Sequence[Column]], host: Explicit) -> None:
     """What each column changes in the forces at the shape as it is, to the columns' places in the fields."""
     changed = set[str]()
-    for slot in range(max(1, *map(len, own))):
+    for slot in range(max(map(len, own))):
         moves: list[Move | None] = [
             move(case, columns[slot], columns[slot].step) if slot < len(columns) else None
             for case, columns in zip(host.lanes, own, strict=True)
         ]
-        for change in host.changes(moves):
+        for side, change in enumerate(host.changes(moves)):
             values = {**host.values(sorted(changed - change.values.keys())), **change.values}
             if values:
                 put(batch.blocks, values)
             changed = set(change.values)
-            explicit(*batch.grid, batch.points, batch.support, slot, change.pressure, change.weight)
+            explicit(*batch.grid, batch.points, batch.support, slot, int(side == 0), change.pressure, change.weight)
     if changed:
         put(batch.blocks, host.values(sorted(changed)))
