@@ -1,6 +1,7 @@
-"""Derivatives of a shape at rest by the implicit function theorem in float64, on the reference's forces."""
+"""Whether a derivative of a shape at rest keeps the forces of the float64 reference in balance."""
 
 import numpy as np
+from scipy.sparse.linalg import factorized
 
 from fabdesign import column
 from fabdesign.forward import PARAMETERS
@@ -31,29 +32,22 @@ def sheet_of(case, n):
     return ReferenceWithEffects(case.design, n, curl=curl, gains=gains)
 
 
-def reference_changes(case, columns, middle):
-    """(p, n, n, 3) m per unit at the equilibrium near `middle`, the stiffness a matrix of differences."""
-    n, sheet = len(middle), sheet_of(case, len(middle))
-    x = middle.astype(float).reshape(-1, 3)
-    free, e = np.repeat(sheet.free, 3), 1e-7  # m
-
-    def force(own, at):
-        return sheet_of(own, n).evaluate(at, 0 * at, own.program.pressure[-1])[0].ravel()[free]
-
-    def stiffness_at(at):
-        columns = []
-        here = sheet.evaluate(at, 0 * at, case.program.pressure[-1])[0].ravel()[free]
-        for entry in np.flatnonzero(free):
-            moved = at.copy()
-            moved.ravel()[entry] += e
-            there = sheet.evaluate(moved, 0 * at, case.program.pressure[-1])[0].ravel()[free]
-            columns.append((here - there) / e)
-        return np.stack(columns, axis=1)
-
-    right = [
-        (force(own.moved(case, own.step / 10), x) - force(own.moved(case, -own.step / 10), x)) / (own.step / 5)
-        for own in columns
-    ]
-    changes = np.zeros((len(columns), x.size))
-    changes[:, free] = np.linalg.solve(stiffness_at(x), np.array(right).T).T
-    return changes.reshape(len(columns), n, n, 3)
+def lacking(case, columns, middle, changes):
+    """(p,) relative: what the reference's forces lack of staying in balance as a column says that the shape moves,
+    central differences in float64, as a displacement by the reference's Gauss-Newton stiffness, beside the column."""
+    n = len(middle)
+    x, off = middle.astype(float).reshape(-1, 3), []
+    sheet = sheet_of(case, n)
+    free = np.repeat(sheet.free, 3)
+    solve = factorized(sheet.evaluate(x, 0 * x, case.program.pressure[-1])[1][free][:, free].tocsc())
+    for own, change in zip(columns, changes, strict=True):
+        along = change.astype(float).reshape(-1, 3)
+        by = 1e-6 / np.abs(along).max()  # 1 um at most
+        sides = []
+        for sign in (-1, 1):
+            moved = own.moved(case, sign * by)
+            there = x + sign * by * along
+            sides.append(sheet_of(moved, n).evaluate(there, 0 * x, moved.program.pressure[-1])[0].ravel()[free])
+        left = solve((sides[1] - sides[0]) / (2 * by))
+        off.append(np.linalg.norm(left) / np.linalg.norm(along))
+    return np.array(off)
