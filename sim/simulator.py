@@ -1,7 +1,7 @@
 """The public way in: a batch of cases becomes motions or equilibrium shapes."""
 
 import numbers
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sim.effects  # noqa: F401 declares its planes before the first batch
+from fabdesign.column import Column
 from fabdesign.effects.acting import acting_pressure, active, specimen_of, terms_of
 from fabdesign.effects.registry import EFFECTS, force_of
 from fabdesign.effects.specimen import Specimen
@@ -30,6 +31,9 @@ from sim.kernels.transfer import halt, read, read_states
 from sim.materials import REST_CURVATURES
 from sim.motion import Motion, motion_of
 from sim.step import Solve, advance
+from sim.tangent.differences import Jacobian, completed
+from sim.tangent.explicit import move
+from sim.tangent.shapes import Solved, share_out, solve_at_rest, together
 from sim.time.batch import Batch
 from sim.time.packing import pack
 from sim.time.schedule import by_block, of_motions
@@ -178,18 +182,60 @@ class Simulator:
                 shapes[i] = shape
         return shapes
 
+    def shape_jacobian(self, cases: Sequence[Case], columns: Sequence[Column], *, exact: bool = True) -> list[Jacobian]:
+        """Shapes at rest and how they change with each column (docs/model.md): by the tangent of the forces where that
+        is positive definite, else by differences of shapes, which each Jacobian says (`exact`). Differences too for a
+        free cloth, with self_contact, where an effect adds a force, and everywhere with exact=False, for reference.
+        NaN where no shape was found."""
+        solvable = [i for i, case in enumerate(cases) if exact and not self.self_contact and _has_tangent(case)]
+        solved = self._solve_shapes([cases[i] for i in solvable], columns) if solvable else []
+        return completed(self._middles, cases, columns, dict(zip(solvable, solved, strict=True)))
+
+    def motion_jacobian(
+        self, cases: Sequence[Case], times: Sequence[Array], columns: Sequence[Column]
+    ) -> list[Jacobian]:
+        """Motions at their `times` and how they change with each column, by differences of motions: two a column."""
+
+        def frames(own: Sequence[int], moved: Sequence[Case]) -> list[NDArray[np.float32]]:
+            return [motion.middle for motion in self.run(moved, [times[i] for i in own])]
+
+        return completed(frames, cases, columns, {})
+
+    def _middles(self, _: Sequence[int], cases: Sequence[Case]) -> list[NDArray[np.float32]]:
+        """(n, n, 3) m of each shape at rest."""
+        return [shape.middle[0] for shape in self.rest(cases)]
+
+    def _solve_shapes(self, cases: Sequence[Case], columns: Sequence[Column]) -> list[Solved]:
+        """Each case's shape with those columns that the tangent gave."""
+        own = [
+            [c for c, column in enumerate(columns) if all(map(_has_tangent, move(case, column, column.step).sides))]
+            for case in cases
+        ]
+        lanes = share_out(cases, own)
+        results: list[list[Solved]] = [[] for _ in cases]
+        with fields.lock:
+            for chosen, packed, batch in self._brought_to_rest([lane.case for _, lane in lanes], patient=False):
+                riding = [lanes[chosen[k]][1] for k in packed]
+                solved = solve_at_rest(batch, riding, columns, self._at_rest_pressure)
+                for k, i in enumerate(chosen):
+                    results[lanes[i][0]].append(solved[packed.index(k)])
+        return [together(parts) for parts in results]
+
+    def _brought_to_rest(self, cases: Sequence[Case], *, patient: bool) -> Iterator[tuple[list[int], list[int], Batch]]:
+        """Chunk after chunk of the cases at rest in the fields: which these are, which of them rides in each lane."""
+        for chosen, packed in self._chunks(cases, [()] * len(cases)):
+            batch = self._load([damped(cases[i]) for i in chosen], packed)
+            pressures = [self._at_rest_pressure(cases[i]) for i in chosen]
+            pressure = np.zeros((max(1, *map(len, pressures)), len(packed)))
+            for lane, i in enumerate(packed):
+                pressure[: len(pressures[i]), lane] = pressures[i]
+            equilibrate(batch, by_block(pressure), self._solve(batch), rise=self.rise, hold=self.hold, patient=patient)
+            yield chosen, packed, batch
+
     def _rest(self, cases: Sequence[Case], *, patient: bool) -> list[Motion]:
         results: list[Motion | None] = [None] * len(cases)
         with fields.lock:
-            for chosen, packed in self._chunks(cases, [()] * len(cases)):
-                batch = self._load([damped(cases[i]) for i in chosen], packed)
-                pressures = [self._at_rest_pressure(cases[i]) for i in chosen]
-                pressure = np.zeros((max(1, *map(len, pressures)), len(packed)))
-                for lane, i in enumerate(packed):
-                    pressure[: len(pressures[i]), lane] = pressures[i]
-                equilibrate(
-                    batch, by_block(pressure), self._solve(batch), rise=self.rise, hold=self.hold, patient=patient
-                )
+            for chosen, packed, batch in self._brought_to_rest(cases, patient=patient):
                 middle = self._middle(batch, fields.F.x0)
                 middle[~self._rested(batch)] = np.nan
                 states = self._states(batch)
@@ -310,6 +356,11 @@ def _ticks(times: Array, tick: float) -> int:
 
 def _has_added_force(case: Case) -> bool:
     return any(effect.force is not None for effect, _, _ in active(case))
+
+
+def _has_tangent(case: Case) -> bool:
+    """Whether its shape at rest is where forces of positions alone balance."""
+    return not _is_free(case.design.fabric) and not _has_added_force(case)
 
 
 def _added_forces() -> tuple[AddedForce, ...]:

@@ -1,11 +1,13 @@
 """The fixed points of a design on the grid: which nodes each holds, and the intervals between them."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.design import Design
+from fabdesign.muscle import Muscle
 from sim.design.loops import line_weights, patch_size
 from sim.state import PATCH
 
@@ -36,29 +38,36 @@ def lace(design: Design, n: int, across: int, down: int) -> Lacing:
     """The fixed points with the weights of across x down nodes around each."""
     hu, hv = design.fabric.width / (n - 1), design.fabric.height / (n - 1)
     weights = [np.zeros((6, 0, PATCH))]
-    base: list[tuple[int, int]] = []
+    base = [np.zeros((0, 2), np.int32)]
     offset, active, rest, channel, types, own, along = [], [], [], [], [], [], []
     for index, muscle in enumerate(design.muscles):
-        points = muscle.fixed_points()
-        lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        own += [index] * len(points)
+        first, touching, lengths = _loops(muscle, n, hu, hv, across, down)
+        count = len(first)
+        base.append(first)
+        weights.append(touching)
+        own += [index] * count
         along += [*((np.cumsum(lengths) - lengths / 2) / lengths.sum()), 0.0]
         side = 1.0 if muscle.side == "front" else -1.0
-        i, wu, du, eu = line_weights(points[:, 0], n, hu, across)
-        j, wv, dv, ev = line_weights(points[:, 1], n, hv, down)
-        base += zip(j, i, strict=True)
-        touching = np.zeros((6, len(points), PATCH))
-        touching[::2, :, :across], touching[1::2, :, :down] = (wu, du, eu), (wv, dv, ev)
-        weights.append(touching)
-        for q in range(len(points)):
-            offset.append(side * design.muscle_types[muscle.type].axis_offset)
-            last = q == len(points) - 1
-            active.append(0.0 if last else 1.0)
-            rest.append(1.0 if last else lengths[q])
-            channel.append(muscle.channel)
-            types.append(muscle.type)
+        offset += [side * design.muscle_types[muscle.type].axis_offset] * count
+        active += [1.0] * (count - 1) + [0.0]
+        rest += [*lengths, 1.0]
+        channel += [muscle.channel] * count
+        types += [muscle.type] * count
     return Lacing(
-        np.array(base, np.int32).reshape(-1, 2), np.concatenate(weights, axis=1),
+        np.concatenate(base), np.concatenate(weights, axis=1),
         np.array(offset), np.array(active), np.array(rest), np.array(channel, np.int32), tuple(types),
         np.array(own, np.int32), np.array(along),
     )  # fmt: skip
+
+
+@lru_cache(maxsize=512)
+def _loops(
+    muscle: Muscle, n: int, hu: float, hv: float, across: int, down: int
+) -> tuple[NDArray[np.int32], Array, Array]:
+    """Of the muscle's fixed points: first node (p, 2), weights (6, p, PATCH); lengths of its intervals [m]."""
+    points = muscle.fixed_points()
+    i, wu, du, eu = line_weights(points[:, 0], n, hu, across)
+    j, wv, dv, ev = line_weights(points[:, 1], n, hv, down)
+    touching = np.zeros((6, len(points), PATCH))
+    touching[::2, :, :across], touching[1::2, :, :down] = (wu, du, eu), (wv, dv, ev)
+    return np.stack([j, i], axis=1).astype(np.int32), touching, np.linalg.norm(np.diff(points, axis=0), axis=1)

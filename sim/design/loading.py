@@ -40,7 +40,7 @@ def load_batch(cases: Sequence[Case], n: int, *, support: Support, blocks: int) 
     laced = {key: lace(design, n, across, down) for key, design in designs.items()}
     lacings = [laced[id(case.design)] for case in cases]
     specimens = [specimen_of(case) for case in cases]
-    types = _types(cases)
+    types = muscle_table(cases)
     modes, (down_modes, down_eigen) = modes_across(n, support), modes_down(n, support)
     modal = {key: _modal_weights(lacing, modes, points) for key, lacing in laced.items()}
     modal_down = {key: value[1, :, :3, :n] @ down_modes[:, :COARSE_DOWN] for key, value in modal.items()}
@@ -48,11 +48,11 @@ def load_batch(cases: Sequence[Case], n: int, *, support: Support, blocks: int) 
     for case, specimen, lacing in zip(cases, specimens, lacings, strict=True):
         weights = modal[id(case.design)]
         lanes.append(
-            _nodes(specimen, n)
-            | _fixed_points(lacing, specimen, types, n)
+            node_values(specimen, n)
+            | fixed_points(lacing, specimen, types, n)
             | {"across": weights[0], "down": weights[1], "coarse_down": modal_down[id(case.design)]}
         )
-    values = {name: _side_by_side([lane[name] for lane in lanes]) for name in lanes[0]}
+    values = {name: side_by_side([lane[name] for lane in lanes]) for name in lanes[0]}
     coarse, place = tables(modes, down_modes, down_eigen)
     shared = Shared(
         across, down, modes.odd,
@@ -82,10 +82,10 @@ def load_constants(cases: Sequence[Case], n: int) -> None:
 
 def _constants(specimens: Sequence[Specimen], n: int) -> NDArray[np.float32]:
     """(blocks, constants, LANES)"""
-    return _side_by_side([lane_constants(Lane(specimen, n)).astype(np.float32) for specimen in specimens])
+    return side_by_side([lane_constants(Lane(specimen, n)).astype(np.float32) for specimen in specimens])
 
 
-def _side_by_side(values: Sequence[NDArray]) -> NDArray:
+def side_by_side(values: Sequence[NDArray]) -> NDArray:
     """One array of each lane to (blocks, entries, LANES); of vectors (3, entries) to (blocks, entries, 3, LANES)."""
     whole = values[0].dtype.kind == "i"
     vectors = values[0].ndim == 2 and len(values[0]) == 3
@@ -93,7 +93,7 @@ def _side_by_side(values: Sequence[NDArray]) -> NDArray:
     return np.ascontiguousarray(np.moveaxis(lanes.reshape(len(lanes) // LANES, LANES, *lanes.shape[1:]), 1, -1))
 
 
-def _nodes(specimen: Specimen, n: int) -> dict[str, NDArray]:
+def node_values(specimen: Specimen, n: int) -> dict[str, NDArray]:
     """What a lane has on the padded grid."""
     rest, mass, free = node_arrays(specimen, n)
 
@@ -105,7 +105,7 @@ def _nodes(specimen: Specimen, n: int) -> dict[str, NDArray]:
     return {"x0": positions, "q": positions, "mass": padded(mass), "free": padded(free)} | of_places
 
 
-def _types(cases: Sequence[Case]) -> dict[tuple[str, MuscleType], int]:
+def muscle_table(cases: Sequence[Case]) -> dict[tuple[str, MuscleType], int]:
     types: dict[tuple[str, MuscleType], int] = {}
     for case in cases:
         for named in case.design.muscle_types.items():
@@ -115,7 +115,7 @@ def _types(cases: Sequence[Case]) -> dict[tuple[str, MuscleType], int]:
     return types
 
 
-def _fixed_points(
+def fixed_points(
     lacing: Lacing, specimen: Specimen, types: dict[tuple[str, MuscleType], int], n: int
 ) -> dict[str, NDArray]:
     """What a lane has at its fixed points; spare ones lie at rest inside the cloth with no interval."""
@@ -125,8 +125,8 @@ def _fixed_points(
     spare[:2, 0], spare[2:4, 0], spare[2:4, 1] = 1, -1, 1  # at a node, tangents to the next
     weights = np.concatenate([lacing.weights[:4], np.repeat(spare[:, None], room - count, axis=1)], axis=1)
     base = np.concatenate([lacing.base, np.full((room - count, 2), first, np.int32)])
-    own_types = [specimen.design.muscle_types[name] for name in lacing.muscle_type]
-    table = [types[name, own] for name, own in zip(lacing.muscle_type, own_types, strict=True)]
+    own = {name: specimen.design.muscle_types[name] for name in dict.fromkeys(lacing.muscle_type)}
+    place = {named[0]: types[named] for named in own.items()}  # hashing a bench table takes long
 
     def filled(values: NDArray, spare: float = 0) -> NDArray:
         return np.pad(values, (0, room - count), constant_values=spare)
@@ -142,10 +142,10 @@ def _fixed_points(
         "rest": filled(lacing.rest, 1.0),
         "gain": filled(of_muscles("gain")),
         "pressure_share": filled(1 - of_muscles("pressure_loss") * lacing.along),
-        "viscosity": filled(damping * np.array([own.viscosity for own in own_types])),
+        "viscosity": filled(damping * np.array([own[name].viscosity for name in lacing.muscle_type])),
         "base": (base[:, 0] + 1) * (n + 2) + base[:, 1] + 1,
         "channel": filled(lacing.channel),
-        "muscle_type": filled(np.array(table, np.int32)),
+        "muscle_type": filled(np.array([place[name] for name in lacing.muscle_type], np.int32)),
         **{name: filled(of_muscles(name)) for name in state.added("interval")},
     }
 

@@ -1,6 +1,6 @@
 """Contact of the cloth with itself: nodes against the cells of other layers, as penalties.
 
-Equations 12-13 of docs/model.md. Which nodes meet which cells, where and from which side, is found between steps
+Equations 13-14 of docs/model.md. Which nodes meet which cells, where and from which side, is found between steps
 (sim/forces/contact_pairs.py); the forces below belong to the positions of the evaluation, so that the step stays
 implicit.
 """

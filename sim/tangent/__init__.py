@@ -1,0 +1,1 @@
+"""Derivatives of converged shapes and motions: the exact tangent of the forces, and what is solved with it."""

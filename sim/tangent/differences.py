@@ -1,0 +1,59 @@
+"""Derivatives by central differences of whole shapes and motions: reference, and what the tangent does not cover."""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.column import Column
+from fabdesign.forward import Case
+from sim.tangent.explicit import move
+from sim.tangent.shapes import Solved
+
+Array = NDArray[np.float64]
+Shapes = NDArray[np.floating[Any]]
+Outcome = Callable[[Sequence[int], Sequence[Case]], list[Shapes]]  # of moved cases, and of which case each is one
+
+
+class Jacobian(NamedTuple):
+    """Of one case: mid-surfaces, how they change, and which columns are the tangent's, not differences."""
+
+    middle: Shapes  # ([T,] n, n, 3) m
+    changes: Shapes  # (p, [T,] n, n, 3) m per unit of the column; NaN where a moved case diverged
+    exact: NDArray[np.bool_]  # (p,)
+
+
+def differences(
+    outcome: Outcome, cases: Sequence[Case], columns: Sequence[Column], pairs: Sequence[tuple[int, int]]
+) -> dict[tuple[int, int], Shapes]:
+    """By (case, column) of `pairs`: over as much to both sides as the column's `far` says, in one batch."""
+    moves = [move(cases[i], columns[c], columns[c].far) for i, c in pairs]
+    found = outcome([i for i, _ in pairs for _ in range(2)], [side for own in moves for side in own.sides])
+    return {
+        pair: (found[2 * k + 1].astype(float) - found[2 * k]) / own.width
+        for k, (pair, own) in enumerate(zip(pairs, moves, strict=True))
+    }
+
+
+def completed(
+    outcome: Outcome, cases: Sequence[Case], columns: Sequence[Column], solved: Mapping[int, Solved]
+) -> list[Jacobian]:
+    """Jacobians of all cases: what the tangent `solved`, by case, and differences of the outcome for the rest."""
+    known = {i: own for i, own in solved.items() if own.settled}
+    left = [i for i in range(len(cases)) if i not in known]
+    middles = dict(zip(left, outcome(left, [cases[i] for i in left]), strict=True)) if left else {}
+    middles |= {i: own.middle for i, own in known.items()}
+    pairs = [
+        (i, c) for i in range(len(cases)) for c in range(len(columns)) if i not in known or c not in known[i].changes
+    ]
+    changes = differences(outcome, cases, columns, pairs) if pairs else {}
+    return [
+        Jacobian(
+            middles[i],
+            np.array([changes[i, c] if (i, c) in changes else known[i].changes[c] for c in range(len(columns))])
+            .reshape(len(columns), *middles[i].shape),
+            np.array([(i, c) not in changes for c in range(len(columns))], dtype=bool),
+        )
+        for i in range(len(cases))
+    ]  # fmt: skip

@@ -1,0 +1,145 @@
+"""How the forces of the muscles change in a direction: sim/forces/muscles.py, differentiated line by line.
+
+Changes at the fixed points lie in the planes of F.point3 that held the preconditioner's frames there, from X.fu on:
+nothing reads those once the preconditioner is built.
+"""
+
+import taichi as ti
+
+from sim.kernels.fields import F, X
+from sim.kernels.patch import exchange, weigh_across, weigh_rows
+from sim.kernels.vectors import Wide, cross, parts, sum3, thrice
+from sim.state import PATCH
+from sim.tangent.fields import T
+
+
+@ti.func
+def muscle_tangent(b, nu, npt):
+    """F.f += the change of the muscles' forces in the direction F.p."""
+    sample(b, nu, npt, F.p, X.fu)
+    points(b, npt)
+    pull(b, npt)
+    couples(b, npt)
+    scatter(b, nu, npt)
+
+
+@ti.func
+def sample(b, nu, npt, plane, dst):
+    """Vectors of a plane of F.node3 at the fixed points: values, derivatives along u and v to three planes."""
+    pt = 0
+    while pt < npt:
+        exchange(b, nu, pt, plane, False)
+        r = 0
+        while r < F.touched[1]:
+            along_u = 0
+            while along_u < 2:
+                weigh_across(b, X.wu + along_u * (X.du - X.wu) + PATCH * pt, r, along_u * PATCH + r)
+                along_u = F.after[along_u]
+            r = F.after[r]
+        derivative = 0  # none, along u, along v
+        while derivative < 3:
+            weights = X.wv + derivative // 2 * (X.dv - X.wv) + PATCH * pt
+            weigh_rows(b, weights, derivative % 2 * PATCH, dst + derivative * F.points + pt)
+            derivative = F.after[derivative]
+        pt = F.after[pt]
+
+
+@ti.func
+def crossed(e, g):
+    """e x g of vectors in one element each."""
+    ax, ay, az = parts(e)
+    bx, by, bz = parts(g)
+    cx, cy, cz = cross(ax, ay, az, bx, by, bz)
+    return Wide(cx, cy, cz)
+
+
+@ti.func
+def points(b, npt):
+    """Changes of the normals and positions of the fixed points."""
+    pt = 0
+    while pt < npt:
+        along_u = F.point3[b, X.tan_u + pt]
+        along_v = F.point3[b, X.tan_v + pt]
+        d_u = F.point3[b, X.fu_u + pt]
+        d_v = F.point3[b, X.fu_v + pt]
+        normal = F.point3[b, X.normal + pt]
+        il = thrice(F.point[b, X.inv_area + pt])
+        offset = thrice(F.point[b, X.offset + pt])
+        d_area = il * (crossed(d_v, along_u) + crossed(along_v, d_u))
+        larger = thrice(sum3(d_area * normal))
+        d_normal = d_area - larger * normal
+        T.point3[b, T.d_normal + pt] = d_normal
+        F.point3[b, X.fu + pt] = F.point3[b, X.fu + pt] + offset * d_normal
+        pt = F.after[pt]
+
+
+@ti.func
+def pull(b, npt):
+    """Changes of the intervals' pulls on their fixed points."""
+    pt = 0
+    while pt < npt:
+        T.point3[b, T.d_force + pt] = Wide(0.0)
+        pt = F.after[pt]
+    k = 0
+    while k < npt - 1:
+        along = F.point3[b, X.dir + k]
+        apart = F.point3[b, X.pos + k + 1] - F.point3[b, X.pos + k]
+        il = 1.0 / ti.sqrt(sum3(apart * apart) + 1e-16)  # spare points lie upon each other
+        change = F.point3[b, X.fu + k + 1] - F.point3[b, X.fu + k]
+        longer = sum3(along * change)
+        turned = (change - thrice(longer) * along) * thrice(il)
+        tension = longer / F.point[b, X.compliance + k]
+        active = F.point[b, X.active + k]
+        d_pull = thrice(active * tension) * along + thrice(active * F.point[b, X.tension + k]) * turned
+        T.point3[b, T.d_force + k] = T.point3[b, T.d_force + k] + d_pull
+        T.point3[b, T.d_force + k + 1] = T.point3[b, T.d_force + k + 1] - d_pull
+        k = F.after[k]
+
+
+@ti.func
+def couples(b, npt):
+    """Changes of the couples that the forces make by their lever, to X.grad_u and X.grad_v."""
+    pt = 0
+    while pt < npt:
+        force = F.point3[b, X.force + pt]
+        d_force = T.point3[b, T.d_force + pt]
+        normal = F.point3[b, X.normal + pt]
+        d_normal = T.point3[b, T.d_normal + pt]
+        along_u = F.point3[b, X.tan_u + pt]
+        along_v = F.point3[b, X.tan_v + pt]
+        d_u = F.point3[b, X.fu_u + pt]
+        d_v = F.point3[b, X.fu_v + pt]
+        il = thrice(F.point[b, X.inv_area + pt])
+        lever = thrice(F.point[b, X.offset + pt]) * il
+        along = sum3(force * normal)
+        couple = lever * (force - thrice(along) * normal)
+        larger = il * thrice(sum3(normal * (crossed(d_v, along_u) + crossed(along_v, d_u))))
+        d_along = sum3(d_force * normal + force * d_normal)
+        d_couple = lever * (d_force - thrice(d_along) * normal - thrice(along) * d_normal) - larger * couple
+        F.point3[b, X.grad_u + pt] = crossed(d_couple, along_v) + crossed(couple, d_v)
+        F.point3[b, X.grad_v + pt] = crossed(d_u, couple) + crossed(along_u, d_couple)
+        pt = F.after[pt]
+
+
+@ti.func
+def scatter(b, nu, npt):
+    """F.f += the fixed points' changes, by the weights of their loops."""
+    pt = 0
+    while pt < npt:
+        force = T.point3[b, T.d_force + pt]
+        along_u = F.point3[b, X.grad_u + pt]
+        along_v = F.point3[b, X.grad_v + pt]
+        r = 0
+        while r < F.touched[1]:
+            value = thrice(F.point[b, X.wv + PATCH * pt + r])
+            w0 = value * force + thrice(F.point[b, X.dv + PATCH * pt + r]) * along_v
+            w1 = value * along_u
+            m = 0
+            while m < F.touched[0]:
+                F.patch3[b, r * PATCH + m] = (
+                    thrice(F.point[b, X.wu + PATCH * pt + m]) * w0 + thrice(F.point[b, X.du + PATCH * pt + m]) * w1
+                )
+                m = F.after[m]
+            r = F.after[r]
+        exchange(b, nu, pt, F.f, True)
+        pt = F.after[pt]

@@ -1,0 +1,174 @@
+"""Kernels of the derivatives of a shape at rest: forces there, their explicit changes, the linear solves."""
+
+import taichi as ti
+
+from sim.design.support import EDGES
+from sim.forces.cloth import fabric_force
+from sim.kernels.fields import LANES, SPREAD, F, Timed, X
+from sim.kernels.vectors import Lanes, Wide, thrice
+from sim.solver.coarse_space import assemble
+from sim.solver.flat_cloth import factorise
+from sim.solver.frames import frames
+from sim.solver.muscle_modes import green
+from sim.solver.muscles import woodbury
+from sim.step import muscles
+from sim.tangent.fields import T
+from sim.tangent.linear import conjugate_gradients
+from sim.time.scheme import CA
+
+NOTHING_ADDED = ()  # forces of effects: shapes with them take differences
+
+
+@ti.func
+def forces_at_rest(b, nu, nv, npt, support, pressure: ti.template()):
+    """F.f <- forces at F.q without motion, under the channels' pressures."""
+    lane = 0
+    while lane < LANES:
+        k = 0
+        while k < npt:
+            acting = pressure[b, F.channel[b, k][lane], lane]
+            F.point[b, X.pressure + k][lane] = F.point[b, X.pressure_share + k][lane] * acting
+            k = F.after[k]
+        lane = F.after[lane]
+    fabric_force(b, nu, nv, support)
+    if npt > 0:
+        muscles(b, nu, npt, NOTHING_ADDED)
+
+
+@ti.kernel
+def _still_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32):
+    """The shape that was found becomes the state, without motion or a residual of before; T is zeroed."""
+    ti.loop_config(serialize=True)
+    for b in range(nb):
+        k = 0
+        while k < F.scheme.shape[1]:
+            F.scheme[b, k] = Lanes(0.0)
+            k = F.after[k]
+        k = 0
+        while k < (nu + 2) * (nv + 2):
+            F.node3[b, F.q + k] = F.node3[b, F.x0 + k]
+            F.node3[b, F.hv + k] = Wide(0.0)
+            F.node3[b, F.ha + k] = Wide(0.0)
+            F.node3[b, F.carried + k] = Wide(0.0)
+            k = F.after[k]
+        k = 0
+        while k < T.node.shape[1]:
+            T.node[b, k] = Lanes(0.0)
+            k = F.after[k]
+        k = 0
+        while k < T.node3.shape[1]:
+            T.node3[b, k] = Wide(0.0)
+            k = F.after[k]
+
+
+@ti.kernel
+def _explicit_kernel(
+    nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, slot: ti.i32, anew: ti.i32,
+    pressure: ti.types.ndarray(dtype=ti.f32, ndim=3),
+    weight: ti.types.ndarray(dtype=ti.f32, ndim=2),
+):  # fmt: skip
+    """T.columns at `slot` += weight of the lane times the forces there: what moved constants change. anew: from 0."""
+    for task in range(nb * SPREAD):
+        if task % SPREAD == 0:
+            b = task // SPREAD
+            forces_at_rest(b, nu, nv, npt, support, pressure)
+            share = Lanes(0.0)
+            for lane in range(LANES):
+                share[lane] = weight[b, lane]
+            o = slot * F.nodes
+            k = 0
+            while k < (nu + 2) * (nv + 2):
+                force = thrice(share * F.node[b, F.free + k]) * F.node3[b, F.f + k]
+                before = T.columns[b, o + k]
+                if anew == 1:
+                    before = Wide(0.0)
+                T.columns[b, o + k] = before + force
+                k = F.after[k]
+
+
+@ti.kernel
+def _solve_kernel(
+    nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, smoothing: ti.i32,
+    settles: ti.i32, turns: ti.i32, iterations: ti.i32, tolerance: ti.f32, stiffened: ti.f32,
+    pressure: ti.types.ndarray(dtype=ti.f32, ndim=3),
+):  # fmt: skip
+    """Linear solves with the tangent at F.q, `turns` one after another; what came of them to T.found.
+
+    settles = 1: Newton steps of F.q to where the forces balance, before which the preconditioner is built, with
+    `stiffened` 1/s^2 times the mass in it. settles = 0: T.columns, the right sides, become solutions.
+    """
+    for task in range(nb * SPREAD):
+        if task % SPREAD == 0:
+            b = task // SPREAD
+            turn = 0
+            while turn < turns:
+                if settles == 1 or turn == 0:
+                    forces_at_rest(b, nu, nv, npt, support, pressure)
+                if settles == 1 and turn == 0:
+                    precondition(b, nu, nv, npt, support, smoothing, stiffened)
+                o = turn * F.nodes
+                k = 0
+                while k < (nu + 2) * (nv + 2):
+                    right = F.node3[b, F.f + k] * thrice(F.node[b, F.free + k])
+                    if settles == 0:
+                        right = T.columns[b, o + k]
+                    F.node3[b, F.r + k] = right
+                    T.node3[b, T.x + k] = Wide(0.0)
+                    k = F.after[k]
+                conjugate_gradients(b, nu, nv, npt, support, turn, iterations, tolerance)
+                k = 0
+                while k < (nu + 2) * (nv + 2):
+                    if settles == 1:
+                        F.node3[b, F.q + k] = F.node3[b, F.q + k] + T.node3[b, T.x + k]
+                    else:
+                        T.columns[b, o + k] = T.node3[b, T.x + k]
+                    k = F.after[k]
+                turn = F.after[turn]
+
+
+@ti.func
+def precondition(b, nu, nv, npt, support, smoothing, stiffened):
+    """The preconditioner of the shape at hand."""
+    F.scheme[b, CA] = Lanes(stiffened)
+    factorise(b, nu, nv)
+    green(b, nu, nv, npt)
+    frames(b, nu, nv, smoothing)
+    if npt > 0:
+        woodbury(b, nu, npt)
+    if support < EDGES:
+        assemble(b, nu, nv, npt)
+    F.scheme[b, CA] = Lanes(0.0)
+
+
+@ti.kernel
+def _read_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, out: ti.types.ndarray(dtype=ti.f32, ndim=5)):
+    """out (nb, slots, LANES, nu nv, 3): columns."""
+    for b in range(nb):
+        for slot in range(slots):
+            for lane in range(LANES):
+                for j in range(nv):
+                    i = 0
+                    while i < nu:
+                        k = slot * F.nodes + (j + 1) * (nu + 2) + i + 1
+                        for c in range(3):
+                            out[b, slot, lane, j * nu + i, c] = T.columns[b, k][c * LANES + lane]
+                        i = F.after[i]
+
+
+@ti.kernel
+def _found_kernel(nb: ti.i32, slots: ti.i32, out: ti.types.ndarray(dtype=ti.i32, ndim=3)):
+    """out (nb, slots, LANES): what came of the last solves."""
+    ti.loop_config(serialize=True)
+    for b in range(nb):
+        for slot in range(slots):
+            for lane in range(LANES):
+                out[b, slot, lane] = T.found[b, slot][lane]
+
+
+still, explicit, solve, read_columns, read_found = (
+    Timed(_still_kernel),
+    Timed(_explicit_kernel),
+    Timed(_solve_kernel),
+    Timed(_read_kernel),
+    Timed(_found_kernel),
+)

@@ -1,0 +1,94 @@
+"""Derivatives of shapes at rest against the float64 reference, by kind of column; what is left to differences."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fabdesign import column
+from fabdesign.errors import InputError
+from fabdesign.forward import Case, Term
+from sim import Simulator
+from tests.derivatives_reference import kinds, lacking
+from tests.sim_designs import cloth, held, laced
+
+N = 11
+SIMULATOR = Simulator(points_per_side=N)
+CASES = [
+    held(laced(), [200.0, 100.0, 0.0, 50.0]),
+    held(laced("cross", 2, support="clamped", gravity=(0.0, -9.0, 3.0)), [150.0, 30.0]),
+]
+
+
+@pytest.fixture(scope="module")
+def found():
+    return SIMULATOR.shape_jacobian(CASES, kinds())
+
+
+@pytest.mark.parametrize("which", range(len(CASES)))
+def test_columns_of_shapes_follow_the_reference(found, which):
+    middle, changes, exact = found[which]
+    assert exact.all()
+    assert changes.shape == (len(kinds()), N, N, 3)
+    off = lacking(CASES[which], kinds(), middle, changes)
+    assert dict(zip((own.name for own in kinds()), off, strict=True)) == pytest.approx(
+        dict.fromkeys((own.name for own in kinds()), 0.0), abs=1e-2
+    )
+
+
+def test_differences_of_shapes_follow_the_tangent(found):
+    # the reference path: whole shapes, whose rest is loose
+    columns = [column.factor("bending"), column.pressure(0)]
+    [plain] = SIMULATOR.shape_jacobian(CASES[:1], columns, exact=False)
+    assert not plain.exact.any()
+    names = [own.name for own in kinds()]
+    for own, change in zip(columns, plain.changes, strict=True):
+        exact = found[0].changes[names.index(own.name)]
+        assert np.linalg.norm(change - exact) < 0.05 * np.linalg.norm(exact)
+
+
+def test_a_shape_that_buckles_is_said_and_takes_differences():
+    # a soft cloth that stands on its hem: straight up is an equilibrium, and not a stable one
+    standing = held(cloth(gravity=(0.0, 9.81, 0.0), bending_stiffness=(1e-4, 1e-4)))
+    columns = [column.factor("areal_density")]
+    [found] = SIMULATOR.shape_jacobian([standing], columns)
+    [plain] = SIMULATOR.shape_jacobian([standing], columns, exact=False)
+    assert not found.exact.any()
+    assert np.array_equal(found.changes, plain.changes)
+    assert np.abs(found.changes).max() > 0
+
+
+def test_effects_that_add_forces_take_differences_where_they_are_off_too():
+    creep = column.of_effect("muscle_creep", "share", 0.1)
+    [found] = SIMULATOR.shape_jacobian(CASES[:1], [column.factor("bending"), creep])
+    assert found.exact.tolist() == [True, False]
+    assert np.abs(found.changes[1]).max() > 1e-4
+
+
+def test_columns_of_motions_are_those_of_the_moved_motions():
+    columns, times = [column.factor("damping")], np.array([0.02, 0.05])
+    [found] = SIMULATOR.motion_jacobian(CASES[:1], [times], columns)
+    low, high = (columns[0].moved(CASES[0], by) for by in (-columns[0].far, columns[0].far))
+    a, b = SIMULATOR.run([low, high], [times] * 2)
+    assert found.middle.shape == (2, N, N, 3)
+    assert not found.exact.any()
+    assert np.array_equal(found.changes[0], (b.middle.astype(float) - a.middle) / (2 * columns[0].far))
+
+
+def test_a_moved_corner_keeps_its_intervals_or_says_so():
+    case = held(laced(), [0.0] * 4)
+    muscle = case.design.muscles[0]
+    for by in (-0.012, 0.012):
+        moved = column.corner(0, 1, (0.0, 1.0)).moved(case, by).design.muscles[0]
+        assert len(moved.fixed_points()) == len(muscle.fixed_points())
+        assert moved.path[1][1] == pytest.approx(muscle.path[1][1] + by)
+    angled = replace(muscle, path=((0.05, 0.05), (0.05, 0.0749), (0.05, 0.09)), fixed_point_pitch=0.01)
+    case = held(replace(case.design, muscles=(angled,)), [0.0])
+    with pytest.raises(InputError, match="no pitch leaves its 4 intervals"):
+        column.corner(0, 1, (0.0, 1.0)).moved(case, 0.002)
+
+
+def test_an_effect_moves_no_further_than_its_bounds():
+    case = Case(CASES[0].design, CASES[0].program, effects=(Term("muscle_creep", {"share": 0.0}),))
+    least, most = column.of_effect("muscle_creep", "share", 0.1).room(case)
+    assert least == 0.0 < most
