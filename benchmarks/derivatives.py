@@ -68,7 +68,7 @@ def ratios(points: int) -> tuple[float, list[float], int, int]:
 
 
 def agreement() -> dict[str, list[float]]:
-    """Of each kind of column: what the reference's forces lack of staying in balance (tests/reference)."""
+    """What the float64 reference's forces lack of staying in balance, by kind of column."""
     own = cases()
     off: dict[str, list[float]] = {one.name: [] for one in kinds()}
     for case, found in zip(own, Simulator(points_per_side=COMPARED).shape_jacobian(own, kinds()), strict=True):
