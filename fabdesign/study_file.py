@@ -120,8 +120,15 @@ def read_kind(path: Path | str) -> str:
     return kind
 
 
+def read_cluster(path: Path | str) -> str | None:
+    """The address of the scheduler whose workers compute a study. Raises InputError."""
+    address: str | None = load_toml(Path(path), FORMAT, partial=True).text("cluster", None)
+    return address
+
+
 def require_kind(root: Table, kind: str) -> None:
-    """Raise InputError for a study of another kind."""
+    """Raise InputError for a study of another kind. Takes what studies of all kinds may have: `cluster`."""
+    root.text("cluster", None)
     if root.text("kind", choices=KINDS) != kind:
         raise root.bad("kind", f'"{kind}", the kind that this command runs')
 

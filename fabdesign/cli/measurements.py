@@ -6,6 +6,7 @@ from typing import Literal
 import click
 
 from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json_option, print_result, skip_bad_option
+from fabdesign.cli.machines import cluster_option
 from fabdesign.cli.models import effects_option, load_model
 from fabdesign.cli.progress import counted, described
 from fabdesign.errors import InputError
@@ -88,6 +89,7 @@ def fuse(
 @click.option(
     "--grid", type=GRID, default=61, show_default=True, help="Grid points a side of the last iterations; the model's."
 )
+@cluster_option
 @click.option("-o", "--output", type=FILE, required=True, help="The model, or of a bench the type, to write (TOML).")
 @force_option
 @json_option
@@ -189,6 +191,7 @@ def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Pa
 @click.option("--key", type=FILE, help="What the specimen really is; not written into the set.")
 @click.option("--recording", type=FILE, help="A folder for four depth cameras' raw clouds of the first trial.")
 @click.option("--test-trials", type=int, default=0, show_default=True, help="How many of the last have role test.")
+@cluster_option
 @click.option("-o", "--output", type=FILE, required=True, help="The measurement set to write.")
 @force_option
 @json_option

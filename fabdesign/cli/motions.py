@@ -21,6 +21,7 @@ from fabdesign.cli.console import (
     skip_bad_option,
     tell,
 )
+from fabdesign.cli.machines import cluster_option
 from fabdesign.cli.models import effects_option, load_model, require_model, without_option
 from fabdesign.cli.progress import counted
 from fabdesign.errors import InputError
@@ -132,6 +133,7 @@ def simulate(
 @effects_option
 @click.option("--design", type=FILE, help="Of a lone trial; a set names its own.")
 @grid_option
+@cluster_option
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to.")
 @force_option
 @json_option
@@ -187,6 +189,7 @@ def predict(
 @click.option("--all", "all_trials", is_flag=True, help="Trials of role fit too, in a table of their own.")
 @skip_bad_option
 @grid_option
+@cluster_option
 @click.option("-o", "--output", type=FILE, help="A folder for tables, a picture and the whole result.")
 @force_option
 @json_option

@@ -5,6 +5,8 @@ from pathlib import Path
 import click
 
 from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json_option, print_result
+from fabdesign.cli.machines import cluster_option
+from fabdesign.cli.models import effects_option
 from fabdesign.inputs import is_bench
 
 
@@ -18,6 +20,8 @@ from fabdesign.inputs import is_bench
 )
 @click.option("--grid", type=GRID, help="Grid points a side; by default 21, or 41 where 21 are too coarse.")
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of the points drawn.")
+@effects_option
+@cluster_option
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in.")
 @force_option
 @json_option

@@ -16,7 +16,8 @@ from fabdesign.cli.console import (
     print_result,
     skip_bad_option,
 )
-from fabdesign.cli.models import load_model
+from fabdesign.cli.machines import cluster_option
+from fabdesign.cli.models import effects_option, load_model
 from fabdesign.cli.progress import described
 
 
@@ -34,6 +35,8 @@ from fabdesign.cli.progress import described
 @skip_bad_option
 @click.option("--seed", type=SEED, default=0, show_default=True)
 @grid_option
+@effects_option
+@cluster_option
 @click.option("-o", "--output", type=FILE, required=True, help="The model to write (TOML); its weights lie beside it.")
 @force_option
 @json_option

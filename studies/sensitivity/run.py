@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign import SIMULATOR
+from fabdesign.cluster import at_once as machines
 from fabdesign.errors import SimulationError
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.model import Model
@@ -146,7 +147,7 @@ class _Sweep:
         missing = [k for k in range(len(values)) if k not in found]
         self._done += cases * (len(values) - len(missing))
         self._say(part)
-        at_once = max(1, BATCH // cases)
+        at_once = max(1, machines(BATCH) // cases)
         for begin in range(0, len(missing), at_once):
             if self.study.seconds is not None and self._store.spent[0] >= self.study.seconds:
                 break
