@@ -137,7 +137,11 @@ def read_search(root: Table, path: Path) -> Study:
     """A search from the table of its study at `path`, whose other keys have been taken. Raises InputError."""
     design = read_design(path.parent / root.text("design"))
     model_name = root.text("model", None)
-    model = None if model_name is None else read_model(path.parent / model_name)
+    return search_of(root, path, design, None if model_name is None else read_model(path.parent / model_name))
+
+
+def search_of(root: Table, path: Path, design: Design, model: Model | None) -> Study:
+    """As `read_search`, of a design and model that are read already."""
     targets = read_targets(root, path)
     variables = root.table("variables", None) or Table({}, f"{path}: variables")
     choice = _choice(variables)

@@ -1,6 +1,6 @@
 """Motions on demand: one design under given pressures, or every trial of a set, as npz files."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.motion_file import write_motion
 from fabdesign.output import new_folder
 from fabdesign.pressure import PressureProgram
+from fabdesign.trial import MeasurementSet
 from studies.forward_model import forward_model
 
 FRAME_RATE = 60.0  # Hz, of the paper's cameras
@@ -48,12 +49,24 @@ def simulate(
 ) -> NDArray[np.float32]:
     """(T, 2 n, 3) points [m] of one motion (order: `ForwardModel.motions`), without sensing effects.
 
-    order: the motion's place in the specimen's session. Raises InputError for a model with a part that cannot be used,
-    SimulationError where the motion diverges.
+    order: the motion's place in the specimen's session. Raises as `require_motions`.
     """
-    points = forward_model(forward, model).motions([Case(design, program, order=order)], [times])[0]
-    _require_finite(points, times, design.name)
-    return points
+    return require_motions(forward, [Case(design, program, order=order)], [times], model=model)[0]
+
+
+def require_motions(
+    forward: ForwardModel,
+    cases: Sequence[Case],
+    times: Sequence[NDArray[np.float64]],
+    *,
+    model: Model | None = None,
+) -> list[NDArray[np.float32]]:
+    """(T, 2 n, 3) points [m] of each case, without sensing effects. Raises InputError for a model with a part that
+    cannot be used, SimulationError where a motion diverges."""
+    motions = forward_model(forward, model).motions(cases, times)
+    for case, at, points in zip(cases, times, motions, strict=True):
+        _require_finite(points, at, case.design.name)
+    return motions
 
 
 def predict(
@@ -64,28 +77,37 @@ def predict(
     *,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
-    """Write `out/trials/NAME.npz` for every trial, at its own times, sensing effects included. `progress` is told
-    trials done and in all.
+    """Write `out/trials/NAME.npz` for every trial, as `predicted` gives it. `progress` is told trials done and in all.
 
     Raises InputError and SimulationError; then nothing is written.
     """
-    predictor = forward_model(forward, model, sensing=True)
     with new_folder(out, made_by="predict") as unfinished:
-        cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
-        for part in batches([len(trial.times) for trial in trials], _AT_ONCE):
-            batch = trials[part]
-            times = [trial.times for trial in batch]
-            motions = predictor.motions(cases[part], times)
-            for trial, at, points in zip(batch, times, motions, strict=True):
-                _require_finite(points, at, str(trial.file))
-                file = unfinished / "trials" / trial.file.name
-                file.parent.mkdir(exist_ok=True)
-                write_motion(file, at, points)
-            progress(part.stop, len(trials))
+        for done, (trial, points) in enumerate(predicted(forward, model, trials), start=1):
+            file = unfinished / "trials" / trial.file.name
+            file.parent.mkdir(exist_ok=True)
+            write_motion(file, trial.times, points)
+            progress(done, len(trials))
 
 
-def trials_of(source: Path, design: Design | None) -> tuple[str, tuple[Trial, ...]]:
+def predicted(
+    forward: ForwardModel, model: Model, trials: Sequence[Trial]
+) -> Iterator[tuple[Trial, NDArray[np.float32]]]:
+    """Every trial with its points (T, 2 n, 3) m at its own times, sensing effects included. Raises InputError and
+    SimulationError."""
+    predictor = forward_model(forward, model, sensing=True)
+    cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
+    for part in batches([len(trial.times) for trial in trials], _AT_ONCE):
+        batch = trials[part]
+        times = [trial.times for trial in batch]
+        for trial, at, points in zip(batch, times, predictor.motions(cases[part], times), strict=True):
+            _require_finite(points, at, str(trial.file))
+            yield trial, points
+
+
+def trials_of(source: MeasurementSet | Path, design: Design | None) -> tuple[str, tuple[Trial, ...]]:
     """Name and trials of a set, or of an npz, one trial, which needs its `design`. Raises InputError."""
+    if isinstance(source, MeasurementSet):
+        return source.name, source.trials
     if source.suffix == ".npz":
         if design is None:
             raise InputError(f"{source}: a lone trial; expected --design with its design file")
@@ -114,14 +136,20 @@ def folders_of(sources: Sequence[tuple[str, tuple[Trial, ...]]]) -> dict[str, tu
 def rest(
     forward: ForwardModel, design: Design, program: PressureProgram, *, model: Model | None = None, order: int = 0
 ) -> NDArray[np.float32]:
-    """(2 n, 3) points [m] of the shape at rest under the program's last pressures.
+    """(2 n, 3) points [m] of the shape at rest under the program's last pressures. Raises as `require_shapes`."""
+    return require_shapes(forward, [Case(design, program, order=order)], model=model)[0]
 
-    Raises InputError like `simulate`, SimulationError where none was found.
-    """
-    points = forward_model(forward, model).equilibria([Case(design, program, order=order)])[0]
-    if not np.isfinite(points).all():
-        raise SimulationError(f"{design.name}: no shape at rest was found; nothing written")
-    return points
+
+def require_shapes(
+    forward: ForwardModel, cases: Sequence[Case], *, model: Model | None = None
+) -> list[NDArray[np.float32]]:
+    """(2 n, 3) points [m] of each case at rest. Raises InputError like `require_motions`, SimulationError where none
+    was found."""
+    shapes = forward_model(forward, model).equilibria(cases)
+    for case, points in zip(cases, shapes, strict=True):
+        if not np.isfinite(points).all():
+            raise SimulationError(f"{case.design.name}: no shape at rest was found; nothing written")
+    return shapes
 
 
 def _require_finite(points: NDArray[np.float32], times: NDArray[np.float64], what: str) -> None:

@@ -1,7 +1,7 @@
 """What a sweep watches of a shape: numbers for people, in mm, 1/m and N."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from fabdesign.distances import chamfer
 from fabdesign.fabric import Fabric
 from fabdesign.forward import SIDE
+from fabdesign.sensitivity_file import Output
 
 Array = NDArray[np.float64]
 # by output: columns, their unit, and how little of it is rounding
@@ -18,6 +19,7 @@ COLUMNS = {
     "chamfer": (("chamfer",), "mm", 1e-3),
     "largest_tension": (("largest_tension",), "N", 1e-3),
 }
+ROUNDING = 1e-9  # of outputs of unknown unit
 _FREE = {"top": -1, "bottom": 0, "left": -1, "right": 0}  # row or column of the free edge opposite the hung one
 
 
@@ -30,7 +32,7 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Outputs:
-    """names: of COLUMNS. rest (3362, 3) m: what `tip` is measured from. target (n, 3) m: of `chamfer`. at: s; none:
+    """names: of COLUMNS. functions: see SensitivityStudy. rest (3362, 3) m: what `tip` is measured from. target (n, 3) m: of `chamfer`. at: s; none:
     at rest."""
 
     names: tuple[str, ...]
@@ -38,16 +40,18 @@ class Outputs:
     rest: Array
     target: Array | None = None
     at: tuple[float, ...] = ()
+    functions: Mapping[str, Output] = field(default_factory=dict)
 
     @property
     def columns(self) -> list[Column]:
         moments = [f" at {t:g} s" for t in self.at] or [""]
-        return [
+        own = [
             Column(column + moment, unit, least)
             for moment in moments
             for columns, unit, least in (COLUMNS[name] for name in self.names)
             for column in columns
         ]
+        return own + [Column(name, "", ROUNDING) for name in self.functions]
 
     def of(self, frames: NDArray[np.float32], tension: NDArray[np.float32] | None) -> Array:
         """(columns,) of (T, 3362, 3) m, and of the intervals' tensions (T, intervals) N where they are watched; NaN
@@ -68,6 +72,8 @@ class Outputs:
                 else:
                     assert tension is not None
                     values.append(float(tension[k].max(initial=0.0)))
+        time, lost = np.array(self.at or (0.0,)), not np.isfinite(frames).all()
+        values += [np.nan if lost else float(function(time, frames)) for function in self.functions.values()]
         return np.array(values)
 
 
