@@ -35,7 +35,7 @@ loop: .venv/.ready-test
 
 # the Python interface's reference, from its docstrings: build/reference/index.html
 reference: .venv/.ready-reference
-	$(PYTHON) -m pdoc -o build/reference --math fabdesign.interface fabdesign.design fabdesign.muscle fabdesign.fabric \
+	$(PYTHON) -m pdoc -o build/reference --math fabdesign.interface fabdesign.interface.results fabdesign.cluster fabdesign.design fabdesign.muscle fabdesign.fabric \
 		fabdesign.model fabdesign.effects sim.simulator
 
 clean:

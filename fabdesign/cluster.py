@@ -11,7 +11,7 @@ import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from importlib import metadata
 from pathlib import Path
 from typing import Any, TypeVar
@@ -48,7 +48,7 @@ def at_once(least: int) -> int:
 
 @contextmanager
 def on_cluster(address: str | None, *, say: Say = lambda line: None) -> Iterator[None]:
-    """A context whose tasks go to the scheduler at `address`; None: as before it. `say` hears what a person should know.
+    """A context whose tasks go to the scheduler at `address`; None: as before it. `say` hears what is worth knowing.
 
     Raises InputError where nobody answers, or a worker has other versions than this process.
     """
@@ -76,7 +76,7 @@ def _connected(address: str, say: Say) -> Iterator["Cluster"]:
         client = Client(address, timeout=WAIT, name="fabdesign")
     except (OSError, ValueError, TimeoutError) as error:
         raise InputError(
-            f"{address}: no scheduler answers within {WAIT:g} s ({type(error).__name__}); expected its address, such as "
+            f"{address}: no scheduler answers within {WAIT:g} s ({type(error).__name__}); expected an address such as "
             "tcp://HOST:8786"
         ) from None
     try:
@@ -159,7 +159,7 @@ class Cluster:
                     completed.add(future)
                 future = next(completed)
                 number = under_way.pop(future)
-                done[number] = self._result(future, lambda number=number: name(tasks[number]))
+                done[number] = self._result(future, partial(name, tasks[number]))
                 del future  # its workers may forget it
                 while due in done:
                     yield done.pop(due)

@@ -93,7 +93,7 @@ def test_motions_come_back_in_their_order(address: str) -> None:
 
 
 def test_what_a_task_raises_is_raised_here(address: str) -> None:
-    with on_cluster(address), pytest.raises(InputError, match="^expected as many$"):
+    with on_cluster(address), pytest.raises(InputError, match=r"^expected as many$"):
         [*_now().map(refuse, [1], str)]
 
 
@@ -110,9 +110,9 @@ def test_rig_trials_are_tasks(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_worker_of_another_version_is_refused(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     machines.this_worker.cache_clear()
     monkeypatch.setattr(machines, "_version", lambda _: "1.0")
-    with pytest.raises(InputError, match=r"worker \S+ has taichi 1\.7\.4; expected 1\.0, as on this machine$"):
-        with on_cluster(address):
-            pass
+    said = r"worker \S+ has taichi 1\.7\.4; expected 1\.0, as on this machine$"
+    with pytest.raises(InputError, match=said), on_cluster(address):
+        pass
     machines.this_worker.cache_clear()
 
 
@@ -120,15 +120,13 @@ def test_a_scheduler_that_is_gone_is_said(monkeypatch: pytest.MonkeyPatch) -> No
     from distributed import LocalCluster
 
     monkeypatch.setattr(machines, "WAIT", 0.5)
-    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as local:
-        with (
-            on_cluster(local.scheduler_address),
-            pytest.raises(SimulationError, match="the scheduler is gone; what was"),
-        ):
-            found = _now().map(str, [1, 2, 3], str)
-            next(found)
-            local.close()
-            [*found]
+    local = LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None)
+    gone = "the scheduler is gone; what was finished is kept"
+    with local, on_cluster(local.scheduler_address), pytest.raises(SimulationError, match=gone):
+        found = _now().map(str, [1, 2, 3], str)
+        next(found)
+        local.close()
+        next(found)
 
 
 def test_nobody_there_is_bad_input(run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

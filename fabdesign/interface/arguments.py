@@ -2,8 +2,9 @@
 
 import os
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +80,17 @@ def paths_of(*given: Any) -> list[Path]:
     """Those of the arguments that are files or folders: never written over."""
     flat = [x for each in given for x in (each if isinstance(each, list | tuple) else [each])]
     return [Path(x) for x in flat if isinstance(x, Path | str)]
+
+
+def as_toml(value: Any) -> Any:
+    """Python's numbers as a study's file has them, so that both go through the same checks."""
+    if isinstance(value, Mapping):
+        return {name: as_toml(each) for name, each in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [as_toml(each) for each in value]
+    if isinstance(value, float | np.floating):
+        return Decimal(repr(float(value)))
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def one_program(pressures: Pressures, design: Design) -> PressureProgram:

@@ -49,10 +49,10 @@ def calibrate(
 ) -> Calibrated:
     """Declared parameters, and what `free` adds, fitted to measurement sets together; `.model` is what came out.
 
-    out: a model file to write. fit: orders of the trials to fit in each set, by default all of role `fit`. free: effects
-    to fit besides, as `calibrate --free` names them; fix: declared parameters that are held. model: what holds besides,
-    and where the others begin. skip_bad: leave out unsound trials. grid: points a side. Raises InputError for an unsound
-    set, SimulationError where all motions diverge.
+    out: a model file to write. fit: orders of the trials to fit in each set, by default all of role `fit`. free:
+    effects to fit besides, as `calibrate --free` names them; fix: declared parameters that are held. model: what holds
+    besides, and where the others begin. skip_bad: leave out unsound trials. grid: points a side. Raises InputError for
+    an unsound set, SimulationError where all motions diverge.
     """
     from studies.bad_data import sound_trials
     from studies.calibration.calibrate import calibrate as calibrate_sets
@@ -100,8 +100,8 @@ def evaluate(
     """How far a model's motions are from the measured ones, before and after, on the trials of role `test`.
 
     out: a folder for tables, a picture and the whole result. without: parts of the model that are left out. all_trials:
-    those of role `fit` too, in a table of their own. grid: points a side, by default the model's, or 41 where that is as
-    good. Raises InputError where no trial is left.
+    those of role `fit` too, in a table of their own. grid: points a side, by default the model's, or 41 where they are
+    enough. Raises InputError where no trial is left.
     """
     from studies.bad_data import sound_trials
     from studies.coarser_grid import enough_points
@@ -141,11 +141,11 @@ def predict(
     progress: Progress = unheard,
     say: Say = warn,
     cluster: str | None = None,
-) -> dict[str, Motion]:
+) -> dict[str, Motion] | list[Path]:
     """The motion of every trial of measured sets, or of a lone trial's file with its `design`, at its own times, by
     name (of several sets SET/NAME), sensing effects included.
 
-    out: a folder to which they are written; they are not kept in memory then, and nothing is returned for them.
+    out: a folder to which they are written, as OUT/trials/NAME.npz; then their files are what is returned.
     without: parts of the model that are left out. grid: as in `evaluate`.
     """
     from studies.coarser_grid import enough_points
@@ -174,7 +174,9 @@ def predict(
             for trial, points in predicted(forward, fitted, some):
                 motions[_name(folder, trial)] = Motion(trial.times, points)
                 count()
-    return motions
+    if out is None:
+        return motions
+    return [Path(out) / folder / "trials" / t.file.name for folder, some in sets.items() for t in some]
 
 
 def train(
@@ -195,8 +197,8 @@ def train(
     """A corrector that learns from measured sets what the simulator leaves out; the model `out`, its weights beside it.
 
     network: `field` moves the simulator's points; `paper`, the seed paper's, gives an unordered cloud (the extra
-    `corrector`). hold_out: designs whose trials are not learned from. model: whose parameters the motions have. Stopped,
-    the same call goes on.
+    `corrector`). hold_out: designs whose trials are not learned from. model: whose parameters the motions have. After
+    Ctrl-C the same call goes on.
     """
     if network == "paper":
         import corrector.paper_training  # noqa: F401 loads PyTorch: without it nothing is begun

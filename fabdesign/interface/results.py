@@ -103,8 +103,8 @@ class Sweep(Tabled):
         """design, muscles, the pressure of each channel [kPa], and the outputs."""
         channels = max((len(row) for row in self.pressures), default=0)
         padded = np.full((len(self), channels), np.nan)
-        for row, own in zip(padded, self.pressures, strict=True):
-            row[: len(own)] = own
+        for row, kpa in zip(padded, self.pressures, strict=True):
+            row[: len(kpa)] = kpa
         own = {f"channel_{k}_kpa": padded[:, k] for k in range(channels)}
         return {
             "design": [design.name for design in self.designs],
@@ -223,7 +223,7 @@ class Optimized(Tabled):
         history = self.found.history
         return {
             "evaluation": [*range(1, len(history) + 1)],
-            "objective_mm": [1e3 * entry.value for entry in history],
+            "objective_mm": [1e3 * entry.objective for entry in history],
             "diverged": [entry.diverged for entry in history],
         }
 

@@ -16,6 +16,7 @@ from fabdesign.interface.arguments import (
     ModelLike,
     Progress,
     Say,
+    as_toml,
     computing,
     one_design,
     one_model,
@@ -55,8 +56,8 @@ def optimize(
     share one layout. out: the folder for what the command writes, and to go on in; without it nothing is kept. muscles:
     the fewest and the most; None: those of the design stay. pressures, positions: whether they vary; positions do by
     default where `muscles` is given. limits: as `[limits]` of a study has them, pressures in kPa. keys: further ones
-    of a study (docs/files.md), such as `objective`, `start_pressures`, `order`, `rise`; `place`, `frame` and others of a
-    target. Raises InputError for what a study may not be, or where `out` holds other files.
+    of a study (docs/files.md), such as `objective`, `start_pressures`, `order`, `rise`; of a target `place`, `frame`.
+    Raises InputError for what a study may not be, or where `out` holds other files.
     """
     from studies.layouts.run import run_study
 
@@ -140,7 +141,11 @@ def sensitivity(
         own = {name: _of_motion(function) for name, function in functions.items()}
         study, where = (
             sensitivity_of(
-                Table(root, "sensitivity"), Path("sensitivity"), one_design(design), one_model(model, say=say), own
+                Table(as_toml(root), "sensitivity"),
+                Path("sensitivity"),
+                one_design(design),
+                one_model(model, say=say),
+                own,
             ),
             None,
         )
@@ -165,7 +170,7 @@ def _study_file(design: Any) -> Path:
 def _search(root: dict[str, Any], design: DesignLike, model: Any) -> Any:
     from fabdesign.study_file import require_searchable, search_of
 
-    study = search_of(Table(root, "optimize"), Path("optimize"), one_design(design), model)
+    study = search_of(Table(as_toml(root), "optimize"), Path("optimize"), one_design(design), model)
     require_searchable(study, "optimize")
     return replace(study, name=one_design(design).name)
 

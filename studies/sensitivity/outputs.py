@@ -32,8 +32,8 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Outputs:
-    """names: of COLUMNS. functions: see SensitivityStudy. rest (3362, 3) m: what `tip` is measured from. target (n, 3) m: of `chamfer`. at: s; none:
-    at rest."""
+    """names: of COLUMNS. functions: see SensitivityStudy. rest (3362, 3) m: what `tip` is measured from. target (n, 3)
+    m: of `chamfer`. at: s; none: at rest."""
 
     names: tuple[str, ...]
     fabric: Fabric
