@@ -156,26 +156,30 @@ def page(count: int, single: Any, double: Any, bits: Sequence[bool], killed_wall
     one_wall, one_cpu = (statistics.median(run[k] for run in single) for k in (1, 2))
     two_wall, client_cpu, worker_cpu = (statistics.median(run[k] for run in double) for k in (1, 2, 3))
     here = commit(PAGE)
+    both = worker_cpu + client_cpu
+    machine = f"{processor()}, {os.cpu_count()} cores"
+    load = f"{os.getloadavg()[0]:.0f} processes wanted one at the end"
+    each = f"{16 * worker_cpu / count:.2f} s of a worker, {1e3 * 16 * client_cpu / count:.0f} ms of the caller"
     return f"""# More than one machine, measured
 
-`python -m benchmarks.cluster {count}`: {count} shapes at rest of *basic*, {GRID} points a side, medians of {REPEATS} runs after the kernels were
-compiled; {processor()}, {os.cpu_count()} cores **shared with other work** ({os.getloadavg()[0]:.0f} processes wanted one when this was written), so that
-only processor seconds say much; commit {here}. The one process and each worker compute with one thread.
+`python -m benchmarks.cluster {count}`: {count} shapes at rest of *basic*, {GRID} points a side, medians of {REPEATS} runs after
+kernels were compiled; commit {here}. {machine}, **shared with other work** ({load}): only processor seconds say much.
+The one process and each worker compute with one thread.
 
 | | by the clock | processor seconds | of which the caller's |
 |---|---|---|---|
 | one process | {one_wall:.1f} s | {one_cpu:.2f} | {one_cpu:.2f} |
-| two workers | {two_wall:.1f} s | {worker_cpu + client_cpu:.2f} | {client_cpu:.2f} |
+| two workers | {two_wall:.1f} s | {both:.2f} | {client_cpu:.2f} |
 | two, one killed a third of the way | {killed_wall:.1f} s, with a new worker that loads its kernels | | |
 
 | | figure | bound |
 |---|---|---|
-| efficiency in processor seconds, one process over two workers with their caller | **{one_cpu / (worker_cpu + client_cpu):.2f}** | 0.9 |
-| efficiency by the clock, one process over twice two workers | {one_wall / (2 * two_wall):.2f} | 0.9 |
+| processor seconds of one process over those of two workers with their caller | **{one_cpu / both:.2f}** | 0.9 |
+| by the clock, one process over twice two workers | {one_wall / (2 * two_wall):.2f} | 0.9 |
 | bits of two workers are those of one process | {"yes" if bits[0] else "NO"} | yes |
-| bits with one killed | {"yes" if bits[1] else "NO"}, nothing lost, nothing twice | yes |
+| bits with one killed: nothing lost, nothing twice | {"yes" if bits[1] else "NO"} | yes |
 
-A task of 16 designs: {sizes[0] / 1e3:.1f} kB there, {sizes[1] / 1e3:.1f} kB back, {16 * worker_cpu / count:.2f} s of a worker, {1e3 * 16 * client_cpu / count:.1f} ms of the caller.
+A task of 16 designs: {sizes[0] / 1e3:.1f} kB there, {sizes[1] / 1e3:.1f} kB back, {each}.
 """
 
 
