@@ -158,12 +158,12 @@ def page(count: int, single: Any, double: Any, bits: Sequence[bool], killed_wall
     here = commit(PAGE)
     both = worker_cpu + client_cpu
     machine = f"{processor()}, {os.cpu_count()} cores"
-    load = f"{os.getloadavg()[0]:.0f} processes wanted one at the end"
+    load = f"{os.getloadavg()[0]:.0f} processes wanted one"
     each = f"{16 * worker_cpu / count:.2f} s of a worker, {1e3 * 16 * client_cpu / count:.0f} ms of the caller"
     return f"""# More than one machine, measured
 
-`python -m benchmarks.cluster {count}`: {count} shapes at rest of *basic*, {GRID} points a side, medians of {REPEATS} runs after
-kernels were compiled; commit {here}. {machine}, **shared with other work** ({load}): only processor seconds say much.
+`python -m benchmarks.cluster {count}`: {count} shapes at rest of *basic*, {GRID} points a side, medians of
+{REPEATS} runs after kernels were compiled; commit {here}. {machine}, **shared with other work** ({load}): only processor seconds say much.
 The one process and each worker compute with one thread.
 
 | | by the clock | processor seconds | of which the caller's |

@@ -24,7 +24,7 @@ def main(jobs: int) -> None:
         job_cpu=16,  # ... whose kernels take the job's cores
         memory="16 GB",
         walltime="08:00:00",
-        # some minutes before the wall time a worker ends by itself: its batch goes to another and counts as nobody's fault
+        # before the wall time a worker ends by itself: its batch goes to another and is not counted against it
         worker_extra_args=["--lifetime", "7h55m", "--lifetime-stagger", "4m"],
         job_script_prologue=["export TI_CPU_MAX_NUM_THREADS=$SLURM_CPUS_PER_TASK", "export OMP_NUM_THREADS=1"],
     )
