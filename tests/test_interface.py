@@ -194,7 +194,9 @@ def test_optimize(run: Run, asked: Callable[[], list[str]], monkeypatch: pytest.
     def note(work: Any, study: Any, targets: Any, objective: Any, starts: Any, *_: Any) -> None:
         target = targets[0].points.tolist(), targets[0].noise
         content = {f.name: getattr(study, f.name) for f in fields(study) if f.name not in ("name", "targets")}
-        seen.append(({k: repr(v) for k, v in content.items()}, target, objective.measure, [x.tolist() for _, x in starts]))
+        seen.append(
+            ({k: repr(v) for k, v in content.items()}, target, objective.measure, [x.tolist() for _, x in starts])
+        )
         raise InputError("seen")
 
     monkeypatch.setattr("studies.layouts.run._search_in", note)

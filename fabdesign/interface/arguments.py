@@ -77,9 +77,10 @@ def all_sets(measured: SetLike | Sequence[SetLike]) -> list[MeasurementSet]:
 
 
 def paths_of(*given: Any) -> list[Path]:
-    """Those of the arguments that are files or folders: never written over."""
+    """Those of the arguments that are files or folders, and where measured sets lie: never written over."""
     flat = [x for each in given for x in (each if isinstance(each, list | tuple) else [each])]
-    return [Path(x) for x in flat if isinstance(x, Path | str)]
+    sets = {trial.file.parent.parent for x in flat if isinstance(x, MeasurementSet) for trial in x.trials}
+    return [*(Path(x) for x in flat if isinstance(x, Path | str)), *sorted(sets)]
 
 
 def as_toml(value: Any) -> Any:

@@ -250,7 +250,10 @@ def trace(
     from studies.tracing.run import TOLERANCE, Options, trace_set
 
     fitted = one_model(model, say=say)
-    sound, _ = sound_trials(all_sets(measured)[0], skip_bad=False)
+    sets = all_sets(measured)
+    if len(sets) != 1:
+        raise InputError(f"{len(sets)} measurement sets; expected one")
+    sound, _ = sound_trials(sets[0], skip_bad=False)
     options = Options(TOLERANCE if tolerance is None else tolerance, grid, seed)
     with _work(out) as folder, computing(cluster):
         outcome = trace_set(
