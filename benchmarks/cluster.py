@@ -41,12 +41,12 @@ def cases(count: int) -> list[Case]:
 
 
 def compute(some: Sequence[Case]) -> tuple[Any, float, float]:
-    """Shapes at rest, seconds by the clock and of this process."""
+    """Points at rest, seconds by the clock and of this process."""
     from sim import Simulator
 
     wall, cpu = time.monotonic(), time.process_time()
-    found = Simulator(GRID).rest(some)
-    return [(shape.middle, shape.tension) for shape in found], time.monotonic() - wall, time.process_time() - cpu
+    found = Simulator(GRID).equilibria(some)
+    return found, time.monotonic() - wall, time.process_time() - cpu
 
 
 def alone(count: int, results: Any) -> None:
@@ -118,7 +118,7 @@ def _kill(victim: int, wait: float) -> None:
 
 
 def same(one: Any, other: Any) -> bool:
-    return all(np.array_equal(a, b) and np.array_equal(s, t) for (a, s), (b, t) in zip(one, other, strict=True))
+    return all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
 def main() -> None:
@@ -163,7 +163,8 @@ def page(count: int, single: Any, double: Any, bits: Sequence[bool], killed_wall
     return f"""# More than one machine, measured
 
 `python -m benchmarks.cluster {count}`: {count} shapes at rest of *basic*, {GRID} points a side, medians of
-{REPEATS} runs after kernels were compiled; commit {here}. {machine}, **shared with other work** ({load}): only processor seconds say much.
+{REPEATS} runs after kernels were compiled; commit {here}.
+{machine}, **shared with other work** ({load}): only processor seconds say much.
 The one process and each worker compute with one thread.
 
 | | by the clock | processor seconds | of which the caller's |

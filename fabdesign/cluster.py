@@ -7,6 +7,7 @@ nothing is imported and nothing changes. The only file here that knows `distribu
 import hashlib
 import os
 import platform
+import threading
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -33,11 +34,12 @@ Result = TypeVar("Result")
 Say = Callable[[str], None]
 
 _current: list["Cluster"] = []
+_thread = threading.local()
 
 
 def current() -> "Cluster | None":
-    """Where tasks go now; None: they stay here."""
-    return _current[-1] if _current else None
+    """Where tasks go now; None: they stay here, as within a task."""
+    return None if not _current or getattr(_thread, "computes", False) else _current[-1]
 
 
 def at_once(least: int) -> int:
@@ -214,7 +216,11 @@ def _computed(function: Callable[[Task], Result], task: Task, versions: Mapping[
     _require_alike(this_worker().versions, versions, f"worker {platform.node()}")  # it may have come later
     for source in effects:
         register_source(*source)
-    return function(task)
+    _thread.computes = True  # workers may be threads of this process
+    try:
+        return function(task)
+    finally:
+        _thread.computes = False
 
 
 def _require_alike(there: Mapping[str, str], here: Mapping[str, str], where: str) -> None:

@@ -108,6 +108,8 @@ class Simulator:
 
     def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
         """(T, 3362, 3) points [m] of each case at its `times` [s after rest, rising]."""
+        if (cluster := current()) is not None:  # whose workers make the points too
+            return OnCluster(self, cluster).motions(cases, times)
         return [motion.points for motion in self.run(cases, times)]
 
     def run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
@@ -116,11 +118,7 @@ class Simulator:
         the steps and twice the iterations, from where a damped motion comes to rest."""
         self._require_room(cases, times)
         if (cluster := current()) is not None:
-            return OnCluster(self, cluster).ask("run_here", cases, times)
-        return self.run_here(cases, times)
-
-    def run_here(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
-        """As `run`, on this machine."""
+            return OnCluster(self, cluster).ask("run", cases, times)
         motions = self._run(cases, times, patient=False)
         lost = [i for i, motion in enumerate(motions) if motion.diverged]
         if lost:
@@ -168,6 +166,8 @@ class Simulator:
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         """(3362, 3) points [m] of each case at rest, as `rest` gives them."""
+        if (cluster := current()) is not None:
+            return OnCluster(self, cluster).equilibria(cases)
         return [shape.points[0] for shape in self.rest(cases)]
 
     def rest(self, cases: Sequence[Case]) -> list[Motion]:
@@ -175,11 +175,7 @@ class Simulator:
         last step of a damped motion moved it by less than RESTED; NaN where no such shape was found, with half the
         steps and 2 s more neither."""
         if (cluster := current()) is not None:
-            return OnCluster(self, cluster).ask("rest_here", cases)
-        return self.rest_here(cases)
-
-    def rest_here(self, cases: Sequence[Case]) -> list[Motion]:
-        """As `rest`, on this machine."""
+            return OnCluster(self, cluster).ask("rest", cases)
         shapes = self._rest(cases, patient=False)
         lost = [i for i, shape in enumerate(shapes) if shape.diverged]
         if lost:

@@ -17,6 +17,7 @@ from fabdesign.pressure_file import constant_program
 from fabdesign.sensitivity_file import SensitivityStudy
 from fabdesign.study_file import read_cluster
 from fabdesign.varied import Varied
+from sim import Simulator
 from sim.on_cluster import OnCluster, batches
 from studies.rig import Key
 from studies.rig.run import _shapes
@@ -141,6 +142,21 @@ def test_nobody_there_is_bad_input(run: Run, folder: Path, monkeypatch: pytest.M
     one_line(run("study", "s.toml", "-o", "out"), "tcp://127.0.0.1:10: no scheduler answers")
     monkeypatch.delenv("FABDESIGN_CLUSTER")
     one_line(run("study", "s.toml", "-o", "out"), "tcp://127.0.0.1:11: no scheduler answers")
+
+
+def test_the_simulator_asks_the_cluster(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Elsewhere:
+        workers, threads = 2, 1
+
+        def map(self, function: object, tasks: list[tuple], name: object) -> Iterator[list[str]]:
+            yield from ([f"{method} of {model.points_per_side}"] * len(own) for model, method, own, _ in tasks)
+
+    monkeypatch.setattr("sim.simulator.current", Elsewhere)
+    simulator, some, times = Simulator(21), cases(12), [np.array([0.1])] * 12
+    assert simulator.equilibria(some) == ["equilibria of 21"] * 12
+    assert [simulator.motions(some, times)[0], simulator.run(some, times)[0], simulator.rest(some)[0]] == [
+        "motions of 21", "run of 21", "rest of 21",
+    ]  # fmt: skip
 
 
 def test_batches_fill_lanes() -> None:
