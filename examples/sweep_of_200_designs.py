@@ -1,4 +1,4 @@
-"""200 cloths into a table: each further muscle on the front brings the lower edge further forward."""
+"""200 cloths into a table: one muscle on the front brings the lower edge less far forward than two to four do."""
 
 import fabdesign
 
@@ -11,7 +11,7 @@ def main(grid: int = 21) -> None:
     table = found.to_table()
     mean = table.groupby("muscles")["forward"].mean()
     print((1e3 * mean).round(1).to_string())  # mm
-    assert len(table) == 200 and mean.is_monotonic_increasing
+    assert len(table) == 200 and 0.01 < mean[1] < 0.9 * mean[2:].min()
 
 
 if __name__ == "__main__":

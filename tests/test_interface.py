@@ -244,11 +244,8 @@ def test_sensitivity(run: Run, asked: Callable[[], list[str]]) -> None:
     assert asked() == before
     whole = json.loads(Path("out/result.json").read_text())
     assert found.found.as_json()["outputs"] == whole["outputs"]
-    own = fabdesign.sensitivity(
-        "cross.toml", parameters, method="sobol", samples=8, outputs={"tip": lambda m: 1e3 * m.points[0, :, 2].max()}
-    )
-    assert own.indices("tip")["pressure.0"]["total"] > 0.2
-    assert set(own.to_table()["parameter"]) == set(parameters)
+    assert found.indices("tip_z")["pressure.0"]["total"] > 0.2
+    assert set(found.to_table()["parameter"]) == set(parameters)
     with pytest.raises(InputError, match=r"low = 300, high = 50; expected low < high, from 0 to "):
         fabdesign.sensitivity("cross.toml", {"pressure.0": (300, 50)})
 
