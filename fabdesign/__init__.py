@@ -1,22 +1,65 @@
-"""Fabric actuators: cloth, McKibben muscles, designs, measured data, their files, and the command line.
+"""Fabric actuators: cloth with laced McKibben muscles, designed, simulated, measured and improved.
 
-Inside, everything is SI (Pa); files and the command line use kPa. What a user does is here by name, and loaded when it
-is asked for: `fabdesign.simulate`, `equilibrium`, `calibrate`, `evaluate`, `optimize`, `faces_of`.
+Inside, everything is SI; pressures of these functions, of files and of the command line are in kPa. Arguments are
+objects or paths. Everything here is loaded when it is asked for, so that this import costs nothing.
+
+    >>> import fabdesign
+    >>> cloth = fabdesign.build("vertical", muscles=2)
+    >>> shape = fabdesign.equilibrium(cloth, [300, 300], grid=21)  # kPa
+    >>> shape.faces.shape  # frame, face, row, column, x y z in m
+    (1, 2, 41, 41, 3)
+
+Nouns: Design, Fabric, Muscle, MuscleType, Model; `build` makes a catalogue layout; `read_design`, `read_set` and
+`read_model` read files. Verbs: `simulate` `equilibrium` `sweep` `sensitivity` `optimize` `calibrate` `train` `predict`
+`evaluate` `trace`. What they raise: InputError, SimulationError.
 """
 
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from fabdesign.interface import calibrate, equilibrium, evaluate, faces_of, optimize, simulate
+    from fabdesign.catalogue import build
+    from fabdesign.design import Design
+    from fabdesign.design_file import read_design
+    from fabdesign.errors import InputError, SimulationError
+    from fabdesign.fabric import Fabric
+    from fabdesign.interface import (
+        calibrate,
+        equilibrium,
+        evaluate,
+        optimize,
+        predict,
+        sensitivity,
+        simulate,
+        sweep,
+        trace,
+        train,
+    )
+    from fabdesign.measurement_set import read_set
+    from fabdesign.model import Model
+    from fabdesign.model_file import read_model
+    from fabdesign.muscle import Muscle, MuscleType
 
 __version__ = "0.2.0"
 SIMULATOR = "2"  # counts changes of the simulator that move motions: factors fitted with another one may not fit
-__all__ = ["calibrate", "equilibrium", "evaluate", "faces_of", "optimize", "simulate"]
+__all__ = [
+    "Design", "Fabric", "InputError", "Model", "Muscle", "MuscleType", "SimulationError",
+    "build", "calibrate", "equilibrium", "evaluate", "optimize", "predict", "read_design", "read_model", "read_set",
+    "sensitivity", "simulate", "sweep", "trace", "train",
+]  # fmt: skip
+_WHERE = {
+    "Design": "design", "Fabric": "fabric", "InputError": "errors", "Model": "model", "Muscle": "muscle",
+    "MuscleType": "muscle", "SimulationError": "errors", "build": "catalogue", "read_design": "design_file",
+    "read_model": "model_file", "read_set": "measurement_set",
+}  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from fabdesign import interface
+    from importlib import import_module
 
-    return getattr(interface, name)
+    return getattr(import_module(f"fabdesign.{_WHERE.get(name, 'interface')}"), name)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]

@@ -1,6 +1,7 @@
 """Study files of kind "sensitivity": what is varied, what is watched, and how much of it is computed."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,6 +23,8 @@ from fabdesign.table import Table, load_toml
 from fabdesign.varied import Varied, read_varied
 
 Method = Literal["morris", "sobol"]
+Output = Callable[[NDArray[np.float64], NDArray[np.float32]], float]
+NO_FUNCTIONS: Mapping[str, Output] = {}
 METHODS = ("morris", "sobol")
 OUTPUTS = ("tip", "mean_curvature", "chamfer", "largest_tension")
 MOST = 1 << 16  # rows, trajectories: far more than anybody waits for
@@ -37,6 +40,7 @@ class SensitivityStudy:
     at: s after rest, of motions under constant pressures from there; none: shapes at rest. pressures (channels,) Pa
     hold where they do not vary. samples: rows of the Sobol design, a row being one sample and, for every parameter,
     one with that parameter exchanged. trajectories: of Morris' design. seconds: of computing, all sessions together.
+    functions: outputs of one's own, by name, of times [s] and points (T, 3362, 3) m; a shape at rest has one frame.
     """
 
     name: str
@@ -57,6 +61,7 @@ class SensitivityStudy:
     rise: float = RISE  # s, in which pressures rise on the way to rest
     hold: float = HOLD  # s, for which they then hold, where effects remember
     seconds: float | None = None
+    functions: Mapping[str, Output] = field(default_factory=dict)
 
 
 def read_sensitivity(path: Path | str) -> SensitivityStudy:
@@ -66,10 +71,17 @@ def read_sensitivity(path: Path | str) -> SensitivityStudy:
     require_kind(root, "sensitivity")
     design = read_design(path.parent / root.text("design"))
     model_name = root.text("model", None)
-    model = None if model_name is None else read_model(path.parent / model_name)
+    return sensitivity_of(root, path, design, None if model_name is None else read_model(path.parent / model_name))
+
+
+def sensitivity_of(
+    root: Table, path: Path, design: Design, model: Model | None, functions: Mapping[str, Output] = NO_FUNCTIONS
+) -> SensitivityStudy:
+    """A study from the table of its file at `path`, whose other keys have been taken. functions: outputs beside those
+    that the table names. Raises InputError."""
     varied, joint = _parameters(root.table("parameters"), design, model or Model())
-    outputs = root.texts("outputs", ("tip", "mean_curvature"))
-    if not outputs or len({*outputs}) < len(outputs):
+    outputs = root.texts("outputs", () if functions else ("tip", "mean_curvature"))
+    if not (outputs or functions) or len({*outputs}) < len(outputs):
         raise root.bad("outputs", f"some of {', '.join(OUTPUTS)}, each once")
     for text in outputs:
         if text not in OUTPUTS and "(" not in text:
@@ -87,6 +99,7 @@ def read_sensitivity(path: Path | str) -> SensitivityStudy:
         varied=varied,
         joint=joint,
         outputs=outputs,
+        functions=functions,
         pressures=np.minimum(MIDDLE, limits(design)) if pressures is None else pressures,
         model=model,
         methods=_methods(root),

@@ -124,8 +124,15 @@ def read_kind(path: Path | str) -> str:
     return kind
 
 
+def read_cluster(path: Path | str) -> str | None:
+    """The address of the scheduler whose workers compute a study. Raises InputError."""
+    address: str | None = load_toml(Path(path), FORMAT, partial=True).text("cluster", None)
+    return address
+
+
 def require_kind(root: Table, kind: str) -> None:
-    """Raise InputError for a study of another kind."""
+    """Raise InputError for a study of another kind. Takes what studies of all kinds may have: `cluster`."""
+    root.text("cluster", None)
     if root.text("kind", choices=KINDS) != kind:
         raise root.bad("kind", f'"{kind}", the kind that this command runs')
 
@@ -134,7 +141,11 @@ def read_search(root: Table, path: Path) -> Study:
     """A search from the table of its study at `path`, whose other keys have been taken. Raises InputError."""
     design = read_design(path.parent / root.text("design"))
     model_name = root.text("model", None)
-    model = None if model_name is None else read_model(path.parent / model_name)
+    return search_of(root, path, design, None if model_name is None else read_model(path.parent / model_name))
+
+
+def search_of(root: Table, path: Path, design: Design, model: Model | None) -> Study:
+    """As `read_search`, of a design and model that are read already."""
     targets = read_targets(root, path)
     variables = root.table("variables", None) or Table({}, f"{path}: variables")
     choice = _choice(variables)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import sim.effects  # noqa: F401 declares its planes before the first batch
+from fabdesign.cluster import current
 from fabdesign.column import Column
 from fabdesign.effects.acting import acting_pressure, active, specimen_of, terms_of
 from fabdesign.effects.registry import EFFECTS, force_of
@@ -30,17 +31,17 @@ from sim.kernels import fields
 from sim.kernels.transfer import halt, read, read_states
 from sim.materials import REST_CURVATURES
 from sim.motion import Motion, motion_of
+from sim.on_cluster import OnCluster
 from sim.step import Solve, advance
 from sim.tangent.differences import Jacobian, completed
 from sim.tangent.explicit import move
 from sim.tangent.shapes import Solved, share_out, solve_at_rest, together
 from sim.time.batch import Batch
-from sim.time.packing import pack
+from sim.time.packing import BLOCKS, pack
 from sim.time.schedule import by_block, of_motions
 from sim.time.steps import Steps, jumps_of, steps_of
 
 Array = NDArray[np.float64]
-BLOCKS = 8  # of LANES designs in the fields at once
 SMOOTHING = 0.020  # m, half width over which the preconditioner's frames are averaged
 TIME_STEPS = 1e-6, 1 / 240  # s
 MOST_CALM, MOST_ITERATIONS = 64, 1000
@@ -51,7 +52,8 @@ _MOST_TICKS = 2000  # in which the pressures are followed to rest through what l
 
 @dataclass(frozen=True)
 class Simulator:
-    """Motions and equilibria of laced cloth, many designs at once (docs/model.md).
+    """Motions and equilibria of laced cloth, many designs at once (docs/model.md); on other machines within
+    `fabdesign.cluster.on_cluster`.
 
     Cloth and muscles are constraints with compliances, the system of extended position-based dynamics (XPBD, Macklin et
     al. 2016), here solved to convergence: an implicit step (generalised-alpha, Chung and Hulbert 1993) by
@@ -111,6 +113,8 @@ class Simulator:
 
     def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
         """(T, 3362, 3) points [m] of each case at its `times` [s after rest, rising]."""
+        if (cluster := current()) is not None:  # whose workers make the points too
+            return OnCluster(self, cluster).motions(cases, times)
         return [motion.points for motion in self.run(cases, times)]
 
     def sheets(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Sheet]:
@@ -122,6 +126,8 @@ class Simulator:
         cloth flat and at rest. One that diverges, or has not come to rest where it starts, is tried once more with half
         the steps and twice the iterations, from where a damped motion comes to rest."""
         self._require_room(cases, times)
+        if (cluster := current()) is not None:
+            return OnCluster(self, cluster).ask("run", cases, times)
         motions = self._run(cases, times, patient=False)
         lost = [i for i, motion in enumerate(motions) if motion.diverged]
         if lost:
@@ -169,12 +175,16 @@ class Simulator:
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         """(3362, 3) points [m] of each case at rest, as `rest` gives them."""
+        if (cluster := current()) is not None:
+            return OnCluster(self, cluster).equilibria(cases)
         return [shape.points[0] for shape in self.rest(cases)]
 
     def rest(self, cases: Sequence[Case]) -> list[Motion]:
         """Shapes at rest under each program's last pressures, as motions of one frame at 0 s with its tensions. The
         last step of a damped motion moved it by less than RESTED; NaN where no such shape was found, with half the
         steps and 2 s more neither."""
+        if (cluster := current()) is not None:
+            return OnCluster(self, cluster).ask("rest", cases)
         shapes = self._rest(cases, patient=False)
         lost = [i for i, shape in enumerate(shapes) if shape.diverged]
         if lost:

@@ -32,11 +32,14 @@ def laced_motions(
     return found
 
 
-def laced_rest(forward: ForwardModel, model: Model | None, case: Case) -> MotionData:
-    """The shape at rest, as a motion of one frame at the end of the pressures."""
+def laced_rests(forward: ForwardModel, model: Model | None, cases: Sequence[Case]) -> list[MotionData]:
+    """The shapes at rest, as motions of one frame at the end of the pressures."""
     kept = WithMuscleStates(forward) if knows_muscles(forward) else None
-    points = forward_model(kept or forward, model).equilibria([case])[0]
-    return _motion(case, np.array([case.program.duration]), points[None], kept.last[0] if kept else None, np.zeros(1))
+    shapes = forward_model(kept or forward, model).equilibria(cases)
+    return [
+        _motion(case, np.array([case.program.duration]), points[None], kept.last[k] if kept else None, np.zeros(1))
+        for k, (case, points) in enumerate(zip(cases, shapes, strict=True))
+    ]
 
 
 def _motion(case: Case, at: Array, points: NDArray[np.float32], state: Any, seen: Array) -> MotionData:

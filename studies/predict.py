@@ -1,6 +1,6 @@
 """Motions on demand: one design under given pressures, or every trial of a set, as npz files."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,8 @@ from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.motion_file import MotionData, write_motion
 from fabdesign.output import new_folder
 from fabdesign.pressure import PressureProgram
-from studies.laced_motion import laced_motions, laced_rest
+from fabdesign.trial import MeasurementSet
+from studies.laced_motion import laced_motions, laced_rests
 
 FRAME_RATE = 60.0  # Hz, of the paper's cameras
 _AT_ONCE = 32  # motions in memory
@@ -61,12 +62,24 @@ def moved(
 ) -> MotionData:
     """One motion with its muscles, without sensing effects.
 
-    order: the motion's place in the specimen's session. Raises InputError for a model with a part that cannot be used,
-    SimulationError where the motion diverges.
+    order: the motion's place in the specimen's session. Raises as `require_motions`.
     """
-    motion = laced_motions(forward, model, [Case(design, program, order=order)], [times])[0]
-    _require_finite(motion.points, times, design.name)
-    return motion
+    return require_motions(forward, [Case(design, program, order=order)], [times], model=model)[0]
+
+
+def require_motions(
+    forward: ForwardModel,
+    cases: Sequence[Case],
+    times: Sequence[NDArray[np.float64]],
+    *,
+    model: Model | None = None,
+) -> list[MotionData]:
+    """The motion of each case with its muscles, without sensing effects. Raises InputError for a model with a part that
+    cannot be used, SimulationError where a motion diverges."""
+    motions = laced_motions(forward, model, cases, times)
+    for case, motion in zip(cases, motions, strict=True):
+        _require_finite(motion.points, motion.time, case.design.name)
+    return motions
 
 
 def predict(
@@ -77,27 +90,33 @@ def predict(
     *,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
-    """Write `out/trials/NAME.npz` for every trial, at its own times, sensing effects included. `progress` is told
-    trials done and in all.
+    """Write `out/trials/NAME.npz` for every trial, as `predicted` gives it. `progress` is told trials done and in all.
 
     Raises InputError and SimulationError; then nothing is written.
     """
     with new_folder(out, made_by="predict") as unfinished:
-        cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
-        for part in batches([len(trial.times) for trial in trials], _AT_ONCE):
-            batch = trials[part]
-            times = [trial.times for trial in batch]
-            motions = laced_motions(forward, model, cases[part], times, sensing=True)
-            for trial, motion in zip(batch, motions, strict=True):
-                _require_finite(motion.points, motion.time, str(trial.file))
-                file = unfinished / "trials" / trial.file.name
-                file.parent.mkdir(exist_ok=True)
-                write_motion(file, motion.time, motion.points, size=motion.size, muscles=motion.muscles)
-            progress(part.stop, len(trials))
+        for done, (trial, motion) in enumerate(predicted(forward, model, trials), start=1):
+            file = unfinished / "trials" / trial.file.name
+            file.parent.mkdir(exist_ok=True)
+            write_motion(file, motion.time, motion.points, size=motion.size, muscles=motion.muscles)
+            progress(done, len(trials))
 
 
-def trials_of(source: Path, design: Design | None) -> tuple[str, tuple[Trial, ...]]:
+def predicted(forward: ForwardModel, model: Model, trials: Sequence[Trial]) -> Iterator[tuple[Trial, MotionData]]:
+    """Every trial with its motion at its own times, sensing effects included. Raises InputError and SimulationError."""
+    cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
+    for part in batches([len(trial.times) for trial in trials], _AT_ONCE):
+        batch = trials[part]
+        motions = laced_motions(forward, model, cases[part], [trial.times for trial in batch], sensing=True)
+        for trial, motion in zip(batch, motions, strict=True):
+            _require_finite(motion.points, motion.time, str(trial.file))
+            yield trial, motion
+
+
+def trials_of(source: MeasurementSet | Path, design: Design | None) -> tuple[str, tuple[Trial, ...]]:
     """Name and trials of a set, or of an npz, one trial, which needs its `design`. Raises InputError."""
+    if isinstance(source, MeasurementSet):
+        return source.name, source.trials
     if source.suffix == ".npz":
         if design is None:
             raise InputError(f"{source}: a lone trial; expected --design with its design file")
@@ -133,14 +152,18 @@ def rest(
 def rested(
     forward: ForwardModel, design: Design, program: PressureProgram, *, model: Model | None = None, order: int = 0
 ) -> MotionData:
-    """The shape at rest under the program's last pressures, with its muscles, as a motion of one frame.
+    """The shape at rest under the program's last pressures. Raises as `require_shapes`."""
+    return require_shapes(forward, [Case(design, program, order=order)], model=model)[0]
 
-    Raises InputError like `moved`, SimulationError where none was found.
-    """
-    shape = laced_rest(forward, model, Case(design, program, order=order))
-    if not np.isfinite(shape.points).all():
-        raise SimulationError(f"{design.name}: no shape at rest was found; nothing written")
-    return shape
+
+def require_shapes(forward: ForwardModel, cases: Sequence[Case], *, model: Model | None = None) -> list[MotionData]:
+    """The shape of each case at rest with its muscles, as a motion of one frame. Raises InputError like
+    `require_motions`, SimulationError where none was found."""
+    shapes = laced_rests(forward, model, cases)
+    for case, shape in zip(cases, shapes, strict=True):
+        if not np.isfinite(shape.points).all():
+            raise SimulationError(f"{case.design.name}: no shape at rest was found; nothing written")
+    return shapes
 
 
 def _require_finite(points: NDArray[np.float32], times: NDArray[np.float64], what: str) -> None:

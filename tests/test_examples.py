@@ -5,12 +5,11 @@ from collections.abc import Callable
 
 import pytest
 
-from fabdesign.forward import ForwardModel
 from tests.conftest import ROOT
 
 
-def example(name: str) -> Callable[[ForwardModel], object]:
-    main: Callable[[ForwardModel], object] = runpy.run_path(str(ROOT / "examples" / f"{name}.py"))["main"]
+def example(name: str) -> Callable[..., object]:
+    main: Callable[..., object] = runpy.run_path(str(ROOT / "examples" / f"{name}.py"))["main"]
     return main
 
 
@@ -19,3 +18,17 @@ def test_example_on_the_simulator(name: str) -> None:
     from sim import Simulator
 
     example(name)(Simulator(points_per_side=21))
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [
+        ("sweep_of_200_designs", {"grid": 11}),
+        ("sobol_of_a_corner", {"grid": 11, "samples": 8}),
+        ("search_for_points", {"grid": 21, "evaluations": 40}),
+    ],
+)
+def test_script(name: str, options: dict[str, int]) -> None:
+    pytest.importorskip("pandas", reason="the extra tables is not installed")
+    example(name)(**options)
+    assert len((ROOT / "examples" / f"{name}.py").read_text(encoding="utf-8").splitlines()) <= 20

@@ -33,7 +33,7 @@ def imports(file: Path) -> set[str]:
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.relative_to(ROOT).as_posix())
 def test_packages_import_one_way(file: Path) -> None:
-    if file.parent == ROOT / "fabdesign" / "cli" or file == ROOT / "fabdesign" / "interface.py":
+    if file.parent in (ROOT / "fabdesign" / "cli", ROOT / "fabdesign" / "interface"):
         return  # the command line may import all, inside its commands; the interface is loaded when it is asked for
     package = file.relative_to(ROOT).parts[0]
     assert imports(file) & set(PACKAGES) <= ALLOWED[package]
@@ -49,11 +49,16 @@ def test_nlopt_is_imported_by_one_file() -> None:
     assert len([file for file in FILES if "nlopt" in imports(file)]) <= 1
 
 
+def test_distributed_is_imported_by_one_file() -> None:
+    users = [file for file in FILES if {"dask", "distributed"} & imports(file)]
+    assert users == [ROOT / "fabdesign" / "cluster.py"]
+
+
 @pytest.mark.parametrize("module", ["fabdesign", "fabdesign.cli", "fabdesign.catalogue", "fabdesign.measurement_set"])
 def test_nouns_load_nothing_heavy(module: str) -> None:
     script = (
         f"import sys, {module}; print([m for m in ('taichi', 'torch', 'open3d', 'nlopt', 'scipy.optimize', "
-        "'matplotlib') if m in sys.modules])"
+        "'matplotlib', 'distributed', 'pandas', 'xarray') if m in sys.modules])"
     )
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT)
     assert loaded.stdout.strip() == "[]"

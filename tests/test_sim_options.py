@@ -6,9 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import fabdesign
 import sim.simulator
-from fabdesign import design, interface, model, muscle
+from fabdesign import design, model, muscle
 from fabdesign.errors import InputError
+from fabdesign.interface import motions as interface_motions
+from fabdesign.interface import results as interface_results
 from sim import Simulator
 
 
@@ -44,7 +47,9 @@ def test_numpy_numbers_are_numbers():
 
 
 @pytest.mark.parametrize(
-    "module", [sim.simulator, design, model, muscle, interface], ids=lambda module: module.__name__
+    "module",
+    [sim.simulator, design, model, muscle, fabdesign, interface_motions, interface_results],
+    ids=lambda module: module.__name__,
 )
 def test_example_runs(module):
     done = doctest.testmod(module)

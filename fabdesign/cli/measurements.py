@@ -5,12 +5,22 @@ from typing import Literal
 
 import click
 
-from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json_option, print_result, skip_bad_option
-from fabdesign.cli.models import effects_option, load_model
+from fabdesign.cli.console import (
+    FILE,
+    GRID,
+    SEED,
+    commands,
+    force_option,
+    json_option,
+    print_result,
+    skip_bad_option,
+    tell,
+)
+from fabdesign.cli.machines import cluster_option
+from fabdesign.cli.models import effects_option
 from fabdesign.cli.progress import counted, described
 from fabdesign.errors import InputError
 from fabdesign.inputs import is_bench
-from fabdesign.model import POINTS_PER_SIDE, Model
 
 
 @commands.command()
@@ -88,6 +98,7 @@ def fuse(
 @click.option(
     "--grid", type=GRID, default=61, show_default=True, help="Grid points a side of the last iterations; the model's."
 )
+@cluster_option
 @click.option("-o", "--output", type=FILE, required=True, help="The model, or of a bench the type, to write (TOML).")
 @force_option
 @json_option
@@ -116,46 +127,25 @@ def calibrate(
             raise InputError("--fix and --model: of a measurement set; expected --free or --fit of a bench")
         _calibrate_bench(benches[0], fit, free, output, force, as_json)
         return
-    from fabdesign.measurement_set import read_set
-    from fabdesign.model_file import write_model
-    from fabdesign.output import new_file
-    from optimize.fit.parameters import fit_vector
-    from studies.bad_data import sound_trials
-    from studies.calibration.calibrate import calibrate as calibrate_sets
+    from fabdesign import interface
     from studies.calibration.calibrate import orders_of
-    from studies.calibration.fitted_model import muscle_scope
     from studies.calibration.report import as_text
-    from studies.judged_search import GRID as JUDGING
 
-    checked = [sound_trials(read_set(source), skip_bad=skip_bad) for source in sources]
-    orders = None if fit is None else orders_of(fit)
-    base = load_model(model) or Model()
-    vector = fit_vector(
-        free.split(",") if free else (),
-        fixed.split(",") if fixed else (),
-        factors=base.factors,
-        terms=base.terms,
-        scope=muscle_scope([design for found, _ in checked for design in found.designs.values()]),
-        channels=max(design.channels for found, _ in checked for design in found.designs.values()),
-    )
-    with new_file(output, force=force, inputs=[*sources, *([] if model is None else [model])]) as unfinished:
-        from sim import Simulator
-
-        with described("calibrating") as shown:
-            found = calibrate_sets(
-                [measured for measured, _ in checked],
-                Simulator(grid),
-                slopes=Simulator(min(grid, POINTS_PER_SIDE)),
-                coarse=Simulator(JUDGING),
-                vector=vector,
-                points_per_side=grid,
-                orders=orders,
-                skipped=[line for _, lines in checked for line in lines],
-                skip_bad=skip_bad,
-                seed=seed,
-                progress=shown,
-            )
-        write_model(found.model, unfinished)
+    with described("calibrating") as shown:
+        found = interface.calibrate(
+            sources,
+            output,
+            fit=None if fit is None else orders_of(fit),
+            free=free.split(",") if free else (),
+            fix=fixed.split(",") if fixed else (),
+            model=model,
+            skip_bad=skip_bad,
+            grid=grid,
+            seed=seed,
+            force=force,
+            progress=shown,
+            say=tell,
+        ).found
     print_result(found.as_json() | {"model": str(output)}, f"{output}: {as_text(found)}", as_json)
 
 
@@ -190,6 +180,7 @@ def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Pa
 @click.option("--key", type=FILE, help="What the specimen really is; not written into the set.")
 @click.option("--recording", type=FILE, help="A folder for four depth cameras' raw clouds of the first trial.")
 @click.option("--test-trials", type=int, default=0, show_default=True, help="How many of the last have role test.")
+@cluster_option
 @click.option("-o", "--output", type=FILE, required=True, help="The measurement set to write.")
 @force_option
 @json_option

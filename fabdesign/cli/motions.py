@@ -2,7 +2,7 @@
 
 import json
 import os
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +21,9 @@ from fabdesign.cli.console import (
     skip_bad_option,
     tell,
 )
-from fabdesign.cli.models import effects_option, load_model, require_model, without_option
-from fabdesign.cli.progress import counted
+from fabdesign.cli.machines import cluster_option
+from fabdesign.cli.models import effects_option, load_model, parts_of, without_option
+from fabdesign.cli.progress import described
 from fabdesign.errors import InputError
 from fabdesign.inputs import is_bench
 
@@ -131,6 +132,7 @@ def simulate(
 @effects_option
 @click.option("--design", type=FILE, help="Of a lone trial; a set names its own.")
 @grid_option
+@cluster_option
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to.")
 @force_option
 @json_option
@@ -148,33 +150,21 @@ def predict(
 
     Of several sets, as OUTPUT/SET/trials/NAME.npz.
     """
-    from fabdesign.design_file import read_design
-    from fabdesign.output import new_folder
-    from studies.coarser_grid import enough_points
-    from studies.predict import folders_of, trials_of
-    from studies.predict import predict as predict_trials
+    from fabdesign import interface
 
-    fitted = require_model(model, without)
-    sets = folders_of([trials_of(source, None if design is None else read_design(design)) for source in sources])
-    trials = [trial for some in sets.values() for trial in some]
-    inputs = [*sources, *(file for file in (model, design) if file is not None)]
-    with new_folder(output, made_by="predict", force=force, inputs=inputs) as unfinished:
-        from sim import Simulator
-
-        forward = Simulator(grid) if grid else enough_points(fitted, trials, Simulator, tell=tell)
-        done = 0
-        with counted("predicted") as shown:
-            for folder, some in sets.items():
-                before = done
-                predict_trials(
-                    forward,
-                    fitted,
-                    some,
-                    unfinished / folder,
-                    progress=lambda own, _, before=before: shown(before + own, len(trials)),  # type: ignore[misc]
-                )
-                done += len(some)
-    files = [str(output / folder / "trials" / trial.file.name) for folder, some in sets.items() for trial in some]
+    with described("predicting") as shown:
+        found = interface.predict(
+            model,
+            sources,
+            output,
+            without=parts_of(without),
+            design=design,
+            grid=grid,
+            force=force,
+            progress=shown,
+            say=tell,
+        )
+    files = [str(file) for file in found]
     print_result({"motions": files}, f"{output}: {len(files)} motions", as_json)
 
 
@@ -186,6 +176,7 @@ def predict(
 @click.option("--all", "all_trials", is_flag=True, help="Trials of role fit too, in a table of their own.")
 @skip_bad_option
 @grid_option
+@cluster_option
 @click.option("-o", "--output", type=FILE, help="A folder for tables, a picture and the whole result.")
 @force_option
 @json_option
@@ -205,35 +196,25 @@ def evaluate(
     if any(is_bench(source) for source in sets):
         _evaluate_bench(sets, model, all_trials, output, force, as_json)
         return
-    from fabdesign.measurement_set import read_set
-    from fabdesign.output import new_folder
-    from fabdesign.trial import Role
-    from studies.bad_data import sound_trials
-    from studies.coarser_grid import enough_points
-    from studies.evaluate import evaluate_sets
-    from studies.evaluation_report import tables_markdown, write_evaluation
-    from studies.judged_search import GRID as JUDGING
+    from fabdesign import interface
+    from studies.evaluation_report import tables_markdown
 
-    fitted = require_model(model, without)
-    roles: tuple[Role, ...] = ("test", "fit") if all_trials else ("test",)
-    checked = [sound_trials(read_set(path), skip_bad=skip_bad, roles=roles) for path in sets]
-    measured, skipped = [found for found, _ in checked], [line for _, lines in checked for line in lines]
-    place = (
-        nullcontext() if output is None else new_folder(output, made_by="evaluate", force=force, inputs=[*sets, model])
-    )
-    with place as unfinished:
-        from sim import Simulator
-
-        trials = [trial for found in measured for trial in found.trials]
-        forward = Simulator(grid) if grid else enough_points(fitted, trials, Simulator, tell=tell)
-        with counted("evaluated") as shown:
-            evaluation = evaluate_sets(
-                fitted, measured, forward, coarse=Simulator(JUDGING), all_trials=all_trials, progress=shown
-            )
-        if unfinished is not None:
-            write_evaluation(evaluation, unfinished)
-    text = "\n".join([tables_markdown(evaluation), *(f"skipped: {line}" for line in skipped)])
-    print_result(evaluation.as_json() | {"skipped": skipped}, text, as_json)
+    with described("evaluating") as shown:
+        evaluated = interface.evaluate(
+            model,
+            sets,
+            output,
+            without=parts_of(without),
+            all_trials=all_trials,
+            skip_bad=skip_bad,
+            grid=grid,
+            force=force,
+            progress=shown,
+            say=tell,
+        )
+    skipped = [*evaluated.skipped]
+    text = "\n".join([tables_markdown(evaluated.found), *(f"skipped: {line}" for line in skipped)])
+    print_result(evaluated.found.as_json() | {"skipped": skipped}, text, as_json)
 
 
 def _evaluate_bench(

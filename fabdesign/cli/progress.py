@@ -28,7 +28,7 @@ def counted(verb: str, what: str = "trials") -> Iterator[Counter]:
 
 
 @contextmanager
-def described(title: str) -> Iterator[Callable[[str, float], None]]:
+def described(title: str) -> Iterator[Callable[[str, float | None], None]]:
     """A context for work that tells what it does, and about what share of it is done."""
     if not _on_terminal():
         yield lambda line, share: click.echo(line, err=True)

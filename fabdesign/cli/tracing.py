@@ -4,7 +4,9 @@ from pathlib import Path
 
 import click
 
-from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json_option, print_result
+from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json_option, print_result, tell
+from fabdesign.cli.machines import cluster_option
+from fabdesign.cli.models import effects_option
 from fabdesign.inputs import is_bench
 
 
@@ -18,6 +20,8 @@ from fabdesign.inputs import is_bench
 )
 @click.option("--grid", type=GRID, help="Grid points a side; by default 21, or 41 where 21 are too coarse.")
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Of the points drawn.")
+@effects_option
+@cluster_option
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in.")
 @force_option
 @json_option
@@ -35,19 +39,22 @@ def trace(
     if is_bench(source):
         _trace_bench(source, tolerance, output, force, as_json)
         return
-    from fabdesign.measurement_set import read_set
-    from fabdesign.model_file import read_model
-    from studies.bad_data import sound_trials
+    from fabdesign import interface
     from studies.tracing.live import LiveLine
-    from studies.tracing.run import TOLERANCE, Options, trace_set
     from studies.tracing.words import as_text
 
-    fitted = None if model is None else read_model(model)
-    measured, _ = sound_trials(read_set(source), skip_bad=False)
-    options = Options(TOLERANCE if tolerance is None else tolerance / 1e3, grid, seed)
-    inputs = [file for file in (source, model) if file is not None]
     with LiveLine(f"trace {source.name}") as line:
-        outcome = trace_set(measured, output, inputs=inputs, model=fitted, options=options, force=force, say=line.show)
+        outcome = interface.trace(
+            source,
+            output,
+            model=model,
+            tolerance=None if tolerance is None else tolerance / 1e3,
+            grid=grid,
+            seed=seed,
+            force=force,
+            progress=lambda text, _: line.show(text),
+            say=tell,
+        ).found
     print_result(outcome.as_json(), f"{output}: {as_text(outcome)}", as_json)
 
 

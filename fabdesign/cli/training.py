@@ -12,11 +12,12 @@ from fabdesign.cli.console import (
     force_option,
     grid_option,
     json_option,
-    points_per_side,
     print_result,
     skip_bad_option,
+    tell,
 )
-from fabdesign.cli.models import load_model
+from fabdesign.cli.machines import cluster_option
+from fabdesign.cli.models import effects_option
 from fabdesign.cli.progress import described
 
 
@@ -34,6 +35,8 @@ from fabdesign.cli.progress import described
 @skip_bad_option
 @click.option("--seed", type=SEED, default=0, show_default=True)
 @grid_option
+@effects_option
+@cluster_option
 @click.option("-o", "--output", type=FILE, required=True, help="The model to write (TOML); its weights lie beside it.")
 @force_option
 @json_option
@@ -50,36 +53,24 @@ def train(
     as_json: bool,
 ) -> None:
     """Train a corrector on the measured SETS: what the simulator leaves out. Stopped, the same command goes on."""
-    if network == "paper":
-        import corrector.paper_training  # noqa: F401 loads PyTorch: without it nothing is begun
-    from fabdesign.measurement_set import read_set
-    from fabdesign.output import new_files
-    from studies.bad_data import sound_trials
-    from studies.judged_search import GRID as JUDGING
+    from fabdesign import interface
     from studies.training.report import as_text
-    from studies.training.train import train as train_on
 
-    base = load_model(model)
-    checked = [sound_trials(read_set(path), skip_bad=skip_bad) for path in sets]
-    measured, skipped = [found for found, _ in checked], [line for _, lines in checked for line in lines]
-    inputs = [file for file in (*sets, model) if file is not None]
-    beside = output.with_suffix(".safetensors").name
-    with new_files(output, companions=[beside], force=force, inputs=inputs) as unfinished:
-        from sim import Simulator
-
-        with described("training") as shown:
-            result = train_on(
-                measured,
-                Simulator(points_per_side(grid, base)),
-                unfinished,
-                goes_to=output,
-                base=base,
-                network=network,
-                hold_out=hold_out,
-                seed=seed,
-                force=force,
-                coarse=Simulator(JUDGING),
-                progress=lambda what, done, total: shown(f"{what} {done} of {total}", done / total),
-            )
-    found = result.as_json() | {"model": str(output), "weights": str(output.with_name(beside)), "skipped": skipped}
-    print_result(found, "\n".join([f"{output}: {as_text(result)}", *(f"skipped: {s}" for s in skipped)]), as_json)
+    with described("training") as shown:
+        trained = interface.train(
+            sets,
+            output,
+            network=network,
+            hold_out=hold_out,
+            model=model,
+            skip_bad=skip_bad,
+            seed=seed,
+            grid=grid,
+            force=force,
+            progress=shown,
+            say=tell,
+        )
+    weights, skipped = str(output.with_suffix(".safetensors")), [*trained.skipped]
+    found = trained.found.as_json() | {"model": str(output), "weights": weights, "skipped": skipped}
+    text = [f"{output}: {as_text(trained.found)}", *(f"skipped: {line}" for line in skipped)]
+    print_result(found, "\n".join(text), as_json)

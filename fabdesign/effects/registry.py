@@ -1,8 +1,11 @@
 """Effects by name: those of fabdesign, those of installed packages, and those that a file brings in."""
 
+import atexit
 import importlib
 import importlib.util
+import shutil
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +46,7 @@ EFFECTS: dict[str, Effect] = {
     )
 }  # fmt: skip
 BUILT_IN = tuple(EFFECTS)
+_files: dict[str, str] = {}  # text of the files that were registered, by stem
 
 
 def register(effect: Effect, where: str = "register") -> None:
@@ -85,6 +89,22 @@ def register_file(path: Path | str) -> None:
         raise InputError(f"{path}: declares no effect; expected a fabdesign.effects.Effect at its top level")
     for effect in found:
         register(effect, str(path))
+    _files[path.stem] = path.read_text(encoding="utf-8")
+
+
+def registered_sources() -> tuple[tuple[str, str], ...]:
+    """(stem, text) of every file that was registered: what another process needs to know the same effects."""
+    return tuple(sorted(_files.items()))
+
+
+def register_source(stem: str, text: str) -> None:
+    """As `register_file`, of a file that another process registered. Raises InputError."""
+    if _files.get(stem) == text:
+        return
+    folder = Path(tempfile.mkdtemp(prefix="fabdesign_effects_"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    (folder / f"{stem}.py").write_text(text, encoding="utf-8")  # Taichi reads the text of a force
+    register_file(folder / f"{stem}.py")
 
 
 def effect_named(name: str, where: str) -> Effect:

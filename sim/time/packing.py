@@ -8,6 +8,8 @@ import numpy as np
 
 from sim.kernels.fields import LANES
 
+BLOCKS = 8  # of LANES designs in the fields at once
+
 
 def pack(patterns: Sequence[tuple]) -> list[list[int]]:
     """Blocks of LANES indices each, of cases whose steps are of the `patterns` (sortable): those alike together, for a

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.cluster import current
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
 from fabdesign.effort import LONGEST
@@ -149,7 +150,10 @@ def _sense(task: Task, shapes: Array) -> TrialData:
 
 
 def _shapes(tasks: Sequence[Task], workers: int) -> Generator[Array, None, None]:
-    """Control points of every task, in order; on several cores where there are several tasks."""
+    """Control points of every task, in order; on a cluster, or on several cores where there are several tasks."""
+    if (cluster := current()) is not None:
+        yield from cluster.map(control_points, tasks, lambda task: f"trial {task.order} of {task.design.name}")
+        return
     count = min(workers, len(tasks))
     if count == 1:
         yield from map(control_points, tasks)

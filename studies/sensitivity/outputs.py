@@ -1,7 +1,7 @@
 """What a sweep watches of a shape: numbers for people, in mm, 1/m and N."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +11,7 @@ from fabdesign.distances import chamfer
 from fabdesign.fabric import Fabric
 from fabdesign.forward import SIDE
 from fabdesign.metrics import distance_to_faces
+from fabdesign.sensitivity_file import Output
 from fabdesign.shape_output import ShapeOutput, read_shape_output
 from studies.layouts.target import LoadedTarget
 
@@ -23,6 +24,7 @@ COLUMNS = {
     "largest_tension": (("largest_tension",), "N", 1e-3),
 }
 _LEAST_OF_SHAPE = 1e-2  # mm or degrees, of an output that a study says in words
+ROUNDING = 1e-9  # of outputs of unknown unit
 _FREE = {"top": -1, "bottom": 0, "left": -1, "right": 0}  # row or column of the free edge opposite the hung one
 
 
@@ -35,24 +37,27 @@ class Column:
 
 @dataclass(frozen=True, eq=False)
 class Outputs:
-    """names: of COLUMNS, or outputs in words (fabdesign.shape_output). rest (3362, 3) m: what `tip` is measured from.
-    target: of `chamfer`; of markers it is their mean distance to the cloth. at: s; none: at rest."""
+    """names: of COLUMNS, or outputs in words (fabdesign.shape_output). functions: see SensitivityStudy. rest (3362, 3)
+    m: what `tip` is measured from. target: of `chamfer`; of markers it is their mean distance to the cloth. at: s;
+    none: at rest."""
 
     names: tuple[str, ...]
     fabric: Fabric
     rest: Array
     target: LoadedTarget | None = None
     at: tuple[float, ...] = ()
+    functions: Mapping[str, Output] = field(default_factory=dict)
 
     @property
     def columns(self) -> list[Column]:
         moments = [f" at {t:g} s" for t in self.at] or [""]
-        return [
+        own = [
             Column(column + moment, unit, least)
             for moment in moments
             for columns, unit, least in map(self._columns_of, self.names)
             for column in columns
         ]
+        return own + [Column(name, "", ROUNDING) for name in self.functions]
 
     @cached_property
     def _in_words(self) -> dict[str, ShapeOutput]:
@@ -83,6 +88,8 @@ class Outputs:
                 else:
                     assert tension is not None
                     values.append(float(tension[k].max(initial=0.0)))
+        time, lost = np.array(self.at or (0.0,)), not np.isfinite(frames).all()
+        values += [np.nan if lost else float(function(time, frames)) for function in self.functions.values()]
         return np.array(values)
 
 

@@ -56,6 +56,7 @@ class SensitivityResult:
     complete: bool
     wall_s: float
     cpu_s: float
+    interrupted: bool = False  # by Ctrl-C
     screenings: list[Screening | None] = field(init=False)  # by column; None where it does not vary
     indices: list[Indices | None] = field(init=False)
 
@@ -104,7 +105,11 @@ class SensitivityResult:
         said = []
         if not self.complete:
             done = ", ".join(f"{len(f.outputs)} of {len(f.cube)} {ROWS[m]}" for m, f in self.computed.items())
-            said.append(f"Ended by its limit of {self.study.seconds:g} s, with {done}; with more seconds it goes on.")
+            if self.interrupted:
+                said.append(f"Interrupted, with {done}; the same study goes on in its folder.")
+            else:
+                limit = self.study.seconds
+                said.append(f"Ended by its limit of {limit:g} s, with {done}; with more seconds it goes on.")
         if self.failed:
             rows = ", ".join(f"{(~f.sound).sum()} {ROWS[m]}" for m, f in self.computed.items() if f.failed)
             said.append(f"{self.failed} of {self.samples} samples failed; {rows} were left out with them.")

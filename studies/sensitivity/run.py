@@ -1,20 +1,23 @@
 """A sweep from its file to its report."""
 
 import hashlib
+import inspect
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign import SIMULATOR
+from fabdesign.cluster import at_once as machines
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.model import Model
 from fabdesign.output import WorkFolder, work_folder
-from fabdesign.sensitivity_file import SensitivityStudy, read_sensitivity
+from fabdesign.sensitivity_file import Output, SensitivityStudy, read_sensitivity
 from optimize.history import OtherStudy
 from studies.forward_model import forward_model
 from studies.layouts.content import flat, shortened
@@ -57,11 +60,13 @@ def run_sensitivity(
     seconds: float | None = None,
     force: bool = False,
     progress: Callable[[Progress], None] = lambda _: None,
+    interruptible: bool = False,
 ) -> SensitivityResult:
     """Compute the samples of a study and write `result.json`, `samples.csv` and `report.html` into `out`.
 
     forward: by default the simulator with the study's grid. The same study goes on in its folder after an interruption,
     and further with more samples, trajectories or seconds; another study is refused there (InputError), unless `force`.
+    interruptible: Ctrl-C ends with what is done, where that is enough for a statement.
     Raises SimulationError where too many samples fail for a statement.
     """
     inputs = [] if isinstance(study, SensitivityStudy) else [study]
@@ -71,7 +76,7 @@ def run_sensitivity(
     target = load_target(study.target, study.design, seed=study.seed) if study.target else None
     with work_folder(out, made_by="sensitivity", force=force, inputs=inputs) as work:
         with _store(work, _content(study, None if target is None else target.points)) as store:
-            result = _Sweep(study, target, store, forward, progress).run()
+            result = _Sweep(study, target, store, forward, progress, interruptible).run()
         with work.adding() as files:
             write_report(result, files)
     return result
@@ -85,7 +90,9 @@ class _Sweep:
         store: Store,
         forward: ForwardModel | None,
         progress: Callable[[Progress], None],
+        interruptible: bool,
     ) -> None:
+        self._interruptible, self._interrupted = interruptible, False
         self.study, self.inputs, self._store, self._progress = study, Inputs(study), store, progress
         if forward is None:
             from sim import Simulator  # here: it loads and starts taichi
@@ -96,7 +103,7 @@ class _Sweep:
         self._tensions = WithMuscleStates(forward) if needs_tension(study.outputs) else None
         bare = replace(study.model or Model(), parameters={}, effects=())  # a case brings all of it
         self._forward = replace(forward_model(self._tensions or forward, study.model), model=bare)
-        self.outputs = Outputs(study.outputs, study.design.fabric, self._at_rest(), target, study.at)
+        self.outputs = Outputs(study.outputs, study.design.fabric, self._at_rest(), target, study.at, study.functions)
 
     def run(self) -> SensitivityResult:
         study, computed = self.study, {}
@@ -121,6 +128,10 @@ class _Sweep:
         snapping = f"snapping of {[*parts][-1]}"
         moves = self._all(snapping, checked, self._moves_of, cases=3) if in_time else self._store.samples(snapping)
         wall, cpu = self._store.spent
+        if self._interrupted:  # a part of which nothing is there says nothing; the others do
+            computed = {part: found for part, found in computed.items() if len(found.outputs)}
+        if not computed:
+            raise KeyboardInterrupt
         return SensitivityResult(
             study=study,
             inputs=self.inputs,
@@ -128,6 +139,7 @@ class _Sweep:
             computed=computed,
             moves=np.array([moves[k] for k in sorted(moves)]).reshape(-1, 2),
             complete=in_time and len(moves) >= len(checked),
+            interrupted=self._interrupted,
             wall_s=wall,
             cpu_s=cpu,
         )
@@ -148,13 +160,19 @@ class _Sweep:
         missing = [k for k in range(len(values)) if k not in found]
         self._done += cases * (len(values) - len(missing))
         self._say(part)
-        at_once = max(1, BATCH // cases)
+        at_once = max(1, machines(BATCH) // cases)
         for begin in range(0, len(missing), at_once):
             if self.study.seconds is not None and self._store.spent[0] >= self.study.seconds:
                 break
             numbers = missing[begin : begin + at_once]
             wall, cpu = time.monotonic(), time.process_time()
-            new = compute(values[numbers])
+            try:
+                new = compute(values[numbers])
+            except KeyboardInterrupt:
+                if not self._interruptible:
+                    raise
+                self._interrupted = True
+                break
             self._store.add(part, numbers, new, wall=time.monotonic() - wall, cpu=time.process_time() - cpu)
             found |= dict(zip(numbers, new, strict=True))
             self._done += cases * len(numbers)
@@ -224,8 +242,21 @@ def _content(study: SensitivityStudy, target: Array | None) -> dict[str, str]:
     """What the samples depend on, by field."""
     content: dict[str, object] = {"simulator": SIMULATOR}
     for field in fields(study):
-        if field.name not in (*_RAISED, "target"):
+        if field.name not in (*_RAISED, "target", "functions"):
             content |= flat(getattr(study, field.name), field.name)
+    for name, function in study.functions.items():
+        content[f"functions.{name}"] = _text_of(function)
     if target is not None:
         content["target.points"] = hashlib.sha256(target.tobytes()).hexdigest()
     return {name: shortened(str(value)) for name, value in content.items()}
+
+
+def _text_of(function: Output) -> str:
+    """By which a function is known again in another session: what it does, not where it lies."""
+
+    def content(code: Any) -> list[Any]:
+        inner = [content(c) if hasattr(c, "co_code") else repr(c) for c in code.co_consts]
+        return [code.co_code.hex(), code.co_names, inner]
+
+    code = getattr(inspect.unwrap(function), "__code__", None)
+    return repr(type(function)) if code is None else hashlib.sha256(repr(content(code)).encode()).hexdigest()

@@ -1,0 +1,19 @@
+"""What a user does, in Python: `import fabdesign`, then `fabdesign.simulate`, `optimize`, `calibrate` and so on.
+
+Each does what the command of that name does, for the command calls it or what it calls. Arguments are objects or
+paths. Pressures are typed in kPa; all else is SI, points in metres. Where a function takes `progress`, it is called
+with a line and the share of the work that is done (None where that is not known); `say` hears what a person should
+know, by default as a warning; `cluster` is the address of a Dask scheduler whose workers compute (docs/cluster.md).
+
+The only package of `fabdesign` that knows the others (sim, studies); loaded when it is asked for.
+"""
+
+from fabdesign.interface.measured import calibrate, evaluate, predict, trace, train
+from fabdesign.interface.motions import equilibrium, simulate, sweep
+from fabdesign.interface.results import Calibrated, Evaluated, Motion, Optimized, Sensitivity, Sweep, Traced
+from fabdesign.interface.searches import optimize, sensitivity
+
+__all__ = [
+    "Calibrated", "Evaluated", "Motion", "Optimized", "Sensitivity", "Sweep", "Traced",
+    "calibrate", "equilibrium", "evaluate", "optimize", "predict", "sensitivity", "simulate", "sweep", "trace", "train",
+]  # fmt: skip

@@ -1,0 +1,132 @@
+"""Arguments as they come: objects or paths, one or many."""
+
+import os
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fabdesign.cluster import VARIABLE, current, on_cluster
+from fabdesign.design import Design
+from fabdesign.design_file import read_design
+from fabdesign.errors import InputError
+from fabdesign.forward import ForwardModel
+from fabdesign.inputs import is_bench
+from fabdesign.measurement_set import read_set
+from fabdesign.model import Model
+from fabdesign.pressure import PressureProgram, require_pressures
+from fabdesign.pressure_file import constant_program, read_pressures
+from fabdesign.study_file import read_cluster
+from fabdesign.trial import MeasurementSet
+from fabdesign.usable_model import usable_model
+
+DesignLike = Design | Path | str
+ModelLike = Model | Path | str
+SetLike = MeasurementSet | Path | str
+Pressures = Any  # a program, a file of one, "400,0" or kPa of every channel; a sequence of these
+Progress = Callable[[str, float | None], None]
+Say = Callable[[str], None]
+
+
+def unheard(line: str, share: float | None) -> None:
+    """Progress that nobody follows."""
+
+
+def warn(line: str) -> None:
+    warnings.warn(line, stacklevel=4)
+
+
+@contextmanager
+def computing(cluster: str | None, study: Path | None = None, say: Say = warn) -> Iterator[None]:
+    """A context whose batches go where they are asked to: `cluster`, the environment's, the study's, or here."""
+    if cluster is None and current() is None:
+        cluster = os.environ.get(VARIABLE) or (read_cluster(study) if study is not None else None)
+    with on_cluster(cluster, say=say):
+        yield
+
+
+def simulator(points_per_side: int, **options: Any) -> ForwardModel:
+    from sim import Simulator  # here: it loads Taichi
+
+    return Simulator(points_per_side, **options)
+
+
+def one_design(design: DesignLike) -> Design:
+    return design if isinstance(design, Design) else read_design(design)
+
+
+def one_model(model: ModelLike | None, without: Sequence[str] = (), say: Say = warn) -> Model | None:
+    if model is not None:
+        return usable_model(model, without, say=say)
+    if without:
+        raise InputError(f"--without {','.join(without)}: there is no model; expected it with --model")
+    return None
+
+
+def all_sets(measured: SetLike | Sequence[SetLike]) -> list[MeasurementSet]:
+    """Raises InputError for a bench, which is no measurement set."""
+    many = [measured] if isinstance(measured, MeasurementSet | Path | str) else measured
+    for one in many:
+        if not isinstance(one, MeasurementSet) and is_bench(Path(one)):
+            raise InputError(f"{one}: a bench; expected measurement sets, or the command, which takes a bench too")
+    return [one if isinstance(one, MeasurementSet) else read_set(one) for one in many]
+
+
+def paths_of(*given: Any) -> list[Path]:
+    """Those of the arguments that are files or folders, and where measured sets lie: never written over."""
+    flat = [x for each in given for x in (each if isinstance(each, list | tuple) else [each])]
+    sets = {trial.file.parent.parent for x in flat if isinstance(x, MeasurementSet) for trial in x.trials}
+    return [*(Path(x) for x in flat if isinstance(x, Path | str)), *sorted(sets)]
+
+
+def as_toml(value: Any) -> Any:
+    """Python's numbers as a study's file has them, so that both go through the same checks."""
+    if isinstance(value, Mapping):
+        return {name: as_toml(each) for name, each in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [as_toml(each) for each in value]
+    if isinstance(value, float | np.floating):
+        return Decimal(repr(float(value)))
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def one_program(pressures: Pressures, design: Design) -> PressureProgram:
+    """None: of a design without channels. Raises InputError."""
+    if pressures is None:
+        if design.channels:
+            raise InputError(f"{design.name}: has {design.channels} channels; expected pressures for them")
+        return constant_program([])
+    if isinstance(pressures, Path | str):
+        return read_pressures(pressures, design)
+    if not isinstance(pressures, PressureProgram):
+        pressures = constant_program(1e3 * np.asarray(pressures, dtype=float))
+    require_pressures(pressures, design, f"pressures of {design.name}")
+    return pressures
+
+
+def pairs(
+    designs: DesignLike | Sequence[DesignLike], pressures: Pressures
+) -> tuple[list[tuple[Design, PressureProgram]], bool]:
+    """Designs with their pressures, and whether it is one pair alone. One design goes with all pressures, one row of
+    pressures with all designs; else they are as many. Raises InputError."""
+    lone = isinstance(designs, Design | Path | str)
+    read = [one_design(one) for one in ([designs] if isinstance(designs, Design | Path | str) else designs)]
+    rows = [*pressures] if _are_many(pressures) else [pressures]
+    lone = lone and not _are_many(pressures)
+    if len(read) == 1:
+        read *= len(rows)
+    if len(rows) == 1:
+        rows *= len(read)
+    if not read or len(read) != len(rows):
+        raise InputError(f"{len(read)} designs with {len(rows)} pressures; expected as many, or one of either")
+    return [(design, one_program(row, design)) for design, row in zip(read, rows, strict=True)], lone
+
+
+def _are_many(pressures: Pressures) -> bool:
+    if pressures is None or isinstance(pressures, Path | str | PressureProgram):
+        return False
+    return any(not np.isscalar(each) for each in pressures)

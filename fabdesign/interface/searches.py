@@ -1,0 +1,213 @@
+"""Searches and sweeps: a layout with pressures for a target, and what a shape depends on."""
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fabdesign.errors import InputError
+from fabdesign.interface.arguments import (
+    DesignLike,
+    ModelLike,
+    Progress,
+    Say,
+    as_toml,
+    computing,
+    one_design,
+    one_model,
+    unheard,
+    warn,
+)
+from fabdesign.interface.results import Motion, Optimized, Sensitivity
+from fabdesign.table import Table
+
+Target = ArrayLike | Path | str  # (n, 3) m, or a cloud, mesh or trial
+
+
+def optimize(
+    design: DesignLike,
+    target: Target | Sequence[Path | str] | None = None,
+    out: Path | str | None = None,
+    *,
+    muscles: tuple[int, int] | None = None,
+    sides: Sequence[str] = ("front", "back"),
+    pressures: bool = True,
+    positions: bool | None = None,
+    limits: Mapping[str, Any] | None = None,
+    model: ModelLike | None = None,
+    seconds: float | None = None,
+    evaluations: int | None = None,
+    seed: int = 1,
+    force: bool = False,
+    progress: Progress = unheard,
+    say: Say = warn,
+    cluster: str | None = None,
+    **keys: Any,
+) -> Optimized:
+    """The layout and pressures of a design that come closest to a target; Ctrl-C ends with the best so far.
+
+    design: what the search begins with, and whatever is not varied; or, without a target, the file of a study, as the
+    command takes it. target: points (n, 3) m, or the file of a cloud, a mesh or a trial; a list of files are poses that
+    share one layout. out: the folder for what the command writes, and to go on in; without it nothing is kept. muscles:
+    the fewest and the most; None: those of the design stay. pressures, positions: whether they vary; positions do by
+    default where `muscles` is given. limits: as `[limits]` of a study has them, pressures in kPa. keys: further ones
+    of a study (docs/files.md), such as `objective`, `start_pressures`, `order`, `rise`; of a target `place`, `frame`.
+    Raises InputError for what a study may not be, or where `out` holds other files.
+    """
+    from studies.layouts.run import run_study
+
+    with tempfile.TemporaryDirectory(prefix="fabdesign_") as scratch:
+        folder = Path(scratch)
+        if target is None:
+            study = _study_file(design)
+            where = study
+        else:
+            given = {**(limits or {})}
+            given |= {} if evaluations is None else {"evaluations": evaluations}
+            choice = {} if muscles is None else {"muscles": {"min": muscles[0], "max": muscles[1], "sides": [*sides]}}
+            varied = {"pressures": pressures, **({} if positions is None else {"positions": positions}), **choice}
+            root = {"seed": seed, "variables": varied, "limits": given, **_targets(target, folder, keys), **keys}
+            study, where = _search(root, design, one_model(model, say=say)), None
+        with computing(cluster, where, say=say):
+            result = run_study(
+                study,
+                Path(out) if out is not None else folder / "work",
+                seconds=seconds,
+                force=force,
+                progress=lambda at: progress(_best(at), at.share),
+            )
+    return Optimized(result)
+
+
+def sensitivity(
+    design: DesignLike,
+    parameters: Mapping[str, tuple[float, float] | None] | None = None,
+    out: Path | str | None = None,
+    *,
+    outputs: Mapping[str, Callable[[Motion], float]] | Sequence[str] | None = None,
+    covariance: bool = False,
+    pressures: Sequence[float] | None = None,
+    method: str | Sequence[str] = ("morris", "sobol"),
+    samples: int | None = None,
+    trajectories: int | None = None,
+    at: Sequence[float] = (),
+    model: ModelLike | None = None,
+    seconds: float | None = None,
+    seed: int = 1,
+    grid: int | None = None,
+    force: bool = False,
+    progress: Progress = unheard,
+    say: Say = warn,
+    cluster: str | None = None,
+    **keys: Any,
+) -> Sensitivity:
+    """What a shape depends on: Morris screening and Sobol indices, with intervals. Ctrl-C ends with what is done.
+
+    design: the design; or, without parameters, the file of a study, as the command takes it. parameters: the lowest and
+    highest value of each, by names as `[parameters]` of a study has them (docs/sensitivity.md): "pressure.0" in kPa,
+    "position.1.u" in m, "membrane" as a factor, "effects.NAME.PARAMETER"; None: the model's 90 % interval. outputs:
+    functions of a motion by name, or names of the command's. at: instants of motions, s; none: shapes at rest.
+    covariance: the model's parameters vary together besides. pressures: kPa of channels that do not vary. samples: a
+    power of two. grid: points a side, by default 21. out: as in `optimize`. keys: further ones of a study, such as
+    `order`, `rise`, `hold`.
+
+    """
+    from fabdesign.sensitivity_file import sensitivity_of
+    from studies.sensitivity.run import run_sensitivity
+
+    if parameters is None and not covariance:
+        study: Any = _study_file(design)
+        where = study
+    else:
+        functions = dict(outputs) if isinstance(outputs, Mapping) else {}
+        tables = {
+            name: {} if ends is None else {"low": ends[0], "high": ends[1]} for name, ends in (parameters or {}).items()
+        }
+        root = {"parameters": {**tables, "covariance": covariance}, "method": _texts(method), "seed": seed, **keys}
+        optional = {
+            "outputs": None if outputs is None or functions else _texts(outputs),
+            "start_pressures": None if pressures is None else [*pressures],
+            "samples": samples,
+            "trajectories": trajectories,
+            "points_per_side": grid,
+            "at": [*at] or None,
+        }
+        root |= {name: value for name, value in optional.items() if value is not None}
+        own = {name: _of_motion(function) for name, function in functions.items()}
+        study, where = (
+            sensitivity_of(
+                Table(as_toml(root), "sensitivity"),
+                Path("sensitivity"),
+                one_design(design),
+                one_model(model, say=say),
+                own,
+            ),
+            None,
+        )
+    with tempfile.TemporaryDirectory(prefix="fabdesign_") as scratch, computing(cluster, where, say=say):
+        result = run_sensitivity(
+            study,
+            Path(out) if out is not None else Path(scratch) / "work",
+            seconds=seconds,
+            force=force,
+            progress=lambda now: progress(str(now), now.done / now.total),
+            interruptible=True,
+        )
+    return Sensitivity(result)
+
+
+def _study_file(design: Any) -> Path:
+    if not isinstance(design, Path | str):
+        raise InputError(f"{getattr(design, 'name', design)}: a design alone; expected what is asked of it, or a study")
+    return Path(design)
+
+
+def _search(root: dict[str, Any], design: DesignLike, model: Any) -> Any:
+    from fabdesign.study_file import require_searchable, search_of
+
+    study = search_of(Table(as_toml(root), "optimize"), Path("optimize"), one_design(design), model)
+    require_searchable(study, "optimize")
+    return replace(study, name=one_design(design).name)
+
+
+_OF_TARGET = ("frame", "unit", "scale", "rotation", "translation", "place", "description")
+
+
+def _targets(target: Any, folder: Path, keys: dict[str, Any]) -> dict[str, Any]:
+    """`[target]` or `[[targets]]`, with the keys that are theirs; points become a file in `folder`."""
+    own = {name: keys.pop(name) for name in _OF_TARGET if name in keys}
+    if isinstance(target, Path | str):
+        return {"target": {"file": _absolute(target), **own}}
+    if isinstance(target, list | tuple) and all(isinstance(one, Path | str) for one in target):
+        return {"targets": [{"file": _absolute(one), **own} for one in target]}
+    points = np.asarray(target, dtype=float)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InputError(f"target: an array of shape {points.shape}; expected points (n, 3) in m")
+    np.savez(folder / "target.npz", points=points)
+    return {"target": {"file": str(folder / "target.npz"), "description": f"{len(points)} points", **own}}
+
+
+def _absolute(file: Path | str) -> str:
+    return str(Path(file).absolute())
+
+
+def _texts(names: str | Sequence[str] | Mapping[str, Any]) -> list[str]:
+    return [names] if isinstance(names, str) else [*names]
+
+
+def _of_motion(function: Callable[[Motion], float]) -> Callable[[NDArray[np.float64], NDArray[np.float32]], float]:
+    @wraps(function)
+    def output(time: NDArray[np.float64], points: NDArray[np.float32]) -> float:
+        return function(Motion(time, points))
+
+    return output
+
+
+def _best(evaluations: Any) -> str:
+    best = "none yet" if evaluations.best is None else f"{1e3 * evaluations.best.value:.3f} mm"
+    return f"best {best} after {evaluations.history.evaluations} evaluations"

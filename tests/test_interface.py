@@ -1,0 +1,334 @@
+"""Python's functions and the commands of their names: the same calls, the same figures; results as tables."""
+
+import json
+import pydoc
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import fabdesign
+from fabdesign.cli import commands
+from fabdesign.errors import InputError, SimulationError
+from fabdesign.forward import HOLD, RISE, Case
+from fabdesign.interface import Motion
+from fabdesign.model import Model, Parameter, Provenance
+from fabdesign.motion_file import read_motion
+from fabdesign.pressure_file import constant_program
+from tests.analytic_cloth import AnalyticCloth
+from tests.command_line import Run
+from tests.conftest import ROOT
+
+VERBS = [
+    "simulate",
+    "equilibrium",
+    "sweep",
+    "sensitivity",
+    "optimize",
+    "calibrate",
+    "train",
+    "predict",
+    "evaluate",
+    "trace",
+]
+
+
+class Cloth(AnalyticCloth):
+    """In place of the simulator; it notes how it was made and what it was asked."""
+
+    asked: list[Any] = []  # noqa: RUF012
+
+    def __init__(self, points_per_side: int = 41, **options: object) -> None:
+        super().__init__()
+        self.made = (points_per_side, sorted(({"rise": RISE, "hold": HOLD, "self_contact": False} | options).items()))
+
+    def motions(self, cases: Sequence[Case], times: Sequence[np.ndarray]) -> list[np.ndarray]:
+        self.asked += [(self.made, case, time.tolist()) for case, time in zip(cases, times, strict=True)]
+        return super().motions(cases, times)
+
+    def equilibria(self, cases: Sequence[Case]) -> list[np.ndarray]:
+        self.asked += [(self.made, case) for case in cases]
+        return super().equilibria(cases)
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Callable[[], list[str]]:
+    """What the stand-in was asked since the last call."""
+    monkeypatch.setattr("sim.Simulator", Cloth, raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder / "cache"))
+    monkeypatch.chdir(folder)
+    Cloth.asked = []
+
+    def since() -> list[str]:
+        Cloth.asked, found = [], [repr(one) for one in Cloth.asked]
+        return found
+
+    return since
+
+
+def test_simulate(run: Run, asked: Callable[[], list[str]]) -> None:
+    options = ["--model", "model.toml", "--without", "rig", "--duration", "0.2", "--frame-rate", "30", "--order", "2"]
+    assert run("simulate", "cross.toml", "--pressures", "200,50", *options, "-o", "m.npz", "--grid", 21)[0] == 0
+    before = asked()
+    motion = fabdesign.simulate(
+        "cross.toml", [200, 50], model="model.toml", without=["rig"], duration=0.2, frame_rate=30, order=2, grid=21
+    )
+    written = read_motion(Path("m.npz"))
+    assert np.array_equal(motion.points, written.points) and np.array_equal(motion.time, written.time)
+    assert asked() == before
+
+
+def test_equilibrium(run: Run, asked: Callable[[], list[str]]) -> None:
+    assert run("simulate", "cross.toml", "--pressures", "p.csv", "--equilibrium", "--rise", 2, "-o", "m.npz")[0] == 0
+    before = asked()
+    shape = fabdesign.equilibrium("cross.toml", "p.csv", rise=2.0)
+    assert asked() == before
+    assert np.array_equal(shape.points, read_motion(Path("m.npz")).points)
+
+
+def test_predict_and_evaluate(run: Run, asked: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("studies.evaluation_report._write_histogram", lambda _, path: path.touch())  # is slow
+    assert run("predict", "set", "--model", "model.toml", "-o", "out")[0] == 0
+    before = asked()
+    motions = fabdesign.predict("model.toml", fabdesign.read_set("set"))
+    assert asked() == before and [*motions] == ["000", "001", "002"]
+    for name, motion in motions.items():
+        assert np.array_equal(motion.points, read_motion(Path(f"out/trials/{name}.npz")).points)
+    _, out, _ = run("evaluate", "set", "--model", "model.toml", "--all", "--json")
+    asked()
+    found = fabdesign.evaluate(fabdesign.read_model("model.toml"), "set", all_trials=True)
+    assert found.found.as_json() | {"skipped": []} == json.loads(out)
+    assert found.to_table()["chamfer_after"].to_numpy() == pytest.approx(
+        [1e3 * t.after.chamfer for table in found.found.others.values() for t in table.trials]
+    )
+
+
+# of each: what is called below, the command, and the same in Python
+BELOW = {
+    "calibrate": (
+        "studies.calibration.calibrate.calibrate",
+        "calibrate set --fit 0,2 --free air_drag --fix damping --model model.toml --grid 31 --seed 3 -o m.toml",
+        lambda: fabdesign.calibrate(
+            "set", "m.toml", fit=[0, 2], free=["air_drag"], fix=["damping"], model="model.toml", grid=31, seed=3
+        ),
+    ),
+    "train": (
+        "studies.training.train.train",
+        "train set --model model.toml --hold-out cross --seed 2 --skip-bad -o m.toml",
+        lambda: fabdesign.train(["set"], "m.toml", model="model.toml", hold_out=["cross"], seed=2, skip_bad=True),
+    ),
+    "trace": (
+        "studies.tracing.run.trace_set",
+        "trace set --model model.toml --tolerance 0.7 --seed 4 -o traced",
+        lambda: fabdesign.trace("set", "traced", model="model.toml", tolerance=0.7e-3, seed=4),
+    ),
+    "defaults of calibrate": (
+        "studies.calibration.calibrate.calibrate",
+        "calibrate set -o m.toml",
+        lambda: fabdesign.calibrate("set", "m.toml"),
+    ),
+    "defaults of trace": ("studies.tracing.run.trace_set", "trace set -o t", lambda: fabdesign.trace("set", "t")),
+}
+
+
+@pytest.mark.parametrize("name", BELOW)
+def test_the_command_and_the_function_ask_the_same(
+    name: str, run: Run, asked: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    below, line, function = BELOW[name]
+    calls: list[dict[str, Any]] = []
+
+    def note(*arguments: Any, **options: Any) -> None:
+        calls.append({"arguments": arguments} | options)
+        raise InputError("seen")
+
+    monkeypatch.setattr(below, note)
+    assert run(*line.split())[2].endswith("fabdesign: seen\n")
+    with pytest.raises(InputError, match=r"^seen$"):
+        function()
+    first, second = ({k: _plain(v) for k, v in call.items() if not callable(v)} for call in calls)
+    assert first == second
+    assert first
+
+
+def _plain(value: Any) -> Any:
+    """To compare by; folders that are written to have names by chance."""
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    if isinstance(value, Cloth):
+        return value.made
+    return (
+        "path"
+        if isinstance(value, Path) and value.suffix in (".toml", "") and "fabdesign" in str(value)
+        else repr(value)
+    )
+
+
+STUDY = """kind = "optimize"
+design = "cross.toml"
+model = "model.toml"
+seed = 3
+start_pressures = [120.5, 80]
+[target]
+file = "target.npz"
+[variables]
+muscles = { min = 1, max = 2, sides = ["front"] }
+[limits]
+pressure = [0, 250.5]
+evaluations = 300
+"""
+
+
+def test_optimize(run: Run, asked: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
+    goal = AnalyticCloth().equilibria([Case(fabdesign.build("cross"), constant_program([2e5, 5e4]))])[0]
+    points = goal[::4].astype(float)
+    np.savez("target.npz", points=points)
+    Path("study.toml").write_text(STUDY)
+    seen: list[Any] = []
+
+    def note(work: Any, study: Any, targets: Any, objective: Any, starts: Any, *_: Any) -> None:
+        target = targets[0].points.tolist(), targets[0].noise
+        content = {f.name: getattr(study, f.name) for f in fields(study) if f.name not in ("name", "targets")}
+        seen.append(
+            ({k: repr(v) for k, v in content.items()}, target, objective.measure, [x.tolist() for _, x in starts])
+        )
+        raise InputError("seen")
+
+    monkeypatch.setattr("studies.layouts.run._search_in", note)
+    assert run("optimize", "study.toml", "-o", "out", "--seconds", 50)[2].endswith("fabdesign: seen\n")
+    with pytest.raises(InputError, match=r"^seen$"):
+        fabdesign.optimize(
+            "cross.toml", points, model="model.toml", seed=3, muscles=(1, 2), sides=["front"], seconds=50.0,
+            limits={"pressure": [0, 250.5]}, evaluations=300, start_pressures=[120.5, 80],
+        )  # fmt: skip
+    (mine, *others), (its, *its_others) = seen
+    assert {name for name in mine if mine[name] != its[name]} == set()
+    assert others == its_others
+    with pytest.raises(InputError, match=r"target: an array of shape \(4,\); expected points \(n, 3\) in m"):
+        fabdesign.optimize("cross.toml", np.zeros(4))
+
+
+def test_optimize_ends_with_a_design_and_its_table(asked: Callable[[], list[str]]) -> None:
+    vertical, told = fabdesign.build("vertical", muscles=1), [0.0]
+    goal = AnalyticCloth().equilibria([Case(vertical, constant_program([2e5]))])[0]
+    found = fabdesign.optimize(vertical, goal[::4], evaluations=40, progress=lambda line, share: told.append(share))
+    assert found.pressures == pytest.approx(np.array([[200.0]]), abs=5)
+    assert len(found.to_table()) == found.found.as_json()["evaluations"] and told[-1] > 0
+    assert found.shapes[0].points.shape[0] == 1 and found.objective < 5e-3
+
+
+SWEEP = """kind = "sensitivity"
+design = "cross.toml"
+method = "sobol"
+samples = 8
+[parameters.pressure.0]
+low = 50
+high = 300
+[parameters.position.1.u]
+low = -0.01
+high = 0.01
+"""
+
+
+def test_sensitivity(run: Run, asked: Callable[[], list[str]]) -> None:
+    Path("study.toml").write_text(SWEEP)
+    assert run("sensitivity", "study.toml", "-o", "out")[0] == 0
+    before = asked()
+    parameters = {"pressure.0": (50.0, 300.0), "position.1.u": (-0.01, 0.01)}
+    found = fabdesign.sensitivity("cross.toml", parameters, method="sobol", samples=8)
+    assert asked() == before
+    whole = json.loads(Path("out/result.json").read_text())
+    assert found.found.as_json()["outputs"] == whole["outputs"]
+    assert found.indices("tip_z")["pressure.0"]["total"] > 0.2
+    assert set(found.to_table()["parameter"]) == set(parameters)
+    with pytest.raises(InputError, match=r"low = 300, high = 50; expected low < high, from 0 to "):
+        fabdesign.sensitivity("cross.toml", {"pressure.0": (300, 50)})
+
+
+def test_ctrl_c_keeps_what_is_done(asked: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[int] = []
+
+    def some(self: Cloth, cases: Sequence[Case]) -> list[np.ndarray]:
+        calls.append(len(cases))
+        if len(calls) > 2:
+            raise KeyboardInterrupt
+        return AnalyticCloth().equilibria(cases)
+
+    monkeypatch.setattr(Cloth, "equilibria", some)
+    rows = np.linspace(0, 300, 300).reshape(150, 2)
+    found = fabdesign.sweep("cross.toml", rows, {"forward": lambda motion: motion.points[0, :, 2].mean()})
+    assert not found.complete and len(found) == 128 and calls == [64, 64, 22]
+    table = found.to_table()
+    assert table["channel_1_kpa"].iloc[-1] == rows[127, 1] and table["forward"].iloc[0] == found["forward"][0]
+    calls.clear()
+    swept = fabdesign.sensitivity("cross.toml", {"pressure.0": (0, 300)}, method="sobol", samples=64)
+    assert not swept.complete and "Interrupted, with " in swept.found.sentences[0]
+
+
+def test_a_batch_is_what_each_is_alone(asked: Callable[[], list[str]]) -> None:
+    designs = [fabdesign.build("cross", muscles=2), fabdesign.build("vertical", muscles=2)]
+    both = fabdesign.equilibrium(designs, [[100, 200], [300, 0]])
+    for shape, design, row in zip(both, designs, [[100, 200], [300, 0]], strict=True):
+        assert np.array_equal(shape.points, fabdesign.equilibrium(design, row).points)
+    assert len(fabdesign.simulate(designs, [100, 200], duration=0.05)) == 2
+    assert len(fabdesign.equilibrium(designs[0], np.zeros((3, 2)))) == 3
+    with pytest.raises(InputError, match=r"2 designs with 3 pressures; expected as many, or one of either"):
+        fabdesign.simulate(designs, np.zeros((3, 2)))
+    with pytest.raises(InputError, match=r"cross: has 2 channels; expected pressures for them"):
+        fabdesign.simulate(designs)
+
+
+def test_a_motion_that_diverges_is_an_error_or_nan(asked: Callable[[], list[str]], monkeypatch: Any) -> None:
+    monkeypatch.setattr(Cloth, "equilibria", lambda _, cases: AnalyticCloth(fail_above=250e3).equilibria(cases))
+    cross = fabdesign.build("cross", muscles=2)
+    found = fabdesign.sweep(cross, [[100, 0], [300, 0]], {"x": lambda motion: float(motion.points[0, 0, 0])})
+    assert np.isnan(found["x"]).tolist() == [False, True]
+    with pytest.raises(SimulationError, match=r"^cross: no shape at rest was found"):
+        fabdesign.equilibrium(cross, [300, 0])
+
+
+def test_a_stale_model_is_a_warning(asked: Callable[[], list[str]]) -> None:
+    old = replace(Model({"membrane": Parameter(1.1)}), provenance=Provenance(versions={"simulator": "1"}))
+    with pytest.warns(UserWarning, match="the model was made by version 1 of the simulator"):
+        fabdesign.equilibrium(fabdesign.build("cross", muscles=2), [100, 0], model=old)
+
+
+def test_tables_files_and_named_axes(tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas", reason="the extra tables is not installed")
+    points = np.random.default_rng(1).normal(size=(2, 3362, 3)).astype(np.float32)
+    motion = Motion(np.array([0.0, 0.1]), points)
+    table = motion.to_table()
+    assert len(table) == 2 * 3362
+    row = table[(table.time == 0.1) & (table.face == "back") & (table.row == 3) & (table.column == 7)]
+    assert row[["x", "y", "z"]].to_numpy()[0].tolist() == motion.faces[1, 1, 3, 7].tolist()
+    motion.to_parquet(tmp_path / "motion.parquet")
+    assert pandas.read_parquet(tmp_path / "motion.parquet").equals(table)
+    named = motion.to_array().sel(time=0.1, face="back", axis="z")
+    assert named.dims == ("row", "column") and float(named[3, 7]) == motion.faces[1, 1, 3, 7, 2]
+
+
+def test_what_is_missing_is_said_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(InputError, match=r"^needs pandas; install it with: pip install 'fabdesign\[tables\]'$"):
+        Motion(np.zeros(1), np.zeros((1, 3362, 3), np.float32)).to_table()
+
+
+def test_dir_and_help_list_what_a_user_needs() -> None:
+    assert dir(fabdesign) == sorted([*fabdesign.__all__, "__version__"])
+    assert {*VERBS} <= {*fabdesign.__all__}
+    assert all(getattr(fabdesign, name).__doc__ for name in fabdesign.__all__)
+    assert {verb for verb in VERBS if verb not in ("equilibrium", "sweep")} <= {*commands.commands}
+    text = pydoc.plain(pydoc.render_doc(fabdesign))
+    assert "sensitivity(" in text and "TYPE_CHECKING" not in text
+
+
+def test_import_stays_light() -> None:
+    loaded = "[m for m in sys.modules if m.startswith('fabdesign.')], 'numpy' in sys.modules"
+    script = f"import sys, fabdesign; print({loaded})"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.split() == ["[]", "False"]
