@@ -7,7 +7,7 @@ import numpy as np
 
 from fabdesign.bench import Array, Bench, BenchRecord
 from fabdesign.errors import InputError
-from fabdesign.headings import Heading
+from fabdesign.headings import DIMENSIONS, Heading
 from fabdesign.lab_table import Column, LabTable
 from fabdesign.measured_units import require_measured_pressures
 from fabdesign.table import Table, load_toml
@@ -65,7 +65,9 @@ def read_record(file: Path, needed: tuple[str, ...] = ()) -> dict[str, Array]:
             raise InputError(f"{file}: two columns hold {bare}")
         columns[bare] = np.array([float(value) for _, _, value in table.cells(column)])
     for name in needed:
-        if name not in table.header and _bare(name)[0] not in columns:
+        quantity = _bare(name)[0]
+        said = quantity != name or DIMENSIONS.get(quantity) == "ratio"  # in which unit
+        if name not in table.header and not (said and quantity in columns):
             raise InputError(f"{file}: no column {name}; it has {', '.join(table.header)}")
     table.say([] if table.taken else table.header)
     if "time" in columns and (np.diff(columns["time"]) <= 0).any():

@@ -421,7 +421,7 @@ def test_lanes_keep_their_bits_and_leave_nothing():
 
 
 # of the prior's deviation, by site or name: over the solver's noise, which differs between processors
-SIZES = {"pneumatics": 0.05, "environment": 0.5, "muscle_creep": 0.8}
+SIZES = {"pneumatics": 0.05, "environment": 0.5, "added_mass": 0.05, "muscle_creep": 0.8}
 SHAPES = {"muscle_creep": {"time": 0.03}, "stress_relaxation": {"time": 0.03}}  # s: seen within TIMES
 EMPTIED = replace(  # muscles lengthen
     PLAIN, program=PressureProgram(np.array([0.0, 0.03]), np.array([[200e3, 50e3], [0.0, 0.0]]), 0.1)

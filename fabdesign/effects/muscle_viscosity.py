@@ -1,11 +1,8 @@
 """Muscle viscosity: tension lost by the rate of contraction, another share while lengthening."""
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.bench import MuscleRecord
 from fabdesign.effects.declaration import Effect, EffectParameter, Values
 from fabdesign.effects.specimen import Specimen
 
@@ -14,12 +11,6 @@ def _specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) ->
     return specimen.with_muscles(
         muscles, viscosity_contracting=values["contracting"], viscosity_lengthening=values["lengthening"]
     )
-
-
-def _bench(record: MuscleRecord, values: Values) -> MuscleRecord:
-    rate = record.rate
-    lost = np.where(rate > 0, values["contracting"], values["lengthening"]) * rate
-    return replace(record, friction=record.friction + lost)
 
 
 MUSCLE_VISCOSITY = Effect(
@@ -37,5 +28,4 @@ MUSCLE_VISCOSITY = Effect(
     },
     specimen=_specimen,
     force="sim.effects.muscle_viscosity:MUSCLE_VISCOSITY",
-    bench=_bench,
 )
