@@ -15,6 +15,7 @@ from fabdesign.cli import (  # noqa: F401 their commands join the group
     measurements,
     motions,
     searches,
+    studio,
     sweeps,
     tracing,
     training,
@@ -23,7 +24,7 @@ from fabdesign.cli import (  # noqa: F401 their commands join the group
 from fabdesign.cli.console import commands
 from fabdesign.errors import InputError, SimulationError
 
-_EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "ezdxf": "dxf", "torch": "corrector"}
+_EXTRAS = {"open3d": "clouds", "trimesh": "mesh", "ezdxf": "dxf", "torch": "corrector", "viser": "studio"}
 
 
 class Terminated(BaseException):
