@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fabdesign.effects.acting import active
+from fabdesign.effects.registry import effect_named
 from fabdesign.forward import Case
 from studies.studio.solver import Answer, Ask, Solver
 
@@ -37,7 +37,8 @@ class Bending:
         self.points_per_side = points_per_side
 
     def _bent(self, case: Case) -> Bent:
-        active(case)  # an unknown effect is refused, as the simulator does
+        for term in case.effects:
+            effect_named(term.name, "case")  # an unknown one is refused, as the simulator does
         middle = bow(case, self.points_per_side)
         faces = [bow(case) + np.float32([0, 0, z]) for z in (1e-3, -1e-3)]
         return Bent(middle[None], np.concatenate([face.reshape(-1, 3) for face in faces])[None])

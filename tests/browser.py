@@ -21,6 +21,23 @@ def chromium() -> str | None:
     return next((found for name in names if (found := shutil.which(name))), None)
 
 
+_FIELD = """(() => {
+  let node = [...document.querySelectorAll('label')].find(label => label.innerText.trim() == %s);
+  const inputs = () => [...node.querySelectorAll('input')].filter(input => input.getBoundingClientRect().width > 5);
+  while (node && inputs().length <= %d) node = node.parentElement;
+  if (!node) return null;
+  const input = inputs()[%d], box = input.getBoundingClientRect();
+  return [box.x + box.width / 3, box.y + box.height / 2, input.value];
+})()"""
+_BUTTON = """(() => {
+  const found = [...document.querySelectorAll('button')].find(button => button.innerText.trim() == %s);
+  if (!found) return null;
+  found.scrollIntoView({block: 'center'});
+  const box = found.getBoundingClientRect();
+  return [box.x + box.width / 2, box.y + box.height / 2];
+})()"""
+
+
 class Page:
     """One tab."""
 
@@ -49,6 +66,21 @@ class Page:
             assert time.monotonic() < end, f"waited {seconds} s in vain for {script}; the page says {self.text()}"
             time.sleep(0.05)
         return value
+
+    def field(self, label: str, number: int = 0) -> Any:
+        """Where an input beside a label is: x, y, and what it holds."""
+        return self.run(_FIELD % (json.dumps(label), number, number))
+
+    def fill(self, label: str, text: str, number: int = 0) -> None:
+        self.wait(_FIELD % (json.dumps(label), number, number))
+        x, y, _ = self.field(label, number)
+        self.click(x, y)
+        self.type(text)
+
+    def press(self, button: str) -> None:
+        """A button or a tab, by what stands on it."""
+        x, y = self.wait(_BUTTON % json.dumps(button))
+        self.click(x, y)
 
     def text(self) -> str:
         return str(self.run("document.body ? document.body.innerText : ''"))

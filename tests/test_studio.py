@@ -534,7 +534,8 @@ def bow_flat(z: float) -> np.ndarray:
 def request(port: int, head: str) -> str:
     with socket.create_connection(("127.0.0.1", port), timeout=5) as connection:
         connection.sendall(head.replace("\n", "\r\n").encode() + b"\r\n\r\n")
-        return connection.recv(4096).decode()
+        parts = iter(lambda: connection.recv(4096), b"")
+        return b"".join(parts).decode()
 
 
 @pytest.fixture

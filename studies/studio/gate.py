@@ -63,8 +63,11 @@ class Gate:
             raise InputError(f"--port {ports[0]} on {self._host}: {reason}; expected a free port of this machine")
         raise InputError(f"--host {self._host}: {reason}; expected an address of this machine")
 
+    # a connection that breaks, or is cut when the gate closes, is nobody's fault
     async def _admit(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with contextlib.suppress(ConnectionError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, OSError):
+        with contextlib.suppress(
+            OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, asyncio.CancelledError
+        ):
             head = await reader.readuntil(b"\r\n\r\n")
             refusal = self.refusal(head)
             if refusal is not None:

@@ -76,7 +76,9 @@ class HungView:
         import trimesh
 
         side = round((len(points) // 2) ** 0.5)
-        colours = np.concatenate([heat(distances, largest), np.full((len(points), 1), 255, np.uint8)], axis=1)
+        colours = np.concatenate(
+            [heat(np.asarray(distances, dtype=float), largest), np.full((len(points), 1), 255, np.uint8)], axis=1
+        )
         mesh = trimesh.Trimesh(
             points.astype(np.float64), face_triangles(side, side), vertex_colors=colours, process=False
         )

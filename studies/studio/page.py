@@ -18,8 +18,15 @@ from studies.studio.panels.target import TargetPanel
 from studies.studio.scene import Places
 from studies.studio.session import Session
 
-_VIEW, _ASPECT = 0.6, 1.3  # rad that is seen from top to bottom; width over height of what the panel leaves
+VIEW, _ASPECT = 0.6, 1.3  # rad that is seen from top to bottom; width over height of what the panel leaves
 _DISTANCE = 0.002  # m, the least end of the scale of distances
+
+
+def eye_of(places: Places) -> tuple[float, float, float]:
+    """m, where one looks from at first, towards the origin: all is in view, a little from the right and above."""
+    across, down = places.span
+    far = float(max(down, across / _ASPECT) / (2 * np.tan(VIEW / 2)))
+    return 0.12 * far, 0.1 * far, far
 
 
 class Page:
@@ -56,12 +63,10 @@ class Page:
         server.gui.main_panel.set_width(400)
         server.scene.set_up_direction("+y")
         server.scene.configure_default_lights(cast_shadow=False)
-        across, down = places.span
-        far = max(down, across / _ASPECT) / (2 * np.tan(_VIEW / 2))
         server.initial_camera.look_at = (0.0, 0.0, 0.0)
-        server.initial_camera.position = (0.12 * far, 0.1 * far, far)
+        server.initial_camera.position = eye_of(places)
         server.initial_camera.up = (0.0, 1.0, 0.0)
-        server.initial_camera.fov = _VIEW
+        server.initial_camera.fov = VIEW
         server.initial_camera.near = 0.005
 
     # what a session asks of a view

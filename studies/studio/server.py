@@ -29,7 +29,7 @@ def serve(
 ) -> None:
     """Run until it is interrupted. announce: is told the address once the page can be opened. port: None takes the
     first free one. Raises InputError where it cannot listen; unsaved changes lie in the autosave whatever ends it."""
-    with _viser() as viser_server, contextlib.closing(Gate(host, port, viser_server.get_port())) as gate:
+    with quiet_viser() as viser_server, contextlib.closing(Gate(host, port, viser_server.get_port())) as gate:
         announce(gate.address)
         with contextlib.closing(make_worker()) as worker:
             studio = Studio(viser_server, opened, worker)
@@ -73,7 +73,7 @@ class Studio:
 
 
 @contextmanager
-def _viser() -> Iterator[Any]:
+def quiet_viser() -> Iterator[Any]:
     """viser on a port of its own that nobody is told; silent, and without its way out to a public address."""
     import rich
     import viser

@@ -69,6 +69,6 @@ def placed_by_hand(
     file: TargetFile, rotation: tuple[float, float, float], translation: tuple[float, float, float]
 ) -> TargetFile:
     """rotation: degrees about the fixed axes x, y, z in this order; translation: m."""
-    turned = tuple(round(float(x), 3) for x in rotation)
-    moved = tuple(round(float(x), 6) for x in translation)
-    return replace(file, rotation=turned if any(turned) else None, translation=moved, place="given")
+    a, b, c = (round(float(x), 3) for x in rotation)
+    x, y, z = (round(float(x), 6) for x in translation)
+    return replace(file, rotation=(a, b, c) if any((a, b, c)) else None, translation=(x, y, z), place="given")

@@ -1,5 +1,6 @@
 """Data sheet or model file, and effects on switches with their amounts."""
 
+from functools import partial
 from typing import Any
 
 from fabdesign.effects.registry import EFFECTS
@@ -25,7 +26,7 @@ class ModelPanel:
             self._folders[name] = folder = gui.add_folder(name.replace("_", " "), expand_by_default=False)
             with folder:
                 self._switches[name] = gui.add_checkbox("On", name in session.choice.amounts, hint=effect.what)
-            on_input(self._switches[name], post, lambda on, name=name: self._switch(name, on))
+            on_input(self._switches[name], post, partial(self._switch, name))
         self.show()
 
     def show(self) -> None:

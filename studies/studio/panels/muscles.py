@@ -1,5 +1,6 @@
 """The muscle that is selected: its ends in numbers, type, channel, face; and adding, removing, undoing."""
 
+from functools import partial
 from typing import Any
 
 from studies.studio.layout import (
@@ -28,14 +29,14 @@ class MusclePanel:
         self._which = gui.add_dropdown("Muscle", (_NONE,))
         on_input(self._which, post, self._select)
         self._actions = gui.add_button_group("Layout", ("add", "remove", "flip"))
-        self._actions.on_click(lambda _: post(lambda action=self._actions.value: self._act(action)))
+        self._actions.on_click(lambda _: post(partial(self._act, self._actions.value)))
         self._face = gui.add_text("Face", "", disabled=True)
         self._type = gui.add_dropdown("Type", tuple(session.layout.design.muscle_types) or (_NONE,))
         on_input(self._type, post, lambda name: self._edit("type", lambda at, i: set_type(at, i, name)))
         self._channel = gui.add_number("Channel", 0, min=0, step=1)
         on_input(self._channel, post, lambda to: self._edit("channel", lambda at, i: set_channel(at, i, int(to))))
         self._corner_actions = gui.add_button_group("Corners", ("add corner", "remove corner"))
-        self._corner_actions.on_click(lambda _: post(lambda action=self._corner_actions.value: self._act(action)))
+        self._corner_actions.on_click(lambda _: post(partial(self._act, self._corner_actions.value)))
         self._folder = gui.add_folder("Corner points, mm from the upper left")
         self._corners: list[Any] = []
         with gui.add_folder("Lacing rows", expand_by_default=False):
@@ -64,7 +65,7 @@ class MusclePanel:
             while len(self._corners) < len(path):
                 k = len(self._corners)
                 field = self._gui.add_vector2(f"Corner {k}", (0.0, 0.0), step=0.1)
-                on_input(field, self._post, lambda at, k=k: self._typed(k, at))
+                on_input(field, self._post, partial(self._typed, k))
                 self._corners.append(field)
         for field, (u, v) in zip(self._corners, path, strict=True):
             put(field, (round(1e3 * u, 3), round(1e3 * v, 3)))

@@ -1,6 +1,7 @@
 """The target: opened, placed by fit or by hand, compared, and searched for from here."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ class TargetPanel:
         given = session.target
         self._file = gui.add_text("File", "" if given is None else str(given.file.file))
         self._open = gui.add_button_group("Open", ("as given", "fit"))
-        self._open.on_click(lambda _: post(lambda place=self._open.value: self._read(place)))
+        self._open.on_click(lambda _: post(partial(self._read, self._open.value)))
         with gui.add_folder("Placed by hand", expand_by_default=False):
             self._by_hand = gui.add_checkbox("Gizmo", False, hint="Drag it by arrows and rings in the scene")
             on_input(self._by_hand, post, show_gizmo)
