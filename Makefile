@@ -1,7 +1,7 @@
 # `make demo` and `make test` do their own set-up, from nothing but Python and a Debian underneath.
 
 PYTHON := .venv/bin/python
-EXTRAS := clouds,corrector,dev,dxf,mesh# without corrector, tests that need PyTorch skip
+EXTRAS := clouds,corrector,dev,dxf,mesh,studio# without corrector, tests that need PyTorch skip
 SETUP := pyproject.toml constraints.txt scripts/setup.sh
 
 .PHONY: demo test lint clean reference verify-sim verify-trace bench-sim loop

@@ -39,6 +39,16 @@ if [ "$(uname)" = Linux ]; then
     esac
 fi
 
+# A browser for the tests of the studio's page, which skip without one: wanted, not needed.
+browser=
+case ",$extras," in
+*,dev,*)
+    case ",$extras," in
+    *,studio,*) command -v chromium >/dev/null || command -v google-chrome >/dev/null || browser=chromium ;;
+    esac
+    ;;
+esac
+
 if [ -n "$missing" ]; then
     if ! command -v apt-get >/dev/null; then
         fail "missing system packages (Debian's names):$missing"
@@ -55,6 +65,12 @@ if [ -n "$missing" ]; then
         fail "apt could not install the missing system packages:$missing"
 fi
 
+if [ -n "$browser" ] && [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
+    get="env DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends $browser"
+    $get >/dev/null 2>&1 || { apt-get -qq update >/dev/null 2>&1 && $get >/dev/null 2>&1; } ||
+        echo "setup: no chromium; tests of the studio's page will skip" >&2
+fi
+
 [ -x .venv/bin/python ] || "$python" -m venv .venv
 
 # A plain index has PyTorch with CUDA, gigabytes of it: nobody gets that unasked. pip's own configuration names the index.
@@ -65,7 +81,7 @@ case ",$extras," in
             --constraint constraints.txt "$(sed -n 's/^corrector = \["\(torch[^"]*\)"\].*/\1/p' pyproject.toml)" |
             grep -c '"name": "\(nvidia\|cuda\)') || true
         [ "$cuda" = 0 ] || fail "pip would download PyTorch with CUDA, gigabytes; give pip an index of CPU builds \
-(PIP_INDEX_URL), or set FABDESIGN_CUDA=1 to have CUDA, or leave PyTorch out: make test EXTRAS=clouds,dev,dxf,mesh"
+(PIP_INDEX_URL), or set FABDESIGN_CUDA=1 to have CUDA, or leave PyTorch out: make test EXTRAS=clouds,dev,dxf,mesh,studio"
     fi
     ;;
 esac

@@ -26,6 +26,7 @@ class HungView:
         self._coloured: Any = None
         self._before: Any = None
         self._clouds: dict[str, Any] = {}
+        self._shown: dict[str, tuple[Any, Any]] = {}  # what each cloud was drawn from
         self._edge: Any = None
 
     def draw(self, points: NDArray[np.float32], design: Design) -> None:
@@ -95,6 +96,10 @@ class HungView:
         self, name: str, points: Points | None, distances: Points | None = None, largest: float = 0.0
     ) -> None:
         """A target or what was measured, by its `name`; None takes it away. With distances [m]: as colour."""
+        shown = (points, distances)
+        if self._shown.get(name) is not None and all(a is b for a, b in zip(self._shown[name], shown, strict=True)):
+            return
+        self._shown[name] = shown
         old = self._clouds.pop(name, None)
         if old is not None:
             old.remove()

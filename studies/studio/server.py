@@ -4,6 +4,7 @@ import contextlib
 import io
 import queue
 import time
+import traceback
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -68,8 +69,16 @@ class Studio:
         with contextlib.suppress(queue.Empty):
             ask = self._due.get(timeout=_BEAT)
             while True:
-                ask()
+                self._do(ask)
                 ask = self._due.get_nowait()
+
+    def _do(self, ask: Callable[[], None]) -> None:
+        """An error in one thing that was asked must not take the layout along."""
+        try:
+            ask()
+        except Exception as error:
+            traceback.print_exc()
+            self.page.tell(f"an error of the program: {type(error).__name__}: {error}", bad=True)
 
 
 @contextmanager

@@ -81,6 +81,11 @@ class Session:
     def trials(self) -> list[str]:
         return list(labels(self.opened.measured.trials)) if self.opened.measured else []
 
+    @property
+    def _moving(self) -> bool:
+        """Whether a hand is in the middle of a gesture; a search that moves its best in is none."""
+        return self.document.in_gesture and not (self.searching and self._searched == self.layout)
+
     def broken(self) -> list[Broken]:
         return broken_limits(self.layout, self.limits)
 
@@ -103,7 +108,7 @@ class Session:
     def tick(self) -> None:
         """Whatever is due: shapes, the end of a gesture, autosave, the file, a search."""
         now = self._clock()
-        if self.document.in_gesture and self._dragged is None and now - self._touched > CALM and not self.searching:
+        if self._moving and self._dragged is None and now - self._touched > CALM:
             self.document.end()
             self._changed()
         self._live.turn()
@@ -200,7 +205,7 @@ class Session:
         if self.selected is None or self.selected >= count:
             self.selected = count - 1 if count else None
         self.motion = None
-        self._live.want(self.layout, self.choice.model, moving=self.document.in_gesture)
+        self._live.want(self.layout, self.choice.model, moving=self._moving)
         self.view.show_layout()
 
     # the shape
