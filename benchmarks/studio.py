@@ -1,8 +1,8 @@
 """How soon the studio's cloth follows a hand: `python -m benchmarks.studio [COUNT]` writes docs/results/studio.md.
 
 An end of a muscle wanders by a few millimetres a step, as a hand drags it, on a design of eight muscles at half
-pressure. Measured is the time from the new layout to the shape that is handed to the page, with the simulator in its own
-process as in `fabdesign studio`; what the browser takes to draw it is not in it.
+pressure. Measured is the time from the new layout to the shape that is handed to the page, with the simulator in its
+own process as in `fabdesign studio`; what the browser takes to draw it is not in it.
 """
 
 import os
@@ -87,16 +87,16 @@ def page(follow: np.ndarray, exact: np.ndarray, off: np.ndarray) -> str:
         "",
         f"`python -m benchmarks.studio` on commit {commit(PAGE)}, {processor()}, {os.cpu_count()} cores, load average "
         f"{load:.0f} while it ran.",
-        f"An end of one of eight muscles is dragged {len(follow)} times by some {1e3 * STEP:g} mm. From the new layout to its "
-        "shape, ms:",
+        f"An end of one of eight muscles is dragged {len(follow)} times by some {1e3 * STEP:g} mm. From the new layout "
+        "to its shape, ms:",
         "",
         "| shape | median | 90 % | worst | a second |",
         "|---|---|---|---|---|",
         row("followed, 21 points, from the shape before", follow),
         row("exact, 41 points, from rest", exact),
         "",
-        f"A followed shape lies {np.median(off):.2f} mm RMS (worst {off.max():.2f}) from the exact one: the grid's error, and "
-        "what four long steps leave.",
+        f"A followed shape lies {np.median(off):.2f} mm RMS (worst {off.max():.2f}) from the exact one: the grid's "
+        "error, and what four long steps leave.",
         "",
     ])  # fmt: skip
 

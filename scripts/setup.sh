@@ -39,16 +39,6 @@ if [ "$(uname)" = Linux ]; then
     esac
 fi
 
-# A browser for the tests of the studio's page, which skip without one: wanted, not needed.
-browser=
-case ",$extras," in
-*,dev,*)
-    case ",$extras," in
-    *,studio,*) command -v chromium >/dev/null || command -v google-chrome >/dev/null || browser=chromium ;;
-    esac
-    ;;
-esac
-
 if [ -n "$missing" ]; then
     if ! command -v apt-get >/dev/null; then
         fail "missing system packages (Debian's names):$missing"
@@ -63,12 +53,6 @@ if [ -n "$missing" ]; then
     [ "$(id -u)" = 0 ] || install="$apt install -y --no-install-recommends $missing"
     $install >/dev/null 2>&1 || { $apt update >/dev/null 2>&1 && $install >/dev/null 2>&1; } ||
         fail "apt could not install the missing system packages:$missing"
-fi
-
-if [ -n "$browser" ] && [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
-    get="env DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends $browser"
-    $get >/dev/null 2>&1 || { apt-get -qq update >/dev/null 2>&1 && $get >/dev/null 2>&1; } ||
-        echo "setup: no chromium; tests of the studio's page will skip" >&2
 fi
 
 [ -x .venv/bin/python ] || "$python" -m venv .venv

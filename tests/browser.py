@@ -30,7 +30,7 @@ _FIELD = """(() => {
   return [box.x + box.width / 3, box.y + box.height / 2, input.value];
 })()"""
 _BUTTON = """(() => {
-  const found = [...document.querySelectorAll('button')].find(button => button.innerText.trim() == %s);
+  const found = [...document.querySelectorAll('body *')].find(e => !e.children.length && e.innerText?.trim() == %s);
   if (!found) return null;
   found.scrollIntoView({block: 'center'});
   const box = found.getBoundingClientRect();

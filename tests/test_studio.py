@@ -13,6 +13,7 @@ import pytest
 from fabdesign.catalogue import build
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
+from fabdesign.forward import Case
 from fabdesign.model import EffectTerm, Model, Parameter, Quantity
 from fabdesign.pressure_file import read_pressures
 from fabdesign.study_file import TargetFile, read_study
@@ -32,6 +33,7 @@ from studies.studio.scene import Places, laced, on_plane, ribbon
 from studies.studio.searching import study_document
 from studies.studio.session import Session
 from studies.studio.snapping import row_distance, rows, snapped
+from studies.studio.solver import Ask
 from studies.studio.target import PlacedTarget, compare
 from tests.bending import AtOnce, bow
 from tests.command_line import Run, one_line
@@ -432,15 +434,11 @@ def test_a_set_shows_what_was_measured_beside_its_prediction(folder: Path) -> No
 # target and search
 
 
-def target_at(case_layout: Layout, path: Path) -> PlacedTarget:
-    from studies.studio.solver import Ask
-
-    ask = Ask.at_rest(0, "exact", case_layout.design, case_layout.pressures, Model())
-    from fabdesign.forward import Case
-
-    points = bow(Case(ask.design, ask.program)).reshape(-1, 3)
-    np.savetxt(path, points)
-    return PlacedTarget.read(TargetFile(path), case_layout.design)
+def target_at(layout: Layout, path: Path, *, every: int = 1) -> PlacedTarget:
+    """The cloth's own shape as a target, every so many points of a row."""
+    ask = Ask.at_rest(0, "exact", layout.design, layout.pressures, Model())
+    np.savetxt(path, bow(Case(ask.design, ask.program))[::every, ::every].reshape(-1, 3))
+    return PlacedTarget.read(TargetFile(path), layout.design)
 
 
 def test_the_distance_to_a_target_is_that_of_the_metrics(tmp_path: Path) -> None:
@@ -625,3 +623,47 @@ def test_help_loads_nothing_heavy() -> None:
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert "--no-browser" in done.stdout
     assert done.stdout.endswith("[]\n")
+
+
+# the page, without a browser to see it
+
+
+def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("viser")
+    from studies.studio.server import Studio, quiet_viser
+
+    monkeypatch.chdir(folder)
+    write_design(BASIC.design, folder / "basic.toml")
+    target = target_at(BASIC.with_pressure(0, 200e3), folder / "bowed.xyz", every=4)
+    with quiet_viser() as server:
+        studio = Studio(server, open_files([Path("basic.toml"), target.file.file], folder / "model.toml"), AtOnce())
+        session, page = studio.session, studio.page
+        turns = iter(range(1000))
+
+        def run(turns_more: int = 12) -> None:
+            until = next(turns) + turns_more
+            studio.run(lambda: next(turns) > until)
+
+        run()
+        assert session.shape is not None
+        assert session.shape.exact
+        assert server.scene.get_handle_by_name("/hung/distances") is not None
+        session.edit("add", lambda layout: edits.add_corner(edits.add_muscle(layout, 0), 8))
+        session.edit("move", lambda layout: edits.move_muscle(layout, 8, (-0.022, 0.0)))
+        session.choose(session.choice.switched("frame_tilt", True))
+        page._show_gizmo(True)
+        page._target.place((0.0, 0.0, 5.0), (0.0, 0.001, 0.0))
+        run()
+        assert session.target is not None
+        assert session.target.file.rotation == (0.0, 0.0, 5.0)
+        assert server.scene.get_handle_by_name("/flat/corner_8_2") is not None
+        assert "muscles 1 and 8" in page._status._limits.content
+        session.play_rise()
+        run()
+        assert session.motion is not None
+        assert page._motion.frame > 0
+        session.edit("remove", lambda layout: edits.remove_muscle(layout, 8))
+        assert server.scene.get_handle_by_name("/flat/corner_8_2") is None
+        run()
+        page.show_search("searching", running=True)
+        session.end()

@@ -163,9 +163,11 @@ class Page:
             "/hung/gizmo", scale=0.06, position=file.translation, wxyz=transforms.SO3.from_rpy_radians(*angles).wxyz
         )
 
-        def moved(_: Any) -> None:
+        def moved(event: Any) -> None:
+            if event.phase != "end":
+                return
             turn = np.degrees(transforms.SO3(np.array(gizmo.wxyz)).as_rpy_radians())
             rotation, translation = tuple(map(float, turn)), tuple(map(float, gizmo.position))
             self._post(lambda: self._target.place(rotation, translation))
 
-        gizmo.on_drag_end(moved)
+        gizmo.on_update(moved)

@@ -35,7 +35,7 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
         runs = threading.Thread(target=studio.run, args=(stopped.is_set,))
         runs.start()
         try:
-            with browser_at(gate.address, tmp_path / "profile", width=1000, height=760) as tab:
+            with browser_at(gate.address, tmp_path / "profile", width=1150, height=640) as tab:
                 yield tab
         finally:
             stopped.set()
