@@ -5,8 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.metrics import Errors, trial_errors
-from fabdesign.sensor_noise import NOISE_FREE, estimate_noise
 from fabdesign.surface import CAP, Surface, capped_rms
 from fabdesign.trial import Trial
 from fabdesign.trial_file import TrialData
@@ -35,21 +33,6 @@ class Motion:
         text = f"{self.name}, {self.times[frame]:.3f} s"
         distances = self.distances(frame)
         return text if distances is None else f"{text}: surface RMS {1e3 * capped_rms(distances):.2f} mm"
-
-
-MOST = 30  # frames of a trial that its errors are taken from
-
-
-def errors_of(motion: Motion, thickness: float) -> Errors | None:
-    """The means over a trial's frames, of MOST of them where there are more, with their floors; None for a motion that
-    was not measured."""
-    if motion.trial is None:
-        return None
-    chosen = np.unique(np.linspace(0, len(motion.times) - 1, min(MOST, len(motion.times))).astype(int))
-    clouds = [motion.cloud(int(k)) for k in chosen]
-    found = [cloud for cloud in clouds if cloud is not None]
-    noise = estimate_noise(found[:5], thickness)
-    return trial_errors(found, motion.points[chosen], noise if noise.sigma > 0 else NOISE_FREE, draws=10)
 
 
 def labels(trials: tuple[Trial, ...]) -> dict[str, Trial]:

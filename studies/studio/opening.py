@@ -38,7 +38,6 @@ class Opened:
     model: Model | None = None
     measured: MeasurementSet | None = None
     program: PressureProgram | None = None
-    inputs: tuple[Path, ...] = ()
 
 
 def open_files(files: Sequence[Path], model_file: Path | None) -> Opened:
@@ -59,7 +58,7 @@ def open_files(files: Sequence[Path], model_file: Path | None) -> Opened:
             program = read_pressures(file, opened.layout.design)
             last = tuple(float(pressure) for pressure in program.pressure[-1])
             opened = replace(opened, program=program, layout=Layout.of(opened.layout.design, last))
-    return replace(opened, inputs=(*files, *([] if model_file is None else [model_file])))
+    return opened
 
 
 def _kind(file: Path) -> tuple[str, str]:
