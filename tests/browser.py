@@ -26,7 +26,9 @@ _FIELD = """(() => {
   const inputs = () => [...node.querySelectorAll('input')].filter(input => input.getBoundingClientRect().width > 5);
   while (node && inputs().length <= %d) node = node.parentElement;
   if (!node) return null;
-  const input = inputs()[%d], box = input.getBoundingClientRect();
+  const input = inputs()[%d];
+  input.scrollIntoView({block: 'center'});
+  const box = input.getBoundingClientRect();
   return [box.x + box.width / 3, box.y + box.height / 2, input.value];
 })()"""
 _BUTTON = """(() => {
