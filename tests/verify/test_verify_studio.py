@@ -64,7 +64,7 @@ def test_a_layout_is_drawn_saved_and_sound(page: Page, tmp_path: Path) -> None:
 
     page.press("Files")
     page.press("Save")
-    page.wait(holds("saved"), seconds=30)
+    page.wait(holds("files in basic_studio"), seconds=60)
     saved = tmp_path / "basic_studio" / "design.toml"
     assert inspect(saved).problems == ()
     assert read_design(saved).muscles[0].path[1][0] == 0.045
