@@ -1,7 +1,7 @@
 # `make demo` and `make test` do their own set-up, from nothing but Python and a Debian underneath.
 
 PYTHON := .venv/bin/python
-EXTRAS := clouds,cluster,corrector,dev,dxf,export,mesh,mocap,tables# without corrector, tests that need PyTorch skip
+EXTRAS := clouds,cluster,corrector,dev,dxf,export,mesh,mocap,studio,tables# without corrector, tests that need PyTorch skip
 SETUP := pyproject.toml constraints.txt scripts/setup.sh
 
 .PHONY: demo test lint clean docs reference wheel wheel-test verify-sim verify-trace bench-sim bench-search loop
@@ -17,7 +17,7 @@ lint: .venv/.ready-test
 	$(PYTHON) -m ruff format --check .
 	$(PYTHON) -m mypy
 
-# the checks of tests/verify; writes docs/results/simulator_verification.md
+# the checks of tests/verify (that of the studio in a browser skips without chromium); writes docs/results/simulator_verification.md
 verify-sim: .venv/.ready-test
 	FABDESIGN_VERIFICATION_TABLE=1 $(PYTHON) -m pytest tests/verify
 

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.forward import RISE, Case
-from sim.kernels.transfer import halt
+from sim.kernels.fields import LANES
+from sim.kernels.transfer import halt, put
 from sim.step import Solve, advance
 from sim.time.batch import Batch
 from sim.time.schedule import alike
@@ -23,6 +24,7 @@ LEAST_HOLD = 1e-6  # s
 # (step [s], steps) to the shape without pressure, from the flat cloth: velocities are forgotten after each long step
 IN_PLANE = ((0.05, 4), (0.5, 8))
 OUT_OF_PLANE = ((0.02, 10), (0.05, 10), (0.5, 10))  # within 0.001 mm of where a damped motion leads
+FOLLOWING_STEP, FOLLOWING = 0.5, 4  # s, steps to the shape at rest from one nearby: within 0.02 mm of it
 
 
 def long_steps(
@@ -62,6 +64,13 @@ def equilibrate(
         schedule = alike(batch, scheme, share[:, None, None, None] * pressure)
         iterations = solve.iterations if loose == 1 else 3 * solve.iterations // 4
         advance(batch, schedule, replace(solve, iterations=iterations, tolerance=loose * solve.tolerance))
+
+
+def carried_on(batch: Batch, middle: NDArray[np.float32]) -> None:
+    """Put all lanes of the batch at `middle` (n, n, 3) m, at rest there."""
+    padded = np.pad(middle, ((1, 1), (1, 1), (0, 0))).reshape(-1, 3)
+    every = np.repeat(np.repeat(padded[None, :, :, None], LANES, axis=3), batch.blocks, axis=0).astype(np.float32)
+    put(batch.blocks, {"x0": every, "q": every})
 
 
 def damped(case: Case) -> Case:

@@ -24,7 +24,17 @@ from fabdesign.pressure import RISE_STEPS, rising_program
 from fabdesign.sheet import Sheet
 from sim.design.loading import load_batch, load_constants
 from sim.design.support import Support
-from sim.equilibrium import IN_PLANE, OUT_OF_PLANE, RESTED, damped, equilibrate, long_steps
+from sim.equilibrium import (
+    FOLLOWING,
+    FOLLOWING_STEP,
+    IN_PLANE,
+    OUT_OF_PLANE,
+    RESTED,
+    carried_on,
+    damped,
+    equilibrate,
+    long_steps,
+)
 from sim.forces.added import AddedForce
 from sim.forces.contact_pairs import Touching
 from sim.kernels import fields
@@ -241,6 +251,19 @@ class Simulator:
                 pressure[: len(pressures[i]), lane] = pressures[i]
             equilibrate(batch, by_block(pressure), self._solve(batch), rise=self.rise, hold=self.hold, patient=patient)
             yield chosen, packed, batch
+
+    def follow(self, case: Case, middle: NDArray[np.float32], *, steps: int = FOLLOWING) -> Motion:
+        """From a shape nearby, `middle` (n, n, 3) m, towards rest under the program's last pressures, as a motion of
+        one frame: quick, and on the branch where `middle` is. Whether it has come to rest shows in how far another call
+        moves it. Memory of forces stays at rest."""
+        with fields.lock:
+            (_, packed), *_ = self._chunks([case], [()])
+            batch = self._load([damped(case)], packed)
+            carried_on(batch, middle)
+            pressure = np.repeat(self._at_rest_pressure(case)[:, None], len(packed), axis=1)
+            long_steps(batch, by_block(pressure), self._solve(batch), ((FOLLOWING_STEP, steps),))
+            shape = self._middle(batch, fields.F.x0)[:1]
+            return motion_of(case, np.zeros(1), shape, self._states(batch)[:1])
 
     def _rest(self, cases: Sequence[Case], *, patient: bool) -> list[Motion]:
         results: list[Motion | None] = [None] * len(cases)

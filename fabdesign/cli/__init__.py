@@ -16,6 +16,7 @@ from fabdesign.cli import (  # noqa: F401 their commands join the group
     motions,
     result_folders,
     searches,
+    studio,
     sweeps,
     tracing,
     training,
@@ -35,6 +36,7 @@ _EXTRAS = {
     "rerun": "rerun",
     "pandas": "tables",
     "pyarrow": "tables",
+    "viser": "studio",
 }
 
 

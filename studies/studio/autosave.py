@@ -1,0 +1,79 @@
+"""What is being edited, kept beside its file until it is saved: a crash or a closed window loses nothing."""
+
+import hashlib
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+from fabdesign.design import Design
+from fabdesign.errors import InputError
+from fabdesign.muscle import Muscle
+from fabdesign.output import write_text
+from studies.studio.layout import Layout
+
+FORMAT = "fabdesign.studio-autosave/1"
+
+
+class Autosave:
+    """The autosave of one file. It holds muscles and pressures, which is all that the studio changes, and the hash of
+    the file that they were begun on."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self.path = file.with_name(f".{file.name}.studio")
+        self._written: Layout | None = None
+
+    def write(self, layout: Layout) -> None:
+        """Once for each layout. Raises InputError where nothing can be written."""
+        if layout == self._written:
+            return
+        content = {
+            "format": FORMAT,
+            "begun_on": content_hash(self._file),
+            "muscles": [asdict(muscle) for muscle in layout.design.muscles],
+            "pressures_pa": list(layout.pressures),
+        }
+        write_text(self.path, json.dumps(content, indent=1) + "\n")
+        self._written = layout
+
+    def read(self, design: Design) -> tuple[Layout, bool] | None:
+        """The layout that was left, on the cloth and the muscle types of `design`, and whether the file is still the
+        one it was begun on; None where nothing was left, or nothing that fits."""
+        try:
+            content: dict[str, Any] = json.loads(self.path.read_text(encoding="utf-8"))
+            if content["format"] != FORMAT:
+                return None
+            muscles = tuple(_muscle(entry, design) for entry in content["muscles"])
+            pressures = tuple(float(pressure) for pressure in content["pressures_pa"])
+            begun_on = content["begun_on"]
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            return None
+        return Layout.of(replace(design, muscles=muscles), pressures), begun_on == content_hash(self._file)
+
+    def clear(self) -> None:
+        self.path.unlink(missing_ok=True)
+        self._written = None
+
+
+def _muscle(entry: dict[str, Any], design: Design) -> Muscle:
+    muscle = Muscle(
+        str(entry["type"]),
+        "back" if entry["side"] == "back" else "front",
+        int(entry["channel"]),
+        tuple((float(u), float(v)) for u, v in entry["path"]),
+        float(entry["fixed_point_pitch"]),
+    )
+    fabric = design.fabric
+    inside = all(0 <= u <= fabric.width and 0 <= v <= fabric.height for u, v in muscle.path)
+    if muscle.type not in design.muscle_types or not inside or len(muscle.path) < 2 or muscle.channel < 0:
+        raise InputError(f"an autosaved muscle of type {muscle.type}: expected one that fits the design")
+    return muscle
+
+
+def content_hash(file: Path) -> str | None:
+    """sha256 of a file; None where it is not there."""
+    try:
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except OSError:
+        return None

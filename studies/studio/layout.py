@@ -1,0 +1,141 @@
+"""What is edited: a design and the pressures of its channels, and each change that a person can make to it."""
+
+import itertools
+from dataclasses import dataclass, replace
+
+from fabdesign.design import Design
+from fabdesign.effort import MUSCLES
+from fabdesign.errors import InputError
+from fabdesign.muscle import Muscle
+from fabdesign.pressure import limits
+
+Point = tuple[float, float]  # (u, v) m
+HIGHEST = 400e3  # Pa, of a slider where no muscle type on the channel says less
+_MARGIN = 0.1  # of the cloth's side, that a new muscle leaves free
+_MICRO = 6  # digits of a coordinate in m: a micrometre is finer than any hand sews
+
+
+@dataclass(frozen=True)
+class Layout:
+    """A design under constant pressures, (channels,) Pa."""
+
+    design: Design
+    pressures: tuple[float, ...]
+
+    @staticmethod
+    def of(design: Design, pressures: tuple[float, ...] = ()) -> "Layout":
+        """With a pressure for each of the design's channels: those given, then zero."""
+        count = design.channels
+        return Layout(design, (*pressures[:count], *(0.0,) * (count - len(pressures))))
+
+    def with_muscles(self, muscles: tuple[Muscle, ...]) -> "Layout":
+        return Layout.of(replace(self.design, muscles=muscles), self.pressures)
+
+    def with_muscle(self, index: int, muscle: Muscle) -> "Layout":
+        muscles = list(self.design.muscles)
+        muscles[index] = muscle
+        return self.with_muscles(tuple(muscles))
+
+    def with_pressure(self, channel: int, pressure: float) -> "Layout":
+        """pressure: Pa."""
+        return replace(self, pressures=(*self.pressures[:channel], pressure, *self.pressures[channel + 1 :]))
+
+
+def highest(design: Design) -> list[float]:
+    """Pa, the end of each channel's slider: what its muscles bear, and not beyond HIGHEST where none says."""
+    return [min(HIGHEST, float(most)) if most >= 1e6 else float(most) for most in limits(design)]
+
+
+def move_corner(layout: Layout, index: int, corner: int, to: Point) -> Layout:
+    """Put one corner point of a muscle at `to`, or where the cloth ends."""
+    muscle = layout.design.muscles[index]
+    path = list(muscle.path)
+    path[corner] = _within(layout.design, to)
+    if any(a == b for a, b in itertools.pairwise(path)):
+        return layout  # two corners in one place: no leg between them
+    return layout.with_muscle(index, replace(muscle, path=tuple(path)))
+
+
+def move_muscle(layout: Layout, index: int, by: Point) -> Layout:
+    """Shift a whole muscle, as far as the cloth goes."""
+    muscle, fabric = layout.design.muscles[index], layout.design.fabric
+    shift = [
+        min(max(by[k], -min(p[k] for p in muscle.path)), size - max(p[k] for p in muscle.path))
+        for k, size in enumerate((fabric.width, fabric.height))
+    ]
+    path = tuple(_within(layout.design, (u + shift[0], v + shift[1])) for u, v in muscle.path)
+    return layout.with_muscle(index, replace(muscle, path=path))
+
+
+def add_muscle(layout: Layout, like: int | None = None) -> Layout:
+    """One more, last in the list, down the middle of the front, on a channel of its own; `like` another one in type,
+    face and pitch. Raises InputError where the design has no muscle type, or as many muscles as there may be."""
+    design, fabric = layout.design, layout.design.fabric
+    if not design.muscle_types:
+        raise InputError(f"{design.name}: has no muscle types; expected one for a muscle to be of")
+    if len(design.muscles) >= MUSCLES:
+        raise InputError(f"{design.name}: has {MUSCLES} muscles; expected no more")
+    middle, end = fabric.width / 2, _MARGIN * fabric.height
+    path = (_within(design, (middle, end)), _within(design, (middle, fabric.height - end)))
+    if like is None:
+        new = Muscle(next(iter(design.muscle_types)), "front", design.channels, path, 0.02)
+    else:
+        new = replace(design.muscles[like], channel=design.channels, path=path)
+    return layout.with_muscles((*design.muscles, new))
+
+
+def remove_muscle(layout: Layout, index: int) -> Layout:
+    """Take a muscle off. A channel that no muscle is on any more goes, and those above it move down."""
+    gone = layout.design.muscles[index].channel
+    muscles = [muscle for i, muscle in enumerate(layout.design.muscles) if i != index]
+    pressures = layout.pressures
+    if all(muscle.channel != gone for muscle in muscles):
+        muscles = [replace(m, channel=m.channel - 1) if m.channel > gone else m for m in muscles]
+        pressures = (*pressures[:gone], *pressures[gone + 1 :])
+    return Layout.of(replace(layout.design, muscles=tuple(muscles)), pressures)
+
+
+def flip(layout: Layout, index: int) -> Layout:
+    """To the other face, in the same place of the cloth."""
+    muscle = layout.design.muscles[index]
+    return layout.with_muscle(index, replace(muscle, side="back" if muscle.side == "front" else "front"))
+
+
+def set_type(layout: Layout, index: int, name: str) -> Layout:
+    if name not in layout.design.muscle_types:
+        raise InputError(f"muscle type {name}: expected one of {', '.join(layout.design.muscle_types)}")
+    return layout.with_muscle(index, replace(layout.design.muscles[index], type=name))
+
+
+def set_channel(layout: Layout, index: int, channel: int) -> Layout:
+    """Raises InputError for a channel that would leave empty ones below it."""
+    if not 0 <= channel <= layout.design.channels:
+        raise InputError(f"channel {channel}: expected 0 to {layout.design.channels}, the next free one")
+    return layout.with_muscle(index, replace(layout.design.muscles[index], channel=channel))
+
+
+def add_corner(layout: Layout, index: int) -> Layout:
+    """Split a muscle's longest leg in the middle."""
+    muscle = layout.design.muscles[index]
+    legs = list(zip(muscle.path, muscle.path[1:], strict=False))
+    at = max(
+        range(len(legs)), key=lambda k: (legs[k][0][0] - legs[k][1][0]) ** 2 + (legs[k][0][1] - legs[k][1][1]) ** 2
+    )
+    (a, b), (c, d) = legs[at]
+    path = (*muscle.path[: at + 1], _within(layout.design, ((a + c) / 2, (b + d) / 2)), *muscle.path[at + 1 :])
+    return layout.with_muscle(index, replace(muscle, path=path))
+
+
+def remove_corner(layout: Layout, index: int, corner: int) -> Layout:
+    """Raises InputError where a muscle would have one point left, or two in one place."""
+    muscle = layout.design.muscles[index]
+    path = (*muscle.path[:corner], *muscle.path[corner + 1 :])
+    if len(path) < 2 or any(a == b for a, b in itertools.pairwise(path)):
+        raise InputError(f"muscle {index}: has {len(muscle.path)} corner points; expected two apart to remain")
+    return layout.with_muscle(index, replace(muscle, path=path))
+
+
+def _within(design: Design, point: Point) -> Point:
+    fabric = design.fabric
+    u, v = min(max(point[0], 0.0), fabric.width), min(max(point[1], 0.0), fabric.height)
+    return min(round(u, _MICRO), fabric.width), min(round(v, _MICRO), fabric.height)

@@ -1,0 +1,157 @@
+"""The shape that follows what is edited: at once on a coarse grid, and once one lets go the exact one."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.model import Model
+from studies.layouts.way import ELSEWHERE, LEAST
+from studies.studio.layout import Layout
+from studies.studio.solver import Answer, Ask
+
+SNAP = 6.0  # times the motion for a change of this size before, which the cloth does not make without a jump
+_SIZE = 0.02, 50e3  # m and Pa: changes that count as alike
+
+
+class Solves(Protocol):
+    """What `live` asks: a Worker, or in tests a stand-in."""
+
+    def send(self, ask: Ask) -> None: ...
+
+    def receive(self) -> Answer | None: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A shape at rest as it is shown. points: (2 n, 3) m. jump: m RMS, where it is another stable shape than the one
+    before it; `before` is then that one."""
+
+    points: NDArray[np.float32]
+    layout: Layout
+    exact: bool
+    points_per_side: int
+    seconds: float  # that it took
+    jump: float | None = None
+    before: NDArray[np.float32] | None = None
+
+
+class Live:
+    """Asks for shapes so that only the newest layout counts: what came while the solver was busy is dropped but for the
+    last. While a gesture lasts the quick shape is all; afterwards the exact one follows it."""
+
+    def __init__(self, solver: Solves, show: Callable[[Shape], None], fail: Callable[[str], None]) -> None:
+        self._solver, self._show, self._fail = solver, show, fail
+        self._wanted: tuple[Layout, Model] | None = None
+        self._moving = False
+        self._stage = "idle"  # what the wanted layout still needs: "follow", "exact" or nothing, "idle"
+        self._out: tuple[Ask, Layout] | None = None
+        self._number = 0
+        self._others: list[tuple[Ask, Callable[[Answer], None]]] = []
+        self._other: Callable[[Answer], None] | None = None
+        self._jumps = Jumps()
+
+    def want(self, layout: Layout, model: Model, *, moving: bool) -> None:
+        """The newest layout. moving: in the middle of a gesture."""
+        if self._wanted is None or self._wanted[0] != layout or self._wanted[1] != model:
+            self._stage = "follow"
+        elif not moving and self._moving and self._stage == "idle":
+            self._stage = "exact"
+        self._wanted, self._moving = (layout, model), moving
+
+    def also(self, ask: Ask, then: Callable[[Answer], None]) -> None:
+        """Something else, once nothing is dragged."""
+        self._others.append((ask, then))
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether nothing is asked or left to ask."""
+        return self._out is None and self._other is None and self._stage == "idle" and not self._others
+
+    def turn(self) -> None:
+        """Take an answer that has come, and ask the next that is due."""
+        self._receive()
+        if self._out is None and self._other is None:
+            self._send()
+
+    def _receive(self) -> None:
+        if (self._out is None and self._other is None) or (answer := self._solver.receive()) is None:
+            return
+        if self._other is not None:
+            then, self._other = self._other, None
+            then(answer)
+            return
+        assert self._out is not None
+        (ask, layout), self._out = self._out, None
+        if answer.points is None:
+            self._fail(answer.error or "no shape was found")
+            return
+        if ask.kind == "exact" and self._wanted is not None and layout != self._wanted[0]:
+            return  # another is wanted by now, and followed
+        jump, before = self._jumps.of(answer.points, layout, exact=ask.kind == "exact")
+        self._show(
+            Shape(answer.points, layout, ask.kind == "exact", answer.points_per_side, answer.seconds, jump, before)
+        )
+
+    def _send(self) -> None:
+        self._number += 1
+        if self._wanted is not None and self._stage == "follow":
+            layout, model = self._wanted
+            ask = Ask.at_rest(self._number, "follow", layout.design, layout.pressures, model)
+            self._stage = "idle" if self._moving else "exact"
+        elif self._wanted is not None and self._stage == "exact":
+            layout, model = self._wanted
+            ask = Ask.at_rest(self._number, "exact", layout.design, layout.pressures, model)
+            self._stage = "idle"
+        elif self._others:
+            other, self._other = self._others.pop(0)
+            self._solver.send(other)
+            return
+        else:
+            return
+        self._out = ask, layout
+        self._solver.send(ask)
+
+
+class Jumps:
+    """Tells a jump to another stable shape from a motion that keeps pace with what is dragged.
+
+    A followed shape has jumped where it moved by more than LEAST, and SNAP times as far as the last changes of its size
+    moved it. The exact shape is another one than the followed where they lie apart as the search tells branches.
+    """
+
+    def __init__(self) -> None:
+        self._last: tuple[Layout, NDArray[np.float32]] | None = None
+        self._rates: list[float] = []  # m for a change of size 1
+        self._off = 0.0  # m, the largest that any shape lay off the first
+
+    def of(
+        self, points: NDArray[np.float32], layout: Layout, *, exact: bool
+    ) -> tuple[float | None, NDArray[np.float32] | None]:
+        """m RMS of a jump and the shape before it, or neither."""
+        last, self._last = self._last, (layout, points)
+        if last is None or last[1].shape != points.shape:
+            return None, None
+        moved = float(np.sqrt(np.square(points - last[1]).sum(axis=-1).mean()))
+        self._off = max(self._off, moved)
+        change = size_of_change(last[0], layout)
+        if exact and change == 0:
+            return (moved, last[1]) if moved > max(LEAST, ELSEWHERE * self._off) else (None, None)
+        if change == 0:
+            return None, None
+        usual = float(np.median(self._rates)) if self._rates else np.inf
+        self._rates = [*self._rates[-8:], moved / change]
+        return (moved, last[1]) if moved > max(LEAST, SNAP * usual * change) else (None, None)
+
+
+def size_of_change(a: Layout, b: Layout) -> float:
+    """1 for a corner moved by 20 mm or a pressure by 50 kPa; infinite where muscles are others."""
+    if [(m.type, m.side, m.channel, len(m.path)) for m in a.design.muscles] != [
+        (m.type, m.side, m.channel, len(m.path)) for m in b.design.muscles
+    ]:
+        return np.inf
+    before, after = ([p for m in x.design.muscles for p in m.path] for x in (a, b))
+    corners = float(np.abs(np.subtract(before, after)).max(initial=0.0))
+    return corners / _SIZE[0] + float(np.abs(np.subtract(a.pressures, b.pressures)).max(initial=0.0)) / _SIZE[1]

@@ -1,0 +1,78 @@
+"""Which model the cloth follows: the data sheet or a model file, and effects on switches with their amounts."""
+
+from dataclasses import dataclass, field, replace
+
+from fabdesign.effects.registry import EFFECTS, effect_named
+from fabdesign.model import EffectTerm, Model, Quantity
+
+SHOWN = 2.0  # prior deviations off, for an effect that is switched on to be seen
+
+
+@dataclass(frozen=True)
+class ModelChoice:
+    """given: what `--model` brought, if anything. fitted: whether its factors, effects and corrector hold, or the data
+    sheet. amounts: of the effects that are on, by name, each parameter in the unit that the effect declares."""
+
+    given: Model | None = None
+    fitted: bool = True
+    amounts: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    @staticmethod
+    def of(given: Model | None) -> "ModelChoice":
+        if given is None:
+            return ModelChoice(None, False)
+        on = {effect.name: effect_named(effect.name, "model").values(effect.term.values) for effect in given.effects}
+        return ModelChoice(given, True, on)
+
+    @property
+    def model(self) -> Model:
+        """Of all that is on. The corrector stays only where the effects are those that it was trained beside."""
+        base = self.given if self.given is not None and self.fitted else None
+        if base is None:
+            base = Model() if self.given is None else Model(points_per_side=self.given.points_per_side)
+        scopes = {effect.name: effect.scope for effect in (self.given.effects if self.given else ())}
+        terms = tuple(
+            EffectTerm(
+                name, {k: Quantity(v, EFFECTS[name].parameters[k].unit) for k, v in values.items()}, scopes.get(name)
+            )
+            for name, values in self.amounts.items()
+        )
+        own = {effect.name: effect_named(effect.name, "model").values(effect.term.values) for effect in base.effects}
+        if own == self.amounts:
+            return base
+        return replace(base, effects=terms, covariance=None, corrector=None, corrector_hash=None)
+
+    def switched(self, name: str, on: bool) -> "ModelChoice":
+        """An effect on or off; on as the model has it, or by an amount that shows."""
+        amounts = {k: v for k, v in self.amounts.items() if k != name}
+        if on:
+            fitted = ModelChoice.of(self.given).amounts if self.given else {}
+            amounts[name] = fitted.get(name) or visible(name)
+        return replace(self, amounts=amounts)
+
+    def amount(self, name: str, parameter: str, value: float) -> "ModelChoice":
+        low, high = EFFECTS[name].parameters[parameter].bounds
+        values = {**self.amounts[name], parameter: min(max(value, low), high)}
+        return replace(self, amounts={**self.amounts, name: values})
+
+    def sheet(self, fitted: bool) -> "ModelChoice":
+        """The model file (fitted) with its effects, or the data sheet with none."""
+        return ModelChoice.of(self.given) if fitted else ModelChoice(self.given, False)
+
+    @property
+    def said(self) -> str:
+        base = "model file" if self.given is not None and self.fitted else "data sheet"
+        return f"{base} with {', '.join(self.amounts)}" if self.amounts else base
+
+
+def visible(name: str) -> dict[str, float]:
+    """An effect's parameters: strengths so far from off as its prior lets one expect, the others typical."""
+    effect = EFFECTS[name]
+    values = effect.values({})
+    for key in effect.strengths:
+        parameter = effect.parameters[key]
+        off = parameter.off or 0.0
+        by = SHOWN * parameter.deviation
+        value = off * (1 + by) if parameter.transform == "log" and off else off + by
+        values[key] = min(max(value, parameter.bounds[0]), parameter.bounds[1])
+    return values

@@ -1,0 +1,135 @@
+"""What the studio is opened on: a design, a study, a measurement set, with a target or pressures beside it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from fabdesign.catalogue import build
+from fabdesign.design import Design
+from fabdesign.design_file import read_design
+from fabdesign.errors import InputError
+from fabdesign.measurement_set import MeasurementSet, read_set
+from fabdesign.model import Model
+from fabdesign.model_file import read_model
+from fabdesign.pressure import PressureProgram, limits
+from fabdesign.pressure_file import read_pressures
+from fabdesign.study_file import Study, TargetFile, read_kind, read_study
+from fabdesign.table import parse_toml
+from optimize.margins import Limits
+from studies.layouts.begin import limits_of
+from studies.studio.layout import HIGHEST, Layout
+from studies.studio.target import PlacedTarget, target_file
+
+NEW = Path("layout.toml")  # that a layout would be, which was begun on no file
+_TARGETS = (".npz", ".ply", ".obj", ".stl", ".off", ".glb", ".gltf", ".3mf", ".xyz", ".pts", ".pcd", ".txt", ".npy")
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """file: the design's, which is watched and beside which an autosave lies; it need not be there."""
+
+    file: Path
+    layout: Layout
+    limits: Limits
+    target: PlacedTarget | None = None
+    model_file: Path | None = None
+    model: Model | None = None
+    measured: MeasurementSet | None = None
+    program: PressureProgram | None = None
+
+
+def open_files(files: Sequence[Path], model_file: Path | None) -> Opened:
+    """A design, study or set, at most one of them (none: the catalogue's *basic*), and beside it at most one target and
+    one table of pressures. Raises InputError."""
+    kinds = {file: _kind(file) for file in files}
+    for kind in ("design, study or set", "target", "pressures"):
+        several = [str(file) for file, (sort, _) in kinds.items() if sort == kind]
+        if len(several) > 1:
+            raise InputError(f"{several[1]}: a second {kind} beside {several[0]}; expected one")
+    opened = _begun([(file, name) for file, (sort, name) in kinds.items() if sort == "design, study or set"])
+    if model_file is not None:
+        opened = replace(opened, model_file=model_file, model=read_model(model_file))
+    for file, (sort, _) in kinds.items():
+        if sort == "target":
+            opened = replace(opened, target=PlacedTarget.read(target_file(file), opened.layout.design))
+        elif sort == "pressures":
+            program = read_pressures(file, opened.layout.design)
+            last = tuple(float(pressure) for pressure in program.pressure[-1])
+            opened = replace(opened, program=program, layout=Layout.of(opened.layout.design, last))
+    return opened
+
+
+def _kind(file: Path) -> tuple[str, str]:
+    """What a file is for, and of what format."""
+    if file.is_dir() or file.name == "set.toml":
+        return "design, study or set", "set"
+    suffix = file.suffix.lower()
+    if suffix == ".toml":
+        text = str(parse_toml(file).get("format", "fabdesign.design/1"))
+        name = text.partition("/")[0].removeprefix("fabdesign.")
+        if name in ("design", "study"):
+            return "design, study or set", name
+        raise InputError(
+            f"{file}: format {text}; expected a design, a study or a measurement set (--model for a model)"
+        )
+    if suffix == ".csv":
+        head = file.read_text(encoding="utf-8", errors="replace")[:8] if file.is_file() else ""
+        return ("pressures" if head.startswith("time_s") else "target"), "csv"
+    if suffix in _TARGETS:
+        return "target", suffix
+    raise InputError(f"{file}: expected a design, study, set, target (cloud or mesh) or pressures (CSV)")
+
+
+def _begun(found: list[tuple[Path, str]]) -> Opened:
+    if not found:
+        design = build("basic", name="layout")
+        return Opened(NEW, Layout.of(design), search_limits(design))
+    file, sort = found[0]
+    if sort == "set":
+        measured = read_set(file)
+        design = measured.trials[0].design
+        own = Path(f"{measured.name}_{measured.trials[0].design_name}.toml")  # nothing is written into a set
+        return Opened(own, Layout.of(design), search_limits(design), measured=measured)
+    if sort == "study":
+        return _of_study(read_study(file) if read_kind(file) == "optimize" else _refused(file), file)
+    design = read_design(file)
+    return Opened(file, Layout.of(design, _pressures_beside(file, design)), search_limits(design))
+
+
+def _refused(file: Path) -> Study:
+    raise InputError(f'{file}: kind = "{read_kind(file)}"; expected "optimize", a search with a target')
+
+
+def _of_study(study: Study, file: Path) -> Opened:
+    root = parse_toml(file)
+    begin = study.start_pressures
+    pressures = np.full(study.design.channels, np.mean(study.limits.pressure)) if begin is None else begin
+    layout = Layout.of(study.design, tuple(float(pressure) for pressure in pressures))
+    first: TargetFile = study.targets[0]
+    model_name = root.get("model")
+    return Opened(
+        file.parent / str(root["design"]),
+        layout,
+        limits_of(study),
+        target=PlacedTarget.read(first, study.design),
+        model_file=None if model_name is None else file.parent / str(model_name),
+        model=study.model,
+    )
+
+
+def _pressures_beside(file: Path, design: Design) -> tuple[float, ...]:
+    """Pa, the last of `pressures.csv` in a folder that the studio or a search wrote; none elsewhere."""
+    beside = file.with_name("pressures.csv")
+    if file.name != "design.toml" or not beside.is_file():
+        return ()
+    try:
+        return tuple(float(pressure) for pressure in read_pressures(beside, design).pressure[-1])
+    except InputError:  # of another design by now
+        return ()
+
+
+def search_limits(design: Design) -> Limits:
+    """What a search keeps where no study says: pressures up to HIGHEST or the lowest maximum of the muscles."""
+    return Limits(pressure=(0.0, float(min([HIGHEST, *limits(design)]))))

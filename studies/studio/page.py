@@ -1,0 +1,173 @@
+"""The page: scene and panel put together. It shows a session and lets hands at it."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from studies.studio.flat_view import FlatView
+from studies.studio.hung_view import HungView
+from studies.studio.live import Shape
+from studies.studio.panels.files import FilePanel
+from studies.studio.panels.model import ModelPanel
+from studies.studio.panels.motion import MotionPanel
+from studies.studio.panels.muscles import MusclePanel
+from studies.studio.panels.pressures import PressurePanel
+from studies.studio.panels.status import StatusPanel
+from studies.studio.panels.target import TargetPanel
+from studies.studio.scene import Places
+from studies.studio.session import Session
+
+VIEW, _ASPECT = 0.6, 1.3  # rad that is seen from top to bottom; width over height of what the panel leaves
+_DISTANCE = 0.002  # m, the least end of the scale of distances
+
+
+def eye_of(places: Places) -> tuple[float, float, float]:
+    """m, where one looks from at first, towards the origin: all is in view, a little from the right and above."""
+    across, down = places.span
+    far = float(max(down, across / _ASPECT) / (2 * np.tan(VIEW / 2)))
+    return 0.12 * far, 0.1 * far, far
+
+
+class Page:
+    """Implements session.View on a viser server. post: runs a function on the session's thread."""
+
+    def __init__(self, server: Any, session: Session, post: Callable[[Callable[[], None]], None]) -> None:
+        self._server, self._session, self._post = server, session, post
+        gui = server.gui
+        self._arrange(server)
+        self._flat, self._hung = FlatView(server.scene, session, post), HungView(server.scene)
+        self._gizmo: Any = None
+        self._status = StatusPanel(gui, session)
+        self._pressures = PressurePanel(gui, session, post)
+        tabs = gui.add_tab_group()
+        with tabs.add_tab("Layout"):
+            self._muscles = MusclePanel(gui, session, post)
+        with tabs.add_tab("Model"):
+            self._model = ModelPanel(gui, session, post)
+        with tabs.add_tab("Target"):
+            self._target = TargetPanel(gui, session, post, self._show_gizmo)
+        with tabs.add_tab("Motion"):
+            self._motion = MotionPanel(gui, session, post)
+        with tabs.add_tab("Files"):
+            self._files = FilePanel(gui, session, post)
+        for label, key, then in (("Undo", "Z", session.undo), ("Redo", "Y", session.redo)):
+            command = gui.add_command(label, hotkey=key, modifier="cmd/ctrl")
+            command.on_trigger(lambda _, then=then: post(then))
+
+    def _arrange(self, server: Any) -> None:
+        places = Places.of(self._session.layout.design.fabric)
+        server.gui.configure_theme(show_logo=False, show_share_button=False, control_width="medium")
+        server.gui.set_panel_label("fabdesign studio")
+        server.gui.main_panel.dock_right()
+        server.gui.main_panel.set_width(400)
+        server.scene.set_up_direction("+y")
+        server.scene.configure_default_lights(cast_shadow=False)
+        server.initial_camera.look_at = (0.0, 0.0, 0.0)
+        server.initial_camera.position = eye_of(places)
+        server.initial_camera.up = (0.0, 1.0, 0.0)
+        server.initial_camera.fov = VIEW
+        server.initial_camera.near = 0.005
+
+    # what a session asks of a view
+
+    def show_layout(self) -> None:
+        session = self._session
+        with self._server.atomic():
+            broken = {i for line in session.broken() for i in line.muscles}
+            self._flat.draw(session.layout.design, selected=session.selected, broken=broken, row_distance=session.rows)
+            self._status.show_limits()
+            self._pressures.show()
+            self._muscles.show()
+            self._model.show()
+            self._files.show()
+            if session.motion is None and not self._motion.shows(None):
+                self._motion.begin()
+                self._hung.draw_cloud("measured", None)
+
+    def show_shape(self, shape: Shape) -> None:
+        if self._session.motion is not None:
+            return  # a motion is looked at
+        with self._server.atomic():
+            self._hung.draw(shape.points, shape.layout.design)
+            if shape.jump is not None or self._session.document.in_gesture:
+                self._hung.draw_before(shape.before)
+            self._status.show_shape()
+
+    def show_comparison(self) -> None:
+        session, shape = self._session, self._session.shape
+        if session.motion is not None:
+            return
+        with self._server.atomic():
+            target, comparison = session.target, session.comparison
+            if target is None:
+                self._hung.draw_cloud("target", None)
+            elif comparison is None or shape is None:
+                self._hung.draw_cloud("target", target.points)
+            else:
+                largest = max(_DISTANCE, float(np.percentile(comparison.of_cloth, 98)))
+                self._hung.draw_distances(shape.points, comparison.of_cloth, largest)
+                self._hung.draw_cloud("target", target.points)
+                self._status.show_scale(largest)
+
+    def show_motion(self) -> None:
+        """A motion has come, or another frame of it is to be seen."""
+        motion = self._session.motion
+        if motion is None:
+            return
+        if not self._motion.shows(motion):
+            self._motion.begin()
+            self._hung.draw_before(None)
+        self._draw_frame()
+
+    def _draw_frame(self) -> None:
+        motion = self._session.motion
+        if motion is None:
+            return
+        frame = self._motion.frame
+        with self._server.atomic():
+            self._hung.draw(motion.points[frame], self._session.layout.design)
+            cloud = motion.cloud(frame)
+            self._hung.draw_cloud("target", None)
+            distances = motion.distances(frame)
+            largest = _DISTANCE if distances is None else max(_DISTANCE, float(np.percentile(distances, 98)))
+            self._hung.draw_cloud("measured", cloud, distances, largest)
+            self._motion.show()
+
+    def show_search(self, said: str, *, running: bool) -> None:
+        self._target.show_search(said, running=running)
+
+    def tell(self, text: str, *, bad: bool = False) -> None:
+        self._status.tell(text, bad=bad)
+
+    # what goes on by itself
+
+    def advance(self, seconds: float) -> None:
+        """Play on for so long."""
+        if self._motion.advance(seconds):
+            self._draw_frame()
+
+    def _show_gizmo(self, on: bool) -> None:
+        """A gizmo that moves the target, at its middle, or none."""
+        if self._gizmo is not None:
+            self._gizmo.remove()
+            self._gizmo = None
+        target = self._session.target
+        if not on or target is None:
+            return
+        import viser.transforms as transforms
+
+        file = target.file
+        angles = np.radians(file.rotation or (0.0, 0.0, 0.0))
+        self._gizmo = gizmo = self._server.scene.add_transform_controls(
+            "/hung/gizmo", scale=0.06, position=file.translation, wxyz=transforms.SO3.from_rpy_radians(*angles).wxyz
+        )
+
+        def moved(event: Any) -> None:
+            if event.phase != "end":
+                return
+            turn = np.degrees(transforms.SO3(np.array(gizmo.wxyz)).as_rpy_radians())
+            rotation, translation = tuple(map(float, turn)), tuple(map(float, gizmo.position))
+            self._post(lambda: self._target.place(rotation, translation))
+
+        gizmo.on_update(moved)

@@ -1,0 +1,102 @@
+"""The studio as a server: the page behind its gate, the simulator beside it, and the one loop that owns the session."""
+
+import contextlib
+import io
+import queue
+import time
+import traceback
+import webbrowser
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from studies.studio.gate import Gate
+from studies.studio.opening import Opened
+from studies.studio.page import Page
+from studies.studio.session import Session
+from studies.studio.worker import Worker
+
+_BEAT = 0.02  # s between looks at what is due
+
+
+def serve(
+    opened: Opened,
+    *,
+    host: str = "127.0.0.1",
+    port: int | None = None,
+    announce: Callable[[str], None],
+    browser: bool = False,
+    make_worker: Callable[[], Any] = Worker,
+) -> None:
+    """Run until it is interrupted. announce: is told the address once the page can be opened. port: None takes the
+    first free one. Raises InputError where it cannot listen; unsaved changes lie in the autosave whatever ends it."""
+    with quiet_viser() as viser_server, contextlib.closing(Gate(host, port, viser_server.get_port())) as gate:
+        announce(gate.address)
+        with contextlib.closing(make_worker()) as worker:
+            studio = Studio(viser_server, opened, worker)
+            if browser:
+                webbrowser.open(gate.address)
+            try:
+                studio.run()
+            finally:
+                studio.session.end()
+
+
+class Studio:
+    """Page and session, and the queue through which the page's threads reach the session's."""
+
+    def __init__(self, viser_server: Any, opened: Opened, worker: Any) -> None:
+        self._due: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._worker = worker
+        self.session = Session(opened, worker)
+        self.page = Page(viser_server, self.session, self._due.put)
+
+    def run(self, until: Callable[[], bool] = lambda: False) -> None:
+        self.session.begin(self.page)
+        last, alive = time.monotonic(), True
+        while not until():
+            self._work()
+            self.session.tick()
+            now = time.monotonic()
+            self.page.advance(now - last)
+            last = now
+            if alive and not self._worker.alive:
+                alive = False
+                self.page.tell("The simulator has ended; save, and start the studio again.", bad=True)
+
+    def _work(self) -> None:
+        """What the page asks, all that has come, or after a beat nothing."""
+        with contextlib.suppress(queue.Empty):
+            ask = self._due.get(timeout=_BEAT)
+            while True:
+                self._do(ask)
+                ask = self._due.get_nowait()
+
+    def _do(self, ask: Callable[[], None]) -> None:
+        """An error in one thing that was asked must not take the layout along."""
+        try:
+            ask()
+        except Exception as error:
+            traceback.print_exc()
+            self.page.tell(f"an error of the program: {type(error).__name__}: {error}", bad=True)
+
+
+@contextmanager
+def quiet_viser() -> Iterator[Any]:
+    """viser on a port of its own that nobody is told; silent, and without its way out to a public address."""
+    import rich
+    import viser
+
+    class Server(viser.ViserServer):
+        def request_share_url(self, verbose: bool = True) -> str | None:
+            """Never: a design is the laboratory's own."""
+            return None
+
+    rich.reconfigure(quiet=True)
+    with contextlib.redirect_stdout(io.StringIO()):
+        server = Server(host="127.0.0.1", port=0, label="fabdesign studio", verbose=False)
+    try:
+        yield server
+    finally:
+        with contextlib.redirect_stdout(io.StringIO()):
+            server.stop()

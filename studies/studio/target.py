@@ -1,0 +1,74 @@
+"""The target beside the cloth: where it lies, and how far the cloth is from it."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.design import Design
+from fabdesign.distances import nearest_distances
+from fabdesign.metrics import Errors, told_beyond
+from fabdesign.study_file import TargetFile
+from fabdesign.surface import Surface
+from studies.layouts.target import LoadedTarget, load_target, target_errors
+
+DRAWS = 5  # of a floor: it stands beside each exact shape, and is good to a few hundredths of a millimetre
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedTarget:
+    """A target as `optimize` takes it."""
+
+    file: TargetFile
+    loaded: LoadedTarget
+
+    @staticmethod
+    def read(file: TargetFile, design: Design) -> "PlacedTarget":
+        """Raises InputError like `optimize`, also for a place where no cloth can be."""
+        return PlacedTarget(file, load_target(file, design))
+
+    @property
+    def points(self) -> Floats:
+        """(n, 3) m."""
+        return self.loaded.points
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A shape against the target. Distances in m."""
+
+    errors: Errors
+    of_target: Floats  # (n,) of each target point to the cloth's surface
+    of_cloth: Floats  # (2 m,) of each point of the cloth to the nearest of the target
+
+    @property
+    def sentences(self) -> list[str]:
+        """For people, mm, with the noise floors beside."""
+        e = self.errors
+        said = [
+            f"Chamfer {1e3 * e.chamfer:.2f} mm (noise floor {1e3 * e.chamfer_floor:.2f})",
+            f"surface RMS {1e3 * e.surface_rms:.2f} mm (noise floor {1e3 * e.surface_floor:.2f})",
+        ]
+        return [*said, told_beyond(e.beyond)] if e.beyond else said
+
+
+def compare(target: PlacedTarget, shape: NDArray[np.float32], design: Design) -> Comparison:
+    """shape: (2 n, 3) m."""
+    errors = target_errors([target.loaded], shape[None].astype(np.float64), design, draws=DRAWS)
+    return Comparison(errors, Surface.of_faces(shape).distance(target.points), nearest_distances(shape, target.points))
+
+
+def target_file(path: Path, *, place: str = "given") -> TargetFile:
+    """place: "given" or "fit"."""
+    return TargetFile(path, place="fit" if place == "fit" else "given")
+
+
+def placed_by_hand(
+    file: TargetFile, rotation: tuple[float, float, float], translation: tuple[float, float, float]
+) -> TargetFile:
+    """rotation: degrees about the fixed axes x, y, z in this order; translation: m."""
+    a, b, c = (round(float(x), 3) for x in rotation)
+    x, y, z = (round(float(x), 6) for x in translation)
+    return replace(file, rotation=(a, b, c) if any((a, b, c)) else None, translation=(x, y, z), place="given")

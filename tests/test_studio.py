@@ -1,0 +1,670 @@
+"""The studio without a browser: layouts, their limits, snapping, the shape that follows, files."""
+
+import socket
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fabdesign.catalogue import build
+from fabdesign.design_file import read_design, write_design
+from fabdesign.errors import InputError
+from fabdesign.forward import Case
+from fabdesign.model import EffectTerm, Model, Parameter, Quantity
+from fabdesign.pressure_file import read_pressures
+from fabdesign.study_file import TargetFile, read_study
+from optimize.margins import Limits, constraint_margins
+from studies.check.files import inspect
+from studies.studio import layout as edits
+from studies.studio.autosave import Autosave
+from studies.studio.document import Document
+from studies.studio.gate import Gate
+from studies.studio.layout import Layout
+from studies.studio.limits import broken_limits
+from studies.studio.live import Jumps, Live, Shape
+from studies.studio.model_choice import ModelChoice
+from studies.studio.opening import Opened, open_files, search_limits
+from studies.studio.saving import Saving
+from studies.studio.scene import Places, laced, on_plane, ribbon
+from studies.studio.searching import study_document
+from studies.studio.session import Session
+from studies.studio.snapping import row_distance, rows, snapped
+from studies.studio.solver import Ask
+from studies.studio.target import PlacedTarget, compare
+from tests.bending import AtOnce, bow
+from tests.command_line import Run, one_line
+
+BASIC = Layout.of(build("basic"))
+
+
+class Shown:
+    """A page that notes what it is told."""
+
+    def __init__(self) -> None:
+        self.shapes: list[Shape] = []
+        self.said: list[str] = []
+        self.motions = 0
+
+    def show_layout(self) -> None: ...
+    def show_comparison(self) -> None: ...
+
+    def show_motion(self) -> None:
+        self.motions += 1
+
+    def show_search(self, said: str, *, running: bool) -> None:
+        self.said.append(said)
+
+    def show_shape(self, shape: Shape) -> None:
+        self.shapes.append(shape)
+
+    def tell(self, text: str, *, bad: bool = False) -> None:
+        self.said.append(text)
+
+
+class Clock:
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+Begin = Callable[..., tuple[Session, Shown, AtOnce, Clock]]
+
+
+@pytest.fixture
+def begin(tmp_path: Path) -> Begin:
+    """A session on `basic.toml` in an empty folder, with a page and a simulator that cost nothing."""
+
+    def make(**changes: object) -> tuple[Session, Shown, AtOnce, Clock]:
+        file = tmp_path / "basic.toml"
+        if not file.exists():
+            write_design(build("basic"), file)
+        design = read_design(file)
+        opened = replace(Opened(file, Layout.of(design), search_limits(design)), **changes)
+        worker, clock, shown = AtOnce(), Clock(), Shown()
+        session = Session(opened, worker, clock=clock)
+        session.begin(shown)
+        return session, shown, worker, clock
+
+    return make
+
+
+def settle(session: Session, clock: Clock, seconds: float = 2.0) -> None:
+    for _ in range(20):
+        clock.now += seconds / 20
+        session.tick()
+
+
+# layouts
+
+
+def test_a_corner_goes_where_it_is_put_and_not_beyond_the_cloth() -> None:
+    moved = edits.move_corner(BASIC, 0, 1, (0.06, 0.3))
+    assert moved.design.muscles[0].path == (BASIC.design.muscles[0].path[0], (0.06, 0.2))
+    assert moved.design.muscles[1:] == BASIC.design.muscles[1:]
+    assert edits.move_corner(BASIC, 0, 1, BASIC.design.muscles[0].path[0]) is BASIC  # no leg of no length
+
+
+def test_a_whole_muscle_keeps_its_form_at_the_edge() -> None:
+    moved = edits.move_muscle(BASIC, 0, (-1.0, 0.004)).design.muscles[0]
+    assert moved.path == ((0.0, 0.012), (0.0, 0.196))
+    assert moved.length == pytest.approx(BASIC.design.muscles[0].length)
+
+
+def test_removing_a_muscle_takes_its_channel_along() -> None:
+    layout = replace(BASIC, pressures=tuple(1e3 * k for k in range(8)))
+    less = edits.remove_muscle(layout, 2)
+    assert less.design.channels == 7
+    assert less.pressures == (0, 1e3, 3e3, 4e3, 5e3, 6e3, 7e3)
+    assert [m.channel for m in less.design.muscles] == list(range(7))
+    shared = edits.set_channel(layout, 3, 2)
+    assert edits.remove_muscle(shared, 2).pressures == layout.pressures  # another muscle is still on it
+
+
+def test_adding_flipping_and_corners() -> None:
+    more = edits.add_muscle(BASIC, like=7)
+    assert (more.design.channels, more.pressures[-1], more.design.muscles[-1].side) == (9, 0.0, "back")
+    assert edits.flip(BASIC, 0).design.muscles[0].side == "back"
+    bent = edits.add_corner(BASIC, 0)
+    assert bent.design.muscles[0].path[1] == (0.025, 0.1)
+    assert edits.remove_corner(bent, 0, 1) == BASIC
+    with pytest.raises(InputError, match="two apart"):
+        edits.remove_corner(BASIC, 0, 0)
+    with pytest.raises(InputError, match="expected 0 to 8"):
+        edits.set_channel(BASIC, 0, 10)
+
+
+def test_every_edit_is_a_design_that_reads_back(tmp_path: Path) -> None:
+    layout = edits.add_corner(edits.flip(edits.add_muscle(BASIC), 0), 3)
+    layout = edits.move_corner(layout, 3, 1, (0.123456789, 0.1))
+    write_design(layout.design, tmp_path / "d.toml")
+    assert read_design(tmp_path / "d.toml").muscles == layout.design.muscles
+
+
+# undo and redo
+
+
+def test_a_gesture_is_one_step() -> None:
+    document = Document(BASIC)
+    for k in range(5):
+        document.shape("drag", edits.move_muscle(BASIC, 0, (0.001 * k, 0.0)))
+    document.end()
+    dragged = document.layout
+    document.do("flip", edits.flip(dragged, 1))
+    assert (document.undo(), document.layout) == ("flip", dragged)
+    assert (document.undo(), document.layout) == ("drag", BASIC)
+    assert document.undo() is None
+    assert (document.redo(), document.layout) == ("drag", dragged)
+    document.do("another", BASIC)
+    assert document.redo() is None  # what was undone before is gone
+
+
+def test_changed_means_other_than_what_was_kept() -> None:
+    document = Document(BASIC)
+    document.do("flip", edits.flip(BASIC, 0))
+    assert document.changed
+    document.keep()
+    assert not document.changed
+    document.undo()
+    assert document.changed
+
+
+# snapping
+
+
+def test_points_fall_onto_the_nearest_crossing_of_rows() -> None:
+    assert row_distance(BASIC.design) == 0.01
+    assert rows(0.05, 0.02).tolist() == pytest.approx([0.02, 0.04])
+    rng = np.random.default_rng(0)
+    for point in rng.uniform(-0.05, 0.25, (50, 2)):
+        at = snapped((float(point[0]), float(point[1])), (0.2, 0.15), 0.02)
+        for x, given, length in zip(at, point, (0.2, 0.15), strict=True):
+            among = rows(length, 0.02)
+            assert abs(x - given) == pytest.approx(np.abs(among - given).min())
+            assert 0 < x < length
+
+
+# limits
+
+
+def test_limits_light_up_and_go_out_in_words() -> None:
+    limits = Limits()
+    assert broken_limits(BASIC, limits) == []
+    close = edits.move_muscle(BASIC, 0, (0.046, 0.0))
+    (line,) = broken_limits(close, limits)
+    assert (line.limit, line.muscles) == ("spacing", (0, 1))
+    assert line.said == "muscles 0 and 1 lie 4.0 mm apart on the front; expected 6 mm"
+    assert broken_limits(edits.flip(close, 0), limits)[0].muscles != (0, 1)
+    (edge,) = broken_limits(edits.move_corner(BASIC, 0, 0, (0.002, 0.008)), limits)
+    assert edge.said == "muscle 0 lies 2.0 mm from the edge; expected 5 mm"
+    (crossing,) = broken_limits(edits.move_corner(BASIC, 0, 0, (0.1, 0.008)), limits)
+    assert crossing.limit == "crossing"
+    (high,) = broken_limits(BASIC.with_pressure(3, 401e3), limits)
+    assert (high.limit, high.channel) == ("pressure", 3)
+    assert "channel 3 has 401 kPa; expected 0 to 400 kPa" in high.said
+
+
+def test_limits_of_a_muscle_type() -> None:
+    kind = replace(BASIC.design.muscle_types["EM20"], stock_length=0.2, tail_length=0.02, min_bend_radius=0.2)
+    layout = Layout.of(replace(BASIC.design, muscle_types={"EM20": kind}, muscles=BASIC.design.muscles[:1]))
+    (stock,) = broken_limits(layout, Limits())
+    assert stock.said == "muscle 0 is 184.0 mm long; expected at most 160 mm, the stock of EM20 less its tails"
+    sharp = edits.move_corner(edits.add_corner(layout, 0), 0, 1, (0.12, 0.1))
+    assert {line.limit for line in broken_limits(sharp, Limits())} == {"stock_length", "min_bend_radius"}
+
+
+def test_limits_agree_with_the_margins_of_a_search() -> None:
+    rng = np.random.default_rng(3)
+    names = {"crossing": "spacing", "spacing": "spacing", "shortest": "shortest"}
+    for _ in range(40):
+        layout = Layout.of(replace(BASIC.design, muscles=BASIC.design.muscles[:3]))
+        for i in range(3):
+            for corner in range(2):
+                layout = edits.move_corner(layout, i, corner, tuple(rng.uniform(0.01, 0.19, 2)))
+        margins = constraint_margins(layout.design, np.zeros(3), Limits())
+        said = {names[line.limit] for line in broken_limits(layout, Limits())}
+        assert said == {name for name, margin in margins.items() if margin < -1e-6 and name != "inside_cloth"}
+
+
+# the shape that follows
+
+
+def test_only_the_newest_layout_is_asked_and_the_exact_one_after_letting_go() -> None:
+    worker, shapes = AtOnce(), []
+    live = Live(worker, shapes.append, pytest.fail)
+    layouts = [edits.move_muscle(BASIC, 0, (0.001 * k, 0.0)) for k in range(6)]
+    for layout in layouts[:5]:  # while the first is out, others come
+        live.want(layout, Model(), moving=True)
+        if layout is layouts[0]:
+            live.turn()
+    live.turn()
+    live.turn()
+    assert [ask.design for ask in worker.asked] == [layouts[0].design, layouts[4].design]
+    assert {ask.kind for ask in worker.asked} == {"follow"}
+    live.want(layouts[4], Model(), moving=False)
+    live.turn()
+    live.turn()
+    assert live.at_rest
+    assert [(s.exact, s.points_per_side) for s in shapes] == [(False, 21), (False, 21), (True, 41)]
+    assert shapes[-1].layout is layouts[4]
+
+
+def test_an_exact_shape_of_a_layout_that_has_changed_is_dropped() -> None:
+    worker, shapes = AtOnce(), []
+    live = Live(worker, shapes.append, pytest.fail)
+    live.want(BASIC, Model(), moving=False)
+    live.turn()
+    live.turn()  # the exact one is out
+    live.want(edits.flip(BASIC, 0), Model(), moving=True)
+    live.turn()
+    live.turn()
+    assert [shape.exact for shape in shapes] == [False, False]
+
+
+def test_what_cannot_be_computed_is_told() -> None:
+    told: list[str] = []
+    live = Live(AtOnce(), lambda _: None, told.append)
+    live.want(BASIC, Model(effects=(EffectTerm("no_such_effect"),)), moving=False)
+    live.turn()
+    live.turn()
+    assert "no_such_effect" in told[0]
+
+
+def test_a_jump_is_told_from_a_motion_that_keeps_pace() -> None:
+    jumps, flat = Jumps(), np.zeros((2, 9, 3), np.float32)
+    shapes = [(edits.move_muscle(BASIC, 0, (0.001 * k, 0)), flat + np.float32(0.0004 * k)) for k in range(6)]
+    assert [jumps.of(points, layout, exact=False)[0] for layout, points in shapes] == [None] * 6
+    snapped_to = shapes[-1][1] + np.float32(0.02)
+    jump, before = jumps.of(snapped_to, edits.move_muscle(BASIC, 0, (0.006, 0)), exact=False)
+    assert jump == pytest.approx(0.02 * 3**0.5, rel=1e-3)
+    assert before is shapes[-1][1]
+    elsewhere = jumps.of(flat, edits.move_muscle(BASIC, 0, (0.006, 0)), exact=True)
+    assert elsewhere[0] is not None  # the rise from rest leads to another shape than the one that was followed
+
+
+# a sitting
+
+
+def test_a_slider_follows_and_comes_to_rest(begin: Begin) -> None:
+    session, shown, _worker, clock = begin()
+    settle(session, clock)
+    for kilopascals in range(0, 200, 20):
+        session.press(0, 1e3 * kilopascals)
+        clock.now += 0.02
+        session.tick()
+    assert session.document.in_gesture
+    settle(session, clock)
+    assert not session.document.in_gesture
+    assert shown.shapes[-1].exact
+    assert shown.shapes[-1].layout.pressures[0] == 180e3
+    session.undo()
+    assert session.layout.pressures[0] == 0.0  # the whole way of the slider is one step
+
+
+def test_dragging_snaps_where_it_is_asked(begin: Begin) -> None:
+    session, *_ = begin()
+    session.drag_corner(0, 0, (0.0312, 0.0149), last=True)
+    assert session.layout.design.muscles[0].path[0] == (0.0312, 0.0149)
+    session.snap = True
+    session.drag_corner(0, 0, (0.0312, 0.0149), last=True)
+    assert session.layout.design.muscles[0].path[0] == (0.03, 0.01)
+    session.drag_muscle(0, (0.004, 0.0), last=False)
+    session.drag_muscle(0, (0.016, 0.0), last=True)
+    assert session.layout.design.muscles[0].path == ((0.05, 0.01), (0.045, 0.192))
+    session.drag_corner(99, 0, (0.1, 0.1), last=True)  # gone meanwhile in another tab
+
+
+def test_unsaved_changes_come_back(begin: Begin) -> None:
+    session, _, _, clock = begin()
+    session.edit("flip", lambda layout: edits.flip(layout, 0))
+    session.press(1, 120e3)
+    settle(session, clock)
+    left = session.layout
+    again, shown, *_ = begin()
+    assert again.layout == left
+    assert "restored" in shown.said[0]
+    again.undo()
+    assert again.layout == Layout.of(build("basic"))
+
+
+def test_an_autosave_on_a_file_that_has_changed_is_a_step_away(begin: Begin, tmp_path: Path) -> None:
+    session, _, _, clock = begin()
+    session.edit("flip", lambda layout: edits.flip(layout, 0))
+    settle(session, clock)
+    left = session.layout
+    write_design(edits.remove_muscle(BASIC, 7).design, tmp_path / "basic.toml")
+    again, shown, *_ = begin()
+    assert len(again.layout.design.muscles) == 7
+    assert "has changed" in shown.said[0]
+    again.redo()
+    assert again.layout == left
+
+
+@pytest.mark.parametrize("text", ["", "{}", '{"format": "fabdesign.studio-autosave/1", "muscles": [{}]}', "[1]"])
+def test_a_damaged_autosave_is_none(tmp_path: Path, text: str) -> None:
+    autosave = Autosave(tmp_path / "d.toml")
+    autosave.path.write_text(text)
+    assert autosave.read(BASIC.design) is None
+
+
+def test_a_file_changed_meanwhile_is_taken_or_said(begin: Begin, tmp_path: Path) -> None:
+    session, shown, _, clock = begin()
+    settle(session, clock)
+    write_design(edits.flip(BASIC, 0).design, tmp_path / "basic.toml")
+    settle(session, clock)
+    assert session.layout.design.muscles[0].side == "back"
+    session.edit("flip", lambda layout: edits.flip(layout, 1))
+    mine = session.layout
+    write_design(edits.remove_muscle(BASIC, 0).design, tmp_path / "basic.toml")
+    settle(session, clock)
+    assert session.layout == mine
+    assert "changed by another program" in shown.said[-1]
+    session.load_again()
+    assert len(session.layout.design.muscles) == 7
+
+
+def test_what_is_saved_passes_check(begin: Begin, tmp_path: Path) -> None:
+    session, _shown, *_ = begin()
+    session.edit("move", lambda layout: edits.move_muscle(layout, 0, (0.01, 0.0)))
+    session.press(0, 150e3)
+    saved = session.save(tmp_path / "mine")
+    assert saved is not None
+    names = {file.relative_to(tmp_path / "mine").as_posix() for file in saved.files}
+    assert {"design.toml", "pressures.csv", "template/design_front.svg", "template/design_cut_list.csv"} <= names
+    assert not session.document.changed
+    design = read_design(tmp_path / "mine" / "design.toml")
+    assert design.muscles == session.layout.design.muscles
+    program = read_pressures(tmp_path / "mine" / "pressures.csv", design)
+    assert program.pressure[-1].tolist() == [150e3, *[0.0] * 7]
+    assert inspect(tmp_path / "mine" / "design.toml").problems == ()
+    again = open_files([tmp_path / "mine" / "design.toml"], None)
+    assert again.layout.pressures == session.layout.pressures
+
+
+def test_nothing_is_replaced_unasked(begin: Begin, tmp_path: Path) -> None:
+    saving, opened = Saving(), begin()[0].opened
+    folder, given = tmp_path / "mine", {"target": None, "limits": opened.limits, "model": None}
+    bare = Layout.of(replace(BASIC.design, muscles=()))  # no templates to draw
+    saving.save(bare, folder, **given)
+    assert saving.replaces(folder) is None
+    saving.save(bare, folder, **given)  # one's own
+    assert "earlier design" in str(Saving().replaces(folder))
+    with pytest.raises(InputError, match="earlier design"):
+        Saving().save(bare, folder, **given)
+    (folder / "design.toml").write_text("# by hand\n")
+    assert "another program" in str(saving.replaces(folder))
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"notes\.txt"):
+        saving.save(bare, tmp_path / "other", **given, replace=True)
+
+
+def test_playing_a_programme_asks_for_a_motion(begin: Begin) -> None:
+    session, shown, _worker, clock = begin()
+    session.press(0, 100e3)
+    session.play_rise()
+    settle(session, clock)
+    assert shown.motions == 1
+    assert session.motion is not None
+    assert len(session.motion.points) == len(session.motion.times) == 61
+    session.edit("flip", lambda layout: edits.flip(layout, 0))
+    assert session.motion is None  # it was of another layout
+
+
+def test_a_set_shows_what_was_measured_beside_its_prediction(folder: Path) -> None:
+    opened = open_files([folder / "set"], folder / "model.toml")
+    worker, shown, clock = AtOnce(), Shown(), Clock()
+    session = Session(opened, worker, clock=clock)
+    session.begin(shown)
+    session.show_trial(session.trials[1])
+    settle(session, clock)
+    assert session.motion is not None
+    distances = session.motion.distances(1)
+    assert distances is not None
+    assert distances.shape == (400,)
+    assert "surface RMS" in session.motion.said(1)
+    assert worker.asked[-1].sensing
+    session.end()
+    assert not list((folder / "set").glob(".*.studio"))
+
+
+# target and search
+
+
+def target_at(layout: Layout, path: Path, *, every: int = 1) -> PlacedTarget:
+    """The cloth's own shape as a target, every so many points of a row."""
+    ask = Ask.at_rest(0, "exact", layout.design, layout.pressures, Model())
+    np.savetxt(path, bow(Case(ask.design, ask.program))[::every, ::every].reshape(-1, 3))
+    return PlacedTarget.read(TargetFile(path), layout.design)
+
+
+def test_the_distance_to_a_target_is_that_of_the_metrics(tmp_path: Path) -> None:
+    target = target_at(BASIC, tmp_path / "flat.xyz")
+    flat = np.concatenate([target.points + [0, 0, z] for z in (1e-3, -1e-3)]).astype(np.float32)
+    found = compare(target, flat, BASIC.design)
+    assert found.errors.surface_rms == pytest.approx(1e-3, rel=1e-4)
+    assert found.of_target == pytest.approx(np.full(41 * 41, 1e-3), rel=1e-4)
+    assert found.of_cloth == pytest.approx(np.full(2 * 41 * 41, 1e-3), rel=1e-4)
+    assert "surface RMS 1.00 mm (noise floor" in found.sentences[1]
+
+
+def test_the_study_of_a_search_reads_back(tmp_path: Path) -> None:
+    target = target_at(BASIC, tmp_path / "flat.xyz")
+    folder = tmp_path / "search"
+    folder.mkdir()
+    write_design(BASIC.design, folder / "design.toml")
+    layout = BASIC.with_pressure(0, 125.5e3)
+    for vary, positions, counts in (
+        ("pressures", False, None),
+        ("pressures and positions", True, None),
+        ("one more muscle", True, range(9, 10)),
+    ):
+        text = study_document(layout, target, Limits(), vary=vary, seconds=7, model=None, beside=folder)
+        (folder / "study.toml").write_text(text)
+        study = read_study(folder / "study.toml")
+        assert study.positions is positions
+        assert (None if study.muscles is None else study.muscles.counts) == counts
+        assert study.limits.seconds == 7
+        assert study.start_pressures is not None
+        assert study.start_pressures[0] == 125.5e3
+        assert study.targets[0].file.resolve() == (tmp_path / "flat.xyz").resolve()
+
+
+# the model
+
+
+def test_effects_are_switched_with_amounts_that_show() -> None:
+    given = Model(
+        {"bending": Parameter(1.2)},
+        effects=(EffectTerm("filling_lag", {"time_constant": Quantity(0.2, "s")}, scope="rig"),),
+    )
+    choice = ModelChoice.of(given)
+    assert choice.model is given
+    off = choice.switched("filling_lag", False)
+    assert (off.model.effects, off.model.factors) == ((), {"bending": 1.2})
+    assert off.switched("filling_lag", True).model is given
+    tilted = off.switched("frame_tilt", True)
+    assert any(value != 0 for value in tilted.amounts["frame_tilt"].values())
+    sheet = choice.sheet(False)
+    assert (sheet.model.factors, sheet.model.effects) == ({}, ())
+
+
+# scene
+
+
+def test_what_is_pointed_at_is_the_point_of_the_cloth() -> None:
+    places = Places.of(BASIC.design.fabric)
+    eye = np.array([0.4, 0.3, 1.2])
+    for side in ("front", "back"):
+        for point in ((0.03, 0.15), (0.2, 0.0)):
+            at = places.flat(np.array([point]), side)[0]
+            through = on_plane(eye, eye + 0.37 * (at - eye), at[2])
+            assert through is not None
+            assert places.fabric_point(through, side) == pytest.approx(point)
+    assert on_plane(eye, eye + [0.0, 0.0, 1.0], 0.0) is None
+
+
+def test_muscles_lie_off_their_own_face() -> None:
+    points = np.concatenate([np.reshape(bow_flat(z), (-1, 3)) for z in (1e-3, -1e-3)]).astype(np.float32)
+    for index, sign in ((0, 1), (4, -1)):
+        muscle = BASIC.design.muscles[index]
+        line = laced(points, muscle, BASIC.design.fabric)
+        expected = muscle.fixed_points()
+        assert line[:, 0] == pytest.approx(expected[:, 0] - 0.1, abs=1e-6)
+        assert line[:, 1] == pytest.approx(-expected[:, 1], abs=1e-6)
+        assert (sign * line[:, 2] > 1e-3).all()
+    vertices, triangles = ribbon(np.array([[0.0, 0, 0], [0.1, 0, 0]]), 0.01)
+    area = np.linalg.norm(np.cross(*(vertices[triangles[:, k]] - vertices[triangles[:, 0]] for k in (1, 2))), axis=1)
+    assert area.sum() / 2 == pytest.approx(0.01 * 0.11)
+
+
+def bow_flat(z: float) -> np.ndarray:
+    u, v = np.meshgrid(np.linspace(-0.1, 0.1, 41), np.linspace(0, -0.2, 41))
+    return np.stack([u, v, np.full_like(u, z)], axis=-1)
+
+
+# the door
+
+
+def request(port: int, head: str) -> str:
+    with socket.create_connection(("127.0.0.1", port), timeout=5) as connection:
+        connection.sendall(head.replace("\n", "\r\n").encode() + b"\r\n\r\n")
+        parts = iter(lambda: connection.recv(4096), b"")
+        return b"".join(parts).decode()
+
+
+@pytest.fixture
+def inner() -> int:
+    """A port behind which something answers every request alike."""
+    import http.server
+    import threading
+
+    class Answering(http.server.BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.end_headers()
+            self.wfile.write(b"the page")
+
+        def log_message(self, *_: object) -> None: ...
+
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Answering)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield server.server_port  # type: ignore[misc]
+    server.shutdown()
+    server.server_close()
+
+
+def test_only_the_own_page_comes_in(inner: int) -> None:
+    gate = Gate("127.0.0.1", None, inner, first=18431)
+    try:
+        assert gate.address == f"http://127.0.0.1:{gate.port}/"
+        host = f"GET / HTTP/1.1\nHost: 127.0.0.1:{gate.port}"
+        assert "the page" in request(gate.port, host)
+        assert "403" in request(gate.port, "GET / HTTP/1.1\nHost: evil.example")
+        assert "403" in request(gate.port, f"{host}\nOrigin: http://evil.example")
+        assert "the page" in request(gate.port, f"{host}\nOrigin: http://127.0.0.1:{gate.port}")
+        with pytest.raises(InputError, match="expected a free port"):
+            Gate("127.0.0.1", gate.port, inner)
+        other = Gate("127.0.0.1", None, inner, first=gate.port)
+        assert other.port != gate.port
+        other.close()
+    finally:
+        gate.close()
+
+
+def test_another_host_asks_for_a_token(inner: int) -> None:
+    gate = Gate("0.0.0.0", None, inner, first=18431)
+    try:
+        assert gate.token is not None
+        assert gate.address.endswith(f"?token={gate.token}")
+        head = f"HTTP/1.1\nHost: somewhere:{gate.port}"
+        assert "403" in request(gate.port, f"GET / {head}")
+        assert "403" in request(gate.port, f"GET /?token=wrong {head}")
+        let_in = request(gate.port, f"GET /?token={gate.token} {head}")
+        assert "303" in let_in
+        cookie = next(line for line in let_in.splitlines() if line.startswith("Set-Cookie: "))
+        cookie = cookie.removeprefix("Set-Cookie: ").partition(";")[0]
+        assert "the page" in request(gate.port, f"GET / {head}\nCookie: {cookie}")
+    finally:
+        gate.close()
+
+
+# the command
+
+
+def test_what_it_is_opened_on(run: Run, folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("viser")
+    one_line(run("studio", folder / "none.toml"), "none.toml")
+    one_line(run("studio", folder / "model.toml"), "expected a design, a study or a measurement set")
+    one_line(run("studio", folder / "cross.toml", folder / "bare.toml"), "expected one")
+    one_line(run("studio", folder / "cross.toml", folder / "x.docx"), "expected a design, study, set, target")
+    opened = open_files([folder / "cross.toml", folder / "p.csv"], folder / "model.toml")
+    assert opened.layout.pressures == (200e3, 50e3)
+    assert opened.model is not None
+    assert open_files([], None).layout.design.muscles == build("basic").muscles
+
+
+def test_without_the_extra_one_line_says_how(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "viser", None)
+    code, out, err = run("studio", "--no-browser")
+    assert (code, out) == (1, "")
+    assert err == "fabdesign: needs viser; install it with: pip install 'fabdesign[studio]'\n"
+
+
+def test_help_loads_nothing_heavy() -> None:
+    script = (
+        "import sys; sys.argv = ['fabdesign', 'studio', '--help']\nfrom fabdesign.cli import main\n"
+        "try: main()\nexcept SystemExit: pass\n"
+        "print([m for m in ('viser', 'taichi', 'scipy', 'asyncio') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert "--no-browser" in done.stdout
+    assert done.stdout.endswith("[]\n")
+
+
+# the page, without a browser to see it
+
+
+def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("viser")
+    from studies.studio.server import Studio, quiet_viser
+
+    monkeypatch.chdir(folder)
+    write_design(BASIC.design, folder / "basic.toml")
+    target = target_at(BASIC.with_pressure(0, 200e3), folder / "bowed.xyz", every=4)
+    with quiet_viser() as server:
+        studio = Studio(server, open_files([Path("basic.toml"), target.file.file], folder / "model.toml"), AtOnce())
+        session, page = studio.session, studio.page
+        turns = iter(range(1000))
+
+        def run(turns_more: int = 12) -> None:
+            until = next(turns) + turns_more
+            studio.run(lambda: next(turns) > until)
+
+        run()
+        assert session.shape is not None
+        assert session.shape.exact
+        assert server.scene.get_handle_by_name("/hung/distances") is not None
+        session.edit("add", lambda layout: edits.add_corner(edits.add_muscle(layout, 0), 8))
+        session.edit("move", lambda layout: edits.move_muscle(layout, 8, (-0.022, 0.0)))
+        session.choose(session.choice.switched("frame_tilt", True))
+        page._show_gizmo(True)
+        page._target.place((0.0, 0.0, 5.0), (0.0, 0.001, 0.0))
+        run()
+        assert session.target is not None
+        assert session.target.file.rotation == (0.0, 0.0, 5.0)
+        assert server.scene.get_handle_by_name("/flat/corner_8_2") is not None
+        assert "muscles 1 and 8" in page._status._limits.content
+        session.play_rise()
+        run()
+        assert session.motion is not None
+        assert page._motion.frame > 0
+        session.edit("remove", lambda layout: edits.remove_muscle(layout, 8))
+        assert server.scene.get_handle_by_name("/flat/corner_8_2") is None
+        run()
+        page.show_search("searching", running=True)
+        session.end()
