@@ -68,7 +68,7 @@ def ratios(points: int) -> tuple[float, list[float], int, int]:
 
 
 def agreement() -> dict[str, list[float]]:
-    """What the float64 reference's forces lack of staying in balance, by kind of column."""
+    """Of each kind of column: what the reference's balance of forces lacks (tests/derivatives_reference.py)."""
     own = cases()
     off: dict[str, list[float]] = {one.name: [] for one in kinds()}
     for case, found in zip(own, Simulator(points_per_side=COMPARED).shape_jacobian(own, kinds()), strict=True):
@@ -101,8 +101,8 @@ def page(sizes: Sequence[int]) -> list[str]:
         "",
         "## Agreement with the float64 reference",
         "",
-        f"Of eight shapes at {COMPARED} points a side: what the reference's forces lack of staying in balance along",
-        "a column, as a displacement by its Gauss-Newton stiffness, over the column (norms). Bound 1e-2.",
+        f"Of eight shapes at {COMPARED} points a side: what the reference's balance of forces lacks along a column,",
+        "as a displacement by its Gauss-Newton stiffness, over the column (norms). Bound 1e-2.",
         "",
         "| column | median | most |",
         "|---|---|---|",
