@@ -40,6 +40,10 @@ def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], tuple[st
     none = wide.scored(added)
     found = [_chosen(wide, none, added, label, selection) for label in chosen.vector.labels]
     found += [_other(wide, none, added, places[label], label, selection) for label in others]
+    excess = none.excess(selection.floor)
+    found += [
+        Candidate(label_effect(label), 0.0, (0.0, most), excess, False, {}) for label, most in selection.nothing.items()
+    ]
     best: dict[str, Candidate] = {}
     for candidate in sorted(found, key=lambda c: c.gain):
         best[candidate.name] = candidate

@@ -4,7 +4,7 @@ A fit without an effect goes to a false minimum, where a lag becomes damping; ar
 Where all may act, the fit finds its way, and what is not there comes out as nothing.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -52,7 +52,8 @@ class Task:
 @dataclass(frozen=True, eq=False)
 class Selection:
     """everything: the joint fit. plain: the declared parameters alone. chosen: with what is needed; `plain` itself
-    where that is nothing. small: effects that are certain but within the tolerance."""
+    where that is nothing. small: effects that are certain but within the tolerance. nothing: m RMS that terms left out
+    of the joint fit on its way could move the residuals by at most, by label."""
 
     everything: Fit
     plain: Fit
@@ -60,6 +61,7 @@ class Selection:
     folds: Sequence[int]
     floor: float
     small: tuple[str, ...]
+    nothing: Mapping[str, float]
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -88,11 +90,14 @@ def select(task: Task) -> Selection:
     size = fabric.width, fabric.height
     every = fit_vector(["all"], factors=task.factors, scope=task.scope, channels=task.channels, size=size)
     vector = without(every, task.known)
+    nothing: dict[str, float] = {}
     start, some = vector.start, evenly(len(task.samples), EARLY_TRIALS)
     for horizon in horizons(task.samples)[:-1]:
         shorter = replace(task, samples=[cut(task.samples[k], horizon) for k in some])
         early = _fit(shorter, f"every effect to {horizon:g} s", vector, start=start, close=_EARLY_CLOSE)
-        vector, index = vector.only(possible(early, task.tolerance))
+        gone = negligible(early, task.tolerance)
+        nothing |= gone
+        vector, index = vector.only([label for label in vector.labels if label not in gone])
         start = early.x[index]
     everything = _fit(task, "every effect", vector, start=start, close=_JOINT_CLOSE)
     plain = _fit(task, "plain", vector.without_effects, everything.inputs)
@@ -105,12 +110,12 @@ def select(task: Task) -> Selection:
         if weak is None:
             break
         small.append(weak)
-        labels = [label for label in labels if label != weak]
+        labels = [label for label in labels if label_effect(label) != label_effect(weak)]
         chosen = plain
     if chosen is not plain and LeftOut.of(plain, task.folds).scored().excess(task.floor) <= task.tolerance:
         small += labels
         chosen = plain
-    return Selection(everything, plain, chosen, task.folds, task.floor, tuple(small))
+    return Selection(everything, plain, chosen, task.folds, task.floor, tuple(small), nothing)
 
 
 def label_effect(label: str) -> str:
@@ -118,14 +123,14 @@ def label_effect(label: str) -> str:
     return label.partition(":")[0]
 
 
-def possible(early: Fit, tolerance: float) -> list[str]:
-    """The terms of which the data say little yet, or that may, two standard deviations off, move the residuals by half
-    the `tolerance` [m] RMS, less what the other unknowns can take of that."""
+def negligible(early: Fit, tolerance: float) -> dict[str, float]:
+    """The terms that are well known and, two standard deviations off, move the residuals by less than half the
+    `tolerance` [m] RMS, less what the other unknowns can take of that; and by how much [m] at most."""
     normal, vector = early.normal, early.vector
     share = normal.scale**2 / max(normal.tempering * float(normal.frames.sum()), 1e-12)
     ridged = normal.sensitivity + share * np.diag(1 / vector.prior**2)
     deviation = np.sqrt(np.diag(early.covariance))
-    found = []
+    found = {}
     for label in vector.labels:
         part = vector.part(label)
         others = np.setdiff1d(np.arange(len(early.x)), part)
@@ -133,10 +138,10 @@ def possible(early: Fit, tolerance: float) -> list[str]:
         left = normal.sensitivity[np.ix_(part, part)] - across @ np.linalg.solve(
             ridged[np.ix_(others, others)], across.T
         )
-        most = np.abs(early.x[part]) + 2 * deviation[part]
-        little = (deviation[part] > KNOWN * vector.prior[part]).any()
-        if little or float(most @ np.sqrt(np.maximum(np.diag(left), 0.0))) > 0.5 * tolerance:
-            found.append(label)
+        size = np.abs(early.x[part]) + 2 * deviation[part]
+        most = float(size @ np.sqrt(np.maximum(np.diag(left), 0.0)))
+        if (deviation[part] <= KNOWN * vector.prior[part]).all() and most <= 0.5 * tolerance:
+            found[label] = most
     return found
 
 
