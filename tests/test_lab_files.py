@@ -277,7 +277,7 @@ def test_garbage_is_one_line_whatever_it_claims_to_be(
 
 @settings(max_examples=12)
 @given(
-    points=st.lists(st.tuples(*[st.floats(-1, 1, width=32)] * 3), min_size=1, max_size=9, unique=True),
+    points=st.lists(st.tuples(*[st.floats(-1, 1, width=32)] * 3), min_size=2, max_size=9, unique=True),
     cut=st.floats(0, 0.999),
 )
 def test_clouds_of_every_kind_read_back_and_no_cut_is_accepted(

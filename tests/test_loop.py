@@ -34,6 +34,7 @@ from studies.tracing.data import TooLittle
 from studies.tracing.stages import AnotherTrace
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line
+from tests.few_effects import few_effects
 
 Array = NDArray[np.float64]
 NOISE = SensorNoise(0.0006, 0.002, 0.02)
@@ -103,6 +104,7 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     shape = Weak().equilibria([Case(design, constant_program(HIDDEN), {"muscle_gain": GAIN})])[0]
     np.savetxt(tmp_path / "target.xyz", NOISE.draw(Surface.of_faces(shape), 1500, np.random.default_rng(3)))
     (tmp_path / "key.toml").write_text('format = "fabdesign.key/1"\n')
+    few_effects(monkeypatch, "filling_lag", "orthotropy", "frame_tilt")
     (tmp_path / "study.toml").write_text(STUDY)
     (tmp_path / "lab.toml").write_text(LABORATORY)
     monkeypatch.setattr(
@@ -308,11 +310,12 @@ def test_the_cloth_is_found_in_its_points_whatever_was_believed(truth: float, be
     assert np.sqrt(np.mean(off**2)) < 0.12e-3
 
 
-def test_a_reduced_loop_on_the_rig(tmp_path: Path) -> None:
+def test_a_reduced_loop_on_the_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Simulator and virtual rig, both coarse: two designs, the second by what the first one's trials taught."""
     from studies.rig import run_rig
     from studies.rig.scene import Resolution
 
+    few_effects(monkeypatch, "filling_lag", "orthotropy", "frame_tilt")
     key = 'format = "fabdesign.key/1"\n[parameters]\nmuscle_gain = 0.75\n'
     (tmp_path / "key.toml").write_text(f"{key}[sensing]\nframe_rate = 20.0\npoints = 300\n")
     design = build("cross")

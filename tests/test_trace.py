@@ -32,7 +32,9 @@ from studies.tracing.experiment import programs
 from studies.tracing.run import trace_set
 from studies.tracing.selection import conditioned, cost, needed, sparse
 from studies.tracing.verdict import Evidence, decide, explains
+from tests.few_effects import few_effects
 
+TRIED = "braid_hysteresis", "muscle_creep", "odd_muscle", "filling_lag", "dead_time", "supply_droop", "time_offset"
 TIMES = np.arange(1, 13) * 0.12
 NOISE = SensorNoise(0.0006, 0.002, 0.02)
 TRUTH = {"bending": 1.1, "muscle_gain": 0.95}
@@ -103,6 +105,13 @@ def write(folder, *, effects=(), forward=None, tests=1, count=8):
 def trace(tmp_path, *, forward=None, **kwargs):
     measured = write(tmp_path / "set", forward=forward, **kwargs)
     return trace_set(measured, tmp_path / "out", inputs=[tmp_path / "set"], forward=Curler())
+
+
+@pytest.fixture(autouse=True, scope="module")
+def tried():
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        few_effects(monkeypatch, *TRIED)
+        yield
 
 
 @pytest.fixture(scope="module")

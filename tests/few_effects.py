@@ -1,0 +1,10 @@
+"""A joint fit of some effects of the list: each strength costs a motion of every trial."""
+
+import pytest
+
+from fabdesign.effects.registry import EFFECTS
+
+
+def few_effects(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
+    """That "all" means these."""
+    monkeypatch.setattr("optimize.fit.parameters.EFFECTS", {name: EFFECTS[name] for name in names})
