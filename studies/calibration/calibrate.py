@@ -19,7 +19,6 @@ from fabdesign.splits import fit_trials
 from fabdesign.trial import MeasurementSet, Trial
 from optimize.fit.clouds import Sample, evenly, sample_trial
 from optimize.fit.descent import Fit, Progress, fit, parts
-from optimize.fit.inputs import DEFAULT_ACCURACY
 from optimize.fit.parameters import DECLARED, FitVector
 from studies.bad_data import Tolerance
 from studies.calibration.ambiguities import ambiguities
@@ -197,7 +196,7 @@ def _fit(
 ) -> Fit:
     """With effects, from the data sheet too: where the fit without them ends may be far off, in a false minimum."""
     if not vector.terms:
-        return fit(samples, forward, slopes=slopes, vector=vector, accuracy=DEFAULT_ACCURACY, progress=progress)
+        return fit(samples, forward, slopes=slopes, vector=vector, progress=progress)
     plain = vector.without_effects
     early, late = parts(progress, _WITHOUT_EFFECTS)
     first = fit(
@@ -205,10 +204,9 @@ def _fit(
         forward,
         slopes=slopes,
         vector=plain,
-        accuracy=DEFAULT_ACCURACY,
         progress=lambda line, share: early(f"no effects, {line}", share),
     )
-    found = fit(samples, forward, slopes=slopes, vector=vector, accuracy=DEFAULT_ACCURACY, progress=late)
+    found = fit(samples, forward, slopes=slopes, vector=vector, progress=late)
     return replace(found, before=first.before, without_effects=first)
 
 
