@@ -295,7 +295,8 @@ def test_clouds_of_every_kind_read_back_and_no_cut_is_accepted(
     for name, content in files.items():
         (folder / name).write_bytes(content)
         np.testing.assert_array_equal(read_geometry(folder / name).points, cloud)
-        (folder / name).write_bytes(content[: int(cut * (len(content) - 4))])
+        last = 0 if name == "b.pcd" else len(content.split()[-1])  # a cut within the last number cannot be seen
+        (folder / name).write_bytes(content[: int(cut * (len(content) - last - 1))])
         with pytest.raises(InputError):
             read_geometry(folder / name)
     np.save(folder / "d.npy", cloud)
