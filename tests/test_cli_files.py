@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 
@@ -30,7 +31,10 @@ def test_help_answers_in_half_a_second(command: str) -> None:
 
 @pytest.mark.parametrize("command", [*commands.commands])
 def test_every_command_takes_json(command: str) -> None:
-    assert "--json" in [option for parameter in commands.commands[command].params for option in parameter.opts]
+    found = commands.commands[command]
+    each = [*found.commands.values()] if isinstance(found, click.Group) else [found]
+    for one in each:
+        assert "--json" in [option for parameter in one.params for option in parameter.opts], one.name
 
 
 def test_new_then_check_then_export(run: Run, tmp_path: Path) -> None:
@@ -65,7 +69,8 @@ def test_simulate(run: Run, hanging: type[Hanging], folder: Path) -> None:
     assert (code, json.loads(printed)) == (0, {"motion": str(out), "frames": 61, "points": 3362})
     assert hanging.asked[0].factors == {"membrane": 1.1}
     with np.load(out) as motion:
-        assert set(motion) == {"time", "points", "triangles"}
+        muscles = {f"muscle_{name}" for name in ("begins", "points", "diameters", "sides")}
+        assert set(motion) == {"time", "points", "triangles", "cloth_size"} | muscles
         assert motion["time"].tolist() == [k / 60 for k in range(61)]
         assert (motion["points"].shape, motion["points"].dtype) == ((61, 3362, 3), np.float32)
     assert (hanging.side, hanging.options) == (41, {"self_contact": False, "rise": 1.0, "hold": 10.0})
