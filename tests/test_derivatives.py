@@ -54,8 +54,8 @@ def test_a_shape_that_buckles_is_said_and_takes_differences():
     [found] = SIMULATOR.shape_jacobian([standing], columns)
     [plain] = SIMULATOR.shape_jacobian([standing], columns, exact=False)
     assert not found.exact.any()
-    assert np.array_equal(found.changes, plain.changes)
-    assert np.abs(found.changes).max() > 0
+    assert np.array_equal(found.changes, plain.changes, equal_nan=True)  # NaN where a moved shape falls over
+    assert not (found.changes == 0).all()
 
 
 def test_effects_that_add_forces_take_differences_where_they_are_off_too():

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isqrt
 
 import numpy as np
 
@@ -59,7 +60,8 @@ class FitProblem:
             base = evaluation.sheets
         else:
             base = self._sheets(self.slopes, [self.vector.case(s.trial, evaluation.x) for s in self.samples])
-        nodes = nodes_of(evaluation.found, base[0].middle.shape[1])
+        face = isqrt(evaluation.sheets[0].points.shape[1] // 2)
+        nodes = nodes_of(evaluation.found, base[0].middle.shape[1], face)
         parts, at_once = [], max(1, _AT_ONCE // len(self.samples))
         for first in range(0, len(others), at_once):
             some = others[first : first + at_once]
