@@ -70,7 +70,7 @@ class Swinger(Curler):
     def _motion(self, case, times):
         frames = super()._motion(case, times)
         turns = np.sin(30 * np.log(case.factors.get("damping", 1.0)))
-        frames[times > 0.5, :, 2] += (0.2 * turns * frames[times > 0.5, :, 1]).astype(np.float32)
+        frames[times > 0.5, :, 2] += (0.1 * turns * frames[times > 0.5, :, 1]).astype(np.float32)
         return frames
 
 

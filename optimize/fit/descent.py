@@ -17,7 +17,7 @@ from optimize.fit.problem import Evaluation, FitProblem, Linearisation
 _STEP = 0.03  # of a logarithm, in the first finite differences
 _ITERATIONS = 20
 _CONVERGED = 0.01  # of a logarithm
-CLOSE = 0.5  # of log likelihood: a step that promises less is the last, and still taken
+CLOSE = 0.05  # of log likelihood: a step that promises less is the last, and still taken
 _CLOSE_ENOUGH = 3.0  # the same where a longer horizon follows
 _PROMISED = 0.25  # of the gain that a step promised: while it gains as much, its Jacobian is updated, not made anew
 _NEAR = 0.03  # of a logarithm: steps under it are left to the next horizon

@@ -23,6 +23,7 @@ _CHANGE = 0.2e-3  # m, RMS of the residuals' change that later differences aim a
 _SHORTEST, _LONGEST = 0.1, 1.5  # of such a difference, in standard deviations of the prior
 _LARGEST = 0.4  # of a logarithm, in one iteration
 _REWEIGHTED = 6  # times, in one iteration
+_LINEAR = 0.005  # m: frames that the prior moves by more count less, where errors of the inputs are not weighed
 _SMALLEST_SCALE = 1e-6  # m, for clouds without noise
 
 
@@ -125,6 +126,8 @@ def normal_equations(
         scale = _scale(left[sharp > 0.5]) if (sharp > 0.5).any() else scale
         sharp = 1 / (1 + np.square(BENT * bent / scale))
     frames = sharp * _frame_weights(found, sound, left * np.sqrt(sharp))
+    if inputs is None:
+        frames = frames * _linear_weights(found, sound, j, vector.prior)
     w = frames * np.minimum(1.0, HUBER * scale / np.maximum(np.abs(left) * np.sqrt(sharp), 1e-12)) / scale**2
     white = j if inputs is None else j - _explained(j, u, w, cluster)[0]
     scores = np.zeros((cluster.max() + 1, len(weight)))
@@ -260,6 +263,15 @@ def _frame_weights(found: Match, sound: NDArray[np.bool_], residual: Array) -> A
     medians = np.array([np.median(size[points]) for points in groups])
     far = medians / (FAR * max(float(np.median(medians)), _SMALLEST_SCALE))
     return np.asarray(np.square(1 / np.maximum(1.0, far))[frame])
+
+
+def _linear_weights(found: Match, sound: NDArray[np.bool_], jacobian: Array, prior: Array) -> Array:
+    """Of each point, by its frame: less where the prior moves the surface by more than can be linearised, as where the
+    cloth is about to buckle to one side or the other."""
+    frame, groups = frames_of(found, sound)
+    moved = np.square(jacobian * prior).sum(axis=1)
+    unsure = np.sqrt(np.array([moved[points].mean() for points in groups])) / _LINEAR
+    return np.asarray(np.square(1 / np.maximum(1.0, unsure))[frame])
 
 
 def clusters(samples: Sequence[Sample], found: Match) -> Indices:
