@@ -6,6 +6,7 @@ Where all may act, the fit finds its way, and what is not there comes out as not
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -26,6 +27,7 @@ KNOWN = 0.35  # of the prior's standard deviation, over which the data say littl
 _EARLY_CLOSE, _JOINT_CLOSE = 3.0, 1.0  # of log likelihood: where a fit ends that others follow
 ALIKE = 0.98  # cosine from which on two effects are one answer
 Say = Callable[[str], None]
+Gains = dict[str, tuple[float, tuple[float, float]]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,15 +71,17 @@ class Selection:
         gains = self.gains
         return tuple(sorted(self.chosen.vector.labels, key=lambda label: -gains[label][0]))
 
-    @property
-    def gains(self) -> dict[str, tuple[float, tuple[float, float]]]:
-        """m of excess, in quadrature, that trials left out gain by each effect chosen, and 90 %."""
-        left = LeftOut.of(self.chosen, self.folds)
-        own = left.scored()
-        return {
-            label: left.gain(left.scored(self.chosen.vector.part(label)), own, self.floor)
-            for label in self.chosen.vector.labels
-        }
+    @cached_property
+    def gains(self) -> Gains:
+        """Of each effect chosen."""
+        return gains_of(self.chosen, self.folds, self.floor)
+
+
+def gains_of(found: Fit, folds: Sequence[int], floor: float) -> Gains:
+    """By each effect of a fit: m of excess, in quadrature, that trials left out gain by it, and 90 %."""
+    left = LeftOut.of(found, folds)
+    own = left.scored()
+    return {label: left.gain(left.scored(found.vector.part(label)), own, floor) for label in found.vector.labels}
 
 
 def select(task: Task) -> Selection:
@@ -220,11 +224,7 @@ def _chosen_only(term: Term) -> Term:
 
 def _weakest(task: Task, chosen: Fit) -> str | None:
     """The effect that trials left out gain least by, if that is not certain or not more than the tolerance."""
-    left = LeftOut.of(chosen, task.folds)
-    own = left.scored()
-    gains = {
-        label: left.gain(left.scored(chosen.vector.part(label)), own, task.floor) for label in chosen.vector.labels
-    }
+    gains = gains_of(chosen, task.folds, task.floor)
     weakest = min(gains, key=lambda label: gains[label][0])
     gain, (low, _) = gains[weakest]
     return weakest if gain < task.tolerance or low <= 0 else None
