@@ -1,11 +1,14 @@
 """What the kernels work on: declared once, loaded by name, and nothing of a batch left for the next one."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import taichi as ti
 
 from fabdesign.effects.acting import specimen_of
 from sim import Simulator, state
+from sim.kernels import fields
 from sim.kernels.fields import LANES, F, X
 from sim.kernels.transfer import ZEROED, ZEROED3, Shared, load
 from sim.kernels.vectors import Lanes, Wide
@@ -51,6 +54,14 @@ def test_a_batch_loads_all_that_is_declared_as_loaded():
     shared = Shared(4, 4, 0, *(np.zeros(0),) * 6)
     with pytest.raises(ValueError, match=r"a batch must load .*'mass'.* and lane; got"):
         load(1, {"x0": np.zeros((1, 1, 3, LANES))}, shared)
+
+
+def test_no_loop_over_a_field_is_longer_than_the_table_of_steps(monkeypatch):
+    """A loop that steps beyond the table reads what lies there, often 0, and never ends. So it was once the planes of
+    nodes outgrew those of vectors, in a process that had registered an effect of its own."""
+    assert F.after.shape[0] >= max(getattr(F, name).shape[1] for name in (*ZEROED, *ZEROED3))
+    monkeypatch.setattr(fields, "F", SimpleNamespace(node3=F.node3, node=SimpleNamespace(shape=(8, 10**6))))
+    assert fields._longest() == 10**6
 
 
 def test_planes_lie_apart():

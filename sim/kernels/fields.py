@@ -84,8 +84,7 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     F.__dict__.update(sizes.__dict__, blocks=blocks, declared=declared)
     _make_fields(sizes, blocks)
     _make_shared(sizes, blocks)
-    longest = max(F.node3.shape[1], F.point.shape[1], F.across.shape[1], F.coarse.shape[1])  # of all loops
-    F.after = ti.field(ti.i32, shape=longest) if wanted(HIDDEN_STEPS) else Following()  # filled with the first batch
+    F.after = ti.field(ti.i32, shape=_longest()) if wanted(HIDDEN_STEPS) else Following()  # filled with the first batch
     F.ready = True
 
 
@@ -133,6 +132,12 @@ def _make_shared(sizes: state.Sizes, blocks: int) -> None:
     C.__dict__.update(_begins(state.COARSE_SHARED))
     C.shared = ti.field(ti.f32, shape=sum(state.COARSE_SHARED.values()) + (modes + 4) * down)
     C.place = ti.field(ti.i32, shape=state.COARSE_ACROSS + state.COARSE_SAMPLES + 32)
+
+
+def _longest() -> int:
+    """Of all loops: one that steps beyond the table of steps need not end."""
+    shapes = [value.shape for space in (F, C) for value in vars(space).values() if hasattr(value, "shape")]
+    return max(entries for shape in shapes for entries in shape)
 
 
 def _begins(parts: dict[str, int]) -> dict[str, int]:
