@@ -135,7 +135,9 @@ def test_derivatives_are_those_of_moved_surfaces():
 
 def test_known_factors_come_back_and_ambiguities_are_said(measured, tmp_path):
     lines = []
-    found = calibrate(measured, Curler(), engines=ONE_ENGINE, progress=lambda line, share: lines.append(line))
+    found = calibrate(
+        measured, Curler(), engines=ONE_ENGINE, accuracy=None, progress=lambda line, share: lines.append(line)
+    )
     f = {name: parameter.factor for name, parameter in found.model.parameters.items()}
     # the data fix gain x offset / bending and the delay; which of the three it is, only the data sheet could say
     assert f["muscle_gain"] * f["axis_offset"] / f["bending"] == pytest.approx(0.9 * 1.1 / 1.2, rel=0.01)
@@ -215,14 +217,15 @@ def test_the_difference_between_engines_widens_what_the_data_determine(measured)
 def test_model_error_widens_intervals(measured, monkeypatch):
     """A wrong engine's residuals are alike over a whole trial: the intervals must not shrink with the points."""
 
-    def width(lag):
-        low, high = calibrate(measured, Curler(lag=lag), engines=ONE_ENGINE).model.parameters["damping"].interval90
+    def width(lag, seed=0):
+        found = calibrate(measured, Curler(lag=lag), engines=ONE_ENGINE, seed=seed)
+        low, high = found.model.parameters["damping"].interval90
         return np.log(high / low)
 
     right, wrong = width(0.0), width(0.2)
-    assert wrong > 1.2 * right
-    monkeypatch.setattr("studies.calibration.calibrate.POINTS", 60)
-    assert wrong > 0.9 * width(0.2)  # which has a fifth of the points
+    assert wrong > 2 * right
+    monkeypatch.setattr("studies.calibration.calibrate.POINTS", 60)  # a fifth of them, drawn four times
+    assert wrong > 0.9 * np.median([width(0.2, seed) for seed in range(4)])
 
 
 def test_the_fine_engine_has_the_last_word(measured):
@@ -234,9 +237,11 @@ def test_the_fine_engine_has_the_last_word(measured):
             return super().motions(cases, times)
 
     fine, slopes = Asked(), Asked(power=0.7)
-    assert calibrate(measured, slopes).model.factors["damping"] == pytest.approx(1.3 ** (1 / 0.7), rel=0.02)
+    assert calibrate(measured, slopes, accuracy=None).model.factors["damping"] == pytest.approx(
+        1.3 ** (1 / 0.7), rel=0.02
+    )
     slopes.batches.clear()
-    mended = calibrate(measured, fine, slopes=slopes).model.factors
+    mended = calibrate(measured, fine, slopes=slopes, accuracy=None).model.factors
     assert mended["damping"] == pytest.approx(1.3, rel=0.01)
     trials = len(fit_trials(measured.trials, None))
     assert set(fine.batches) == {2 * trials, 3 * trials}  # with the data sheet; steps of three lengths; no differences
@@ -245,13 +250,14 @@ def test_the_fine_engine_has_the_last_word(measured):
 
 def test_early_frames_lead_past_false_minima_of_late_ones(tmp_path, monkeypatch):
     measured = write(tmp_path / "set", [100, 200, 300, 250, 150], forward=Swinger(), times=np.arange(1, 15) / 10)
-    found = calibrate(measured, Swinger(), engines=ONE_ENGINE)
+    found = calibrate(measured, Swinger(), engines=ONE_ENGINE, accuracy=None)
     assert found.fit.converged
     assert found.model.factors["damping"] == pytest.approx(1.3, rel=0.005)
     monkeypatch.setattr("optimize.fit.descent.horizons", lambda samples: [1.4])
-    at_once = calibrate(measured, Swinger(), engines=ONE_ENGINE)
+    at_once = calibrate(measured, Swinger(), engines=ONE_ENGINE, accuracy=None)
     assert abs(np.log(at_once.model.factors["damping"] / 1.3)) > 0.05
-    assert at_once.fit.after > 1.5 * found.fit.after
+    assert at_once.doubts and not found.doubts
+    assert at_once.fit.after > 1.3 * found.fit.after
 
 
 def test_horizons_are_those_with_frames_of_their_own():
@@ -441,8 +447,8 @@ def test_what_hangs_on_a_coins_toss_is_named_and_takes_no_part(tmp_path):
     other = Coin()
     other.side = -1.0  # the measured cloth fell to the other side
     measured = write(tmp_path / "set", [100, 200, 300, 250, 150], forward=other)
-    blind = calibrate(measured, Coin(), engines=ONE_ENGINE)
-    found = calibrate(measured, Coin(), coarse=Coin(), engines=ONE_ENGINE)
+    blind = calibrate(measured, Coin(), engines=ONE_ENGINE, accuracy=None)
+    found = calibrate(measured, Coin(), coarse=Coin(), engines=ONE_ENGINE, accuracy=None)
     [stretch] = found.judged.stretches
     assert stretch.trial == "003" and 0.2 <= stretch.begin <= 0.4 and stretch.end == pytest.approx(1.2)
     assert found.judged.share == pytest.approx(5 / 32, abs=2 / 32)

@@ -23,6 +23,7 @@ from fabdesign.splits import fit_trials
 from fabdesign.surface import Surface
 from fabdesign.trial_file import program_of
 from optimize.fit.descent import fit
+from optimize.fit.inputs import DEFAULT_ACCURACY
 from optimize.fit.left_out import LeftOut
 from optimize.fit.normal import _bounded_step
 from optimize.fit.parameters import fit_vector
@@ -317,7 +318,8 @@ def late(tmp_path_factory):
     measured = write(tmp_path_factory.mktemp("late") / "set", effects=effects, count=5)
     samples, noise = draw(fit_trials(measured.trials), (), seed=0)
     vector = fit_vector(["all"], channels=2)
-    return fit(samples, Predictor(Curler(), Model(), sensing=True), vector=vector), samples, noise
+    found = fit(samples, Predictor(Curler(), Model(), sensing=True), vector=vector, accuracy=DEFAULT_ACCURACY)
+    return found, samples, noise
 
 
 def test_several_effects_are_found_together_and_no_other(late):
@@ -328,6 +330,16 @@ def test_several_effects_are_found_together_and_no_other(late):
     assert terms["supply_droop"]["share"] == pytest.approx(0.15, abs=0.03)
     assert terms["filling_lag"]["fill"] == pytest.approx(0.3, abs=0.03)
     assert found.normal.scale == pytest.approx(noise.sigma, rel=0.1)
+
+
+def _precision(found):
+    """(N, N) 1/m^2: block by block, the inverse of the points' covariance by noise and by errors of the inputs."""
+    normal, result = found.normal, np.zeros((len(found.normal.weights),) * 2)
+    for block in np.unique(normal.clusters):
+        rows = np.flatnonzero((normal.clusters == block) & (normal.weights > 0))
+        u = found.inputs.columns[rows]
+        result[np.ix_(rows, rows)] = np.linalg.inv(np.diag(1 / normal.weights[rows]) + u @ u.T)
+    return result
 
 
 def test_trials_left_out_are_predicted_from_the_others(late):
@@ -342,15 +354,17 @@ def test_trials_left_out_are_predicted_from_the_others(late):
     back = np.zeros(len(found.x))
     back[off] = -found.x[off]
     residual = found.state.found.residual + jacobian @ back
-    weights = found.normal.tempering * found.normal.weights
+    precise = found.normal.tempering * _precision(found)
     for out in range(len(samples)):
         rows = sample != out
         j = jacobian[rows][:, free]
-        bread = j.T @ (weights[rows, None] * j) + np.diag(1 / found.vector.prior[free] ** 2)
-        slope = j.T @ (weights[rows] * residual[rows]) + found.x[free] / found.vector.prior[free] ** 2
+        whole = precise[np.ix_(rows, rows)]
+        bread = j.T @ whole @ j + np.diag(1 / found.vector.prior[free] ** 2)
+        slope = j.T @ whole @ residual[rows] + found.x[free] / found.vector.prior[free] ** 2
         own = (sample == out) & left.kept
         expected = residual[own] - jacobian[own][:, free] @ np.linalg.solve(bread, slope)
-        assert scored.squares[out] == pytest.approx(np.square(np.clip(expected, -0.02, 0.02)).sum(), rel=1e-3)
+        squares = found.normal.counts[own] @ np.square(np.clip(expected, -0.02, 0.02))
+        assert scored.squares[out] == pytest.approx(squares, rel=1e-3)
     gain, (low, high) = left.gain(scored, left.scored(), 0.6e-3)
     assert low <= gain <= high and gain > 0.5e-3
 

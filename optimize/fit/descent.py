@@ -83,8 +83,8 @@ def fit(
     start: (p,) where it begins, on all frames at once; without it, at the vector's start with the first horizon.
     `slopes`, a cheaper engine, makes all differences, and the motions too until the last horizon. Differences are
     always made where the factors are: those of another place seem to converge percents off.
-    accuracy: of the inputs, whose errors then enter the residuals' covariance on the last horizon; or what they do,
-    known from a fit of the same samples, so that models are compared by the same weights.
+    accuracy: of the inputs, whose errors then enter the residuals' covariance; or what they do on the last horizon,
+    known from a fit of the same samples, so that models are compared by the same weights; None: the inputs are exact.
     close: of log likelihood, what the last step promises at most.
     `progress` is told what is done, and about what share.
 
@@ -105,9 +105,12 @@ def fit(
     for horizon, told in zip(early, parts(progress, *ends), strict=False):
         problem = FitProblem([cut(sample, horizon) for sample in samples], slopes, slopes, vector)
         evaluation = problem.evaluate([x])[0]
+        inputs = input_errors(problem, evaluation, accuracy) if isinstance(accuracy, Accuracy) else None
         state = problem.linearise(evaluation, along)
-        state, more, _ = _descend(problem, state, weight, f"to {horizon:g} s, ", told, near=True, close=_CLOSE_ENOUGH)
-        _, normal = step_to_minimum(problem.samples, state, weight, 0.0, vector)
+        state, more, _ = _descend(
+            problem, state, weight, f"to {horizon:g} s, ", told, near=True, close=_CLOSE_ENOUGH, inputs=inputs
+        )
+        _, normal = step_to_minimum(problem.samples, state, weight, 0.0, vector, inputs)
         x, along, iterations = state.x, directions(normal, vector), iterations + more
     problem = FitProblem(samples, forward, slopes, vector)
     evaluation, sheet = problem.evaluate([x, np.zeros(len(x))])

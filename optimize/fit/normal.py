@@ -23,7 +23,6 @@ _CHANGE = 0.2e-3  # m, RMS of the residuals' change that later differences aim a
 _SHORTEST, _LONGEST = 0.1, 1.5  # of such a difference, in standard deviations of the prior
 _LARGEST = 0.4  # of a logarithm, in one iteration
 _REWEIGHTED = 6  # times, in one iteration
-_LINEAR = 0.005  # m: frames that the prior moves by more count less, where errors of the inputs are not weighed
 _SMALLEST_SCALE = 1e-6  # m, for clouds without noise
 
 
@@ -35,10 +34,10 @@ class Normal:
     hessian: Array  # (p, p) of the data
     scores: Array  # (clusters, p)
     tempering: float
-    capped: bool  # the tempering is that by MODES
+    capped: bool  # MODES tempers the weights, and the scores ask for no more
     scale: float
     sensitivity: Array
-    frames: Array  # (N,) weight of each point's frame; 0 where it is not used
+    frames: Array  # (N,) weight of each point by its frame, and by MODES; 0 where it is not used
     counts: Array  # (N,) how much of what a point says errors of the inputs leave, 0 to 1
     weights: Array  # (N,) 1/m^2 of each point; 0 where it is not used
     clusters: Indices  # (N,) which share the model's error
@@ -106,8 +105,8 @@ def normal_equations(
     """Weights, scores and tempering are those of the residuals that `step` is expected to leave.
 
     inputs: an error of theirs may have any value in every block: it is marginalised, which whitens the block by
-    sigma^2 + U U^T (Woodbury); what it does that is not proportional counts as noise. Where small errors of the inputs
-    move the cloth far, little is left.
+    sigma^2 + U U^T (Woodbury), sigma that of as many observations as MODES allows; what it does that is not
+    proportional counts as noise. Where small errors of the inputs move the cloth far, little is left.
     """
     found, jacobian = state.found, state.jacobian
     sound = np.isfinite(found.residual) & np.isfinite(jacobian).all(axis=1)
@@ -126,27 +125,23 @@ def normal_equations(
         scale = _scale(left[sharp > 0.5]) if (sharp > 0.5).any() else scale
         sharp = 1 / (1 + np.square(BENT * bent / scale))
     frames = sharp * _frame_weights(found, sound, left * np.sqrt(sharp))
-    if inputs is None:
-        frames = frames * _linear_weights(found, sound, j, vector.prior)
+    most = MODES * (cluster.max() + 1) / max(float(frames.sum()), 1e-12)
+    frames = frames * min(1.0, most)  # before errors of the inputs take their part, which bounds what is left by itself
     w = frames * np.minimum(1.0, HUBER * scale / np.maximum(np.abs(left) * np.sqrt(sharp), 1e-12)) / scale**2
     white = j if inputs is None else j - _explained(j, u, w, cluster)[0]
     scores = np.zeros((cluster.max() + 1, len(weight)))
-    np.add.at(scores, cluster, white * (w * left)[:, None])
+    np.add.at(scores, cluster, white * (w * (r + j @ step))[:, None])
     hessian = (white * w[:, None]).T @ j
     hessian = 0.5 * (hessian + hessian.T)
-    # weights above one would trust points more than their number allows
     inverse = np.linalg.inv(hessian + weight)
     seen, scattered = (float(np.trace(inverse @ m)) for m in (hessian, scatter(scores, hessian, weight)))
-    tempering = min(1.0, seen / scattered) if scattered > 0 else 1.0  # 0: no point says anything
-    most = MODES * len(scores) / max(float(frames.sum()), 1e-12)
-    capped = most < tempering
-    tempering = min(tempering, most)
+    tempering = min(1.0, seen / scattered) if scattered > 0 else 1.0  # weights above one would trust too much
     return Normal(
         gradient=white.T @ (w * r),
         hessian=hessian,
         scores=scores,
         tempering=tempering,
-        capped=capped,
+        capped=most < 1 and tempering == 1,
         scale=scale,
         sensitivity=(j * frames[:, None]).T @ j / frames.sum(),
         frames=_everywhere(frames, sound),
@@ -263,15 +258,6 @@ def _frame_weights(found: Match, sound: NDArray[np.bool_], residual: Array) -> A
     medians = np.array([np.median(size[points]) for points in groups])
     far = medians / (FAR * max(float(np.median(medians)), _SMALLEST_SCALE))
     return np.asarray(np.square(1 / np.maximum(1.0, far))[frame])
-
-
-def _linear_weights(found: Match, sound: NDArray[np.bool_], jacobian: Array, prior: Array) -> Array:
-    """Of each point, by its frame: less where the prior moves the surface by more than can be linearised, as where the
-    cloth is about to buckle to one side or the other."""
-    frame, groups = frames_of(found, sound)
-    moved = np.square(jacobian * prior).sum(axis=1)
-    unsure = np.sqrt(np.array([moved[points].mean() for points in groups])) / _LINEAR
-    return np.asarray(np.square(1 / np.maximum(1.0, unsure))[frame])
 
 
 def clusters(samples: Sequence[Sample], found: Match) -> Indices:

@@ -19,6 +19,7 @@ from fabdesign.splits import fit_trials
 from fabdesign.trial import MeasurementSet, Trial
 from optimize.fit.clouds import Sample, evenly, sample_trial
 from optimize.fit.descent import Fit, Progress, fit, parts
+from optimize.fit.inputs import DEFAULT_ACCURACY, Accuracy
 from optimize.fit.parameters import DECLARED, FitVector
 from studies.bad_data import Tolerance
 from studies.calibration.ambiguities import ambiguities
@@ -103,6 +104,7 @@ def calibrate(
     skip_bad: bool = False,
     seed: int = 0,
     engines: np.ndarray | None = None,
+    accuracy: Accuracy | None = DEFAULT_ACCURACY,
     progress: Progress = lambda line, share: None,
 ) -> Calibration:
     """The unknowns of `vector`, by default the seven factors of `fabdesign.forward.PARAMETERS`, from the trials of role
@@ -116,6 +118,7 @@ def calibrate(
     skipped: lines on bad trials left out before; skip_bad: leave out those too that `trial_checks.doubtful` finds.
     engines: (p,) standard deviations of the unknowns for the difference between `forward` and what made the data, by
     default those of the virtual rig.
+    accuracy: of the pressures and the frame's level, whose errors are weighed; None: they are exact.
     Raises InputError for a doubtful trial and where no trial is left, SimulationError where every motion diverges.
     """
     sets = [measured] if isinstance(measured, MeasurementSet) else [*measured]
@@ -129,7 +132,7 @@ def calibrate(
     chosen, samples = _judged(chosen, samples, sets, looked_at)
     forward = Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
-    found = _fit(samples, forward, slopes, vector, progress)
+    found = _fit(samples, forward, slopes, vector, accuracy, progress)
     if lines := _doubts(found, samples, forward):
         tolerance = Tolerance(skip_bad, [*skipped])
         for line in lines.values():
@@ -139,7 +142,7 @@ def calibrate(
         samples = [x for k, x in enumerate(samples) if k not in lines]
         if not samples:
             raise InputError(f"{', '.join(s.name for s in sets)}: no trial to fit is left; the first: {skipped[0]}")
-        found = _fit(samples, forward, slopes, vector, progress)
+        found = _fit(samples, forward, slopes, vector, accuracy, progress)
     covariance = with_engines(found, engines)
     deviation = np.sqrt(np.diag(covariance))
     why = doubts(found.after, found.outlying, noise)
@@ -192,11 +195,12 @@ def _fit(
     forward: ForwardModel,
     slopes: ForwardModel | None,
     vector: FitVector,
+    accuracy: Accuracy | None,
     progress: Progress,
 ) -> Fit:
     """With effects, from the data sheet too: where the fit without them ends may be far off, in a false minimum."""
     if not vector.terms:
-        return fit(samples, forward, slopes=slopes, vector=vector, progress=progress)
+        return fit(samples, forward, slopes=slopes, vector=vector, accuracy=accuracy, progress=progress)
     plain = vector.without_effects
     early, late = parts(progress, _WITHOUT_EFFECTS)
     first = fit(
@@ -204,9 +208,10 @@ def _fit(
         forward,
         slopes=slopes,
         vector=plain,
+        accuracy=accuracy,
         progress=lambda line, share: early(f"no effects, {line}", share),
     )
-    found = fit(samples, forward, slopes=slopes, vector=vector, progress=late)
+    found = fit(samples, forward, slopes=slopes, vector=vector, accuracy=accuracy, progress=late)
     return replace(found, before=first.before, without_effects=first)
 
 

@@ -1,0 +1,68 @@
+"""The normal equations of a fit beside the same done slowly, with the covariance of a block written out."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from optimize.fit.clouds import Match
+from optimize.fit.inputs import InputErrors
+from optimize.fit.normal import BLOCK, MODES, normal_equations
+from optimize.fit.parameters import FitParameter, FitVector
+from optimize.fit.problem import Linearisation
+
+BLOCKS, POINTS = 12, 400
+SIGMA = 0.6e-3  # m
+
+
+def linearised(jacobian, residual):
+    """BLOCKS trials with one frame of POINTS points each."""
+    count = len(residual)
+    trial = np.repeat(np.arange(BLOCKS), POINTS)
+    none = np.zeros((count, 3))
+    found = Match(residual, none, none.astype(np.intp), none, trial, np.zeros(count, np.intp))
+    return Linearisation(np.zeros(jacobian.shape[1]), [], found, jacobian)
+
+
+SAMPLES = [SimpleNamespace(times=np.array([BLOCK]))] * BLOCKS
+
+
+def vector(count, deviation=0.15):
+    return FitVector(tuple(FitParameter(f"p{k}", deviation) for k in range(count)))
+
+
+def test_information_is_that_of_a_block_s_whole_covariance():
+    """J^T (sigma^2 I + U U^T)^-1 J summed over blocks, sigma^2 that of MODES observations of POINTS."""
+    rng = np.random.default_rng(0)
+    jacobian, errors = rng.normal(0, 5e-3, (BLOCKS * POINTS, 3)), rng.normal(0, 1e-3, (BLOCKS * POINTS, 2))
+    residual = np.clip(rng.normal(0, SIGMA, BLOCKS * POINTS), -SIGMA, SIGMA)  # none counts less
+    own = vector(3)
+    normal = normal_equations(
+        SAMPLES, linearised(jacobian, residual), np.diag(own.prior**-2.0), np.zeros(3), own,
+        InputErrors(errors, np.zeros(len(errors))),
+    )  # fmt: skip
+    assert normal.capped
+    expected = np.zeros((3, 3))
+    for k in range(BLOCKS):
+        rows = slice(k * POINTS, (k + 1) * POINTS)
+        j, u = jacobian[rows], errors[rows]
+        whole = POINTS / MODES * normal.scale**2 * np.eye(POINTS) + u @ u.T
+        expected += j.T @ np.linalg.solve(whole, j)
+    assert normal.information == pytest.approx(expected, rel=1e-6)
+
+
+@pytest.mark.parametrize("size", [1e-3, 20e-3])
+def test_what_looks_like_an_error_of_the_inputs_is_known_as_well_as_these_at_any_size_of_motion(size):
+    """A gain does what all pressures together do: with these good to 1 % in each of K blocks, the gain is known to
+    1 % / sqrt(K), not worse, where the motion is large beside the noise."""
+    rng = np.random.default_rng(1)
+    pattern = rng.normal(0, size, BLOCKS * POINTS)
+    residual = np.clip(rng.normal(0, SIGMA, BLOCKS * POINTS), -SIGMA, SIGMA)
+    own = vector(1)
+    normal = normal_equations(
+        SAMPLES, linearised(pattern[:, None], residual), np.diag(own.prior**-2.0), np.zeros(1), own,
+        InputErrors(0.01 * pattern[:, None], np.zeros(len(pattern))),
+    )  # fmt: skip
+    known = float(normal.information[0, 0]) ** -0.5
+    noise = normal.scale * np.sqrt(POINTS / MODES) / np.linalg.norm(pattern.reshape(BLOCKS, POINTS), axis=1)
+    assert known == pytest.approx(np.sum(1 / (0.01**2 + noise**2)) ** -0.5, rel=1e-3)
