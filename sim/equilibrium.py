@@ -22,8 +22,7 @@ RISING_FREE, STAGES_FREE = (1 / 240, 1), ((1 / 240, 2.0, 1),)
 SWING = 8.0  # rad/s
 LEAST_HOLD = 1e-6  # s
 # (step [s], steps) to the shape without pressure, from the flat cloth: velocities are forgotten after each long step
-IN_PLANE = ((0.05, 4), (0.5, 8))
-OUT_OF_PLANE = ((0.02, 10), (0.05, 10), (0.5, 10))  # within 0.001 mm of where a damped motion leads
+FROM_FLAT = ((0.05, 4), (0.5, 8))  # within 0.01 mm of where a damped motion leads
 FOLLOWING_STEP, FOLLOWING = 0.5, 4  # s, steps to the shape at rest from one nearby: within 0.02 mm of it
 
 

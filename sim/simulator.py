@@ -27,8 +27,7 @@ from sim.design.support import Support
 from sim.equilibrium import (
     FOLLOWING,
     FOLLOWING_STEP,
-    IN_PLANE,
-    OUT_OF_PLANE,
+    FROM_FLAT,
     RESTED,
     carried_on,
     damped,
@@ -338,7 +337,7 @@ class Simulator:
             halt(*batch.grid)
             return batch, all_of_them
         batch = self._load(cases, packed)
-        long_steps(batch, pressure, self._solve(batch), OUT_OF_PLANE if swings else IN_PLANE)
+        long_steps(batch, pressure, self._solve(batch), FROM_FLAT)
         return batch, self._rested(batch) if swings else all_of_them
 
     def _simulate(

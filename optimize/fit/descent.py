@@ -74,6 +74,7 @@ def fit(
     accuracy: Accuracy | InputErrors | None = None,
     start: Array | None = None,
     close: float = CLOSE,
+    near: bool = False,
     progress: Progress = lambda line, share: None,
 ) -> Fit:
     """Most probable unknowns given the samples. Each iteration simulates motions and a difference for each unknown.
@@ -85,7 +86,8 @@ def fit(
     always made where the factors are: those of another place seem to converge percents off.
     accuracy: of the inputs, whose errors then enter the residuals' covariance; or what they do on the last horizon,
     known from a fit of the same samples, so that models are compared by the same weights; None: the inputs are exact.
-    close: of log likelihood, what the last step promises at most.
+    close: of log likelihood, what the last step promises at most. near: another fit goes on from where this one ends,
+    so that a step under 3 % ends it, and its Jacobian may be an updated one.
     `progress` is told what is done, and about what share.
 
     All points of a block of 0.5 s share the model's error, so their likelihood is tempered: raised to the power that
@@ -117,7 +119,9 @@ def fit(
     inputs = input_errors(problem, evaluation, accuracy) if isinstance(accuracy, Accuracy) else accuracy
     state = problem.linearise(evaluation, along)
     told = parts(progress, *ends)[-1]
-    state, more, converged = _descend(problem, state, weight, f"to {last:g} s, ", told, close=close, inputs=inputs)
+    state, more, converged = _descend(
+        problem, state, weight, f"to {last:g} s, ", told, near=near, close=close, inputs=inputs
+    )
     return concluded(problem, state, inputs, capped(sheet.found.residual), iterations + more, converged)
 
 

@@ -98,7 +98,7 @@ def select(task: Task) -> Selection:
     start, some = vector.start, evenly(len(task.samples), EARLY_TRIALS)
     for horizon in horizons(task.samples)[:-1]:
         shorter = replace(task, samples=[cut(task.samples[k], horizon) for k in some])
-        early = _fit(shorter, f"every effect to {horizon:g} s", vector, start=start, close=_EARLY_CLOSE)
+        early = _fit(shorter, f"every effect to {horizon:g} s", vector, start=start, close=_EARLY_CLOSE, near=True)
         gone = negligible(early, task.tolerance)
         nothing |= gone
         vector, index = vector.only([label for label in vector.labels if label not in gone])
@@ -237,6 +237,7 @@ def _fit(
     inputs: InputErrors | None = None,
     start: Array | None = None,
     close: float = CLOSE,
+    near: bool = False,
 ) -> Fit:
     """Kept in the trace's folder. inputs: what errors of them do, where that is known."""
 
@@ -248,6 +249,7 @@ def _fit(
             accuracy=inputs or task.accuracy,
             start=start,
             close=close,
+            near=near,
             progress=lambda line, share: task.say(f"{named}, {len(vector.parameters)} unknowns: {line}"),
         )
 
