@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from fabdesign.errors import InputError
+from fabdesign.checkpoint import OtherContent, differences
 
 _SCHEMA = """
 create table if not exists content (field text primary key, value text);
@@ -17,10 +17,6 @@ create table if not exists evaluations
 create table if not exists checkpoint
     (id integer primary key check (id = 0), evaluations integer, seconds real, state text);
 """
-
-
-_SAID = 3  # differences between studies
-_SHOWN = 50  # characters of a value
 
 
 @dataclass(frozen=True)
@@ -34,14 +30,10 @@ class Entry:
     x: tuple[float, ...]
 
 
-class OtherStudy(InputError):
-    """A history of another study than the one that is to go on."""
-
-
 class History:
     """A SQLite file of one study's evaluations. `study`: its name, or what its search depends on, by field.
 
-    Raises OtherStudy, which says what differs, where the file is that of another study; nothing in it changes.
+    Raises OtherContent, which says what differs, where the file is that of another study; nothing in it changes.
     Opening drops what came after the last checkpoint, so that a search resumed there repeats it identically.
     """
 
@@ -59,7 +51,7 @@ class History:
         self._file.executescript(_SCHEMA)
         known = dict(self._file.execute("select field, value from content").fetchall())
         if known and known != study:
-            raise OtherStudy(
+            raise OtherContent(
                 f"{Path(self._path).parent}: holds the search of another study ({differences(known, study)}); "
                 "expected the same one, or --force to start anew"
             )
@@ -110,15 +102,3 @@ class History:
         self._file.close()
         if error is not None and not self.evaluations and isinstance(self._path, Path):
             self._path.unlink(missing_ok=True)  # nothing to go on from
-
-
-def differences(known: Mapping[str, str], study: Mapping[str, str]) -> str:
-    """A clause a field, of the first few."""
-    differing = [name for name in {**known, **study} if known.get(name) != study.get(name)]
-    said = []
-    for name in differing[:_SAID]:
-        before, now = known.get(name, "not there"), study.get(name, "not there")
-        long = max(len(before), len(now)) > _SHOWN
-        said.append(f"{name} differs" if long else f"{name} was {before}, now {now}")
-    more = len(differing) - len(said)
-    return "; ".join([*said, *([f"and {more} more"] if more else [])])

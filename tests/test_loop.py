@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from sheets import rolled_sheet
 
 from fabdesign.catalogue import build, standard
+from fabdesign.checkpoint import OtherContent
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
 from fabdesign.forward import Case
@@ -31,7 +32,6 @@ from studies.loop.resting_shape import resting_faces
 from studies.loop.run import run_loop
 from studies.loop.stop import stop_reason
 from studies.tracing.data import TooLittle
-from studies.tracing.stages import AnotherTrace
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line
 from tests.few_effects import few_effects
@@ -160,7 +160,7 @@ def test_a_turn_brings_the_device_nearer_also_when_it_is_killed_on_the_way(
     again = run_loop(place / "study.toml", place / "out", simulators=simulators)
     assert again.turns == outcome.turns and len(measured) == 3
     (place / "key.toml").write_text('format = "fabdesign.key/1"\nseed = 2\n')
-    with pytest.raises(InputError, match="holds another study"):
+    with pytest.raises(InputError, match="holds other work"):
         run_loop(place / "study.toml", place / "out", simulators=simulators)
 
 
@@ -201,7 +201,7 @@ def test_a_trace_that_other_code_began_is_begun_anew(place: Path, monkeypatch: p
 
     def traced(*_: object, force: bool = False, **__: object) -> None:
         forced.append(force)
-        raise TooLittle("d: 2 trials") if force else AnotherTrace("out: holds another trace")
+        raise TooLittle("d: 2 trials") if force else OtherContent("out: holds another trace")
 
     monkeypatch.setattr("studies.tracing.run.trace_set", traced)
     design = build("cross")

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from fabdesign.catalogue import build
+from fabdesign.checkpoint import OtherContent
 from fabdesign.forward import Case
 from optimize.design_space import DesignSpace
 from optimize.evaluations import Evaluations, Stage
-from optimize.history import History, OtherStudy
+from optimize.history import History
 from optimize.margins import Limits
 from optimize.objective import Measure, Objective, Target
 from optimize.search import search
@@ -210,14 +211,14 @@ def test_another_study_does_not_take_over_a_history(tmp_path: Path) -> None:
         assert history.evaluations == 9
         history.save("somewhere", 1.0)
     content = {"seed": "1", "long": 99 * "x", "a": "1", "b": "1", "c": "1"}
-    with pytest.raises(OtherStudy, match=re.escape("(study was a, now b);")):
+    with pytest.raises(OtherContent, match=re.escape("(study was a, now b);")):
         History(tmp_path / "history.sqlite", "b")
     with History(tmp_path / "history.sqlite", "a") as history:
         assert history.evaluations == 9
     with History(tmp_path / "other.sqlite", content):
         pass
     other = {"seed": "2", "long": 99 * "y", "d": "1"}
-    with pytest.raises(OtherStudy, match="seed was 1, now 2; long differs; a was 1, now not there; and 3 more"):
+    with pytest.raises(OtherContent, match="seed was 1, now 2; long differs; a was 1, now not there; and 3 more"):
         History(tmp_path / "other.sqlite", other)
 
 

@@ -179,7 +179,7 @@ def test_the_report_is_whole_and_says_the_answer(lagging):
     assert "http://" not in page.split("<body>")[1].split("srcdoc")[0]
 
 
-def test_the_same_call_goes_on_from_the_stages_and_another_set_is_refused(lagging, tmp_path):
+def test_the_same_call_goes_on_from_what_is_kept_and_another_set_is_refused(lagging, tmp_path):
     folder, outcome = lagging
 
     class Counting(Curler):
@@ -194,7 +194,7 @@ def test_the_same_call_goes_on_from_the_stages_and_another_set_is_refused(laggin
     assert again.as_json() == outcome.as_json()
     assert counting.cases < 250  # no fit
     other = write(tmp_path / "other")
-    with pytest.raises(InputError, match="holds another trace"):
+    with pytest.raises(InputError, match="holds other work"):
         trace_set(other, folder / "out", inputs=[tmp_path / "other"], forward=Curler())
 
 

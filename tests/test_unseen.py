@@ -199,6 +199,12 @@ def test_each_design_is_left_out_in_turn_and_a_kill_loses_one(folder: Path) -> N
         assert {"mean", "max", "min", "std"} <= set(found["after"]["chamfer"])
     page = (folder / "out" / "report.html").read_text()
     assert page.count("data:image/png") == page.count("<svg") == 2
+    trial = next((folder / "set").rglob("*.npz"))
+    content = dict(np.load(trial))
+    content["pressure"] = content["pressure"] + 1.0  # Pa; as many bytes
+    np.savez(trial, **content)
+    with pytest.raises(InputError, match=rf"holds other work \(measured.{trial.name} differs\)"):
+        run_unseen(folder / "s.toml", folder / "out", forward=Arc(15))
 
 
 def test_effects_are_fitted_to_the_others_and_carried_over(folder: Path, run: Run) -> None:

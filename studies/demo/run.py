@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from fabdesign.catalogue import build
+from fabdesign.checkpoint import OtherContent
 from fabdesign.forward import ForwardModel
 from fabdesign.metrics import MANY_BEYOND, told_beyond
 from fabdesign.output import work_folder, write_text
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
 from optimize.evaluations import Evaluations
-from optimize.history import OtherStudy
 from studies.demo.measured import Judged, judge_model
 from studies.demo.measured import as_text as judged_as_text
 from studies.demo.page import as_html
@@ -83,7 +83,7 @@ def _run_studies(
             search = partial(run_study, study, out / study.name, forward=fine, coarse=quick, progress=show)
             try:
                 result = search()
-            except OtherStudy:  # of an earlier version, or from other start pressures; the folder is the demo's own
+            except OtherContent:  # of an earlier version, or from other start pressures; the folder is the demo's own
                 result = search(force=True)
             results.append(result)
             if result.interrupted:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.checkpoint import OtherContent
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import HOLD, RISE, ForwardModel
 from fabdesign.model import POINTS_PER_SIDE, Model
@@ -16,7 +17,7 @@ from fabdesign.study_file import Study, read_study, require_searchable
 from optimize.design_space import DesignSpace
 from optimize.evaluations import FINALISTS, NEAR, Evaluations, Stage
 from optimize.fewer import Fewer
-from optimize.history import History, OtherStudy
+from optimize.history import History
 from optimize.margins import constraint_margins
 from optimize.objective import Objective, Target
 from optimize.search import INTERRUPTED, search
@@ -59,9 +60,9 @@ def run_study(
     search begins, the same in every call on a folder; by default what `first_starts` gives. follow: whether the
     motion that leads to the result is computed too, after the search. Ctrl-C ends the search with a result.
 
-    A folder of another study (optimize.history.OtherStudy) or of other files, and one where another search runs, are
-    refused: InputError, like other bad input before anything is computed. force: search anew in such a folder of
-    another or of the same study; its old content stays until the search has ended, or, interrupted, goes on by the
+    A folder of another study (OtherContent) or of other files, and one where another search runs, are refused:
+    InputError, like other bad input before anything is computed. force: search anew in such a folder of another or of
+    the same study; its old content stays until the search has ended, or, interrupted, goes on by the
     same call.
     """
     out, given = Path(out), study
@@ -172,7 +173,7 @@ def _open_history(work: WorkFolder, content: dict[str, str]) -> History:
     try:
         try:
             return History(file, content)
-        except OtherStudy:
+        except OtherContent:
             if not work.anew:
                 raise
             work.clear()

@@ -113,9 +113,9 @@ def _traced(
 ) -> tuple[Mapping[str, Any] | None, Model | None, list[str]]:
     """The verdict, the model with the effects that it has from now on, and lines for people; no model where there was
     too little to trace."""
+    from fabdesign.checkpoint import OtherContent
     from studies.tracing.data import TooLittle
     from studies.tracing.run import Options, trace_set
-    from studies.tracing.stages import AnotherTrace
     from studies.tracing.words import verdict_in_words
 
     learning = study.learning
@@ -132,7 +132,7 @@ def _traced(
     try:
         try:
             outcome = trace()
-        except AnotherTrace:  # begun with other code: a loop goes on for weeks
+        except OtherContent:  # begun with other code: a loop goes on for weeks
             outcome = trace(force=True)
     except TooLittle as error:
         return None, None, [f"not traced: {error}"]

@@ -1,12 +1,11 @@
 """What a loop has done so far: its pieces, by which it goes on, and `result.json`."""
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from pathlib import Path
 from typing import Any
 
 from fabdesign import SIMULATOR
+from fabdesign.checkpoint import sha256
 from fabdesign.loop_file import LoopStudy, VirtualRig
 from studies.layouts.content import flat, shortened, study_content
 from studies.layouts.target import LoadedTarget
@@ -68,12 +67,8 @@ def loop_content(study: LoopStudy, targets: Sequence[LoadedTarget]) -> dict[str,
     source = study.source
     if isinstance(source, VirtualRig):
         content |= {"rig.element": source.element, "rig.step": source.step}
-        content["rig.key"] = None if source.key is None else _sha256(source.key)
+        content["rig.key"] = None if source.key is None else sha256(source.key)
     else:
         content["laboratory.folder"] = source.folder.resolve()
     named = {name: shortened(str(value)) for name, value in content.items()}
     return named | study_content(study.search, targets)
-
-
-def _sha256(file: Path) -> str:
-    return hashlib.sha256(file.read_bytes()).hexdigest()

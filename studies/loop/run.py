@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from fabdesign.checkpoint import Checkpoint
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
@@ -25,7 +26,6 @@ from studies.loop.report import write_report
 from studies.loop.sources import ASKED, MEASURED, measured
 from studies.loop.stop import stop_reason
 from studies.loop.turn import SEARCH, Choice, choose, chosen, judge, turn_name
-from studies.unseen.pieces import Pieces
 
 Progress = Callable[[str, float], None]  # what is done, and about what share of all
 
@@ -41,7 +41,7 @@ class _Loop:
     study: LoopStudy
     targets: tuple[LoadedTarget, ...]
     work: WorkFolder
-    pieces: Pieces
+    checkpoint: Checkpoint
     simulators: Simulators
     progress: Progress
 
@@ -79,10 +79,10 @@ def run_loop(
     if isinstance(study.source, Laboratory):
         inputs.append(study.source.folder)
     with work_folder(out, made_by="loop", force=force, inputs=inputs) as work:
-        pieces = Pieces(work, loop_content(study, targets), None)
-        loop = _Loop(study, targets, work, pieces, simulators or _simulators(study), progress)
+        checkpoint = Checkpoint(work, loop_content(study, targets))
+        loop = _Loop(study, targets, work, checkpoint, simulators or _simulators(study), progress)
         outcome = _turns(loop)
-        outcome = replace(outcome, wall_s=pieces.spent)
+        outcome = replace(outcome, wall_s=checkpoint.spent)
         if work.anew and outcome.waiting_for is not None:
             work.complete = False
         with work.adding() as files:
@@ -173,7 +173,7 @@ def _chosen(loop: _Loop, number: int, model: Model | None, earlier: Choice | Non
         loop.say(number, f"choosing a design: best {best}", 0.3 * evaluations.share)
 
     loop.work.claim(f"{name}/shapes.npz")
-    kept = loop.pieces.piece(
+    kept = loop.checkpoint.get(
         f"{name}_choice", lambda: choose(loop.study, model, earlier, folder, loop.simulators, progress=told)
     )
     return kept, chosen(kept, folder)
@@ -195,7 +195,7 @@ def _measured(loop: _Loop, number: int, choice: Choice) -> MeasurementSet | None
         return {"trials": len(asked.programs)}
 
     try:
-        loop.pieces.piece(f"{name}_measurement", measure)
+        loop.checkpoint.get(f"{name}_measurement", measure)
     except _Waiting:
         return None
     return read_set(loop.work.folder / name / MEASURED)
@@ -203,7 +203,7 @@ def _measured(loop: _Loop, number: int, choice: Choice) -> MeasurementSet | None
 
 def _judged(loop: _Loop, number: int, choice: Choice, found: MeasurementSet) -> dict[str, Any]:
     loop.say(number, "judging the shape on the device", 0.6)
-    kept: dict[str, Any] = loop.pieces.piece(
+    kept: dict[str, Any] = loop.checkpoint.get(
         f"{turn_name(number)}_device", lambda: judge(loop.study, choice, found, loop.targets, loop.work)
     )
     return kept
@@ -222,7 +222,7 @@ def _learned(loop: _Loop, number: int, sets: Sequence[MeasurementSet], model: Mo
         )
         return asdict(found)
 
-    kept: dict[str, Any] = loop.pieces.piece(f"{turn_name(number)}_model", teach)
+    kept: dict[str, Any] = loop.checkpoint.get(f"{turn_name(number)}_model", teach)
     return kept
 
 

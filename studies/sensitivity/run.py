@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign import SIMULATOR
+from fabdesign.checkpoint import OtherContent
 from fabdesign.cluster import at_once as machines
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.model import Model
 from fabdesign.output import WorkFolder, work_folder
 from fabdesign.sensitivity_file import Output, SensitivityStudy, read_sensitivity
-from optimize.history import OtherStudy
 from studies.forward_model import forward_model
 from studies.layouts.content import flat, shortened
 from studies.layouts.target import LoadedTarget, load_target
@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 BATCH = 128  # samples in one call: twice what the simulator takes side by side
 CHECKED = 8, 32  # samples at least and at most of which it is looked whether they snap
 _SHARE = 16  # every so many-th row is looked at
+ALGORITHM = 1  # of what samples hold: raised where kept ones are no longer what this code would compute
 _RAISED = ("name", "methods", "samples", "trajectories", "seconds")  # what may grow, or changes no sample
 
 
@@ -230,7 +231,7 @@ def _store(work: WorkFolder, content: dict[str, str]) -> Store:
     work.claim(*names)
     try:
         return Store(work.folder / FILE, content)
-    except OtherStudy:
+    except OtherContent:
         if not work.anew:
             raise
         work.clear()
@@ -240,7 +241,7 @@ def _store(work: WorkFolder, content: dict[str, str]) -> Store:
 
 def _content(study: SensitivityStudy, target: Array | None) -> dict[str, str]:
     """What the samples depend on, by field."""
-    content: dict[str, object] = {"simulator": SIMULATOR}
+    content: dict[str, object] = {"simulator": SIMULATOR, "algorithm": ALGORITHM}
     for field in fields(study):
         if field.name not in (*_RAISED, "target", "functions"):
             content |= flat(getattr(study, field.name), field.name)

@@ -9,8 +9,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.checkpoint import OtherContent, differences
 from fabdesign.errors import InputError
-from optimize.history import OtherStudy, differences
 
 Array = NDArray[np.float64]
 FILE = "samples.sqlite"
@@ -25,7 +25,7 @@ insert or ignore into spent values (0, 0, 0);
 class Store:
     """A SQLite file of one study's samples, by part (a method's design) and number in it.
 
-    content: what the samples depend on, by field. Raises OtherStudy, which says what differs, where the file is that
+    content: what the samples depend on, by field. Raises OtherContent, which says what differs, where the file is that
     of another study.
     """
 
@@ -37,7 +37,7 @@ class Store:
             known = dict(self._file.execute("select field, value from content").fetchall())
             if known and known != content:
                 self._file.close()
-                raise OtherStudy(
+                raise OtherContent(
                     f"{path.parent}: holds another study ({differences(known, content)}); expected the same one, "
                     "or --force to start anew"
                 )

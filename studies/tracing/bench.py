@@ -9,6 +9,7 @@ import numpy as np
 from fabdesign import __version__
 from fabdesign.bench import Bench, BenchRecord
 from fabdesign.bench_file import read_bench
+from fabdesign.checkpoint import sha256
 from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.model import EffectTerm, Model, Provenance, Quantity
@@ -24,7 +25,6 @@ from studies.tracing.bench_ranking import Array, Scored, excess_of, gain_interva
 from studies.tracing.bench_report import render_bench
 from studies.tracing.bench_selection import Columns, coefficients_of, select
 from studies.tracing.black_box import WIDTHS, kernel_of, left_out, standardised
-from studies.tracing.stages import sha256
 from studies.tracing.verdict import Evidence, decide, explains
 
 TOLERANCE = 0.02  # of the largest output

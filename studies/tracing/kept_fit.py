@@ -4,14 +4,14 @@ from collections.abc import Callable
 
 import numpy as np
 
+from fabdesign.checkpoint import Arrays, Checkpoint
 from optimize.fit.descent import Fit, concluded
 from optimize.fit.inputs import InputErrors
 from optimize.fit.problem import FitProblem
-from studies.tracing.stages import Arrays, Stages
 
 
 def kept_fit(
-    stages: Stages, name: str, problem: FitProblem, inputs: InputErrors | None, compute: Callable[[], Fit]
+    checkpoint: Checkpoint, name: str, problem: FitProblem, inputs: InputErrors | None, compute: Callable[[], Fit]
 ) -> Fit:
     """The fit of that name: where it ended and its Jacobian are kept, the motions there are made again. inputs: those
     that the fit was given; without them its own are kept."""
@@ -24,7 +24,7 @@ def kept_fit(
         told = np.array([found.before, found.iterations, found.converged], dtype=float)
         return {"x": found.x, "jacobian": found.state.jacobian, "told": told, **own}
 
-    kept = stages.of(name, arrays)
+    kept = checkpoint.arrays(name, arrays)
     if fresh:
         return fresh[0]
     if inputs is None and "columns" in kept:

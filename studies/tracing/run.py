@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fabdesign import SIMULATOR
+from fabdesign.checkpoint import Checkpoint, sha256
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import check_values, effect_named
 from fabdesign.errors import InputError
@@ -32,7 +33,6 @@ from studies.tracing.outcome import Outcome, model_of, provenance_of
 from studies.tracing.residual import remains
 from studies.tracing.residuals import Residuals
 from studies.tracing.selection import Selection, Task, label_effect, select
-from studies.tracing.stages import Stages, sha256
 from studies.tracing.verdict import Evidence, decide
 
 ALGORITHM = 3  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
@@ -71,7 +71,7 @@ def trace_set(
 
     inputs: the files and folders read, never written over. model: where the fit starts, and effects that are known
     already; they stay as they are. forward: the bare simulator, by default with `options.grid`. Raises TooLittle for
-    too few trials and AnotherTrace for a folder of another, both InputErrors.
+    too few trials and OtherContent for a folder of another, both InputErrors.
     """
     trials = fit_trials(measured.trials)
     trials = tuple(trials[i] for i in evenly(len(trials), TRIALS))
@@ -79,12 +79,12 @@ def trace_set(
     known = model or Model()
     _check(known)
     with work_folder(out, made_by="trace", force=force, inputs=inputs) as work:
-        stages = Stages(work, _content(measured, (*trials, *tests), known, options))
+        checkpoint = Checkpoint(work, _content(measured, (*trials, *tests), known, options))
         if forward is None:
             from sim import Simulator  # here: it loads and starts taichi
 
             forward = Simulator(options.grid or GRID, calm_steps=CALM_STEPS)
-        outcome = _trace(measured, trials, tests, known, stages, forward, options, say)
+        outcome = _trace(measured, trials, tests, known, checkpoint, forward, options, say)
         _write(work, outcome)
     return outcome
 
@@ -94,13 +94,13 @@ def _trace(
     trials: tuple[Trial, ...],
     tests: tuple[Trial, ...],
     known: Model,
-    stages: Stages,
+    checkpoint: Checkpoint,
     bare: ForwardModel,
     options: Options,
     say: Say,
 ) -> Outcome:
     every = (*trials, *tests)
-    stretches = _stretches(stages, every, bare, say)
+    stretches = _stretches(checkpoint, every, bare, say)
     say(said(stretches, share_unjudged(stretches, every)))
     samples, noise = draw(trials, stretches, seed=options.seed)
     if len({id(s.trial) for s in samples}) < LEAST_TRIALS:
@@ -117,7 +117,7 @@ def _trace(
             factors=known.factors,
             known=[effect.name for effect in known.effects],
             scope=muscle_scope([s.trial.design for s in samples]),
-            stages=stages,
+            checkpoint=checkpoint,
             say=say,
         )
     )
@@ -172,14 +172,14 @@ def _check(model: Model) -> None:
         check_values(effect_named(term.name, "--model"), term.values, "--model")
 
 
-def _stretches(stages: Stages, trials: tuple[Trial, ...], bare: ForwardModel, say: Say) -> tuple[Stretch, ...]:
+def _stretches(checkpoint: Checkpoint, trials: tuple[Trial, ...], bare: ForwardModel, say: Say) -> tuple[Stretch, ...]:
     def found() -> list[list[Any]]:
         def told(done: int, total: int) -> None:
             say(f"stretches near a bifurcation: {done} of {total} motions")
 
         return [[s.trial, s.begin, s.end] for s in unjudged(trials, bare, progress=told)]
 
-    kept = stages.text("unjudged", found)
+    kept = checkpoint.get("unjudged", found)
     return tuple(Stretch(str(trial), float(begin), float(end)) for trial, begin, end in kept)
 
 

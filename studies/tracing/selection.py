@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fabdesign.checkpoint import Checkpoint
 from fabdesign.effects import EFFECTS
 from fabdesign.forward import ForwardModel, Term
 from optimize.fit.clouds import Array, Indices, Sample, cut, evenly
@@ -19,7 +20,6 @@ from optimize.fit.left_out import LeftOut
 from optimize.fit.parameters import FitParameter, FitVector, fit_vector
 from optimize.fit.problem import FitProblem
 from studies.tracing.kept_fit import kept_fit
-from studies.tracing.stages import Stages
 
 NEEDED = 8.0  # of log likelihood: what costs less to drop is dropped; four standard deviations of one parameter
 EARLY_TRIALS = 5  # to which every effect is fitted on horizons before the last
@@ -43,7 +43,7 @@ class Task:
     factors: dict[str, float]
     known: Sequence[str]
     scope: str | None  # of the muscles' effects
-    stages: Stages
+    checkpoint: Checkpoint
     say: Say
 
     @property
@@ -254,7 +254,7 @@ def _fit(
         )
 
     problem = FitProblem(task.samples, task.forward, task.forward, vector)
-    return kept_fit(task.stages, f"fit_{_file_name(named)}", problem, inputs, compute)
+    return kept_fit(task.checkpoint, f"fit_{_file_name(named)}", problem, inputs, compute)
 
 
 def _file_name(named: str) -> str:

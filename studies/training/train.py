@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from corrector.load import load_corrector
 from corrector.weights_file import write_weights
-from fabdesign import __version__
+from fabdesign import SIMULATOR, __version__
+from fabdesign.checkpoint import sha256
 from fabdesign.corrector import Trust
 from fabdesign.distances import chamfer
 from fabdesign.errors import InputError
@@ -33,6 +34,7 @@ from studies.training.data import Chosen, Progress, choose, simulated
 
 Network = Literal["field", "paper"]
 KEPT_BACK = 0.15  # share of the trials that are not learned from and say what the corrector is worth
+ALGORITHM = 1  # of what an unfinished training keeps: raised where it is no longer what this code would compute
 _RUN = "run.json"
 _MADE_BY = "train"
 
@@ -158,7 +160,9 @@ def _content(learned: Sequence[Chosen], base: Model, network: Network, plan: Any
         "model": central_hash(base),
         "points_per_side": base.points_per_side,
         "plan": json.loads(json.dumps(asdict(plan))),
-        "version": __version__,
+        "files": [sha256(chosen.trial.file) for chosen in learned],
+        "simulator": SIMULATOR,
+        "algorithm": ALGORITHM,
     }
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fabdesign import SIMULATOR
+from fabdesign.checkpoint import Checkpoint, sha256
 from fabdesign.forward import ForwardModel
 from fabdesign.output import WorkFolder, work_folder
 from fabdesign.unseen_file import FREE, UnseenStudy, Unsewn, read_unseen
@@ -18,9 +19,10 @@ from studies.layouts.content import flat, shortened
 from studies.unseen.draws import Draws
 from studies.unseen.left_out import left_out
 from studies.unseen.measurement import after, candidates_of, information, pose_slopes, spread
-from studies.unseen.pieces import Pieces
 from studies.unseen.prediction import corrector_said, predicted
 from studies.unseen.report import write_report
+
+ALGORITHM = 1  # of what a study's folder keeps: raised where it is no longer what this code would compute
 
 
 def run_unseen(
@@ -46,7 +48,7 @@ def run_unseen(
     inputs += [study.folder] if study.folder else []
     fit_vector(study.free, where=FREE)  # before anything is computed: it raises
     with work_folder(out, made_by="unseen", force=force, inputs=inputs) as work:
-        pieces = Pieces(work, _content(study), study.seconds)
+        checkpoint = Checkpoint(work, _content(study), seconds=study.seconds)
         if forward is None:
             from sim import Simulator  # here: it loads and starts taichi
 
@@ -54,24 +56,24 @@ def run_unseen(
             coarse = coarse or Simulator(GRID)
         result: dict[str, Any] = {"name": study.name, "seed": study.seed, "points_per_side": study.points_per_side}
         if study.unsewn is not None:
-            result |= _unsewn(study, study.unsewn, forward, pieces, progress)
+            result |= _unsewn(study, study.unsewn, forward, checkpoint, progress)
         if study.measured is not None:
             result["free"] = list(study.free)
-            result["left_out"] = _left_out(study, work, forward, coarse or forward, pieces, progress)
-        result["wall_s"] = pieces.spent
+            result["left_out"] = _left_out(study, work, forward, coarse or forward, checkpoint, progress)
+        result["wall_s"] = checkpoint.spent
         with work.adding() as files:
             write_report(result, files, pictures=work.folder)
     return result
 
 
 def _unsewn(
-    study: UnseenStudy, unsewn: Unsewn, simulator: ForwardModel, pieces: Pieces, progress: Callable[[str], None]
+    study: UnseenStudy, unsewn: Unsewn, simulator: ForwardModel, checkpoint: Checkpoint, progress: Callable[[str], None]
 ) -> dict[str, Any]:
     draws = Draws(unsewn.model, unsewn.design)
     bare = replace(unsewn.model, parameters={}, effects=())  # a case brings all of it
     forward = replace(forward_model(simulator, unsewn.model), model=bare)
     progress(f"shapes of {study.samples} models, {len(unsewn.poses)} poses")
-    poses = pieces.piece("poses", lambda: predicted(unsewn, draws, forward, study.samples, study.seed))
+    poses = checkpoint.get("poses", lambda: predicted(unsewn, draws, forward, study.samples, study.seed))
 
     def measurement() -> dict[str, Any]:
         b = pose_slopes(unsewn, draws, forward)
@@ -99,7 +101,7 @@ def _unsewn(
         "poses": poses,
         "unknown": list(draws.unknown),
         "corrector": corrector_said(unsewn.model, unsewn),
-        "measurement": pieces.piece("measurement", measurement),
+        "measurement": checkpoint.get("measurement", measurement),
     }
 
 
@@ -108,7 +110,7 @@ def _left_out(
     work: WorkFolder,
     forward: ForwardModel,
     coarse: ForwardModel,
-    pieces: Pieces,
+    checkpoint: Checkpoint,
     progress: Callable[[str], None],
 ) -> dict[str, Any]:
     measured = study.measured
@@ -132,19 +134,18 @@ def _left_out(
                 progress=progress,
             )
 
-        found[name] = pieces.piece(f"left_out_{name}", compute)
+        found[name] = checkpoint.get(f"left_out_{name}", compute)
     return found
 
 
 def _content(study: UnseenStudy) -> dict[str, str]:
     """What the pieces depend on, by field."""
-    content: dict[str, object] = {"simulator": SIMULATOR}
+    content: dict[str, object] = {"simulator": SIMULATOR, "algorithm": ALGORITHM}
     for field in fields(study):
         if field.name not in ("name", "seconds", "folder", "measured"):
             content |= flat(getattr(study, field.name), field.name)
     if study.measured is not None:
         content["unjudged"] = f"found with {GRID} points a side"
         for trial in study.measured.trials:
-            size = trial.file.stat().st_size
-            content[f"measured.{trial.file.name}"] = f"{trial.design_name}, {trial.role}, {size} bytes"
+            content[f"measured.{trial.file.name}"] = f"{trial.design_name}, {trial.role}, {sha256(trial.file)}"
     return {name: shortened(str(value)) for name, value in content.items()}

@@ -1,0 +1,113 @@
+"""Work that is kept as it is done: the same call goes on where it stood, and never from work on other content.
+
+What a result depends on (hashes of files, designs, options, the version of the algorithm, which its author raises) is
+its content, by field. A folder's pieces are of one content.
+"""
+
+import hashlib
+import json
+import time
+import zipfile
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.errors import InputError
+from fabdesign.output import WorkFolder, whole_file, write_text
+
+FOLDER = "pieces"
+Arrays = dict[str, NDArray[Any]]
+_CONTENT = "content.json"
+_TOLD = 3  # fields that differ
+_LONGEST = 50  # characters of a value that is told
+
+
+class OtherContent(InputError):
+    """What is kept is of other content than the work that is to go on."""
+
+
+class Checkpoint:
+    """The pieces of one piece of work, in files of `pieces` in its folder.
+
+    seconds: after so much computing no further piece is begun; None: no limit. Raises OtherContent, which says what
+    differs, where the folder holds pieces of other content, unless it is worked in anew.
+    """
+
+    def __init__(self, work: WorkFolder, content: Mapping[str, str], *, seconds: float | None = None) -> None:
+        self._work, self._seconds = work, seconds
+        self._folder = work.folder / FOLDER
+        file = self._folder / _CONTENT
+        if file.is_file():
+            known = json.loads(file.read_text(encoding="utf-8"))
+            if known == content:
+                return
+            if not work.anew:
+                raise OtherContent(
+                    f"{work.folder}: holds other work ({differences(known, content)}); expected the same, another "
+                    "folder, or --force to start anew"
+                )
+            work.clear()
+        self._folder.mkdir(exist_ok=True)
+        self._write(_CONTENT, dict(content))
+
+    @property
+    def spent(self) -> float:
+        """s of computing, all sessions together, in pieces by `get`."""
+        files = [file for file in self._folder.glob("*.json") if file.name != _CONTENT]
+        return float(sum(json.loads(file.read_text(encoding="utf-8"))["seconds"] for file in files))
+
+    def has(self, name: str) -> bool:
+        """Whether a piece by `get` is kept."""
+        return (self._folder / f"{name}.json").is_file()
+
+    def get(self, name: str, compute: Callable[[], Any]) -> Any:
+        """What JSON can hold: what is kept of this name, else computed and kept; None where there is no time to begin
+        it."""
+        file = self._folder / f"{name}.json"
+        if file.is_file():
+            return json.loads(file.read_text(encoding="utf-8"))["found"]
+        if self._seconds is not None and self.spent >= self._seconds:
+            return None
+        begun = time.monotonic()
+        found = compute()
+        self._write(file.name, {"found": found, "seconds": time.monotonic() - begun})
+        return json.loads(json.dumps(found))
+
+    def arrays(self, name: str, compute: Callable[[], Arrays]) -> Arrays:
+        """The same of arrays by name."""
+        file = self._folder / f"{name}.npz"
+        if file.is_file():
+            try:
+                with np.load(file, allow_pickle=False) as kept:
+                    return {key: kept[key] for key in kept.files}
+            except (OSError, ValueError, zipfile.BadZipFile):
+                pass  # damaged: it is computed again
+        found = compute()
+        self._work.claim(f"{FOLDER}/{file.name}")
+        with whole_file(file) as temporary, temporary.open("wb") as stream:
+            np.savez(stream, **found)  # type: ignore[arg-type]
+        return found
+
+    def _write(self, name: str, content: Any) -> None:
+        self._work.claim(f"{FOLDER}/{name}")
+        write_text(self._folder / name, json.dumps(content) + "\n")
+
+
+def differences(known: Mapping[str, str], content: Mapping[str, str]) -> str:
+    """A clause a field, of the first few."""
+    differing = [name for name in {**known, **content} if known.get(name) != content.get(name)]
+    told = []
+    for name in differing[:_TOLD]:
+        before, now = known.get(name, "not there"), content.get(name, "not there")
+        long = max(len(before), len(now)) > _LONGEST
+        told.append(f"{name} differs" if long else f"{name} was {before}, now {now}")
+    more = len(differing) - len(told)
+    return "; ".join([*told, *([f"and {more} more"] if more else [])])
+
+
+def sha256(path: Path) -> str:
+    """Of a file's bytes."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
