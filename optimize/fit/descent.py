@@ -87,7 +87,7 @@ def fit(
     accuracy: of the inputs, whose errors then enter the residuals' covariance; or what they do on the last horizon,
     known from a fit of the same samples, so that models are compared by the same weights; None: the inputs are exact.
     close: of log likelihood, what the last step promises at most. near: another fit goes on from where this one ends,
-    so that a step under 3 % ends it, and its Jacobian may be an updated one.
+    so that a step under 3 % ends it, its Jacobian may be an updated one, and far frames count as others.
     `progress` is told what is done, and about what share.
 
     All points of a block of 0.5 s share the model's error, so their likelihood is tempered: raised to the power that
@@ -112,16 +112,18 @@ def fit(
         state, more, _ = _descend(
             problem, state, weight, f"to {horizon:g} s, ", told, near=True, close=_CLOSE_ENOUGH, inputs=inputs
         )
-        _, normal = step_to_minimum(problem.samples, state, weight, 0.0, vector, inputs)
+        _, normal = step_to_minimum(problem.samples, state, weight, 0.0, vector, inputs, np.inf)
         x, along, iterations = state.x, directions(normal, vector), iterations + more
     problem = FitProblem(samples, forward, slopes, vector)
     evaluation, sheet = problem.evaluate([x, np.zeros(len(x))])
     inputs = input_errors(problem, evaluation, accuracy) if isinstance(accuracy, Accuracy) else accuracy
     state = problem.linearise(evaluation, along)
     told = parts(progress, *ends)[-1]
-    state, more, converged = _descend(
-        problem, state, weight, f"to {last:g} s, ", told, near=near, close=close, inputs=inputs
-    )
+    line = f"to {last:g} s, "
+    state, more, converged = _descend(problem, state, weight, line, told, near=True, close=_CLOSE_ENOUGH, inputs=inputs)
+    if not near:
+        iterations += more
+        state, more, converged = _descend(problem, state, weight, line, told, exact=False, close=close, inputs=inputs)
     return concluded(problem, state, inputs, capped(sheet.found.residual), iterations + more, converged)
 
 
@@ -185,23 +187,27 @@ def _descend(
     progress: Progress,
     *,
     near: bool = False,
+    exact: bool = True,
     close: float = CLOSE,
     inputs: InputErrors | None = None,
 ) -> tuple[Linearisation, int, bool]:
     """From `state` until a step is slight, or with `near` no longer large: where that led, how many iterations, and
-    whether it converged.
+    whether it converged. With `near` no frame counts less for being far off: what a model has not got yet may show in
+    a few of them alone, and to pass over these is a false minimum. exact: whether the state's Jacobian is by
+    differences.
 
     Between two Jacobians by differences stands Broyden's update (1965), which costs no motions of its own, while
     steps gain most of what they promise. The last step is one by differences."""
-    slight = _NEAR if near else _CONVERGED
+    slight, far = (_NEAR, np.inf) if near else (_CONVERGED, FAR)
     lengths = (1.0,) if near else _LENGTHS[: max(1, _AT_ONCE // len(problem.samples))]
-    damping, exact = 0.0, True
+    damping = 0.0
     for iteration in range(1, _ITERATIONS + 1):
-        step, normal = step_to_minimum(problem.samples, state, weight, damping, problem.vector, inputs)
+        step, normal = step_to_minimum(problem.samples, state, weight, damping, problem.vector, inputs, far)
         promised = -loss(problem.samples, state, _promised(state, step), normal, weight, inputs)
         line = f"{named}iteration {iteration}: {1e3 * capped(state.found.residual):.3f} mm RMS"
         progress(line, iteration / (iteration + 2))
-        small = promised < close or bool(np.abs(step / problem.vector.scale).max() < slight)
+        least = close * normal.tempering if near else close  # blocks that disagree may be what is not fitted yet
+        small = promised < least or bool(np.abs(step / problem.vector.scale).max() < slight)
         evaluations = problem.evaluate([problem.vector.inside(state.x + length * step) for length in lengths])
         gains = [-loss(problem.samples, state, other, normal, weight, inputs) for other in evaluations]
         best = int(np.argmax(gains))

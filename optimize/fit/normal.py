@@ -55,12 +55,13 @@ def step_to_minimum(
     damping: float,
     vector: FitVector = DECLARED,
     inputs: InputErrors | None = None,
+    far: float = FAR,
 ) -> tuple[Array, Normal]:
     """The step to the minimum of the linearised residuals, reweighted until it stands; and its normal equations. An
     unknown at its limit stays there where the step would lead beyond."""
     step: Array = np.zeros(len(weight))
     for _ in range(_REWEIGHTED):
-        normal = normal_equations(samples, state, weight, step, vector, inputs)
+        normal = normal_equations(samples, state, weight, step, vector, inputs, far)
         gradient = normal.tempering * normal.gradient + weight @ state.x
         damped = normal.information + weight + damping * np.diag(np.diag(normal.information))
         last, step = step, _bounded_step(damped, gradient, state.x, vector)
@@ -101,12 +102,14 @@ def normal_equations(
     step: Array,
     vector: FitVector = DECLARED,
     inputs: InputErrors | None = None,
+    far: float = FAR,
 ) -> Normal:
     """Weights, scores and tempering are those of the residuals that `step` is expected to leave.
 
     inputs: an error of theirs may have any value in every block: it is marginalised, which whitens the block by
     sigma^2 + U U^T (Woodbury), sigma that of as many observations as MODES allows; what it does that is not
     proportional counts as noise. Where small errors of the inputs move the cloth far, little is left.
+    far: times the usual median residual over which a frame counts less.
     """
     found, jacobian = state.found, state.jacobian
     sound = np.isfinite(found.residual) & np.isfinite(jacobian).all(axis=1)
@@ -124,7 +127,7 @@ def normal_equations(
         left = _cleaned(left, u, sharp, cluster, scale)
         scale = _scale(left[sharp > 0.5]) if (sharp > 0.5).any() else scale
         sharp = 1 / (1 + np.square(BENT * bent / scale))
-    frames = sharp * _frame_weights(found, sound, left * np.sqrt(sharp))
+    frames = sharp * _frame_weights(found, sound, left * np.sqrt(sharp), far)
     most = MODES * (cluster.max() + 1) / max(float(frames.sum()), 1e-12)
     frames = frames * min(1.0, most)  # before errors of the inputs take their part, which bounds what is left by itself
     w = frames * np.minimum(1.0, HUBER * scale / np.maximum(np.abs(left) * np.sqrt(sharp), 1e-12)) / scale**2
@@ -251,12 +254,12 @@ def _scale(residual: Array) -> float:
     return max(1.4826 * float(np.median(np.abs(residual))), _SMALLEST_SCALE)
 
 
-def _frame_weights(found: Match, sound: NDArray[np.bool_], residual: Array) -> Array:
-    """Of each point, by its frame: less where the median residual is over FAR times the usual one."""
+def _frame_weights(found: Match, sound: NDArray[np.bool_], residual: Array, most: float) -> Array:
+    """Of each point, by its frame: less where the median residual is over `most` times the usual one."""
     frame, groups = frames_of(found, sound)
     size = np.abs(residual)
     medians = np.array([np.median(size[points]) for points in groups])
-    far = medians / (FAR * max(float(np.median(medians)), _SMALLEST_SCALE))
+    far = medians / (most * max(float(np.median(medians)), _SMALLEST_SCALE))
     return np.asarray(np.square(1 / np.maximum(1.0, far))[frame])
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from fabdesign.checkpoint import Checkpoint
 from fabdesign.effects import EFFECTS
 from fabdesign.forward import ForwardModel, Term
-from optimize.fit.clouds import Array, Indices, Sample, cut, evenly
+from optimize.fit.clouds import Array, Indices, Sample, cut
 from optimize.fit.descent import CLOSE, Fit, fit, horizons
 from optimize.fit.inputs import Accuracy, InputErrors
 from optimize.fit.left_out import LeftOut
@@ -22,7 +22,7 @@ from optimize.fit.problem import FitProblem
 from studies.tracing.kept_fit import kept_fit
 
 NEEDED = 8.0  # of log likelihood: what costs less to drop is dropped; four standard deviations of one parameter
-EARLY_TRIALS = 5  # to which every effect is fitted on horizons before the last
+EARLY = 1.0  # s, of the horizons before the last: a column costs a motion as long
 KNOWN = 0.35  # of the prior's standard deviation, over which the data say little of an unknown
 _EARLY_CLOSE, _JOINT_CLOSE = 3.0, 1.0  # of log likelihood: where a fit ends that others follow
 ALIKE = 0.98  # cosine from which on two effects are one answer
@@ -95,9 +95,9 @@ def select(task: Task) -> Selection:
     every = fit_vector(["all"], factors=task.factors, scope=task.scope, channels=task.channels, size=size)
     vector = without(every, task.known)
     nothing: dict[str, float] = {}
-    start, some = vector.start, evenly(len(task.samples), EARLY_TRIALS)
-    for horizon in horizons(task.samples)[:-1]:
-        shorter = replace(task, samples=[cut(task.samples[k], horizon) for k in some])
+    start = vector.start
+    for horizon in [h for h in horizons(task.samples)[:-1] if h <= EARLY]:
+        shorter = replace(task, samples=[cut(sample, horizon) for sample in task.samples])
         early = _fit(shorter, f"every effect to {horizon:g} s", vector, start=start, close=_EARLY_CLOSE, near=True)
         gone = negligible(early, task.tolerance)
         nothing |= gone
