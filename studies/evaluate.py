@@ -223,8 +223,8 @@ def _summarise(title: str, found: MeasurementSet, noise: SensorNoise, results: S
     if not sound and not any(r.judged for r in results):
         names = ", ".join(r.trial for r in results)
         raise InputError(
-            f"{found.name}: {names} of {title}: in every frame small changes lead elsewhere; expected trials whose "
-            "pressures say which way the cloth goes"
+            f"{found.name}: {names} of {title}: every frame is sensitive, small changes of the inputs lead to another "
+            "shape; expected trials whose pressures decide to which side the cloth bends"
         )
     if not sound:
         raise SimulationError(f"{found.name}: every motion of {title} diverged")

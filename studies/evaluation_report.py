@@ -22,14 +22,15 @@ def write_evaluation(evaluation: Evaluation, out: Path) -> None:
 def tables_markdown(evaluation: Evaluation) -> str:
     """Both tables for people: mm, mean (min to max, std) over trials."""
     parts = [
-        "Chamfer: unsquared, both directions summed. Surface RMS: measured points to the model's faces, capped at "
-        "10 mm. mm, mean over trials, of several trials with (min to max, standard deviation). Closed: share of the "
-        "excess over the floor, * the one figure by which models are compared (surface RMS, in quadrature).\n",
-        f"Of judged frames; {evaluation.judged.said}.\n",
+        "Errors in mm, mean over trials; of several trials with (min to max, standard deviation). Chamfer: unsquared, "
+        "both directions summed. Surface RMS: measured points to the model's faces, capped at 10 mm. Floor: the "
+        "smallest value that noise and sampling allow. Removed: share of the excess error over the floor that the "
+        "model removes; models are compared by the value with * (surface RMS, in quadrature).\n",
+        f"{evaluation.judged.said[0].upper()}{evaluation.judged.said[1:]}.\n",
     ]
     for heading, table in (("Trials of role test", evaluation.designs), ("Other trials", evaluation.others)):
         if table:
-            parts.append(f"## {heading}\n\n| design | trials | error | floor | before | after | closed |")
+            parts.append(f"## {heading}\n\n| design | trials | error | floor | before | after | removed |")
             parts.append("|---|---|---|---|---|---|---|")
         for name, design in table.items():
             for error, floor in (("chamfer", "chamfer_floor"), ("surface_rms", "surface_floor")):
@@ -46,7 +47,7 @@ def tables_markdown(evaluation: Evaluation) -> str:
             f"{name}: {design.source}; noise {1e3 * design.noise.sigma:.2f} mm an axis, "
             + f"{design.noise.strays:.1%} strays"
             + (f"; diverged and left out: {', '.join(design.diverged)}" if design.diverged else "")
-            + (f"; no frame judged: {', '.join(design.unjudged)}" if design.unjudged else "")
+            + (f"; no frame used: {', '.join(design.unjudged)}" if design.unjudged else "")
             for name, design in table.items()
         ]
         for name, design in table.items():
@@ -58,8 +59,8 @@ def tables_markdown(evaluation: Evaluation) -> str:
 
 def _closed(share: float | None) -> str:
     if share is None:
-        return "no gap"
-    return f"{share:.0%}" if share > -0.005 else f"the gap grew by {-share:.0%}"
+        return "no excess"
+    return f"{share:.0%}" if share > -0.005 else f"the excess grew by {-share:.0%}"
 
 
 def _shown(values: Statistics, trials: int) -> str:

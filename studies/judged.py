@@ -17,7 +17,7 @@ from fabdesign.trial import MeasurementSet, Trial
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-WHY = "changes of 0.05 degrees and 1 % of the pressures, to either side, lead elsewhere"
+WHY = "tilting the frame by 0.05 degrees and changing the pressures by 1 % leads to another shape there"
 
 
 @dataclass(frozen=True)
@@ -57,8 +57,8 @@ def share_unjudged(stretches: Sequence[Stretch], trials: Sequence[Trial], *, set
 def said(stretches: Sequence[Stretch], share: float) -> str:
     """In a line for people. share: of the frames that are unjudged."""
     if not stretches:
-        return "every frame is judged: nowhere do small changes lead elsewhere"
-    return f"unjudged, {share:.0%} of the frames: {', '.join(s.named for s in stretches)}; {WHY}"
+        return "all frames are used: no stretch is sensitive to small changes of the inputs"
+    return f"left out as sensitive, {share:.0%} of the frames: {', '.join(s.named for s in stretches)}; {WHY}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,5 +82,5 @@ class Judged:
     @property
     def said(self) -> str:
         if self.stretches is None:
-            return "all frames are judged, also where small changes lead elsewhere: that was not looked for"
+            return "all frames are used; sensitive stretches were not looked for"
         return said(self.stretches, self.share)

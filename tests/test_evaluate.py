@@ -138,7 +138,7 @@ def test_lone_trial_has_no_spread_and_a_worse_model_is_said_to_be_worse(measured
     text = tables_markdown(evaluate_sets(worse, [one], Curler(rest=1.2)))
     rows = [row for row in text.splitlines() if row.startswith("| cross")]
     assert all("(" not in row for row in rows)
-    assert "the gap grew by" in rows[1] and rows[1].endswith(" * |")
+    assert "the excess grew by" in rows[1] and rows[1].endswith(" * |")
     assert "of the points lie more than 10 mm off" in text
 
 
@@ -181,7 +181,7 @@ def test_what_hangs_on_a_coins_toss_counts_for_nothing_and_is_said(measured, tmp
     assert means[1].mean == blind.designs["cross"].trials[0].after.surface_rms
     write_evaluation(found, tmp_path / "out")
     text = (tmp_path / "out/evaluation.md").read_text()
-    assert "unjudged, 50% of the frames: 002 0.0 to 0.3 s" in text and "no frame judged: 002" in text
+    assert "Left out as sensitive, 50% of the frames: 002 0.0 to 0.3 s" in text and "no frame used: 002" in text
     alone = dataclasses.replace(measured, trials=measured.trials[2:3])
-    with pytest.raises(InputError, match="in every frame small changes lead elsewhere"):
+    with pytest.raises(InputError, match="every frame is sensitive, small changes of the inputs lead to another shape"):
         evaluate_sets(SOFT, [alone], Curler(), coarse=Tosser())

@@ -236,7 +236,7 @@ def test_a_laboratory_is_asked_and_answers(place: Path, run: Run, monkeypatch: p
     on_device(Asked(design, programs, 1, 1), answer)
     code, out, err = run("study", *command[1:])  # the same command
     assert code == 0, err
-    assert "turn 0: believed" in out and f"waiting for a measurement set in {place / 'lab' / 'turn_1'}" in out
+    assert "turn 0: predicted" in out and f"waiting for a measurement set in {place / 'lab' / 'turn_1'}" in out
     assert read_set(place / "out" / "turn_0" / "measured").trials[-1].role == "test"
 
 

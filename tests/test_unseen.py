@@ -130,7 +130,7 @@ def test_a_model_that_is_not_to_be_believed_or_of_another_grid_is_said_to_be(fol
     result = run_unseen(replace(study, points_per_side=21), folder / "out", forward=Arc())
     page, text = (folder / "out" / "report.html").read_text(), as_text(result)
     assert result["doubted"] == ["bending"]
-    for said in ("intervals of bending are not to be believed", "a grid of 61 points a side; these shapes have 21"):
+    for said in ("intervals of bending are not reliable", "a grid of 61 points a side; these shapes have 21"):
         assert said in page and said in text
 
 

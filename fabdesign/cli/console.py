@@ -27,11 +27,11 @@ FINITE = _Finite()
 SECONDS = _Finite(min=0, min_open=True)
 GRID = click.IntRange(COARSEST, FINEST)
 SEED = click.IntRange(0)
-grid_option = click.option("--grid", type=GRID, help="Grid points a side; by default the model's, or 41.")
+grid_option = click.option("--grid", type=GRID, help="Grid points per side; by default the model's, or 41.")
 force_option = click.option(
-    "--force", is_flag=True, help="Replace output that exists, once the new is complete; never other people's files."
+    "--force", is_flag=True, help="Replace existing output once the new one is complete; never files of others."
 )
-skip_bad_option = click.option("--skip-bad", is_flag=True, help="Leave out a set's unsound trials, and list them.")
+skip_bad_option = click.option("--skip-bad", is_flag=True, help="Leave out invalid trials of a set, and list them.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print a machine-readable result.")
 
 

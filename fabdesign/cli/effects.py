@@ -11,7 +11,7 @@ from fabdesign.cli.models import effects_option
 @effects_option
 @json_option
 def effects(name: str | None, as_json: bool) -> None:
-    """List the effects that a model can have, or say all of one NAME: parameters, units, priors, how data show it."""
+    """List the effects that a model can have, or describe one: parameters, units, priors, what data show."""
     from fabdesign.effects import EFFECTS
     from fabdesign.effects.registry import effect_named, register_installed
     from fabdesign.effects.table import as_json as json_of

@@ -1,4 +1,4 @@
-"""The whole way: choose, measure, learn, choose again."""
+"""The closed loop: choose, measure, learn, choose again."""
 
 from pathlib import Path
 
@@ -8,12 +8,12 @@ from fabdesign.cli.studies import study_options
 
 
 @commands.command()
-@study_options("Of each search; by default the study's.")
+@study_options("Time limit of each search, s; by default the study's.")
 def loop(study: Path, output: Path, seconds: float | None, force: bool, as_json: bool) -> None:
-    """Choose a design for the target of a STUDY (TOML), measure it, learn from that, choose again.
+    """Choose a design for the target of a STUDY (TOML), measure it, improve the model, choose again.
 
-    Measurements come from a virtual rig, or from a laboratory: then it ends where a measurement set is waited for, and
-    the same command goes on when the set is there.
+    Measurements come from a virtual rig or from a laboratory. With a laboratory the command ends where it needs a
+    measurement set. Run it again when the set is there.
     """
     from studies.loop.report import as_text
     from studies.loop.run import run_loop

@@ -19,5 +19,5 @@ def _connect(context: click.Context, parameter: click.Parameter, address: str | 
 
 cluster_option = click.option(
     "--cluster", envvar="FABDESIGN_CLUSTER", show_envvar=True, metavar="ADDRESS", expose_value=False, callback=_connect,
-    help="Of a Dask scheduler whose workers compute; by default the study's, or this machine.",
+    help="Dask scheduler whose workers compute; by default the study's, or this machine.",
 )  # fmt: skip

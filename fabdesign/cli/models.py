@@ -21,10 +21,10 @@ def _register(context: click.Context, parameter: click.Parameter, files: tuple[P
 
 effects_option = click.option(
     "--effects", type=FILE, multiple=True, is_eager=True, expose_value=False, callback=_register,
-    help="A Python file with effects of your own, by name in models from then on; it is run.",
+    help="A Python file with effects of your own, for use by name in models; the file is run.",
 )  # fmt: skip
 without_option = click.option(
-    "--without", help=f"Leave out of the model what belongs to these, by comma: {', '.join(PARTS)}."
+    "--without", help=f"Parts of the model to leave out, separated by commas: {', '.join(PARTS)}."
 )
 
 

@@ -13,7 +13,7 @@ from fabdesign.cli.studies import study_options
 @force_option
 @json_option
 def demo(output: Path, force: bool, as_json: bool) -> None:
-    """Do the main job on embedded data: a measured cloud becomes a layout, pressures and a report."""
+    """Find a layout and pressures for an embedded measured cloud, and write a report."""
     from studies.demo.run import as_json as json_of
     from studies.demo.run import as_text, run_demo
     from studies.layouts.progress import LiveLine
@@ -24,9 +24,9 @@ def demo(output: Path, force: bool, as_json: bool) -> None:
 
 
 @commands.command()
-@study_options("Of search; by default the study's.")
+@study_options("Time limit of the search, s; by default the study's.")
 def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_json: bool) -> None:
-    """Find the layout and pressures that come closest to the target of a STUDY (TOML). Ctrl-C ends with the best."""
+    """Find the layout and pressures that come closest to the target of a STUDY (TOML). Ctrl-C keeps the best so far."""
     from fabdesign.metrics import MANY_BEYOND, told_beyond
     from studies.layouts.progress import LiveLine
     from studies.layouts.run import run_study
@@ -34,7 +34,7 @@ def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_j
     with LiveLine(study.stem) as line:
         result = run_study(study, output, seconds=seconds, force=force, progress=line.show).as_json()
     text = (
-        f"{output}: {result['objective_mm']:.3f} mm (Chamfer {result['chamfer']:.3f}, floor "
+        f"{output}: {result['objective_mm']:.3f} mm (Chamfer {result['chamfer']:.3f}, noise floor "
         f"{result['chamfer_floor']:.3f}) after {result['evaluations']} evaluations; {result['stop_reason']}"
     )
     after = [result["fewer"]["said"]] if result["fewer"] else []

@@ -16,7 +16,7 @@ def study_options(seconds: str) -> Callable[[Command], Command]:
     """STUDY, -o, --effects, --cluster, --seconds, --force and --json, in this order. seconds: what they limit."""
     options: tuple[Callable[[Any], Any], ...] = (
         click.argument("study", type=FILE),
-        click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in."),
+        click.option("-o", "--output", type=FILE, required=True, help="Folder to write to, or to continue in."),
         effects_option,
         cluster_option,
         click.option("--seconds", type=SECONDS, help=seconds),

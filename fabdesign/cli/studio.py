@@ -10,20 +10,23 @@ from fabdesign.cli.console import FILE, commands, json_option
 
 @commands.command()
 @click.argument("files", nargs=-1, type=FILE, metavar="[FILE]...")
-@click.option("--model", type=FILE, help="A model file; the data sheet holds without one.")
+@click.option("--model", type=FILE, help="A model file; by default the data sheet.")
 @click.option(
-    "--host", default="127.0.0.1", show_default=True, help="To listen on; another than this asks for a token."
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to listen on; any other than this one needs a token.",
 )
-@click.option("--port", type=click.IntRange(1, 65535), help="By default the first free one from 8080 on.")
+@click.option("--port", type=click.IntRange(1, 65535), help="Port; by default the first free one from 8080.")
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
 @json_option
 def studio(
     files: tuple[Path, ...], model: Path | None, host: str, port: int | None, no_browser: bool, as_json: bool
 ) -> None:
-    """Open FILES in the browser: a design, study or measurement set, and beside it a target and pressures.
+    """Draw a layout in the browser. FILES: a design, study or measurement set, and with it a target and pressures.
 
-    Without FILE it begins with a layout of the catalogue. The address is the first line of standard output; Ctrl-C ends
-    it, and what was not saved is there the next time.
+    Without FILES the studio starts with a layout of the catalogue. The address is the first line of standard output.
+    Ctrl-C ends the studio; unsaved work is there at the next start.
     """
     import viser  # noqa: F401 first: without the extra one line says how to install it
 

@@ -10,9 +10,9 @@ from fabdesign.cli.studies import study_options
 
 
 @commands.command()
-@study_options("Of computing; by default the study's, or all that it takes.")
+@study_options("Time limit, s; by default the study's, or none.")
 def sensitivity(study: Path, output: Path, seconds: float | None, force: bool, as_json: bool) -> None:
-    """What a shape depends on: Morris screening and Sobol indices of a STUDY (TOML). Goes on where it was stopped."""
+    """Say what a shape depends on: Morris screening and Sobol indices of a STUDY (TOML). Continues after a stop."""
     from studies.layouts.progress import LiveLine
     from studies.sensitivity.report import as_text
     from studies.sensitivity.run import run_sensitivity
@@ -23,7 +23,7 @@ def sensitivity(study: Path, output: Path, seconds: float | None, force: bool, a
 
 
 @commands.command("study")
-@study_options("Of computing; by default the study's.")
+@study_options("Time limit, s; by default the study's.")
 @click.pass_context
 def study_of_any_kind(
     context: click.Context, study: Path, output: Path, seconds: float | None, force: bool, as_json: bool

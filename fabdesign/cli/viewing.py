@@ -30,22 +30,28 @@ _KINDS = (".html", ".png", ".gif", ".glb", ".pvd", ".rrd", ".csv")
 
 @commands.command()
 @click.argument("files", nargs=-1, required=True, type=FILE)
-@click.option("--model", type=FILE, help="A model file: each trial's prediction beside it.")
-@click.option("--design", type=FILE, help="Of a lone trial that is to be predicted; a set names its own.")
-@click.option("--trial", help="Of a set, by name; its first by default.")
+@click.option("--model", type=FILE, help="A model file: show its prediction beside each trial.")
+@click.option("--design", type=FILE, help="Design of a single trial that is to be predicted.")
+@click.option("--trial", help="Name of the trial of a set; by default the first.")
 @without_option
 @effects_option
-@click.option("--time", "times", multiple=True, type=FINITE, help="s, an instant of a PNG; may come several times.")
 @click.option(
-    "--marker", "markers", multiple=True, metavar="NAME=U,V", help="m, a point of the cloth in a CSV; several times."
+    "--time", "times", multiple=True, type=FINITE, help="Time of a picture in a PNG, s; may be given several times."
+)
+@click.option(
+    "--marker",
+    "markers",
+    multiple=True,
+    metavar="NAME=U,V",
+    help="Point of the cloth for a CSV, m; may be given several times.",
 )
 @grid_option
 @click.option(
     "-o",
     "--output",
     type=FILE,
-    help="By its ending: .html (turns and plays), .png, .gif, .glb (animated), .pvd (ParaView), .rrd (Rerun) or .csv "
-    "(markers). By default the first file's name with .html.",
+    help="File to write. Its ending says what: .html (turns and plays), .png, .gif, .glb (animated), .pvd (ParaView), "
+    ".rrd (Rerun) or .csv (markers). By default the first file's name with .html.",
 )
 @force_option
 @json_option
@@ -62,7 +68,7 @@ def view(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Show FILES side by side: motions, measurement sets, trials, clouds and meshes, with a MODEL predictions too."""
+    """Show FILES side by side: motions, measurement sets, trials, clouds, meshes and, with --model, predictions."""
     from fabdesign.output import new_files
     from studies.view.items import items_of
 

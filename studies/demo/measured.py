@@ -107,7 +107,7 @@ def as_text(judged: Judged) -> str:
     """A table for people; mm."""
     lines = [
         f"measured: {judged.measured.description}",
-        f"{'mm':16}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'floor':>8}{'closed':>9}",
+        f"{'mm':16}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'floor':>8}{'removed':>9}",
     ]
     for name, e, share in judged.rows():
         told = "" if share is None else f"{share:.0%}"

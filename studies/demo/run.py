@@ -26,7 +26,7 @@ from studies.layouts.run import forward_models, run_study
 TARGET = "demo_target.npz"
 SOURCE = "last frame, 1.5 s after rest, of trial 078 of set rig_a, a basic motion measured on a synthetic rig"
 MOST_MUSCLES = 4
-SECONDS = {"basic": 60.0, "free": 120.0}  # of search at most: the demo ends in some three minutes
+SECONDS = {"basic": 60.0, "free": 120.0}  # of search at most: the demo ends after about three minutes
 TITLES = {"basic": "basic: pressures of eight muscles", "free": "free: a layout of at most four muscles"}
 
 
@@ -60,7 +60,7 @@ def run_demo(
         work.complete = not results[-1].interrupted
         judged = None
         if work.complete:
-            say("how far models are from measured trials")
+            say("evaluating the shipped model on measured trials")
             judged = judge_model(forward=fine if forward else None)
         sections = [Section(TITLES[result.study.name], result) for result in results]
         with work.adding() as files:

@@ -51,12 +51,12 @@ def as_sentence(outcome: Outcome) -> str:
     measured = [turn.device["excess"] for turn in outcome.turns if turn.device is not None]
     best = outcome.best
     if best is None or best.device is None:
-        return f"A design is chosen; its measurements are waited for in {outcome.waiting_for}."
-    said = f"On the device {measured[0]:.2f} mm over the floor at first"
+        return f"A design is chosen. Its measurements are expected in {outcome.waiting_for}."
+    said = f"The first design is {measured[0]:.2f} mm over the noise floor on the device"
     if len(measured) > 1:
-        said += f", {best.device['excess']:.2f} mm in {best.name.replace('_', ' ')}, the nearest"
+        said += f"; the nearest, {best.name.replace('_', ' ')}, is {best.device['excess']:.2f} mm over it"
     if outcome.waiting_for is not None:
-        return f"{said}; the next measurements are waited for in {outcome.waiting_for}."
+        return f"{said}. The next measurements are expected in {outcome.waiting_for}."
     return f"{said}. Ended: {outcome.stop_reason}."
 
 
@@ -64,14 +64,14 @@ def as_text(outcome: Outcome) -> str:
     """For the terminal: a line a turn, and what comes next."""
     lines, device = [], "on the device (synthetic rig)" if outcome.synthetic else "on the device"
     for turn in outcome.turns:
-        believed = f"believed {turn.chosen['believed']['excess']:.2f} mm"
+        believed = f"predicted {turn.chosen['believed']['excess']:.2f} mm"
         on = "not measured yet" if turn.device is None else f"{device} {turn.device['excess']:.2f} mm"
-        lines.append(f"{turn.name.replace('_', ' ')}: {believed}, {on} over the floor")
+        lines.append(f"{turn.name.replace('_', ' ')}: {believed}, {on} over the noise floor")
         lines += [f"  {line}" for line in (turn.learned or {}).get("said", ())]
     if outcome.waiting_for is not None:
         lines.append(
             f"waiting for a measurement set in {outcome.waiting_for}; what to sew and to run: {outcome.asked}; then "
-            "the same command goes on"
+            "run the same command again"
         )
     else:
         lines.append(f"ended: {outcome.stop_reason}")
@@ -85,7 +85,7 @@ def _bars(turns: Sequence[Turn]) -> str:
     parts, y = [], 4
     for name, *values in pairs:
         parts.append(f'<text x="0" y="{y + _BAR}">{name.replace("_", " ")}</text>')
-        for value, colour, what in zip(values, (BELIEVED, DEVICE), ("believed", "device"), strict=True):
+        for value, colour, what in zip(values, (BELIEVED, DEVICE), ("predicted", "device"), strict=True):
             if value is not None:
                 parts.append(
                     f'<rect x="60" y="{y}" width="{_WIDE * value / most:.1f}" height="{_BAR}" fill="{colour}"/>'
@@ -112,6 +112,6 @@ def _scene(turn: Turn, targets: Sequence[LoadedTarget], folder: Path) -> dict[st
     traces = [
         points_trace(target[:: max(1, len(target) // SHOWN)], "target", TARGET),
         faces_trace(shapes["device"]) | {"name": "measured", "color": DEVICE, "opacity": 0.7},
-        faces_trace(shapes["believed"]) | {"name": "believed", "color": BELIEVED, "opacity": 0.7},
+        faces_trace(shapes["believed"]) | {"name": "predicted", "color": BELIEVED, "opacity": 0.7},
     ]
     return {"data": traces, "layout": scene_layout() | {"legend": LEGEND}}

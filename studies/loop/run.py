@@ -202,7 +202,7 @@ def _measured(loop: _Loop, number: int, choice: Choice) -> MeasurementSet | None
 
 
 def _judged(loop: _Loop, number: int, choice: Choice, found: MeasurementSet) -> dict[str, Any]:
-    loop.say(number, "judging the shape on the device", 0.6)
+    loop.say(number, "evaluating the shape on the device", 0.6)
     kept: dict[str, Any] = loop.checkpoint.get(
         f"{turn_name(number)}_device", lambda: judge(loop.study, choice, found, loop.targets, loop.work)
     )
