@@ -64,7 +64,7 @@ def test_a_branch_that_the_rise_does_not_reach_is_said_to_be_so():
     assert "The target lies near a stable shape that the rise within 1 s does not reach" in " ".join(way.sentences)
     assert "front 2% up and back down ends at" in " ".join(way.sentences)
     [way] = found_ways(Buckler(rise=5.0), 4.0, ALIKE)  # no motion ends where the search came to
-    assert not way.reached and "No simple rise reaches the shape" in way.sentences[0]
+    assert not way.reached and "No simple rise of the pressures reaches the shape of the search" in way.sentences[0]
     [way] = found_ways(Buckler(rise=0.5), 4.0, ALIKE)
     assert "a rise within 0.2 s" in [copy.name for copy in way.elsewhere]
 
@@ -99,4 +99,4 @@ def test_what_is_reported_is_what_the_motion_reaches(tmp_path: Path) -> None:
     result = result_of(tmp_path, Buckler(rise=5.0), ALIKE)  # at rest in front, where no motion leads
     assert result.as_json()["way"]["reached"] is False
     assert result.objective == pytest.approx(result.way.motion.value) and result.objective > 0.01
-    assert "No simple rise reaches" in render_report("duo", [Section("duo", result)])
+    assert "No simple rise of the pressures reaches" in render_report("duo", [Section("duo", result)])
