@@ -1,4 +1,4 @@
-"""What the field corrector learns from: frames of a trial, how far off they are, and what each source would do."""
+"""What the field corrector learns from: frames of a trial, their errors, and what each basis function would do."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from corrector.basis import Basis
 from corrector.inputs import HISTORY, Layout, fields_of
 from corrector.matching import offsets
 from corrector.outputs import heights_of
 from corrector.response import weight_over_stiffness
 from corrector.shape import FINE, Frames, middle_of
-from corrector.sources import Sources
 from fabdesign.corrector import with_history
 from fabdesign.forward import Case
 from fabdesign.output import whole_file
@@ -28,7 +28,7 @@ _GOOD = 1.0  # mm RMS: a frame that was this near already does not count more
 class Examples:
     """Frames of one trial, FINE x FINE nodes in a row."""
 
-    heights: NDArray[np.float16]  # (T, K, N) mm along the normal that one of each source makes
+    heights: NDArray[np.float16]  # (T, K, N) mm along the normal of a unit coefficient of each basis function
     goal: NDArray[np.float32]  # (T, N) mm from the simulated cloth to the measured one
     weight: NDArray[np.float32]  # (T, N), sum 1 in a frame
 
@@ -41,9 +41,9 @@ class Examples:
         _, where = with_history(times, HISTORY)
         fabric = case.design.fabric
         middle = middle_of(motion[where[0]], round((motion.shape[1] // 2) ** 0.5)).astype(np.float32)
-        sources = Sources.of(fields_of(case, layout, times, motion[where]))
+        basis = Basis.of(fields_of(case, layout, times, motion[where]))
         frames = Frames.of(middle, fabric.width, fabric.height, FINE)
-        heights = 1e3 * heights_of(sources, frames, fabric, weight_over_stiffness(case))
+        heights = 1e3 * heights_of(basis, frames, fabric, weight_over_stiffness(case))
         pairs = [offsets(frame, cloud, fabric.thickness) for frame, cloud in zip(middle, clouds, strict=True)]
         goal, count = (np.array(x).reshape(len(times), -1) for x in zip(*pairs, strict=True))
         weight = np.minimum(count, _MOST)
@@ -52,11 +52,11 @@ class Examples:
         goal = np.clip(1e3 * goal, -_FAR, _FAR)
         return Examples(flat.astype(np.float16), goal.astype(np.float32), weight.astype(np.float32))
 
-    def errors(self, amounts: Floats | None = None) -> NDArray[np.float64]:
-        """(T,) mm RMS that is left with so much of each source (K,); without any by default."""
+    def errors(self, coefficients: Floats | None = None) -> NDArray[np.float64]:
+        """(T,) mm RMS that is left with these coefficients (K,); by default without any."""
         left = self.goal
-        if amounts is not None:
-            left = left - np.einsum("tkn,k->tn", self.heights.astype(np.float32), amounts.astype(np.float32))
+        if coefficients is not None:
+            left = left - np.einsum("tkn,k->tn", self.heights.astype(np.float32), coefficients.astype(np.float32))
         return np.asarray(np.sqrt((left**2 * self.weight).sum(axis=1)), dtype=np.float64)
 
     @cached_property

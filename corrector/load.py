@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from corrector.basis import names
 from corrector.field import FieldCorrector
-from corrector.sources import names
 from corrector.weights_file import read_weights
 from fabdesign.corrector import Corrector
 from fabdesign.errors import InputError
@@ -41,6 +41,6 @@ def load_corrector(model: Model) -> Corrector:
 
 def _field(weights: dict[str, NDArray[np.float32]], about: Mapping[str, Any]) -> FieldCorrector:
     if list(about["sources"]) != list(names()):
-        raise ValueError("other sources than this version's; train again")
+        raise ValueError("other basis functions than this version has; train again")
     seen, unseen = (weights[name].astype(np.float64) for name in ("seen", "unseen"))
     return FieldCorrector(seen, unseen, list(about["known"]), float(about["trust_limit"]))

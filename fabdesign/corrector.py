@@ -30,7 +30,7 @@ class Corrector(Protocol):
 
     @property
     def ordered(self) -> bool:
-        """Whether the answer keeps the order of the points; an unordered cloud is judged by Chamfer alone."""
+        """Whether the answer keeps the order of the points; an unordered cloud is compared by Chamfer alone."""
         ...
 
     @property

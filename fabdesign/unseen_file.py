@@ -1,4 +1,4 @@
-"""Study files of kind "unseen": a layout or muscle type judged before it is sewn, and a model judged by leaving out."""
+"""Study files of kind "unseen": a layout or muscle type predicted before it is sewn, and designs left out in turn."""
 
 from dataclasses import dataclass
 from pathlib import Path

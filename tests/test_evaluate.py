@@ -88,7 +88,7 @@ def test_data_sheet_against_parameters_on_test_trials_only(measured):
 
 
 def test_a_trials_errors_are_those_computed_alone_and_the_noise_is_the_sets(measured, monkeypatch):
-    """In batches of two, whose motions are simulated while others are judged; one sensor saw both designs."""
+    """In batches of two, whose motions are simulated while others are evaluated; one sensor saw both designs."""
     monkeypatch.setattr(evaluate, "_AT_ONCE", 2)
     renamed = dataclasses.replace(measured.trials[0], design_name="again")
     both = dataclasses.replace(measured, trials=(renamed, *measured.trials[1:3]))
@@ -166,7 +166,7 @@ class Tosser(Curler):
         return result
 
 
-def test_what_hangs_on_a_coins_toss_counts_for_nothing_and_is_said(measured, tmp_path):
+def test_sensitive_stretches_are_left_out_and_named(measured, tmp_path):
     blind = evaluate_sets(SOFT, [measured], Curler())
     found = evaluate_sets(SOFT, [measured], Curler(), coarse=Tosser())
     assert blind.as_json()["unjudged"] is None

@@ -266,7 +266,7 @@ def test_demo_again_and_after_an_interruption(
         "studies.layouts.run.target_errors", lambda _, shape, *args, **options: Errors(*[float(np.std(shape))] * 4)
     )
     monkeypatch.setattr("studies.demo.run.save_picture", lambda _, path: path.touch())
-    monkeypatch.setattr("studies.demo.run.judge_model", lambda **options: None)
+    monkeypatch.setattr("studies.demo.run.evaluate_shipped", lambda **options: None)
 
     class Stopped(AnalyticCloth):
         def motions(self, cases, times):  # type: ignore[no-untyped-def]

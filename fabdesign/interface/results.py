@@ -179,13 +179,13 @@ class Evaluated(Tabled):
     skipped: tuple[str, ...]
 
     def columns(self) -> dict[str, Any]:
-        """A row a trial: design, set, trial, order, role, share judged, and errors before and after [mm]."""
+        """A row a trial: design, set, trial, order, role, share of frames used, and errors before and after [mm]."""
         tables = (*self.found.designs.items(), *self.found.others.items())
         rows = [(name, trial) for name, table in tables for trial in table.trials]
         columns: dict[str, Any] = {"design": [name for name, _ in rows]}
         for key, field in (("set", "set_name"), ("trial", "trial"), ("order", "order"), ("role", "role")):
             columns[key] = [getattr(trial, field) for _, trial in rows]
-        columns["judged"] = [trial.judged for _, trial in rows]
+        columns["judged"] = [trial.used for _, trial in rows]
         for when in ("before", "after"):
             for error in ("chamfer", "chamfer_floor", "surface_rms", "surface_floor"):
                 columns[f"{error}_{when}"] = [1e3 * getattr(getattr(trial, when), error) for _, trial in rows]

@@ -4,16 +4,16 @@ from importlib.resources import files
 
 from jinja2 import Environment
 
-from studies.demo.measured import MADE_BY, MODEL, Judged
+from studies.demo.measured import MADE_BY, MODEL, ShippedErrors
 
 
-def as_html(judged: Judged) -> str:
+def as_html(shipped: ShippedErrors) -> str:
     """HTML, for the body of a page with the style of a study's report."""
     source = files("studies.demo").joinpath("measured.html.j2").read_text(encoding="utf-8")
     template = Environment(autoescape=True).from_string(source)
     return template.render(
-        judged=judged,
-        rows=judged.rows(),
+        shipped=shipped,
+        rows=shipped.rows(),
         made_by=MADE_BY,
         model=MODEL,
         mm=lambda metres: f"{1e3 * metres:.2f}",

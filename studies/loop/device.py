@@ -1,4 +1,4 @@
-"""How far the device is from the target: the shapes that were measured, judged as the search judges its own."""
+"""How far the device is from the target: the measured shapes, compared as the search compares its own."""
 
 from collections.abc import Sequence
 

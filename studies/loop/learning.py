@@ -20,7 +20,7 @@ from optimize.fit.parameters import fit_vector
 from studies.calibration.calibrate import Calibration, calibrate
 from studies.calibration.fitted_model import muscle_scope
 from studies.evaluate import DesignResult, evaluate_sets
-from studies.judged_search import GRID
+from studies.sensitive_stretches import GRID
 
 MODEL = "model.toml"
 TRACE = "trace"  # the folder of the trace
@@ -227,7 +227,7 @@ def _held_out(
     study: LoopStudy, sets: Sequence[MeasurementSet], model: Model, simulators: Simulators
 ) -> dict[str, float] | None:
     """mm of surface excess on the trials of role test of all sets, before and after as `evaluate` has them; None
-    where no frame of such trials is judged."""
+    where no frame of such trials is used."""
     grid = study.points_per_side
     try:
         found = evaluate_sets(
@@ -235,9 +235,11 @@ def _held_out(
         ).designs
     except InputError:
         return None
-    return {way: 1e3 * fmean(_means(design, way).excess for design in found.values()) for way in ("before", "after")}
+    return {
+        state: 1e3 * fmean(_means(design, state).excess for design in found.values()) for state in ("before", "after")
+    }
 
 
-def _means(design: DesignResult, way: str) -> Errors:
+def _means(design: DesignResult, state: str) -> Errors:
     """Over the trials."""
-    return Errors(**{name: over.mean for name, over in getattr(design, way).items()})
+    return Errors(**{name: over.mean for name, over in getattr(design, state).items()})

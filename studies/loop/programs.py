@@ -51,7 +51,7 @@ def programs_for(
 
 def _informative(study: LoopStudy, design: Design, own: Array, rng: np.random.Generator) -> list[PressureProgram]:
     """By turns: a step on and off, a staircase up and down, random levels; of pressures about the design's own and of
-    any others. Channels differ, so that no cloth buckles by a coin's toss."""
+    any others. Channels differ, so that no trial is near a bifurcation."""
     highest = np.minimum(limits(design), study.highest)
     seconds = study.trials.seconds
     found = []

@@ -148,7 +148,7 @@ def _turns(loop: _Loop) -> Outcome:
             )
         sets.append(found)
         outcome = replace(outcome, synthetic=outcome.synthetic or "synthetic" in found.description)
-        device = _judged(loop, number, choice, found)
+        device = _measured_errors(loop, number, choice, found)
         reason = stop_reason(
             study.stop, [*(1e-3 * t.device["excess"] for t in turns if t.device), 1e-3 * device["excess"]]
         )
@@ -201,7 +201,7 @@ def _measured(loop: _Loop, number: int, choice: Choice) -> MeasurementSet | None
     return read_set(loop.work.folder / name / MEASURED)
 
 
-def _judged(loop: _Loop, number: int, choice: Choice, found: MeasurementSet) -> dict[str, Any]:
+def _measured_errors(loop: _Loop, number: int, choice: Choice, found: MeasurementSet) -> dict[str, Any]:
     loop.say(number, "evaluating the shape on the device", 0.6)
     kept: dict[str, Any] = loop.checkpoint.get(
         f"{turn_name(number)}_device", lambda: judge(loop.study, choice, found, loop.targets, loop.work)

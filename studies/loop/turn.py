@@ -1,4 +1,4 @@
-"""One turn: a design is chosen with what is known, measured, and judged on the device."""
+"""One turn: a design is chosen with what is known, measured, and evaluated on the device."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace

@@ -25,7 +25,7 @@ def train(
     rate = _frame_rate(trials)
     motions = simulated(trials, lambda chosen: chosen.trial.times, (), forward, work, progress=progress)
     pairs = [
-        Pairs(motion, chosen.trial.load().frames, chosen.judged) for chosen, motion in zip(trials, motions, strict=True)
+        Pairs(motion, chosen.trial.load().frames, chosen.used) for chosen, motion in zip(trials, motions, strict=True)
     ]
     work.claim(*(f"paper-{part}.pt" for part in _PARTS))
     weights = train_paper(pairs, plan, work.folder, progress=progress)

@@ -19,8 +19,8 @@ def as_text(result: Result) -> str:
         lines.append(
             f"designs farther than {result.about['trust_limit']:.2f} from those learned from are not corrected"
         )
-    if result.judged.stretches is not None:
-        lines.append(result.judged.said)
+    if result.used.stretches is not None:
+        lines.append(result.used.in_words)
     return "\n".join(lines)
 
 

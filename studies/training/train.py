@@ -29,8 +29,8 @@ from fabdesign.predictor import Predictor
 from fabdesign.trained_on import central_hash
 from fabdesign.trial import MeasurementSet
 from studies.evaluate import ERRORS, noise_of
-from studies.judged import Judged
 from studies.training.data import Chosen, Progress, choose, simulated
+from studies.used_frames import UsedFrames
 
 Network = Literal["field", "paper"]
 KEPT_BACK = 0.15  # share of the trials that are not learned from and say what the corrector is worth
@@ -57,7 +57,7 @@ class Result:
     held_out: Mapping[str, Learned]  # by design
     learned_from: int  # trials
     base: str  # what the motions were simulated with
-    judged: Judged  # stretches that took no part
+    used: UsedFrames
 
     def as_json(self) -> dict[str, Any]:
         """What `train --json` prints: mm."""
@@ -82,7 +82,7 @@ class Result:
                 }
                 for name, of in self.held_out.items()
             },
-            **self.judged.as_json(),
+            **self.used.as_json(),
         }
 
 
@@ -105,15 +105,15 @@ def train(
     """Train on the trials of role `fit` but for the designs `hold_out` and a share `kept_back`, and write the model
     `output` with its weights beside it, both named after `goes_to`, where they will lie.
 
-    base: whose parameters and effects the motions have; by default the data sheet's. coarse: a cheap simulator with
-    which stretches are found that hang on less than the data sheet knows; they count for nothing. Work goes on in
+    base: whose parameters and effects the motions have; by default the data sheet's. coarse: a cheap simulator
+    that finds sensitive stretches, which are left out. Work goes on in
     the folder `goes_to` without its ending plus `.training`, if an earlier call like this one was stopped there, and
     the folder goes when all is done. Raises InputError, also for a folder of another training unless `force`, and
     SimulationError where a motion diverges.
     """
     base = base or Model()
     base = base.without(["corrector"])
-    learned, held, looked_at = choose(sets, base, hold_out=hold_out, kept_back=kept_back, seed=seed, coarse=coarse)
+    learned, held, used = choose(sets, base, hold_out=hold_out, kept_back=kept_back, seed=seed, coarse=coarse)
     forward = Predictor(forward, sensing=True)  # what was measured went through the sensors; cases bring their effects
     train_network, plan = _network(network, plan, seed)
     folder = goes_to.with_suffix(".training")
@@ -135,7 +135,7 @@ def train(
     if next(others_in(folder), None) is None:
         shutil.rmtree(folder)
     base_is = "the data sheet's parameters" if not base.parameters else "the model's parameters"
-    return Result(model, about, tested, len(learned), base_is, looked_at)
+    return Result(model, about, tested, len(learned), base_is, used)
 
 
 def _network(network: Network, plan: Any, seed: int) -> tuple[Callable[..., Any], Any]:
@@ -156,7 +156,7 @@ def _content(learned: Sequence[Chosen], base: Model, network: Network, plan: Any
     return {
         "network": network,
         "trials": [chosen.name for chosen in learned],
-        "unjudged": [np.flatnonzero(~chosen.judged).tolist() for chosen in learned],
+        "unjudged": [np.flatnonzero(~chosen.used).tolist() for chosen in learned],
         "model": central_hash(base),
         "points_per_side": base.points_per_side,
         "plan": json.loads(json.dumps(asdict(plan))),
@@ -208,7 +208,7 @@ def _tested(
         for chosen, simple, motion in zip(own, plain, wanted, strict=True):
             trial = chosen.trial
             answer = corrector.correct([chosen.case], [trial.times], [motion])[0]
-            kept = np.flatnonzero(chosen.judged & (trial.times >= corrector.starts))
+            kept = np.flatnonzero(chosen.used & (trial.times >= corrector.starts))
             if not len(kept):
                 continue
             frames = trial.load().frames

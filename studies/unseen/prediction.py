@@ -26,12 +26,12 @@ def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int,
     """
     rng, count = np.random.default_rng([seed, 5]), len(draws.names)
     zs = [np.zeros(count), *rng.normal(size=(samples, count))]
-    ways = spreads(unsewn.design)
+    factors = spreads(unsewn.design)
     cases = []
     for pose in unsewn.poses:
         cases += [draws.case(z, constant_program(pose)) for z in zs]
-        cases += [draws.case(zs[0], constant_program(pose * way)) for way in ways]
-    own = len(zs) + len(ways)
+        cases += [draws.case(zs[0], constant_program(pose * factor)) for factor in factors]
+    own = len(zs) + len(factors)
     shapes = [np.asarray(shape, float) for shape in forward.equilibria(cases)]
     return [
         _pose(unsewn, pose, shapes[k * own : k * own + len(zs)], shapes[k * own + len(zs) : (k + 1) * own])

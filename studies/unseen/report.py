@@ -97,8 +97,8 @@ def _histogram_svg(found: dict[str, Any]) -> str:
     figure = Figure(figsize=(7, 2.4), layout="constrained")
     for axes, error in zip(figure.subplots(1, 2), ("chamfer", "surface_rms"), strict=True):
         shown = found["histogram"][error]
-        for way, colour in (("before", "#9aa5b1"), ("after", "#2166ac")):
-            axes.stairs(shown[way], shown["edges"], fill=True, alpha=0.6, color=colour, label=way)
+        for state, colour in (("before", "#9aa5b1"), ("after", "#2166ac")):
+            axes.stairs(shown[state], shown["edges"], fill=True, alpha=0.6, color=colour, label=state)
         axes.set(xlabel=f"{error.replace('_', ' ')}, mm", ylabel="trials")
         axes.legend(fontsize="small")
     return _svg(figure)
