@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from corrector.basis import Basis
-from corrector.inputs import HISTORY, Layout, fields_of
+from corrector.inputs import HISTORY, MuscleFields, fields_of
 from corrector.matching import offsets
 from corrector.outputs import heights_of
 from corrector.response import weight_over_stiffness
-from corrector.shape import FINE, Frames, middle_of
+from corrector.shape import FINE, LocalFrames, middle_of
 from fabdesign.corrector import with_history
 from fabdesign.forward import Case
 from fabdesign.output import whole_file
@@ -34,7 +34,7 @@ class Examples:
 
     @staticmethod
     def of(
-        case: Case, layout: Layout, times: NDArray[np.float64], motion: NDArray[np.floating], clouds: Sequence
+        case: Case, layout: MuscleFields, times: NDArray[np.float64], motion: NDArray[np.floating], clouds: Sequence
     ) -> "Examples":
         """One trial's frames at `times` (T,) s. motion: (U, 2 side^2, 3) m at `with_history(times, HISTORY)`; clouds:
         T of (n, 3) m."""
@@ -42,7 +42,7 @@ class Examples:
         fabric = case.design.fabric
         middle = middle_of(motion[where[0]], round((motion.shape[1] // 2) ** 0.5)).astype(np.float32)
         basis = Basis.of(fields_of(case, layout, times, motion[where]))
-        frames = Frames.of(middle, fabric.width, fabric.height, FINE)
+        frames = LocalFrames.of(middle, fabric.width, fabric.height, FINE)
         heights = 1e3 * heights_of(basis, frames, fabric, weight_over_stiffness(case))
         pairs = [offsets(frame, cloud, fabric.thickness) for frame, cloud in zip(middle, clouds, strict=True)]
         goal, count = (np.array(x).reshape(len(times), -1) for x in zip(*pairs, strict=True))

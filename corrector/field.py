@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from corrector.basis import Basis
 from corrector.designs import described, distance
-from corrector.inputs import HISTORY, Layout, fields_of
+from corrector.inputs import HISTORY, MuscleFields, fields_of
 from corrector.outputs import displacement_of
 from corrector.response import weight_over_stiffness
-from corrector.shape import FINE, Frames, displaced, middle_of
+from corrector.shape import FINE, LocalFrames, displaced, middle_of
 from fabdesign.corrector import Trust, with_history
 from fabdesign.design import Design
 from fabdesign.forward import Case
@@ -31,7 +31,7 @@ class FieldCorrector:
     limit: float  # of trust
     ordered: bool = True
     starts: float = 0.0
-    _layouts: dict[int, tuple[Design, Layout, Trust]] = field(
+    _layouts: dict[int, tuple[Design, MuscleFields, Trust]] = field(
         default_factory=dict
     )  # by the design's id, which it keeps
 
@@ -63,7 +63,7 @@ class FieldCorrector:
         layout, trust = self._known(case.design)
         combination = Basis.of(fields_of(case, layout, times, motion)).combined(self.coefficients(trust.distance))
         middle = middle_of(motion[0], round((motion.shape[2] // 2) ** 0.5)).astype(np.float32)
-        frames = Frames.of(middle, fabric.width, fabric.height, FINE)
+        frames = LocalFrames.of(middle, fabric.width, fabric.height, FINE)
         return displacement_of(combination, frames, fabric, weight_over_stiffness(case))
 
     def coefficients(self, distance: float) -> NDArray[np.float64]:
@@ -71,11 +71,11 @@ class FieldCorrector:
         near = max(1 - distance / NEAR, 0.0)
         return near * self.seen + (1 - near) * self.unseen
 
-    def _known(self, design: Design) -> tuple[Layout, Trust]:
+    def _known(self, design: Design) -> tuple[MuscleFields, Trust]:
         """What is the same in all motions of a design, worked out once."""
         if id(design) not in self._layouts:
             if len(self._layouts) > 64:  # a search asks for thousands of designs
                 self._layouts.clear()
-            self._layouts[id(design)] = (design, Layout.of(design), self.trust(design))
+            self._layouts[id(design)] = (design, MuscleFields.of(design), self.trust(design))
         _, layout, trust = self._layouts[id(design)]
         return layout, trust

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from corrector.basis import STRAIN, Basis, Combination
 from corrector.layout import NODES
 from corrector.response import slopes, slopes_of
-from corrector.shape import FINE, Floats, Frames, integration, put_together, refine, refinement, tangent_changes
+from corrector.shape import FINE, Floats, LocalFrames, integration, put_together, refine, refinement, tangent_changes
 from fabdesign.fabric import Fabric
 
 
-def displacement_of(combination: Combination, frames: Frames, fabric: Fabric, ratio: float) -> NDArray[np.float32]:
+def displacement_of(combination: Combination, frames: LocalFrames, fabric: Fabric, ratio: float) -> NDArray[np.float32]:
     """(T, FINE, FINE, 3) m of the mid-surface.
 
     frames: of the simulated cloth, at FINE x FINE nodes. ratio: `response.weight_over_stiffness`.
@@ -28,7 +28,7 @@ def displacement_of(combination: Combination, frames: Frames, fabric: Fabric, ra
     return (put_together(*changes, fabric) + along).astype(np.float32)
 
 
-def heights_of(basis: Basis, frames: Frames, fabric: Fabric, ratio: float) -> NDArray[np.float32]:
+def heights_of(basis: Basis, frames: LocalFrames, fabric: Fabric, ratio: float) -> NDArray[np.float32]:
     """(T, K, FINE, FINE) m along the normal by a unit coefficient, to first order."""
     size_u, size_v = (np.linalg.norm(x, axis=-1, keepdims=True) for x in (frames.across, frames.down))
     count = len(basis.swings)

@@ -22,7 +22,7 @@ from fabdesign.muscle import Muscle, MuscleType
 from fabdesign.table import Table, load_toml, nearest, parse_toml
 from fabdesign.term import MUSCLE_TYPES, Term
 
-__all__ = ["Part", "is_part", "read_design", "read_part", "write_design"]
+__all__ = ["DesignPart", "is_part", "read_design", "read_part", "write_design"]
 
 FORMAT = "fabdesign.design/1"
 EDGES = ("top", "bottom", "left", "right", "none")
@@ -53,7 +53,7 @@ def read_design(path: Path | str) -> Design:
 
 
 @dataclass(frozen=True)
-class Part:
+class DesignPart:
     """What a file holds that designs include: muscle types, and keys of a cloth, checked one by one."""
 
     types: Mapping[str, MuscleType]
@@ -77,7 +77,7 @@ def is_part(path: Path) -> bool:
     return holds and not sized and not {"muscles", "include"} & root.keys()
 
 
-def read_part(path: Path | str) -> Part:
+def read_part(path: Path | str) -> DesignPart:
     """Read a file that designs include. Raises InputError for what no design that includes it could read."""
     path = Path(path)
     root = load_toml(path, FORMAT, partial=True)
@@ -85,11 +85,11 @@ def read_part(path: Path | str) -> Part:
     fabrics, types, effects = _contents(root, path, ())
     root.finish()
     if not fabrics:
-        return Part(types, None, frozenset(), tuple(effects))
+        return DesignPart(types, None, frozenset(), tuple(effects))
     given = _merged(fabrics, {})
     keys = frozenset(given.names())
     values = _STAND_IN | {key: given.take(key) for key in given.names()}
-    return Part(types, _fabric(Table(values, given.where)), keys, tuple(effects))
+    return DesignPart(types, _fabric(Table(values, given.where)), keys, tuple(effects))
 
 
 def _contents(

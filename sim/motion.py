@@ -14,7 +14,7 @@ FARTHEST = 10.0  # m from the origin, where a hung cloth has diverged
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class SimulatedMotion:
     """One simulated motion. Frames after a divergence are NaN."""
 
     time: Array  # (T,) s after rest
@@ -30,7 +30,7 @@ class Motion:
         return faces(self.middle, self.thickness)
 
 
-def motion_of(case: Case, time: Array, middle: NDArray[np.float32], state: NDArray[np.float32]) -> Motion:
+def motion_of(case: Case, time: Array, middle: NDArray[np.float32], state: NDArray[np.float32]) -> SimulatedMotion:
     fabric = case.design.fabric
     fallen = np.linalg.norm(fabric.gravity) * time**2 / 2 if Support.of(fabric) == Support.NONE else np.zeros(len(time))
     bad = ~(np.abs(middle) < FARTHEST + fallen[:, None, None, None])  # NaN compares false
@@ -41,7 +41,7 @@ def motion_of(case: Case, time: Array, middle: NDArray[np.float32], state: NDArr
         diverged = (float(time[first]), (int(row), int(column)))
         middle[first:], state[first:] = np.nan, np.nan
     own = [k for m in _spans(case) for k in m]
-    return Motion(time, middle, state[:, own, 0], state[:, own, 1], case.design.fabric.thickness, diverged)
+    return SimulatedMotion(time, middle, state[:, own, 0], state[:, own, 1], case.design.fabric.thickness, diverged)
 
 
 def _spans(case: Case) -> list[range]:

@@ -65,7 +65,7 @@ class DesignResult:
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class SetEvaluation:
     """designs: trials of role `test`; others: the rest, where they were asked for."""
 
     designs: Mapping[str, DesignResult]
@@ -89,7 +89,7 @@ def evaluate_sets(
     all_trials: bool = False,
     seed: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> Evaluation:
+) -> SetEvaluation:
     """Errors of `model` on the trials of role `test`, with `all_trials` of the others too, in a table of their own.
 
     forward: the simulator. coarse: a cheap one that finds the sensitive stretches of these trials
@@ -119,7 +119,7 @@ def evaluate_sets(
     for job, noise in zip(jobs, noises, strict=True):
         own, results = results[: len(job.trials)], results[len(job.trials) :]
         tables[job.role][job.title] = _summarise(job.title, job.found, noise.result(), own)
-    return Evaluation(tables["test"], tables["fit"], used)
+    return SetEvaluation(tables["test"], tables["fit"], used)
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ from pathlib import Path
 from fabdesign.csv_table import write_rows
 from fabdesign.metrics import Statistics, told_beyond
 from fabdesign.output import new_folder
-from studies.evaluate import ERRORS, Evaluation, histogram
+from studies.evaluate import ERRORS, SetEvaluation, histogram
 
 
-def write_evaluation(evaluation: Evaluation, out: Path) -> None:
+def write_evaluation(evaluation: SetEvaluation, out: Path) -> None:
     """Write `evaluation.json`, `trials.csv`, `evaluation.md` and `histogram.png` into the folder `out`, all or none."""
     with new_folder(out, made_by="evaluate") as unfinished:
         text = json.dumps(evaluation.as_json(), indent=1)
@@ -19,7 +19,7 @@ def write_evaluation(evaluation: Evaluation, out: Path) -> None:
         _write_histogram(evaluation, unfinished / "histogram.png")
 
 
-def tables_markdown(evaluation: Evaluation) -> str:
+def tables_markdown(evaluation: SetEvaluation) -> str:
     """Both tables for people: mm, mean (min to max, std) over trials."""
     used = evaluation.used.in_words
     parts = [
@@ -71,7 +71,7 @@ def _shown(values: Statistics, trials: int) -> str:
     return f"{mean:.2f} ({least:.2f} to {most:.2f}, {std:.2f})"
 
 
-def _write_trials(evaluation: Evaluation, path: Path) -> None:
+def _write_trials(evaluation: SetEvaluation, path: Path) -> None:
     header = ["set", "design", "trial", "order", "role"]
     header += [f"{name}_{state}_mm" for state in ("before", "after") for name in ERRORS]
     header += ["surface_beyond_before", "surface_beyond_after", "judged"]
@@ -86,7 +86,7 @@ def _write_trials(evaluation: Evaluation, path: Path) -> None:
     write_rows(path, header, rows)
 
 
-def _write_histogram(evaluation: Evaluation, path: Path) -> None:
+def _write_histogram(evaluation: SetEvaluation, path: Path) -> None:
     from matplotlib.figure import Figure
 
     panels = [("test", *item) for item in evaluation.designs.items()]

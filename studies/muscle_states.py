@@ -15,7 +15,7 @@ def knows_muscles(forward: ForwardModel) -> bool:
 
 
 class WithMuscleStates:
-    """A fabdesign.forward.ForwardModel; `last`: the motions of the last call, `sim.motion.Motion` each, with time (T,)
+    """A fabdesign.forward.ForwardModel; `last`: the motions of the last call, each a `SimulatedMotion` with time (T,)
     s, contraction and tension (T, intervals) N. `simulator`: one that `knows_muscles`."""
 
     def __init__(self, simulator: ForwardModel) -> None:

@@ -7,12 +7,12 @@ import numpy as np
 
 from fabdesign.effects.registry import effect_named
 from fabdesign.forward import Case
-from studies.studio.solver import Answer, Ask, Solver
+from studies.studio.solver import Answer, Ask, StudioSolver
 
 
 @dataclass(frozen=True, eq=False)
 class Bent:
-    """What of sim.motion.Motion is asked for."""
+    """What of sim.motion.SimulatedMotion is asked for."""
 
     middle: np.ndarray
     points: np.ndarray
@@ -63,7 +63,7 @@ class AtOnce:
     alive = True
 
     def __init__(self) -> None:
-        self._solver, self.asked, self._due = Solver(Bending), [], []  # type: ignore[var-annotated]
+        self._solver, self.asked, self._due = StudioSolver(Bending), [], []  # type: ignore[var-annotated]
 
     def send(self, ask: Ask) -> None:
         self.asked.append(ask)

@@ -12,14 +12,14 @@ from corrector.basis import Basis, anywhere, names
 from corrector.designs import FAR, described, distance
 from corrector.examples import Examples
 from corrector.field import FieldCorrector
-from corrector.inputs import HISTORY, Layout, fields_of, lagged
+from corrector.inputs import HISTORY, MuscleFields, fields_of, lagged
 from corrector.layout import deposits
 from corrector.load import load_corrector
 from corrector.matching import offsets
 from corrector.outputs import displacement_of, heights_of
 from corrector.regression import Regression, coefficients_of
 from corrector.response import weight_over_stiffness
-from corrector.shape import FINE, Frames, displaced, middle_of, put_together, refine, tangent_changes
+from corrector.shape import FINE, LocalFrames, displaced, middle_of, put_together, refine, tangent_changes
 from fabdesign.catalogue import build, standard
 from fabdesign.corrector import with_history
 from fabdesign.design import Design
@@ -47,7 +47,7 @@ def cloth(curvature: np.ndarray, design: Design) -> np.ndarray:
     mean = (angle[1:] + angle[:-1]) / 2
     middle[1:, :, 1] = -np.cumsum(np.cos(mean), axis=0) * step
     middle[1:, :, 2] = np.cumsum(np.sin(mean), axis=0) * step
-    normal = Frames.of(middle, fabric.width, fabric.height, SIDE).normal * fabric.thickness / 2
+    normal = LocalFrames.of(middle, fabric.width, fabric.height, SIDE).normal * fabric.thickness / 2
     return np.concatenate([(middle + normal).reshape(-1, 3), (middle - normal).reshape(-1, 3)])
 
 
@@ -177,12 +177,12 @@ def test_frames_that_diverged_stay_so(trained) -> None:
 
 
 def test_a_little_of_a_source_does_what_was_learned_from(trained) -> None:
-    case, layout = Case(UNSEEN, program([250, 100, 200])), Layout.of(UNSEEN)
+    case, layout = Case(UNSEEN, program([250, 100, 200])), MuscleFields.of(UNSEEN)
     wanted, where = with_history(TIMES, HISTORY)
     motion = Bending().motions([case], [wanted])[0]
     basis = Basis.of(fields_of(case, layout, TIMES, motion[where]))
     fabric, ratio = UNSEEN.fabric, weight_over_stiffness(case)
-    frames = Frames.of(middle_of(motion[where[0]], SIDE), fabric.width, fabric.height, FINE)
+    frames = LocalFrames.of(middle_of(motion[where[0]], SIDE), fabric.width, fabric.height, FINE)
     heights = heights_of(basis, frames, fabric, ratio)
     assert heights.shape[1] == len(names()) == len(set(names()))
     for k in (0, names().index("strain: tension"), names().index("swing"), len(names()) - 1):
@@ -319,7 +319,7 @@ def test_what_muscles_do_turns_over_with_the_cloth() -> None:
 def _basis(design: Design, pressure: Sequence[float]) -> Basis:
     case = Case(design, program(pressure))
     wanted, where = with_history(TIMES, HISTORY)
-    return Basis.of(fields_of(case, Layout.of(design), TIMES, Bending().motions([case], [wanted])[0][where]))
+    return Basis.of(fields_of(case, MuscleFields.of(design), TIMES, Bending().motions([case], [wanted])[0][where]))
 
 
 def test_measured_offsets_tell_the_faces_apart() -> None:
@@ -327,7 +327,7 @@ def test_measured_offsets_tell_the_faces_apart() -> None:
     rng = np.random.default_rng(0)
     points = cloth(np.full((SIDE, SIDE), 5.0), design)
     middle = middle_of(points, SIDE)
-    normal = Frames.of(middle, 0.2, 0.2, SIDE).normal
+    normal = LocalFrames.of(middle, 0.2, 0.2, SIDE).normal
     for shift in (-2e-3, 0.0, 2e-3):  # as much as the cloth is thick: a front then lies where a back was
         moved = np.concatenate([(half + shift * normal.reshape(-1, 3)) for half in np.split(points, 2)])
         cloud, _ = Surface.of_faces(moved).sample(3000, rng)
@@ -339,7 +339,7 @@ def test_measured_offsets_tell_the_faces_apart() -> None:
 def test_tilts_bend_the_cloth_and_keep_its_length() -> None:
     fabric = UNSEEN.fabric
     points = cloth(np.zeros((SIDE, SIDE)), UNSEEN)
-    frames = Frames.of(middle_of(points, SIDE), fabric.width, fabric.height, FINE)
+    frames = LocalFrames.of(middle_of(points, SIDE), fabric.width, fabric.height, FINE)
     tilts = np.zeros((FINE, FINE, 2))
     tilts[..., 1] = np.linspace(0, 0.5, FINE)[:, None]  # of the v tangent: an arc
     changes = tangent_changes(tilts, np.zeros((FINE, FINE, 3)), frames)
@@ -396,13 +396,13 @@ def test_command_says_what_a_corrector_is_worth(run, hanging, folder: Path) -> N
 
 def test_designs_of_one_muscle_type_share_its_law(monkeypatch: pytest.MonkeyPatch) -> None:
     """A search asks for thousands of layouts, and a fit of the law takes longer than their motions."""
-    from corrector.inputs import Layout
+    from corrector.inputs import MuscleFields
     from fabdesign.muscle_law import MuscleLaw, law_of
 
     fits: list[object] = []
     fit = MuscleLaw.fit
     monkeypatch.setattr(MuscleLaw, "fit", staticmethod(lambda table: fits.append(table) or fit(table)))
     law_of.cache_clear()
-    layouts = [Layout.of(build("vertical", muscles=count)) for count in (1, 2, 3)]
+    layouts = [MuscleFields.of(build("vertical", muscles=count)) for count in (1, 2, 3)]
     assert len(fits) == 1
     assert len({id(law) for layout in layouts for law in layout.laws.values()}) == 1

@@ -17,7 +17,7 @@ from fabdesign.layouts_file import read_layouts
 from fabdesign.pressure_file import constant_program
 from optimize.evaluations import Evaluations
 from optimize.start_rows import as_rows, of_rows
-from studies.layout_grid.result import Found, GridResult
+from studies.layout_grid.result import CellResult, GridResult
 from studies.layout_grid.run import run_layouts
 from studies.layout_grid.seeds import seeds_of
 from studies.layout_grid.turns import CellTurns, next_turn
@@ -167,7 +167,7 @@ def test_time_goes_where_it_still_gains(timed: GridResult) -> None:
     assert next_turn(replace(result, found=(one, worse)), turns, 5.0) is worse
 
 
-def _at(found: Found, chamfer: float) -> StudyResult:
+def _at(found: CellResult, chamfer: float) -> StudyResult:
     assert found.result is not None
     return replace(found.result, errors=replace(found.result.errors, chamfer=chamfer))
 

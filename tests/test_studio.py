@@ -25,7 +25,7 @@ from studies.studio.document import Document
 from studies.studio.gate import Gate
 from studies.studio.layout import Layout
 from studies.studio.limits import broken_limits
-from studies.studio.live import Jumps, Live, Shape
+from studies.studio.live import JumpDetector, Live, LiveShape
 from studies.studio.model_choice import ModelChoice
 from studies.studio.opening import Opened, open_files, search_limits
 from studies.studio.saving import Saving
@@ -34,7 +34,7 @@ from studies.studio.searching import study_document
 from studies.studio.session import Session
 from studies.studio.snapping import row_distance, rows, snapped
 from studies.studio.solver import Ask
-from studies.studio.target import PlacedTarget, compare
+from studies.studio.target import ShownTarget, compare
 from tests.bending import AtOnce, bow
 from tests.command_line import Run, one_line
 
@@ -45,7 +45,7 @@ class Shown:
     """A page that notes what it is told."""
 
     def __init__(self) -> None:
-        self.shapes: list[Shape] = []
+        self.shapes: list[LiveShape] = []
         self.said: list[str] = []
         self.motions = 0
 
@@ -58,7 +58,7 @@ class Shown:
     def show_search(self, said: str, *, running: bool) -> None:
         self.said.append(said)
 
-    def show_shape(self, shape: Shape) -> None:
+    def show_shape(self, shape: LiveShape) -> None:
         self.shapes.append(shape)
 
     def tell(self, text: str, *, bad: bool = False) -> None:
@@ -275,7 +275,7 @@ def test_what_cannot_be_computed_is_told() -> None:
 
 
 def test_a_jump_is_told_from_a_motion_that_keeps_pace() -> None:
-    jumps, flat = Jumps(), np.zeros((2, 9, 3), np.float32)
+    jumps, flat = JumpDetector(), np.zeros((2, 9, 3), np.float32)
     shapes = [(edits.move_muscle(BASIC, 0, (0.001 * k, 0)), flat + np.float32(0.0004 * k)) for k in range(6)]
     assert [jumps.of(points, layout, exact=False)[0] for layout, points in shapes] == [None] * 6
     snapped_to = shapes[-1][1] + np.float32(0.02)
@@ -435,11 +435,11 @@ def test_a_set_shows_what_was_measured_beside_its_prediction(folder: Path) -> No
 # target and search
 
 
-def target_at(layout: Layout, path: Path, *, every: int = 1) -> PlacedTarget:
+def target_at(layout: Layout, path: Path, *, every: int = 1) -> ShownTarget:
     """The cloth's own shape as a target, every so many points of a row."""
     ask = Ask.at_rest(0, "exact", layout.design, layout.pressures, Model())
     np.savetxt(path, bow(Case(ask.design, ask.program))[::every, ::every].reshape(-1, 3))
-    return PlacedTarget.read(TargetFile(path), layout.design)
+    return ShownTarget.read(TargetFile(path), layout.design)
 
 
 def test_the_distance_to_a_target_is_that_of_the_metrics(tmp_path: Path) -> None:

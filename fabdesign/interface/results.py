@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     import xarray
 
     from studies.calibration.calibrate import Calibration
-    from studies.evaluate import Evaluation
+    from studies.evaluate import SetEvaluation
     from studies.layouts.result import StudyResult
     from studies.sensitivity.result import SensitivityResult
     from studies.tracing.outcome import Outcome
-    from studies.training.train import Result
+    from studies.training.train import TrainingResult
 
 
 class Tabled:
@@ -158,7 +158,7 @@ class Trained(Tabled):
     """model: the file that was written, its weights beside it. found: all that training says."""
 
     model: Path
-    found: "Result"
+    found: "TrainingResult"
     skipped: tuple[str, ...]
 
     def columns(self) -> dict[str, Any]:
@@ -175,7 +175,7 @@ class Trained(Tabled):
 class Evaluated(Tabled):
     """found: errors before and after, by design. skipped: bad trials left out, a line each."""
 
-    found: "Evaluation"
+    found: "SetEvaluation"
     skipped: tuple[str, ...]
 
     def columns(self) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from fabdesign import __version__
 from fabdesign.output import write_text
-from studies.layout_grid.result import WORDS, Found, GridResult
+from studies.layout_grid.result import WORDS, CellResult, GridResult
 from studies.layouts.drawing import layout_svg
 from studies.layouts.shape_picture import shape_png
 
@@ -49,13 +49,13 @@ def render(result: GridResult) -> str:
     )
 
 
-def _shown(result: GridResult) -> list[Found]:
+def _shown(result: GridResult) -> list[CellResult]:
     """Cells with a shape, those of the front first."""
     front = result.front
     return [*front, *(f for f in result.found if f.result and f not in front)]
 
 
-def _shapes(found: Found) -> list[Markup]:
+def _shapes(found: CellResult) -> list[Markup]:
     """A picture a pose."""
     assert found.result is not None
     poses = zip(found.result.points, found.result.targets, strict=True)
@@ -92,12 +92,12 @@ def front_svg(result: GridResult) -> str:
     return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
 
 
-def _nearest(result: GridResult, found: Found) -> float:
+def _nearest(result: GridResult, found: CellResult) -> float:
     best = result.nearest(found.cell)
     return best.objective if best else float("inf")
 
 
-def _floor(found: Found) -> float:
+def _floor(found: CellResult) -> float:
     assert found.result is not None
     errors = found.result.errors
     return errors.chamfer_floor if found.result.study.objective == "chamfer" else errors.surface_floor

@@ -14,7 +14,7 @@ WORDS = {"front": "on the front", "back": "on the back", "both": "on both faces"
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class CellResult:
     """A cell's result, or why there is none."""
 
     cell: Cell
@@ -47,7 +47,7 @@ class GridResult:
     """found: of the cells that were begun, in order; total: how many there are."""
 
     study: LayoutsStudy
-    found: tuple[Found, ...]
+    found: tuple[CellResult, ...]
     total: int
     wall_s: float = 0.0  # of all of it, earlier sessions included
 
@@ -55,15 +55,15 @@ class GridResult:
     def interrupted(self) -> bool:
         return any(f.result is not None and f.result.interrupted for f in self.found)
 
-    def nearest(self, cell: Cell) -> Found | None:
+    def nearest(self, cell: Cell) -> CellResult | None:
         """The nearest layout that `cell` may have: its own, or that of a cell with fewer muscles or on one face."""
         may = [f for f in self.found if f.result is not None and cell.includes(f.cell)]
         return min(may, key=lambda f: (f.objective, f.cell.muscles), default=None)
 
     @property
-    def front(self) -> list[Found]:
+    def front(self) -> list[CellResult]:
         """Cells that no other beats with as many muscles or fewer, by rising number of muscles."""
-        kept: list[Found] = []
+        kept: list[CellResult] = []
         for f in sorted(self.found, key=lambda f: (f.cell.muscles, f.objective)):
             if f.result and (not kept or f.objective < kept[-1].objective):
                 kept.append(f)
@@ -101,7 +101,7 @@ class GridResult:
             "seed": self.study.search.seed,
         }
 
-    def _cell(self, found: Found, on_front: bool) -> dict[str, Any]:
+    def _cell(self, found: CellResult, on_front: bool) -> dict[str, Any]:
         cell, best = found.cell, self.nearest(found.cell)
         entry: dict[str, Any] = {"name": cell.name, "muscles": cell.muscles, "type": cell.type, "sides": cell.sides}
         if found.result is None:

@@ -15,7 +15,7 @@ from optimize.evaluations import Evaluations
 from optimize.start_rows import as_rows, of_rows
 from optimize.starts import Start
 from studies.layout_grid.report import write_report
-from studies.layout_grid.result import Found, GridResult
+from studies.layout_grid.result import CellResult, GridResult
 from studies.layout_grid.seeds import seeds_of
 from studies.layout_grid.turns import FIRST, FOLLOWED, FURTHER, LEAST, CellTurns, best_beneath, next_turn, recent_gain
 from studies.layouts.begin import first_starts, limits_of
@@ -83,7 +83,7 @@ class _Grid:
         self._work, self._study, self._progress = work, study, progress
         self._models = forward, coarse
         self._cells = [*study.cells]
-        self._found: list[Found] = []
+        self._found: list[CellResult] = []
         state = _state(work.folder / TURNS)
         self._turns = {name: CellTurns(**row) for name, row in state.get("cells", {}).items()}
         self._began = time.monotonic() - state.get("spent", 0.0)
@@ -116,7 +116,7 @@ class _Grid:
             followed = self._run(
                 ahead[0].cell, own, first_starts(ahead[0].cell.study) if own.drawn else [], follow=True
             )
-            self._found[self._found.index(ahead[0])] = Found(ahead[0].cell, followed, "")
+            self._found[self._found.index(ahead[0])] = CellResult(ahead[0].cell, followed, "")
             longest = max(longest, time.monotonic() - begin)
             result = self._result()
         return result
@@ -139,7 +139,7 @@ class _Grid:
         try:
             drawn = first_starts(cell.study)
         except InputError as error:
-            self._found.append(Found(cell, None, str(error)))
+            self._found.append(CellResult(cell, None, str(error)))
             return
         if own is None:
             share = FIRST * self._study.search.limits.seconds / len(self._cells)
@@ -153,15 +153,15 @@ class _Grid:
         try:
             result = self._run(cell, own, drawn)
         except SimulationError as error:
-            self._found.append(Found(cell, None, str(error)))
+            self._found.append(CellResult(cell, None, str(error)))
             return
-        found = Found(cell, result, "")
+        found = CellResult(cell, result, "")
         self._found.append(found)
         if not own.turns and not result.interrupted:
             own.turns, own.value, own.gained = 1, found.objective, recent_gain(found)
         self._keep()
 
-    def _further_turn(self, chosen: Found, seconds: float) -> None:
+    def _further_turn(self, chosen: CellResult, seconds: float) -> None:
         """On from where it stands; or anew from what its neighbours have found since."""
         cell, own = chosen.cell, self._turns[chosen.cell.name]
         beneath = best_beneath(cell, self._result())
@@ -171,7 +171,7 @@ class _Grid:
             own.seeds, own.drawn, own.seconds, own.beneath = as_rows(seeds), False, 0.0, beneath
         own.seconds += seconds
         result = self._run(cell, own, first_starts(cell.study) if own.drawn else [], anew=anew)
-        found = Found(cell, result, "")
+        found = CellResult(cell, result, "")
         self._found[self._found.index(chosen)] = found
         own.turns += 1
         own.gained, own.value = max(0.0, own.value - found.objective), found.objective

@@ -9,13 +9,13 @@ from fabdesign.muscle import Muscle
 from optimize.additions import pulling, with_idle
 from optimize.design_space import DesignSpace
 from optimize.starts import Start
-from studies.layout_grid.result import Found
+from studies.layout_grid.result import CellResult
 from studies.layouts.begin import PULL, limits_of
 
 CANDIDATES = 12  # of further muscles, drawn for each neighbour's layout: idle, and again at a share of the pressure
 
 
-def seeds_of(cell: Cell, found: Sequence[Found]) -> list[Start]:
+def seeds_of(cell: Cell, found: Sequence[CellResult]) -> list[Start]:
     """Of the cells that this one includes, nearest first: their layouts, and with idle muscles up to the cell's number.
 
     Where a layout without a change has the cell's number of muscles already, it is a seed as it is.
@@ -37,9 +37,9 @@ def seeds_of(cell: Cell, found: Sequence[Found]) -> list[Start]:
     return seeds
 
 
-def _nearest(beneath: Sequence[Found]) -> list[Found]:
+def _nearest(beneath: Sequence[CellResult]) -> list[CellResult]:
     """Of each choice of sides the nearest layout, and of all others none."""
-    best: dict[str, Found] = {}
+    best: dict[str, CellResult] = {}
     for f in sorted(beneath, key=lambda f: f.objective):
         best.setdefault(f.cell.sides, f)
     return [*best.values()]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from fabdesign.layouts_file import Cell
-from studies.layout_grid.result import Found, GridResult
+from studies.layout_grid.result import CellResult, GridResult
 
 FIRST = 0.6  # of the seconds, for the first turns of all cells
 FOLLOWED = 0.12  # of the seconds, at the end, for the motions that lead to the results
@@ -39,7 +39,7 @@ def best_beneath(cell: Cell, result: GridResult) -> float:
     return min((f.objective for f in result.found if f.cell is not cell and cell.includes(f.cell)), default=np.inf)
 
 
-def recent_gain(found: Found) -> float:
+def recent_gain(found: CellResult) -> float:
     """m that the full model's best fell by in the latter half of the search; all of it where it came only then."""
     assert found.result is not None
     entries = [entry for entry in found.result.history if not entry.diverged]
@@ -51,7 +51,7 @@ def recent_gain(found: Found) -> float:
     return max(0.0, min(before) - min(value for _, value in last))
 
 
-def next_turn(result: GridResult, turns: dict[str, CellTurns], seconds: float) -> Found | None:
+def next_turn(result: GridResult, turns: dict[str, CellTurns], seconds: float) -> CellResult | None:
     """The cell that promises most in a turn of so many seconds; None where none does.
 
     A cell promises what it gained a second in its turn before, or, where its neighbours have got ahead of it, what

@@ -29,7 +29,7 @@ class Turn:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class LoopOutcome:
     """stop_reason: why the loop ended; empty while a measurement is waited for, and then `waiting_for` says where."""
 
     name: str

@@ -19,13 +19,15 @@ from fabdesign.pressure_file import read_pressures
 from studies.layouts.drawing import layout_svg
 from studies.layouts.figures import LEGEND, SHOWN, TARGET, faces_trace, points_trace, scene_layout
 from studies.layouts.target import LoadedTarget
-from studies.loop.record import Outcome, Turn
+from studies.loop.record import LoopOutcome, Turn
 
 BELIEVED, DEVICE = "#92c5de", "#b2182b"
 _BAR, _GAP, _WIDE = 16, 26, 420  # of a drawing unit
 
 
-def write_report(outcome: Outcome, study: LoopStudy, targets: Sequence[LoadedTarget], folder: Path, out: Path) -> None:
+def write_report(
+    outcome: LoopOutcome, study: LoopStudy, targets: Sequence[LoadedTarget], folder: Path, out: Path
+) -> None:
     """Write `report.html` into `out`; the turns' folders lie in `folder`."""
     template = Environment(autoescape=True).from_string(
         files("studies.loop").joinpath("report.html.j2").read_text(encoding="utf-8")
@@ -46,7 +48,7 @@ def write_report(outcome: Outcome, study: LoopStudy, targets: Sequence[LoadedTar
     write_text(out / "report.html", page)
 
 
-def as_sentence(outcome: Outcome) -> str:
+def as_sentence(outcome: LoopOutcome) -> str:
     """Where the loop stands."""
     measured = [turn.device["excess"] for turn in outcome.turns if turn.device is not None]
     best = outcome.best
@@ -60,7 +62,7 @@ def as_sentence(outcome: Outcome) -> str:
     return f"{said}. Ended: {outcome.stop_reason}."
 
 
-def as_text(outcome: Outcome) -> str:
+def as_text(outcome: LoopOutcome) -> str:
     """For the terminal: a line a turn, and what comes next."""
     lines, device = [], "on the device (synthetic rig)" if outcome.synthetic else "on the device"
     for turn in outcome.turns:

@@ -21,7 +21,7 @@ from studies.layouts.begin import first_starts
 from studies.layouts.target import LoadedTarget, load_target
 from studies.loop.learning import MODEL, Simulators, learn, model_of
 from studies.loop.programs import programs_for
-from studies.loop.record import Outcome, Turn, loop_content
+from studies.loop.record import LoopOutcome, Turn, loop_content
 from studies.loop.report import write_report
 from studies.loop.sources import ASKED, MEASURED, measured
 from studies.loop.stop import stop_reason
@@ -59,7 +59,7 @@ def run_loop(
     seconds: float | None = None,
     force: bool = False,
     progress: Progress = lambda line, share: None,
-) -> Outcome:
+) -> LoopOutcome:
     """Turn after turn, until the study's rule ends it or a laboratory is waited for; writes `result.json`,
     `report.html`, the folders of the turns and, of the turn that came nearest as measured, `design.toml` and
     `pressures.csv` into `out`, and the last `model.toml`.
@@ -122,13 +122,13 @@ def _simulators(study: LoopStudy) -> Simulators:
     return simulator
 
 
-def _turns(loop: _Loop) -> Outcome:
+def _turns(loop: _Loop) -> LoopOutcome:
     study = loop.study
     turns: list[Turn] = []
     sets: list[MeasurementSet] = []
     model: Model | None = study.search.model
     earlier: Choice | None = None
-    outcome = Outcome(
+    outcome = LoopOutcome(
         name=study.search.name,
         turns=(),
         seed=study.search.seed,
@@ -226,7 +226,7 @@ def _learned(loop: _Loop, number: int, sets: Sequence[MeasurementSet], model: Mo
     return kept
 
 
-def _keep_best(loop: _Loop, outcome: Outcome, learned: int) -> None:
+def _keep_best(loop: _Loop, outcome: LoopOutcome, learned: int) -> None:
     """Copy the nearest turn's design and pressures, and the last turn's model, up."""
     best = outcome.best
     assert best is not None

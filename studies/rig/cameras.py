@@ -13,7 +13,7 @@ from fabdesign.recording import Sensor, write_recording
 from studies.rig.motion import equilibrium
 from studies.rig.scene import Scene
 from studies.rig.sensor import faces
-from studies.rig.specimen import Task, control_points, prepare
+from studies.rig.specimen import TrialTask, control_points, prepare
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -32,7 +32,7 @@ MESH = 121  # points a side of the surface that is drawn
 FRAMES = 10
 
 
-def record(task: Task, folder: Path, truth_file: Path) -> None:
+def record(task: TrialTask, folder: Path, truth_file: Path) -> None:
     """Write the task's motion as FRAMES frames seen by the four cameras into `folder`, its name that of the recording,
     and their true poses to `truth_file`."""
     scene = prepare(task)

@@ -5,14 +5,14 @@ from collections.abc import Sequence
 from fabdesign.effort import MEMORY
 from fabdesign.errors import InputError
 from studies.rig.scene import Resolution, control_counts
-from studies.rig.specimen import Task
+from studies.rig.specimen import TrialTask
 
 _STEP = 48  # bytes of a control point and a step: position and velocity
 _CONTROL = 360  # bytes of a control point and another in reach: the matrix, its factor and what they are made from
 _FRAME, _POINT = 48, 120  # bytes of a frame: of each control point, and of each measured one
 
 
-def trial_bytes(task: Task, resolution: Resolution) -> float:
+def trial_bytes(task: TrialTask, resolution: Resolution) -> float:
     """At the peak of a trial."""
     blocks, within, reach = control_counts(task.design, resolution)
     controls, frames = blocks * within, len(task.times)
@@ -21,7 +21,7 @@ def trial_bytes(task: Task, resolution: Resolution) -> float:
     return steps * controls * _STEP + controls * within * reach * _CONTROL + kept
 
 
-def require_room(tasks: Sequence[Task], resolution: Resolution) -> int:
+def require_room(tasks: Sequence[TrialTask], resolution: Resolution) -> int:
     """How many of the trials fit into memory at once. Raises InputError where one alone does not."""
     most = 0.0
     for task in tasks:

@@ -27,7 +27,7 @@ from studies.rig.effort import require_room
 from studies.rig.key import Key, read_key
 from studies.rig.scene import DEFAULT, Resolution
 from studies.rig.sensor import measure
-from studies.rig.specimen import Task, control_points, prepare
+from studies.rig.specimen import TrialTask, control_points, prepare
 
 Array = NDArray[np.float64]
 THREAD_SETTINGS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -131,7 +131,7 @@ def _recording_places(
         yield clouds, truth
 
 
-def _task(design: Design, program: PressureProgram, order: int, key: Key, resolution: Resolution) -> Task:
+def _task(design: Design, program: PressureProgram, order: int, key: Key, resolution: Resolution) -> TrialTask:
     """The trial's frames, and the program as the trial's file will state it: a set point a frame interval."""
     require_pressures(program, design, f"program {order}")
     rate = key.sensing.frame_rate
@@ -139,17 +139,17 @@ def _task(design: Design, program: PressureProgram, order: int, key: Key, resolu
         raise InputError(f"program {order}: lasts {program.duration:g} s; expected at most {LONGEST:g} s")
     times = np.arange(1, max(1, round(program.duration * rate)) + 1) / rate
     rows = program.at(times - 1e-6)
-    return Task(design, program_of(times, rows), times, order, key, resolution)
+    return TrialTask(design, program_of(times, rows), times, order, key, resolution)
 
 
-def _sense(task: Task, shapes: Array) -> TrialData:
+def _sense(task: TrialTask, shapes: Array) -> TrialData:
     scene = prepare(task)
     rng = np.random.default_rng([task.key.seed, task.order, 1])
     clouds = tuple(measure(scene, x, task.key.sensing, rng) for x in shapes)
     return TrialData(task.times, task.program.at(task.times - 1e-6), clouds)
 
 
-def _shapes(tasks: Sequence[Task], workers: int) -> Generator[Array, None, None]:
+def _shapes(tasks: Sequence[TrialTask], workers: int) -> Generator[Array, None, None]:
     """Control points of every task, in order; on a cluster, or on several cores where there are several tasks."""
     if (cluster := current()) is not None:
         yield from cluster.map(control_points, tasks, lambda task: f"trial {task.order} of {task.design.name}")

@@ -12,7 +12,7 @@ from fabdesign.errors import SimulationError
 from fabdesign.sensitivity_file import SensitivityStudy
 from studies.sensitivity.estimators import INTERVAL, Indices, Screening, indices, screening
 from studies.sensitivity.inputs import Inputs
-from studies.sensitivity.outputs import Column
+from studies.sensitivity.outputs import OutputColumn
 from studies.sensitivity.snapping import snaps
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ class SensitivityResult:
 
     study: SensitivityStudy
     inputs: Inputs
-    columns: list[Column]
+    columns: list[OutputColumn]
     computed: Mapping[str, Computed]
     moves: Array
     complete: bool

@@ -11,7 +11,7 @@ from fabdesign.trial_file import TrialData
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class TrialMotion:
     """Frames (T, 2 n, 3) m at times (T,) s, and with them, where they were measured, the clouds (n_t, 3) m."""
 
     name: str

@@ -52,7 +52,7 @@ class Answer:
     error: str | None = None
 
 
-class Solver:
+class StudioSolver:
     """Answers asks one by one. make: of a simulator with so many points a side and a tolerance [m]."""
 
     def __init__(self, make: Callable[..., Any]) -> None:

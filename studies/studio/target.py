@@ -18,16 +18,16 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedTarget:
+class ShownTarget:
     """A target as `optimize` takes it."""
 
     file: TargetFile
     loaded: LoadedTarget
 
     @staticmethod
-    def read(file: TargetFile, design: Design) -> "PlacedTarget":
+    def read(file: TargetFile, design: Design) -> "ShownTarget":
         """Raises InputError like `optimize`, also for a place where no cloth can be."""
-        return PlacedTarget(file, load_target(file, design))
+        return ShownTarget(file, load_target(file, design))
 
     @property
     def points(self) -> Floats:
@@ -54,7 +54,7 @@ class Comparison:
         return [*said, told_beyond(e.beyond)] if e.beyond else said
 
 
-def compare(target: PlacedTarget, shape: NDArray[np.float32], design: Design) -> Comparison:
+def compare(target: ShownTarget, shape: NDArray[np.float32], design: Design) -> Comparison:
     """shape: (2 n, 3) m."""
     errors = target_errors([target.loaded], shape[None].astype(np.float64), design, draws=DRAWS)
     return Comparison(errors, Surface.of_faces(shape).distance(target.points), nearest_distances(shape, target.points))

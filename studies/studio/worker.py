@@ -6,10 +6,10 @@ import os
 import signal
 from multiprocessing.connection import Connection
 
-from studies.studio.solver import Answer, Ask, Solver
+from studies.studio.solver import Answer, Ask, StudioSolver
 
 
-class Worker:
+class SolverProcess:
     """One process that answers one ask at a time. It ends with its parent, or by `close`."""
 
     def __init__(self) -> None:
@@ -47,7 +47,7 @@ def _serve(connection: Connection) -> None:
     os.environ.setdefault("FABDESIGN_LANES", "1")  # kernels for a lone design
     from sim import Simulator
 
-    solver = Solver(Simulator)
+    solver = StudioSolver(Simulator)
     with contextlib.suppress(EOFError, OSError):  # the parent has gone
         while True:
             connection.send(solver.answer(connection.recv()))

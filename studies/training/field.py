@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from corrector.basis import anywhere, least_effects, names
 from corrector.designs import described, distance
 from corrector.examples import Examples
-from corrector.inputs import HISTORY, Layout
+from corrector.inputs import HISTORY, MuscleFields
 from corrector.regression import Regression, best_penalty, coefficients_of, relative_error
 from fabdesign.forward import ForwardModel
 from fabdesign.output import WorkFolder
@@ -109,11 +109,11 @@ def _examples(trials: Sequence[Chosen], forward: ForwardModel, work: WorkFolder,
     work.claim(*files)
     missing = [chosen for chosen, name in zip(trials, files, strict=True) if not (work.folder / name).is_file()]
     motions = simulated(missing, _times_learned, HISTORY, forward, work, progress=progress) if missing else []
-    layouts: dict[int, Layout] = {}
+    layouts: dict[int, MuscleFields] = {}
     for k, (chosen, motion) in enumerate(zip(missing, motions, strict=True)):
         trial = chosen.trial
         if id(trial.design) not in layouts:
-            layouts[id(trial.design)] = Layout.of(trial.design)
+            layouts[id(trial.design)] = MuscleFields.of(trial.design)
         found = Examples.of(chosen.case, layouts[id(trial.design)], _times_learned(chosen), motion, _clouds(chosen))
         found.save(work.folder / f"examples/{chosen.key}.npz")
         progress("matched", len(trials) - len(missing) + k + 1, len(trials))

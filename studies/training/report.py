@@ -1,9 +1,9 @@
 """What a training found, in words."""
 
-from studies.training.train import Learned, Result
+from studies.training.train import HeldOutErrors, TrainingResult
 
 
-def as_text(result: Result) -> str:
+def as_text(result: TrainingResult) -> str:
     """Lines for a person: what was learned from what, and what it is worth on trials that took no part."""
     lines = [
         f"{result.about['network']} corrector on {result.base}, {result.learned_from} trials learned from"
@@ -24,7 +24,7 @@ def as_text(result: Result) -> str:
     return "\n".join(lines)
 
 
-def _line(name: str, of: Learned, *, ordered: bool) -> str:
+def _line(name: str, of: HeldOutErrors, *, ordered: bool) -> str:
     before, after = of.before, of.after
     trials = f"{of.trials} trial{'s' * (of.trials != 1)} of {name} held out"
     if not ordered:

@@ -40,7 +40,7 @@ _MADE_BY = "train"
 
 
 @dataclass(frozen=True)
-class Learned:
+class HeldOutErrors:
     """Of one design: the trials that took no part, before and after the corrector."""
 
     trials: int
@@ -51,10 +51,10 @@ class Learned:
 
 
 @dataclass(frozen=True)
-class Result:
+class TrainingResult:
     model: Model
     about: Mapping[str, Any]  # as the weights' file says it
-    held_out: Mapping[str, Learned]  # by design
+    held_out: Mapping[str, HeldOutErrors]  # by design
     learned_from: int  # trials
     base: str  # what the motions were simulated with
     used: UsedFrames
@@ -101,7 +101,7 @@ def train(
     force: bool = False,
     coarse: ForwardModel | None = None,
     progress: Progress = lambda what, done, total: None,
-) -> Result:
+) -> TrainingResult:
     """Train on the trials of role `fit` but for the designs `hold_out` and a share `kept_back`, and write the model
     `output` with its weights beside it, both named after `goes_to`, where they will lie.
 
@@ -135,7 +135,7 @@ def train(
     if next(others_in(folder), None) is None:
         shutil.rmtree(folder)
     base_is = "the data sheet's parameters" if not base.parameters else "the model's parameters"
-    return Result(model, about, tested, len(learned), base_is, used)
+    return TrainingResult(model, about, tested, len(learned), base_is, used)
 
 
 def _network(network: Network, plan: Any, seed: int) -> tuple[Callable[..., Any], Any]:
@@ -191,14 +191,14 @@ def _tested(
     work: WorkFolder,
     seed: int,
     progress: Progress,
-) -> dict[str, Learned]:
+) -> dict[str, HeldOutErrors]:
     """Errors on the trials held out, with and without the corrector."""
     corrector = load_corrector(model)
 
     def times(chosen: Chosen) -> NDArray[np.float64]:
         return chosen.trial.times
 
-    found: dict[str, Learned] = {}
+    found: dict[str, HeldOutErrors] = {}
     for name in sorted({chosen.trial.design_name for chosen in held}):
         own = [chosen for chosen in held if chosen.trial.design_name == name]
         noise = noise_of([chosen.trial for chosen in own])
@@ -222,7 +222,7 @@ def _tested(
             continue
         means = [mean_errors(each) for each in (before, after)]
         trust = corrector.trust(own[0].trial.design)
-        found[name] = Learned(len(before), trust, means[0], means[1], _closed(*means))
+        found[name] = HeldOutErrors(len(before), trust, means[0], means[1], _closed(*means))
     return found
 
 

@@ -16,7 +16,7 @@ from optimize.fit.clouds import evenly
 from optimize.fit.parameters import fit_vector
 from studies.calibration.calibrate import calibrate
 from studies.calibration.fitted_model import muscle_scope
-from studies.evaluate import Evaluation, evaluate_sets
+from studies.evaluate import SetEvaluation, evaluate_sets
 from studies.forward_model import forward_model
 
 
@@ -55,7 +55,7 @@ def left_out(
     )
     model = replace(found.model, without_effects={})  # before is the data sheet
 
-    def judge(model: Model, what: str) -> Evaluation:
+    def judge(model: Model, what: str) -> SetEvaluation:
         return evaluate_sets(
             model,
             [replace(measured, trials=tests)],
@@ -80,7 +80,7 @@ def left_out(
     }
 
 
-def _shown(trials: Sequence[Trial], measured: MeasurementSet, evaluation: Evaluation) -> tuple[Trial, int]:
+def _shown(trials: Sequence[Trial], measured: MeasurementSet, evaluation: SetEvaluation) -> tuple[Trial, int]:
     """The trial in the middle of those with a used frame, and of its used frames the one that moved farthest."""
     used = [(trial, np.flatnonzero(evaluation.used.at(measured, trial))) for trial in trials]
     sound = [(trial, kept) for trial, kept in used if len(kept)]

@@ -46,7 +46,7 @@ def save_picture(
     box = _box(items)
     rows = figure.subfigures(shape[0], 1, squeeze=False)[:, 0]
     for row, item, distance in zip(rows, items, apart, strict=True):
-        drawn = _Drawn(item)
+        drawn = _DrawnPanel(item)
         row.suptitle(f"{item.title}\n{_said(distance)}" if distance else item.title, fontsize=9, x=0.01, ha="left")
         for column, instant in enumerate(instants if item.moves else instants[:1]):
             axes = row.add_subplot(1, shape[1], column + 1, projection="3d")
@@ -63,7 +63,7 @@ def save_animation(items: Sequence[Item], path: Path, apart: Sequence[Distance |
     instants = np.arange(begin, end + 0.5 / RATE, 1 / RATE)
     figure = plt.figure(figsize=(3.4 * len(items), 4.1), layout="constrained")
     panels = [figure.add_subplot(1, len(items), k + 1, projection="3d") for k in range(len(items))]
-    drawn = [_Drawn(item) for item in items]
+    drawn = [_DrawnPanel(item) for item in items]
     heads = [_head(item, distance) for item, distance in zip(items, apart, strict=True)]
     box = _box(items)
 
@@ -101,7 +101,7 @@ def _box(items: Sequence[Item]) -> np.ndarray:
     return np.array([np.min([low for low, _ in ends], axis=0), np.max([high for _, high in ends], axis=0)])
 
 
-class _Drawn:
+class _DrawnPanel:
     """A panel that is drawn frame by frame, the file's y upwards: matplotlib's vertical axis is its third."""
 
     def __init__(self, item: Item) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from studies.rig.effects.declaration import Effect
+from studies.rig.effects.declaration import RigEffect
 from studies.rig.scene import Scene
 
 PATCH_EDGE = 0.004  # m, over which a stiff patch fades out
@@ -37,14 +37,14 @@ def rest_curvature(scene: Scene, order: int, values: Mapping[str, float]) -> Non
 
 
 EFFECTS = {
-    "orthotropy": Effect("fabric", {"ratio": (2.0, "1")}, orthotropy),
-    "local_stiffening": Effect(
+    "orthotropy": RigEffect("fabric", {"ratio": (2.0, "1")}, orthotropy),
+    "local_stiffening": RigEffect(
         "fabric",
         {"u": (0.1, "m"), "v": (0.1, "m"), "radius": (0.03, "m"), "factor": (4.0, "1")},
         local_stiffening,
     ),
-    "stress_relaxation": Effect("fabric", {"share": (0.3, "1"), "time": (0.7, "s")}, stress_relaxation),
-    "rest_curvature": Effect(
+    "stress_relaxation": RigEffect("fabric", {"share": (0.3, "1"), "time": (0.7, "s")}, stress_relaxation),
+    "rest_curvature": RigEffect(
         "fabric",
         {"across": (0.0, "1/m"), "down": (1.5, "1/m"), "twist": (0.0, "1/m")},
         rest_curvature,

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from studies.rig.effects.declaration import Effect
+from studies.rig.effects.declaration import RigEffect
 from studies.rig.scene import Scene, StepReport
 
 SLIP_DAMPING = 6.0  # of the muscle's viscosity over interval length; under 3 a step overshoots
@@ -29,4 +29,4 @@ def loop_slip(scene: Scene, order: int, values: Mapping[str, float]) -> None:
     scene.after_step.append(slip)
 
 
-EFFECTS = {"loop_slip": Effect("interface", {"friction": (0.02, "1"), "grip": (0.02, "N")}, loop_slip)}
+EFFECTS = {"loop_slip": RigEffect("interface", {"friction": (0.02, "1"), "grip": (0.02, "N")}, loop_slip)}

@@ -8,7 +8,7 @@ from typing import Any
 from studies.studio.panels.asking import Post, on_click, on_input, put
 from studies.studio.searching import VARIES
 from studies.studio.session import Session
-from studies.studio.target import PlacedTarget, placed_by_hand, target_file
+from studies.studio.target import ShownTarget, placed_by_hand, target_file
 
 
 class TargetPanel:
@@ -52,9 +52,7 @@ class TargetPanel:
         name = self._file.value.strip()
         kind = "fit" if place == "fit" else "given"
         self._session.set_target(
-            lambda: (
-                PlacedTarget.read(target_file(Path(name), place=kind), self._session.layout.design) if name else None
-            )
+            lambda: ShownTarget.read(target_file(Path(name), place=kind), self._session.layout.design) if name else None
         )
         self.show()
 
@@ -67,5 +65,5 @@ class TargetPanel:
         if target is None:
             return
         file = placed_by_hand(target.file, (*rotation,), (*translation,))  # type: ignore[arg-type]
-        self._session.set_target(lambda: PlacedTarget.read(file, self._session.layout.design))
+        self._session.set_target(lambda: ShownTarget.read(file, self._session.layout.design))
         self.show()
