@@ -16,7 +16,7 @@ from fabdesign.catalogue import build
 from fabdesign.model import Model
 from studies.studio.layout import Layout, move_corner
 from studies.studio.live import Live, LiveShape
-from studies.studio.worker import SolverProcess
+from studies.studio.solver import SolverProcess
 
 PAGE = ROOT / "docs" / "results" / "studio.md"
 COUNT = 200  # drags of each kind

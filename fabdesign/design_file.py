@@ -9,8 +9,7 @@ from typing import Any
 from fabdesign.bench_law_file import FORMAT as BENCH_LAW
 from fabdesign.bench_law_file import why_not_included
 from fabdesign.bench_table_file import read_bench_table
-from fabdesign.curve import MembraneCurve
-from fabdesign.curve_file import read_membrane_curve
+from fabdesign.curve_file import MembraneCurve, read_membrane_curve
 from fabdesign.design import Design
 from fabdesign.design_writer import write_design
 from fabdesign.effect_file import read_effect

@@ -21,7 +21,7 @@ from optimize.fit.descent import _descend, horizons
 from optimize.fit.normal import Normal, directions
 from optimize.fit.parameters import DECLARED, PRIOR
 from optimize.fit.problem import Evaluation, Linearisation
-from sim.faces import faces
+from sim.motion import faces
 from studies.bad_data import sound_trials
 from studies.calibration.belief import doubts, noise_rms
 from studies.calibration.calibrate import calibrate

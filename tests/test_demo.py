@@ -15,7 +15,7 @@ from fabdesign.model import EffectTerm, Model
 from fabdesign.model_file import read_model
 from fabdesign.trial_file import read_trial
 from studies.demo import measured
-from studies.demo.page import as_html
+from studies.demo.measured import as_html
 from studies.evaluate import evaluate_sets
 from studies.used_frames import UsedFrames
 

@@ -19,8 +19,7 @@ from optimize.evaluations import Evaluations
 from optimize.start_rows import as_rows, of_rows
 from studies.layout_grid.result import CellResult, GridResult
 from studies.layout_grid.run import run_layouts
-from studies.layout_grid.seeds import seeds_of
-from studies.layout_grid.turns import CellTurns, next_turn
+from studies.layout_grid.turns import CellTurns, next_turn, seeds_of
 from studies.layouts.result import StudyResult
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line

@@ -28,9 +28,9 @@ from fabdesign.trial import MeasurementSet
 from studies.check.study import study_findings
 from studies.loop.learning import _traced, learn
 from studies.loop.programs import Asked, programs_for, within_rate
+from studies.loop.record import stop_reason
 from studies.loop.resting_shape import resting_faces
 from studies.loop.run import run_loop
-from studies.loop.stop import stop_reason
 from studies.tracing.data import TooLittle
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line

@@ -20,8 +20,7 @@ from fabdesign.model_sampling import drawn, joint_root
 from fabdesign.sensitivity_file import SensitivityStudy, read_sensitivity
 from fabdesign.shape_output import read_shape_output
 from fabdesign.varied import Varied
-from studies.sensitivity.designs import STEP, saltelli_rows, trajectories
-from studies.sensitivity.estimators import indices, screening
+from studies.sensitivity.estimators import STEP, indices, saltelli_rows, screening, trajectories
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import Outputs, mean_curvature, tip
 from studies.sensitivity.run import Progress, run_sensitivity

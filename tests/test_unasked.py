@@ -110,7 +110,7 @@ def test_an_input_is_never_an_output(
     (folder / "link.csv").symlink_to("p.csv")
     (folder / "traced").mkdir()
     shutil.copy(folder / "model.toml", folder / "traced")
-    (folder / "own.py").write_text("from fabdesign.effects.air_drag import AIR_DRAG\n")
+    (folder / "own.py").write_text("from fabdesign.effects.environment import AIR_DRAG\n")
     (folder / "study.toml").write_text(STUDY.replace("vertical", "cross").replace("target.npz", "set/trials/000.npz"))
     write_recording(folder / "recording")
     before = snapshot(folder)

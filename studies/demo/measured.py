@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jinja2 import Environment
 from numpy.typing import NDArray
 
 from fabdesign.forward import Case, ForwardModel
@@ -116,3 +117,17 @@ def as_text(shipped: ShippedErrors) -> str:
             f"{1e3 * e.surface_floor:8.2f}{told:>9}"
         )
     return "\n".join([*lines, shipped.effects_in_words])
+
+
+def as_html(shipped: ShippedErrors) -> str:
+    """HTML, for the body of a page with the style of a study's report."""
+    source = files("studies.demo").joinpath("measured.html.j2").read_text(encoding="utf-8")
+    template = Environment(autoescape=True).from_string(source)
+    return template.render(
+        shipped=shipped,
+        rows=shipped.rows(),
+        made_by=MADE_BY,
+        model=MODEL,
+        mm=lambda metres: f"{1e3 * metres:.2f}",
+        percent=lambda share: "" if share is None else f"{share:.0%}",
+    )

@@ -15,9 +15,8 @@ from fabdesign.metrics import MANY_BEYOND, told_beyond
 from fabdesign.output import work_folder, write_text
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
 from optimize.evaluations import Evaluations
-from studies.demo.measured import ShippedErrors, evaluate_shipped
+from studies.demo.measured import ShippedErrors, as_html, evaluate_shipped
 from studies.demo.measured import as_text as shipped_as_text
-from studies.demo.page import as_html
 from studies.layouts.picture import save_picture
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult

@@ -16,8 +16,17 @@ from optimize.start_rows import as_rows, of_rows
 from optimize.starts import Start
 from studies.layout_grid.report import write_report
 from studies.layout_grid.result import CellResult, GridResult
-from studies.layout_grid.seeds import seeds_of
-from studies.layout_grid.turns import FIRST, FOLLOWED, FURTHER, LEAST, CellTurns, best_beneath, next_turn, recent_gain
+from studies.layout_grid.turns import (
+    FIRST,
+    FOLLOWED,
+    FURTHER,
+    LEAST,
+    CellTurns,
+    best_beneath,
+    next_turn,
+    recent_gain,
+    seeds_of,
+)
 from studies.layouts.begin import first_starts, limits_of
 from studies.layouts.result import StudyResult
 from studies.layouts.run import run_study

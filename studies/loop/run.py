@@ -21,10 +21,9 @@ from studies.layouts.begin import first_starts
 from studies.layouts.target import LoadedTarget, load_target
 from studies.loop.learning import MODEL, Simulators, learn, model_of
 from studies.loop.programs import programs_for
-from studies.loop.record import LoopOutcome, Turn, loop_content
+from studies.loop.record import LoopOutcome, Turn, loop_content, stop_reason
 from studies.loop.report import write_report
 from studies.loop.sources import ASKED, MEASURED, measured
-from studies.loop.stop import stop_reason
 from studies.loop.turn import SEARCH, Choice, choose, chosen, judge, turn_name
 
 Progress = Callable[[str, float], None]  # what is done, and about what share of all

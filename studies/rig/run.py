@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fabdesign.cluster import current
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
-from fabdesign.effort import LONGEST
+from fabdesign.effort import LONGEST, MEMORY
 from fabdesign.errors import InputError
 from fabdesign.measurement_set import NewTrial, write_set
 from fabdesign.output import new_file, new_folder
@@ -23,9 +23,8 @@ from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.pressure_file import read_pressures
 from fabdesign.trial import Role
 from fabdesign.trial_file import TrialData, program_of
-from studies.rig.effort import require_room
 from studies.rig.key import Key, read_key
-from studies.rig.scene import DEFAULT, Resolution
+from studies.rig.scene import DEFAULT, Resolution, control_counts
 from studies.rig.sensor import measure
 from studies.rig.specimen import TrialTask, control_points, prepare
 
@@ -196,3 +195,33 @@ def _single_threaded_children() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+_STEP = 48  # bytes of a control point and a step: position and velocity
+_CONTROL = 360  # bytes of a control point and another in reach: the matrix, its factor and what they are made from
+_FRAME, _POINT = 48, 120  # bytes of a frame: of each control point, and of each measured one
+
+
+def trial_bytes(task: TrialTask, resolution: Resolution) -> float:
+    """At the peak of a trial."""
+    blocks, within, reach = control_counts(task.design, resolution)
+    controls, frames = blocks * within, len(task.times)
+    steps = float(task.times[-1]) / resolution.step
+    kept = frames * (_FRAME * controls + _POINT * task.key.sensing.points)
+    return steps * controls * _STEP + controls * within * reach * _CONTROL + kept
+
+
+def require_room(tasks: Sequence[TrialTask], resolution: Resolution) -> int:
+    """How many of the trials fit into memory at once. Raises InputError where one alone does not."""
+    most = 0.0
+    for task in tasks:
+        needed = trial_bytes(task, resolution)
+        if needed > MEMORY:
+            cloth = task.design.fabric
+            raise InputError(
+                f"program {task.order}: {task.times[-1]:g} s of a cloth of {cloth.width:g} by {cloth.height:g} m, "
+                f"{len(task.times)} frames of {task.key.sensing.points} points, take {needed / 1e9:.2g} GB on the rig; "
+                f"expected at most {MEMORY / 1e9:g} GB"
+            )
+        most = max(most, needed)
+    return max(1, int(2 * MEMORY / most))

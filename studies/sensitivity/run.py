@@ -23,7 +23,7 @@ from studies.forward_model import forward_model
 from studies.layouts.content import flat, shortened
 from studies.layouts.target import LoadedTarget, load_target
 from studies.muscle_states import WithMuscleStates, knows_muscles
-from studies.sensitivity.designs import saltelli_rows, trajectories
+from studies.sensitivity.estimators import saltelli_rows, trajectories
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import Outputs, needs_tension
 from studies.sensitivity.report import write_report

@@ -14,7 +14,7 @@ from studies.studio.gate import Gate
 from studies.studio.opening import Opened
 from studies.studio.page import Page
 from studies.studio.session import Session
-from studies.studio.worker import SolverProcess
+from studies.studio.solver import SolverProcess
 
 _BEAT = 0.02  # s between looks at what is due
 

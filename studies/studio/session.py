@@ -13,7 +13,7 @@ from fabdesign.mark import read_mark
 from fabdesign.pressure import PressureProgram, require_pressures, rising_program
 from fabdesign.pressure_file import read_pressures
 from studies.predict import frame_times
-from studies.studio.autosave import Autosave
+from studies.studio.autosave import Autosave, Watched
 from studies.studio.document import Document
 from studies.studio.layout import Layout, Point, move_corner, move_muscle
 from studies.studio.limits import Broken, broken_limits
@@ -26,7 +26,6 @@ from studies.studio.searching import Search, Vary, next_folder, require_searchab
 from studies.studio.snapping import row_distance, snapped
 from studies.studio.solver import Answer, Ask
 from studies.studio.target import Comparison, ShownTarget, compare
-from studies.studio.watched import Watched
 
 CALM = 0.35  # s without a further value, after which a slider counts as let go
 AUTOSAVE = 1.0  # s between autosaves at least

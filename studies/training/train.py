@@ -12,11 +12,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from corrector.load import load_corrector
-from corrector.weights_file import write_weights
+from corrector.load import load_corrector, write_weights
 from fabdesign import SIMULATOR, __version__
 from fabdesign.checkpoint import sha256
-from fabdesign.corrector import Trust
+from fabdesign.corrector import Trust, central_hash
 from fabdesign.distances import chamfer
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
@@ -26,7 +25,6 @@ from fabdesign.model import Model
 from fabdesign.model_file import write_model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.predictor import Predictor
-from fabdesign.trained_on import central_hash
 from fabdesign.trial import MeasurementSet
 from studies.evaluate import ERRORS, noise_of
 from studies.training.data import Chosen, Progress, choose, simulated
