@@ -30,7 +30,10 @@ def new(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Write a catalogue LAYOUT (basic, side, cross, vertical) as a design file."""
+    """Write a layout of the catalogue as a design file.
+
+    LAYOUT is basic, side, cross or vertical.
+    """
     from fabdesign.catalogue import build
     from fabdesign.design_file import write_design
     from fabdesign.output import new_files
@@ -46,7 +49,10 @@ def new(
 @click.argument("files", nargs=-1, required=True, type=FILE)
 @json_option
 def check(files: tuple[Path, ...], as_json: bool) -> None:
-    """Check FILES, any file or folder that a command reads: are they valid, and are their values plausible?"""
+    """Check whether FILES are valid and plausible.
+
+    FILES are any files and folders that commands read.
+    """
     from studies.check import inspect
 
     found = {str(file): inspect(file) for file in files}
@@ -105,9 +111,10 @@ def export(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Write what a workshop needs to make a DESIGN: templates at 1:1 and a cut list.
+    """Write sewing templates and a cut list of a DESIGN.
 
-    Templates are pages to print and glue (PDF), whole faces (SVG), and with the extra dxf a DXF file.
+    The templates are at 1:1. They are pages to print and glue (PDF), whole faces (SVG), and with the extra dxf a DXF
+    file.
     """
     from fabdesign.design_file import read_design
     from fabdesign.export import export_design

@@ -9,6 +9,7 @@ from fabdesign.cli.console import (
     FILE,
     GRID,
     SEED,
+    cluster_option,
     commands,
     force_option,
     json_option,
@@ -16,7 +17,6 @@ from fabdesign.cli.console import (
     skip_bad_option,
     tell,
 )
-from fabdesign.cli.machines import cluster_option
 from fabdesign.cli.models import effects_option
 from fabdesign.cli.progress import counted, described
 from fabdesign.errors import InputError
@@ -52,7 +52,10 @@ def fuse(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Register and fuse the depth sensors of each RECORDING into one measurement set, a trial for each, in order."""
+    """Make a measurement set from clouds of depth sensors.
+
+    The sensors of each RECORDING are registered and fused. Each RECORDING becomes a trial, in the order given.
+    """
     from studies.fusion.fuse import as_json as fused_as_json
     from studies.fusion.fuse import fuse_all
 
@@ -129,9 +132,10 @@ def calibrate(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Fit the declared parameters to all measurement sets together, or fit the law of a bench (folder with bench.toml).
+    """Fit a model to measurement sets, or a bench's law.
 
-    --fit names orders of trials; they hold in each SET.
+    The declared parameters are fitted to all sets together. --fit names orders of trials; they hold in each SET. A
+    bench is a folder with bench.toml.
     """
     benches = [source for source in sources if is_bench(source)]
     if benches and len(sources) > 1:
@@ -211,9 +215,10 @@ def rig(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Measure a DESIGN on a virtual rig and write a measurement set. The rig is not the simulator of `simulate`.
+    """Measure a DESIGN on a virtual rig.
 
-    Several designs share one session; each is followed by its pressures: A.toml P1.csv P2.csv B.toml P3.csv.
+    The rig is another simulator than that of `simulate`. It writes a measurement set. Several designs share one
+    session; each is followed by its pressures: A.toml P1.csv P2.csv B.toml P3.csv.
     """
     from studies.rig import run_rig
 

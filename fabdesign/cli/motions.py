@@ -12,6 +12,7 @@ from fabdesign.cli.console import (
     FILE,
     FINITE,
     SEED,
+    cluster_option,
     commands,
     force_option,
     grid_option,
@@ -21,7 +22,6 @@ from fabdesign.cli.console import (
     skip_bad_option,
     tell,
 )
-from fabdesign.cli.machines import cluster_option
 from fabdesign.cli.models import effects_option, load_model, parts_of, without_option
 from fabdesign.cli.progress import described
 from fabdesign.errors import InputError
@@ -82,7 +82,7 @@ def simulate(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Simulate the motion of a DESIGN under given pressures, from rest."""
+    """Simulate the motion of a DESIGN under pressures."""
     import numpy as np
 
     from fabdesign.design_file import read_design
@@ -156,9 +156,10 @@ def predict(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Predict every trial of a SET, or a single TRIAL.npz, at its own times. Writes OUTPUT/trials/NAME.npz.
+    """Predict the motion of every trial of a SET.
 
-    For several sets it writes OUTPUT/SET/trials/NAME.npz.
+    A single TRIAL.npz is taken too. Motions have the trial's own times. The command writes OUTPUT/trials/NAME.npz, for
+    several sets OUTPUT/SET/trials/NAME.npz.
     """
     from fabdesign import interface
 
@@ -201,9 +202,10 @@ def evaluate(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Print the error of a model on the measured SETS, in mm, before and after calibration; or that of a bench law.
+    """Print the error of a model on measured SETS, in mm.
 
-    A bench is a folder with bench.toml; the model is then the file that calibrate wrote.
+    The error is that before and after calibration. A bench (a folder with bench.toml) is taken too, alone; the model is
+    then the file that calibrate wrote.
     """
     if any(is_bench(source) for source in sets):
         _evaluate_bench(sets, model, all_trials, output, force, as_json)

@@ -11,7 +11,7 @@ from fabdesign.errors import InputError
 
 @commands.group("studies")
 def studies_group() -> None:
-    """List, show and compare results; write their evaluations as a table."""
+    """List, show and compare results."""
 
 
 @studies_group.command("list")

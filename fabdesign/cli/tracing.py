@@ -4,8 +4,17 @@ from pathlib import Path
 
 import click
 
-from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json_option, print_result, tell
-from fabdesign.cli.machines import cluster_option
+from fabdesign.cli.console import (
+    FILE,
+    GRID,
+    SEED,
+    cluster_option,
+    commands,
+    force_option,
+    json_option,
+    print_result,
+    tell,
+)
 from fabdesign.cli.models import effects_option
 from fabdesign.inputs import is_bench
 
@@ -35,7 +44,10 @@ def trace(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Find which effect the model of a SET or a BENCH lacks, by model selection; or say that none is missing."""
+    """Find which effect the model of measured data lacks.
+
+    It does so by model selection, or says that no effect is missing. The data are a measurement SET or a BENCH.
+    """
     if is_bench(source):
         _trace_bench(source, tolerance, output, force, as_json)
         return

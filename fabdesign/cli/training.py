@@ -8,6 +8,7 @@ import click
 from fabdesign.cli.console import (
     FILE,
     SEED,
+    cluster_option,
     commands,
     force_option,
     grid_option,
@@ -16,7 +17,6 @@ from fabdesign.cli.console import (
     skip_bad_option,
     tell,
 )
-from fabdesign.cli.machines import cluster_option
 from fabdesign.cli.models import effects_option
 from fabdesign.cli.progress import described
 
@@ -54,7 +54,10 @@ def train(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Train a corrector on the measured SETS: it learns what the simulator leaves out. Continues after a stop."""
+    """Train a corrector on measured SETS.
+
+    The corrector learns what the simulator leaves out. The same command continues after a stop.
+    """
     from fabdesign import interface
     from studies.training.report import as_text
 

@@ -1,4 +1,4 @@
-"""Look at motions, measured clouds and predictions."""
+"""Look at motions, measured clouds and predictions, and draw a layout in the browser."""
 
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -22,6 +22,7 @@ from fabdesign.errors import InputError
 
 if TYPE_CHECKING:
     from studies.view.items import Item
+import json
 
 # the package that writes a kind of file, besides what is always there
 _NEEDS = {".glb": "pygltflib", ".pvd": "meshio", ".rrd": "rerun"}
@@ -68,7 +69,10 @@ def view(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Show FILES side by side: motions, measurement sets, trials, clouds, meshes and, with --model, predictions."""
+    """Show motions, measured clouds and meshes side by side.
+
+    FILES are motions, measurement sets, trials, clouds and meshes. With --model each trial has its prediction too.
+    """
     from fabdesign.output import new_files
     from studies.view.items import items_of
 
@@ -160,3 +164,34 @@ def _marker(text: str) -> tuple[str, tuple[float, float]]:
     if not name.strip() or not u == u or not v == v:
         raise InputError(f"--marker {text}: expected NAME=U,V with a place on the cloth in metres, such as tip=0.1,0.2")
     return name.strip(), (u, v)
+
+
+@commands.command()
+@click.argument("files", nargs=-1, type=FILE, metavar="[FILE]...")
+@click.option("--model", type=FILE, help="A model file; by default the data sheet.")
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to listen on; any other than this one needs a token.",
+)
+@click.option("--port", type=click.IntRange(1, 65535), help="Port; by default the first free one from 8080.")
+@click.option("--no-browser", is_flag=True, help="Only print the address.")
+@json_option
+def studio(
+    files: tuple[Path, ...], model: Path | None, host: str, port: int | None, no_browser: bool, as_json: bool
+) -> None:
+    """Draw a layout in the browser. FILES: a design, study or measurement set, and with it a target and pressures.
+
+    Without FILES the studio starts with a layout of the catalogue. The address is the first line of standard output.
+    Ctrl-C ends the studio; unsaved work is there at the next start.
+    """
+    import viser  # noqa: F401 first: without the extra one line says how to install it
+
+    from studies.studio.opening import open_files
+    from studies.studio.server import serve
+
+    def announce(address: str) -> None:
+        click.echo(json.dumps({"address": address}) if as_json else address)
+
+    serve(open_files(files, model), host=host, port=port, announce=announce, browser=not no_browser)
