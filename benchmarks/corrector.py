@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.machine import commit
+from corrector.examples import offsets
 from corrector.load import load_corrector
-from corrector.matching import offsets
 from corrector.shape import FINE, LocalFrames, displaced, middle_of
 from fabdesign.corrector import with_history
 from fabdesign.forward import Case

@@ -34,7 +34,7 @@ PRESSURE = 0.01  # that a channel's pressure is off, up or down
 INTERVAL = 0.1  # s between the instants that are looked at
 APART = 0.35  # of the motion's size, between the motions of changes to either side: they are on different branches
 BENT = 0.05  # of it, of what is not proportional in them, where it is over half of what is
-LEAST = 0.005  # m, of a motion's size
+LEAST_MOTION = 0.005  # m, of a motion's size
 GAP = 0.35  # s: sensitive stretches nearer than this are one
 _SEED = 0
 _AT_ONCE = 128  # motions in memory
@@ -172,7 +172,7 @@ def on_another_branch(middle: NDArray[Any], up: NDArray[Any], down: NDArray[Any]
     plus, minus = up - middle, down - middle
     linear, bent = _rms(plus - minus), _rms(plus + minus)
     sound = np.isfinite(linear) & np.isfinite(bent)
-    size = max(float(np.nanmax(_rms(middle - middle[0]), initial=0.0)), LEAST)
+    size = max(float(np.nanmax(_rms(middle - middle[0]), initial=0.0)), LEAST_MOTION)
     return ~sound | (linear > APART * size) | ((bent > BENT * size) & (bent > 0.5 * linear))
 
 
@@ -198,7 +198,20 @@ def _kept(trial: Trial, forward: ForwardModel) -> Path | None:
     """The file with the stretches of a trial; None for a simulator that does not say what it is."""
     if not hasattr(forward, "__dataclass_fields__"):  # its repr is then all that it is
         return None
-    options = (SCREEN, DRAWS, SHARE, TILT, PRESSURE, INTERVAL, APART, BENT, LEAST, GAP, _SEED, sorted(PRIOR.items()))
+    options = (
+        SCREEN,
+        DRAWS,
+        SHARE,
+        TILT,
+        PRESSURE,
+        INTERVAL,
+        APART,
+        BENT,
+        LEAST_MOTION,
+        GAP,
+        _SEED,
+        sorted(PRIOR.items()),
+    )
     content = hashlib.sha256(repr((SIMULATOR, forward, options, trial.design)).encode())
     for array in (trial.program.time, trial.program.pressure, trial.times):
         content.update(np.ascontiguousarray(array, dtype=np.float64).tobytes())

@@ -58,7 +58,7 @@ class Bending:
 
 
 class AtOnce:
-    """In the place of studies.studio.worker.Worker: the answer is there when it is asked for."""
+    """In the place of studies.studio.solver.SolverProcess: the answer is there when it is asked for."""
 
     alive = True
 

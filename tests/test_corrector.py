@@ -10,12 +10,11 @@ import pytest
 
 from corrector.basis import Basis, anywhere, names
 from corrector.designs import FAR, described, distance
-from corrector.examples import Examples
+from corrector.examples import Examples, offsets
 from corrector.field import FieldCorrector
 from corrector.inputs import HISTORY, MuscleFields, fields_of, lagged
 from corrector.layout import deposits
 from corrector.load import load_corrector
-from corrector.matching import offsets
 from corrector.outputs import displacement_of, heights_of
 from corrector.regression import Regression, coefficients_of
 from corrector.response import weight_over_stiffness

@@ -26,10 +26,10 @@ from fabdesign.muscle_law import MuscleLaw
 from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import constant_program
 from studies.rig import EffectSetting, Key, Sensing, read_key, run_rig
+from studies.rig.cameras import faces
 from studies.rig.effects import EFFECTS, LISTED
 from studies.rig.motion import equilibrium, run
 from studies.rig.scene import Resolution, Scene, build_scene
-from studies.rig.sensor import faces
 from studies.rig.solver import RigSolver
 from studies.rig.specimen import TrialTask, control_points, prepare
 

@@ -87,8 +87,7 @@ def simulate(
 
     from fabdesign.design_file import read_design
     from fabdesign.forward import HOLD, RISE
-    from fabdesign.mesh_file import mesh_paths, write_mesh
-    from fabdesign.motion_file import square_triangles, write_motion
+    from fabdesign.motion_file import mesh_paths, square_triangles, write_mesh, write_motion
     from fabdesign.output import new_file, new_files
     from fabdesign.pressure_file import constant_program, read_pressures
     from studies.predict import frame_times, moved, rested

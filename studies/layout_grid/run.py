@@ -20,7 +20,7 @@ from studies.layout_grid.turns import (
     FIRST,
     FOLLOWED,
     FURTHER,
-    LEAST,
+    WORTH_A_TURN,
     CellTurns,
     best_beneath,
     next_turn,
@@ -140,8 +140,8 @@ class _Grid:
     def _time_for_another(self) -> float:
         """s of search in another turn, 0 where there is no time."""
         seconds = (1 - FOLLOWED) * self._study.search.limits.seconds
-        left, turn = seconds - self._spent - self._end, max(FURTHER * seconds, LEAST * self._end)
-        return min(turn, left) if left > LEAST * self._end and left > 0.01 * seconds else 0.0
+        left, turn = seconds - self._spent - self._end, max(FURTHER * seconds, WORTH_A_TURN * self._end)
+        return min(turn, left) if left > WORTH_A_TURN * self._end and left > 0.01 * seconds else 0.0
 
     def _first_turn(self, cell: Cell) -> None:
         own = self._turns.get(cell.name)

@@ -18,7 +18,7 @@ from studies.layouts.begin import PULL, limits_of
 FIRST = 0.6  # of the seconds, for the first turns of all cells
 FOLLOWED = 0.12  # of the seconds, at the end, for the motions that lead to the results
 FURTHER = 0.05  # of the seconds: a further turn
-LEAST = 2.0  # times what an end takes, for a turn to be worth it
+WORTH_A_TURN = 2.0  # times what an end takes, for a turn to be worth it
 GAINS = 0.005  # of the value: less is no gain
 ENDED = ("converged", "at the floor", "ended", "nothing gained", "the limit of", "every design")
 

@@ -23,9 +23,9 @@ from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.pressure_file import read_pressures
 from fabdesign.trial import Role
 from fabdesign.trial_file import TrialData, program_of
+from studies.rig.cameras import measure
 from studies.rig.key import Key, read_key
 from studies.rig.scene import DEFAULT, Resolution, control_counts
-from studies.rig.sensor import measure
 from studies.rig.specimen import TrialTask, control_points, prepare
 
 Array = NDArray[np.float64]

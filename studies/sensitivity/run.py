@@ -20,9 +20,9 @@ from fabdesign.model import Model
 from fabdesign.output import WorkFolder, work_folder
 from fabdesign.sensitivity_file import Output, SensitivityStudy, read_sensitivity
 from studies.forward_model import forward_model
+from studies.laced_motion import WithMuscleStates, knows_muscles
 from studies.layouts.content import flat, shortened
 from studies.layouts.target import LoadedTarget, load_target
-from studies.muscle_states import WithMuscleStates, knows_muscles
 from studies.sensitivity.estimators import saltelli_rows, trajectories
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import Outputs, needs_tension
