@@ -58,8 +58,8 @@ def read_varied(tables: dict[str, Table], design: Design, model: Model, where: s
 
 
 def _varied(name: str, table: Table, design: Design, model: Model) -> Varied:
-    kind, key, unit, bounds, believed = _meaning(name, table.where, design, model)
-    low, high = (table.number(side, believed and believed[i]) for i, side in enumerate(("low", "high")))
+    kind, key, unit, bounds, interval = _meaning(name, table.where, design, model)
+    low, high = (table.number(side, interval and interval[i]) for i, side in enumerate(("low", "high")))
     if low is None or high is None:
         raise InputError(f"{table.where}: no {'low' if low is None else 'high'}; expected low and high{_in(unit)}")
     table.finish()
