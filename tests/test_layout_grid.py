@@ -176,13 +176,13 @@ def test_what_did_not_help_is_said(timed: GridResult) -> None:
     front, both = result.found[2:]
     assert front.result is not None
     worse = replace(both, result=_at(both, 9.0))
-    said = replace(result, found=(front, worse)).said(both.cell)
-    assert said[0].startswith("2 muscles on both faces did not help: 2 on the front are nearer, at ")
-    assert said[0].endswith("its own search came to 9000.00 mm.")
+    statements = replace(result, found=(front, worse)).statements(both.cell)
+    assert statements[0].startswith("2 muscles on both faces did not help: 2 on the front are nearer, at ")
+    assert statements[0].endswith("its own search came to 9000.00 mm.")
     one_face = replace(both, result=replace(front.result, pressures=np.array([[300e3, 0.0]])))
     assert one_face.sides_used == "front"
-    said = replace(result, found=(one_face,)).said(both.cell)
-    assert said == ["1 of its 2 muscles is idle.", "Only the front pulls: a second face did not help."]
+    statements = replace(result, found=(one_face,)).statements(both.cell)
+    assert statements == ["1 of its 2 muscles is idle.", "Only the front pulls: a second face did not help."]
 
 
 def test_a_cell_without_room_is_told(folder: Path) -> None:

@@ -55,8 +55,8 @@ class Shown:
     def show_motion(self) -> None:
         self.motions += 1
 
-    def show_search(self, said: str, *, running: bool) -> None:
-        self.said.append(said)
+    def show_search(self, message: str, *, running: bool) -> None:
+        self.said.append(message)
 
     def show_shape(self, shape: LiveShape) -> None:
         self.shapes.append(shape)
@@ -197,22 +197,22 @@ def test_limits_light_up_and_go_out_in_words() -> None:
     close = edits.move_muscle(BASIC, 0, (0.046, 0.0))
     (line,) = broken_limits(close, limits)
     assert (line.limit, line.muscles) == ("spacing", (0, 1))
-    assert line.said == "muscles 0 and 1 lie 4.0 mm apart on the front; expected 6 mm"
+    assert line.message == "muscles 0 and 1 lie 4.0 mm apart on the front; expected 6 mm"
     assert broken_limits(edits.flip(close, 0), limits)[0].muscles != (0, 1)
     (edge,) = broken_limits(edits.move_corner(BASIC, 0, 0, (0.002, 0.008)), limits)
-    assert edge.said == "muscle 0 lies 2.0 mm from the edge; expected 5 mm"
+    assert edge.message == "muscle 0 lies 2.0 mm from the edge; expected 5 mm"
     (crossing,) = broken_limits(edits.move_corner(BASIC, 0, 0, (0.1, 0.008)), limits)
     assert crossing.limit == "crossing"
     (high,) = broken_limits(BASIC.with_pressure(3, 401e3), limits)
     assert (high.limit, high.channel) == ("pressure", 3)
-    assert "channel 3 has 401 kPa; expected 0 to 400 kPa" in high.said
+    assert "channel 3 has 401 kPa; expected 0 to 400 kPa" in high.message
 
 
 def test_limits_of_a_muscle_type() -> None:
     kind = replace(BASIC.design.muscle_types["EM20"], stock_length=0.2, tail_length=0.02, min_bend_radius=0.2)
     layout = Layout.of(replace(BASIC.design, muscle_types={"EM20": kind}, muscles=BASIC.design.muscles[:1]))
     (stock,) = broken_limits(layout, Limits())
-    assert stock.said == "muscle 0 is 184.0 mm long; expected at most 160 mm, the stock of EM20 less its tails"
+    assert stock.message == "muscle 0 is 184.0 mm long; expected at most 160 mm, the stock of EM20 less its tails"
     sharp = edits.move_corner(edits.add_corner(layout, 0), 0, 1, (0.12, 0.1))
     assert {line.limit for line in broken_limits(sharp, Limits())} == {"stock_length", "min_bend_radius"}
 
@@ -426,7 +426,7 @@ def test_a_set_shows_what_was_measured_beside_its_prediction(folder: Path) -> No
     distances = session.motion.distances(1)
     assert distances is not None
     assert distances.shape == (400,)
-    assert "surface RMS" in session.motion.said(1)
+    assert "surface RMS" in session.motion.in_words(1)
     assert worker.asked[-1].sensing
     session.end()
     assert not list((folder / "set").glob(".*.studio"))

@@ -22,7 +22,7 @@ def list_results(folders: tuple[Path, ...], as_json: bool) -> None:
     from studies.result_folders import folders_below
 
     found = folders_below(folders or (Path(),))
-    lines = [f"{folder.path}: {folder.made_by}{_said(folder.headline)}" for folder in found]
+    lines = [f"{folder.path}: {folder.made_by}{_headline_in_words(folder.headline)}" for folder in found]
     results = [{"folder": str(one.path), "made_by": one.made_by, **one.headline} for one in found]
     print_result({"results": results}, "\n".join(lines) or "no results", as_json)
 
@@ -80,7 +80,7 @@ def table(folder: Path, output: Path, force: bool, as_json: bool) -> None:
     print_result(result, f"{output}: {len(found.rows)} rows, {len(found.columns)} columns", as_json)
 
 
-def _said(figures: dict[str, Any]) -> str:
+def _headline_in_words(figures: dict[str, Any]) -> str:
     return "".join(f", {name} {_cell(value)}" for name, value in figures.items()) or ", no result yet"
 
 

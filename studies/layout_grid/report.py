@@ -37,7 +37,7 @@ def render(result: GridResult) -> str:
         name=search.name,
         targets=next(f.result.targets for f in result.found if f.result),
         front=result.front,
-        rows=[(f, result.nearest(f.cell), result.said(f.cell)) for f in result.found],
+        rows=[(f, result.nearest(f.cell), result.statements(f.cell)) for f in result.found],
         words=WORDS,
         measure="Chamfer distance" if search.objective == "chamfer" else "surface RMS",
         points_per_side=search.model.points_per_side if search.model else 41,
@@ -109,7 +109,7 @@ def as_text(result: GridResult) -> str:
         f"{f.cell.muscles} muscles, {f.cell.type}, {f.cell.sides}: {1e3 * f.objective:.3f} mm" for f in result.front
     ]
     lines += [f"{f.cell.name}: {f.why}" for f in result.found if f.result is None]
-    lines += [sentence for f in result.found if f.result for sentence in result.said(f.cell)]
+    lines += [sentence for f in result.found if f.result for sentence in result.statements(f.cell)]
     if result.interrupted:
         lines.append("interrupted; the same command goes on from here")
     return "\n".join(lines)

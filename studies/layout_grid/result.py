@@ -69,24 +69,24 @@ class GridResult:
                 kept.append(f)
         return kept
 
-    def said(self, cell: Cell) -> list[str]:
+    def statements(self, cell: Cell) -> list[str]:
         """Sentences on where more muscles, or a second face, did not help."""
         own, best = next((f for f in self.found if f.cell is cell), None), self.nearest(cell)
         if own is None or best is None:
             return []
-        said, count = [], f"{cell.muscles} muscles" if cell.muscles > 1 else "1 muscle"
+        statements, count = [], f"{cell.muscles} muscles" if cell.muscles > 1 else "1 muscle"
         if best is not own:
             came = f"its own search came to {1e3 * own.objective:.2f} mm" if own.result else own.why
-            said.append(
+            statements.append(
                 f"{count} {WORDS[cell.sides]} did not help: {best.cell.muscles} {WORDS[best.cell.sides]} are nearer, "
                 f"at {1e3 * best.objective:.2f} mm; {came}."
             )
         idle = len(best.result.design.muscles) - len(best.pulling) if best.result else 0
         if idle:
-            said.append(f"{idle} of its {best.cell.muscles} muscles {'is' if idle == 1 else 'are'} idle.")
+            statements.append(f"{idle} of its {best.cell.muscles} muscles {'is' if idle == 1 else 'are'} idle.")
         if cell.sides == "both" and best.sides_used in ("front", "back"):
-            said.append(f"Only the {best.sides_used} pulls: a second face did not help.")
-        return said
+            statements.append(f"Only the {best.sides_used} pulls: a second face did not help.")
+        return statements
 
     def as_json(self) -> dict[str, Any]:
         """What result.json holds: mm."""
@@ -112,7 +112,7 @@ class GridResult:
         keys = ("objective_mm", "chamfer", "chamfer_floor", "surface_rms", "surface_floor")
         entry |= {k: result[k] for k in keys}
         entry |= {"of": best.cell.name, "sides_used": best.sides_used, "muscles_used": len(best.pulling)}
-        entry |= {"said": [*self.said(cell), *best.result.reach.sentences], "front": on_front}
+        entry |= {"said": [*self.statements(cell), *best.result.reach.sentences], "front": on_front}
         if found.result is not None:
             own = found.result.as_json()
             entry |= {"searched_mm": own["objective_mm"], "stop_reason": own["stop_reason"]}

@@ -59,11 +59,6 @@ class ModelChoice:
         """The model file (fitted) with its effects, or the data sheet with none."""
         return ModelChoice.of(self.given) if fitted else ModelChoice(self.given, False)
 
-    @property
-    def said(self) -> str:
-        base = "model file" if self.given is not None and self.fitted else "data sheet"
-        return f"{base} with {', '.join(self.amounts)}" if self.amounts else base
-
 
 def visible(name: str) -> dict[str, float]:
     """An effect's parameters: strengths so far from off as its prior lets one expect, the others typical."""

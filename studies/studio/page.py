@@ -134,8 +134,8 @@ class Page:
             self._hung.draw_cloud("measured", cloud, distances, largest)
             self._motion.show()
 
-    def show_search(self, said: str, *, running: bool) -> None:
-        self._target.show_search(said, running=running)
+    def show_search(self, message: str, *, running: bool) -> None:
+        self._target.show_search(message, running=running)
 
     def tell(self, text: str, *, bad: bool = False) -> None:
         self._status.tell(text, bad=bad)

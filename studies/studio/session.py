@@ -43,7 +43,7 @@ class SessionView(Protocol):
 
     def show_motion(self) -> None: ...
 
-    def show_search(self, said: str, *, running: bool) -> None: ...
+    def show_search(self, message: str, *, running: bool) -> None: ...
 
     def tell(self, text: str, *, bad: bool = False) -> None: ...
 
@@ -269,14 +269,14 @@ class Session:
         running = self.search.running  # before the result is read: what it wrote last is not missed
         found = self.search.best()
         if found is not None:
-            said = f"{1e3 * found.objective:.2f} mm after {found.evaluations} evaluations"
+            message = f"{1e3 * found.objective:.2f} mm after {found.evaluations} evaluations"
             if self._searched == self.layout:
                 self.document.shape("search", found.layout)
                 self._searched = found.layout
                 self._changed()
             else:
-                said += "; edited meanwhile, so the best does not move in: open it from its folder"
-            self.view.show_search(f"{said}; {found.stop_reason}", running=running)
+                message += "; edited meanwhile, so the best does not move in: open it from its folder"
+            self.view.show_search(f"{message}; {found.stop_reason}", running=running)
         if not running:
             problem, folder = self.search.problem, self.search.result
             self.search.close()
@@ -364,8 +364,8 @@ class Session:
         self.document.keep()
         if (folder / "design.toml").resolve() == self.opened.file.resolve():
             self._watched.seen()
-        said = f"saved {len(saved.files)} files in {folder}"
-        self.view.tell("; ".join([said, *saved.left_out]))
+        message = f"saved {len(saved.files)} files in {folder}"
+        self.view.tell("; ".join([message, *saved.left_out]))
         self.view.show_layout()
         return saved
 

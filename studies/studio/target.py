@@ -47,11 +47,11 @@ class Comparison:
     def sentences(self) -> list[str]:
         """For people, mm, with the noise floors beside."""
         e = self.errors
-        said = [
+        message = [
             f"Chamfer {1e3 * e.chamfer:.2f} mm (noise floor {1e3 * e.chamfer_floor:.2f})",
             f"surface RMS {1e3 * e.surface_rms:.2f} mm (noise floor {1e3 * e.surface_floor:.2f})",
         ]
-        return [*said, told_beyond(e.beyond)] if e.beyond else said
+        return [*message, told_beyond(e.beyond)] if e.beyond else message
 
 
 def compare(target: ShownTarget, shape: NDArray[np.float32], design: Design) -> Comparison:

@@ -19,7 +19,7 @@ from studies.sensitive_stretches import GRID
 from studies.unseen.draws import Draws
 from studies.unseen.left_out import left_out
 from studies.unseen.measurement import after, candidates_of, information, pose_slopes, spread
-from studies.unseen.prediction import corrector_said, predicted
+from studies.unseen.prediction import corrector_statement, predicted
 from studies.unseen.report import write_report
 
 ALGORITHM = 1  # of what a study's folder keeps: raised where it is no longer what this code would compute
@@ -100,7 +100,7 @@ def _unsewn(
         "doubted": [name for name, parameter in unsewn.model.parameters.items() if not parameter.believable],
         "poses": poses,
         "unknown": list(draws.unknown),
-        "corrector": corrector_said(unsewn.model, unsewn),
+        "corrector": corrector_statement(unsewn.model, unsewn),
         "measurement": checkpoint.get("measurement", measurement),
     }
 

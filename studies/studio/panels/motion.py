@@ -28,7 +28,7 @@ class MotionPanel:
         on_click(self._pause, post, self._toggle)
         self._scrub = gui.add_slider("Frame", 0, 1, 1, 0, disabled=True)
         on_input(self._scrub, post, self._scrubbed)
-        self._said = gui.add_markdown("")
+        self._text = gui.add_markdown("")
 
     def shows(self, motion: TrialMotion | None) -> bool:
         """Whether it is the one begun last, or with None whether there is none."""
@@ -42,7 +42,7 @@ class MotionPanel:
         if motion is not None:
             self._scrub.max = max(1, len(motion.times) - 1)
         self._pause.label = "Pause"
-        self._said.content = ""
+        self._text.content = ""
 
     def advance(self, seconds: float) -> bool:
         """Let it play for so long; whether another frame is due."""
@@ -59,7 +59,7 @@ class MotionPanel:
         motion = self._session.motion
         if motion is not None:
             put(self._scrub, self.frame)
-            self._said.content = motion.said(self.frame)
+            self._text.content = motion.in_words(self.frame)
 
     def _toggle(self) -> None:
         self.playing = not self.playing

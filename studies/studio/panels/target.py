@@ -34,7 +34,7 @@ class TargetPanel:
             on_click(self._start, post, lambda: session.start_search(self._vary.value, self._seconds.value))
             self._stop = gui.add_button("Stop, keep the best", disabled=True)
             on_click(self._stop, post, session.stop_search)
-            self._said = gui.add_markdown("")
+            self._text = gui.add_markdown("")
         self.show()
 
     def show(self) -> None:
@@ -44,8 +44,8 @@ class TargetPanel:
         put(self._shift, tuple(round(1e3 * x, 3) for x in target.file.translation))
         put(self._turn, target.file.rotation or (0.0, 0.0, 0.0))
 
-    def show_search(self, said: str, *, running: bool) -> None:
-        self._said.content = said
+    def show_search(self, message: str, *, running: bool) -> None:
+        self._text.content = message
         self._start.disabled, self._stop.disabled = running, not running
 
     def _read(self, place: str) -> None:
