@@ -45,7 +45,7 @@ def _of_one(design: Design, index: int, muscle: Muscle, limits: Limits) -> list[
         found.append(Broken("edge", f"muscle {index} {message}", who))
     if margins["shortest"] < -_ROUNDING:
         message = (
-            f"is {length}; expected two pitches, {2e3 * muscle.fixed_point_pitch:g} mm, or it bends next to nothing"
+            f"is {length}; expected two pitches, {2e3 * muscle.fixed_point_pitch:g} mm, or it hardly bends the cloth"
         )
         found.append(Broken("shortest", f"muscle {index} {message}", who))
     if margins.get("stock_length", 0.0) < -_ROUNDING:
