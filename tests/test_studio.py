@@ -488,7 +488,7 @@ def test_effects_are_switched_with_amounts_that_show() -> None:
     assert (off.model.effects, off.model.factors) == ((), {"bending": 1.2})
     assert off.switched("filling_lag", True).model is given
     tilted = off.switched("frame_tilt", True)
-    assert any(value != 0 for value in tilted.amounts["frame_tilt"].values())
+    assert any(value != 0 for value in tilted.effect_values["frame_tilt"].values())
     sheet = choice.sheet(False)
     assert (sheet.model.factors, sheet.model.effects) == ({}, ())
 
