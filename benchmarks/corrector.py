@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.machine import commit
+from corrector.examples import offsets
 from corrector.load import load_corrector
-from corrector.matching import offsets
-from corrector.shape import FINE, Frames, displaced, middle_of
+from corrector.shape import FINE, LocalFrames, displaced, middle_of
 from fabdesign.corrector import with_history
 from fabdesign.forward import Case
 from fabdesign.measurement_set import read_set
@@ -78,7 +78,7 @@ def residuals(trial: Trial, motion: Motion, frames: NDArray[np.intp]) -> NDArray
 def moved(trial: Trial, motion: Motion, heights: NDArray[np.float32]) -> Motion:
     """The simulated frames with their mid-surface moved by heights (F, FINE, FINE) m along its normal."""
     points, fabric = _plain(trial, motion)[frames_of(trial)], trial.design.fabric
-    normal = Frames.of(middle_of(points, 41), fabric.width, fabric.height, FINE).normal
+    normal = LocalFrames.of(middle_of(points, 41), fabric.width, fabric.height, FINE).normal
     return displaced(points, heights[..., None] * normal, fabric.thickness)
 
 

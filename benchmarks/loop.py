@@ -36,7 +36,7 @@ NETWORK = 'train = "field"\ntrain_trials = 7\n'
 
 
 @dataclass(frozen=True)
-class Case:
+class LoopCase:
     """A hidden layout with its pressures [kPa], the start, and what the rig is. Paths in m."""
 
     name: str
@@ -63,28 +63,28 @@ def _down(u: float, low: float, top: float = 0.01, bottom: float = 0.19) -> tupl
 
 
 CASES = (
-    Case("tilt", 'name = "frame_tilt"\nparameters = { about_x = 4.0 }', "bending = 0.85\nmuscle_gain = 0.92",
+    LoopCase("tilt", 'name = "frame_tilt"\nparameters = { about_x = 4.0 }', "bending = 0.85\nmuscle_gain = 0.92",
          build("vertical", muscles=3), (("front", _down(0.05, 0.08)), ("front", _down(0.11, 0.10)),
          ("front", _down(0.15, 0.17))), (260, 120, 300)),
-    Case("droop", 'name = "supply_droop"\nparameters = { share = 0.08 }', "bending = 1.15\nmembrane = 0.9",
+    LoopCase("droop", 'name = "supply_droop"\nparameters = { share = 0.08 }', "bending = 1.15\nmembrane = 0.9",
          build("vertical", muscles=3), (("front", _down(0.03, 0.03)), ("front", _down(0.09, 0.13)),
          ("front", _down(0.17, 0.16))), (320, 260, 180)),
-    Case("orthotropy", 'name = "orthotropy"\nparameters = { ratio = 2.0 }', "muscle_gain = 1.08",
+    LoopCase("orthotropy", 'name = "orthotropy"\nparameters = { ratio = 2.0 }', "muscle_gain = 1.08",
          build("cross", muscles=2), (("front", _down(0.03, 0.15)), ("front", _down(0.16, 0.06))), (300, 220)),
-    Case("line loss", 'name = "line_loss"\nparameters = { share = 0.35 }', "bending = 0.9\nareal_density = 1.1",
+    LoopCase("line loss", 'name = "line_loss"\nparameters = { share = 0.35 }', "bending = 0.9\nareal_density = 1.1",
          build("vertical", muscles=2), (("front", _down(0.06, 0.05)), ("front", _down(0.13, 0.16))), (330, 240)),
-    Case("odd muscle", 'name = "odd_muscle"\nparameters = { channel = 0, factor = 0.7 }', "membrane = 1.15",
+    LoopCase("odd muscle", 'name = "odd_muscle"\nparameters = { channel = 0, factor = 0.7 }', "membrane = 1.15",
          build("vertical", muscles=3), (("front", _down(0.04, 0.06)), ("front", _down(0.10, 0.09)),
          ("front", _down(0.16, 0.14))), (280, 200, 330)),
-    Case("hysteresis", 'name = "braid_hysteresis"\nparameters = { friction = 0.006 }', "bending = 1.1\nshear = 0.9",
+    LoopCase("hysteresis", 'name = "braid_hysteresis"\nparameters = { friction = 0.006 }', "bending = 1.1\nshear = 0.9",
          build("cross", muscles=2), (("front", _down(0.05, 0.18)), ("front", _down(0.18, 0.09))), (340, 280)),
-    Case("wind, with a network", 'name = "wind"\nparameters = { z = 0.3 }', "bending = 1.1\nmuscle_gain = 0.95",
+    LoopCase("wind, with a network", 'name = "wind"\nparameters = { z = 0.3 }', "bending = 1.1\nmuscle_gain = 0.95",
          build("vertical", muscles=2), (("front", _down(0.06, 0.04)), ("front", _down(0.14, 0.17))), (300, 260),
          network=True),
 )  # fmt: skip
 
 
-def study_of(case: Case, number: int, folder: Path) -> LoopStudy:
+def study_of(case: LoopCase, number: int, folder: Path) -> LoopStudy:
     """The case's study in its folder, which is made with its key and its target, measured on the rig at rest."""
     from studies.rig import run_rig
     from studies.rig.scene import Resolution

@@ -1,10 +1,10 @@
-"""The seed paper's network judged with the paper's own split: frames shuffled before they are split, so that neighbours
-of the frames judged were learned from (it leaks; `fabdesign train --network paper` splits by trial).
+"""The seed paper's network evaluated with the paper's split: frames shuffled before they are split, so that neighbours
+of the frames evaluated were learned from (it leaks; `fabdesign train --network paper` splits by trial).
 
     python -m benchmarks.paper_split SET --model M0.toml --work FOLDER -o TABLE.md
 
-All trials of role `fit` take part; of each a fifth of its frames, at random, is not learned from and is judged, from
-the sixth frame on, by Chamfer distance. Coin tosses count for nothing. Goes on where it stood.
+All trials of role `fit` take part; of each a fifth of its frames, at random, is not learned from and is evaluated, from
+the sixth frame on, by Chamfer distance. Sensitive stretches are left out. Goes on where it stood.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.predictor import Predictor
 from sim import Simulator
 from studies.evaluate import noise_of
-from studies.judged_search import GRID
+from studies.sensitive_stretches import GRID
 from studies.training import paper
 from studies.training.data import Chosen, choose, simulated
 from studies.training.train import unordered_errors
@@ -38,7 +38,7 @@ def say(what: str, done: int, total: int) -> None:
     print(f"{what} {done} of {total}", flush=True)
 
 
-def judged(
+def errors_of(
     trials: list[Chosen], away: list[NDArray[np.bool_]], network: PaperCorrector, forward: Predictor, work: WorkFolder
 ) -> list[tuple[str, Errors, Errors]]:
     """Of each trial its design, and its errors before and after on the frames `away`."""
@@ -47,7 +47,7 @@ def judged(
     found = []
     for chosen, motion, kept_back in zip(trials, motions, away, strict=True):
         trial = chosen.trial
-        kept = np.flatnonzero(chosen.judged & kept_back & (trial.times >= network.starts))
+        kept = np.flatnonzero(chosen.used & kept_back & (trial.times >= network.starts))
         if not len(kept):
             continue
         clouds = [trial.load().frames[k] for k in kept]
@@ -90,11 +90,11 @@ def main() -> None:
     learned, held, _ = choose([read_set(options.set)], base, kept_back=0.1, seed=SEED, coarse=Simulator(GRID))
     trials, rng = [*learned, *held], np.random.default_rng(SEED)
     away = [rng.random(len(chosen.trial.times)) < KEPT_BACK for chosen in trials]
-    shown = [replace(c, judged=c.judged & ~kept_back) for c, kept_back in zip(trials, away, strict=True)]
+    shown = [replace(c, used=c.used & ~kept_back) for c, kept_back in zip(trials, away, strict=True)]
     forward = Predictor(Simulator(base.points_per_side), sensing=True)
     with work_folder(options.work, made_by="paper_split") as work:
         weights, about = paper.train(shown, forward, PaperTraining.here(SEED), work, progress=say)
-        found = judged(trials, away, PaperCorrector.of(weights, about), forward, work)
+        found = errors_of(trials, away, PaperCorrector.of(weights, about), forward, work)
     text = table(found)
     write_text(options.output, text)
     print(text)

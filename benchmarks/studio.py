@@ -15,8 +15,8 @@ from benchmarks.machine import ROOT, commit, processor
 from fabdesign.catalogue import build
 from fabdesign.model import Model
 from studies.studio.layout import Layout, move_corner
-from studies.studio.live import Live, Shape
-from studies.studio.worker import Worker
+from studies.studio.live import Live, LiveShape
+from studies.studio.solver import SolverProcess
 
 PAGE = ROOT / "docs" / "results" / "studio.md"
 COUNT = 200  # drags of each kind
@@ -24,11 +24,11 @@ STEP = 0.003  # m, standard deviation of a step of the hand
 WALK = 0.012  # m, that the hand stays about where it began
 
 
-class Timed:
+class TimedStep:
     """Live with a worker, waited for."""
 
     def __init__(self) -> None:
-        self.worker, self.shapes = Worker(), list[Shape]()
+        self.worker, self.shapes = SolverProcess(), list[LiveShape]()
         self.live = Live(self.worker, self.shapes.append, self._failed)
 
     def _failed(self, reason: str) -> None:
@@ -57,7 +57,7 @@ def layouts(count: int) -> list[Layout]:
 
 def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else COUNT
-    timed = Timed()
+    timed = TimedStep()
     try:
         hand = layouts(count)
         timed.until(hand[0], moving=False, exact=True)  # compiles

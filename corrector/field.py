@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from corrector.basis import Basis
 from corrector.designs import described, distance
-from corrector.inputs import HISTORY, Layout, fields_of
+from corrector.inputs import HISTORY, MuscleFields, fields_of
 from corrector.outputs import displacement_of
 from corrector.response import weight_over_stiffness
-from corrector.shape import FINE, Frames, displaced, middle_of
-from corrector.sources import Sources
+from corrector.shape import FINE, LocalFrames, displaced, middle_of
 from fabdesign.corrector import Trust, with_history
 from fabdesign.design import Design
 from fabdesign.forward import Case
@@ -25,13 +25,13 @@ NEAR = 0.2  # distance over which a design stops being one of those learned from
 class FieldCorrector:
     """Implements fabdesign.corrector.Corrector. `known`: the designs it learned from (`designs.described`)."""
 
-    seen: NDArray[np.float64]  # (K,) amounts of the sources, for layouts learned from
+    seen: NDArray[np.float64]  # (K,) coefficients of the basis functions, for layouts learned from
     unseen: NDArray[np.float64]  # (K,) for others
     known: Sequence[Mapping[str, Any]]
     limit: float  # of trust
     ordered: bool = True
     starts: float = 0.0
-    _layouts: dict[int, tuple[Design, Layout, Trust]] = field(
+    _layouts: dict[int, tuple[Design, MuscleFields, Trust]] = field(
         default_factory=dict
     )  # by the design's id, which it keeps
 
@@ -61,21 +61,21 @@ class FieldCorrector:
         """(T, FINE, FINE, 3) m of the mid-surface. motion: as `inputs.fields_of` takes it."""
         fabric = case.design.fabric
         layout, trust = self._known(case.design)
-        mixture = Sources.of(fields_of(case, layout, times, motion)).mixed(self.amounts(trust.distance))
+        combination = Basis.of(fields_of(case, layout, times, motion)).combined(self.coefficients(trust.distance))
         middle = middle_of(motion[0], round((motion.shape[2] // 2) ** 0.5)).astype(np.float32)
-        frames = Frames.of(middle, fabric.width, fabric.height, FINE)
-        return displacement_of(mixture, frames, fabric, weight_over_stiffness(case))
+        frames = LocalFrames.of(middle, fabric.width, fabric.height, FINE)
+        return displacement_of(combination, frames, fabric, weight_over_stiffness(case))
 
-    def amounts(self, distance: float) -> NDArray[np.float64]:
+    def coefficients(self, distance: float) -> NDArray[np.float64]:
         """(K,) for a design so far from those learned from."""
         near = max(1 - distance / NEAR, 0.0)
         return near * self.seen + (1 - near) * self.unseen
 
-    def _known(self, design: Design) -> tuple[Layout, Trust]:
+    def _known(self, design: Design) -> tuple[MuscleFields, Trust]:
         """What is the same in all motions of a design, worked out once."""
         if id(design) not in self._layouts:
             if len(self._layouts) > 64:  # a search asks for thousands of designs
                 self._layouts.clear()
-            self._layouts[id(design)] = (design, Layout.of(design), self.trust(design))
+            self._layouts[id(design)] = (design, MuscleFields.of(design), self.trust(design))
         _, layout, trust = self._layouts[id(design)]
         return layout, trust

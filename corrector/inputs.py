@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from corrector.layout import NODES, deposits, intervals_of
-from corrector.shape import Frames, middle_of
+from corrector.shape import LocalFrames, middle_of
 from fabdesign.design import Design
 from fabdesign.fabric import Fabric
 from fabdesign.forward import MUSCLE_TYPES, Case
@@ -63,7 +63,7 @@ class Fields:
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class MuscleFields:
     """What is the same in every frame of a design."""
 
     design: Design
@@ -71,12 +71,12 @@ class Layout:
     laws: dict[str, MuscleLaw]
 
     @staticmethod
-    def of(design: Design) -> "Layout":
+    def of(design: Design) -> "MuscleFields":
         laws = {name: law_of(design.muscle_types[name].bench) for name in {m.type for m in design.muscles}}
-        return Layout(design, deposits(design), laws)
+        return MuscleFields(design, deposits(design), laws)
 
 
-def fields_of(case: Case, layout: Layout, times: Array, motion: NDArray[np.floating]) -> Fields:
+def fields_of(case: Case, layout: MuscleFields, times: Array, motion: NDArray[np.floating]) -> Fields:
     """Of a case at `times` (T,) s.
 
     motion: (1 + H, T, 2 side^2, 3) m, simulated at the times themselves, then `HISTORY` seconds before each.
@@ -88,7 +88,7 @@ def fields_of(case: Case, layout: Layout, times: Array, motion: NDArray[np.float
     )
 
 
-def _muscle_fields(case: Case, layout: Layout, times: Array, middle: NDArray[np.float32]) -> NDArray[np.float64]:
+def _muscle_fields(case: Case, layout: MuscleFields, times: Array, middle: NDArray[np.float32]) -> NDArray[np.float64]:
     design = case.design
     intervals = intervals_of(design)
     nodes = layout.deposits.shape[-1]
@@ -142,7 +142,7 @@ def _contractions(case: Case, middle: NDArray[np.float32]) -> Array:
     """(1 + H, T, intervals), 1 - l / l0, of muscles that lie their axis offset off the mid-surface."""
     design, side = case.design, middle.shape[-2]
     fabric = design.fabric
-    normal = Frames.of(middle, fabric.width, fabric.height, side).normal
+    normal = LocalFrames.of(middle, fabric.width, fabric.height, side).normal
     result = []
     for muscle in design.muscles:
         offset = design.muscle_types[muscle.type].axis_offset * (1 if muscle.side == "front" else -1)
@@ -163,7 +163,7 @@ def _contractions(case: Case, middle: NDArray[np.float32]) -> Array:
 
 def _shape_fields(fabric: Fabric, middle: NDArray[np.float32]) -> tuple[Array, Array, Array, Array]:
     """`Fields.curvature`, `strain`, `changes`, `speeds`."""
-    frames = Frames.of(middle, fabric.width, fabric.height, NODES)
+    frames = LocalFrames.of(middle, fabric.width, fabric.height, NODES)
     curvature = np.moveaxis(_curvatures(frames, fabric), -1, 2).astype(np.float64)  # (1 + H, T, 3, n, n)
     size_u, size_v = (np.linalg.norm(x[0], axis=-1) for x in (frames.across, frames.down))
     shear = np.einsum("...i,...i->...", frames.across[0], frames.down[0]) / (size_u * size_v)
@@ -175,7 +175,7 @@ def _shape_fields(fabric: Fabric, middle: NDArray[np.float32]) -> tuple[Array, A
     return curvature[0], strain.astype(np.float64), curvature[0] - curvature[2:], along.astype(np.float64)
 
 
-def _curvatures(frames: Frames, fabric: Fabric) -> NDArray[np.floating]:
+def _curvatures(frames: LocalFrames, fabric: Fabric) -> NDArray[np.floating]:
     """(..., n, n, 3): uu, vv and uv, times `_LENGTH`."""
     n = frames.normal.shape[-2]
     along_u = np.gradient(frames.normal, fabric.width / (n - 1), axis=-2)

@@ -1,44 +1,43 @@
-"""From sources to a displacement of the simulated cloth, and each source's own, to first order, to learn from."""
+"""The displacement of the simulated cloth by all basis functions, and to first order by each, to learn from."""
 
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
+from corrector.basis import STRAIN, Basis, Combination
 from corrector.layout import NODES
 from corrector.response import slopes, slopes_of
-from corrector.shape import FINE, Floats, Frames, integration, put_together, refine, refinement, tangent_changes
-from corrector.sources import STRAIN, Mixture, Sources
+from corrector.shape import FINE, Floats, LocalFrames, integration, put_together, refine, refinement, tangent_changes
 from fabdesign.fabric import Fabric
 
 
-def displacement_of(mixture: Mixture, frames: Frames, fabric: Fabric, ratio: float) -> NDArray[np.float32]:
+def displacement_of(combination: Combination, frames: LocalFrames, fabric: Fabric, ratio: float) -> NDArray[np.float32]:
     """(T, FINE, FINE, 3) m of the mid-surface.
 
     frames: of the simulated cloth, at FINE x FINE nodes. ratio: `response.weight_over_stiffness`.
     """
-    curvature = _fine(mixture.curvature)
+    curvature = _fine(combination.curvature)
     answer = slopes_of(fabric, ratio, FINE)
     tilts = (curvature.reshape(len(curvature), -1) @ answer.T).reshape(-1, 2, FINE, FINE)
-    straight, twisting = mixture.swings.T[:, :, None, None]
+    straight, twisting = combination.swings.T[:, :, None, None]
     tilts[:, 1] += straight + twisting * np.linspace(-1, 1, FINE)
-    strain = np.moveaxis(_fine(mixture.strain), 1, -1)
+    strain = np.moveaxis(_fine(combination.strain), 1, -1)
     changes = tangent_changes(np.moveaxis(tilts, 1, -1), strain, frames)
-    along = _fine(mixture.ways[:, None])[:, 0, ..., None] * frames.normal
+    along = _fine(combination.displacements[:, None])[:, 0, ..., None] * frames.normal
     return (put_together(*changes, fabric) + along).astype(np.float32)
 
 
-def heights_of(sources: Sources, frames: Frames, fabric: Fabric, ratio: float) -> NDArray[np.float32]:
-    """(T, K, FINE, FINE) m along the normal that one of each source makes, to first order: what `displacement_of` is
-    for a little of it."""
+def heights_of(basis: Basis, frames: LocalFrames, fabric: Fabric, ratio: float) -> NDArray[np.float32]:
+    """(T, K, FINE, FINE) m along the normal by a unit coefficient, to first order."""
     size_u, size_v = (np.linalg.norm(x, axis=-1, keepdims=True) for x in (frames.across, frames.down))
-    count = len(sources.swings)
-    flat = sources.curvature.astype(np.float32).reshape(-1, 3 * NODES**2)
+    count = len(basis.swings)
+    flat = basis.curvature.astype(np.float32).reshape(-1, 3 * NODES**2)
     by_curvature = (flat @ _coarse_slopes(fabric, ratio)).reshape(count, -1, 2, FINE, FINE)
-    straight = np.zeros((*sources.swings.shape, 2, FINE, FINE), dtype=np.float32)
-    straight[:, :, 1] = sources.swings[..., None, None]
+    straight = np.zeros((*basis.swings.shape, 2, FINE, FINE), dtype=np.float32)
+    straight[:, :, 1] = basis.swings[..., None, None]
     twisting = straight * np.linspace(-1, 1, FINE, dtype=np.float32)
-    strain = _fine(STRAIN * sources.strain).astype(np.float32)
+    strain = _fine(STRAIN * basis.strain).astype(np.float32)
     tilts = np.concatenate(
         [by_curvature, np.zeros((*strain.shape[:2], 2, FINE, FINE), np.float32), straight, twisting], 1
     )
@@ -50,7 +49,7 @@ def heights_of(sources: Sources, frames: Frames, fabric: Fabric, ratio: float) -
     change_u[:, own] = (strain[:, :, 0, ..., None] * unit_u[:, None] + shear * unit_v[:, None]) * size_u[:, None]
     change_v[:, own] = (strain[:, :, 1, ..., None] * unit_v[:, None] + shear * unit_u[:, None]) * size_v[:, None]
     heights = np.einsum("tkabi,tabi->tkab", _put_together(change_u, change_v, fabric), frames.normal)
-    return np.concatenate([heights, _fine(sources.ways).astype(np.float32)], axis=1)
+    return np.concatenate([heights, _fine(basis.displacements).astype(np.float32)], axis=1)
 
 
 def _fine(field: Floats) -> Floats:

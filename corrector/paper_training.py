@@ -44,7 +44,7 @@ class PaperTraining:
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
+class TrainingPairs:
     """Of one trial: simulated and measured clouds of the same T frames."""
 
     simulated: Floats  # (T, n, 3) m
@@ -53,7 +53,7 @@ class Pairs:
 
 
 def train_paper(
-    trials: Sequence[Pairs],
+    trials: Sequence[TrainingPairs],
     plan: PaperTraining,
     folder: Path,
     *,
@@ -156,7 +156,7 @@ def _descend(
 
 
 def _codes(
-    trials: Sequence[Pairs], parts: dict[str, Autoencoder], plan: PaperTraining, device: torch.device
+    trials: Sequence[TrainingPairs], parts: dict[str, Autoencoder], plan: PaperTraining, device: torch.device
 ) -> list[tuple[Tensor, Tensor]]:
     """Of each trial (T, code) of its simulated and of its measured frames."""
     rng = np.random.default_rng(plan.seed)

@@ -1,4 +1,4 @@
-"""How much of each source there is: ridge regression on many trials at once, in closed form."""
+"""The coefficients of the basis functions: ridge regression on many trials at once, in closed form."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,20 +21,20 @@ class Regression:
         1e-2,
         3e-2,
         1e-1,
-    )  # of an amount's square, where its source makes 1 mm RMS
+    )  # of a coefficient's square, where its function makes 1 mm RMS
     shares: tuple[float, ...] = (1.0, 0.75, 0.5, 0.25)  # of the correction, for layouts not learned from
     folds: int = 6
     seed: int = 0
 
 
-def amounts_of(
+def coefficients_of(
     examples: Sequence[Examples], penalty: float, least: Array, columns: NDArray[np.bool_] | None = None
 ) -> Array:
-    """(K,) amounts, zero outside `columns`, that leave the least of the examples' errors, relative to those before.
+    """(K,) coefficients, zero outside `columns`, that leave least of the examples' errors, relative to those before.
 
-    The penalty is on what a source does, not on its unit: an amount counts by the RMS of the heights that it makes, as
-    a share of the error before, and by `least` (K,) at least: what moves the cloth in its plane hardly shows in
-    heights, and must not grow for that.
+    The penalty is on what a function does, not on its unit: a coefficient counts by the RMS of the heights that it
+    makes, as a share of the error before, and by `least` (K,) at least: what moves the cloth in its plane hardly shows
+    in heights, and must not grow for that.
     """
     matrix, right = (np.sum([e.equations[i] for e in examples], axis=0) for i in (0, 1))
     frames = sum(len(e) for e in examples)
@@ -46,10 +46,10 @@ def amounts_of(
     return result
 
 
-def relative_error(examples: Sequence[Examples], amounts: Array | None = None) -> float:
+def relative_error(examples: Sequence[Examples], coefficients: Array | None = None) -> float:
     """What is left of the errors before, mean over frames."""
     before = np.concatenate([e.errors() for e in examples])
-    after = before if amounts is None else np.concatenate([e.errors(amounts) for e in examples])
+    after = before if coefficients is None else np.concatenate([e.errors(coefficients) for e in examples])
     return float(np.mean(after / np.maximum(before, 0.5)))
 
 
@@ -63,5 +63,5 @@ def best_penalty(examples: Sequence[Examples], folds: Sequence[Sequence[int]], p
         rest = [e for i, e in enumerate(examples) if i not in set(kept_back)]
         own = [examples[i] for i in kept_back]
         for k, penalty in enumerate(plan.penalties):
-            left[k] += len(own) * relative_error(own, amounts_of(rest, penalty, least))
+            left[k] += len(own) * relative_error(own, coefficients_of(rest, penalty, least))
     return plan.penalties[int(left.argmin())]

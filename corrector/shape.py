@@ -15,7 +15,7 @@ FINE = 2 * NODES - 1  # nodes a side of the grid on which a corrected cloth is p
 
 
 @dataclass(frozen=True, eq=False)
-class Frames:
+class LocalFrames:
     """Tangents and normal at nodes x nodes of a cloth, one batch of frames. float32."""
 
     across: Floats  # (..., nodes, nodes, 3) dX/du
@@ -23,7 +23,7 @@ class Frames:
     normal: Floats  # (..., nodes, nodes, 3) of unit length, off the front
 
     @staticmethod
-    def of(middle: Floats, width: float, height: float, nodes: int) -> "Frames":
+    def of(middle: Floats, width: float, height: float, nodes: int) -> "LocalFrames":
         """middle: (..., side, side, 3) m; side - 1 is a multiple of nodes - 1."""
         side = middle.shape[-2]
         every = (side - 1) // (nodes - 1)
@@ -31,7 +31,7 @@ class Frames:
         down = _slope(middle, -3)[..., ::every, ::every, :] * (side - 1) / height
         normal = np.cross(down, across)
         normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
-        return Frames(across, down, normal)
+        return LocalFrames(across, down, normal)
 
     def units(self) -> Floats:
         """(..., nodes, nodes, 3, 3): unit vectors along u, along v and along the normal, in rows."""
@@ -56,7 +56,7 @@ def middle_of(points: Floats, side: int) -> Floats:
     return ((points[..., :count, :] + points[..., count:, :]) / 2).reshape(*points.shape[:-2], side, side, 3)
 
 
-def tangent_changes(tilts: Floats, strains: Floats, frames: Frames) -> tuple[Floats, Floats]:
+def tangent_changes(tilts: Floats, strains: Floats, frames: LocalFrames) -> tuple[Floats, Floats]:
     """Changes of dX/du and dX/dv, each (..., n, n, 3).
 
     tilts (..., n, n, 2) rad: turns of the u and of the v tangent towards the normal, at constant length. strains

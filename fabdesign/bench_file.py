@@ -8,7 +8,7 @@ import numpy as np
 from fabdesign.bench import Array, Bench, BenchRecord
 from fabdesign.errors import InputError
 from fabdesign.headings import DIMENSIONS, Heading
-from fabdesign.lab_table import Column, LabTable
+from fabdesign.lab_table import LabTable, TableColumn
 from fabdesign.measured_units import require_measured_pressures
 from fabdesign.table import Table, load_toml
 
@@ -76,14 +76,14 @@ def read_record(file: Path, needed: tuple[str, ...] = ()) -> dict[str, Array]:
     return columns
 
 
-def _column(table: LabTable, index: int, heading: Heading) -> tuple[str, Column]:
+def _column(table: LabTable, index: int, heading: Heading) -> tuple[str, TableColumn]:
     """A column and its name: as the format writes it, or as a laboratory does where that names a quantity."""
     text = table.header[index]
     bare, power = _bare(text)
     own = power or bare != text or heading.symbol is None
     quantity = heading.quantity
     if own or quantity is None or heading.unit is None:
-        return bare, Column(index, heading, Decimal(1).scaleb(power))
+        return bare, TableColumn(index, heading, Decimal(1).scaleb(power))
     return quantity, table.take(index, quantity)
 
 

@@ -29,7 +29,7 @@ _WIDE = 3.5  # cells' edges, the farthest way
 _SLIM = 1e-9  # of its longest edge: a triangle less high is one in length only
 
 
-class Found(NamedTuple):
+class NearestItem(NamedTuple):
     """For each of n points."""
 
     squared: Array  # (n,) m^2, distance to the nearest item
@@ -51,7 +51,7 @@ class Cells:
         """Of a cloud (m, 3) m."""
         return Cells(np.ascontiguousarray(points, dtype=np.float64))
 
-    def nearest(self, points: NDArray[Any], *, within: float = np.inf) -> Found:
+    def nearest(self, points: NDArray[Any], *, within: float = np.inf) -> NearestItem:
         """Exact nearest items of points (n, 3) m. A tie goes to any of them.
 
         within [m]: what is farther is not looked for; where nothing is nearer, the distance is infinite, the item -1.
@@ -63,7 +63,7 @@ class Cells:
             pending = _search(at, pending, *cells._grid, squared, item)
             cells = cells._next
         squared[item < 0] = np.inf
-        return Found(squared, item)
+        return NearestItem(squared, item)
 
     def weights(self, points: NDArray[Any], item: Indices) -> Array:
         """(n, 2) of the two edges of each point's triangle at its place nearest to the point (n, 3) m."""

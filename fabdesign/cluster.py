@@ -91,7 +91,7 @@ def _connected(address: str, say: Say) -> Iterator["Cluster"]:
 
 
 @dataclass(frozen=True)
-class Worker:
+class WorkerInfo:
     """What a worker says of itself. threads: of its simulator."""
 
     versions: Mapping[str, str]
@@ -114,7 +114,7 @@ class Cluster:
         here = this_worker()
         try:
             self.client.run_on_scheduler(_set_limits)
-            found: dict[str, Worker] = self.client.run(this_worker)
+            found: dict[str, WorkerInfo] = self.client.run(this_worker)
         except (ModuleNotFoundError, AttributeError) as error:
             raise InputError(f"{self.address}: {error}; expected the fabdesign of this machine on every one") from None
         for name, worker in found.items():
@@ -132,7 +132,7 @@ class Cluster:
     @cached_property
     def threads(self) -> int:
         """Of a worker's simulator: of the one that has the most."""
-        described: dict[str, Worker] = self.client.run(this_worker)
+        described: dict[str, WorkerInfo] = self.client.run(this_worker)
         return max((worker.threads for worker in described.values()), default=1)
 
     def map(
@@ -236,11 +236,11 @@ def _set_limits(dask_scheduler: Any) -> None:
 
 
 @cache
-def this_worker() -> Worker:
+def this_worker() -> WorkerInfo:
     """Of this process."""
     libraries = {name: _version(name) for name in _LIBRARIES}
     own = {"fabdesign": __version__, "simulator": SIMULATOR, "code": _code(), "python": platform.python_version()}
-    return Worker(own | libraries, _processor(), _threads())
+    return WorkerInfo(own | libraries, _processor(), _threads())
 
 
 def _version(library: str) -> str:

@@ -1,5 +1,7 @@
 """What corrects a simulator's motions: the protocol, and the instants that it wants to see. Numpy only."""
 
+import hashlib
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -9,6 +11,7 @@ from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.forward import Case
+from fabdesign.model import Model
 
 Floats = NDArray[np.floating[Any]]
 
@@ -30,7 +33,7 @@ class Corrector(Protocol):
 
     @property
     def ordered(self) -> bool:
-        """Whether the answer keeps the order of the points; an unordered cloud is judged by Chamfer alone."""
+        """Whether the answer keeps the order of the points; an unordered cloud is compared by Chamfer alone."""
         ...
 
     @property
@@ -69,3 +72,15 @@ def with_history(times: NDArray[np.float64], history: Sequence[float]) -> tuple[
     order = np.rint(wanted * 1e6).astype(np.int64)
     _, first, where = np.unique(order, return_index=True, return_inverse=True)
     return wanted.ravel()[first], where.reshape(wanted.shape)
+
+
+def central_hash(model: Model) -> str:
+    """SHA-256 of the central values of a model's parameters and effects; intervals and provenance do not count."""
+    central = {
+        "parameters": {name: repr(float(p.factor)) for name, p in sorted(model.parameters.items())},
+        "effects": [
+            [effect.name, {name: repr(float(q.value)) for name, q in sorted(effect.parameters.items())}]
+            for effect in model.effects
+        ],
+    }
+    return hashlib.sha256(json.dumps(central, sort_keys=True).encode()).hexdigest()

@@ -1,11 +1,20 @@
 """A cloth's measured membrane law as a CSV: `strain,tension_n_per_m,direction`."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from fabdesign.csv_table import write_rows
-from fabdesign.curve import MembraneCurve
 from fabdesign.errors import InputError
 from fabdesign.lab_table import LabTable
+
+
+@dataclass(frozen=True)
+class MembraneCurve:
+    """Sampled tension per width [N/m] over engineering strain, for direction 1 (across), 2 (down) or both."""
+
+    strain: tuple[tuple[float, ...], tuple[float, ...]]  # per direction, rising; empty: the linear stiffness holds
+    tension: tuple[tuple[float, ...], tuple[float, ...]]  # N/m
+
 
 COLUMNS = ["strain", "tension_n_per_m", "direction"]
 

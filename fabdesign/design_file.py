@@ -9,8 +9,7 @@ from typing import Any
 from fabdesign.bench_law_file import FORMAT as BENCH_LAW
 from fabdesign.bench_law_file import why_not_included
 from fabdesign.bench_table_file import read_bench_table
-from fabdesign.curve import MembraneCurve
-from fabdesign.curve_file import read_membrane_curve
+from fabdesign.curve_file import MembraneCurve, read_membrane_curve
 from fabdesign.design import Design
 from fabdesign.design_writer import write_design
 from fabdesign.effect_file import read_effect
@@ -22,7 +21,7 @@ from fabdesign.muscle import Muscle, MuscleType
 from fabdesign.table import Table, load_toml, nearest, parse_toml
 from fabdesign.term import MUSCLE_TYPES, Term
 
-__all__ = ["Part", "is_part", "read_design", "read_part", "write_design"]
+__all__ = ["DesignPart", "is_part", "read_design", "read_part", "write_design"]
 
 FORMAT = "fabdesign.design/1"
 EDGES = ("top", "bottom", "left", "right", "none")
@@ -53,7 +52,7 @@ def read_design(path: Path | str) -> Design:
 
 
 @dataclass(frozen=True)
-class Part:
+class DesignPart:
     """What a file holds that designs include: muscle types, and keys of a cloth, checked one by one."""
 
     types: Mapping[str, MuscleType]
@@ -77,7 +76,7 @@ def is_part(path: Path) -> bool:
     return holds and not sized and not {"muscles", "include"} & root.keys()
 
 
-def read_part(path: Path | str) -> Part:
+def read_part(path: Path | str) -> DesignPart:
     """Read a file that designs include. Raises InputError for what no design that includes it could read."""
     path = Path(path)
     root = load_toml(path, FORMAT, partial=True)
@@ -85,11 +84,11 @@ def read_part(path: Path | str) -> Part:
     fabrics, types, effects = _contents(root, path, ())
     root.finish()
     if not fabrics:
-        return Part(types, None, frozenset(), tuple(effects))
+        return DesignPart(types, None, frozenset(), tuple(effects))
     given = _merged(fabrics, {})
     keys = frozenset(given.names())
     values = _STAND_IN | {key: given.take(key) for key in given.names()}
-    return Part(types, _fabric(Table(values, given.where)), keys, tuple(effects))
+    return DesignPart(types, _fabric(Table(values, given.where)), keys, tuple(effects))
 
 
 def _contents(

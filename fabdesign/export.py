@@ -1,18 +1,129 @@
-"""Everything that a workshop needs to make a design."""
+"""Everything that a workshop needs to make a design: templates as SVG, PDF and DXF, and a cut list."""
 
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
-from fabdesign.cut_list import write_cut_list
+from fabdesign.csv_table import write_rows
 from fabdesign.design import Design
-from fabdesign.dxf import write_dxf
+from fabdesign.drawing import Circle, Drawing, Line, Shape
 from fabdesign.errors import InputError
-from fabdesign.output import Inputs, new_folder
+from fabdesign.muscle import MuscleType
+from fabdesign.output import Inputs, new_folder, whole_file, write_text
 from fabdesign.pages import PAPERS
 from fabdesign.pdf import write_pages
-from fabdesign.svg import write_svg
 from fabdesign.template import whole_template
+
+
+def write_svg(drawing: Drawing, path: Path, *, title: str) -> None:
+    """Write a drawing whose unit is the millimetre. Raises InputError where `path` cannot be written."""
+    left, top, right, bottom = drawing.box
+    width, height = right - left, bottom - top
+    svg = ET.Element(
+        "svg",
+        {
+            "xmlns": "http://www.w3.org/2000/svg",
+            "width": f"{width:g}mm",
+            "height": f"{height:g}mm",
+            "viewBox": f"{left:g} {top:g} {width:g} {height:g}",
+            "font-family": "sans-serif",
+        },
+    )
+    ET.SubElement(svg, "title").text = title
+    paper = {"x": f"{left:g}", "y": f"{top:g}", "width": f"{width:g}", "height": f"{height:g}", "fill": "white"}
+    ET.SubElement(svg, "rect", paper)
+    for shape in drawing.shapes:
+        _add(svg, shape)
+    ET.indent(svg)
+    write_text(path, ET.tostring(svg, encoding="unicode", xml_declaration=False) + "\n")
+
+
+def _add(svg: ET.Element, shape: Shape) -> None:
+    if isinstance(shape, Line):
+        style = {"fill": "none", "stroke": shape.colour, "stroke-width": f"{shape.width:g}"}
+        if shape.dashed:
+            style["stroke-dasharray"] = "3 2"
+        points = " ".join(f"{x:.3f},{y:.3f}" for x, y in shape.points)
+        ET.SubElement(svg, "polygon" if shape.closed else "polyline", {"points": points, **style})
+    elif isinstance(shape, Circle):
+        place = {"cx": f"{shape.centre[0]:.3f}", "cy": f"{shape.centre[1]:.3f}", "r": f"{shape.radius:g}"}
+        style = {"fill": shape.fill, "stroke": shape.colour, "stroke-width": f"{shape.width:g}"}
+        ET.SubElement(svg, "circle", place | style)
+    else:
+        x, y = (f"{value:.3f}" for value in shape.at)
+        style = {"x": x, "y": y, "font-size": f"{shape.size:g}", "fill": shape.colour, "text-anchor": shape.anchor}
+        if shape.turn:
+            style["transform"] = f"rotate({shape.turn:g} {x} {y})"
+        if shape.bold:
+            style["font-weight"] = "bold"
+        ET.SubElement(svg, "text", style).text = shape.text
+
+
+def write_dxf(design: Design, path: Path, *, seam_allowance: float) -> None:
+    """Write the cloth's edge (layer CLOTH), the line to cut (CUT, `seam_allowance` [m] outside it), muscle lines, fixed
+    points and channel labels (layers FRONT and BACK).
+
+    x right, y up, origin at the cloth's top left corner. Needs the extra `dxf` (ezdxf).
+    """
+    import ezdxf
+    from ezdxf import units
+
+    drawing = ezdxf.new(setup=True)
+    drawing.units = units.MM
+    for layer, colour in (("CUT", 3), ("CLOTH", 7), ("FRONT", 5), ("BACK", 1)):
+        drawing.layers.add(layer, color=colour)
+    space = drawing.modelspace()
+    width, height = design.fabric.width * 1e3, design.fabric.height * 1e3
+    for layer, out in (("CUT", seam_allowance * 1e3), ("CLOTH", 0.0)):
+        right, bottom = width + out, -height - out
+        corners = [(-out, out), (right, out), (right, bottom), (-out, bottom)]
+        space.add_lwpolyline(corners, close=True, dxfattribs={"layer": layer})
+    for number, muscle in enumerate(design.muscles):
+        face = {"layer": muscle.side.upper()}
+        space.add_lwpolyline([(u * 1e3, -v * 1e3) for u, v in muscle.path], dxfattribs=face)
+        for u, v in muscle.fixed_points():
+            space.add_circle((u * 1e3, -v * 1e3), radius=1.2, dxfattribs=face)
+        u, v = muscle.path[0]
+        label = space.add_text(f"{number} (channel {muscle.channel})", height=2.5, dxfattribs=face)
+        label.set_placement((u * 1e3, -v * 1e3 + 2))
+    with whole_file(path) as unfinished:
+        drawing.saveas(unfinished)
+
+
+COLUMNS = ["muscle", "type", "side", "channel", "laced_mm", "tail_mm", "cut_mm", "fixed_points"]
+
+
+def write_cut_list(design: Design, path: Path, *, tail_length: float | None = None) -> None:
+    """Write a row a muscle: its laced length, the tail at each end, the length to cut and the number of fixed points.
+
+    tail_length: [m], in place of the muscle types' own. Raises InputError for a type in use that has none, and for a
+    muscle that is longer than its type's stock.
+    """
+    rows = []
+    for number, muscle in enumerate(design.muscles):
+        kind = design.muscle_types[muscle.type]
+        tail = _tail(design, kind, tail_length)
+        cut = muscle.length + 2 * tail
+        if kind.stock_length is not None and cut > kind.stock_length:
+            raise InputError(
+                f"design {design.name}: muscle {number} needs {cut * 1e3:.1f} mm; "
+                f"expected at most its stock, {kind.stock_length * 1e3:g} mm of {kind.name}"
+            )
+        lengths = (f"{value * 1e3:.1f}" for value in (muscle.length, tail, cut))
+        rows.append((number, muscle.type, muscle.side, muscle.channel, *lengths, len(muscle.fixed_points())))
+    write_rows(path, COLUMNS, rows)
+
+
+def _tail(design: Design, kind: MuscleType, asked: float | None) -> float:
+    tail = kind.tail_length if asked is None else asked
+    if tail is None:
+        raise InputError(
+            f"design {design.name}: muscle type {kind.name} has no tail_length, and a cut list without tails is too "
+            "short; expected --tail-length, in m, what stays free at each end for tube and knot"
+        )
+    return tail
+
 
 _LONGEST = {"seam allowance": 0.1, "tail length": 1.0}  # m; what is longer was surely meant in millimetres
 

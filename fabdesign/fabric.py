@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from fabdesign.curve import MembraneCurve
+from fabdesign.curve_file import MembraneCurve
 
 Edge = Literal["top", "bottom", "left", "right", "none"]
 

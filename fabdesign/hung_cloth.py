@@ -30,7 +30,7 @@ _LEANING = {"pinned": 60.0, "clamped": 100.0}
 def misplaced(points: Array, fabric: Fabric) -> str | None:
     """What about a cloud (n, 3) m a cloth held as `fabric` could not do, as "..., expected ..."; None: nothing.
 
-    Of a cloth that nothing holds the size alone is judged.
+    Of a cloth that nothing holds the size alone is checked.
     """
     held, flat = held_places(fabric), at_rest(fabric, 5, 5)
     short = min(fabric.width, fabric.height)

@@ -17,7 +17,7 @@ _HINT = "or headings with units, as pressure [bar]"
 
 
 @dataclass(frozen=True)
-class Column:
+class TableColumn:
     index: int
     heading: Heading
     factor: Decimal  # to SI
@@ -44,7 +44,7 @@ class LabTable:
             raise InputError(f"{self.path}: {heading.text} has the unit {symbol} in the row below; expected one unit")
         return replace(heading, symbol=heading.symbol or symbol or None)
 
-    def find(self, quantity: str, *, default: Decimal | None = None) -> Column:
+    def find(self, quantity: str, *, default: Decimal | None = None) -> TableColumn:
         """The column of a quantity, by its name, or as the only one with such a unit. default: the factor of one
         without a unit. Raises InputError for none, two, or one without a unit or with another quantity's."""
         dimension = dimension_of(quantity)
@@ -62,7 +62,7 @@ class LabTable:
         (index,) = named
         return self.take(index, quantity, default=default)
 
-    def take(self, index: int, quantity: str, *, default: Decimal | None = None) -> Column:
+    def take(self, index: int, quantity: str, *, default: Decimal | None = None) -> TableColumn:
         """The column at a place as that quantity. Raises InputError like `find`."""
         heading = self.headings[index]
         dimension = dimension_of(quantity)
@@ -74,7 +74,7 @@ class LabTable:
         if unit is not None and unit.dimension != dimension:
             raise self.bad(f"{heading.text} has the unit {heading.symbol}")
         self.taken[index] = quantity
-        return Column(index, heading, unit.factor if unit is not None else default or Decimal(1))
+        return TableColumn(index, heading, unit.factor if unit is not None else default or Decimal(1))
 
     @staticmethod
     def _is(heading: Heading, quantity: str) -> bool:
@@ -87,7 +87,7 @@ class LabTable:
         columns = ",".join(self.header)
         return InputError(f"{self.path}: columns are {columns}; expected {self._expected}, {_HINT} ({what})")
 
-    def cells(self, column: Column) -> Iterator[tuple[int, Decimal, Decimal]]:
+    def cells(self, column: TableColumn) -> Iterator[tuple[int, Decimal, Decimal]]:
         """Line, the number as written, and in SI."""
         for line, row in self.rows:
             written = decimal(row[column.index], self.path, line, column.heading.text)

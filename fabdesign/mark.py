@@ -22,7 +22,7 @@ class Mark:
 
 
 def read_mark(folder: Path) -> Mark | None:
-    """The folder's mark; None where there is none, or none that can be read: then the folder is somebody else's."""
+    """The folder's mark; None where there is none, or none that can be read: then the folder belongs to others."""
     try:
         content = json.loads((folder / MARK).read_text(encoding="utf-8"))
         if content["format"] != FORMAT:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from fabdesign.fabric import Fabric
 from fabdesign.hung_cloth import misplaced
-from fabdesign.placement import CLEAR, OVER, SAME, TIE, Fit, differ, placement_of, right_angles
+from fabdesign.placement import CLEAR, OVER, SAME, TIE, PlacementFit, differ, placement_of, right_angles
 
 Array = NDArray[np.float64]
 
@@ -22,7 +22,7 @@ _UPPER = 0.25  # of the markers, that show how deep the edge lies
 
 def fit_markers(
     points: Array, fabric: Fabric, *, factor: float = 1.0, rotation: tuple[float, float, float] | None = None
-) -> Fit:
+) -> PlacementFit:
     """The placement of points (n, 3), in the file's unit, by the mean distance from them to the hanging cloth.
 
     rotation: degrees, where it is known; else the 24 ways to exchange axes are tried, the least turn first.
@@ -44,7 +44,7 @@ def fit_markers(
     near = [(gap, other, placement_of(factor, other, s)) for gap, other, s in found if gap < least + CLEAR]
     over = [p for _, other, p in near if differ(other, OVER * turn) < SAME]
     rivals = [p for _, other, p in near if min(differ(other, turn), differ(other, OVER * turn)) >= SAME]
-    return Fit(placement_of(factor, turn, shift), over[0] if over else None, rivals[0] if rivals else None)
+    return PlacementFit(placement_of(factor, turn, shift), over[0] if over else None, rivals[0] if rivals else None)
 
 
 def _below_the_edge(points: Array, fabric: Fabric) -> Array:

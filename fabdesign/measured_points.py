@@ -21,15 +21,15 @@ _REPEATED, _REPEATED_SHARE = 8, 0.01  # points at exactly one place, which a mea
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class RemovedPoints:
     """How many points were left out of a cloud."""
 
     not_finite: int = 0
     without_depth: int = 0  # at the sensor's origin
     far: int = 0
 
-    def __add__(self, other: "LeftOut") -> "LeftOut":
-        return LeftOut(
+    def __add__(self, other: "RemovedPoints") -> "RemovedPoints":
+        return RemovedPoints(
             self.not_finite + other.not_finite, self.without_depth + other.without_depth, self.far + other.far
         )
 
@@ -49,7 +49,7 @@ class LeftOut:
 
 def sound_points(
     points: Points, where: str, *, size: float | None = None, unit_known: bool = True
-) -> tuple[Points, LeftOut]:
+) -> tuple[Points, RemovedPoints]:
     """The points of a cloud (n, 3) m that can be the cloth's, and how many others there were.
 
     size: the cloth's longer side [m]; without one, only what is far off by the cloud's own measure goes. unit_known:
@@ -58,7 +58,7 @@ def sound_points(
     """
     _require_points(points, where)
     if _as_a_rule(points, size):
-        return points, LeftOut()
+        return points, RemovedPoints()
     finite = np.isfinite(points).all(axis=1)
     depth = _have_depth(points) | ~finite
     kept = finite & depth
@@ -68,7 +68,7 @@ def sound_points(
         far = kept & (off > (_BEYOND * size if size is not None else _ALONE * np.median(off[kept])))
         if far.sum() <= len(points) / 2:  # else it is the unit: `require_cloud` says so
             near = ~far
-    left_out = LeftOut(int((~finite).sum()), int((~depth).sum()), int((~near).sum()))
+    left_out = RemovedPoints(int((~finite).sum()), int((~depth).sum()), int((~near).sum()))
     if 2 * left_out.count > len(points):
         raise InputError(f"{where}: of {len(points)} points {left_out}; expected at least half of them sound")
     points = points[kept & near]

@@ -136,7 +136,7 @@ MANY_BEYOND = 0.05  # share of the points from which on a capped figure hides ho
 def told_beyond(share: float) -> str:
     """In words: how many points lie beyond the cap, and what that means where they are many."""
     said = f"{share:.1%} of the points lie more than {1e3 * CAP:g} mm off"
-    return said + (", so the surface RMS is capped: the shape is worse than it says" if share >= MANY_BEYOND else "")
+    return said + ("; the surface RMS is capped there, so the real error is larger" if share >= MANY_BEYOND else "")
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,7 @@ class Model:
     provenance: Provenance = Provenance()
     without_effects: Mapping[str, Parameter] | None = None
     covariance: Covariance | None = None
-    corrector_hash: str | None = None  # of the parameters and effects that it was trained on (fabdesign.trained_on)
+    corrector_hash: str | None = None  # of the parameters and effects that it was trained on (fabdesign.corrector)
 
     @property
     def factors(self) -> dict[str, float]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import tomlkit
 
+from fabdesign.corrector import central_hash
 from fabdesign.effect_file import effect_items, read_effect, read_interval, read_scope
 from fabdesign.effort import COARSEST, FINEST
 from fabdesign.errors import InputError
@@ -14,7 +15,6 @@ from fabdesign.forward import FACTORS, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
 from fabdesign.model import POINTS_PER_SIDE, Covariance, Model, Parameter, Provenance
 from fabdesign.output import write_text
 from fabdesign.table import Table, load_toml, nearest
-from fabdesign.trained_on import central_hash
 
 FORMAT = "fabdesign.model/1"
 

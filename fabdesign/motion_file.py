@@ -1,4 +1,4 @@
-"""A motion's npz: what `simulate` and `predict` write."""
+"""A motion's npz, which `simulate` and `predict` write, and its frames as meshes."""
 
 from dataclasses import dataclass
 from math import isqrt
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError
 from fabdesign.laced_muscles import LacedMuscles
 from fabdesign.npz_file import NpzArrays, open_npz
+from fabdesign.ply import ply_bytes
 from fabdesign.surface import face_triangles
 
 
@@ -138,3 +139,26 @@ def _muscles(arrays: NpzArrays, path: Path, frames: int) -> LacedMuscles | None:
     if begins[0] != 0 or begins[-1] != most or (np.diff(begins) < 2).any():
         raise InputError(f"{path}: muscle_begins is {begins.tolist()}; expected 0, ..., {most}, two points a muscle")
     return LacedMuscles(**found)
+
+
+SUFFIXES = (".ply", ".obj")
+
+
+def mesh_paths(path: Path, frames: int) -> list[Path]:
+    """The files of `frames` frames: `path` itself for one frame, else NAME_0000.ply, NAME_0001.ply, ... beside it.
+
+    Raises InputError where the name ends neither in .ply nor in .obj.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{path}: expected a mesh to write, {' or '.join(SUFFIXES)}")
+    return [path] if frames == 1 else [path.with_stem(f"{path.stem}_{k:04d}") for k in range(frames)]
+
+
+def write_mesh(path: Path, points: NDArray[np.floating[Any]], triangles: NDArray[np.integer[Any]]) -> None:
+    """Write points (n, 3) m and triangles (t, 3), as PLY (binary, float32) or OBJ (text, to the micrometre)."""
+    if path.suffix.lower() == ".ply":
+        path.write_bytes(ply_bytes(points, triangles))
+        return
+    lines = ["# metres", *("v {:.6f} {:.6f} {:.6f}".format(*point) for point in points)]
+    lines += ["f {} {} {}".format(*corners) for corners in triangles + 1]
+    path.write_text("\n".join([*lines, ""]), encoding="ascii", newline="\n")

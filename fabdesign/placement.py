@@ -53,7 +53,7 @@ class Placement:
 
 
 @dataclass(frozen=True)
-class Fit:
+class PlacementFit:
     """A placement found, and what else could have been meant."""
 
     placement: Placement
@@ -68,7 +68,7 @@ def fit_placement(
     factor: float = 1.0,
     rotation: tuple[float, float, float] | None = None,
     drawn: bool = True,
-) -> Fit:
+) -> PlacementFit:
     """The placement that brings an edge of points (n, 3), in the file's unit, onto the hung top edge, and the strip
     below it nearest to the hanging cloth.
 
@@ -92,7 +92,7 @@ def fit_placement(
     over = [p for gap, other, p in near if gap < least + 3 * TIE and differ(other, OVER * turn) < SAME]
     rivals = [p for _, other, p in near if min(differ(other, turn), differ(other, OVER * turn)) >= SAME]
     kept = turn is found[0][1]
-    return Fit(placement, over[0] if over else None, rivals[0] if rivals and not kept else None)
+    return PlacementFit(placement, over[0] if over else None, rivals[0] if rivals and not kept else None)
 
 
 def differ(a: Rotation, b: Rotation) -> float:

@@ -11,7 +11,7 @@ from fabdesign.csv_table import write_rows
 from fabdesign.design import Design
 from fabdesign.effort import LONGEST
 from fabdesign.errors import InputError
-from fabdesign.lab_table import Column, LabTable
+from fabdesign.lab_table import LabTable, TableColumn
 from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.table import kilopascals, pascals
 from fabdesign.trial_file import program_of, read_trial_pressures
@@ -108,7 +108,7 @@ def read_csv(path: Path) -> PressureProgram:
     return PressureProgram.of_rows(np.array(time), np.array(pressure).reshape(len(time), -1), duration=duration)
 
 
-def _channels(table: LabTable, time: Column) -> list[Column]:
+def _channels(table: LabTable, time: TableColumn) -> list[TableColumn]:
     """Every other column, in the order of their numbers; of columns without numbers that have units of pressure, as
     they stand. Raises InputError where the numbers are not 0, 1, ... or a column is neither."""
     others = [i for i in range(len(table.headings)) if i != time.index]

@@ -1,7 +1,9 @@
-"""Hidden folders for output under way: locked while their process lives, swept when it was killed."""
+"""Hidden folders for unfinished output: locked while their process lives, swept when it was killed."""
 
+import errno
 import os
 import shutil
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -9,7 +11,37 @@ from pathlib import Path
 from typing import IO
 
 from fabdesign.errors import InputError
-from fabdesign.lock import try_lock
+
+if sys.platform == "win32":
+    import msvcrt
+
+    def try_lock(stream: IO[bytes]) -> bool | None:
+        """Whether `stream`'s file is now this process's, until it closes the stream or ends; None where the file system
+        knows no locks."""
+        try:
+            msvcrt.locking(stream.fileno(), msvcrt.LK_NBLCK, 1)
+        except OSError:
+            return False
+        return True
+
+else:
+    import fcntl
+
+    _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP)
+
+    def try_lock(stream: IO[bytes]) -> bool | None:
+        """Whether `stream`'s file is now this process's, until it closes the stream or ends; None where the file system
+        knows no locks."""
+        try:
+            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        except OSError as error:
+            if error.errno in _NO_LOCKS:
+                return None
+            raise
+        return True
+
 
 PREFIX = ".unfinished"
 _LOCK = "lock"

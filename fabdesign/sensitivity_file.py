@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,6 @@ from fabdesign.study_file import FORMAT, TargetFile, read_start_pressures, read_
 from fabdesign.table import Table, load_toml
 from fabdesign.varied import Varied, read_varied
 
-Method = Literal["morris", "sobol"]
 Output = Callable[[NDArray[np.float64], NDArray[np.float32]], float]
 NO_FUNCTIONS: Mapping[str, Output] = {}
 METHODS = ("morris", "sobol")

@@ -12,7 +12,7 @@ from fabdesign.fabric import Fabric
 from fabdesign.hung_cloth import misplaced
 from fabdesign.marker_placement import MARKERS, fit_markers
 from fabdesign.measured_points import sound_points
-from fabdesign.placement import UNITS, Fit, Placement, Unit, fit_placement
+from fabdesign.placement import UNITS, Placement, PlacementFit, Unit, fit_placement
 from fabdesign.study_file import TargetFile
 
 MOST = 10_000  # points that are compared: more cost time and say nothing new
@@ -85,7 +85,7 @@ def _without_far(geometry: Geometry, factor: float, fabric: Fabric, target: Targ
     return replace(geometry, points=kept)
 
 
-def _fit(geometry: Geometry, raw: Array, fabric: Fabric, factor: float, target: TargetFile) -> Fit:
+def _fit(geometry: Geometry, raw: Array, fabric: Fabric, factor: float, target: TargetFile) -> PlacementFit:
     """With the vertices of a mesh, and points drawn on it closely: its edge is then known exactly. A trial's axes are
     the world's."""
     if fabric.hung != "top":

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fabdesign.effort import LONGEST
 from fabdesign.errors import InputError
-from fabdesign.measured_points import LeftOut, sound_points
+from fabdesign.measured_points import RemovedPoints, sound_points
 from fabdesign.measured_units import require_measured_pressures, require_seconds
 from fabdesign.npz_file import NpzArrays, open_npz
 from fabdesign.output import whole_file
@@ -51,7 +51,7 @@ def read_trial(path: Path, *, size: float | None = None) -> TrialData:
         raise InputError(f"{path}: offsets do not rise from 0 to the number of points, {len(points)}")
     metres = points.astype(np.float64) * float(scale)
     frames: list[Floats] = []
-    left_out, hit = LeftOut(), 0
+    left_out, hit = RemovedPoints(), 0
     for t, (a, b) in enumerate(pairwise(offsets)):
         frame, without = sound_points(metres[a:b], f"{path} frame {t}", size=size)
         frames.append(frame)

@@ -46,7 +46,7 @@ _CAUSES: Mapping[str, Callable[[Array], Array]] = {
 def require_on_cloth(frames: Sequence[Array], time: Array, fabric: Fabric, where: str) -> None:
     """Raise InputError unless clouds (n_t, 3) m, at `time` (T,) s after rest, can be those of a cloth hung as `fabric`.
 
-    A cloth that nothing holds (`hung = "none"`) is not judged.
+    A cloth that nothing holds (`hung = "none"`) is not checked.
     """
     hung = held_places(fabric)
     if len(hung) == 0:

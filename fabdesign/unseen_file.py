@@ -1,4 +1,4 @@
-"""Study files of kind "unseen": a layout or muscle type judged before it is sewn, and a model judged by leaving out."""
+"""Study files of kind "unseen": a layout or muscle type predicted before it is sewn, and designs left out in turn."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +29,7 @@ _RIG = RigLimits(HIGHEST)
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class CandidateMeasurement:
     """A measurement that could be made: a program on a design."""
 
     name: str
@@ -44,7 +44,7 @@ class Unsewn:
     design: Design
     model: Model
     poses: NDArray[np.float64]
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[CandidateMeasurement, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,12 +136,12 @@ def _poses(root: Table, design: Design, rig: RigLimits) -> NDArray[np.float64]:
     return poses
 
 
-def _candidate(table: Table, path: Path, design: Design) -> Candidate:
+def _candidate(table: Table, path: Path, design: Design) -> CandidateMeasurement:
     """`program`: as `simulate` takes it; on another `design` where there is one."""
     own = read_design(path.parent / table.text("design")) if "design" in table else design
     spec = table.text("program")
     file = path.parent / spec
     program = read_pressures(file if file.suffix in (".csv", ".npz") else spec, own)
-    candidate = Candidate(table.text("name", spec), own, program)
+    candidate = CandidateMeasurement(table.text("name", spec), own, program)
     table.finish()
     return candidate

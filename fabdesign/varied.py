@@ -36,6 +36,19 @@ class Varied:
     high: float
     unit: str
 
+    @property
+    def what(self) -> str:
+        """For people: which part of the design or of the model it is, numbers as in the design's file."""
+        if self.kind == "pressure":
+            return f"pressure of channel {self.key[0]}"
+        if self.kind == "position":
+            muscle, corner, axis = self.key
+            of = f"muscle {muscle}" if corner == -1 else f"corner {corner} of muscle {muscle}"
+            return f"shift of {of} {'down' if axis else 'across'}"
+        if self.kind == "factor":
+            return "factor on the declared value"
+        return f"{self.key[1]} of the effect {self.key[0]}".replace("_", " ")
+
 
 def read_varied(tables: dict[str, Table], design: Design, model: Model, where: str) -> tuple[Varied, ...]:
     """The parameters of a sweep from their tables by name (`low`, `high`). Raises InputError."""
@@ -45,8 +58,8 @@ def read_varied(tables: dict[str, Table], design: Design, model: Model, where: s
 
 
 def _varied(name: str, table: Table, design: Design, model: Model) -> Varied:
-    kind, key, unit, bounds, believed = _meaning(name, table.where, design, model)
-    low, high = (table.number(side, believed and believed[i]) for i, side in enumerate(("low", "high")))
+    kind, key, unit, bounds, interval = _meaning(name, table.where, design, model)
+    low, high = (table.number(side, interval and interval[i]) for i, side in enumerate(("low", "high")))
     if low is None or high is None:
         raise InputError(f"{table.where}: no {'low' if low is None else 'high'}; expected low and high{_in(unit)}")
     table.finish()

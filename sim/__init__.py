@@ -2,7 +2,7 @@
 
 from sim.kernels import fields  # noqa: F401 first: it starts taichi without a word, or says what it lacks
 
-from sim.motion import Motion  # isort: skip
+from sim.motion import SimulatedMotion  # isort: skip
 from sim.simulator import Simulator  # isort: skip
 
-__all__ = ["Motion", "Simulator"]
+__all__ = ["SimulatedMotion", "Simulator"]

@@ -5,16 +5,51 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.forward import Case
+from fabdesign.forward import SIDE, Case
+from sim.design.loops import interpolation_weights
 from sim.design.support import Support
-from sim.faces import faces
+
+
+def faces(middle: NDArray[np.float32], thickness: float) -> NDArray[np.float32]:
+    """(T, 2 * 41 * 41, 3) m from mid-surfaces (T, n, n, 3): half the thickness along the normal, front then back.
+
+    Another grid than 41 x 41 is interpolated (cubic, sim.design.loops).
+    """
+    rows = _resample(middle.shape[1]).astype(middle.dtype)
+    if middle.shape[1] != SIDE:
+        middle = np.einsum("ai,tijc,bj->tabc", rows, middle, rows, optimize=True)
+    down, across = np.empty_like(middle), np.empty_like(middle)
+    down[:, 1:-1], down[:, 0], down[:, -1] = (
+        middle[:, 2:] - middle[:, :-2],
+        middle[:, 1] - middle[:, 0],
+        middle[:, -1] - middle[:, -2],
+    )
+    across[:, :, 1:-1], across[:, :, 0], across[:, :, -1] = (
+        middle[:, :, 2:] - middle[:, :, :-2],
+        middle[:, :, 1] - middle[:, :, 0],
+        middle[:, :, -1] - middle[:, :, -2],
+    )
+    normal = np.cross(down, across)
+    normal *= thickness / 2 / np.linalg.norm(normal, axis=-1, keepdims=True)
+    frames = len(middle)
+    return np.concatenate([(middle + normal).reshape(frames, -1, 3), (middle - normal).reshape(frames, -1, 3)], axis=1)
+
+
+def _resample(n: int) -> NDArray[np.float64]:
+    """(41, n) weights of the output points on a line of n nodes."""
+    rows = np.zeros((SIDE, n))
+    for k in range(SIDE):
+        first, value = interpolation_weights(k * (n - 1) / (SIDE - 1), n)
+        rows[k, first : first + 4] = value
+    return rows
+
 
 Array = NDArray[np.float64]
 FARTHEST = 10.0  # m from the origin, where a hung cloth has diverged
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class SimulatedMotion:
     """One simulated motion. Frames after a divergence are NaN."""
 
     time: Array  # (T,) s after rest
@@ -30,7 +65,7 @@ class Motion:
         return faces(self.middle, self.thickness)
 
 
-def motion_of(case: Case, time: Array, middle: NDArray[np.float32], state: NDArray[np.float32]) -> Motion:
+def motion_of(case: Case, time: Array, middle: NDArray[np.float32], state: NDArray[np.float32]) -> SimulatedMotion:
     fabric = case.design.fabric
     fallen = np.linalg.norm(fabric.gravity) * time**2 / 2 if Support.of(fabric) == Support.NONE else np.zeros(len(time))
     bad = ~(np.abs(middle) < FARTHEST + fallen[:, None, None, None])  # NaN compares false
@@ -41,7 +76,7 @@ def motion_of(case: Case, time: Array, middle: NDArray[np.float32], state: NDArr
         diverged = (float(time[first]), (int(row), int(column)))
         middle[first:], state[first:] = np.nan, np.nan
     own = [k for m in _spans(case) for k in m]
-    return Motion(time, middle, state[:, own, 0], state[:, own, 1], case.design.fabric.thickness, diverged)
+    return SimulatedMotion(time, middle, state[:, own, 0], state[:, own, 1], case.design.fabric.thickness, diverged)
 
 
 def _spans(case: Case) -> list[range]:

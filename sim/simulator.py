@@ -39,7 +39,7 @@ from sim.forces.contact_pairs import Touching
 from sim.kernels import fields
 from sim.kernels.transfer import halt, read, read_states
 from sim.materials import REST_CURVATURES
-from sim.motion import Motion, motion_of
+from sim.motion import SimulatedMotion, motion_of
 from sim.on_cluster import OnCluster
 from sim.step import Solve, advance
 from sim.tangent.differences import Jacobian, completed
@@ -130,7 +130,7 @@ class Simulator:
         """The same as mid-surfaces on this grid; faces are made where they are asked for."""
         return [Sheet(motion.middle, lambda motion=motion: motion.points) for motion in self.run(cases, times)]
 
-    def run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Motion]:
+    def run(self, cases: Sequence[Case], times: Sequence[Array]) -> list[SimulatedMotion]:
         """Motions with mid-surfaces, contractions and tensions; each starts from equilibrium at zero pressure, a free
         cloth flat and at rest. One that diverges, or has not come to rest where it starts, is tried once more with half
         the steps and twice the iterations, from where a damped motion comes to rest."""
@@ -160,8 +160,8 @@ class Simulator:
             iterations=min(2 * self.iterations, MOST_ITERATIONS),
         )
 
-    def _run(self, cases: Sequence[Case], times: Sequence[Array], *, patient: bool) -> list[Motion]:
-        results: list[Motion | None] = [None] * len(cases)
+    def _run(self, cases: Sequence[Case], times: Sequence[Array], *, patient: bool) -> list[SimulatedMotion]:
+        results: list[SimulatedMotion | None] = [None] * len(cases)
         wanted = [np.asarray(t, dtype=float) for t in times]
         acting = [
             acting_pressure(case, _ticks(t, self.time_step), self.time_step)
@@ -188,7 +188,7 @@ class Simulator:
             return OnCluster(self, cluster).equilibria(cases)
         return [shape.points[0] for shape in self.rest(cases)]
 
-    def rest(self, cases: Sequence[Case]) -> list[Motion]:
+    def rest(self, cases: Sequence[Case]) -> list[SimulatedMotion]:
         """Shapes at rest under each program's last pressures, as motions of one frame at 0 s with its tensions. The
         last step of a damped motion moved it by less than RESTED; NaN where no such shape was found, with half the
         steps and 2 s more neither."""
@@ -251,7 +251,7 @@ class Simulator:
             equilibrate(batch, by_block(pressure), self._solve(batch), rise=self.rise, hold=self.hold, patient=patient)
             yield chosen, packed, batch
 
-    def follow(self, case: Case, middle: NDArray[np.float32], *, steps: int = FOLLOWING) -> Motion:
+    def follow(self, case: Case, middle: NDArray[np.float32], *, steps: int = FOLLOWING) -> SimulatedMotion:
         """From a shape nearby, `middle` (n, n, 3) m, towards rest under the program's last pressures, as a motion of
         one frame: quick, and on the branch where `middle` is. Whether it has come to rest shows in how far another call
         moves it. Memory of forces stays at rest."""
@@ -264,8 +264,8 @@ class Simulator:
             shape = self._middle(batch, fields.F.x0)[:1]
             return motion_of(case, np.zeros(1), shape, self._states(batch)[:1])
 
-    def _rest(self, cases: Sequence[Case], *, patient: bool) -> list[Motion]:
-        results: list[Motion | None] = [None] * len(cases)
+    def _rest(self, cases: Sequence[Case], *, patient: bool) -> list[SimulatedMotion]:
+        results: list[SimulatedMotion | None] = [None] * len(cases)
         with fields.lock:
             for chosen, packed, batch in self._brought_to_rest(cases, patient=patient):
                 middle = self._middle(batch, fields.F.x0)
@@ -342,7 +342,7 @@ class Simulator:
 
     def _simulate(
         self, batch: Batch, packed: Sequence[int], cases: Sequence[Case], times: Sequence[Array], steps: Sequence[Steps]
-    ) -> list[Motion]:
+    ) -> list[SimulatedMotion]:
         """The motions from where the batch is."""
         n = self.points_per_side
         schedule, begins = of_motions(batch, packed, steps, tick=self.time_step, rho=self.rho)

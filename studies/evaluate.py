@@ -20,8 +20,8 @@ from fabdesign.predictor import Predictor
 from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.trial import MeasurementSet, Trial
 from studies.forward_model import forward_model
-from studies.judged import Flags, Judged
-from studies.judged_search import judge_sets
+from studies.sensitive_stretches import find_used_frames
+from studies.used_frames import Flags, UsedFrames
 
 _AT_ONCE = 16  # trials, two motions each in memory
 _NOISE_FRAMES = 40  # clouds that the sensor's noise is estimated from: strays are few
@@ -31,7 +31,7 @@ ERRORS = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
 
 @dataclass(frozen=True)
 class TrialResult:
-    """Errors of one trial's judged frames, m; NaN where the motion diverged, or no frame is judged."""
+    """Errors of one trial's used frames, m; NaN where the motion diverged, or no frame is used."""
 
     set_name: str
     trial: str
@@ -39,12 +39,12 @@ class TrialResult:
     role: str
     before: Errors
     after: Errors
-    judged: float = 1.0  # share of its frames
+    used: float = 1.0  # share of its frames
 
 
 @dataclass(frozen=True)
 class DesignResult:
-    """All trials of one design; the statistics leave out trials that diverged or have no judged frame."""
+    """All trials of one design; the statistics leave out trials that diverged or have no frame that is used."""
 
     source: str  # name and description of the set
     noise: SensorNoise
@@ -56,28 +56,28 @@ class DesignResult:
     @property
     def diverged(self) -> list[str]:
         lost = (t for t in self.trials if np.isnan(t.before.chamfer) or np.isnan(t.after.chamfer))
-        return [t.trial for t in lost if t.judged]
+        return [t.trial for t in lost if t.used]
 
     @property
-    def unjudged(self) -> list[str]:
-        """Trials without a judged frame."""
-        return [t.trial for t in self.trials if not t.judged]
+    def without_frames(self) -> list[str]:
+        """Trials of which no frame is used."""
+        return [t.trial for t in self.trials if not t.used]
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class SetEvaluation:
     """designs: trials of role `test`; others: the rest, where they were asked for."""
 
     designs: Mapping[str, DesignResult]
     others: Mapping[str, DesignResult]
-    judged: Judged  # stretches that count for nothing, and their share
+    used: UsedFrames
 
     def as_json(self) -> dict[str, Any]:
         """What `evaluate --json` prints: mm."""
         result: dict[str, Any] = {"designs": {name: _as_json(design) for name, design in self.designs.items()}}
         if self.others:
             result["others"] = {name: _as_json(design) for name, design in self.others.items()}
-        return result | self.judged.as_json() | {"metric": "chamfer, surface_rms", "unit": "mm"}
+        return result | self.used.as_json() | {"metric": "chamfer, surface_rms", "unit": "mm"}
 
 
 def evaluate_sets(
@@ -89,37 +89,37 @@ def evaluate_sets(
     all_trials: bool = False,
     seed: int = 0,
     progress: Callable[[int, int], None] = lambda done, total: None,
-) -> Evaluation:
+) -> SetEvaluation:
     """Errors of `model` on the trials of role `test`, with `all_trials` of the others too, in a table of their own.
 
-    forward: the simulator. coarse: a cheap one with which stretches of these trials are found that hang on less than
-    the data sheet knows (studies.judged_search); they count for nothing. Without it they are not looked for. After is
-    all of the model; before is what it was without effects and corrector, or, where it has neither, the data sheet.
+    forward: the simulator. coarse: a cheap one that finds the sensitive stretches of these trials
+    (studies.sensitive_stretches), which are left out. Without it they are not looked for. After is all of the model;
+    before is what it was without effects and corrector, or, where it has neither, the data sheet.
     `progress` is told trials done and trials in all.
-    Raises InputError where no trial is left, or no frame of a design's trials judged; SimulationError where every
+    Raises InputError where no trial is left, or no frame of a design's trials; SimulationError where every
     motion of a design diverges.
     """
-    ways = [forward_model(forward, way, sensing=True) for way in (model.before, model)]
+    predictors = [forward_model(forward, each, sensing=True) for each in (model.before, model)]
     jobs = _jobs(sets, ("test", "fit") if all_trials else ("test",))
     if not jobs:
         raise InputError(f"{', '.join(s.name for s in sets)}: no trial of role test; --all takes the others too")
-    looked_at = judge_sets([(s, [t for job in jobs if job.found is s for t in job.trials]) for s in sets], coarse)
+    used = find_used_frames([(s, [t for job in jobs if job.found is s for t in job.trials]) for s in sets], coarse)
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         noises = _noises(jobs, threads)
         tasks = [
-            (partial(_errors, noise, seed, partial(looked_at.at, job.found), job.found.name), trial)
+            (partial(_errors, noise, seed, partial(used.at, job.found), job.found.name), trial)
             for job, noise in zip(jobs, noises, strict=True)
             for trial in job.trials
         ]
         results: list[TrialResult] = []
-        for judgement in _judged(tasks, ways, threads):
-            results.append(judgement.result())
+        for task in _evaluated(tasks, predictors, threads):
+            results.append(task.result())
             progress(len(results), len(tasks))
     tables: dict[str, dict[str, DesignResult]] = {"test": {}, "fit": {}}
     for job, noise in zip(jobs, noises, strict=True):
         own, results = results[: len(job.trials)], results[len(job.trials) :]
         tables[job.role][job.title] = _summarise(job.title, job.found, noise.result(), own)
-    return Evaluation(tables["test"], tables["fit"], looked_at)
+    return SetEvaluation(tables["test"], tables["fit"], used)
 
 
 @dataclass(frozen=True)
@@ -155,18 +155,20 @@ def _noises(jobs: Sequence[_Job], threads: ThreadPoolExecutor) -> list["Future[S
     return [found[key] for key in keys]
 
 
-def _judged(
-    tasks: Sequence[tuple[Callable[..., TrialResult], Trial]], ways: Sequence[Predictor], threads: ThreadPoolExecutor
+def _evaluated(
+    tasks: Sequence[tuple[Callable[..., TrialResult], Trial]],
+    predictors: Sequence[Predictor],
+    threads: ThreadPoolExecutor,
 ) -> Iterator["Future[TrialResult]"]:
-    """Every trial's judgement, in order. The motions of a batch are simulated while those before are judged. Files are
+    """Every trial's result, in order. The motions of a batch are simulated while those before are evaluated. Files are
     read here, not beside the simulator: Python 3.11 may fail where two threads parse (gh-106905), as numpy does for an
     array's header and Taichi for a kernel."""
     waiting: list[Future[TrialResult]] = []
     for part in batches([2 * len(trial.times) for _, trial in tasks], _AT_ONCE):
-        motions = _motions([trial for _, trial in tasks[part]], *ways)
+        motions = _motions([trial for _, trial in tasks[part]], *predictors)
         due, waiting = waiting, []
-        for (judge, trial), *predicted in zip(tasks[part], *motions, strict=True):
-            waiting.append(threads.submit(judge, trial, trial.load().frames, *predicted))
+        for (errors, trial), *predicted in zip(tasks[part], *motions, strict=True):
+            waiting.append(threads.submit(errors, trial, trial.load().frames, *predicted))
         yield from due
     yield from waiting
 
@@ -174,14 +176,14 @@ def _judged(
 def _errors(
     noise: "Future[SensorNoise]",
     seed: int,
-    judged: Callable[[Trial], Flags],
+    used: Callable[[Trial], Flags],
     name: str,
     trial: Trial,
     frames: Sequence[NDArray[np.float64]],
     *predicted: Any,
 ) -> TrialResult:
     """Of a trial of the set `name` with these clouds before and after, whose motions are `predicted`."""
-    kept = np.flatnonzero(judged(trial))
+    kept = np.flatnonzero(used(trial))
     if not len(kept):
         return TrialResult(name, trial.name, trial.order, trial.role, _UNKNOWN, _UNKNOWN, 0.0)
     clouds, seed = [frames[k] for k in kept.tolist()], seed + trial.order
@@ -206,25 +208,25 @@ def _spread(trials: Sequence[Trial]) -> list[NDArray[np.float64]]:
     return frames
 
 
-def _motions(trials: Sequence[Trial], *ways: Predictor) -> list[list[Any]]:
-    """Of every way, the trials' motions. All ways without a corrector are one batch: it takes two cores no longer."""
+def _motions(trials: Sequence[Trial], *predictors: Predictor) -> list[list[Any]]:
+    """Of every predictor, the trials' motions. All without a corrector are one batch: it takes two cores no longer."""
     times = [trial.times for trial in trials]
     cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
-    plain = [way for way in ways if way.corrector is None]
-    together = Predictor(ways[0].simulator, sensing=True)
-    found = together.motions([way.case(case) for way in plain for case in cases], times * len(plain))
+    plain = [predictor for predictor in predictors if predictor.corrector is None]
+    together = Predictor(predictors[0].simulator, sensing=True)
+    found = together.motions([predictor.case(case) for predictor in plain for case in cases], times * len(plain))
     batches_of = iter(found[k : k + len(trials)] for k in range(0, len(found), len(trials)))
-    return [next(batches_of) if way.corrector is None else way.motions(cases, times) for way in ways]
+    return [next(batches_of) if p.corrector is None else p.motions(cases, times) for p in predictors]
 
 
 def _summarise(title: str, found: MeasurementSet, noise: SensorNoise, results: Sequence[TrialResult]) -> DesignResult:
-    # a trial that either way diverges on is left out of both, so that the two compare
+    # a trial on which either diverges is left out of both, so that the two compare
     sound = [r for r in results if np.isfinite(r.before.chamfer) and np.isfinite(r.after.chamfer)]
-    if not sound and not any(r.judged for r in results):
+    if not sound and not any(r.used for r in results):
         names = ", ".join(r.trial for r in results)
         raise InputError(
-            f"{found.name}: {names} of {title}: in every frame small changes lead elsewhere; expected trials whose "
-            "pressures say which way the cloth goes"
+            f"{found.name}: {names} of {title}: every frame is sensitive, small changes of the inputs lead to another "
+            "shape; expected trials whose pressures decide to which side the cloth bends"
         )
     if not sound:
         raise SimulationError(f"{found.name}: every motion of {title} diverged")
@@ -255,7 +257,7 @@ def _as_json(design: DesignResult) -> dict[str, Any]:
             result.trial: {"before": errors(result.before), "after": errors(result.after)} for result in design.trials
         },
         "diverged": design.diverged,
-        "without_judged_frame": design.unjudged,
+        "without_judged_frame": design.without_frames,
     }
 
 
@@ -270,5 +272,5 @@ def histogram(design: DesignResult, error: str) -> dict[str, list[float]]:
     """Trials per bin of one error: `edges` in mm, counts `before` and `after`."""
     before, after = _values(design, error)
     edges = np.histogram_bin_edges(np.concatenate([before, after]), bins=12)
-    counts = {way: np.histogram(x, edges)[0].tolist() for way, x in (("before", before), ("after", after))}
+    counts = {state: np.histogram(x, edges)[0].tolist() for state, x in (("before", before), ("after", after))}
     return {"edges": edges.tolist()} | counts

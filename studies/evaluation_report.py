@@ -6,10 +6,10 @@ from pathlib import Path
 from fabdesign.csv_table import write_rows
 from fabdesign.metrics import Statistics, told_beyond
 from fabdesign.output import new_folder
-from studies.evaluate import ERRORS, Evaluation, histogram
+from studies.evaluate import ERRORS, SetEvaluation, histogram
 
 
-def write_evaluation(evaluation: Evaluation, out: Path) -> None:
+def write_evaluation(evaluation: SetEvaluation, out: Path) -> None:
     """Write `evaluation.json`, `trials.csv`, `evaluation.md` and `histogram.png` into the folder `out`, all or none."""
     with new_folder(out, made_by="evaluate") as unfinished:
         text = json.dumps(evaluation.as_json(), indent=1)
@@ -19,23 +19,25 @@ def write_evaluation(evaluation: Evaluation, out: Path) -> None:
         _write_histogram(evaluation, unfinished / "histogram.png")
 
 
-def tables_markdown(evaluation: Evaluation) -> str:
+def tables_markdown(evaluation: SetEvaluation) -> str:
     """Both tables for people: mm, mean (min to max, std) over trials."""
+    used = evaluation.used.in_words
     parts = [
-        "Chamfer: unsquared, both directions summed. Surface RMS: measured points to the model's faces, capped at "
-        "10 mm. mm, mean over trials, of several trials with (min to max, standard deviation). Closed: share of the "
-        "excess over the floor, * the one figure by which models are compared (surface RMS, in quadrature).\n",
-        f"Of judged frames; {evaluation.judged.said}.\n",
+        "Errors in mm, mean over trials; of several trials with (min to max, standard deviation). Chamfer: unsquared, "
+        "both directions summed. Surface RMS: measured points to the model's faces, capped at 10 mm. Floor: the "
+        "smallest value that noise and sampling allow. Removed: share of the excess error over the floor that the "
+        "model removes; models are compared by the value with * (surface RMS, in quadrature).\n",
+        f"{used[0].upper()}{used[1:]}.\n",
     ]
     for heading, table in (("Trials of role test", evaluation.designs), ("Other trials", evaluation.others)):
         if table:
-            parts.append(f"## {heading}\n\n| design | trials | error | floor | before | after | closed |")
+            parts.append(f"## {heading}\n\n| design | trials | error | floor | before | after | removed |")
             parts.append("|---|---|---|---|---|---|---|")
         for name, design in table.items():
             for error, floor in (("chamfer", "chamfer_floor"), ("surface_rms", "surface_floor")):
                 share = design.closed.chamfer if error == "chamfer" else design.closed.surface
                 mark = " *" if error == "surface_rms" else ""
-                sound = len(design.trials) - len(design.diverged) - len(design.unjudged)
+                sound = len(design.trials) - len(design.diverged) - len(design.without_frames)
                 parts.append(
                     f"| {name} | {len(design.trials)} | {error} | {1e3 * design.after[floor].mean:.2f} "
                     f"| {_shown(design.before[error], sound)} | {_shown(design.after[error], sound)} "
@@ -46,7 +48,7 @@ def tables_markdown(evaluation: Evaluation) -> str:
             f"{name}: {design.source}; noise {1e3 * design.noise.sigma:.2f} mm an axis, "
             + f"{design.noise.strays:.1%} strays"
             + (f"; diverged and left out: {', '.join(design.diverged)}" if design.diverged else "")
-            + (f"; no frame judged: {', '.join(design.unjudged)}" if design.unjudged else "")
+            + (f"; no frame used: {', '.join(design.without_frames)}" if design.without_frames else "")
             for name, design in table.items()
         ]
         for name, design in table.items():
@@ -58,8 +60,8 @@ def tables_markdown(evaluation: Evaluation) -> str:
 
 def _closed(share: float | None) -> str:
     if share is None:
-        return "no gap"
-    return f"{share:.0%}" if share > -0.005 else f"the gap grew by {-share:.0%}"
+        return "no excess"
+    return f"{share:.0%}" if share > -0.005 else f"the excess grew by {-share:.0%}"
 
 
 def _shown(values: Statistics, trials: int) -> str:
@@ -69,9 +71,9 @@ def _shown(values: Statistics, trials: int) -> str:
     return f"{mean:.2f} ({least:.2f} to {most:.2f}, {std:.2f})"
 
 
-def _write_trials(evaluation: Evaluation, path: Path) -> None:
+def _write_trials(evaluation: SetEvaluation, path: Path) -> None:
     header = ["set", "design", "trial", "order", "role"]
-    header += [f"{name}_{way}_mm" for way in ("before", "after") for name in ERRORS]
+    header += [f"{name}_{state}_mm" for state in ("before", "after") for name in ERRORS]
     header += ["surface_beyond_before", "surface_beyond_after", "judged"]
     rows = []
     for table in (evaluation.designs, evaluation.others):
@@ -79,12 +81,12 @@ def _write_trials(evaluation: Evaluation, path: Path) -> None:
             for r in design.trials:
                 numbers = [f"{1e3 * getattr(errors, error):.6g}" for errors in (r.before, r.after) for error in ERRORS]
                 beyond = [f"{errors.beyond:.6g}" for errors in (r.before, r.after)]
-                beyond.append(f"{r.judged:.6g}")
+                beyond.append(f"{r.used:.6g}")
                 rows.append([r.set_name, name, r.trial, r.order, r.role, *numbers, *beyond])
     write_rows(path, header, rows)
 
 
-def _write_histogram(evaluation: Evaluation, path: Path) -> None:
+def _write_histogram(evaluation: SetEvaluation, path: Path) -> None:
     from matplotlib.figure import Figure
 
     panels = [("test", *item) for item in evaluation.designs.items()]
@@ -94,8 +96,8 @@ def _write_histogram(evaluation: Evaluation, path: Path) -> None:
     for row, (kind, name, design) in zip(axes, panels, strict=True):
         for axis, error, floor in zip(row, ("chamfer", "surface_rms"), ("chamfer_floor", "surface_floor"), strict=True):
             shown = histogram(design, error)
-            for way, colour in (("before", "tab:gray"), ("after", "tab:blue")):
-                axis.stairs(shown[way], shown["edges"], fill=True, alpha=0.6, color=colour, label=way)
+            for state, colour in (("before", "tab:gray"), ("after", "tab:blue")):
+                axis.stairs(shown[state], shown["edges"], fill=True, alpha=0.6, color=colour, label=state)
             axis.axvline(1e3 * design.after[floor].mean, color="black", linestyle="--", label="floor")
             axis.set(xlabel=f"{error} [mm]", ylabel="trials", title=f"{name}, {kind} trials")
             axis.legend(fontsize="small")

@@ -1,4 +1,4 @@
-"""Motions and shapes at rest with the muscles on them."""
+"""Motions and shapes at rest with the muscles on them: their axes, contractions and tensions."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -12,7 +12,29 @@ from fabdesign.laced_muscles import LacedMuscles, laced_muscles
 from fabdesign.model import Model
 from fabdesign.motion_file import MotionData, square_triangles
 from studies.forward_model import forward_model
-from studies.muscle_states import WithMuscleStates, knows_muscles
+
+
+def knows_muscles(forward: ForwardModel) -> bool:
+    """Whether it gives more than shapes, as `sim.Simulator` does."""
+    return hasattr(forward, "run") and hasattr(forward, "rest")
+
+
+class WithMuscleStates:
+    """A fabdesign.forward.ForwardModel; `last`: the motions of the last call, each a `SimulatedMotion` with time (T,)
+    s, contraction and tension (T, intervals) N. `simulator`: one that `knows_muscles`."""
+
+    def __init__(self, simulator: ForwardModel) -> None:
+        self._simulator: Any = simulator
+        self.last: list[Any] = []
+
+    def motions(self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float32]]:
+        self.last = self._simulator.run(cases, times)
+        return [motion.points for motion in self.last]
+
+    def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
+        self.last = self._simulator.rest(cases)
+        return [shape.points[0] for shape in self.last]
+
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ import numpy as np
 
 from fabdesign.effects.registry import effect_named
 from fabdesign.forward import Case
-from studies.studio.solver import Answer, Ask, Solver
+from studies.studio.solver import Answer, Ask, StudioSolver
 
 
 @dataclass(frozen=True, eq=False)
 class Bent:
-    """What of sim.motion.Motion is asked for."""
+    """What of sim.motion.SimulatedMotion is asked for."""
 
     middle: np.ndarray
     points: np.ndarray
@@ -58,12 +58,12 @@ class Bending:
 
 
 class AtOnce:
-    """In the place of studies.studio.worker.Worker: the answer is there when it is asked for."""
+    """In the place of studies.studio.solver.SolverProcess: the answer is there when it is asked for."""
 
     alive = True
 
     def __init__(self) -> None:
-        self._solver, self.asked, self._due = Solver(Bending), [], []  # type: ignore[var-annotated]
+        self._solver, self.asked, self._due = StudioSolver(Bending), [], []  # type: ignore[var-annotated]
 
     def send(self, ask: Ask) -> None:
         self.asked.append(ask)

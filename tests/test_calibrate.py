@@ -21,7 +21,7 @@ from optimize.fit.descent import _descend, horizons
 from optimize.fit.normal import Normal, directions
 from optimize.fit.parameters import DECLARED, PRIOR
 from optimize.fit.problem import Evaluation, Linearisation
-from sim.faces import faces
+from sim.motion import faces
 from studies.bad_data import sound_trials
 from studies.calibration.belief import doubts, noise_rms
 from studies.calibration.calibrate import calibrate
@@ -348,7 +348,7 @@ def test_a_lag_that_the_model_lacks_marks_the_intervals(tmp_path):
     found = calibrate(measured, Curler(), engines=ONE_ENGINE)
     assert found.doubts
     assert not found.as_json()["believable"]
-    assert "not believable" in as_text(found) and "NOT to be believed: the fit leaves" in as_text(found)
+    assert "not reliable" in as_text(found) and "NOT reliable: the fit leaves" in as_text(found)
     write_model(found.model, tmp_path / "model.toml")
     assert not any(p.believable for p in read_model(tmp_path / "model.toml").parameters.values())
 
@@ -360,7 +360,7 @@ def test_a_diverging_trial_is_left_out_from_there_on(tmp_path):
     assert "002: the motion diverged; left out from 0.70 s on" in as_text(found)
     lost = np.mean(TIMES >= 0.7 - 1e-9) / 3  # of one trial of three
     assert found.fit.outlying == found.as_json()["outlying"] == pytest.approx(lost)
-    assert f"NOT to be believed: {lost:.0%} of the frames fitted are far off" in as_text(found)
+    assert f"NOT reliable: {lost:.0%} of the frames fitted are far off" in as_text(found)
     assert not any(p.believable for p in found.model.parameters.values())
     alone = dataclasses.replace(measured, trials=measured.trials[2:3])
     with pytest.raises(SimulationError, match="every motion"):
@@ -444,7 +444,7 @@ class Coin(Curler):
         return frames
 
 
-def test_what_hangs_on_a_coins_toss_is_named_and_takes_no_part(tmp_path):
+def test_sensitive_stretches_are_named_and_left_out(tmp_path):
     other = Coin()
     other.side = -1.0  # the measured cloth fell to the other side
     measured = write(tmp_path / "set", [100, 200, 300, 250, 150], forward=other)
@@ -452,15 +452,15 @@ def test_what_hangs_on_a_coins_toss_is_named_and_takes_no_part(tmp_path):
     found = calibrate(measured, Coin(), coarse=Coin(), engines=ONE_ENGINE, accuracy=None)
     [stretch] = found.judged.stretches
     assert stretch.trial == "003" and 0.2 <= stretch.begin <= 0.4 and stretch.end == pytest.approx(1.2)
-    assert found.judged.share == pytest.approx(5 / 32, abs=2 / 32)
-    assert "unjudged" in as_text(found) and "003" in as_text(found)
+    assert found.judged.share_left_out == pytest.approx(5 / 32, abs=2 / 32)
+    assert "left out as sensitive" in as_text(found) and "003" in as_text(found)
     assert found.as_json()["unjudged"][0]["trial"] == "003"
     assert found.model.parameters["damping"].factor == pytest.approx(1.3, rel=0.01)
     assert found.fit.after < 0.5 * blind.fit.after
     assert blind.judged.stretches is None
 
 
-def test_a_set_of_nothing_but_tosses_is_refused(tmp_path):
+def test_a_set_of_sensitive_stretches_alone_is_refused(tmp_path):
     measured = write(tmp_path / "set", [250, 245, 150])
     coin = Coin()
 
@@ -468,5 +468,5 @@ def test_a_set_of_nothing_but_tosses_is_refused(tmp_path):
         return [np.full((len(t), 882, 3), np.nan, np.float32) for t in times]
 
     coin.motions = toss
-    with pytest.raises(InputError, match="in every frame small changes lead elsewhere"):
+    with pytest.raises(InputError, match="every frame is sensitive, small changes of the inputs lead to another shape"):
         calibrate(measured, Curler(), coarse=coin)

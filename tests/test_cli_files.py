@@ -136,7 +136,10 @@ def test_model_is_used_on_the_grid_that_it_was_fitted_on(run: Run, hanging: type
     """A cloth that no factor moves: the data sheet stays, its prior the only thing known."""
     hanging.made.clear()
     code, out, _ = run("calibrate", folder / "set", "-o", folder / "fitted.toml", "--json")
-    assert (code, hanging.made) == (0, {21, 41, 61})  # coin tosses, early horizons and differences, the last horizon
+    assert (code, hanging.made) == (
+        0,
+        {21, 41, 61},
+    )  # stretches, early horizons and differences, the last horizon
     model = ("--model", folder / "fitted.toml")
     simulate = ("simulate", folder / "cross.toml", "--pressures", "1,2", *model, "-o", folder / "fitted.npz")
     for arguments in (
@@ -146,7 +149,7 @@ def test_model_is_used_on_the_grid_that_it_was_fitted_on(run: Run, hanging: type
     ):
         hanging.made.clear()
         assert run(*arguments)[0] == 0
-        assert hanging.made == ({21, 61} if arguments[0] == "evaluate" else {61})  # evaluate looks for coin tosses too
+        assert hanging.made == ({21, 61} if arguments[0] == "evaluate" else {61})  # evaluate looks for stretches too
     hanging.made.clear()
     assert run(*simulate, "--grid", 21, "--force")[0] == 0
     assert hanging.made == {21}

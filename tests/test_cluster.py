@@ -22,7 +22,7 @@ from sim.on_cluster import OnCluster, batches
 from studies.rig import Key
 from studies.rig.run import _shapes
 from studies.rig.scene import DEFAULT
-from studies.rig.specimen import Task
+from studies.rig.specimen import TrialTask
 from studies.sensitivity.run import run_sensitivity
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line
@@ -100,11 +100,11 @@ def test_what_a_task_raises_is_raised_here(address: str) -> None:
 
 def test_rig_trials_are_tasks(monkeypatch: pytest.MonkeyPatch) -> None:
     class Elsewhere:
-        def map(self, function: object, tasks: list[Task], name: Callable[[Task], str]) -> Iterator[str]:
+        def map(self, function: object, tasks: list[TrialTask], name: Callable[[TrialTask], str]) -> Iterator[str]:
             yield from (f"{function.__name__} of {name(task)}" for task in tasks)  # type: ignore[attr-defined]
 
     monkeypatch.setattr("studies.rig.run.current", Elsewhere)
-    task = Task(build("cross"), constant_program([0.0, 0.0]), np.zeros(1), 3, Key(), DEFAULT)
+    task = TrialTask(build("cross"), constant_program([0.0, 0.0]), np.zeros(1), 3, Key(), DEFAULT)
     assert [*_shapes([task], 1)] == ["control_points of trial 3 of cross"]
 
 

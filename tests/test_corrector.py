@@ -8,18 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from corrector.basis import Basis, anywhere, names
 from corrector.designs import FAR, described, distance
-from corrector.examples import Examples
+from corrector.examples import Examples, offsets
 from corrector.field import FieldCorrector
-from corrector.inputs import HISTORY, Layout, fields_of, lagged
+from corrector.inputs import HISTORY, MuscleFields, fields_of, lagged
 from corrector.layout import deposits
 from corrector.load import load_corrector
-from corrector.matching import offsets
 from corrector.outputs import displacement_of, heights_of
-from corrector.regression import Regression, amounts_of
+from corrector.regression import Regression, coefficients_of
 from corrector.response import weight_over_stiffness
-from corrector.shape import FINE, Frames, displaced, middle_of, put_together, refine, tangent_changes
-from corrector.sources import Sources, anywhere, names
+from corrector.shape import FINE, LocalFrames, displaced, middle_of, put_together, refine, tangent_changes
 from fabdesign.catalogue import build, standard
 from fabdesign.corrector import with_history
 from fabdesign.design import Design
@@ -47,7 +46,7 @@ def cloth(curvature: np.ndarray, design: Design) -> np.ndarray:
     mean = (angle[1:] + angle[:-1]) / 2
     middle[1:, :, 1] = -np.cumsum(np.cos(mean), axis=0) * step
     middle[1:, :, 2] = np.cumsum(np.sin(mean), axis=0) * step
-    normal = Frames.of(middle, fabric.width, fabric.height, SIDE).normal * fabric.thickness / 2
+    normal = LocalFrames.of(middle, fabric.width, fabric.height, SIDE).normal * fabric.thickness / 2
     return np.concatenate([(middle + normal).reshape(-1, 3), (middle - normal).reshape(-1, 3)])
 
 
@@ -177,17 +176,17 @@ def test_frames_that_diverged_stay_so(trained) -> None:
 
 
 def test_a_little_of_a_source_does_what_was_learned_from(trained) -> None:
-    case, layout = Case(UNSEEN, program([250, 100, 200])), Layout.of(UNSEEN)
+    case, layout = Case(UNSEEN, program([250, 100, 200])), MuscleFields.of(UNSEEN)
     wanted, where = with_history(TIMES, HISTORY)
     motion = Bending().motions([case], [wanted])[0]
-    sources = Sources.of(fields_of(case, layout, TIMES, motion[where]))
+    basis = Basis.of(fields_of(case, layout, TIMES, motion[where]))
     fabric, ratio = UNSEEN.fabric, weight_over_stiffness(case)
-    frames = Frames.of(middle_of(motion[where[0]], SIDE), fabric.width, fabric.height, FINE)
-    heights = heights_of(sources, frames, fabric, ratio)
+    frames = LocalFrames.of(middle_of(motion[where[0]], SIDE), fabric.width, fabric.height, FINE)
+    heights = heights_of(basis, frames, fabric, ratio)
     assert heights.shape[1] == len(names()) == len(set(names()))
     for k in (0, names().index("strain: tension"), names().index("swing"), len(names()) - 1):
         little = 1e-3 * (np.arange(len(names())) == k)
-        moved = displacement_of(sources.mixed(little), frames, fabric, ratio)
+        moved = displacement_of(basis.combined(little), frames, fabric, ratio)
         found = 1e3 * np.einsum("tabi,tabi->tab", moved, frames.normal)
         assert np.abs(found - heights[:, k]).max() < 2e-2 * np.abs(heights[:, k]).max() + 1e-6  # m
 
@@ -200,11 +199,11 @@ def test_ridge_finds_the_amounts() -> None:
         heights = rng.standard_normal((5, 3, 40)).astype(np.float16)
         goal = np.einsum("tkn,k->tn", heights.astype(float), truth) + 0.1 * rng.standard_normal((5, 40))
         found.append(Examples(heights, goal.astype(np.float32), np.full((5, 40), 1 / 40, dtype=np.float32)))
-    assert np.abs(amounts_of(found, 1e-6, LEAST) - truth).max() < 0.02
-    shrunk = amounts_of(found, 10.0, LEAST)
+    assert np.abs(coefficients_of(found, 1e-6, LEAST) - truth).max() < 0.02
+    shrunk = coefficients_of(found, 10.0, LEAST)
     assert np.abs(shrunk).max() < 0.2
-    assert amounts_of(found, 1e-6, LEAST, np.array([True, False, True]))[1] == 0
-    assert np.abs(amounts_of(found, 0.1, 1e3 * LEAST)).max() < 0.01  # as if one of a source made 50 times the error
+    assert coefficients_of(found, 1e-6, LEAST, np.array([True, False, True]))[1] == 0
+    assert np.abs(coefficients_of(found, 0.1, 1e3 * LEAST)).max() < 0.01  # as if a unit one made 50 times the error
     assert found[0].errors(truth).mean() < 0.12 < 1 < found[0].errors().mean()
 
 
@@ -236,7 +235,7 @@ class Tosser(Bending):
         return points
 
 
-def test_nothing_is_learned_from_what_hangs_on_a_coins_toss(tmp_path: Path) -> None:
+def test_nothing_is_learned_from_sensitive_stretches(tmp_path: Path) -> None:
     times = np.arange(1, 11) * 0.1
     measured = read_set(measure(tmp_path / "set", LEARNED[:1], trials=4, times=times))
     learned, held, looked_at = choose([measured], Model(), kept_back=0.25, seed=0, coarse=Tosser())
@@ -245,7 +244,7 @@ def test_nothing_is_learned_from_what_hangs_on_a_coins_toss(tmp_path: Path) -> N
     for chosen in (*learned, *held):
         last = times[frames_learned(chosen)].max()
         assert last == pytest.approx(0.1 if chosen.trial.name in tossed else 1.0)
-    assert looked_at.share == pytest.approx(0.9 * len(tossed) / 4)
+    assert looked_at.share_left_out == pytest.approx(0.9 * len(tossed) / 4)
     assert choose([measured], Model(), kept_back=0.25, seed=0)[2].stretches is None
 
 
@@ -302,8 +301,8 @@ def test_weights_that_are_none_are_refused(tmp_path: Path) -> None:
 
 def test_what_muscles_do_turns_over_with_the_cloth() -> None:
     design = build("basic", muscles=4)  # two in front, two behind
-    one, other = (_sources(design, pressure) for pressure in ([100, 300, 50, 0], [50, 0, 100, 300]))
-    left_right = _sources(design, [300, 100, 0, 50])
+    one, other = (_basis(design, pressure) for pressure in ([100, 300, 50, 0], [50, 0, 100, 300]))
+    left_right = _basis(design, [300, 100, 0, 50])
     for k, name in enumerate(one.names[: one.curvature.shape[1]]):
         if name.startswith(("bending:", "curvature")):
             size = np.abs(one.curvature[:, k]).max()
@@ -316,10 +315,10 @@ def test_what_muscles_do_turns_over_with_the_cloth() -> None:
     assert 0 < anywhere().sum() < len(names())
 
 
-def _sources(design: Design, pressure: Sequence[float]) -> Sources:
+def _basis(design: Design, pressure: Sequence[float]) -> Basis:
     case = Case(design, program(pressure))
     wanted, where = with_history(TIMES, HISTORY)
-    return Sources.of(fields_of(case, Layout.of(design), TIMES, Bending().motions([case], [wanted])[0][where]))
+    return Basis.of(fields_of(case, MuscleFields.of(design), TIMES, Bending().motions([case], [wanted])[0][where]))
 
 
 def test_measured_offsets_tell_the_faces_apart() -> None:
@@ -327,7 +326,7 @@ def test_measured_offsets_tell_the_faces_apart() -> None:
     rng = np.random.default_rng(0)
     points = cloth(np.full((SIDE, SIDE), 5.0), design)
     middle = middle_of(points, SIDE)
-    normal = Frames.of(middle, 0.2, 0.2, SIDE).normal
+    normal = LocalFrames.of(middle, 0.2, 0.2, SIDE).normal
     for shift in (-2e-3, 0.0, 2e-3):  # as much as the cloth is thick: a front then lies where a back was
         moved = np.concatenate([(half + shift * normal.reshape(-1, 3)) for half in np.split(points, 2)])
         cloud, _ = Surface.of_faces(moved).sample(3000, rng)
@@ -339,7 +338,7 @@ def test_measured_offsets_tell_the_faces_apart() -> None:
 def test_tilts_bend_the_cloth_and_keep_its_length() -> None:
     fabric = UNSEEN.fabric
     points = cloth(np.zeros((SIDE, SIDE)), UNSEEN)
-    frames = Frames.of(middle_of(points, SIDE), fabric.width, fabric.height, FINE)
+    frames = LocalFrames.of(middle_of(points, SIDE), fabric.width, fabric.height, FINE)
     tilts = np.zeros((FINE, FINE, 2))
     tilts[..., 1] = np.linspace(0, 0.5, FINE)[:, None]  # of the v tangent: an arc
     changes = tangent_changes(tilts, np.zeros((FINE, FINE, 3)), frames)
@@ -396,13 +395,13 @@ def test_command_says_what_a_corrector_is_worth(run, hanging, folder: Path) -> N
 
 def test_designs_of_one_muscle_type_share_its_law(monkeypatch: pytest.MonkeyPatch) -> None:
     """A search asks for thousands of layouts, and a fit of the law takes longer than their motions."""
-    from corrector.inputs import Layout
+    from corrector.inputs import MuscleFields
     from fabdesign.muscle_law import MuscleLaw, law_of
 
     fits: list[object] = []
     fit = MuscleLaw.fit
     monkeypatch.setattr(MuscleLaw, "fit", staticmethod(lambda table: fits.append(table) or fit(table)))
     law_of.cache_clear()
-    layouts = [Layout.of(build("vertical", muscles=count)) for count in (1, 2, 3)]
+    layouts = [MuscleFields.of(build("vertical", muscles=count)) for count in (1, 2, 3)]
     assert len(fits) == 1
     assert len({id(law) for layout in layouts for law in layout.laws.values()}) == 1

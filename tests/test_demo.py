@@ -15,9 +15,9 @@ from fabdesign.model import EffectTerm, Model
 from fabdesign.model_file import read_model
 from fabdesign.trial_file import read_trial
 from studies.demo import measured
-from studies.demo.page import as_html
+from studies.demo.measured import as_html
 from studies.evaluate import evaluate_sets
-from studies.judged import Judged
+from studies.used_frames import UsedFrames
 
 DATA = Path(measured.__file__).parents[2] / "fabdesign" / "data"
 
@@ -55,18 +55,18 @@ class Rolling:
         return np.stack([rolled_sheet(turn, n=41) for turn in turns]).astype(np.float32)
 
 
-def test_each_model_is_simulated_once_and_judged_as_evaluate_does(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_model_is_simulated_once_and_evaluated_as_evaluate_does(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = read_set(DATA / measured.SET)
     found = replace(whole, trials=whole.trials[:1])
     monkeypatch.setattr(measured, "read_set", lambda folder: found)
-    monkeypatch.setattr(measured, "judge_sets", lambda sets, coarse: Judged((), 0.0))
+    monkeypatch.setattr(measured, "find_used_frames", lambda sets, coarse: UsedFrames((), 0.0))
     rolling = Rolling()
-    judged = measured.judge_model(forward=rolling)
-    assert rolling.asked == len(judged.errors) == 4  # data sheet, calibrated, with effects, corrected
-    [expected] = evaluate_sets(judged.shipped, [found], Rolling()).designs.values()
+    errors = measured.evaluate_shipped(forward=rolling)
+    assert rolling.asked == len(errors.errors) == 4  # data sheet, calibrated, with effects, corrected
+    [expected] = evaluate_sets(errors.shipped, [found], Rolling()).designs.values()
     [trial] = expected.trials
-    assert (judged.errors[measured.CALIBRATED], judged.errors[measured.CORRECTED]) == (trial.before, trial.after)
-    assert judged.errors[measured.SHEET] != trial.before
+    assert (errors.errors[measured.CALIBRATED], errors.errors[measured.CORRECTED]) == (trial.before, trial.after)
+    assert errors.errors[measured.SHEET] != trial.before
 
 
 def test_the_page_says_what_was_closed() -> None:
@@ -80,8 +80,8 @@ def test_the_page_says_what_was_closed() -> None:
     of = dict(zip(names, map(errors, (4e-3, 3e-3, 1.5e-3, 1e-3)), strict=True))
     found = read_set(DATA / measured.SET)
     shipped = Model(effects=(EffectTerm("<drag>", {}),))
-    judged = measured.Judged(replace(found, description="a synthetic rig"), shipped, of, 0.0)
-    page, text, values = as_html(judged), measured.as_text(judged), judged.as_json()
+    errors = measured.ShippedErrors(replace(found, description="a synthetic rig"), shipped, of, 0.0)
+    page, text, values = as_html(errors), measured.as_text(errors), errors.as_json()
     assert [model["closed"] for model in values["models"]] == [None, None, pytest.approx(0.5), pytest.approx(2 / 3)]
     assert "<td>50%</td>" in page and "<td>67%</td>" in page and "&lt;drag&gt;" in page
     assert "synthetic rig" in page and "synthetic rig" in text

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from fabdesign.effects import BUILT_IN, EFFECTS
 from fabdesign.effects.acting import acting_pressure, observed, specimen_of
-from fabdesign.effects.filling_lag import lagged
+from fabdesign.effects.pneumatics import lagged
 from fabdesign.forward import Case, Term
 from fabdesign.model import EffectTerm, Model, Quantity
 from fabdesign.muscle import Muscle

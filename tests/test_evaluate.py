@@ -88,7 +88,7 @@ def test_data_sheet_against_parameters_on_test_trials_only(measured):
 
 
 def test_a_trials_errors_are_those_computed_alone_and_the_noise_is_the_sets(measured, monkeypatch):
-    """In batches of two, whose motions are simulated while others are judged; one sensor saw both designs."""
+    """In batches of two, whose motions are simulated while others are evaluated; one sensor saw both designs."""
     monkeypatch.setattr(evaluate, "_AT_ONCE", 2)
     renamed = dataclasses.replace(measured.trials[0], design_name="again")
     both = dataclasses.replace(measured, trials=(renamed, *measured.trials[1:3]))
@@ -138,7 +138,7 @@ def test_lone_trial_has_no_spread_and_a_worse_model_is_said_to_be_worse(measured
     text = tables_markdown(evaluate_sets(worse, [one], Curler(rest=1.2)))
     rows = [row for row in text.splitlines() if row.startswith("| cross")]
     assert all("(" not in row for row in rows)
-    assert "the gap grew by" in rows[1] and rows[1].endswith(" * |")
+    assert "the excess grew by" in rows[1] and rows[1].endswith(" * |")
     assert "of the points lie more than 10 mm off" in text
 
 
@@ -166,7 +166,7 @@ class Tosser(Curler):
         return result
 
 
-def test_what_hangs_on_a_coins_toss_counts_for_nothing_and_is_said(measured, tmp_path):
+def test_sensitive_stretches_are_left_out_and_named(measured, tmp_path):
     blind = evaluate_sets(SOFT, [measured], Curler())
     found = evaluate_sets(SOFT, [measured], Curler(), coarse=Tosser())
     assert blind.as_json()["unjudged"] is None
@@ -181,7 +181,7 @@ def test_what_hangs_on_a_coins_toss_counts_for_nothing_and_is_said(measured, tmp
     assert means[1].mean == blind.designs["cross"].trials[0].after.surface_rms
     write_evaluation(found, tmp_path / "out")
     text = (tmp_path / "out/evaluation.md").read_text()
-    assert "unjudged, 50% of the frames: 002 0.0 to 0.3 s" in text and "no frame judged: 002" in text
+    assert "Left out as sensitive, 50% of the frames: 002 0.0 to 0.3 s" in text and "no frame used: 002" in text
     alone = dataclasses.replace(measured, trials=measured.trials[2:3])
-    with pytest.raises(InputError, match="in every frame small changes lead elsewhere"):
+    with pytest.raises(InputError, match="every frame is sensitive, small changes of the inputs lead to another shape"):
         evaluate_sets(SOFT, [alone], Curler(), coarse=Tosser())

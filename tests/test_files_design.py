@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from fabdesign.catalogue import LAYOUTS, build, standard
-from fabdesign.curve import MembraneCurve
+from fabdesign.curve_file import MembraneCurve
 from fabdesign.design import Design
 from fabdesign.design_file import read_design, read_part, write_design
 from fabdesign.errors import InputError

@@ -17,10 +17,9 @@ from fabdesign.layouts_file import read_layouts
 from fabdesign.pressure_file import constant_program
 from optimize.evaluations import Evaluations
 from optimize.start_rows import as_rows, of_rows
-from studies.layout_grid.result import Found, GridResult
+from studies.layout_grid.result import CellResult, GridResult
 from studies.layout_grid.run import run_layouts
-from studies.layout_grid.seeds import seeds_of
-from studies.layout_grid.turns import CellTurns, next_turn
+from studies.layout_grid.turns import CellTurns, next_turn, seeds_of
 from studies.layouts.result import StudyResult
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line
@@ -167,7 +166,7 @@ def test_time_goes_where_it_still_gains(timed: GridResult) -> None:
     assert next_turn(replace(result, found=(one, worse)), turns, 5.0) is worse
 
 
-def _at(found: Found, chamfer: float) -> StudyResult:
+def _at(found: CellResult, chamfer: float) -> StudyResult:
     assert found.result is not None
     return replace(found.result, errors=replace(found.result.errors, chamfer=chamfer))
 
@@ -177,13 +176,13 @@ def test_what_did_not_help_is_said(timed: GridResult) -> None:
     front, both = result.found[2:]
     assert front.result is not None
     worse = replace(both, result=_at(both, 9.0))
-    said = replace(result, found=(front, worse)).said(both.cell)
-    assert said[0].startswith("2 muscles on both faces did not help: 2 on the front are nearer, at ")
-    assert said[0].endswith("its own search came to 9000.00 mm.")
+    statements = replace(result, found=(front, worse)).statements(both.cell)
+    assert statements[0].startswith("2 muscles on both faces did not help: 2 on the front are nearer, at ")
+    assert statements[0].endswith("its own search came to 9000.00 mm.")
     one_face = replace(both, result=replace(front.result, pressures=np.array([[300e3, 0.0]])))
     assert one_face.sides_used == "front"
-    said = replace(result, found=(one_face,)).said(both.cell)
-    assert said == ["1 of its 2 muscles is idle.", "Only the front pulls: a second face did not help."]
+    statements = replace(result, found=(one_face,)).statements(both.cell)
+    assert statements == ["1 of its 2 muscles is idle.", "Only the front pulls: a second face did not help."]
 
 
 def test_a_cell_without_room_is_told(folder: Path) -> None:

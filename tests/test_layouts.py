@@ -172,7 +172,7 @@ def test_a_ply_is_compared_with_the_equilibrium(tmp_path: Path) -> None:
 
 def test_the_demo_runs_both_searches_on_embedded_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("studies.demo.run.SECONDS", {"basic": 2.0, "free": 2.0})
-    monkeypatch.setattr("studies.demo.run.judge_model", lambda **options: None)  # held by tests/test_demo.py
+    monkeypatch.setattr("studies.demo.run.evaluate_shipped", lambda **options: None)  # held by tests/test_demo.py
     found = run_demo(tmp_path, forward=AnalyticCloth(), coarse=AnalyticCloth(21))
     runs, results = as_json(found)["runs"], found.runs
     assert [run["name"] for run in runs] == ["basic", "free"]

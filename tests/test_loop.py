@@ -28,9 +28,9 @@ from fabdesign.trial import MeasurementSet
 from studies.check.study import study_findings
 from studies.loop.learning import _traced, learn
 from studies.loop.programs import Asked, programs_for, within_rate
+from studies.loop.record import stop_reason
 from studies.loop.resting_shape import resting_faces
 from studies.loop.run import run_loop
-from studies.loop.stop import stop_reason
 from studies.tracing.data import TooLittle
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line
@@ -133,7 +133,7 @@ def test_a_turn_brings_the_device_nearer_also_when_it_is_killed_on_the_way(
         return found
 
     monkeypatch.setattr("studies.loop.sources._on_rig", device)
-    for at in ("turn 0, measuring: ", "turn 1, judging"):
+    for at in ("turn 0, measuring: ", "turn 1, evaluating the shape"):
 
         def killing(line: str, share: float, at: str = at) -> None:
             if line.startswith(at):
@@ -236,7 +236,7 @@ def test_a_laboratory_is_asked_and_answers(place: Path, run: Run, monkeypatch: p
     on_device(Asked(design, programs, 1, 1), answer)
     code, out, err = run("study", *command[1:])  # the same command
     assert code == 0, err
-    assert "turn 0: believed" in out and f"waiting for a measurement set in {place / 'lab' / 'turn_1'}" in out
+    assert "turn 0: predicted" in out and f"waiting for a measurement set in {place / 'lab' / 'turn_1'}" in out
     assert read_set(place / "out" / "turn_0" / "measured").trials[-1].role == "test"
 
 

@@ -148,5 +148,5 @@ def test_points_beyond_the_cap_are_counted_and_said():
         assert found[-1].beyond == pytest.approx(0.3)
     assert found[0].surface_rms == pytest.approx(found[1].surface_rms)
     assert found[0].surface_rms == pytest.approx(0.010 * np.sqrt(0.3))
-    assert told_beyond(0.3).startswith("30.0% of the points lie more than 10 mm off, so the surface RMS is capped")
+    assert told_beyond(0.3).startswith("30.0% of the points lie more than 10 mm off; the surface RMS is capped there")
     assert told_beyond(0.012) == "1.2% of the points lie more than 10 mm off"

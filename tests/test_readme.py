@@ -1,4 +1,4 @@
-"""The README's Python example runs as it is printed, its links lead somewhere, and the citation is of this version."""
+"""The examples of README.md and docs/python.md run as printed, links lead somewhere, the citation is of this one."""
 
 import re
 from pathlib import Path
@@ -9,15 +9,26 @@ from fabdesign import __version__
 from tests.conftest import ROOT
 
 
-def test_readme_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def numbers_of(page: str, word: int, capsys: pytest.CaptureFixture[str]) -> list[float]:
+    """Run the page's Python example: of each line that it prints, the number that is the word of this index."""
+    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(encoding="utf-8"), re.DOTALL)
+    exec(compile(example, page, "exec"), {})
+    return [float(line.split()[word]) for line in capsys.readouterr().out.splitlines()]
+
+
+def test_python_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.chdir(tmp_path)
-    example = (ROOT / "README.md").read_text(encoding="utf-8").split("```python\n")[1].split("```")[0]
-    exec(compile(example, "README.md", "exec"), {})
-    forward = [float(line.split()[-2]) for line in capsys.readouterr().out.splitlines()]
+    forward = numbers_of("docs/python.md", -2, capsys)
     # muscles on the front shorten it, so the lower edge comes towards the viewer, the further the higher the pressure
     assert len(forward) == 4
     assert forward[-1] > max(forward[0], 0)
     assert (tmp_path / "design.toml").is_file()
+
+
+def test_readme_example(capsys: pytest.CaptureFixture[str]) -> None:
+    forward = numbers_of("README.md", 4, capsys)
+    assert len(forward) == 2
+    assert forward[-1] > forward[0] > 0
 
 
 @pytest.mark.parametrize("page", ["README.md", *(f"docs/{page.name}" for page in sorted((ROOT / "docs").glob("*.md")))])

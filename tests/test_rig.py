@@ -26,12 +26,12 @@ from fabdesign.muscle_law import MuscleLaw
 from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import constant_program
 from studies.rig import EffectSetting, Key, Sensing, read_key, run_rig
+from studies.rig.cameras import faces
 from studies.rig.effects import EFFECTS, LISTED
 from studies.rig.motion import equilibrium, run
 from studies.rig.scene import Resolution, Scene, build_scene
-from studies.rig.sensor import faces
-from studies.rig.solver import Solver
-from studies.rig.specimen import Task, control_points, prepare
+from studies.rig.solver import RigSolver
+from studies.rig.specimen import TrialTask, control_points, prepare
 
 Array = NDArray[np.float64]
 COARSE = Resolution(element=0.04, step=1 / 240)
@@ -61,7 +61,7 @@ def test_a_free_sheet_has_six_motions_without_energy() -> None:
     """Translations and turns, and no other: two Gauss points a direction see every shape of the cubic patch."""
     scene = build_scene(bare(hung="none"), {}, COARSE, max_pressure=0.0)
     scene.rest_strain[:] = 0.0
-    solver, x = Solver(scene), scene.patch.flat()
+    solver, x = RigSolver(scene), scene.patch.flat()
 
     def force(shift: Array) -> Array:
         none = np.zeros((len(scene.uv), 3))
@@ -150,7 +150,7 @@ def test_time_error_through_jumps_of_pressure() -> None:
     times = np.arange(1, 13) / 60
 
     def motion(rate: int) -> Array:
-        return control_points(Task(DUO, program, times, 0, Key(), Resolution(element=0.04, step=1 / rate)))
+        return control_points(TrialTask(DUO, program, times, 0, Key(), Resolution(element=0.04, step=1 / rate)))
 
     limit = motion(7680)
     errors = [np.sqrt(np.square(motion(rate) - limit).mean()) for rate in (480, 960, 1920)]
@@ -161,7 +161,7 @@ def motion_of(settings: tuple[EffectSetting, ...]) -> Array:
     """(T, n, 3) m seen of a short motion of three muscles."""
     times = np.arange(1, 13) / 24
     program = constant_program(np.array([3e5, 1e5, 2e5]), 0.5)
-    task = Task(DUO, program, times, 2, Key(seed=1, effects=settings), COARSE)
+    task = TrialTask(DUO, program, times, 2, Key(seed=1, effects=settings), COARSE)
     scene = prepare(task)
     uv = np.stack(np.meshgrid(np.linspace(0, 0.2, 9), np.linspace(0, 0.2, 9)), axis=-1).reshape(-1, 2)
     seen = [faces(scene, x, uv, np.ones(len(uv))) for x in control_points(task)]
@@ -321,7 +321,7 @@ def test_it_measures_what_the_synthetic_rig_measured(data: Path) -> None:
     measured = next(t for t in read_set(data / "rig_c").trials if t.name == "002")
     clouds = measured.load()
     hold = np.flatnonzero((clouds.time > 1.37) & (clouds.time < 2.16))[::6]
-    task = Task(measured.design, measured.program, clouds.time[hold], 0, Key(), Resolution(element=0.02))
+    task = TrialTask(measured.design, measured.program, clouds.time[hold], 0, Key(), Resolution(element=0.02))
     scene = prepare(task)
     u, v = np.meshgrid(np.linspace(0, 0.2, 41), np.linspace(0, 0.2, 81))
     uv = np.stack([u.ravel(), v.ravel()], axis=1)

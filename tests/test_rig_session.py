@@ -11,7 +11,7 @@ from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
 from fabdesign.measurement_set import read_set
 from studies.rig import run_rig
-from studies.rig.specimen import Task, prepare
+from studies.rig.specimen import TrialTask, prepare
 from tests.command_line import Run
 
 Array = NDArray[np.float64]
@@ -48,6 +48,6 @@ def test_several_designs_in_one_session(tmp_path: Path, run: Run) -> None:
     assert not (tmp_path / "none").exists()
 
 
-def still(task: Task) -> Array:
+def still(task: TrialTask) -> Array:
     """Control points of the flat cloth at each of a task's times."""
     return np.repeat(prepare(task).patch.flat()[None], len(task.times), axis=0)

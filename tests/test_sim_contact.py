@@ -8,7 +8,7 @@ import taichi as ti
 
 from sim import Simulator
 from sim.forces.contact import contact, put
-from sim.forces.contact_pairs import STIFFNESS, Pairs, Sheet, find
+from sim.forces.contact_pairs import STIFFNESS, ContactPairs, ContactSheet, find
 from sim.kernels import fields
 from sim.kernels.fields import LANES, F
 from tests.layers import depth
@@ -84,12 +84,12 @@ def hairpin(gap, n=N):
 
 
 def sheet(n=N):
-    return Sheet.of(held(cloth()), n)
+    return ContactSheet.of(held(cloth()), n)
 
 
 def test_pairs_are_those_of_the_other_leaf():
     x = hairpin(0.012)
-    none = Pairs.none(N * N)
+    none = ContactPairs.none(N * N)
     assert not find(hairpin(0.03), sheet(), 0.014, none).side.any()
     pairs = find(x, sheet(), 0.014, none)
     node, layer = np.nonzero(pairs.side)
@@ -103,9 +103,9 @@ def test_pairs_are_those_of_the_other_leaf():
 
 def test_node_that_has_slipped_through_keeps_its_side():
     x = hairpin(0.012)
-    before = find(x, sheet(), 0.014, Pairs.none(N * N))
+    before = find(x, sheet(), 0.014, ContactPairs.none(N * N))
     x[0, 10, 2] -= 0.0121  # through the other leaf by 0.1 mm
-    kept, fresh = find(x, sheet(), 0.014, before), find(x, sheet(), 0.014, Pairs.none(N * N))
+    kept, fresh = find(x, sheet(), 0.014, before), find(x, sheet(), 0.014, ContactPairs.none(N * N))
     node = 10
     assert kept.side[node, 0] == before.side[node, 0] == -fresh.side[node, 0] != 0
 

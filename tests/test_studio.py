@@ -25,7 +25,7 @@ from studies.studio.document import Document
 from studies.studio.gate import Gate
 from studies.studio.layout import Layout
 from studies.studio.limits import broken_limits
-from studies.studio.live import Jumps, Live, Shape
+from studies.studio.live import JumpDetector, Live, LiveShape
 from studies.studio.model_choice import ModelChoice
 from studies.studio.opening import Opened, open_files, search_limits
 from studies.studio.saving import Saving
@@ -34,7 +34,7 @@ from studies.studio.searching import study_document
 from studies.studio.session import Session
 from studies.studio.snapping import row_distance, rows, snapped
 from studies.studio.solver import Ask
-from studies.studio.target import PlacedTarget, compare
+from studies.studio.target import ShownTarget, compare
 from tests.bending import AtOnce, bow
 from tests.command_line import Run, one_line
 
@@ -45,7 +45,7 @@ class Shown:
     """A page that notes what it is told."""
 
     def __init__(self) -> None:
-        self.shapes: list[Shape] = []
+        self.shapes: list[LiveShape] = []
         self.said: list[str] = []
         self.motions = 0
 
@@ -55,10 +55,10 @@ class Shown:
     def show_motion(self) -> None:
         self.motions += 1
 
-    def show_search(self, said: str, *, running: bool) -> None:
-        self.said.append(said)
+    def show_search(self, message: str, *, running: bool) -> None:
+        self.said.append(message)
 
-    def show_shape(self, shape: Shape) -> None:
+    def show_shape(self, shape: LiveShape) -> None:
         self.shapes.append(shape)
 
     def tell(self, text: str, *, bad: bool = False) -> None:
@@ -197,22 +197,22 @@ def test_limits_light_up_and_go_out_in_words() -> None:
     close = edits.move_muscle(BASIC, 0, (0.046, 0.0))
     (line,) = broken_limits(close, limits)
     assert (line.limit, line.muscles) == ("spacing", (0, 1))
-    assert line.said == "muscles 0 and 1 lie 4.0 mm apart on the front; expected 6 mm"
+    assert line.message == "muscles 0 and 1 lie 4.0 mm apart on the front; expected 6 mm"
     assert broken_limits(edits.flip(close, 0), limits)[0].muscles != (0, 1)
     (edge,) = broken_limits(edits.move_corner(BASIC, 0, 0, (0.002, 0.008)), limits)
-    assert edge.said == "muscle 0 lies 2.0 mm from the edge; expected 5 mm"
+    assert edge.message == "muscle 0 lies 2.0 mm from the edge; expected 5 mm"
     (crossing,) = broken_limits(edits.move_corner(BASIC, 0, 0, (0.1, 0.008)), limits)
     assert crossing.limit == "crossing"
     (high,) = broken_limits(BASIC.with_pressure(3, 401e3), limits)
     assert (high.limit, high.channel) == ("pressure", 3)
-    assert "channel 3 has 401 kPa; expected 0 to 400 kPa" in high.said
+    assert "channel 3 has 401 kPa; expected 0 to 400 kPa" in high.message
 
 
 def test_limits_of_a_muscle_type() -> None:
     kind = replace(BASIC.design.muscle_types["EM20"], stock_length=0.2, tail_length=0.02, min_bend_radius=0.2)
     layout = Layout.of(replace(BASIC.design, muscle_types={"EM20": kind}, muscles=BASIC.design.muscles[:1]))
     (stock,) = broken_limits(layout, Limits())
-    assert stock.said == "muscle 0 is 184.0 mm long; expected at most 160 mm, the stock of EM20 less its tails"
+    assert stock.message == "muscle 0 is 184.0 mm long; expected at most 160 mm, the stock of EM20 less its tails"
     sharp = edits.move_corner(edits.add_corner(layout, 0), 0, 1, (0.12, 0.1))
     assert {line.limit for line in broken_limits(sharp, Limits())} == {"stock_length", "min_bend_radius"}
 
@@ -275,7 +275,7 @@ def test_what_cannot_be_computed_is_told() -> None:
 
 
 def test_a_jump_is_told_from_a_motion_that_keeps_pace() -> None:
-    jumps, flat = Jumps(), np.zeros((2, 9, 3), np.float32)
+    jumps, flat = JumpDetector(), np.zeros((2, 9, 3), np.float32)
     shapes = [(edits.move_muscle(BASIC, 0, (0.001 * k, 0)), flat + np.float32(0.0004 * k)) for k in range(6)]
     assert [jumps.of(points, layout, exact=False)[0] for layout, points in shapes] == [None] * 6
     snapped_to = shapes[-1][1] + np.float32(0.02)
@@ -426,7 +426,7 @@ def test_a_set_shows_what_was_measured_beside_its_prediction(folder: Path) -> No
     distances = session.motion.distances(1)
     assert distances is not None
     assert distances.shape == (400,)
-    assert "surface RMS" in session.motion.said(1)
+    assert "surface RMS" in session.motion.in_words(1)
     assert worker.asked[-1].sensing
     session.end()
     assert not list((folder / "set").glob(".*.studio"))
@@ -435,11 +435,11 @@ def test_a_set_shows_what_was_measured_beside_its_prediction(folder: Path) -> No
 # target and search
 
 
-def target_at(layout: Layout, path: Path, *, every: int = 1) -> PlacedTarget:
+def target_at(layout: Layout, path: Path, *, every: int = 1) -> ShownTarget:
     """The cloth's own shape as a target, every so many points of a row."""
     ask = Ask.at_rest(0, "exact", layout.design, layout.pressures, Model())
     np.savetxt(path, bow(Case(ask.design, ask.program))[::every, ::every].reshape(-1, 3))
-    return PlacedTarget.read(TargetFile(path), layout.design)
+    return ShownTarget.read(TargetFile(path), layout.design)
 
 
 def test_the_distance_to_a_target_is_that_of_the_metrics(tmp_path: Path) -> None:
@@ -488,7 +488,7 @@ def test_effects_are_switched_with_amounts_that_show() -> None:
     assert (off.model.effects, off.model.factors) == ((), {"bending": 1.2})
     assert off.switched("filling_lag", True).model is given
     tilted = off.switched("frame_tilt", True)
-    assert any(value != 0 for value in tilted.amounts["frame_tilt"].values())
+    assert any(value != 0 for value in tilted.effect_values["frame_tilt"].values())
     sheet = choice.sheet(False)
     assert (sheet.model.factors, sheet.model.effects) == ({}, ())
 

@@ -110,7 +110,7 @@ def test_an_input_is_never_an_output(
     (folder / "link.csv").symlink_to("p.csv")
     (folder / "traced").mkdir()
     shutil.copy(folder / "model.toml", folder / "traced")
-    (folder / "own.py").write_text("from fabdesign.effects.air_drag import AIR_DRAG\n")
+    (folder / "own.py").write_text("from fabdesign.effects.environment import AIR_DRAG\n")
     (folder / "study.toml").write_text(STUDY.replace("vertical", "cross").replace("target.npz", "set/trials/000.npz"))
     write_recording(folder / "recording")
     before = snapshot(folder)
@@ -266,7 +266,7 @@ def test_demo_again_and_after_an_interruption(
         "studies.layouts.run.target_errors", lambda _, shape, *args, **options: Errors(*[float(np.std(shape))] * 4)
     )
     monkeypatch.setattr("studies.demo.run.save_picture", lambda _, path: path.touch())
-    monkeypatch.setattr("studies.demo.run.judge_model", lambda **options: None)
+    monkeypatch.setattr("studies.demo.run.evaluate_shipped", lambda **options: None)
 
     class Stopped(AnalyticCloth):
         def motions(self, cases, times):  # type: ignore[no-untyped-def]

@@ -130,7 +130,7 @@ def test_a_model_that_is_not_to_be_believed_or_of_another_grid_is_said_to_be(fol
     result = run_unseen(replace(study, points_per_side=21), folder / "out", forward=Arc())
     page, text = (folder / "out" / "report.html").read_text(), as_text(result)
     assert result["doubted"] == ["bending"]
-    for said in ("intervals of bending are not to be believed", "a grid of 61 points a side; these shapes have 21"):
+    for said in ("intervals of bending are not reliable", "a grid of 61 points a side; these shapes have 21"):
         assert said in page and said in text
 
 
@@ -140,7 +140,7 @@ def test_designs_for_which_there_was_no_time_are_said(folder: Path) -> None:
     (folder / "s.toml").write_text(text)
     result = run_unseen(folder / "s.toml", folder / "out", forward=Arc())
     assert result["left_out"] == {"one": None, "two": None}
-    assert "Not begun, the time was used: one, two." in (folder / "out" / "report.html").read_text()
+    assert "Not started, because the time was used: one, two." in (folder / "out" / "report.html").read_text()
 
 
 def test_information_is_that_of_a_linear_gaussian_model() -> None:
@@ -224,7 +224,7 @@ def test_effects_are_fitted_to_the_others_and_carried_over(folder: Path, run: Ru
         assert after == pytest.approx(floor, rel=0.1)
     page, told = (folder / "out" / "report.html").read_text(), as_text(result)
     assert "rest curvature.down" in page and page.count("without effects</td>") == 4
-    assert told.count("by factors alone") == 2
+    assert told.count("with factors alone") == 2
 
 
 def test_an_effect_that_does_not_exist_is_refused_before_anything_is_computed(folder: Path, run: Run) -> None:
@@ -251,7 +251,7 @@ class Toss(Arc):
         return motion
 
 
-def test_what_hangs_on_a_coins_toss_is_neither_fitted_nor_judged(folder: Path) -> None:
+def test_sensitive_stretches_are_neither_fitted_nor_evaluated(folder: Path) -> None:
     write_measured(folder, Toss(side=-1))
     text = 'format = "fabdesign.study/1"\nkind = "unseen"\n[measured]\nset = "set"\n'
     (folder / "s.toml").write_text(text)

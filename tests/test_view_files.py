@@ -16,9 +16,8 @@ from fabdesign.design import Design
 from fabdesign.errors import InputError
 from fabdesign.forward import Case
 from fabdesign.laced_muscles import laced_muscles
-from fabdesign.mesh_file import write_mesh
 from fabdesign.mid_surface import mid_surface, strains
-from fabdesign.motion_file import read_motion, square_triangles, write_motion
+from fabdesign.motion_file import read_motion, square_triangles, write_mesh, write_motion
 from fabdesign.pressure_file import constant_program
 from fabdesign.trial_file import TrialData, write_trial
 from studies.view.distance import distances

@@ -54,17 +54,17 @@ def test_a_front_and_a_back_driven_alike_hang_on_the_way():
     assert [copy.name for copy in alike.elsewhere] == ["front 2% down and back up"]
     assert alike.reached and alike.hangs and alike.motion.value < 1e-6
     assert alike.worst == alike.elsewhere[0].value > 0.01
-    assert "end elsewhere, at worst" in alike.sentences[0]
-    assert not apart.hangs and apart.sentences[0].startswith("Reached by the rise within 1 s")
+    assert "end at another stable shape, at worst" in alike.sentences[0]
+    assert not apart.hangs and apart.sentences[0].startswith("The rise within 1 s ends at this shape")
     assert len(apart.copies) == 6
 
 
 def test_a_branch_that_the_rise_does_not_reach_is_said_to_be_so():
     [way] = found_ways(Buckler(-1.0), 4.0, ALIKE)  # the target is on the other side
-    assert "The target lies on a branch that the rise within 1 s does not reach" in " ".join(way.sentences)
+    assert "The target lies near a stable shape that the rise within 1 s does not reach" in " ".join(way.sentences)
     assert "front 2% up and back down ends at" in " ".join(way.sentences)
     [way] = found_ways(Buckler(rise=5.0), 4.0, ALIKE)  # no motion ends where the search came to
-    assert not way.reached and "No simple rise reaches the shape" in way.sentences[0]
+    assert not way.reached and "No simple rise of the pressures reaches the shape of the search" in way.sentences[0]
     [way] = found_ways(Buckler(rise=0.5), 4.0, ALIKE)
     assert "a rise within 0.2 s" in [copy.name for copy in way.elsewhere]
 
@@ -99,4 +99,4 @@ def test_what_is_reported_is_what_the_motion_reaches(tmp_path: Path) -> None:
     result = result_of(tmp_path, Buckler(rise=5.0), ALIKE)  # at rest in front, where no motion leads
     assert result.as_json()["way"]["reached"] is False
     assert result.objective == pytest.approx(result.way.motion.value) and result.objective > 0.01
-    assert "No simple rise reaches" in render_report("duo", [Section("duo", result)])
+    assert "No simple rise of the pressures reaches" in render_report("duo", [Section("duo", result)])

@@ -9,21 +9,17 @@ from types import FrameType
 import click
 
 from fabdesign.cli import (  # noqa: F401 their commands join the group
-    effects,
     files,
-    loop,
     measurements,
+    models,
     motions,
     result_folders,
-    searches,
-    studio,
-    sweeps,
+    studies,
     tracing,
     training,
     viewing,
 )
-from fabdesign.cli.console import commands
-from fabdesign.cli.notes import notes_told
+from fabdesign.cli.console import commands, notes_told
 from fabdesign.errors import InputError, SimulationError
 
 _EXTRAS = {

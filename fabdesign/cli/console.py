@@ -1,6 +1,9 @@
-"""What the commands share: the group, options and how they print."""
+"""What the commands share: the group, options, how they print, and where their batches are computed."""
 
 import json
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -9,6 +12,7 @@ import click
 
 from fabdesign import __version__
 from fabdesign.effort import COARSEST, FINEST
+from fabdesign.errors import InputNote
 from fabdesign.model import Model
 
 
@@ -27,11 +31,11 @@ FINITE = _Finite()
 SECONDS = _Finite(min=0, min_open=True)
 GRID = click.IntRange(COARSEST, FINEST)
 SEED = click.IntRange(0)
-grid_option = click.option("--grid", type=GRID, help="Grid points a side; by default the model's, or 41.")
+grid_option = click.option("--grid", type=GRID, help="Grid points per side; by default the model's, or 41.")
 force_option = click.option(
-    "--force", is_flag=True, help="Replace output that exists, once the new is complete; never other people's files."
+    "--force", is_flag=True, help="Replace existing output once the new one is complete; never files of others."
 )
-skip_bad_option = click.option("--skip-bad", is_flag=True, help="Leave out a set's unsound trials, and list them.")
+skip_bad_option = click.option("--skip-bad", is_flag=True, help="Leave out invalid trials of a set, and list them.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print a machine-readable result.")
 
 
@@ -56,3 +60,45 @@ def tell(line: str) -> None:
 def points_per_side(grid: int | None, model: Model | None) -> int:
     """Of the grid: as asked for, else what the model's factors were found on."""
     return grid or (model or Model()).points_per_side
+
+
+MOST = 10  # lines of a command: a set may have one a trial
+
+
+@contextmanager
+def notes_told() -> Iterator[None]:
+    """Show each `InputNote` once, as "note: ...", and MOST of them; other warnings as Python does."""
+    told: set[str] = set()
+
+    def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        if not isinstance(message, InputNote):
+            before(message, category, *place, **more)
+        elif str(message) not in told:
+            told.add(str(message))
+            if len(told) <= MOST:
+                tell(f"note: {' '.join(str(message).split())}")
+            elif len(told) == MOST + 1:
+                tell("note: there are more of these; fabdesign check lists all of a file or folder")
+
+    with warnings.catch_warnings():
+        before = warnings.showwarning
+        warnings.simplefilter("always", InputNote)
+        warnings.showwarning = show
+        yield
+
+
+def _connect(context: click.Context, parameter: click.Parameter, address: str | None) -> None:
+    from fabdesign.cluster import on_cluster
+
+    study: Path | None = context.params.get("study")
+    if address is None and study is not None:
+        from fabdesign.study_file import read_cluster
+
+        address = read_cluster(study)
+    context.with_resource(on_cluster(address, say=tell))
+
+
+cluster_option = click.option(
+    "--cluster", envvar="FABDESIGN_CLUSTER", show_envvar=True, metavar="ADDRESS", expose_value=False, callback=_connect,
+    help="Dask scheduler whose workers compute; by default the study's, or this machine.",
+)  # fmt: skip

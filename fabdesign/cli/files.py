@@ -12,11 +12,11 @@ from fabdesign.cli.console import FILE, FINITE, commands, force_option, json_opt
 @commands.command()
 @click.argument("layout")
 @click.option("-o", "--output", type=FILE, required=True, help="The design file to write (TOML).")
-@click.option("--name", help="The design's name; the layout's by default.")
-@click.option("--width", type=FINITE, help="Of the cloth, m.")
-@click.option("--height", type=FINITE, help="Of the cloth, m.")
-@click.option("--muscles", type=int, help="How many.")
-@click.option("--pitch", type=FINITE, default=0.02, show_default=True, help="Of the fixed points, m.")
+@click.option("--name", help="Name of the design; by default that of the layout.")
+@click.option("--width", type=FINITE, help="Width of the cloth, m.")
+@click.option("--height", type=FINITE, help="Height of the cloth, m.")
+@click.option("--muscles", type=int, help="Number of muscles.")
+@click.option("--pitch", type=FINITE, default=0.02, show_default=True, help="Distance of the fixed points, m.")
 @force_option
 @json_option
 def new(
@@ -30,7 +30,10 @@ def new(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Write a catalogue LAYOUT (basic, side, cross, vertical) as a design file."""
+    """Write a layout of the catalogue as a design file.
+
+    LAYOUT is basic, side, cross or vertical.
+    """
     from fabdesign.catalogue import build
     from fabdesign.design_file import write_design
     from fabdesign.output import new_files
@@ -46,7 +49,10 @@ def new(
 @click.argument("files", nargs=-1, required=True, type=FILE)
 @json_option
 def check(files: tuple[Path, ...], as_json: bool) -> None:
-    """Say whether FILES are sound, and warn of what is implausible: any file or folder that a command reads."""
+    """Check whether FILES are valid and plausible.
+
+    FILES are any files and folders that commands read.
+    """
     from studies.check import inspect
 
     found = {str(file): inspect(file) for file in files}
@@ -83,11 +89,15 @@ def _counted(warnings: tuple[str, ...]) -> str:
 @commands.command()
 @click.argument("design", type=FILE)
 @click.option(
-    "--tail-length", type=float, help="Of muscle free at each end for tube and knot, m; the types' own without."
+    "--tail-length", type=float, help="Free muscle at each end for tube and knot, m; by default that of the type."
 )
-@click.option("--seam-allowance", type=float, default=0.01, show_default=True, help="Of cloth outside its edge, m.")
+@click.option("--seam-allowance", type=float, default=0.01, show_default=True, help="Cloth outside the edge, m.")
 @click.option(
-    "--paper", type=click.Choice(["a4", "letter", "none"]), default="a4", show_default=True, help="Of the PDF's pages."
+    "--paper",
+    type=click.Choice(["a4", "letter", "none"]),
+    default="a4",
+    show_default=True,
+    help="Paper of the PDF's pages.",
 )
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to.")
 @force_option
@@ -101,9 +111,10 @@ def export(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Write what a workshop needs to make a DESIGN: templates at 1:1 and a cut list.
+    """Write sewing templates and a cut list of a DESIGN.
 
-    Templates come as pages to print and glue (PDF), whole (SVG, one a face), and with the extra dxf as DXF.
+    The templates are at 1:1. They are pages to print and glue (PDF), whole faces (SVG), and with the extra dxf a DXF
+    file.
     """
     from fabdesign.design_file import read_design
     from fabdesign.export import export_design

@@ -9,6 +9,7 @@ from fabdesign.cli.console import (
     FILE,
     GRID,
     SEED,
+    cluster_option,
     commands,
     force_option,
     json_option,
@@ -16,7 +17,6 @@ from fabdesign.cli.console import (
     skip_bad_option,
     tell,
 )
-from fabdesign.cli.machines import cluster_option
 from fabdesign.cli.models import effects_option
 from fabdesign.cli.progress import counted, described
 from fabdesign.errors import InputError
@@ -25,7 +25,9 @@ from fabdesign.inputs import is_bench
 
 @commands.command()
 @click.argument("recordings", type=FILE, nargs=-1, required=True, metavar="RECORDING...")
-@click.option("--points", type=click.IntRange(1, 100_000), default=3362, show_default=True, help="Sampled a frame.")
+@click.option(
+    "--points", type=click.IntRange(1, 100_000), default=3362, show_default=True, help="Points sampled per frame."
+)
 @click.option("--per-frame", is_flag=True, help="Refine the sensors' poses for each frame.")
 @click.option(
     "--convention",
@@ -34,7 +36,7 @@ from fabdesign.inputs import is_bench
     show_default=True,
     help="Camera axes of the clouds: z forward and y down, or (x, -y, -z) as RealSense SDKs export.",
 )
-@click.option("--skip-bad", is_flag=True, help="Leave out what is unsound, and list it.")
+@click.option("--skip-bad", is_flag=True, help="Leave out invalid frames and recordings, and list them.")
 @click.option("--seed", type=SEED, default=0, show_default=True)
 @click.option("-o", "--output", type=FILE, required=True, help="The measurement set to write.")
 @force_option
@@ -50,7 +52,10 @@ def fuse(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Register and fuse the depth sensors of each RECORDING into a measurement set, a trial each in the order given."""
+    """Make a measurement set from clouds of depth sensors.
+
+    The sensors of each RECORDING are registered and fused. Each RECORDING becomes a trial, in the order given.
+    """
     from studies.fusion.fuse import as_json as fused_as_json
     from studies.fusion.fuse import fuse_all
 
@@ -80,26 +85,38 @@ def fuse(
 
 @commands.command()
 @click.argument("sources", nargs=-1, required=True, type=FILE, metavar="SET...")
-@click.option("--fit", help="What to fit, by comma: orders of trials, names of records; all of role fit without it.")
+@click.option(
+    "--fit", help="What to fit, separated by commas: orders of trials or names of records; by default all of role fit."
+)
 @click.option(
     "--free",
-    help="Effects to fit besides, by comma: NAME, NAME.PARAMETER, NAME:PARAMETER=VALUE (not fitted); all: the "
+    help="Effects to fit too, separated by commas: NAME, NAME.PARAMETER, NAME:PARAMETER=VALUE (not fitted); all: the "
     "strengths of every effect.",
 )
-@click.option("--fix", "fixed", help="Declared parameters to hold, by comma.")
+@click.option("--fix", "fixed", help="Declared parameters to hold, separated by commas.")
 @click.option(
     "--model",
     type=FILE,
-    help="What holds besides: a model's effects, the factors held by --fix; the others begin there.",
+    help="A model file: its effects stay, its factors are held by --fix or are the start of the fit.",
 )
 @effects_option
 @skip_bad_option
-@click.option("--seed", type=SEED, default=0, show_default=True, help="Of the points and frames drawn.")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the points and frames drawn.")
 @click.option(
-    "--grid", type=GRID, default=61, show_default=True, help="Grid points a side of the last iterations; the model's."
+    "--grid",
+    type=GRID,
+    default=61,
+    show_default=True,
+    help="Grid points per side of the last iterations and of the model.",
 )
 @cluster_option
-@click.option("-o", "--output", type=FILE, required=True, help="The model, or of a bench the type, to write (TOML).")
+@click.option(
+    "-o",
+    "--output",
+    type=FILE,
+    required=True,
+    help="The model, or for a bench the muscle type or cloth, to write (TOML).",
+)
 @force_option
 @json_option
 def calibrate(
@@ -115,9 +132,10 @@ def calibrate(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Fit the declared parameters to measurement sets, all together, or the law of a bench (a folder with bench.toml).
+    """Fit a model to measurement sets, or a bench's law.
 
-    Orders of trials that --fit names are those of each SET.
+    The declared parameters are fitted to all sets together. --fit names orders of trials; they hold in each SET. A
+    bench is a folder with bench.toml.
     """
     benches = [source for source in sources if is_bench(source)]
     if benches and len(sources) > 1:
@@ -176,10 +194,12 @@ def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Pa
 @commands.command()
 @click.argument("design", type=FILE)
 @click.argument("more", nargs=-1, metavar="[P.csv]... [DESIGN P.csv...]...")
-@click.option("--pressures", multiple=True, help="Of the first design, a trial each; further ones may just follow.")
-@click.option("--key", type=FILE, help="What the specimen really is; not written into the set.")
-@click.option("--recording", type=FILE, help="A folder for four depth cameras' raw clouds of the first trial.")
-@click.option("--test-trials", type=int, default=0, show_default=True, help="How many of the last have role test.")
+@click.option("--pressures", multiple=True, help="Pressures of the first design, one file per trial.")
+@click.option("--key", type=FILE, help="Ground truth of the specimen; not written into the set.")
+@click.option("--recording", type=FILE, help="Folder for the raw clouds of four depth cameras, of the first trial.")
+@click.option(
+    "--test-trials", type=int, default=0, show_default=True, help="Number of last trials that get the role test."
+)
 @cluster_option
 @click.option("-o", "--output", type=FILE, required=True, help="The measurement set to write.")
 @force_option
@@ -195,9 +215,10 @@ def rig(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Measure a DESIGN on a virtual rig, another engine than `simulate`'s, as a measurement set.
+    """Measure a DESIGN on a virtual rig.
 
-    Of several designs in one session, each is followed by its pressures: A.toml P1.csv P2.csv B.toml P3.csv.
+    The rig is another simulator than that of `simulate`. It writes a measurement set. Several designs share one
+    session; each is followed by its pressures: A.toml P1.csv P2.csv B.toml P3.csv.
     """
     from studies.rig import run_rig
 

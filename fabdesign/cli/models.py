@@ -1,10 +1,10 @@
-"""What commands share that take a model: its parts, effects of one's own, and where it is stale."""
+"""Models and effects: options of commands that take a model, and the command that lists the effects."""
 
 from pathlib import Path
 
 import click
 
-from fabdesign.cli.console import FILE, tell
+from fabdesign.cli.console import FILE, commands, json_option, print_result, tell
 from fabdesign.errors import InputError
 from fabdesign.model import PARTS, Model
 
@@ -21,10 +21,10 @@ def _register(context: click.Context, parameter: click.Parameter, files: tuple[P
 
 effects_option = click.option(
     "--effects", type=FILE, multiple=True, is_eager=True, expose_value=False, callback=_register,
-    help="A Python file with effects of your own, by name in models from then on; it is run.",
+    help="A Python file with effects of your own, for use by name in models; the file is run.",
 )  # fmt: skip
 without_option = click.option(
-    "--without", help=f"Leave out of the model what belongs to these, by comma: {', '.join(PARTS)}."
+    "--without", help=f"Parts of the model to leave out, separated by commas: {', '.join(PARTS)}."
 )
 
 
@@ -42,3 +42,25 @@ def load_model(path: Path | None, without: str | None = None) -> Model | None:
             raise InputError(f"--without {without}: there is no model; expected it with --model")
         return None
     return usable_model(path, parts_of(without), say=tell)
+
+
+@commands.command()
+@click.argument("name", required=False)
+@effects_option
+@json_option
+def effects(name: str | None, as_json: bool) -> None:
+    """List the effects that a model can have.
+
+    With NAME, describe one: parameters, units, priors, what it looks like in data.
+    """
+    from fabdesign.effects import EFFECTS
+    from fabdesign.effects.registry import effect_named, register_installed
+    from fabdesign.effects.table import as_json as json_of
+    from fabdesign.effects.table import as_text, one_as_text
+
+    register_installed()
+    if name is None:
+        print_result({"effects": json_of(EFFECTS)}, as_text(EFFECTS), as_json)
+        return
+    found = effect_named(name, "effects")
+    print_result({"effects": json_of({name: found})}, one_as_text(found), as_json)

@@ -12,6 +12,7 @@ from fabdesign.cli.console import (
     FILE,
     FINITE,
     SEED,
+    cluster_option,
     commands,
     force_option,
     grid_option,
@@ -21,7 +22,6 @@ from fabdesign.cli.console import (
     skip_bad_option,
     tell,
 )
-from fabdesign.cli.machines import cluster_option
 from fabdesign.cli.models import effects_option, load_model, parts_of, without_option
 from fabdesign.cli.progress import described
 from fabdesign.errors import InputError
@@ -31,22 +31,32 @@ from fabdesign.inputs import is_bench
 @commands.command()
 @click.argument("design", type=FILE)
 @click.option("--pressures", help='kPa: a CSV, a trial\'s npz, or one constant row such as "400,0,200".')
-@click.option("--model", type=FILE, help="A model file; the data sheet holds without one.")
+@click.option("--model", type=FILE, help="A model file; by default the data sheet.")
 @without_option
 @effects_option
-@click.option("--order", type=SEED, default=0, show_default=True, help="The motion's place in the specimen's session.")
-@click.option("--duration", type=FINITE, help="Of the motion, s; the pressures' by default.")
+@click.option(
+    "--order",
+    type=SEED,
+    default=0,
+    show_default=True,
+    help="Place of the motion in the session; 0 is a rested specimen.",
+)
+@click.option("--duration", type=FINITE, help="Duration of the motion, s; by default that of the pressures.")
 @click.option("--frame-rate", type=FINITE, default=60.0, show_default=True, help="Hz.")
 @click.option("--equilibrium", is_flag=True, help="One frame: the shape at rest under the last pressures.")
 @click.option(
     "--rise",
     type=click.FloatRange(0.01, 60),
-    help="In which pressures rise on the way to a shape at rest, s; by default 1.",
+    help="With --equilibrium: time in which the pressures rise, s; by default 1.",
 )
 @click.option(
-    "--hold", type=click.FloatRange(0, 3600), help="For which they then hold, s, where effects remember; by default 10."
+    "--hold",
+    type=click.FloatRange(0, 3600),
+    help="With --equilibrium: time for which they then hold, s; by default 10.",
 )
-@click.option("--mesh", type=FILE, help="Meshes too, NAME.ply or NAME.obj: NAME_0000.ply, ..., a file a frame.")
+@click.option(
+    "--mesh", type=FILE, help="Write meshes too: NAME.ply or NAME.obj gives NAME_0000.ply, ..., a file per frame."
+)
 @click.option(
     "--self-contact", is_flag=True, help="Layers of the cloth do not pass through each other; 5 to 8 times slower."
 )
@@ -72,13 +82,12 @@ def simulate(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Simulate the motion of a DESIGN under given pressures, from rest."""
+    """Simulate the motion of a DESIGN under pressures."""
     import numpy as np
 
     from fabdesign.design_file import read_design
     from fabdesign.forward import HOLD, RISE
-    from fabdesign.mesh_file import mesh_paths, write_mesh
-    from fabdesign.motion_file import square_triangles, write_motion
+    from fabdesign.motion_file import mesh_paths, square_triangles, write_mesh, write_motion
     from fabdesign.output import new_file, new_files
     from fabdesign.pressure_file import constant_program, read_pressures
     from studies.predict import frame_times, moved, rested
@@ -130,7 +139,7 @@ def simulate(
 @click.option("--model", type=FILE, required=True, help="A model file.")
 @without_option
 @effects_option
-@click.option("--design", type=FILE, help="Of a lone trial; a set names its own.")
+@click.option("--design", type=FILE, help="Design of a single trial file.")
 @grid_option
 @cluster_option
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to.")
@@ -146,9 +155,10 @@ def predict(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Predict every trial of a SET, or a lone TRIAL.npz, at its own times, as OUTPUT/trials/NAME.npz.
+    """Predict the motion of every trial of a SET.
 
-    Of several sets, as OUTPUT/SET/trials/NAME.npz.
+    A single TRIAL.npz is taken too. Motions have the trial's own times. The command writes OUTPUT/trials/NAME.npz, for
+    several sets OUTPUT/SET/trials/NAME.npz.
     """
     from fabdesign import interface
 
@@ -170,10 +180,10 @@ def predict(
 
 @commands.command()
 @click.argument("sets", nargs=-1, required=True, type=FILE)
-@click.option("--model", type=FILE, required=True, help="A model file; of a bench what calibrate wrote.")
+@click.option("--model", type=FILE, required=True, help="A model file; for a bench the file that calibrate wrote.")
 @without_option
 @effects_option
-@click.option("--all", "all_trials", is_flag=True, help="Trials of role fit too, in a table of their own.")
+@click.option("--all", "all_trials", is_flag=True, help="Evaluate trials of role fit too, in a second table.")
 @skip_bad_option
 @grid_option
 @cluster_option
@@ -191,8 +201,11 @@ def evaluate(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Say how far a model's motions are from the measured ones of SETS, before and after, in mm; or of one bench (a
-    folder with bench.toml) how far the law is that calibrate wrote."""
+    """Print the error of a model on measured SETS, in mm.
+
+    The error is that before and after calibration. A bench (a folder with bench.toml) is taken too, alone; the model is
+    then the file that calibrate wrote.
+    """
     if any(is_bench(source) for source in sets):
         _evaluate_bench(sets, model, all_trials, output, force, as_json)
         return

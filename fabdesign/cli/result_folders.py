@@ -11,18 +11,18 @@ from fabdesign.errors import InputError
 
 @commands.group("studies")
 def studies_group() -> None:
-    """List, show and compare results, and take their evaluations as a table."""
+    """List, show and compare results."""
 
 
 @studies_group.command("list")
 @click.argument("folders", nargs=-1, type=FILE)
 @json_option
 def list_results(folders: tuple[Path, ...], as_json: bool) -> None:
-    """Results in FOLDERS and below, by default here: a line each."""
+    """List the results in FOLDERS and below, by default here, a line each."""
     from studies.result_folders import folders_below
 
     found = folders_below(folders or (Path(),))
-    lines = [f"{folder.path}: {folder.made_by}{_said(folder.headline)}" for folder in found]
+    lines = [f"{folder.path}: {folder.made_by}{_headline_in_words(folder.headline)}" for folder in found]
     results = [{"folder": str(one.path), "made_by": one.made_by, **one.headline} for one in found]
     print_result({"results": results}, "\n".join(lines) or "no results", as_json)
 
@@ -31,7 +31,7 @@ def list_results(folders: tuple[Path, ...], as_json: bool) -> None:
 @click.argument("folder", type=FILE)
 @json_option
 def show(folder: Path, as_json: bool) -> None:
-    """What a result says: every number and word of it."""
+    """Show every value of a result."""
     from studies.result_folders import read_folder
 
     found = read_folder(folder)
@@ -44,7 +44,7 @@ def show(folder: Path, as_json: bool) -> None:
 @click.argument("folders", nargs=-1, required=True, type=FILE)
 @json_option
 def compare(folders: tuple[Path, ...], as_json: bool) -> None:
-    """In which figures results differ: a row a figure, a column a folder."""
+    """Compare results: a row for each value that differs, a column for each folder."""
     from studies.result_folders import compared, read_folder
 
     if len(folders) < 2:
@@ -63,7 +63,7 @@ def compare(folders: tuple[Path, ...], as_json: bool) -> None:
 @force_option
 @json_option
 def table(folder: Path, output: Path, force: bool, as_json: bool) -> None:
-    """Every evaluation of a search or sweep as one table."""
+    """Write every evaluation of a search or sweep as one table."""
     from fabdesign.output import new_file
     from studies.evaluations_table import read_evaluations, write_evaluations
 
@@ -80,7 +80,7 @@ def table(folder: Path, output: Path, force: bool, as_json: bool) -> None:
     print_result(result, f"{output}: {len(found.rows)} rows, {len(found.columns)} columns", as_json)
 
 
-def _said(figures: dict[str, Any]) -> str:
+def _headline_in_words(figures: dict[str, Any]) -> str:
     return "".join(f", {name} {_cell(value)}" for name, value in figures.items()) or ", no result yet"
 
 

@@ -1,13 +1,14 @@
-"""What the commands that run a study share."""
+"""Commands that run a study: searches, sweeps, layouts side by side, the closed loop."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import click
 
-from fabdesign.cli.console import FILE, SECONDS, force_option, json_option
-from fabdesign.cli.machines import cluster_option
+from fabdesign.cli.console import FILE, SECONDS, cluster_option, commands, force_option, json_option, print_result
 from fabdesign.cli.models import effects_option
+from fabdesign.cli.progress import described
 
 Command = Callable[..., None]
 
@@ -16,7 +17,7 @@ def study_options(seconds: str) -> Callable[[Command], Command]:
     """STUDY, -o, --effects, --cluster, --seconds, --force and --json, in this order. seconds: what they limit."""
     options: tuple[Callable[[Any], Any], ...] = (
         click.argument("study", type=FILE),
-        click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in."),
+        click.option("-o", "--output", type=FILE, required=True, help="Folder to write to, or to continue in."),
         effects_option,
         cluster_option,
         click.option("--seconds", type=SECONDS, help=seconds),
@@ -30,3 +31,128 @@ def study_options(seconds: str) -> Callable[[Command], Command]:
         return command
 
     return add
+
+
+@commands.command()
+@click.option("-o", "--output", type=FILE, default=Path("demo"), show_default=True, help="The folder to write to.")
+@force_option
+@json_option
+def demo(output: Path, force: bool, as_json: bool) -> None:
+    """Find a layout for an embedded measured cloud.
+
+    The demo writes the layout, its pressures and a report.
+    """
+    from studies.demo.run import as_json as json_of
+    from studies.demo.run import as_text, run_demo
+    from studies.layouts.progress import LiveLine
+
+    with LiveLine("demo") as line:
+        found = run_demo(output, force=force, progress=lambda name, evaluations: line.show(evaluations), say=line.say)
+    print_result(json_of(found), f"{as_text(found)}\nreport: {output / 'report.html'}", as_json)
+
+
+@commands.command()
+@study_options("Time limit of the search, s; by default the study's.")
+def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_json: bool) -> None:
+    """Find layout and pressures for the target of a STUDY.
+
+    A STUDY is a TOML file. Ctrl-C keeps the best so far.
+    """
+    from fabdesign.metrics import MANY_BEYOND, told_beyond
+    from studies.layouts.progress import LiveLine
+    from studies.layouts.run import run_study
+
+    with LiveLine(study.stem) as line:
+        result = run_study(study, output, seconds=seconds, force=force, progress=line.show).as_json()
+    text = (
+        f"{output}: {result['objective_mm']:.3f} mm (Chamfer {result['chamfer']:.3f}, noise floor "
+        f"{result['chamfer_floor']:.3f}) after {result['evaluations']} evaluations; {result['stop_reason']}"
+    )
+    after = [result["fewer"]["said"]] if result["fewer"] else []
+    after += result["robust"]["said"] if result["robust"] else []
+    said = [*after, *result["reach"]["said"], *result["way"]["said"]]
+    if result["surface_beyond"] >= MANY_BEYOND:
+        said.append(told_beyond(result["surface_beyond"]))
+    text = "\n".join([*(f"target: {target}" for target in result["targets"]), text, *said])
+    print_result(result, text, as_json)
+
+
+@commands.command()
+@study_options("Time limit, s; by default the study's, or none.")
+def sensitivity(study: Path, output: Path, seconds: float | None, force: bool, as_json: bool) -> None:
+    """Say what a shape depends on (Morris, Sobol).
+
+    A STUDY is a TOML file. The same command continues after a stop.
+    """
+    from studies.layouts.progress import LiveLine
+    from studies.sensitivity.report import as_text
+    from studies.sensitivity.run import run_sensitivity
+
+    with LiveLine(study.stem) as line:
+        result = run_sensitivity(study, output, seconds=seconds, force=force, progress=lambda at: line.say(str(at)))
+    print_result(result.as_json(), f"{as_text(result)}\nreport: {output / 'report.html'}", as_json)
+
+
+@commands.command("study")
+@study_options("Time limit, s; by default the study's.")
+@click.pass_context
+def study_of_any_kind(
+    context: click.Context, study: Path, output: Path, seconds: float | None, force: bool, as_json: bool
+) -> None:
+    """Run a STUDY of any kind.
+
+    A STUDY is a TOML file; its kind is optimize, sensitivity, layouts, unseen or loop.
+    """
+    from fabdesign.study_file import read_kind
+
+    kind = read_kind(study)
+    options: dict[str, Any] = {"seconds": seconds, "force": force, "as_json": as_json}
+    if kind == "layouts":
+        _layouts(study, output, **options)
+    elif kind == "unseen":
+        _unseen(study, output, **options)
+    else:
+        context.invoke(commands.commands[kind], study=study, output=output, **options)
+
+
+def _layouts(study: Path, output: Path, *, seconds: float | None, force: bool, as_json: bool) -> None:
+    from fabdesign.layouts_file import Cell
+    from optimize.evaluations import Evaluations
+    from studies.layout_grid.report import as_text
+    from studies.layout_grid.run import run_layouts
+    from studies.layouts.progress import LiveLine
+
+    with LiveLine(study.stem) as line:
+
+        def show(cell: Cell, number: int, total: int, evaluations: Evaluations) -> None:
+            best = "none yet" if evaluations.best is None else f"{1e3 * evaluations.best.value:.3f} mm"
+            line.say(f"{cell.name}, {number} of {total}: best {best}, {evaluations.elapsed:.0f} s in this cell")
+
+        result = run_layouts(study, output, seconds=seconds, force=force, progress=show)
+    print_result(result.as_json(), f"{as_text(result)}\nreport: {output / 'report.html'}", as_json)
+
+
+def _unseen(study: Path, output: Path, *, seconds: float | None, force: bool, as_json: bool) -> None:
+    from studies.layouts.progress import LiveLine
+    from studies.unseen.report import as_text, without_lines
+    from studies.unseen.run import run_unseen
+
+    with LiveLine(study.stem) as line:
+        result = run_unseen(study, output, seconds=seconds, force=force, progress=line.say)
+    print_result(without_lines(result), f"{as_text(result)}\nreport: {output / 'report.html'}", as_json)
+
+
+@commands.command()
+@study_options("Time limit of each search, s; by default the study's.")
+def loop(study: Path, output: Path, seconds: float | None, force: bool, as_json: bool) -> None:
+    """Choose a design, measure it, improve the model, repeat.
+
+    A STUDY is a TOML file with a target. Measurements come from a virtual rig or from a laboratory. With a laboratory
+    the command ends where it needs a measurement set. Run it again when the set is there.
+    """
+    from studies.loop.report import as_text
+    from studies.loop.run import run_loop
+
+    with described(study.stem) as shown:
+        outcome = run_loop(study, output, seconds=seconds, force=force, progress=shown)
+    print_result(outcome.as_json(), f"{as_text(outcome)}\nreport: {output / 'report.html'}", as_json)

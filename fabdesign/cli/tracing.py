@@ -4,25 +4,34 @@ from pathlib import Path
 
 import click
 
-from fabdesign.cli.console import FILE, GRID, SEED, commands, force_option, json_option, print_result, tell
-from fabdesign.cli.machines import cluster_option
+from fabdesign.cli.console import (
+    FILE,
+    GRID,
+    SEED,
+    cluster_option,
+    commands,
+    force_option,
+    json_option,
+    print_result,
+    tell,
+)
 from fabdesign.cli.models import effects_option
 from fabdesign.inputs import is_bench
 
 
 @commands.command()
 @click.argument("source", type=FILE, metavar="SET|BENCH")
-@click.option("--model", type=FILE, help="A model file: where the fit starts, and effects that are known already.")
+@click.option("--model", type=FILE, help="A model file: start of the fit, and effects that are already known.")
 @click.option(
     "--tolerance",
     type=click.FloatRange(0, min_open=True),
-    help="Of held-out excess: mm, by default 0.5; of a bench % of its output, by default 2.",
+    help="Excess on held-out trials that is accepted: mm, by default 0.5; for a bench % of its output, by default 2.",
 )
-@click.option("--grid", type=GRID, help="Grid points a side; by default 21, or 41 where 21 are too coarse.")
-@click.option("--seed", type=SEED, default=0, show_default=True, help="Of the points drawn.")
+@click.option("--grid", type=GRID, help="Grid points per side; by default 21, or 41 where 21 are too coarse.")
+@click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the points drawn.")
 @effects_option
 @cluster_option
-@click.option("-o", "--output", type=FILE, required=True, help="The folder to write to, or to go on in.")
+@click.option("-o", "--output", type=FILE, required=True, help="Folder to write to, or to continue in.")
 @force_option
 @json_option
 def trace(
@@ -35,7 +44,10 @@ def trace(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Say which effect the model of a SET or a BENCH lacks, or that none is missing."""
+    """Find which effect the model of measured data lacks.
+
+    It does so by model selection, or says that no effect is missing. The data are a measurement SET or a BENCH.
+    """
     if is_bench(source):
         _trace_bench(source, tolerance, output, force, as_json)
         return

@@ -8,6 +8,7 @@ import click
 from fabdesign.cli.console import (
     FILE,
     SEED,
+    cluster_option,
     commands,
     force_option,
     grid_option,
@@ -16,7 +17,6 @@ from fabdesign.cli.console import (
     skip_bad_option,
     tell,
 )
-from fabdesign.cli.machines import cluster_option
 from fabdesign.cli.models import effects_option
 from fabdesign.cli.progress import described
 
@@ -28,16 +28,18 @@ from fabdesign.cli.progress import described
     type=click.Choice(["field", "paper"]),
     default="field",
     show_default=True,
-    help="field: moves the simulator's points; paper: the seed paper's, which gives an unordered cloud.",
+    help="field: moves the points of the simulator; paper: the network of Peng et al., which gives an unordered cloud.",
 )
-@click.option("--hold-out", multiple=True, metavar="DESIGN", help="A design whose trials are not learned from.")
-@click.option("--model", type=FILE, help="Whose parameters the motions have; the data sheet's without it.")
+@click.option("--hold-out", multiple=True, metavar="DESIGN", help="A design whose trials are not used for training.")
+@click.option("--model", type=FILE, help="A model file with the parameters of the motions; by default the data sheet.")
 @skip_bad_option
 @click.option("--seed", type=SEED, default=0, show_default=True)
 @grid_option
 @effects_option
 @cluster_option
-@click.option("-o", "--output", type=FILE, required=True, help="The model to write (TOML); its weights lie beside it.")
+@click.option(
+    "-o", "--output", type=FILE, required=True, help="The model to write (TOML); its weights are written beside it."
+)
 @force_option
 @json_option
 def train(
@@ -52,7 +54,10 @@ def train(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Train a corrector on the measured SETS: what the simulator leaves out. Stopped, the same command goes on."""
+    """Train a corrector on measured SETS.
+
+    The corrector learns what the simulator leaves out. The same command continues after a stop.
+    """
     from fabdesign import interface
     from studies.training.report import as_text
 

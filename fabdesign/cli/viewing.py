@@ -1,4 +1,4 @@
-"""Look at motions, measured clouds and predictions."""
+"""Look at motions, measured clouds and predictions, and draw a layout in the browser."""
 
 from collections.abc import Callable, Sequence
 from importlib import import_module
@@ -22,6 +22,7 @@ from fabdesign.errors import InputError
 
 if TYPE_CHECKING:
     from studies.view.items import Item
+import json
 
 # the package that writes a kind of file, besides what is always there
 _NEEDS = {".glb": "pygltflib", ".pvd": "meshio", ".rrd": "rerun"}
@@ -30,22 +31,28 @@ _KINDS = (".html", ".png", ".gif", ".glb", ".pvd", ".rrd", ".csv")
 
 @commands.command()
 @click.argument("files", nargs=-1, required=True, type=FILE)
-@click.option("--model", type=FILE, help="A model file: each trial's prediction beside it.")
-@click.option("--design", type=FILE, help="Of a lone trial that is to be predicted; a set names its own.")
-@click.option("--trial", help="Of a set, by name; its first by default.")
+@click.option("--model", type=FILE, help="A model file: show its prediction beside each trial.")
+@click.option("--design", type=FILE, help="Design of a single trial that is to be predicted.")
+@click.option("--trial", help="Name of the trial of a set; by default the first.")
 @without_option
 @effects_option
-@click.option("--time", "times", multiple=True, type=FINITE, help="s, an instant of a PNG; may come several times.")
 @click.option(
-    "--marker", "markers", multiple=True, metavar="NAME=U,V", help="m, a point of the cloth in a CSV; several times."
+    "--time", "times", multiple=True, type=FINITE, help="Time of a picture in a PNG, s; may be given several times."
+)
+@click.option(
+    "--marker",
+    "markers",
+    multiple=True,
+    metavar="NAME=U,V",
+    help="Point of the cloth for a CSV, m; may be given several times.",
 )
 @grid_option
 @click.option(
     "-o",
     "--output",
     type=FILE,
-    help="By its ending: .html (turns and plays), .png, .gif, .glb (animated), .pvd (ParaView), .rrd (Rerun) or .csv "
-    "(markers). By default the first file's name with .html.",
+    help="File to write. Its ending says what: .html (turns and plays), .png, .gif, .glb (animated), .pvd (ParaView), "
+    ".rrd (Rerun) or .csv (markers). By default the first file's name with .html.",
 )
 @force_option
 @json_option
@@ -62,7 +69,10 @@ def view(
     force: bool,
     as_json: bool,
 ) -> None:
-    """Show FILES side by side: motions, measurement sets, trials, clouds and meshes, with a MODEL predictions too."""
+    """Show motions, measured clouds and meshes side by side.
+
+    FILES are motions, measurement sets, trials, clouds and meshes. With --model each trial has its prediction too.
+    """
     from fabdesign.output import new_files
     from studies.view.items import items_of
 
@@ -154,3 +164,34 @@ def _marker(text: str) -> tuple[str, tuple[float, float]]:
     if not name.strip() or not u == u or not v == v:
         raise InputError(f"--marker {text}: expected NAME=U,V with a place on the cloth in metres, such as tip=0.1,0.2")
     return name.strip(), (u, v)
+
+
+@commands.command()
+@click.argument("files", nargs=-1, type=FILE, metavar="[FILE]...")
+@click.option("--model", type=FILE, help="A model file; by default the data sheet.")
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to listen on; any other than this one needs a token.",
+)
+@click.option("--port", type=click.IntRange(1, 65535), help="Port; by default the first free one from 8080.")
+@click.option("--no-browser", is_flag=True, help="Only print the address.")
+@json_option
+def studio(
+    files: tuple[Path, ...], model: Path | None, host: str, port: int | None, no_browser: bool, as_json: bool
+) -> None:
+    """Draw a layout in the browser. FILES: a design, study or measurement set, and with it a target and pressures.
+
+    Without FILES the studio starts with a layout of the catalogue. The address is the first line of standard output.
+    Ctrl-C ends the studio; unsaved work is there at the next start.
+    """
+    import viser  # noqa: F401 first: without the extra one line says how to install it
+
+    from studies.studio.opening import open_files
+    from studies.studio.server import serve
+
+    def announce(address: str) -> None:
+        click.echo(json.dumps({"address": address}) if as_json else address)
+
+    serve(open_files(files, model), host=host, port=port, announce=announce, browser=not no_browser)

@@ -9,27 +9,19 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from fabdesign.effects.added_mass import ADDED_MASS
-from fabdesign.effects.air_drag import AIR_DRAG
-from fabdesign.effects.braid_hysteresis import BRAID_HYSTERESIS
-from fabdesign.effects.dead_time import DEAD_TIME
 from fabdesign.effects.declaration import Effect, Values
-from fabdesign.effects.filling_lag import FILLING_LAG
-from fabdesign.effects.frame_tilt import FRAME_TILT
-from fabdesign.effects.line_loss import LINE_LOSS
-from fabdesign.effects.local_stiffening import LOCAL_STIFFENING
-from fabdesign.effects.muscle_creep import MUSCLE_CREEP
-from fabdesign.effects.muscle_viscosity import MUSCLE_VISCOSITY
-from fabdesign.effects.odd_muscle import ODD_MUSCLE
-from fabdesign.effects.orthotropy import ORTHOTROPY
-from fabdesign.effects.registration_bias import REGISTRATION_BIAS
-from fabdesign.effects.rest_curvature import REST_CURVATURE
-from fabdesign.effects.scale_error import SCALE_ERROR
-from fabdesign.effects.stress_relaxation import STRESS_RELAXATION
-from fabdesign.effects.stroke_softening import STROKE_SOFTENING
-from fabdesign.effects.supply_droop import SUPPLY_DROOP
-from fabdesign.effects.threshold_pressure import THRESHOLD_PRESSURE
-from fabdesign.effects.time_offset import TIME_OFFSET
+from fabdesign.effects.environment import ADDED_MASS, AIR_DRAG, FRAME_TILT
+from fabdesign.effects.fabric import LOCAL_STIFFENING, ORTHOTROPY, REST_CURVATURE, STRESS_RELAXATION
+from fabdesign.effects.muscle import (
+    BRAID_HYSTERESIS,
+    MUSCLE_CREEP,
+    MUSCLE_VISCOSITY,
+    ODD_MUSCLE,
+    STROKE_SOFTENING,
+    THRESHOLD_PRESSURE,
+)
+from fabdesign.effects.pneumatics import DEAD_TIME, FILLING_LAG, LINE_LOSS, SUPPLY_DROOP
+from fabdesign.effects.sensing import REGISTRATION_BIAS, SCALE_ERROR, TIME_OFFSET
 from fabdesign.errors import InputError
 from fabdesign.table import nearest
 

@@ -58,7 +58,7 @@ def calibrate(
     from studies.bad_data import sound_trials
     from studies.calibration.calibrate import calibrate as calibrate_sets
     from studies.calibration.fitted_model import muscle_scope
-    from studies.judged_search import GRID as JUDGING
+    from studies.sensitive_stretches import GRID as COARSE
 
     checked = [sound_trials(found, skip_bad=skip_bad) for found in all_sets(measured)]
     base = one_model(model, say=say) or Model()
@@ -77,7 +77,7 @@ def calibrate(
             [sound for sound, _ in checked],
             simulator(grid),
             slopes=simulator(min(grid, POINTS_PER_SIDE)),
-            coarse=simulator(JUDGING),
+            coarse=simulator(COARSE),
             vector=vector,
             points_per_side=grid,
             orders=fit,
@@ -115,7 +115,7 @@ def evaluate(
     from studies.coarser_grid import enough_points
     from studies.evaluate import evaluate_sets
     from studies.evaluation_report import write_evaluation
-    from studies.judged_search import GRID as JUDGING
+    from studies.sensitive_stretches import GRID as COARSE
 
     fitted = _model(model, without, say)
     roles: tuple[Role, ...] = ("test", "fit") if all_trials else ("test",)
@@ -128,7 +128,7 @@ def evaluate(
             fitted,
             sets,
             forward,
-            coarse=simulator(JUDGING),
+            coarse=simulator(COARSE),
             all_trials=all_trials,
             progress=lambda done, of: progress(f"evaluated {done} of {of} trials", done / of),
         )
@@ -211,7 +211,7 @@ def train(
     if network == "paper":
         import corrector.paper_training  # noqa: F401 loads PyTorch: without it nothing is begun
     from studies.bad_data import sound_trials
-    from studies.judged_search import GRID as JUDGING
+    from studies.sensitive_stretches import GRID as COARSE
     from studies.training.train import train as train_on
 
     base, out = one_model(model, say=say), Path(out)
@@ -229,7 +229,7 @@ def train(
             hold_out=hold_out,
             seed=seed,
             force=force,
-            coarse=simulator(JUDGING),
+            coarse=simulator(COARSE),
             progress=lambda what, done, of: progress(f"{what} {done} of {of}", done / of),
         )
     return Trained(out, result, tuple(line for _, lines in checked for line in lines))

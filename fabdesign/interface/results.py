@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     import xarray
 
     from studies.calibration.calibrate import Calibration
-    from studies.evaluate import Evaluation
+    from studies.evaluate import SetEvaluation
     from studies.layouts.result import StudyResult
     from studies.sensitivity.result import SensitivityResult
     from studies.tracing.outcome import Outcome
-    from studies.training.train import Result
+    from studies.training.train import TrainingResult
 
 
 class Tabled:
@@ -158,7 +158,7 @@ class Trained(Tabled):
     """model: the file that was written, its weights beside it. found: all that training says."""
 
     model: Path
-    found: "Result"
+    found: "TrainingResult"
     skipped: tuple[str, ...]
 
     def columns(self) -> dict[str, Any]:
@@ -175,17 +175,17 @@ class Trained(Tabled):
 class Evaluated(Tabled):
     """found: errors before and after, by design. skipped: bad trials left out, a line each."""
 
-    found: "Evaluation"
+    found: "SetEvaluation"
     skipped: tuple[str, ...]
 
     def columns(self) -> dict[str, Any]:
-        """A row a trial: design, set, trial, order, role, share judged, and errors before and after [mm]."""
+        """A row a trial: design, set, trial, order, role, share of frames used, and errors before and after [mm]."""
         tables = (*self.found.designs.items(), *self.found.others.items())
         rows = [(name, trial) for name, table in tables for trial in table.trials]
         columns: dict[str, Any] = {"design": [name for name, _ in rows]}
         for key, field in (("set", "set_name"), ("trial", "trial"), ("order", "order"), ("role", "role")):
             columns[key] = [getattr(trial, field) for _, trial in rows]
-        columns["judged"] = [trial.judged for _, trial in rows]
+        columns["judged"] = [trial.used for _, trial in rows]
         for when in ("before", "after"):
             for error in ("chamfer", "chamfer_floor", "surface_rms", "surface_floor"):
                 columns[f"{error}_{when}"] = [1e3 * getattr(getattr(trial, when), error) for _, trial in rows]

@@ -1,6 +1,7 @@
 """A batch of cases into the fields."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,18 +11,28 @@ from fabdesign.effects.specimen import Specimen
 from fabdesign.effort import MEMORY
 from fabdesign.errors import InputError
 from fabdesign.forward import Case
-from fabdesign.muscle import MuscleType
+from fabdesign.muscle import BenchTable, MuscleType
+from fabdesign.muscle_law import law_of
 from sim import state
 from sim.design.lacing import Lacing, lace, touched
-from sim.design.muscle_law import bench_grid
 from sim.design.nodes import node_arrays, node_means
 from sim.design.support import Support
+from sim.kernels import fields as f
 from sim.kernels.fields import LANES, TABLE, TYPES, F, allocate
 from sim.kernels.transfer import Shared, load, put
 from sim.materials import Lane, lane_constants
 from sim.solver.coarse_tables import tables
 from sim.solver.modes import Modes, by_four, modes_across, modes_down
 from sim.state import COARSE_DOWN, GREEN, PATCH
+
+
+@lru_cache(maxsize=64)
+def bench_grid(table: BenchTable) -> NDArray[np.float32]:
+    """(pressures, contractions) N: the muscle law on the kernels' grid."""
+    pressure = np.arange(f.TABLE[0])[:, None] * f.PRESSURE_STEP
+    contraction = f.FIRST_CONTRACTION + np.arange(f.TABLE[1]) * f.CONTRACTION_STEP
+    return law_of(table).tension(pressure, contraction[None]).astype(np.float32)
+
 
 SIZES = ((43, 96), (43, 256), (83, 96), (163, 96))  # (padded nodes a side, fixed points) that fields are made for
 

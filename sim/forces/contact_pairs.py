@@ -22,7 +22,7 @@ SLIP = 0.25  # thicknesses that a node may move before pairs are found anew
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
+class ContactPairs:
     """Of every node (n n, LAYERS): the cell it meets, where in the cell, and from which side."""
 
     row: Ints
@@ -33,13 +33,13 @@ class Pairs:
     distance: Array  # m
 
     @classmethod
-    def none(cls, nodes: int) -> "Pairs":
+    def none(cls, nodes: int) -> "ContactPairs":
         size = nodes, LAYERS
         return cls(np.zeros(size, int), np.zeros(size, int), *(np.zeros(size) for _ in range(4)))
 
 
 @dataclass(frozen=True)
-class Sheet:
+class ContactSheet:
     """What contact knows of a design."""
 
     spacing: tuple[float, float]  # m, along u and v
@@ -47,7 +47,7 @@ class Sheet:
     stiffness: float  # N/m^3
 
     @classmethod
-    def of(cls, case: Case, n: int) -> "Sheet":
+    def of(cls, case: Case, n: int) -> "ContactSheet":
         fabric = case.design.fabric
         membrane = case.factors.get("membrane", 1.0) * float(np.sqrt(np.prod(fabric.membrane_stiffness)))
         spacing = fabric.width / (n - 1), fabric.height / (n - 1)
@@ -59,7 +59,7 @@ class Sheet:
         return max(NEAR_CELLS * max(self.spacing), NEAR_THICKNESSES * self.thickness)
 
 
-def find(x: Array, sheet: Sheet, cutoff: float, before: Pairs) -> Pairs:
+def find(x: Array, sheet: ContactSheet, cutoff: float, before: ContactPairs) -> ContactPairs:
     """Pairs at most `cutoff` [m] apart in the shape x (n, n, 3). A node that was paired with a cell or its neighbours
     stays on the side where it was then, so that what has slipped through is pushed back."""
     n = len(x)
@@ -87,7 +87,7 @@ def find(x: Array, sheet: Sheet, cutoff: float, before: Pairs) -> Pairs:
     side = np.where(np.einsum("kc,kc->k", r, np.cross(b, a)) < 0, -1.0, 1.0)
     left = np.flatnonzero(beside & (distance < cutoff))
     left = left[np.lexsort((distance[left], node[left]))]
-    found = Pairs.none(n * n)
+    found = ContactPairs.none(n * n)
     for layer in range(LAYERS):
         nodes, first = np.unique(node[left], return_index=True)
         chosen = left[first]
@@ -103,7 +103,7 @@ def find(x: Array, sheet: Sheet, cutoff: float, before: Pairs) -> Pairs:
     return found
 
 
-def _candidates(x: Array, sheet: Sheet, cutoff: float) -> tuple[Ints, Ints, Ints]:
+def _candidates(x: Array, sheet: ContactSheet, cutoff: float) -> tuple[Ints, Ints, Ints]:
     """Nodes, and rows and columns of cells around the nodes of other layers that are near."""
     from scipy.spatial import cKDTree  # half a second that only contact needs
 
@@ -125,7 +125,7 @@ def _candidates(x: Array, sheet: Sheet, cutoff: float) -> tuple[Ints, Ints, Ints
     return node, *np.divmod(cell, n)
 
 
-def _close(rows: Ints, columns: Ints, sheet: Sheet) -> NDArray[np.bool_]:
+def _close(rows: Ints, columns: Ints, sheet: ContactSheet) -> NDArray[np.bool_]:
     """Whether so many rows and columns apart is the same layer."""
     return np.asarray(np.hypot(columns * sheet.spacing[0], rows * sheet.spacing[1]) <= sheet.near)
 
@@ -136,8 +136,8 @@ class Touching:
 
     def __init__(self, cases: Sequence[Case], packed: Sequence[int], n: int) -> None:
         self.packed = packed
-        self.sheets, self.n = [Sheet.of(case, n) for case in cases], n
-        self.pairs = [Pairs.none(n * n) for _ in cases]
+        self.sheets, self.n = [ContactSheet.of(case, n) for case in cases], n
+        self.pairs = [ContactPairs.none(n * n) for _ in cases]
         self.found_at: list[Array | None] = [None] * len(cases)
         self.last: list[Array | None] = [None] * len(cases)
         self.far = [0.0] * len(cases)  # m, from where on a pair cannot touch before pairs are found anew
@@ -164,7 +164,7 @@ class Touching:
         self.last[index] = x
         if not np.abs(x).max() < 10.0:  # diverged
             anew = bool(self.pairs[index].side.any())
-            self.pairs[index] = Pairs.none(self.n * self.n)
+            self.pairs[index] = ContactPairs.none(self.n * self.n)
             return anew
         step = 0.0 if last is None else float(np.linalg.norm(x - last, axis=-1).max()) * ratio
         slack = min(sheet.spacing)

@@ -64,7 +64,7 @@ class BenchEvaluation:
             if records:
                 lines += [f"## Records of role {title}", "", head, "|---|---|---|"]
                 lines += [f"| {name} | {shown(e.before)} | {shown(e.after)} |" for name, e in records.items()]
-                means = (_statistics(records, way).mean for way in ("before", "after"))
+                means = (_statistics(records, state).mean for state in ("before", "after"))
                 lines += [f"| mean | {' | '.join(map(shown, means))} |", ""]
         return "\n".join([*lines, f"{self.bench.name}: {self.bench.source or self.bench.description}"])
 
@@ -78,7 +78,7 @@ def evaluate_bench(path: Path, law: Path, *, all_records: bool = False) -> Bench
 
     def errors(record: BenchRecord) -> RecordErrors:
         truth = measured(bench.specimen, record)
-        return RecordErrors(*(float(np.sqrt(np.mean((way - truth) ** 2))) for way in predict(record)))
+        return RecordErrors(*(float(np.sqrt(np.mean((law - truth) ** 2))) for law in predict(record)))
 
     tests = {record.name: errors(record) for record in bench.records if record.role == "test"}
     others = {record.name: errors(record) for record in bench.records if record.role == "fit" and all_records}
@@ -87,5 +87,5 @@ def evaluate_bench(path: Path, law: Path, *, all_records: bool = False) -> Bench
     return BenchEvaluation(bench, unit_of(bench.specimen), tests, others)
 
 
-def _statistics(records: Mapping[str, RecordErrors], way: str) -> Statistics:
-    return Statistics.of(np.array([getattr(errors, way) for errors in records.values()]))
+def _statistics(records: Mapping[str, RecordErrors], state: str) -> Statistics:
+    return Statistics.of(np.array([getattr(errors, state) for errors in records.values()]))

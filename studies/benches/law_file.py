@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fabdesign.bench import Bench, BenchRecord
 from fabdesign.bench_law_file import FORMAT as BENCH_LAW
 from fabdesign.bench_law_file import BenchLaw, read_bench_law
-from fabdesign.design_file import Part, read_part
+from fabdesign.design_file import DesignPart, read_part
 from fabdesign.errors import InputError
 from fabdesign.muscle_law import law_of
 from fabdesign.table import parse_toml
@@ -70,7 +70,7 @@ def _of_strip(strain: Array, force: Array) -> Predict:
     return strip
 
 
-def _of_muscle(part: Part, path: Path, bench: Bench) -> Predict:
+def _of_muscle(part: DesignPart, path: Path, bench: Bench) -> Predict:
     name = bench.name if bench.name in part.types else next(iter(part.types), None)
     if name is None or (name != bench.name and len(part.types) > 1):
         raise InputError(f"{path}: muscle types {', '.join(part.types) or 'none'}; expected one, or {bench.name}")

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fabdesign.bench import BenchRecord
 from fabdesign.bspline import design_matrix
-from fabdesign.curve import MembraneCurve
+from fabdesign.curve_file import MembraneCurve
 from fabdesign.errors import InputError
 from fabdesign.least_squares import least_squares_with_inequalities
 

@@ -168,7 +168,7 @@ def calibrate(
 
 def _searching(progress: Progress) -> Callable[[int, int], None]:
     """What the search for unjudged stretches tells: it is done before the fit begins."""
-    return lambda done, total: progress(f"stretches that hang on a hair: {done} of {total} motions", 0.0)
+    return lambda done, total: progress(f"sensitive stretches: {done} of {total} motions", 0.0)
 
 
 def _judged(
@@ -184,8 +184,8 @@ def _judged(
             kept.append((trial, replace(sample, times=sample.times[frames], clouds=clouds)))
     if not kept:
         raise InputError(
-            f"{', '.join(trial.name for trial in trials)}: in every frame small changes lead elsewhere; expected "
-            "trials whose pressures say which way the cloth goes"
+            f"{', '.join(trial.name for trial in trials)}: every frame is sensitive, small changes of the inputs lead "
+            "to another shape; expected trials whose pressures decide to which side the cloth bends"
         )
     return [trial for trial, _ in kept], [sample for _, sample in kept]
 

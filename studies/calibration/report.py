@@ -4,7 +4,7 @@ from fabdesign.model import Parameter
 from studies.calibration.calibrate import Calibration
 
 _ENGINES = (
-    "the intervals hold the difference between this engine and the virtual rig's; a real cloth may differ by more"
+    "the intervals include the difference between this simulator and the virtual rig; a real cloth may differ by more"
 )
 
 
@@ -16,7 +16,7 @@ def as_text(calibration: Calibration) -> str:
         f"factors on the declared values, for a grid of {calibration.model.points_per_side} points a side:",
         *rows,
         *(f"  {line}" for line in _effects(calibration)),
-        *(f"the intervals are NOT to be believed: {why}" for why in calibration.doubts),
+        *(f"warning: the intervals are NOT reliable: {why}" for why in calibration.doubts),
         f"residual {1e3 * fit.before:.2f} -> {1e3 * fit.after:.2f} mm RMS; sensor noise {1e3 * noise.sigma:.2f} mm, "
         f"{100 * noise.strays:.1f} % strays; {fit.iterations} iterations",
         *calibration.statements,
@@ -26,7 +26,7 @@ def as_text(calibration: Calibration) -> str:
     if not fit.converged:
         lines.append("not converged: the last step was still large")
     if calibration.doubts:
-        lines.append("it may be an effect that the model lacks, or cloth that snaps, which a finer --grid follows")
+        lines.append("a likely cause: an effect that the model lacks, or a cloth that snaps (then try a finer --grid)")
     else:
         lines.append(_ENGINES)
     lines += [f"{trial}: the motion diverged; left out from {time:.2f} s on" for trial, time in fit.lost]
@@ -47,4 +47,4 @@ def _interval(parameter: Parameter) -> str:
     if parameter.interval90 is None:
         return "interval unknown"
     low, high = parameter.interval90
-    return f"90 % {low:.3f} to {high:.3f}" + ("" if parameter.believable else ", not believable")
+    return f"90 % {low:.3f} to {high:.3f}" + ("" if parameter.believable else ", not reliable")

@@ -6,7 +6,7 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from fabdesign.design import Design
-from fabdesign.design_file import Part
+from fabdesign.design_file import DesignPart
 from fabdesign.fabric import Fabric
 from fabdesign.muscle import BenchTable, MuscleType
 from optimize.geometry import bend_radius, clearance
@@ -57,7 +57,7 @@ def design_findings(design: Design, where: str) -> Findings:
     return Findings(prefixed[0], prefixed[1])
 
 
-def part_findings(part: Part, where: str) -> Findings:
+def part_findings(part: DesignPart, where: str) -> Findings:
     """Of a file that designs include."""
     known = {key: expected for key, expected in FABRIC.items() if key in part.keys}
     lines = [*(_fabric(part.fabric, known) if part.fabric else ()), *_types(part.types)]

@@ -142,7 +142,7 @@ def _key(path: Path) -> Findings:
 
 
 def _bench(path: Path) -> Findings:
-    from studies.check.bench import bench_findings
+    from studies.check.study import bench_findings
 
     return bench_findings(path)
 

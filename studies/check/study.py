@@ -1,14 +1,19 @@
-"""What a study's command will say of it: its targets opened, its start against its limits."""
+"""What the command of a study or a bench will say of it: targets opened, start against limits, columns needed."""
 
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
+from fabdesign.bench import Bench
+from fabdesign.bench_file import read_bench
 from fabdesign.layouts_file import read_layouts
 from fabdesign.loop_file import read_loop
 from fabdesign.sensitivity_file import read_sensitivity
 from fabdesign.study_file import read_kind, read_study
+from fabdesign.table import nearest, parse_toml
 from fabdesign.unseen_file import FREE, read_unseen
 from optimize.fit.parameters import fit_vector
+from studies.benches.needs import SIZES, require_columns, require_sizes
 from studies.check.design import design_findings, spacing
 from studies.check.findings import Findings, failures
 from studies.layouts.target import load_target
@@ -40,3 +45,24 @@ def study_findings(path: Path) -> Findings:
         lines = [f"{path}: {line}: the search starts outside its limits" for line in close]
         found += Findings(warnings=tuple(lines))
     return found
+
+
+_TEXTS = ("format", "name", "specimen", "output", "description", "source")
+_CONSTANTS = {"muscle": SIZES, "strip": ("width", "direction")}  # that a law's file takes; others are labels
+
+
+def bench_findings(path: Path) -> Findings:
+    """Of a bench and all its records. Raises InputError for what reading refuses."""
+    bench = read_bench(path)
+    found = failures([partial(require_columns, bench, bench.records), partial(require_sizes, bench)])
+    return found + Findings(warnings=tuple(f"{path}: {line}" for line in _unread(path, bench)))
+
+
+def _unread(path: Path, bench: Bench) -> Iterator[str]:
+    for key, value in parse_toml(path).items():
+        if isinstance(value, str) and key not in _TEXTS:
+            yield f"{key} is a text that nothing reads{nearest(key, _TEXTS)}"
+    wanted = [name for name in _CONSTANTS.get(bench.specimen, ()) if name not in bench.constants]
+    for name in bench.constants:
+        if meant := nearest(name, wanted):
+            yield f"{name} is a constant that nothing reads{meant}"

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from jinja2 import Environment
 from numpy.typing import NDArray
 
 from fabdesign.forward import Case, ForwardModel
@@ -20,7 +21,7 @@ from fabdesign.sensor_noise import SensorNoise
 from fabdesign.trial import MeasurementSet, Trial
 from studies.evaluate import noise_of
 from studies.forward_model import forward_model
-from studies.judged_search import GRID, judge_sets
+from studies.sensitive_stretches import GRID, find_used_frames
 
 SET = "demo_set"
 MODEL = "demo_model.toml"
@@ -29,16 +30,16 @@ SHEET, CALIBRATED, EFFECTS, CORRECTED = "data sheet", "calibrated", "with effect
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class ShippedErrors:
     """Of a measured set: each model's errors, means over the trials; `with effects` only where it has some."""
 
     measured: MeasurementSet
     shipped: Model
     errors: dict[str, Errors]  # m, by the model's name, in this order
-    share_unjudged: float  # of the frames, which count for nothing
+    share_left_out: float  # of the frames
 
     @property
-    def said(self) -> str:
+    def effects_in_words(self) -> str:
         """What the shipped model has besides its factors."""
         names = [effect.name.replace("_", " ") for effect in self.shipped.effects]
         return f"Effects in the model: {', '.join(names)}." if names else "The model has no effects."
@@ -55,7 +56,7 @@ class Judged:
         return {
             "set": self.measured.name,
             "trials": len(self.measured.trials),
-            "unjudged_share": self.share_unjudged,
+            "unjudged_share": self.share_left_out,
             "effects": [effect.name for effect in self.shipped.effects],
             "models": [
                 {"name": name, **{key: 1e3 * getattr(errors, key) for key in names}, "closed": share}
@@ -64,7 +65,7 @@ class Judged:
         }
 
 
-def judge_model(*, forward: ForwardModel | None = None) -> Judged:
+def evaluate_shipped(*, forward: ForwardModel | None = None) -> ShippedErrors:
     """How far the data sheet and the shipped model, calibrated, with its effects, and with its corrector, are
     from the embedded trials. forward: the bare simulator, by default with the shipped model's grid."""
     data = Path(str(files("fabdesign") / "data"))
@@ -80,20 +81,20 @@ def judge_model(*, forward: ForwardModel | None = None) -> Judged:
         {CALIBRATED: uncorrected.before, EFFECTS: uncorrected} if uncorrected.effects else {CALIBRATED: uncorrected}
     )
     models[CORRECTED] = shipped
-    looked_at = judge_sets([(measured, measured.trials)], coarse)
-    frames = {trial.name: np.flatnonzero(looked_at.at(measured, trial)) for trial in measured.trials}
+    used = find_used_frames([(measured, measured.trials)], coarse)
+    frames = {trial.name: np.flatnonzero(used.at(measured, trial)) for trial in measured.trials}
     trials = [trial for trial in measured.trials if len(frames[trial.name])]
     noise = noise_of(measured.trials)
     errors = {
         name: _mean_over(trials, frames, noise, forward_model(fine, own, sensing=True)) for name, own in models.items()
     }
-    return Judged(measured, shipped, errors, looked_at.share)
+    return ShippedErrors(measured, shipped, errors, used.share_left_out)
 
 
 def _mean_over(
     trials: Sequence[Trial], frames: Mapping[str, NDArray[np.intp]], noise: SensorNoise, model: Predictor
 ) -> Errors:
-    """Over the judged `frames` of each trial; each is simulated once, and its errors are those of `evaluate`."""
+    """Over the used `frames` of each trial; each is simulated once, and its errors are those of `evaluate`."""
     cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
     motions = model.motions(cases, [trial.times for trial in trials])
     each = []
@@ -103,16 +104,30 @@ def _mean_over(
     return mean_errors(each)
 
 
-def as_text(judged: Judged) -> str:
+def as_text(shipped: ShippedErrors) -> str:
     """A table for people; mm."""
     lines = [
-        f"measured: {judged.measured.description}",
-        f"{'mm':16}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'floor':>8}{'closed':>9}",
+        f"measured: {shipped.measured.description}",
+        f"{'mm':16}{'Chamfer':>9}{'floor':>8}{'surface RMS':>13}{'floor':>8}{'removed':>9}",
     ]
-    for name, e, share in judged.rows():
+    for name, e, share in shipped.rows():
         told = "" if share is None else f"{share:.0%}"
         lines.append(
             f"{name:16}{1e3 * e.chamfer:9.2f}{1e3 * e.chamfer_floor:8.2f}{1e3 * e.surface_rms:13.2f}"
             f"{1e3 * e.surface_floor:8.2f}{told:>9}"
         )
-    return "\n".join([*lines, judged.said])
+    return "\n".join([*lines, shipped.effects_in_words])
+
+
+def as_html(shipped: ShippedErrors) -> str:
+    """HTML, for the body of a page with the style of a study's report."""
+    source = files("studies.demo").joinpath("measured.html.j2").read_text(encoding="utf-8")
+    template = Environment(autoescape=True).from_string(source)
+    return template.render(
+        shipped=shipped,
+        rows=shipped.rows(),
+        made_by=MADE_BY,
+        model=MODEL,
+        mm=lambda metres: f"{1e3 * metres:.2f}",
+        percent=lambda share: "" if share is None else f"{share:.0%}",
+    )

@@ -15,9 +15,8 @@ from fabdesign.metrics import MANY_BEYOND, told_beyond
 from fabdesign.output import work_folder, write_text
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
 from optimize.evaluations import Evaluations
-from studies.demo.measured import Judged, judge_model
-from studies.demo.measured import as_text as judged_as_text
-from studies.demo.page import as_html
+from studies.demo.measured import ShippedErrors, as_html, evaluate_shipped
+from studies.demo.measured import as_text as shipped_as_text
 from studies.layouts.picture import save_picture
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult
@@ -26,7 +25,7 @@ from studies.layouts.run import forward_models, run_study
 TARGET = "demo_target.npz"
 SOURCE = "last frame, 1.5 s after rest, of trial 078 of set rig_a, a basic motion measured on a synthetic rig"
 MOST_MUSCLES = 4
-SECONDS = {"basic": 60.0, "free": 120.0}  # of search at most: the demo ends in some three minutes
+SECONDS = {"basic": 60.0, "free": 120.0}  # of search at most: the demo ends after about three minutes
 TITLES = {"basic": "basic: pressures of eight muscles", "free": "free: a layout of at most four muscles"}
 
 
@@ -35,7 +34,7 @@ class Demo:
     """Both searches, as far as they came, and what the measured set says; None where a search was interrupted."""
 
     runs: list[StudyResult]
-    judged: Judged | None
+    shipped: ShippedErrors | None
 
 
 def run_demo(
@@ -58,17 +57,17 @@ def run_demo(
         fine, quick = forward_models(forward, coarse)
         results = _run_studies(work.folder, fine, quick, progress)
         work.complete = not results[-1].interrupted
-        judged = None
+        shipped = None
         if work.complete:
-            say("how far models are from measured trials")
-            judged = judge_model(forward=fine if forward else None)
+            say("evaluating the shipped model on measured trials")
+            shipped = evaluate_shipped(forward=fine if forward else None)
         sections = [Section(TITLES[result.study.name], result) for result in results]
         with work.adding() as files:
-            more = "" if judged is None else as_html(judged)
+            more = "" if shipped is None else as_html(shipped)
             page = render_report("A measured shape becomes a layout", sections, more=more)
             write_text(files / "report.html", page)
             save_picture([(section.title, section.result) for section in sections], files / "demo.png")
-    return Demo(results, judged)
+    return Demo(results, shipped)
 
 
 def _run_studies(
@@ -113,7 +112,7 @@ def as_json(demo: Demo) -> dict[str, Any]:
     keys = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor", "surface_beyond", "evaluations", "wall_s")
     found = [(result.study.name, result.as_json()) for result in demo.runs]
     runs = [{"name": name, **{key: values[key] for key in keys}} for name, values in found]
-    return {"runs": runs, "measured_set": None if demo.judged is None else demo.judged.as_json()}
+    return {"runs": runs, "measured_set": None if demo.shipped is None else demo.shipped.as_json()}
 
 
 def as_text(demo: Demo) -> str:
@@ -128,7 +127,7 @@ def as_text(demo: Demo) -> str:
     rows += [
         f"{run.study.name}: {told_beyond(run.errors.beyond)}" for run in demo.runs if run.errors.beyond >= MANY_BEYOND
     ]
-    return "\n".join([*rows, *([] if demo.judged is None else ["", judged_as_text(demo.judged)])])
+    return "\n".join([*rows, *([] if demo.shipped is None else ["", shipped_as_text(demo.shipped)])])
 
 
 def _named(progress: Callable[[str, Evaluations], None], name: str) -> Callable[[Evaluations], None]:

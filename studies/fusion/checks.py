@@ -6,7 +6,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.fusion.joint import View, gaps
+from studies.fusion.joint import SensorView, gaps
 
 Array = NDArray[np.float64]
 DISAGREE = 0.003  # m, median distance between sensors that is no noise
@@ -14,14 +14,14 @@ BETTER = 0.5  # what a swap or another frame must leave of it
 LEAST_OVERLAP = 60  # points
 
 
-def disagreement(views: Sequence[View], poses: Sequence[Array], sides: Sequence[str], thickness: float) -> float:
+def disagreement(views: Sequence[SensorView], poses: Sequence[Array], sides: Sequence[str], thickness: float) -> float:
     """Median distance [m] between the sensors of one frame; points without a partner count as far."""
     found = [_gap(a, b, poses, sides, thickness) for a, b in combinations(views, 2)]
     return float(np.median(found)) if found else 0.0
 
 
 def swapped_pair(
-    views: Sequence[View], poses: Sequence[Array], sides: Sequence[str], thickness: float
+    views: Sequence[SensorView], poses: Sequence[Array], sides: Sequence[str], thickness: float
 ) -> tuple[int, int] | None:
     """The front and back cameras whose clouds must be exchanged for the frame to agree, if that is what is wrong."""
     now = disagreement(views, poses, sides, thickness)
@@ -30,7 +30,7 @@ def swapped_pair(
         if sides[a] == sides[b]:
             continue
         other = {a: b, b: a}
-        exchanged = [View(v.frame, other.get(v.camera, v.camera), v.cloud) for v in views]
+        exchanged = [SensorView(v.frame, other.get(v.camera, v.camera), v.cloud) for v in views]
         then = disagreement(exchanged, poses, sides, thickness)
         if then < BETTER * now and (best is None or then < best[0]):
             best = then, (a, b)
@@ -38,7 +38,7 @@ def swapped_pair(
 
 
 def late_sensor(
-    views: Sequence[View], poses: Sequence[Array], sides: Sequence[str], thickness: float
+    views: Sequence[SensorView], poses: Sequence[Array], sides: Sequence[str], thickness: float
 ) -> tuple[int, int] | None:
     """The camera whose frames fit the others' so many frames later (or earlier), if one does."""
     cameras = sorted({v.camera for v in views})
@@ -62,6 +62,6 @@ def late_sensor(
     return None if best is None else best[1]
 
 
-def _gap(one: View, other: View, poses: Sequence[Array], sides: Sequence[str], thickness: float) -> float:
+def _gap(one: SensorView, other: SensorView, poses: Sequence[Array], sides: Sequence[str], thickness: float) -> float:
     distance = gaps(one, other, poses, sides, thickness).distance
     return float(np.median(np.abs(distance))) if len(distance) >= LEAST_OVERLAP else 2 * DISAGREE

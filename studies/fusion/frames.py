@@ -14,7 +14,7 @@ from fabdesign.recording import Recording
 
 if TYPE_CHECKING:
     from studies.fusion.input import Anchored
-    from studies.fusion.joint import View
+    from studies.fusion.joint import SensorView
 
 Array = NDArray[np.float64]
 JUST_BEFORE = 1e-6  # s: a frame's set point is that of the interval it ends
@@ -65,11 +65,11 @@ class Fusion:
         self._dropped = [0 for _ in cameras]
         self._frame_poses: list[list[Array]] = []
         self._thickness: list[float] = []
-        self._last: list[View] = []
+        self._last: list[SensorView] = []
         self.times: list[float] = []
         self.frames: list[Array] = []
 
-    def add(self, index: int, views: "list[View]") -> None:
+    def add(self, index: int, views: "list[SensorView]") -> None:
         """Fuse one frame. Raises InputError."""
         from studies.fusion import surface
         from studies.fusion.joint import align_frame

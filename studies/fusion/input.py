@@ -12,7 +12,7 @@ from fabdesign.recording import Recording, Sensor
 from studies.bad_data import Tolerance
 from studies.fusion.checks import DISAGREE, disagreement, late_sensor, swapped_pair
 from studies.fusion.cleaning import clean
-from studies.fusion.joint import View, align
+from studies.fusion.joint import SensorView, align
 from studies.fusion.reference import Pose, off, register_to_rest
 
 Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ class Anchored:
 
     sensors: tuple[Sensor, ...]
     anchors: tuple[Pose, ...]
-    rest: tuple[View, ...]  # of the reference
+    rest: tuple[SensorView, ...]  # of the reference
 
     @property
     def sides(self) -> list[str]:
@@ -37,13 +37,13 @@ def anchor_sensors(recording: Recording, tolerance: Tolerance) -> Anchored:
     """Register every sensor to the reference; without one, the nominal pose is the anchor. Raises InputError."""
     sensors: list[Sensor] = []
     anchors: list[Pose] = []
-    rest: list[View] = []
+    rest: list[SensorView] = []
     for sensor in recording.sensors:
         with tolerance.forgiving():
             if recording.has_reference():
                 cloud = recording.reference(sensor)
                 anchors.append(_registered(recording, sensor, cloud))
-                rest.append(View(REST, len(sensors), clean(cloud)))
+                rest.append(SensorView(REST, len(sensors), clean(cloud)))
             else:
                 turn, shift = NOMINAL_ERROR
                 information = np.diag(np.repeat([turn**-2, shift**-2], 3))
@@ -84,19 +84,19 @@ def _fits(recording: Recording, sensor: Sensor) -> bool:
     return True
 
 
-def read_views(recording: Recording, anchored: Anchored, tolerance: Tolerance) -> list[View]:
+def read_views(recording: Recording, anchored: Anchored, tolerance: Tolerance) -> list[SensorView]:
     """Every frame's clouds, cleaned. Raises InputError."""
     views = []
     for frame in range(len(recording.times)):
         for camera, sensor in enumerate(anchored.sensors):
             with tolerance.forgiving():
-                views.append(View(frame, camera, clean(recording.frame(sensor, frame))))
+                views.append(SensorView(frame, camera, clean(recording.frame(sensor, frame))))
     return views
 
 
 def consistent(
-    recording: Recording, anchored: Anchored, views: Sequence[View], tolerance: Tolerance
-) -> tuple[list[View], list[Array]]:
+    recording: Recording, anchored: Anchored, views: Sequence[SensorView], tolerance: Tolerance
+) -> tuple[list[SensorView], list[Array]]:
     """The views of sound frames and the poses (4, 4) that all of them share. Raises InputError."""
     thickness, sides = recording.design.fabric.thickness, anchored.sides
     poses = [anchor.matrix for anchor in anchored.anchors]
@@ -119,8 +119,8 @@ def consistent(
 
 
 def _without_swapped(
-    recording: Recording, anchored: Anchored, views: list[View], poses: list[Array], tolerance: Tolerance
-) -> list[View]:
+    recording: Recording, anchored: Anchored, views: list[SensorView], poses: list[Array], tolerance: Tolerance
+) -> list[SensorView]:
     thickness, sides = recording.design.fabric.thickness, anchored.sides
     kept = []
     for frame in sorted({v.frame for v in views}):
@@ -136,8 +136,8 @@ def _without_swapped(
 
 
 def _without_late(
-    anchored: Anchored, views: list[View], poses: list[Array], thickness: float, tolerance: Tolerance
-) -> list[View]:
+    anchored: Anchored, views: list[SensorView], poses: list[Array], thickness: float, tolerance: Tolerance
+) -> list[SensorView]:
     frames = sorted({v.frame for v in views})
     worst = [disagreement([v for v in views if v.frame == f], poses, anchored.sides, thickness) for f in frames]
     late = late_sensor(views, poses, anchored.sides, thickness) if max(worst, default=0.0) > DISAGREE / 2 else None

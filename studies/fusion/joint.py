@@ -24,7 +24,7 @@ SAMPLE = 900  # points of a cloud that are compared
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class SensorView:
     """What one camera saw of one frame."""
 
     frame: int
@@ -46,7 +46,7 @@ class Gaps:
     normal: Array  # (n, 3) of the planes
 
 
-def gaps(one: View, other: View, poses: Sequence[Array], sides: Sequence[str], thickness: float) -> Gaps:
+def gaps(one: SensorView, other: SensorView, poses: Sequence[Array], sides: Sequence[str], thickness: float) -> Gaps:
     """Distances of `one` from the planes of `other`, placed by `poses` (4, 4)."""
     step = max(1, len(one.cloud.points) // SAMPLE)
     points, normals = one.placed(poses[one.camera], step)
@@ -67,7 +67,7 @@ def gaps(one: View, other: View, poses: Sequence[Array], sides: Sequence[str], t
     return Gaps(along[keep] - expected, points[keep], normal[keep])
 
 
-def align(views: Sequence[View], anchors: Sequence[Pose], sides: Sequence[str], thickness: float) -> list[Array]:
+def align(views: Sequence[SensorView], anchors: Sequence[Pose], sides: Sequence[str], thickness: float) -> list[Array]:
     """The poses (4, 4) that agree best with one another over all views, and with their anchors."""
     poses = [anchor.matrix for anchor in anchors]
     small = np.zeros((len(poses), 6))  # from the anchors; its turns are small enough to add
@@ -96,12 +96,14 @@ def align(views: Sequence[View], anchors: Sequence[Pose], sides: Sequence[str], 
     return poses
 
 
-def align_frame(views: Sequence[View], poses: Sequence[Array], sides: Sequence[str], thickness: float) -> list[Array]:
+def align_frame(
+    views: Sequence[SensorView], poses: Sequence[Array], sides: Sequence[str], thickness: float
+) -> list[Array]:
     """Poses for one frame on its own, close to the shared ones: cameras that were knocked in between."""
     turn, shift = KNOCKED
     information = np.diag(np.repeat([turn**-2, shift**-2], 3))
     return align(views, [Pose(pose, information) for pose in poses], sides, thickness)
 
 
-def _pairs(views: Sequence[View]) -> list[tuple[View, View]]:
+def _pairs(views: Sequence[SensorView]) -> list[tuple[SensorView, SensorView]]:
     return [(a, b) for a in views for b in views if a.frame == b.frame and a.camera != b.camera]

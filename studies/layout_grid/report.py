@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from fabdesign import __version__
 from fabdesign.output import write_text
-from studies.layout_grid.result import WORDS, Found, GridResult
+from studies.layout_grid.result import WORDS, CellResult, GridResult
 from studies.layouts.drawing import layout_svg
 from studies.layouts.shape_picture import shape_png
 
@@ -37,7 +37,7 @@ def render(result: GridResult) -> str:
         name=search.name,
         targets=next(f.result.targets for f in result.found if f.result),
         front=result.front,
-        rows=[(f, result.nearest(f.cell), result.said(f.cell)) for f in result.found],
+        rows=[(f, result.nearest(f.cell), result.statements(f.cell)) for f in result.found],
         words=WORDS,
         measure="Chamfer distance" if search.objective == "chamfer" else "surface RMS",
         points_per_side=search.model.points_per_side if search.model else 41,
@@ -49,13 +49,13 @@ def render(result: GridResult) -> str:
     )
 
 
-def _shown(result: GridResult) -> list[Found]:
+def _shown(result: GridResult) -> list[CellResult]:
     """Cells with a shape, those of the front first."""
     front = result.front
     return [*front, *(f for f in result.found if f.result and f not in front)]
 
 
-def _shapes(found: Found) -> list[Markup]:
+def _shapes(found: CellResult) -> list[Markup]:
     """A picture a pose."""
     assert found.result is not None
     poses = zip(found.result.points, found.result.targets, strict=True)
@@ -92,12 +92,12 @@ def front_svg(result: GridResult) -> str:
     return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
 
 
-def _nearest(result: GridResult, found: Found) -> float:
+def _nearest(result: GridResult, found: CellResult) -> float:
     best = result.nearest(found.cell)
     return best.objective if best else float("inf")
 
 
-def _floor(found: Found) -> float:
+def _floor(found: CellResult) -> float:
     assert found.result is not None
     errors = found.result.errors
     return errors.chamfer_floor if found.result.study.objective == "chamfer" else errors.surface_floor
@@ -109,7 +109,7 @@ def as_text(result: GridResult) -> str:
         f"{f.cell.muscles} muscles, {f.cell.type}, {f.cell.sides}: {1e3 * f.objective:.3f} mm" for f in result.front
     ]
     lines += [f"{f.cell.name}: {f.why}" for f in result.found if f.result is None]
-    lines += [sentence for f in result.found if f.result for sentence in result.said(f.cell)]
+    lines += [sentence for f in result.found if f.result for sentence in result.statements(f.cell)]
     if result.interrupted:
         lines.append("interrupted; the same command goes on from here")
     return "\n".join(lines)

@@ -14,7 +14,7 @@ WORDS = {"front": "on the front", "back": "on the back", "both": "on both faces"
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class CellResult:
     """A cell's result, or why there is none."""
 
     cell: Cell
@@ -47,7 +47,7 @@ class GridResult:
     """found: of the cells that were begun, in order; total: how many there are."""
 
     study: LayoutsStudy
-    found: tuple[Found, ...]
+    found: tuple[CellResult, ...]
     total: int
     wall_s: float = 0.0  # of all of it, earlier sessions included
 
@@ -55,38 +55,38 @@ class GridResult:
     def interrupted(self) -> bool:
         return any(f.result is not None and f.result.interrupted for f in self.found)
 
-    def nearest(self, cell: Cell) -> Found | None:
+    def nearest(self, cell: Cell) -> CellResult | None:
         """The nearest layout that `cell` may have: its own, or that of a cell with fewer muscles or on one face."""
         may = [f for f in self.found if f.result is not None and cell.includes(f.cell)]
         return min(may, key=lambda f: (f.objective, f.cell.muscles), default=None)
 
     @property
-    def front(self) -> list[Found]:
+    def front(self) -> list[CellResult]:
         """Cells that no other beats with as many muscles or fewer, by rising number of muscles."""
-        kept: list[Found] = []
+        kept: list[CellResult] = []
         for f in sorted(self.found, key=lambda f: (f.cell.muscles, f.objective)):
             if f.result and (not kept or f.objective < kept[-1].objective):
                 kept.append(f)
         return kept
 
-    def said(self, cell: Cell) -> list[str]:
+    def statements(self, cell: Cell) -> list[str]:
         """Sentences on where more muscles, or a second face, did not help."""
         own, best = next((f for f in self.found if f.cell is cell), None), self.nearest(cell)
         if own is None or best is None:
             return []
-        said, count = [], f"{cell.muscles} muscles" if cell.muscles > 1 else "1 muscle"
+        statements, count = [], f"{cell.muscles} muscles" if cell.muscles > 1 else "1 muscle"
         if best is not own:
             came = f"its own search came to {1e3 * own.objective:.2f} mm" if own.result else own.why
-            said.append(
+            statements.append(
                 f"{count} {WORDS[cell.sides]} did not help: {best.cell.muscles} {WORDS[best.cell.sides]} are nearer, "
                 f"at {1e3 * best.objective:.2f} mm; {came}."
             )
         idle = len(best.result.design.muscles) - len(best.pulling) if best.result else 0
         if idle:
-            said.append(f"{idle} of its {best.cell.muscles} muscles {'is' if idle == 1 else 'are'} idle.")
+            statements.append(f"{idle} of its {best.cell.muscles} muscles {'is' if idle == 1 else 'are'} idle.")
         if cell.sides == "both" and best.sides_used in ("front", "back"):
-            said.append(f"Only the {best.sides_used} pulls: a second face did not help.")
-        return said
+            statements.append(f"Only the {best.sides_used} pulls: a second face did not help.")
+        return statements
 
     def as_json(self) -> dict[str, Any]:
         """What result.json holds: mm."""
@@ -101,7 +101,7 @@ class GridResult:
             "seed": self.study.search.seed,
         }
 
-    def _cell(self, found: Found, on_front: bool) -> dict[str, Any]:
+    def _cell(self, found: CellResult, on_front: bool) -> dict[str, Any]:
         cell, best = found.cell, self.nearest(found.cell)
         entry: dict[str, Any] = {"name": cell.name, "muscles": cell.muscles, "type": cell.type, "sides": cell.sides}
         if found.result is None:
@@ -112,7 +112,7 @@ class GridResult:
         keys = ("objective_mm", "chamfer", "chamfer_floor", "surface_rms", "surface_floor")
         entry |= {k: result[k] for k in keys}
         entry |= {"of": best.cell.name, "sides_used": best.sides_used, "muscles_used": len(best.pulling)}
-        entry |= {"said": [*self.said(cell), *best.result.reach.sentences], "front": on_front}
+        entry |= {"said": [*self.statements(cell), *best.result.reach.sentences], "front": on_front}
         if found.result is not None:
             own = found.result.as_json()
             entry |= {"searched_mm": own["objective_mm"], "stop_reason": own["stop_reason"]}

@@ -15,9 +15,18 @@ from optimize.evaluations import Evaluations
 from optimize.start_rows import as_rows, of_rows
 from optimize.starts import Start
 from studies.layout_grid.report import write_report
-from studies.layout_grid.result import Found, GridResult
-from studies.layout_grid.seeds import seeds_of
-from studies.layout_grid.turns import FIRST, FOLLOWED, FURTHER, LEAST, CellTurns, best_beneath, next_turn, recent_gain
+from studies.layout_grid.result import CellResult, GridResult
+from studies.layout_grid.turns import (
+    FIRST,
+    FOLLOWED,
+    FURTHER,
+    WORTH_A_TURN,
+    CellTurns,
+    best_beneath,
+    next_turn,
+    recent_gain,
+    seeds_of,
+)
 from studies.layouts.begin import first_starts, limits_of
 from studies.layouts.result import StudyResult
 from studies.layouts.run import run_study
@@ -83,7 +92,7 @@ class _Grid:
         self._work, self._study, self._progress = work, study, progress
         self._models = forward, coarse
         self._cells = [*study.cells]
-        self._found: list[Found] = []
+        self._found: list[CellResult] = []
         state = _state(work.folder / TURNS)
         self._turns = {name: CellTurns(**row) for name, row in state.get("cells", {}).items()}
         self._began = time.monotonic() - state.get("spent", 0.0)
@@ -116,7 +125,7 @@ class _Grid:
             followed = self._run(
                 ahead[0].cell, own, first_starts(ahead[0].cell.study) if own.drawn else [], follow=True
             )
-            self._found[self._found.index(ahead[0])] = Found(ahead[0].cell, followed, "")
+            self._found[self._found.index(ahead[0])] = CellResult(ahead[0].cell, followed, "")
             longest = max(longest, time.monotonic() - begin)
             result = self._result()
         return result
@@ -131,15 +140,15 @@ class _Grid:
     def _time_for_another(self) -> float:
         """s of search in another turn, 0 where there is no time."""
         seconds = (1 - FOLLOWED) * self._study.search.limits.seconds
-        left, turn = seconds - self._spent - self._end, max(FURTHER * seconds, LEAST * self._end)
-        return min(turn, left) if left > LEAST * self._end and left > 0.01 * seconds else 0.0
+        left, turn = seconds - self._spent - self._end, max(FURTHER * seconds, WORTH_A_TURN * self._end)
+        return min(turn, left) if left > WORTH_A_TURN * self._end and left > 0.01 * seconds else 0.0
 
     def _first_turn(self, cell: Cell) -> None:
         own = self._turns.get(cell.name)
         try:
             drawn = first_starts(cell.study)
         except InputError as error:
-            self._found.append(Found(cell, None, str(error)))
+            self._found.append(CellResult(cell, None, str(error)))
             return
         if own is None:
             share = FIRST * self._study.search.limits.seconds / len(self._cells)
@@ -153,15 +162,15 @@ class _Grid:
         try:
             result = self._run(cell, own, drawn)
         except SimulationError as error:
-            self._found.append(Found(cell, None, str(error)))
+            self._found.append(CellResult(cell, None, str(error)))
             return
-        found = Found(cell, result, "")
+        found = CellResult(cell, result, "")
         self._found.append(found)
         if not own.turns and not result.interrupted:
             own.turns, own.value, own.gained = 1, found.objective, recent_gain(found)
         self._keep()
 
-    def _further_turn(self, chosen: Found, seconds: float) -> None:
+    def _further_turn(self, chosen: CellResult, seconds: float) -> None:
         """On from where it stands; or anew from what its neighbours have found since."""
         cell, own = chosen.cell, self._turns[chosen.cell.name]
         beneath = best_beneath(cell, self._result())
@@ -171,7 +180,7 @@ class _Grid:
             own.seeds, own.drawn, own.seconds, own.beneath = as_rows(seeds), False, 0.0, beneath
         own.seconds += seconds
         result = self._run(cell, own, first_starts(cell.study) if own.drawn else [], anew=anew)
-        found = Found(cell, result, "")
+        found = CellResult(cell, result, "")
         self._found[self._found.index(chosen)] = found
         own.turns += 1
         own.gained, own.value = max(0.0, own.value - found.objective), found.objective

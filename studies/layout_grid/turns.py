@@ -1,17 +1,24 @@
 """How the time of a grid is shared: a turn for every cell, then turns for those that still gain."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from fabdesign.layouts_file import Cell
-from studies.layout_grid.result import Found, GridResult
+from fabdesign.design import Design
+from fabdesign.layouts_file import SIDES, Cell
+from fabdesign.muscle import Muscle
+from optimize.additions import pulling, with_idle
+from optimize.design_space import DesignSpace
+from optimize.starts import Start
+from studies.layout_grid.result import CellResult, GridResult
+from studies.layouts.begin import PULL, limits_of
 
 FIRST = 0.6  # of the seconds, for the first turns of all cells
 FOLLOWED = 0.12  # of the seconds, at the end, for the motions that lead to the results
 FURTHER = 0.05  # of the seconds: a further turn
-LEAST = 2.0  # times what an end takes, for a turn to be worth it
+WORTH_A_TURN = 2.0  # times what an end takes, for a turn to be worth it
 GAINS = 0.005  # of the value: less is no gain
 ENDED = ("converged", "at the floor", "ended", "nothing gained", "the limit of", "every design")
 
@@ -39,7 +46,7 @@ def best_beneath(cell: Cell, result: GridResult) -> float:
     return min((f.objective for f in result.found if f.cell is not cell and cell.includes(f.cell)), default=np.inf)
 
 
-def recent_gain(found: Found) -> float:
+def recent_gain(found: CellResult) -> float:
     """m that the full model's best fell by in the latter half of the search; all of it where it came only then."""
     assert found.result is not None
     entries = [entry for entry in found.result.history if not entry.diverged]
@@ -51,7 +58,7 @@ def recent_gain(found: Found) -> float:
     return max(0.0, min(before) - min(value for _, value in last))
 
 
-def next_turn(result: GridResult, turns: dict[str, CellTurns], seconds: float) -> Found | None:
+def next_turn(result: GridResult, turns: dict[str, CellTurns], seconds: float) -> CellResult | None:
     """The cell that promises most in a turn of so many seconds; None where none does.
 
     A cell promises what it gained a second in its turn before, or, where its neighbours have got ahead of it, what
@@ -70,3 +77,40 @@ def next_turn(result: GridResult, turns: dict[str, CellTurns], seconds: float) -
             promised.append((per_second * seconds - max(0.0, behind), f))
     best = max(promised, key=lambda pair: pair[0], default=None)
     return best[1] if best is not None and best[0] > 0 else None
+
+
+CANDIDATES = 12  # of further muscles, drawn for each neighbour's layout: idle, and again at a share of the pressure
+
+
+def seeds_of(cell: Cell, found: Sequence[CellResult]) -> list[Start]:
+    """Of the cells that this one includes, nearest first: their layouts, and with idle muscles up to the cell's number.
+
+    Where a layout without a change has the cell's number of muscles already, it is a seed as it is.
+    """
+    beneath = [f for f in found if f.result is not None and f.cell is not cell and cell.includes(f.cell)]
+    seeds: list[Start] = []
+    for k, neighbour in enumerate(_nearest(beneath)):
+        result = neighbour.result
+        assert result is not None
+        space = DesignSpace(_on_cloth_of(cell, result.design.muscles), limits_of(cell.study), result.pressures)
+        start = replace(space, vary_positions=True)
+        best = start, start.encode(space.design, result.pressures)
+        more = with_idle(
+            best, count=cell.muscles, sides=SIDES[cell.sides], number=CANDIDATES, seed=cell.study.seed + 7 * k
+        )
+        seeds += more
+        if len(result.design.muscles) < cell.muscles:
+            seeds += pulling(more, len(result.design.muscles), PULL)
+    return seeds
+
+
+def _nearest(beneath: Sequence[CellResult]) -> list[CellResult]:
+    """Of each choice of sides the nearest layout, and of all others none."""
+    best: dict[str, CellResult] = {}
+    for f in sorted(beneath, key=lambda f: f.objective):
+        best.setdefault(f.cell.sides, f)
+    return [*best.values()]
+
+
+def _on_cloth_of(cell: Cell, muscles: Sequence[Muscle]) -> Design:
+    return replace(cell.study.design, muscles=tuple(muscles))

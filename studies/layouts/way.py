@@ -64,21 +64,26 @@ class Way:
         said = []
         if not self.reached:
             said.append(
-                f"No simple rise reaches the shape that the search came to: {self.motion.name} ends elsewhere, at {mm} "
-                "mm; that is what is reported."
+                f"No simple rise of the pressures reaches the shape of the search: {self.motion.name} ends at another "
+                f"stable shape, at {mm} mm. The report shows that shape."
             )
         if self.elsewhere:
             names = ", ".join(copy.name for copy in self.elsewhere)
-            said.append(f"It hangs on the way: {names} end elsewhere, at worst at {worst} instead of {mm}.")
+            said.append(
+                f"The result is near a bifurcation: {names} end at another stable shape, at worst at {worst} instead "
+                f"of {mm} mm."
+            )
         nearer = [copy for copy in self.elsewhere if copy.value < NEARER * self.motion.value]
         if nearer:
             best = min(nearer, key=lambda copy: copy.value)
             said.append(
-                f"The target lies on a branch that {self.motion.name} does not reach: {best.name} ends at "
+                f"The target lies near a stable shape that {self.motion.name} does not reach: {best.name} ends at "
                 f"{1e3 * best.value:.2f} mm."
             )
         return said or [
-            f"Reached by {self.motion.name} at {mm} mm, and by {len(self.copies)} copies, at worst {worst}."
+            f"{self.motion.name[0].upper()}{self.motion.name[1:]} ends at this shape, {mm} mm from the target. So do "
+            f"all {len(self.copies)} motions with changed inputs ({', '.join(copy.name for copy in self.copies)}); the "
+            f"worst is {worst} from the target."
         ]
 
     def as_json(self) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from optimize.fit.parameters import fit_vector
 from studies.calibration.calibrate import Calibration, calibrate
 from studies.calibration.fitted_model import muscle_scope
 from studies.evaluate import DesignResult, evaluate_sets
-from studies.judged_search import GRID
+from studies.sensitive_stretches import GRID
 
 MODEL = "model.toml"
 TRACE = "trace"  # the folder of the trace
@@ -91,7 +91,7 @@ def learn(
         else:
             line, trained = _trained(study, measured, model, work, name, simulators, say)
             said.append(line)
-    say("judging the model on the trials held out")
+    say("evaluating the model on the held-out trials")
     held_out = _held_out(study, sets, model_of(work, name), simulators)
     return Learned(
         said=tuple(said),
@@ -170,8 +170,10 @@ def _calibrated(
 
 def _of_calibration(found: Calibration) -> list[str]:
     left = found.as_json()["excess"]["after"]
-    lines = [f"calibrated on {len(found.model.provenance.fitted)} trials: {left:.2f} mm over the noise are left"]
-    return lines + [f"intervals are not to be believed: {why}" for why in found.doubts]
+    lines = [
+        f"calibrated on {len(found.model.provenance.fitted)} trials: {left:.2f} mm of excess over the noise remain"
+    ]
+    return lines + [f"warning: the intervals are not reliable: {why}" for why in found.doubts]
 
 
 def _trained(
@@ -214,9 +216,9 @@ def _trained(
             shutil.rmtree(files / name)
     learned = f"network {study.learning.train} learned from {result.learned_from} trials"
     worth = (
-        f"closes {min(shares):.0%} of what was left on trials kept back"
+        f"removes {min(shares):.0%} of the excess on held-out trials"
         if shares
-        else "nothing was left to close on trials kept back"
+        else "there was no excess left on held-out trials"
     )
     return f"{learned}, {worth}{'' if used else '; it is not used'}", used
 
@@ -225,7 +227,7 @@ def _held_out(
     study: LoopStudy, sets: Sequence[MeasurementSet], model: Model, simulators: Simulators
 ) -> dict[str, float] | None:
     """mm of surface excess on the trials of role test of all sets, before and after as `evaluate` has them; None
-    where no frame of such trials is judged."""
+    where no frame of such trials is used."""
     grid = study.points_per_side
     try:
         found = evaluate_sets(
@@ -233,9 +235,11 @@ def _held_out(
         ).designs
     except InputError:
         return None
-    return {way: 1e3 * fmean(_means(design, way).excess for design in found.values()) for way in ("before", "after")}
+    return {
+        state: 1e3 * fmean(_means(design, state).excess for design in found.values()) for state in ("before", "after")
+    }
 
 
-def _means(design: DesignResult, way: str) -> Errors:
+def _means(design: DesignResult, state: str) -> Errors:
     """Over the trials."""
-    return Errors(**{name: over.mean for name, over in getattr(design, way).items()})
+    return Errors(**{name: over.mean for name, over in getattr(design, state).items()})

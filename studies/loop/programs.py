@@ -15,7 +15,7 @@ from fabdesign.trial import Role
 TICK = 0.05  # s, in which a regulator is commanded
 NEAR = (0.6, 1.3)  # of the design's own pressures, between which programs about them lie
 IDLE = 0.35  # chance that a channel of the others has no pressure
-LEAST = 0.3  # of the highest pressure, of a channel that has some
+LEAST_SHARE = 0.3  # of the highest pressure, of a channel that has some
 _STAIRS = np.array([1, 2, 3, 2, 1, 0]) / 3
 
 Array = NDArray[np.float64]
@@ -51,7 +51,7 @@ def programs_for(
 
 def _informative(study: LoopStudy, design: Design, own: Array, rng: np.random.Generator) -> list[PressureProgram]:
     """By turns: a step on and off, a staircase up and down, random levels; of pressures about the design's own and of
-    any others. Channels differ, so that no cloth buckles by a coin's toss."""
+    any others. Channels differ, so that no trial is near a bifurcation."""
     highest = np.minimum(limits(design), study.highest)
     seconds = study.trials.seconds
     found = []
@@ -59,9 +59,9 @@ def _informative(study: LoopStudy, design: Design, own: Array, rng: np.random.Ge
         if number % 2 == 0:
             most = np.minimum(own * rng.uniform(*NEAR, len(own)), highest)
         else:
-            most = highest * np.where(rng.random(len(own)) < IDLE, 0.0, rng.uniform(LEAST, 1.0, len(own)))
+            most = highest * np.where(rng.random(len(own)) < IDLE, 0.0, rng.uniform(LEAST_SHARE, 1.0, len(own)))
         if not most.any():
-            most = LEAST * highest
+            most = LEAST_SHARE * highest
         if number % 3 == 0:
             shares: Array = np.outer([1.0, 0.0], np.ones(len(own)))
             times = np.array([0.0, 2 * seconds / 3])

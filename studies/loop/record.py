@@ -6,7 +6,7 @@ from typing import Any
 
 from fabdesign import SIMULATOR
 from fabdesign.checkpoint import sha256
-from fabdesign.loop_file import LoopStudy, VirtualRig
+from fabdesign.loop_file import LoopStudy, StopRule, VirtualRig
 from studies.layouts.content import flat, shortened, study_content
 from studies.layouts.target import LoadedTarget
 
@@ -29,7 +29,7 @@ class Turn:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class LoopOutcome:
     """stop_reason: why the loop ended; empty while a measurement is waited for, and then `waiting_for` says where."""
 
     name: str
@@ -72,3 +72,18 @@ def loop_content(study: LoopStudy, targets: Sequence[LoadedTarget]) -> dict[str,
         content["laboratory.folder"] = source.folder.resolve()
     named = {name: shortened(str(value)) for name, value in content.items()}
     return named | study_content(study.search, targets)
+
+
+def stop_reason(rule: StopRule, excess: Sequence[float]) -> str | None:
+    """In a sentence, of the excess [m] on the device after each turn, the first design's first; None: it goes on."""
+    *before, now = excess
+    if now <= rule.excess:
+        return f"near enough: {1e3 * now:.2f} mm over the noise floor on the device, within {1e3 * rule.excess:g} mm"
+    if len(before) >= rule.turns:
+        return f"turns used: {rule.turns}"
+    if before and now > (1 - rule.gain) * min(before):
+        return (
+            f"no further gain: {1e3 * now:.2f} mm over the noise floor on the device, {1e3 * min(before):.2f} before; "
+            f"a turn that gains less than {rule.gain:.0%} is the last"
+        )
+    return None

@@ -1,4 +1,4 @@
-"""The page that shows a loop: errors on the device turn by turn, beside what each search believed."""
+"""The page that shows a loop: errors on the device turn by turn, beside what each search predicted."""
 
 import json
 from collections.abc import Sequence
@@ -19,13 +19,15 @@ from fabdesign.pressure_file import read_pressures
 from studies.layouts.drawing import layout_svg
 from studies.layouts.figures import LEGEND, SHOWN, TARGET, faces_trace, points_trace, scene_layout
 from studies.layouts.target import LoadedTarget
-from studies.loop.record import Outcome, Turn
+from studies.loop.record import LoopOutcome, Turn
 
-BELIEVED, DEVICE = "#92c5de", "#b2182b"
+PREDICTED, DEVICE = "#92c5de", "#b2182b"
 _BAR, _GAP, _WIDE = 16, 26, 420  # of a drawing unit
 
 
-def write_report(outcome: Outcome, study: LoopStudy, targets: Sequence[LoadedTarget], folder: Path, out: Path) -> None:
+def write_report(
+    outcome: LoopOutcome, study: LoopStudy, targets: Sequence[LoadedTarget], folder: Path, out: Path
+) -> None:
     """Write `report.html` into `out`; the turns' folders lie in `folder`."""
     template = Environment(autoescape=True).from_string(
         files("studies.loop").joinpath("report.html.j2").read_text(encoding="utf-8")
@@ -46,32 +48,32 @@ def write_report(outcome: Outcome, study: LoopStudy, targets: Sequence[LoadedTar
     write_text(out / "report.html", page)
 
 
-def as_sentence(outcome: Outcome) -> str:
+def as_sentence(outcome: LoopOutcome) -> str:
     """Where the loop stands."""
     measured = [turn.device["excess"] for turn in outcome.turns if turn.device is not None]
     best = outcome.best
     if best is None or best.device is None:
-        return f"A design is chosen; its measurements are waited for in {outcome.waiting_for}."
-    said = f"On the device {measured[0]:.2f} mm over the floor at first"
+        return f"A design is chosen. Its measurements are expected in {outcome.waiting_for}."
+    said = f"The first design is {measured[0]:.2f} mm over the noise floor on the device"
     if len(measured) > 1:
-        said += f", {best.device['excess']:.2f} mm in {best.name.replace('_', ' ')}, the nearest"
+        said += f"; the nearest, {best.name.replace('_', ' ')}, is {best.device['excess']:.2f} mm over it"
     if outcome.waiting_for is not None:
-        return f"{said}; the next measurements are waited for in {outcome.waiting_for}."
+        return f"{said}. The next measurements are expected in {outcome.waiting_for}."
     return f"{said}. Ended: {outcome.stop_reason}."
 
 
-def as_text(outcome: Outcome) -> str:
+def as_text(outcome: LoopOutcome) -> str:
     """For the terminal: a line a turn, and what comes next."""
     lines, device = [], "on the device (synthetic rig)" if outcome.synthetic else "on the device"
     for turn in outcome.turns:
-        believed = f"believed {turn.chosen['believed']['excess']:.2f} mm"
+        predicted = f"predicted {turn.chosen['believed']['excess']:.2f} mm"
         on = "not measured yet" if turn.device is None else f"{device} {turn.device['excess']:.2f} mm"
-        lines.append(f"{turn.name.replace('_', ' ')}: {believed}, {on} over the floor")
+        lines.append(f"{turn.name.replace('_', ' ')}: {predicted}, {on} over the noise floor")
         lines += [f"  {line}" for line in (turn.learned or {}).get("said", ())]
     if outcome.waiting_for is not None:
         lines.append(
             f"waiting for a measurement set in {outcome.waiting_for}; what to sew and to run: {outcome.asked}; then "
-            "the same command goes on"
+            "run the same command again"
         )
     else:
         lines.append(f"ended: {outcome.stop_reason}")
@@ -79,13 +81,13 @@ def as_text(outcome: Outcome) -> str:
 
 
 def _bars(turns: Sequence[Turn]) -> str:
-    """Excess of each turn, believed and measured, as an SVG."""
+    """Excess of each turn, predicted and measured, as an SVG."""
     pairs = [(t.name, t.chosen["believed"]["excess"], None if t.device is None else t.device["excess"]) for t in turns]
     most = max([0.1, *(value for _, *values in pairs for value in values if value is not None)])
     parts, y = [], 4
     for name, *values in pairs:
         parts.append(f'<text x="0" y="{y + _BAR}">{name.replace("_", " ")}</text>')
-        for value, colour, what in zip(values, (BELIEVED, DEVICE), ("believed", "device"), strict=True):
+        for value, colour, what in zip(values, (PREDICTED, DEVICE), ("predicted", "device"), strict=True):
             if value is not None:
                 parts.append(
                     f'<rect x="60" y="{y}" width="{_WIDE * value / most:.1f}" height="{_BAR}" fill="{colour}"/>'
@@ -105,13 +107,13 @@ def _layout(turn: Turn, study: LoopStudy, folder: Path) -> str:
 
 
 def _scene(turn: Turn, targets: Sequence[LoadedTarget], folder: Path) -> dict[str, Any]:
-    """Of the first pose: the target, the measured cloth, and the shape that the search believed."""
+    """Of the first pose: the target, the measured cloth, and the shape that the search predicted."""
     with np.load(folder / turn.name / "shapes.npz") as arrays:
         shapes = {name: np.asarray(arrays[name][0], dtype=float) for name in ("device", "believed")}
     target = targets[0].points
     traces = [
         points_trace(target[:: max(1, len(target) // SHOWN)], "target", TARGET),
         faces_trace(shapes["device"]) | {"name": "measured", "color": DEVICE, "opacity": 0.7},
-        faces_trace(shapes["believed"]) | {"name": "believed", "color": BELIEVED, "opacity": 0.7},
+        faces_trace(shapes["believed"]) | {"name": "predicted", "color": PREDICTED, "opacity": 0.7},
     ]
     return {"data": traces, "layout": scene_layout() | {"legend": LEGEND}}

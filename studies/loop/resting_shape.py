@@ -2,8 +2,8 @@
 
 Points of several frames, on both faces, with noise and strays, become a mid-surface: a bicubic B-spline whose control
 points are fitted to the points' heights over it, with the lengths along and across the cloth kept those of a shape
-that a model believes (iterated closest points with a nearly inextensible sheet). A point that does not say on which
-face it lies counts for the mid-surface at first, then for the likelier face, as in `corrector.matching`.
+that a model predicts (iterated closest points with a nearly inextensible sheet). A point that does not say on which
+face it lies counts for the mid-surface at first, then for the likelier face, as in `corrector.examples`.
 """
 
 from functools import lru_cache
@@ -23,7 +23,7 @@ POINTS = 6_000  # of all frames that are fitted, drawn
 CONTROLS = 11  # a side
 _STRAIN = 0.004  # of the lengths between nodes, that counts as much as
 _HEIGHT = 1e-3  # m of a point's height
-_SMOOTH = 4e-3  # m, of control points' second differences against the believed shape's
+_SMOOTH = 4e-3  # m, of control points' second differences against the predicted shape's
 _PINNED = 1e-4  # m, of the held edge
 _SIDED = 8  # rounds from which on points are told apart by face
 _ROUNDS = 16
@@ -32,15 +32,15 @@ _FAR = 5.0  # median heights off, from which a point is a stray's
 _LEAST_FAR = 2.5e-3  # m, below which it is none
 
 
-def resting_faces(points: Array, fabric: Fabric, believed: Array, *, seed: int = 0) -> Array:
+def resting_faces(points: Array, fabric: Fabric, predicted: Array, *, seed: int = 0) -> Array:
     """(2 n n, 3) m, front face then back face as a forward model gives them, of measured points (k, 3) m.
 
-    believed: (2 n n, 3) m, the shape that a model expects: where the fit begins, and whose lengths it keeps.
+    predicted: (2 n n, 3) m, the shape that a model expects: where the fit begins, and whose lengths it keeps.
     """
-    side = isqrt(len(believed) // 2)
+    side = isqrt(len(predicted) // 2)
     points = _drawn(np.asarray(points, dtype=np.float64), seed)
     basis = _basis(side)
-    start = believed.reshape(2, side * side, 3).mean(axis=0)
+    start = predicted.reshape(2, side * side, 3).mean(axis=0)
     controls = np.linalg.lstsq(basis.toarray(), start, rcond=None)[0]
     along = _differences(side, basis)
     lengths = np.linalg.norm(along @ controls, axis=1)

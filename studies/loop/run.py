@@ -21,10 +21,9 @@ from studies.layouts.begin import first_starts
 from studies.layouts.target import LoadedTarget, load_target
 from studies.loop.learning import MODEL, Simulators, learn, model_of
 from studies.loop.programs import programs_for
-from studies.loop.record import Outcome, Turn, loop_content
+from studies.loop.record import LoopOutcome, Turn, loop_content, stop_reason
 from studies.loop.report import write_report
 from studies.loop.sources import ASKED, MEASURED, measured
-from studies.loop.stop import stop_reason
 from studies.loop.turn import SEARCH, Choice, choose, chosen, judge, turn_name
 
 Progress = Callable[[str, float], None]  # what is done, and about what share of all
@@ -59,7 +58,7 @@ def run_loop(
     seconds: float | None = None,
     force: bool = False,
     progress: Progress = lambda line, share: None,
-) -> Outcome:
+) -> LoopOutcome:
     """Turn after turn, until the study's rule ends it or a laboratory is waited for; writes `result.json`,
     `report.html`, the folders of the turns and, of the turn that came nearest as measured, `design.toml` and
     `pressures.csv` into `out`, and the last `model.toml`.
@@ -122,13 +121,13 @@ def _simulators(study: LoopStudy) -> Simulators:
     return simulator
 
 
-def _turns(loop: _Loop) -> Outcome:
+def _turns(loop: _Loop) -> LoopOutcome:
     study = loop.study
     turns: list[Turn] = []
     sets: list[MeasurementSet] = []
     model: Model | None = study.search.model
     earlier: Choice | None = None
-    outcome = Outcome(
+    outcome = LoopOutcome(
         name=study.search.name,
         turns=(),
         seed=study.search.seed,
@@ -148,7 +147,7 @@ def _turns(loop: _Loop) -> Outcome:
             )
         sets.append(found)
         outcome = replace(outcome, synthetic=outcome.synthetic or "synthetic" in found.description)
-        device = _judged(loop, number, choice, found)
+        device = _measured_errors(loop, number, choice, found)
         reason = stop_reason(
             study.stop, [*(1e-3 * t.device["excess"] for t in turns if t.device), 1e-3 * device["excess"]]
         )
@@ -201,8 +200,8 @@ def _measured(loop: _Loop, number: int, choice: Choice) -> MeasurementSet | None
     return read_set(loop.work.folder / name / MEASURED)
 
 
-def _judged(loop: _Loop, number: int, choice: Choice, found: MeasurementSet) -> dict[str, Any]:
-    loop.say(number, "judging the shape on the device", 0.6)
+def _measured_errors(loop: _Loop, number: int, choice: Choice, found: MeasurementSet) -> dict[str, Any]:
+    loop.say(number, "evaluating the shape on the device", 0.6)
     kept: dict[str, Any] = loop.checkpoint.get(
         f"{turn_name(number)}_device", lambda: judge(loop.study, choice, found, loop.targets, loop.work)
     )
@@ -226,7 +225,7 @@ def _learned(loop: _Loop, number: int, sets: Sequence[MeasurementSet], model: Mo
     return kept
 
 
-def _keep_best(loop: _Loop, outcome: Outcome, learned: int) -> None:
+def _keep_best(loop: _Loop, outcome: LoopOutcome, learned: int) -> None:
     """Copy the nearest turn's design and pressures, and the last turn's model, up."""
     best = outcome.best
     assert best is not None

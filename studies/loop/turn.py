@@ -1,4 +1,4 @@
-"""One turn: a design is chosen with what is known, measured, and judged on the device."""
+"""One turn: a design is chosen with what is known, measured, and evaluated on the device."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
+from fabdesign.errors import InputError
 from fabdesign.loop_file import LoopStudy
 from fabdesign.metrics import Errors
 from fabdesign.model import POINTS_PER_SIDE, Model
@@ -19,24 +20,53 @@ from fabdesign.study_file import EarlierResult
 from fabdesign.trial import MeasurementSet
 from optimize.evaluations import Evaluations
 from studies.layouts.run import COARSE, run_study
-from studies.layouts.target import LoadedTarget
-from studies.loop.device import device_errors, measured_shapes
+from studies.layouts.target import LoadedTarget, target_errors
 from studies.loop.learning import Simulators
-
-SEARCH = "search"  # the folder of the turn's search, what `optimize` writes
-SHAPES = "shapes.npz"
+from studies.loop.resting_shape import resting_faces
 
 Array = NDArray[np.float64]
 
 
+AT_REST = 0.5  # s, the last of a trial in which a cloth counts as at rest
+
+
+def measured_shapes(measured: MeasurementSet, targets: Sequence[LoadedTarget], predicted: Array, *, seed: int) -> Array:
+    """(poses, 2 n, 3) m: the cloth's faces in the trials of orders 0, 1, ..., one a target: at rest in the last half
+    second, or in the frame at the target's time. predicted: (poses, 2 n, 3) m, as the search had them."""
+    by_order = {trial.order: trial for trial in measured.trials}
+    shapes = []
+    for pose, target in enumerate(targets):
+        trial = by_order[pose]
+        data = trial.load()
+        if target.time is None:
+            chosen = np.flatnonzero(data.time > data.time[-1] - AT_REST)
+        else:
+            chosen = np.array([np.abs(data.time - target.time).argmin()])
+        points = np.concatenate([data.frames[int(k)] for k in chosen])
+        shapes.append(resting_faces(points, trial.design.fabric, predicted[pose], seed=seed))
+    return np.array(shapes)
+
+
+def device_errors(targets: Sequence[LoadedTarget], shapes: Array, measured: MeasurementSet, *, seed: int) -> Errors:
+    """Of the measured shapes (poses, 2 n, 3) m against the targets: the same measures, with the same floors, as of the
+    shapes that the search predicted. Raises InputError where no shape was found."""
+    if not np.isfinite(shapes).all():
+        raise InputError(f"{measured.name}: no cloth lies through its points; expected measured clouds of one")
+    return target_errors(targets, shapes, measured.trials[0].design, seed=seed)
+
+
+SEARCH = "search"  # the folder of the turn's search, what `optimize` writes
+SHAPES = "shapes.npz"
+
+
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """What a turn's search came to. believed: against the target, m; shapes (poses, 2 n, 3) m."""
+    """What a turn's search came to. predicted: against the target, m; shapes (poses, 2 n, 3) m."""
 
     folder: Path
     design: Design
     pressures: Array  # (poses, channels) Pa
-    believed: Errors
+    predicted: Errors
     shapes: Array
     stop_reason: str
 
@@ -89,7 +119,7 @@ def chosen(kept: dict[str, Any], folder: Path) -> Choice:
         folder=folder,
         design=design,
         pressures=np.array([read_pressures(file, design).pressure[-1] for file in files]),
-        believed=of_millimetres(kept["believed"]),
+        predicted=of_millimetres(kept["believed"]),
         shapes=shapes,
         stop_reason=kept["stop_reason"],
     )
@@ -98,7 +128,7 @@ def chosen(kept: dict[str, Any], folder: Path) -> Choice:
 def judge(
     study: LoopStudy, choice: Choice, measured: MeasurementSet, targets: Sequence[LoadedTarget], work: WorkFolder
 ) -> dict[str, Any]:
-    """Errors of the measured shapes against the targets, mm, and how far those are from the believed ones."""
+    """Errors of the measured shapes against the targets, mm, and how far those are from the predicted ones."""
     seed = study.search.seed
     shapes = measured_shapes(measured, targets, choice.shapes, seed=seed)
     errors = device_errors(targets, shapes, measured, seed=seed)

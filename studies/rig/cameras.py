@@ -1,4 +1,4 @@
-"""Four virtual depth cameras: a z-buffer over both faces, depth noise, holes and flying pixels."""
+"""The sensors of the rig: noisy points of both faces; four depth cameras (z-buffer, noise, holes, flying pixels)."""
 
 import json
 from pathlib import Path
@@ -10,12 +10,42 @@ from scipy.spatial.transform import Rotation
 
 from fabdesign.output import write_text
 from fabdesign.recording import Sensor, write_recording
+from studies.rig.key import Sensing
 from studies.rig.motion import equilibrium
 from studies.rig.scene import Scene
-from studies.rig.sensor import faces
-from studies.rig.specimen import Task, control_points, prepare
+from studies.rig.specimen import TrialTask, control_points, prepare
 
 Array = NDArray[np.float64]
+
+
+STRAY_REACH = 0.05  # m around the cloth's box
+
+
+def faces(scene: Scene, x: Array, uv: Array, side: Array) -> Array:
+    """(n, 3) m: points of the faces at `uv` (n, 2) m; side (n,) is 1 in front and -1 at the back."""
+    patch = scene.patch
+    a1, a2 = patch.matrix(uv, 1, 0) @ x, patch.matrix(uv, 0, 1) @ x
+    normal = np.cross(a2, a1)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    half = scene.design.fabric.thickness / 2
+    return np.asarray(patch.matrix(uv) @ x + (half * side)[:, None] * normal)
+
+
+def measure(scene: Scene, x: Array, sensing: Sensing, rng: np.random.Generator) -> Array:
+    """One frame: sensing.points points (n, 3) m of the cloth with control points x."""
+    n = sensing.points
+    fabric = scene.design.fabric
+    uv = rng.random((n, 2)) * [fabric.width, fabric.height]
+    points = faces(scene, x, uv, rng.choice([-1.0, 1.0], n))
+    points += rng.normal(0.0, sensing.noise, points.shape)
+    stray = rng.random(n) < sensing.strays
+    low, high = points.min(axis=0) - STRAY_REACH, points.max(axis=0) + STRAY_REACH
+    points[stray] = rng.uniform(low, high, (int(stray.sum()), 3))
+    for distort in scene.sensed:
+        points = distort(points)
+    return points
+
+
 Ints = NDArray[np.int64]
 
 CAMERAS = {"front_left": (-1, 1), "front_right": (1, 1), "back_left": (-1, -1), "back_right": (1, -1)}
@@ -32,7 +62,7 @@ MESH = 121  # points a side of the surface that is drawn
 FRAMES = 10
 
 
-def record(task: Task, folder: Path, truth_file: Path) -> None:
+def record(task: TrialTask, folder: Path, truth_file: Path) -> None:
     """Write the task's motion as FRAMES frames seen by the four cameras into `folder`, its name that of the recording,
     and their true poses to `truth_file`."""
     scene = prepare(task)

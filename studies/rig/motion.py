@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from studies.rig.muscle import pressure_at_intervals, settle
 from studies.rig.scene import Scene, StepReport
-from studies.rig.solver import MAX_ITERATIONS, RigDiverged, Solver
+from studies.rig.solver import MAX_ITERATIONS, RigDiverged, RigSolver
 
 Array = NDArray[np.float64]
 EQUILIBRIUM_TOLERANCE = 1e-9  # m, largest Newton correction
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class RigMotion:
     """Control points at every step, from `start` [s] on: position (steps + 1, n, 3) m, velocity m/s, step in s."""
 
     position: Array
@@ -44,7 +44,7 @@ def equilibrium(scene: Scene, x: Array, pressure: Array) -> Array:
 
     Raises RigDiverged.
     """
-    solver = Solver(scene)
+    solver = RigSolver(scene)
     p = pressure_at_intervals(scene, pressure)
     no_rate, no_cable_rate = np.zeros((len(scene.uv), 3)), np.zeros(len(scene.cables.rest))
     weight = scene.mass @ np.broadcast_to(scene.gravity, x.shape)
@@ -68,12 +68,12 @@ def equilibrium(scene: Scene, x: Array, pressure: Array) -> Array:
     raise RigDiverged("no equilibrium was found")
 
 
-def run(scene: Scene, pressures: Array, step: float, *, start: float = 0.0) -> Motion:
+def run(scene: Scene, pressures: Array, step: float, *, start: float = 0.0) -> RigMotion:
     """Motion from equilibrium at zero pressure, of a free cloth from where it lies flat.
 
     pressures (steps + 1, channels) Pa: row n for start + n * step s. Raises RigDiverged.
     """
-    s, solver = scene, Solver(scene)
+    s, solver = scene, RigSolver(scene)
     for hook in s.pressure_hooks:
         pressures = hook(pressures, step)
     idle = np.zeros(pressures.shape[1])
@@ -104,11 +104,11 @@ def run(scene: Scene, pressures: Array, step: float, *, start: float = 0.0) -> M
         report = StepReport(time, step, p, solver.contraction, solver.tension, solver.strain)
         for after in s.after_step:
             after(s, report)
-    return Motion(positions, velocities, step, start)
+    return RigMotion(positions, velocities, step, start)
 
 
 def _step(
-    solver: Solver,
+    solver: RigSolver,
     time: float,
     h: float,
     p: Array,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fabdesign.cluster import current
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
-from fabdesign.effort import LONGEST
+from fabdesign.effort import LONGEST, MEMORY
 from fabdesign.errors import InputError
 from fabdesign.measurement_set import NewTrial, write_set
 from fabdesign.output import new_file, new_folder
@@ -23,11 +23,10 @@ from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.pressure_file import read_pressures
 from fabdesign.trial import Role
 from fabdesign.trial_file import TrialData, program_of
-from studies.rig.effort import require_room
+from studies.rig.cameras import measure
 from studies.rig.key import Key, read_key
-from studies.rig.scene import DEFAULT, Resolution
-from studies.rig.sensor import measure
-from studies.rig.specimen import Task, control_points, prepare
+from studies.rig.scene import DEFAULT, Resolution, control_counts
+from studies.rig.specimen import TrialTask, control_points, prepare
 
 Array = NDArray[np.float64]
 THREAD_SETTINGS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -131,7 +130,7 @@ def _recording_places(
         yield clouds, truth
 
 
-def _task(design: Design, program: PressureProgram, order: int, key: Key, resolution: Resolution) -> Task:
+def _task(design: Design, program: PressureProgram, order: int, key: Key, resolution: Resolution) -> TrialTask:
     """The trial's frames, and the program as the trial's file will state it: a set point a frame interval."""
     require_pressures(program, design, f"program {order}")
     rate = key.sensing.frame_rate
@@ -139,17 +138,17 @@ def _task(design: Design, program: PressureProgram, order: int, key: Key, resolu
         raise InputError(f"program {order}: lasts {program.duration:g} s; expected at most {LONGEST:g} s")
     times = np.arange(1, max(1, round(program.duration * rate)) + 1) / rate
     rows = program.at(times - 1e-6)
-    return Task(design, program_of(times, rows), times, order, key, resolution)
+    return TrialTask(design, program_of(times, rows), times, order, key, resolution)
 
 
-def _sense(task: Task, shapes: Array) -> TrialData:
+def _sense(task: TrialTask, shapes: Array) -> TrialData:
     scene = prepare(task)
     rng = np.random.default_rng([task.key.seed, task.order, 1])
     clouds = tuple(measure(scene, x, task.key.sensing, rng) for x in shapes)
     return TrialData(task.times, task.program.at(task.times - 1e-6), clouds)
 
 
-def _shapes(tasks: Sequence[Task], workers: int) -> Generator[Array, None, None]:
+def _shapes(tasks: Sequence[TrialTask], workers: int) -> Generator[Array, None, None]:
     """Control points of every task, in order; on a cluster, or on several cores where there are several tasks."""
     if (cluster := current()) is not None:
         yield from cluster.map(control_points, tasks, lambda task: f"trial {task.order} of {task.design.name}")
@@ -196,3 +195,33 @@ def _single_threaded_children() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+_STEP = 48  # bytes of a control point and a step: position and velocity
+_CONTROL = 360  # bytes of a control point and another in reach: the matrix, its factor and what they are made from
+_FRAME, _POINT = 48, 120  # bytes of a frame: of each control point, and of each measured one
+
+
+def trial_bytes(task: TrialTask, resolution: Resolution) -> float:
+    """At the peak of a trial."""
+    blocks, within, reach = control_counts(task.design, resolution)
+    controls, frames = blocks * within, len(task.times)
+    steps = float(task.times[-1]) / resolution.step
+    kept = frames * (_FRAME * controls + _POINT * task.key.sensing.points)
+    return steps * controls * _STEP + controls * within * reach * _CONTROL + kept
+
+
+def require_room(tasks: Sequence[TrialTask], resolution: Resolution) -> int:
+    """How many of the trials fit into memory at once. Raises InputError where one alone does not."""
+    most = 0.0
+    for task in tasks:
+        needed = trial_bytes(task, resolution)
+        if needed > MEMORY:
+            cloth = task.design.fabric
+            raise InputError(
+                f"program {task.order}: {task.times[-1]:g} s of a cloth of {cloth.width:g} by {cloth.height:g} m, "
+                f"{len(task.times)} frames of {task.key.sensing.points} points, take {needed / 1e9:.2g} GB on the rig; "
+                f"expected at most {MEMORY / 1e9:g} GB"
+            )
+        most = max(most, needed)
+    return max(1, int(2 * MEMORY / most))

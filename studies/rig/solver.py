@@ -25,7 +25,7 @@ class RigDiverged(SimulationError):
     """Newton found no solution of a step; says when."""
 
 
-class Solver:
+class RigSolver:
     """One scene's moving state, its residual and its factored stiffness."""
 
     def __init__(self, scene: Scene) -> None:

@@ -25,7 +25,7 @@ MECHANICS = ("spline", "shell", "cables", "muscle", "scene", "solver", "motion",
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class TrialTask:
     """One trial to run."""
 
     design: Design
@@ -36,7 +36,7 @@ class Task:
     resolution: Resolution = DEFAULT
 
 
-def prepare(task: Task, resolution: Resolution | None = None) -> Scene:
+def prepare(task: TrialTask, resolution: Resolution | None = None) -> Scene:
     """The scene with the key's factors and effects in it."""
     scene = build_scene(
         task.design,
@@ -52,7 +52,7 @@ def prepare(task: Task, resolution: Resolution | None = None) -> Scene:
     return scene
 
 
-def control_points(task: Task) -> Array:
+def control_points(task: TrialTask) -> Array:
     """(T, n, 3) control points [m] at the frames. From the cache where the same task has run before.
 
     Raises RigDiverged where even a quarter of the time step finds no solution.
@@ -67,7 +67,7 @@ def control_points(task: Task) -> Array:
     return result
 
 
-def _run(task: Task) -> Array:
+def _run(task: TrialTask) -> Array:
     step = task.resolution.step
     for refinement in (1, 2, 4):
         scene = prepare(task)
@@ -86,7 +86,7 @@ def _run(task: Task) -> Array:
     raise AssertionError  # the loop returns or raises
 
 
-def _digest(task: Task) -> str:
+def _digest(task: TrialTask) -> str:
     """Hash of everything that a motion depends on, the code of its mechanics included."""
     h = hashlib.sha256()
     for part in (task.design, task.order, task.key.seed, sorted(task.key.parameters.items()), task.resolution):

@@ -29,7 +29,7 @@ _FREE = {"top": -1, "bottom": 0, "left": -1, "right": 0}  # row or column of the
 
 
 @dataclass(frozen=True)
-class Column:
+class OutputColumn:
     name: str
     unit: str
     least: float  # standard deviation, in the unit, under which it does not vary
@@ -49,15 +49,15 @@ class Outputs:
     functions: Mapping[str, Output] = field(default_factory=dict)
 
     @property
-    def columns(self) -> list[Column]:
+    def columns(self) -> list[OutputColumn]:
         moments = [f" at {t:g} s" for t in self.at] or [""]
         own = [
-            Column(column + moment, unit, least)
+            OutputColumn(column + moment, unit, least)
             for moment in moments
             for columns, unit, least in map(self._columns_of, self.names)
             for column in columns
         ]
-        return own + [Column(name, "", ROUNDING) for name in self.functions]
+        return own + [OutputColumn(name, "", ROUNDING) for name in self.functions]
 
     @cached_property
     def _in_words(self) -> dict[str, ShapeOutput]:

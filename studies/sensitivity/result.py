@@ -12,12 +12,12 @@ from fabdesign.errors import SimulationError
 from fabdesign.sensitivity_file import SensitivityStudy
 from studies.sensitivity.estimators import INTERVAL, Indices, Screening, indices, screening
 from studies.sensitivity.inputs import Inputs
-from studies.sensitivity.outputs import Column
+from studies.sensitivity.outputs import OutputColumn
 from studies.sensitivity.snapping import snaps
 
 Array = NDArray[np.float64]
 FEWEST = {"morris": 4, "sobol": 8}  # whole rows or trajectories under which nothing is said
-MANY_SNAP = 0.05  # share of samples from which on indices are partly a coin's toss
+MANY_SNAP = 0.05  # share of samples that snap above which indices depend partly on chance
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ class SensitivityResult:
 
     study: SensitivityStudy
     inputs: Inputs
-    columns: list[Column]
+    columns: list[OutputColumn]
     computed: Mapping[str, Computed]
     moves: Array
     complete: bool
@@ -100,29 +100,41 @@ class SensitivityResult:
         return int(snaps(self.moves).sum())
 
     @property
+    def many_snap(self) -> bool:
+        return self.snapping > MANY_SNAP * len(self.moves)
+
+    @property
     def sentences(self) -> list[str]:
-        """What must be said beside the indices."""
+        """What must be said beside the indices: warnings first, then what is in order."""
+        return [text for text, _ in sorted(self._statements(), key=lambda statement: not statement[1])]
+
+    @property
+    def warnings(self) -> list[str]:
+        """Those sentences that limit what the indices say."""
+        return [text for text, warns in self._statements() if warns]
+
+    def _statements(self) -> list[tuple[str, bool]]:
+        """Sentences, and whether each is a warning."""
         said = []
         if not self.complete:
             done = ", ".join(f"{len(f.outputs)} of {len(f.cube)} {ROWS[m]}" for m, f in self.computed.items())
             if self.interrupted:
-                said.append(f"Interrupted, with {done}; the same study goes on in its folder.")
+                said.append((f"Interrupted, with {done}; the same study goes on in its folder.", True))
             else:
                 limit = self.study.seconds
-                said.append(f"Ended by its limit of {limit:g} s, with {done}; with more seconds it goes on.")
+                said.append((f"Ended by its limit of {limit:g} s, with {done}; with more seconds it goes on.", True))
         if self.failed:
             rows = ", ".join(f"{(~f.sound).sum()} {ROWS[m]}" for m, f in self.computed.items() if f.failed)
-            said.append(f"{self.failed} of {self.samples} samples failed; {rows} were left out with them.")
+            said.append((f"{self.failed} of {self.samples} samples failed; {rows} were left out with them.", True))
         if len(self.moves):
             low, high = wilson(self.snapping, len(self.moves))
-            said.append(
-                f"{self.snapping} of {len(self.moves)} samples looked at snap: pressures 2 % off lead elsewhere "
-                f"(90 % interval of the share: {low:.0%} to {high:.0%})."
-                + (" The indices are partly a coin's toss." if self.snapping > MANY_SNAP * len(self.moves) else "")
-            )
+            share = f"90 % interval of the share: {low:.0%} to {high:.0%}"
+            snap = f"{self.snapping} of {len(self.moves)} checked samples snap: pressures 2 % off lead to another "
+            snap += f"stable shape ({share})."
+            said.append((snap + (" So the indices depend partly on chance." if self.many_snap else ""), self.many_snap))
         still = [c.name for c, s, i in zip(self.columns, self.screenings, self.indices, strict=True) if not s and not i]
         if still:
-            said.append(f"What varies does not move {', '.join(still)}.")
+            said.append((f"No varied parameter changes {', '.join(still)}.", False))
         return said
 
     def spread(self, column: int) -> dict[str, float]:

@@ -20,10 +20,10 @@ from fabdesign.model import Model
 from fabdesign.output import WorkFolder, work_folder
 from fabdesign.sensitivity_file import Output, SensitivityStudy, read_sensitivity
 from studies.forward_model import forward_model
+from studies.laced_motion import WithMuscleStates, knows_muscles
 from studies.layouts.content import flat, shortened
 from studies.layouts.target import LoadedTarget, load_target
-from studies.muscle_states import WithMuscleStates, knows_muscles
-from studies.sensitivity.designs import saltelli_rows, trajectories
+from studies.sensitivity.estimators import saltelli_rows, trajectories
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import Outputs, needs_tension
 from studies.sensitivity.report import write_report
@@ -116,7 +116,7 @@ class _Sweep:
             parts["sobol"] = saltelli_rows(len(self.inputs.names), groups, study.samples, study.seed)
         checked = self._checked(parts)
         total = sum(cube.shape[0] * cube.shape[1] for cube in parts.values()) + 3 * len(checked)
-        self._total, self._done, self._begun, self._fresh = total, 0, time.monotonic(), 0
+        self._total, self._done, self._begun, self._computed = total, 0, time.monotonic(), 0
         in_time = True
         for part, cube in parts.items():
             values = self.inputs.values(cube.reshape(-1, cube.shape[-1]), screened=part == "morris")
@@ -177,12 +177,12 @@ class _Sweep:
             self._store.add(part, numbers, new, wall=time.monotonic() - wall, cpu=time.process_time() - cpu)
             found |= dict(zip(numbers, new, strict=True))
             self._done += cases * len(numbers)
-            self._fresh += cases * len(numbers)
+            self._computed += cases * len(numbers)
             self._say(part)
         return {k: v for k, v in found.items() if k < len(values)}
 
     def _say(self, part: str) -> None:
-        pace = (time.monotonic() - self._begun) / self._fresh if self._fresh else None
+        pace = (time.monotonic() - self._begun) / self._computed if self._computed else None
         left = None if pace is None else pace * (self._total - self._done)
         self._progress(Progress(part, self._done, self._total, left))
 
@@ -192,8 +192,8 @@ class _Sweep:
         return [self.outputs.of(f, t) for f, t in zip(frames, tensions, strict=True)]
 
     def _moves_of(self, values: Array) -> list[Array]:
-        ways = (None, *spreads(self.study.design))
-        shapes = self._shapes([self.inputs.case(row, spread) for row in values for spread in ways])
+        signs = (None, *spreads(self.study.design))
+        shapes = self._shapes([self.inputs.case(row, spread) for row in values for spread in signs])
         last = [np.asarray(shape[-1], float) for shape in shapes]
         return [moved(*last[3 * k : 3 * k + 3]) for k in range(len(values))]
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fabdesign.design import Design
+from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
 from fabdesign.muscle import Muscle
 from fabdesign.output import write_text
@@ -77,3 +78,36 @@ def content_hash(file: Path) -> str | None:
         return hashlib.sha256(file.read_bytes()).hexdigest()
     except OSError:
         return None
+
+
+class Watched:
+    """Notices when a file's content becomes another, once for each change. A file that goes, or was never there, is no
+    change."""
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self.seen()
+
+    def seen(self) -> None:
+        """What is there now is known."""
+        self._hash, self._stamp = content_hash(self._file), self._stamped()
+
+    def changed(self) -> bool:
+        stamp = self._stamped()
+        if stamp == self._stamp:
+            return False
+        before = self._hash
+        self.seen()
+        return self._hash is not None and self._hash != before
+
+    def read(self) -> Design:
+        """Raises InputError."""
+        self.seen()
+        return read_design(self._file)
+
+    def _stamped(self) -> tuple[int, int] | None:
+        try:
+            status = self._file.stat()
+        except OSError:
+            return None
+        return status.st_mtime_ns, status.st_size

@@ -70,10 +70,6 @@ class Document:
     def next_undo(self) -> str | None:
         return self._past[-1][0] if self._past else None
 
-    @property
-    def next_redo(self) -> str | None:
-        return self._future[-1][0] if self._future else None
-
     def offer(self, what: str, layout: Layout) -> None:
         """Put a layout where redo finds it, before all else."""
         self._future.append((what, layout))

@@ -21,7 +21,7 @@ class Broken:
     """A limit that is broken: its name in `optimize`'s results, a sentence, and whom it is about."""
 
     limit: str
-    said: str
+    message: str
     muscles: tuple[int, ...] = ()
     channel: int | None = None
 
@@ -41,19 +41,21 @@ def _of_one(design: Design, index: int, muscle: Muscle, limits: Limits) -> list[
     length = f"{1e3 * muscle.length:.1f} mm long"
     found = []
     if (free := margins["inside_cloth"]) < limits.edge - _ROUNDING:
-        said = f"lies {1e3 * free:.1f} mm from the edge; expected {1e3 * limits.edge:g} mm"
-        found.append(Broken("edge", f"muscle {index} {said}", who))
+        message = f"lies {1e3 * free:.1f} mm from the edge; expected {1e3 * limits.edge:g} mm"
+        found.append(Broken("edge", f"muscle {index} {message}", who))
     if margins["shortest"] < -_ROUNDING:
-        said = f"is {length}; expected two pitches, {2e3 * muscle.fixed_point_pitch:g} mm, or it bends next to nothing"
-        found.append(Broken("shortest", f"muscle {index} {said}", who))
+        message = (
+            f"is {length}; expected two pitches, {2e3 * muscle.fixed_point_pitch:g} mm, or it hardly bends the cloth"
+        )
+        found.append(Broken("shortest", f"muscle {index} {message}", who))
     if margins.get("stock_length", 0.0) < -_ROUNDING:
         most = (kind.stock_length or 0.0) - 2 * (kind.tail_length or 0.0)
-        said = f"is {length}; expected at most {1e3 * most:.0f} mm, the stock of {kind.name} less its tails"
-        found.append(Broken("stock_length", f"muscle {index} {said}", who))
+        message = f"is {length}; expected at most {1e3 * most:.0f} mm, the stock of {kind.name} less its tails"
+        found.append(Broken("stock_length", f"muscle {index} {message}", who))
     if margins.get("min_bend_radius", 0.0) < -_ROUNDING and kind.min_bend_radius is not None:
         radius = 1e3 * bend_radius(np.array(muscle.path))
-        said = f"has a corner of {radius:.1f} mm radius; expected {1e3 * kind.min_bend_radius:g} mm of {kind.name}"
-        found.append(Broken("min_bend_radius", f"muscle {index} {said}", who))
+        message = f"has a corner of {radius:.1f} mm radius; expected {1e3 * kind.min_bend_radius:g} mm of {kind.name}"
+        found.append(Broken("min_bend_radius", f"muscle {index} {message}", who))
     return found
 
 
@@ -70,8 +72,8 @@ def _of_pairs(design: Design, limits: Limits) -> list[Broken]:
         if gap < 0:
             found.append(Broken("crossing", f"muscles {i} and {j} cross on the {side}; expected them apart", (i, j)))
         elif gap < limits.spacing - _ROUNDING:
-            said = f"lie {1e3 * gap:.1f} mm apart on the {side}; expected {1e3 * limits.spacing:g} mm"
-            found.append(Broken("spacing", f"muscles {i} and {j} {said}", (i, j)))
+            message = f"lie {1e3 * gap:.1f} mm apart on the {side}; expected {1e3 * limits.spacing:g} mm"
+            found.append(Broken("spacing", f"muscles {i} and {j} {message}", (i, j)))
     return found
 
 
@@ -90,6 +92,6 @@ def _of_pressures(layout: Layout, limits: Limits) -> list[Broken]:
         if most >= LARGEST or most > limits.pressure[1]:
             most, why = limits.pressure[1], "the highest that is searched"
         if pressure > most + 1e-6 or pressure < limits.pressure[0] - 1e-6:
-            said = f"{pressure / 1e3:g} kPa; expected {limits.pressure[0] / 1e3:g} to {most / 1e3:g} kPa, {why}"
-            found.append(Broken("pressure", f"channel {channel} has {said}", channel=channel))
+            message = f"{pressure / 1e3:g} kPa; expected {limits.pressure[0] / 1e3:g} to {most / 1e3:g} kPa, {why}"
+            found.append(Broken("pressure", f"channel {channel} has {message}", channel=channel))
     return found

@@ -25,7 +25,7 @@ class Solves(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class LiveShape:
     """A shape at rest as it is shown. points: (2 n, 3) m. jump: m RMS, where it is another stable shape than the one
     before it; `before` is then that one."""
 
@@ -42,7 +42,7 @@ class Live:
     """Asks for shapes so that only the newest layout counts: what came while the solver was busy is dropped but for the
     last. While a gesture lasts the quick shape is all; afterwards the exact one follows it."""
 
-    def __init__(self, solver: Solves, show: Callable[[Shape], None], fail: Callable[[str], None]) -> None:
+    def __init__(self, solver: Solves, show: Callable[[LiveShape], None], fail: Callable[[str], None]) -> None:
         self._solver, self._show, self._fail = solver, show, fail
         self._wanted: tuple[Layout, Model] | None = None
         self._moving = False
@@ -51,7 +51,7 @@ class Live:
         self._number = 0
         self._others: list[tuple[Ask, Callable[[Answer], None]]] = []
         self._other: Callable[[Answer], None] | None = None
-        self._jumps = Jumps()
+        self._jumps = JumpDetector()
 
     def want(self, layout: Layout, model: Model, *, moving: bool) -> None:
         """The newest layout. moving: in the middle of a gesture."""
@@ -92,7 +92,7 @@ class Live:
             return  # another is wanted by now, and followed
         jump, before = self._jumps.of(answer.points, layout, exact=ask.kind == "exact")
         self._show(
-            Shape(answer.points, layout, ask.kind == "exact", answer.points_per_side, answer.seconds, jump, before)
+            LiveShape(answer.points, layout, ask.kind == "exact", answer.points_per_side, answer.seconds, jump, before)
         )
 
     def _send(self) -> None:
@@ -115,7 +115,7 @@ class Live:
         self._solver.send(ask)
 
 
-class Jumps:
+class JumpDetector:
     """Tells a jump to another stable shape from a motion that keeps pace with what is dragged.
 
     A followed shape has jumped where it moved by more than LEAST, and SNAP times as far as the last changes of its size

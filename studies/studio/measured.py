@@ -11,7 +11,7 @@ from fabdesign.trial_file import TrialData
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class TrialMotion:
     """Frames (T, 2 n, 3) m at times (T,) s, and with them, where they were measured, the clouds (n_t, 3) m."""
 
     name: str
@@ -29,7 +29,7 @@ class Motion:
             return None
         return np.minimum(Surface.of_faces(self.points[frame]).distance(cloud, within=CAP), CAP)
 
-    def said(self, frame: int) -> str:
+    def in_words(self, frame: int) -> str:
         text = f"{self.name}, {self.times[frame]:.3f} s"
         distances = self.distances(frame)
         return text if distances is None else f"{text}: surface RMS {1e3 * capped_rms(distances):.2f} mm"

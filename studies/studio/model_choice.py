@@ -1,4 +1,4 @@
-"""Which model the cloth follows: the data sheet or a model file, and effects on switches with their amounts."""
+"""Which model the cloth follows: the data sheet or a model file, and effects on switches with their parameters."""
 
 from dataclasses import dataclass, field, replace
 
@@ -11,11 +11,11 @@ SHOWN = 2.0  # prior deviations off, for an effect that is switched on to be see
 @dataclass(frozen=True)
 class ModelChoice:
     """given: what `--model` brought, if anything. fitted: whether its factors, effects and corrector hold, or the data
-    sheet. amounts: of the effects that are on, by name, each parameter in the unit that the effect declares."""
+    sheet. effect_values: of the effects that are on, by name, each parameter in the unit that the effect declares."""
 
     given: Model | None = None
     fitted: bool = True
-    amounts: dict[str, dict[str, float]] = field(default_factory=dict)
+    effect_values: dict[str, dict[str, float]] = field(default_factory=dict)
 
     @staticmethod
     def of(given: Model | None) -> "ModelChoice":
@@ -35,34 +35,29 @@ class ModelChoice:
             EffectTerm(
                 name, {k: Quantity(v, EFFECTS[name].parameters[k].unit) for k, v in values.items()}, scopes.get(name)
             )
-            for name, values in self.amounts.items()
+            for name, values in self.effect_values.items()
         )
         own = {effect.name: effect_named(effect.name, "model").values(effect.term.values) for effect in base.effects}
-        if own == self.amounts:
+        if own == self.effect_values:
             return base
         return replace(base, effects=terms, covariance=None, corrector=None, corrector_hash=None)
 
     def switched(self, name: str, on: bool) -> "ModelChoice":
-        """An effect on or off; on as the model has it, or by an amount that shows."""
-        amounts = {k: v for k, v in self.amounts.items() if k != name}
+        """An effect on or off; on as the model has it, or by values that show."""
+        effect_values = {k: v for k, v in self.effect_values.items() if k != name}
         if on:
-            fitted = ModelChoice.of(self.given).amounts if self.given else {}
-            amounts[name] = fitted.get(name) or visible(name)
-        return replace(self, amounts=amounts)
+            fitted = ModelChoice.of(self.given).effect_values if self.given else {}
+            effect_values[name] = fitted.get(name) or visible(name)
+        return replace(self, effect_values=effect_values)
 
-    def amount(self, name: str, parameter: str, value: float) -> "ModelChoice":
+    def with_value(self, name: str, parameter: str, value: float) -> "ModelChoice":
         low, high = EFFECTS[name].parameters[parameter].bounds
-        values = {**self.amounts[name], parameter: min(max(value, low), high)}
-        return replace(self, amounts={**self.amounts, name: values})
+        values = {**self.effect_values[name], parameter: min(max(value, low), high)}
+        return replace(self, effect_values={**self.effect_values, name: values})
 
     def sheet(self, fitted: bool) -> "ModelChoice":
         """The model file (fitted) with its effects, or the data sheet with none."""
         return ModelChoice.of(self.given) if fitted else ModelChoice(self.given, False)
-
-    @property
-    def said(self) -> str:
-        base = "model file" if self.given is not None and self.fitted else "data sheet"
-        return f"{base} with {', '.join(self.amounts)}" if self.amounts else base
 
 
 def visible(name: str) -> dict[str, float]:

@@ -20,7 +20,7 @@ from fabdesign.table import parse_toml
 from optimize.margins import Limits
 from studies.layouts.begin import limits_of
 from studies.studio.layout import HIGHEST, Layout
-from studies.studio.target import PlacedTarget, target_file
+from studies.studio.target import ShownTarget, target_file
 
 NEW = Path("layout.toml")  # that a layout would be, which was begun on no file
 _TARGETS = (".npz", ".ply", ".obj", ".stl", ".off", ".glb", ".gltf", ".3mf", ".xyz", ".pts", ".pcd", ".txt", ".npy")
@@ -33,7 +33,7 @@ class Opened:
     file: Path
     layout: Layout
     limits: Limits
-    target: PlacedTarget | None = None
+    target: ShownTarget | None = None
     model_file: Path | None = None
     model: Model | None = None
     measured: MeasurementSet | None = None
@@ -53,7 +53,7 @@ def open_files(files: Sequence[Path], model_file: Path | None) -> Opened:
         opened = replace(opened, model_file=model_file, model=read_model(model_file))
     for file, (sort, _) in kinds.items():
         if sort == "target":
-            opened = replace(opened, target=PlacedTarget.read(target_file(file), opened.layout.design))
+            opened = replace(opened, target=ShownTarget.read(target_file(file), opened.layout.design))
         elif sort == "pressures":
             program = read_pressures(file, opened.layout.design)
             last = tuple(float(pressure) for pressure in program.pressure[-1])
@@ -113,7 +113,7 @@ def _of_study(study: Study, file: Path) -> Opened:
         file.parent / str(root["design"]),
         layout,
         limits_of(study),
-        target=PlacedTarget.read(first, study.design),
+        target=ShownTarget.read(first, study.design),
         model_file=None if model_name is None else file.parent / str(model_name),
         model=study.model,
     )

@@ -7,7 +7,7 @@ import numpy as np
 
 from studies.studio.flat_view import FlatView
 from studies.studio.hung_view import HungView
-from studies.studio.live import Shape
+from studies.studio.live import LiveShape
 from studies.studio.panels.files import FilePanel
 from studies.studio.panels.model import ModelPanel
 from studies.studio.panels.motion import MotionPanel
@@ -85,7 +85,7 @@ class Page:
                 self._motion.begin()
                 self._hung.draw_cloud("measured", None)
 
-    def show_shape(self, shape: Shape) -> None:
+    def show_shape(self, shape: LiveShape) -> None:
         if self._session.motion is not None:
             return  # a motion is looked at
         with self._server.atomic():
@@ -134,8 +134,8 @@ class Page:
             self._hung.draw_cloud("measured", cloud, distances, largest)
             self._motion.show()
 
-    def show_search(self, said: str, *, running: bool) -> None:
-        self._target.show_search(said, running=running)
+    def show_search(self, message: str, *, running: bool) -> None:
+        self._target.show_search(message, running=running)
 
     def tell(self, text: str, *, bad: bool = False) -> None:
         self._status.tell(text, bad=bad)

@@ -17,7 +17,7 @@ from optimize.margins import Limits
 from studies.studio.autosave import content_hash
 from studies.studio.layout import Layout
 from studies.studio.searching import study_document
-from studies.studio.target import PlacedTarget
+from studies.studio.target import ShownTarget
 
 SETTLED = 2.0  # s of the motion in pressures.csv after its rise
 
@@ -53,7 +53,7 @@ class Saving:
         layout: Layout,
         folder: Path,
         *,
-        target: PlacedTarget | None,
+        target: ShownTarget | None,
         limits: Limits,
         model: Path | None,
         replace: bool = False,

@@ -17,7 +17,7 @@ from fabdesign.output import new_folder
 from fabdesign.pressure_file import read_pressures
 from optimize.margins import Limits
 from studies.studio.layout import Layout
-from studies.studio.target import PlacedTarget
+from studies.studio.target import ShownTarget
 
 Vary = Literal["pressures", "pressures and positions", "one more muscle"]
 VARIES: tuple[Vary, ...] = ("pressures", "pressures and positions", "one more muscle")
@@ -25,7 +25,7 @@ _STOPPED = 30.0  # s that a search has to end with its best
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchResult:
     """The best so far, or at the end the result. objective: m."""
 
     layout: Layout
@@ -36,7 +36,7 @@ class Found:
 
 def study_document(
     layout: Layout,
-    target: PlacedTarget,
+    target: ShownTarget,
     limits: Limits,
     *,
     vary: Vary,
@@ -91,7 +91,7 @@ class Search:
         self,
         folder: Path,
         layout: Layout,
-        target: PlacedTarget,
+        target: ShownTarget,
         limits: Limits,
         *,
         vary: Vary,
@@ -121,7 +121,7 @@ class Search:
     def running(self) -> bool:
         return self._process.poll() is None
 
-    def best(self) -> Found | None:
+    def best(self) -> SearchResult | None:
         """The best so far, when it is another than the last time; at the end the result."""
         try:
             text = (self.result / "result.json").read_text(encoding="utf-8")
@@ -134,7 +134,7 @@ class Search:
             return None
         self._seen = text
         layout = Layout.of(design, tuple(float(pressure) for pressure in pressures))
-        return Found(
+        return SearchResult(
             layout, 1e-3 * content["objective_mm"], int(content["evaluations"]), str(content.get("stop_reason", ""))
         )
 

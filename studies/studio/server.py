@@ -14,7 +14,7 @@ from studies.studio.gate import Gate
 from studies.studio.opening import Opened
 from studies.studio.page import Page
 from studies.studio.session import Session
-from studies.studio.worker import Worker
+from studies.studio.solver import SolverProcess
 
 _BEAT = 0.02  # s between looks at what is due
 
@@ -26,7 +26,7 @@ def serve(
     port: int | None = None,
     announce: Callable[[str], None],
     browser: bool = False,
-    make_worker: Callable[[], Any] = Worker,
+    make_worker: Callable[[], Any] = SolverProcess,
 ) -> None:
     """Run until it is interrupted. announce: is told the address once the page can be opened. port: None takes the
     first free one. Raises InputError where it cannot listen; unsaved changes lie in the autosave whatever ends it."""

@@ -13,38 +13,37 @@ from fabdesign.mark import read_mark
 from fabdesign.pressure import PressureProgram, require_pressures, rising_program
 from fabdesign.pressure_file import read_pressures
 from studies.predict import frame_times
-from studies.studio.autosave import Autosave
+from studies.studio.autosave import Autosave, Watched
 from studies.studio.document import Document
 from studies.studio.layout import Layout, Point, move_corner, move_muscle
 from studies.studio.limits import Broken, broken_limits
-from studies.studio.live import Live, Shape, Solves
-from studies.studio.measured import Motion, labels
+from studies.studio.live import Live, LiveShape, Solves
+from studies.studio.measured import TrialMotion, labels
 from studies.studio.model_choice import ModelChoice
 from studies.studio.opening import Opened, search_limits
 from studies.studio.saving import Saved, Saving
 from studies.studio.searching import Search, Vary, next_folder, require_searchable
 from studies.studio.snapping import row_distance, snapped
 from studies.studio.solver import Answer, Ask
-from studies.studio.target import Comparison, PlacedTarget, compare
-from studies.studio.watched import Watched
+from studies.studio.target import Comparison, ShownTarget, compare
 
 CALM = 0.35  # s without a further value, after which a slider counts as let go
 AUTOSAVE = 1.0  # s between autosaves at least
 FRAME_RATE = 30.0  # Hz, of a motion that is played
 
 
-class View(Protocol):
+class SessionView(Protocol):
     """What shows a session. Called on the session's thread."""
 
     def show_layout(self) -> None: ...
 
-    def show_shape(self, shape: Shape) -> None: ...
+    def show_shape(self, shape: LiveShape) -> None: ...
 
     def show_comparison(self) -> None: ...
 
     def show_motion(self) -> None: ...
 
-    def show_search(self, said: str, *, running: bool) -> None: ...
+    def show_search(self, message: str, *, running: bool) -> None: ...
 
     def tell(self, text: str, *, bad: bool = False) -> None: ...
 
@@ -59,12 +58,12 @@ class Session:
         self.limits, self.target = opened.limits, opened.target
         self.snap, self.rows = False, row_distance(opened.layout.design)
         self.selected: int | None = 0 if opened.layout.design.muscles else None
-        self.shape: Shape | None = None
+        self.shape: LiveShape | None = None
         self.comparison: Comparison | None = None
-        self.motion: Motion | None = None
+        self.motion: TrialMotion | None = None
         self.search: Search | None = None
         self.folder = _folder(opened)
-        self.view: View
+        self.view: SessionView
         self._saving, self._autosave = Saving(), Autosave(opened.file)
         self._autosaves = True  # until one fails
         self._watched = Watched(opened.file)
@@ -91,7 +90,7 @@ class Session:
 
     # a beginning, and what goes on meanwhile
 
-    def begin(self, view: View) -> None:
+    def begin(self, view: SessionView) -> None:
         """Restore what was left, and ask for the first shape."""
         self.view = view
         left = self._autosave.read(self.layout.design)
@@ -210,7 +209,7 @@ class Session:
 
     # the shape
 
-    def _shown(self, shape: Shape) -> None:
+    def _shown(self, shape: LiveShape) -> None:
         self.shape = shape
         self.comparison = None
         if shape.exact and self.target is not None:
@@ -227,7 +226,7 @@ class Session:
 
     # target and search
 
-    def set_target(self, read: Callable[[], PlacedTarget | None]) -> None:
+    def set_target(self, read: Callable[[], ShownTarget | None]) -> None:
         try:
             self.target = read()
         except InputError as error:
@@ -270,14 +269,14 @@ class Session:
         running = self.search.running  # before the result is read: what it wrote last is not missed
         found = self.search.best()
         if found is not None:
-            said = f"{1e3 * found.objective:.2f} mm after {found.evaluations} evaluations"
+            message = f"{1e3 * found.objective:.2f} mm after {found.evaluations} evaluations"
             if self._searched == self.layout:
                 self.document.shape("search", found.layout)
                 self._searched = found.layout
                 self._changed()
             else:
-                said += "; edited meanwhile, so the best does not move in: open it from its folder"
-            self.view.show_search(f"{said}; {found.stop_reason}", running=running)
+                message += "; edited meanwhile, so the best does not move in: open it from its folder"
+            self.view.show_search(f"{message}; {found.stop_reason}", running=running)
         if not running:
             problem, folder = self.search.problem, self.search.result
             self.search.close()
@@ -317,7 +316,7 @@ class Session:
         times = frame_times(program, frame_rate=FRAME_RATE)
         self.document.end()
         ask = Ask(0, "motion", self.layout.design, program, self.choice.model, times)
-        self._ask_motion(ask, lambda answer: Motion(name, times, _points(answer)))
+        self._ask_motion(ask, lambda answer: TrialMotion(name, times, _points(answer)))
 
     def show_trial(self, label: str) -> None:
         """A trial of the set, measured, and its prediction under the model that is chosen."""
@@ -333,9 +332,9 @@ class Session:
             self._changed()
         program = trial.program
         ask = Ask(0, "motion", trial.design, program, self.choice.model, trial.times, trial.order, sensing=True)
-        self._ask_motion(ask, lambda answer: Motion(label, trial.times, _points(answer), data))
+        self._ask_motion(ask, lambda answer: TrialMotion(label, trial.times, _points(answer), data))
 
-    def _ask_motion(self, ask: Ask, motion: Callable[[Answer], Motion]) -> None:
+    def _ask_motion(self, ask: Ask, motion: Callable[[Answer], TrialMotion]) -> None:
         def arrived(answer: Answer) -> None:
             if answer.points is None:
                 self._failed(answer.error or "no motion")
@@ -365,8 +364,8 @@ class Session:
         self.document.keep()
         if (folder / "design.toml").resolve() == self.opened.file.resolve():
             self._watched.seen()
-        said = f"saved {len(saved.files)} files in {folder}"
-        self.view.tell("; ".join([said, *saved.left_out]))
+        message = f"saved {len(saved.files)} files in {folder}"
+        self.view.tell("; ".join([message, *saved.left_out]))
         self.view.show_layout()
         return saved
 

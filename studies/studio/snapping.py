@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from fabdesign.design import Design
 from studies.studio.layout import Point
 
-LEAST = 1e-3  # m between rows
+LEAST_SPACING = 1e-3  # m between rows
 
 
 def row_distance(design: Design) -> float:
     """m between lacing rows where nobody says: half the pitch that most muscles have, so that a row runs through every
     fixed point of one that starts on a row, and between."""
     pitches = Counter(muscle.fixed_point_pitch for muscle in design.muscles)
-    return max((pitches.most_common(1)[0][0] if pitches else 0.02) / 2, LEAST)
+    return max((pitches.most_common(1)[0][0] if pitches else 0.02) / 2, LEAST_SPACING)
 
 
 def rows(length: float, distance: float) -> NDArray[np.float64]:

@@ -18,16 +18,16 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class PlacedTarget:
+class ShownTarget:
     """A target as `optimize` takes it."""
 
     file: TargetFile
     loaded: LoadedTarget
 
     @staticmethod
-    def read(file: TargetFile, design: Design) -> "PlacedTarget":
+    def read(file: TargetFile, design: Design) -> "ShownTarget":
         """Raises InputError like `optimize`, also for a place where no cloth can be."""
-        return PlacedTarget(file, load_target(file, design))
+        return ShownTarget(file, load_target(file, design))
 
     @property
     def points(self) -> Floats:
@@ -47,14 +47,14 @@ class Comparison:
     def sentences(self) -> list[str]:
         """For people, mm, with the noise floors beside."""
         e = self.errors
-        said = [
+        message = [
             f"Chamfer {1e3 * e.chamfer:.2f} mm (noise floor {1e3 * e.chamfer_floor:.2f})",
             f"surface RMS {1e3 * e.surface_rms:.2f} mm (noise floor {1e3 * e.surface_floor:.2f})",
         ]
-        return [*said, told_beyond(e.beyond)] if e.beyond else said
+        return [*message, told_beyond(e.beyond)] if e.beyond else message
 
 
-def compare(target: PlacedTarget, shape: NDArray[np.float32], design: Design) -> Comparison:
+def compare(target: ShownTarget, shape: NDArray[np.float32], design: Design) -> Comparison:
     """shape: (2 n, 3) m."""
     errors = target_errors([target.loaded], shape[None].astype(np.float64), design, draws=DRAWS)
     return Comparison(errors, Surface.of_faces(shape).distance(target.points), nearest_distances(shape, target.points))

@@ -11,31 +11,32 @@ def verdict_in_words(outcome: Outcome) -> str:
     if outcome.verdict == "adequate":
         if evidence.before <= outcome.tolerance:
             return (
-                f"The model with its declared parameters refitted is adequate: trials held out are {before} off, over "
-                f"the noise, within the tolerance of {1e3 * outcome.tolerance:g} mm."
+                f"The model with its declared parameters refitted is adequate: on held-out trials its excess over the "
+                f"noise is {before}, within the tolerance of {1e3 * outcome.tolerance:g} mm."
             )
         return (
-            f"The model is adequate as far as these data say: trials held out are {before} off, over the noise. No "
-            "effect of the list is needed, and a flexible baseline does not predict what is left either."
+            f"The model is adequate as far as these data can say: on held-out trials its excess over the noise is "
+            f"{before}. No effect of the list is needed, and the flexible baseline does not predict the rest either."
         )
     if outcome.verdict == "unexplained":
-        missing = "Something is missing that none of the known effects explains, alone or together with others:"
+        missing = "Something is missing that none of the known effects explains, alone or in combination:"
         if not evidence.box_certain and not evidence.effects:
             return (
-                f"{missing} the refitted model is {1e3 * (evidence.fitted or 0.0):.2f} mm over the noise off the very "
+                f"{missing} the refitted model is {1e3 * (evidence.fitted or 0.0):.2f} mm over the noise even on the "
                 "trials that it was fitted to."
             )
         return (
-            f"{missing} {before} over the noise are left on trials held out, "
-            f"{1e3 * (evidence.fitted or 0.0):.2f} mm on those fitted, of which a flexible baseline takes all but "
-            f"{1e3 * evidence.box_before:.2f} mm."
+            f"{missing} the excess over the noise is {before} on held-out trials and "
+            f"{1e3 * (evidence.fitted or 0.0):.2f} mm on fitted ones; a flexible baseline leaves "
+            f"{1e3 * evidence.box_before:.2f} mm of it."
         )
     named = " and ".join(effect_in_words(effect) for effect in outcome.effects)
     sentence = (
-        f"Missing was {named}: over the noise, trials held out are {before} off without and {left:.2f} mm with it."
+        f"Missing was {named}: on held-out trials the excess over the noise is {before} without and {left:.2f} mm "
+        "with it."
     )
     if outcome.indistinguishable:
-        sentence += f" These data cannot tell it from {', '.join(outcome.indistinguishable)}."
+        sentence += f" These data cannot distinguish it from {', '.join(outcome.indistinguishable)}."
     return sentence
 
 
@@ -67,13 +68,13 @@ def as_text(outcome: Outcome) -> str:
     error = result["error"]
     lines = [f"{outcome.verdict}: {verdict_in_words(outcome)}"]
     lines.append(
-        f"surface RMS of trials held out {error['before']['held_out']:.2f} -> {error['after']['held_out']:.2f} mm, "
+        f"surface RMS of held-out trials {error['before']['held_out']:.2f} -> {error['after']['held_out']:.2f} mm, "
         f"noise floor {error['noise_floor']:.2f}, flexible baseline {error['ceiling']:.2f}"
     )
     for row in result["candidates"]:
         low, high = row["interval90"]
         if row["name"] != "none":
-            what = "its absence costs" if row["chosen"] else "would take"
+            what = "gains" if row["chosen"] else "would gain"
             lines.append(f"  {row['name']:<20} {what} {row['gain']:6.2f} mm (90 % {low:.2f} to {high:.2f})")
     lines.append(f"left out: {outcome.share_unjudged:.0%} of the frames")
     lines += outcome.said

@@ -16,8 +16,8 @@ from fabdesign.output import WorkFolder, whole_file
 from fabdesign.splits import split
 from fabdesign.trial import MeasurementSet, Trial
 from optimize.fit.clouds import evenly
-from studies.judged import Judged
-from studies.judged_search import judge_sets
+from studies.sensitive_stretches import find_used_frames
+from studies.used_frames import UsedFrames
 
 _AT_ONCE = 32  # motions in memory
 FRAMES = 8  # of a trial that are learned from, spread over it: neighbours say the same
@@ -33,7 +33,7 @@ class Chosen:
     key: str  # of its files in the work folder
     trial: Trial
     case: Case  # with the base model's factors and effects
-    judged: NDArray[np.bool_]  # (T,) of its frames: others hang on less than the data sheet knows
+    used: NDArray[np.bool_]  # (T,) mask of its frames; sensitive ones are left out
 
 
 def choose(
@@ -44,10 +44,10 @@ def choose(
     kept_back: float,
     seed: int,
     coarse: ForwardModel | None = None,
-) -> tuple[list[Chosen], list[Chosen], Judged]:
+) -> tuple[list[Chosen], list[Chosen], UsedFrames]:
     """Trials to learn from and trials held out, of role `fit`: all of the designs `hold_out`, and about the share
-    `kept_back` of the others, whole trials, those with the same pressures on one side; and what of them is judged
-    (coarse: as `studies.evaluate` takes it). A trial without a judged frame is in neither.
+    `kept_back` of the others, whole trials, those with the same pressures on one side; and which of their frames
+    are used (coarse: as `studies.evaluate` takes it). A trial without a frame that is used is in neither.
 
     Raises InputError for a design that no set has, and where nothing or too little is left.
     """
@@ -58,9 +58,9 @@ def choose(
     learned: list[Chosen] = []
     held: list[Chosen] = []
     fitting = [[trial for trial in found.trials if trial.role == "fit"] for found in sets]
-    looked_at = judge_sets([*zip(sets, fitting, strict=True)], coarse)
+    used = find_used_frames([*zip(sets, fitting, strict=True)], coarse)
     for k, (found, every) in enumerate(zip(sets, fitting, strict=True)):
-        flags = {trial.name: looked_at.at(found, trial) for trial in every}
+        flags = {trial.name: used.at(found, trial) for trial in every}
         fit = [trial for trial in every if flags[trial.name].any()]
         rest = [trial for trial in fit if trial.design_name not in hold_out]
         sides = (rest, [t for t in fit if t.design_name in hold_out])
@@ -73,7 +73,7 @@ def choose(
             ]
     if not learned:
         raise InputError("no trial of role fit is left to learn from; expected at least two")
-    return learned, held, looked_at
+    return learned, held, used
 
 
 def case_of(trial: Trial, base: Model) -> Case:
@@ -94,8 +94,8 @@ def check_one_cloth(trials: Sequence[Chosen]) -> None:
 
 
 def frames_learned(chosen: Chosen) -> NDArray[np.intp]:
-    """Indices of the frames that are learned from, judged ones."""
-    usable = np.flatnonzero(chosen.judged)
+    """Indices of the frames that are learned from, of those used."""
+    usable = np.flatnonzero(chosen.used)
     return np.asarray(usable[evenly(len(usable), FRAMES)])
 
 

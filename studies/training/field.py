@@ -1,4 +1,4 @@
-"""The field corrector's training: examples, the amounts of its sources, and how far it is to be trusted."""
+"""The field corrector's training: examples, coefficients, and the limit of its trust."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from corrector.basis import anywhere, least_effects, names
 from corrector.designs import described, distance
 from corrector.examples import Examples
-from corrector.inputs import HISTORY, Layout
-from corrector.regression import Regression, amounts_of, best_penalty, relative_error
-from corrector.sources import anywhere, least_effects, names
+from corrector.inputs import HISTORY, MuscleFields
+from corrector.regression import Regression, best_penalty, coefficients_of, relative_error
 from fabdesign.forward import ForwardModel
 from fabdesign.output import WorkFolder
 from fabdesign.splits import by_program, folds
@@ -18,13 +18,13 @@ from studies.training.data import Chosen, Progress, check_one_cloth, frames_lear
 
 _GAIN = 0.95  # of the error before, at most, where a correction counts as of use
 
-Amounts = NDArray[np.float64]
+Coefficients = NDArray[np.float64]
 
 
 def train(
     trials: Sequence[Chosen], forward: ForwardModel, plan: Regression, work: WorkFolder, *, progress: Progress
 ) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
-    """The amounts, and what is to be known about them: designs learned from, what was chosen, the limit of trust."""
+    """The coefficients, and what is known of them: designs learned from, what was chosen, the limit of trust."""
     check_one_cloth(trials)
     examples = _examples(trials, forward, work, progress)
     designs = {chosen.trial.design_name: chosen.trial.design for chosen in trials}
@@ -32,8 +32,8 @@ def train(
     penalty = best_penalty(examples, _folds(trials, plan), plan, least_effects())
     far, share, left_out = _for_unseen(trials, examples, known, plan)
     weights = {
-        "seen": amounts_of(examples, penalty, least_effects()),
-        "unseen": share * amounts_of(examples, far, least_effects(), anywhere()),
+        "seen": coefficients_of(examples, penalty, least_effects()),
+        "unseen": share * coefficients_of(examples, far, least_effects(), anywhere()),
     }
     about = {
         "network": "field",
@@ -84,24 +84,24 @@ def _for_unseen(
         rest = [e for e, chosen in zip(examples, trials, strict=True) if chosen.trial.design_name != name]
         parts[name] = (
             own,
-            {penalty: amounts_of(rest, penalty, least_effects(), anywhere()) for penalty in plan.penalties},
+            {penalty: coefficients_of(rest, penalty, least_effects(), anywhere()) for penalty in plan.penalties},
         )
 
     def worst(penalty: float, share: float) -> float:
-        return max(relative_error(own, share * amounts[penalty]) for own, amounts in parts.values())
+        return max(relative_error(own, share * coefficients[penalty]) for own, coefficients in parts.values())
 
     penalty, share = min(((p, s) for p in plan.penalties for s in plan.shares), key=lambda both: worst(*both))
     left_out = []
-    for name, (own, amounts) in parts.items():
-        before, after = errors_mm(own), errors_mm(own, share * amounts[penalty])
+    for name, (own, coefficients) in parts.items():
+        before, after = errors_mm(own), errors_mm(own, share * coefficients[penalty])
         away = distance(known[name], [other for key, other in known.items() if key != name])
         left_out.append({"design": name, "distance": away, "before_mm": before, "after_mm": after})
     return penalty, share, left_out
 
 
-def errors_mm(examples: Sequence[Examples], amounts: Amounts | None = None) -> float:
+def errors_mm(examples: Sequence[Examples], coefficients: Coefficients | None = None) -> float:
     """mm, RMS over the nodes of how far the cloth is off along the normal, mean over frames."""
-    return float(np.mean(np.concatenate([e.errors(amounts) for e in examples])))
+    return float(np.mean(np.concatenate([e.errors(coefficients) for e in examples])))
 
 
 def _examples(trials: Sequence[Chosen], forward: ForwardModel, work: WorkFolder, progress: Progress) -> list[Examples]:
@@ -109,11 +109,11 @@ def _examples(trials: Sequence[Chosen], forward: ForwardModel, work: WorkFolder,
     work.claim(*files)
     missing = [chosen for chosen, name in zip(trials, files, strict=True) if not (work.folder / name).is_file()]
     motions = simulated(missing, _times_learned, HISTORY, forward, work, progress=progress) if missing else []
-    layouts: dict[int, Layout] = {}
+    layouts: dict[int, MuscleFields] = {}
     for k, (chosen, motion) in enumerate(zip(missing, motions, strict=True)):
         trial = chosen.trial
         if id(trial.design) not in layouts:
-            layouts[id(trial.design)] = Layout.of(trial.design)
+            layouts[id(trial.design)] = MuscleFields.of(trial.design)
         found = Examples.of(chosen.case, layouts[id(trial.design)], _times_learned(chosen), motion, _clouds(chosen))
         found.save(work.folder / f"examples/{chosen.key}.npz")
         progress("matched", len(trials) - len(missing) + k + 1, len(trials))

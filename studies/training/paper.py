@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from corrector.designs import described
 from corrector.paper import FRAMES
-from corrector.paper_training import Pairs, PaperTraining, train_paper
+from corrector.paper_training import PaperTraining, TrainingPairs, train_paper
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
 from fabdesign.output import WorkFolder
@@ -25,7 +25,8 @@ def train(
     rate = _frame_rate(trials)
     motions = simulated(trials, lambda chosen: chosen.trial.times, (), forward, work, progress=progress)
     pairs = [
-        Pairs(motion, chosen.trial.load().frames, chosen.judged) for chosen, motion in zip(trials, motions, strict=True)
+        TrainingPairs(motion, chosen.trial.load().frames, chosen.used)
+        for chosen, motion in zip(trials, motions, strict=True)
     ]
     work.claim(*(f"paper-{part}.pt" for part in _PARTS))
     weights = train_paper(pairs, plan, work.folder, progress=progress)

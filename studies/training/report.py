@@ -1,9 +1,9 @@
 """What a training found, in words."""
 
-from studies.training.train import Learned, Result
+from studies.training.train import HeldOutErrors, TrainingResult
 
 
-def as_text(result: Result) -> str:
+def as_text(result: TrainingResult) -> str:
     """Lines for a person: what was learned from what, and what it is worth on trials that took no part."""
     lines = [
         f"{result.about['network']} corrector on {result.base}, {result.learned_from} trials learned from"
@@ -19,12 +19,12 @@ def as_text(result: Result) -> str:
         lines.append(
             f"designs farther than {result.about['trust_limit']:.2f} from those learned from are not corrected"
         )
-    if result.judged.stretches is not None:
-        lines.append(result.judged.said)
+    if result.used.stretches is not None:
+        lines.append(result.used.in_words)
     return "\n".join(lines)
 
 
-def _line(name: str, of: Learned, *, ordered: bool) -> str:
+def _line(name: str, of: HeldOutErrors, *, ordered: bool) -> str:
     before, after = of.before, of.after
     trials = f"{of.trials} trial{'s' * (of.trials != 1)} of {name} held out"
     if not ordered:

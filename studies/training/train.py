@@ -12,11 +12,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from corrector.load import load_corrector
-from corrector.weights_file import write_weights
+from corrector.load import load_corrector, write_weights
 from fabdesign import SIMULATOR, __version__
 from fabdesign.checkpoint import sha256
-from fabdesign.corrector import Trust
+from fabdesign.corrector import Trust, central_hash
 from fabdesign.distances import chamfer
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
@@ -26,11 +25,10 @@ from fabdesign.model import Model
 from fabdesign.model_file import write_model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.predictor import Predictor
-from fabdesign.trained_on import central_hash
 from fabdesign.trial import MeasurementSet
 from studies.evaluate import ERRORS, noise_of
-from studies.judged import Judged
 from studies.training.data import Chosen, Progress, choose, simulated
+from studies.used_frames import UsedFrames
 
 Network = Literal["field", "paper"]
 KEPT_BACK = 0.15  # share of the trials that are not learned from and say what the corrector is worth
@@ -40,7 +38,7 @@ _MADE_BY = "train"
 
 
 @dataclass(frozen=True)
-class Learned:
+class HeldOutErrors:
     """Of one design: the trials that took no part, before and after the corrector."""
 
     trials: int
@@ -51,13 +49,13 @@ class Learned:
 
 
 @dataclass(frozen=True)
-class Result:
+class TrainingResult:
     model: Model
     about: Mapping[str, Any]  # as the weights' file says it
-    held_out: Mapping[str, Learned]  # by design
+    held_out: Mapping[str, HeldOutErrors]  # by design
     learned_from: int  # trials
     base: str  # what the motions were simulated with
-    judged: Judged  # stretches that took no part
+    used: UsedFrames
 
     def as_json(self) -> dict[str, Any]:
         """What `train --json` prints: mm."""
@@ -82,7 +80,7 @@ class Result:
                 }
                 for name, of in self.held_out.items()
             },
-            **self.judged.as_json(),
+            **self.used.as_json(),
         }
 
 
@@ -101,19 +99,19 @@ def train(
     force: bool = False,
     coarse: ForwardModel | None = None,
     progress: Progress = lambda what, done, total: None,
-) -> Result:
+) -> TrainingResult:
     """Train on the trials of role `fit` but for the designs `hold_out` and a share `kept_back`, and write the model
     `output` with its weights beside it, both named after `goes_to`, where they will lie.
 
-    base: whose parameters and effects the motions have; by default the data sheet's. coarse: a cheap simulator with
-    which stretches are found that hang on less than the data sheet knows; they count for nothing. Work goes on in
+    base: whose parameters and effects the motions have; by default the data sheet's. coarse: a cheap simulator
+    that finds sensitive stretches, which are left out. Work goes on in
     the folder `goes_to` without its ending plus `.training`, if an earlier call like this one was stopped there, and
     the folder goes when all is done. Raises InputError, also for a folder of another training unless `force`, and
     SimulationError where a motion diverges.
     """
     base = base or Model()
     base = base.without(["corrector"])
-    learned, held, looked_at = choose(sets, base, hold_out=hold_out, kept_back=kept_back, seed=seed, coarse=coarse)
+    learned, held, used = choose(sets, base, hold_out=hold_out, kept_back=kept_back, seed=seed, coarse=coarse)
     forward = Predictor(forward, sensing=True)  # what was measured went through the sensors; cases bring their effects
     train_network, plan = _network(network, plan, seed)
     folder = goes_to.with_suffix(".training")
@@ -135,7 +133,7 @@ def train(
     if next(others_in(folder), None) is None:
         shutil.rmtree(folder)
     base_is = "the data sheet's parameters" if not base.parameters else "the model's parameters"
-    return Result(model, about, tested, len(learned), base_is, looked_at)
+    return TrainingResult(model, about, tested, len(learned), base_is, used)
 
 
 def _network(network: Network, plan: Any, seed: int) -> tuple[Callable[..., Any], Any]:
@@ -156,7 +154,7 @@ def _content(learned: Sequence[Chosen], base: Model, network: Network, plan: Any
     return {
         "network": network,
         "trials": [chosen.name for chosen in learned],
-        "unjudged": [np.flatnonzero(~chosen.judged).tolist() for chosen in learned],
+        "unjudged": [np.flatnonzero(~chosen.used).tolist() for chosen in learned],
         "model": central_hash(base),
         "points_per_side": base.points_per_side,
         "plan": json.loads(json.dumps(asdict(plan))),
@@ -191,14 +189,14 @@ def _tested(
     work: WorkFolder,
     seed: int,
     progress: Progress,
-) -> dict[str, Learned]:
+) -> dict[str, HeldOutErrors]:
     """Errors on the trials held out, with and without the corrector."""
     corrector = load_corrector(model)
 
     def times(chosen: Chosen) -> NDArray[np.float64]:
         return chosen.trial.times
 
-    found: dict[str, Learned] = {}
+    found: dict[str, HeldOutErrors] = {}
     for name in sorted({chosen.trial.design_name for chosen in held}):
         own = [chosen for chosen in held if chosen.trial.design_name == name]
         noise = noise_of([chosen.trial for chosen in own])
@@ -208,7 +206,7 @@ def _tested(
         for chosen, simple, motion in zip(own, plain, wanted, strict=True):
             trial = chosen.trial
             answer = corrector.correct([chosen.case], [trial.times], [motion])[0]
-            kept = np.flatnonzero(chosen.judged & (trial.times >= corrector.starts))
+            kept = np.flatnonzero(chosen.used & (trial.times >= corrector.starts))
             if not len(kept):
                 continue
             frames = trial.load().frames
@@ -222,7 +220,7 @@ def _tested(
             continue
         means = [mean_errors(each) for each in (before, after)]
         trust = corrector.trust(own[0].trial.design)
-        found[name] = Learned(len(before), trust, means[0], means[1], _closed(*means))
+        found[name] = HeldOutErrors(len(before), trust, means[0], means[1], _closed(*means))
     return found
 
 

@@ -1,1 +1,1 @@
-"""What nobody has measured yet: layouts and muscle types judged before they are sewn."""
+"""What nobody has measured yet: layouts and muscle types predicted before they are sewn."""

@@ -1,4 +1,4 @@
-"""Each design of a measured set left out in turn: calibrated on the others, judged on it."""
+"""Each design of a measured set left out in turn: calibrated on the others, evaluated on it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -16,7 +16,7 @@ from optimize.fit.clouds import evenly
 from optimize.fit.parameters import fit_vector
 from studies.calibration.calibrate import calibrate
 from studies.calibration.fitted_model import muscle_scope
-from studies.evaluate import Evaluation, evaluate_sets
+from studies.evaluate import SetEvaluation, evaluate_sets
 from studies.forward_model import forward_model
 
 
@@ -36,14 +36,14 @@ def left_out(
     """Errors of the data sheet and of what the other designs' trials of role `fit` gave, on at most `trials` trials of
     the design `name`; an overlay of one of them goes to `picture` (PNG). free: effects fitted besides
     (`calibration.parameters.fit_vector`); the errors without them, of factors fitted alone, are then said too. coarse:
-    as `calibrate` and `evaluate` take it; stretches that hang on a coin's toss are neither fitted nor judged. What
+    as `calibrate` and `evaluate` take it; sensitive stretches are neither fitted nor evaluated. What
     `evaluate` says of a design and of these stretches, the model's factors and effects, and how many trials were
     fitted. Raises InputError where nothing is left to fit or to judge."""
     others = tuple(trial for trial in measured.trials if trial.design_name != name and trial.role == "fit")
     own = [trial for trial in measured.trials if trial.design_name == name]
     if not others or not own:
         raise InputError(f"{measured.name}: without {name}, no trial is left to {'judge' if others else 'fit'}")
-    judged = tuple(replace(own[i], role="test") for i in evenly(len(own), trials))
+    tests = tuple(replace(own[i], role="test") for i in evenly(len(own), trials))
     found = calibrate(
         replace(measured, trials=others),
         forward,
@@ -55,19 +55,19 @@ def left_out(
     )
     model = replace(found.model, without_effects={})  # before is the data sheet
 
-    def judge(model: Model, what: str) -> Evaluation:
+    def judge(model: Model, what: str) -> SetEvaluation:
         return evaluate_sets(
             model,
-            [replace(measured, trials=judged)],
+            [replace(measured, trials=tests)],
             forward,
             coarse=coarse,
             seed=seed,
-            progress=lambda done, total: progress(f"without {name}{what}: judged {done} of {total} trials"),
+            progress=lambda done, total: progress(f"without {name}{what}: evaluated {done} of {total} trials"),
         )
 
     evaluation = judge(model, "")
-    _overlay(*_shown(judged, measured, evaluation), model, forward, picture)
-    said = evaluation.as_json()["designs"][name] | evaluation.judged.as_json()
+    _overlay(*_shown(tests, measured, evaluation), model, forward, picture)
+    said = evaluation.as_json()["designs"][name] | evaluation.used.as_json()
     if model.effects:
         said["without_effects"] = judge(found.model.before, ", factors alone").as_json()["designs"][name]["after"]
     told = found.as_json()
@@ -80,10 +80,10 @@ def left_out(
     }
 
 
-def _shown(trials: Sequence[Trial], measured: MeasurementSet, evaluation: Evaluation) -> tuple[Trial, int]:
-    """The trial in the middle of those with a judged frame, and of its judged frames the one that moved farthest."""
-    judged = [(trial, np.flatnonzero(evaluation.judged.at(measured, trial))) for trial in trials]
-    sound = [(trial, kept) for trial, kept in judged if len(kept)]
+def _shown(trials: Sequence[Trial], measured: MeasurementSet, evaluation: SetEvaluation) -> tuple[Trial, int]:
+    """The trial in the middle of those with a used frame, and of its used frames the one that moved farthest."""
+    used = [(trial, np.flatnonzero(evaluation.used.at(measured, trial))) for trial in trials]
+    sound = [(trial, kept) for trial, kept in used if len(kept)]
     trial, kept = sound[len(sound) // 2]
     clouds = trial.load().frames
     return trial, int(max(kept, key=lambda k: np.abs(clouds[k][:, 2]).mean()))

@@ -14,7 +14,7 @@ from fabdesign.forward import ForwardModel
 from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import constant_program
 from fabdesign.rig_limits_file import RigLimits
-from fabdesign.unseen_file import Candidate, Unsewn
+from fabdesign.unseen_file import CandidateMeasurement, Unsewn
 from studies.tracing.experiment import programs
 from studies.unseen.draws import Draws
 
@@ -45,7 +45,7 @@ def pose_slopes(unsewn: Unsewn, draws: Draws, forward: ForwardModel) -> Array:
     return np.concatenate([slopes(shapes[k : k + len(zs)]) for k in range(0, len(shapes), len(zs))])
 
 
-def information(candidates: Sequence[Candidate], draws: Draws, forward: ForwardModel) -> list[Array]:
+def information(candidates: Sequence[CandidateMeasurement], draws: Draws, forward: ForwardModel) -> list[Array]:
     """(n, n) A^T A / noise^2 of each candidate's motion; NaN where one diverged."""
     zs = directions(len(draws.names))
     cases = [draws.case(z, c.program, c.design) for c in candidates for z in zs]
@@ -69,12 +69,14 @@ def after(b: Array, gained: Array) -> float:
     return spread(b, np.asarray(np.linalg.inv(np.eye(len(gained)) + gained)))
 
 
-def candidates_of(unsewn: Unsewn, rig: RigLimits) -> list[Candidate]:
+def candidates_of(unsewn: Unsewn, rig: RigLimits) -> list[CandidateMeasurement]:
     """Those of the study; else steps, staircases and ramps on the design that the rig can do."""
     if unsewn.candidates:
         return [*unsewn.candidates]
     found = programs(unsewn.design, highest=rig.pressure, seconds=rig.duration)
-    return [Candidate(name, unsewn.design, p) for name, p in found.items() if fastest(p) <= rig.rate * (1 + 1e-9)]
+    return [
+        CandidateMeasurement(name, unsewn.design, p) for name, p in found.items() if fastest(p) <= rig.rate * (1 + 1e-9)
+    ]
 
 
 def fastest(program: PressureProgram) -> float:

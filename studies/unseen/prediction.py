@@ -26,12 +26,12 @@ def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int,
     """
     rng, count = np.random.default_rng([seed, 5]), len(draws.names)
     zs = [np.zeros(count), *rng.normal(size=(samples, count))]
-    ways = spreads(unsewn.design)
+    factors = spreads(unsewn.design)
     cases = []
     for pose in unsewn.poses:
         cases += [draws.case(z, constant_program(pose)) for z in zs]
-        cases += [draws.case(zs[0], constant_program(pose * way)) for way in ways]
-    own = len(zs) + len(ways)
+        cases += [draws.case(zs[0], constant_program(pose * factor)) for factor in factors]
+    own = len(zs) + len(factors)
     shapes = [np.asarray(shape, float) for shape in forward.equilibria(cases)]
     return [
         _pose(unsewn, pose, shapes[k * own : k * own + len(zs)], shapes[k * own + len(zs) : (k + 1) * own])
@@ -68,7 +68,7 @@ def _percentiles(values: Array) -> list[float]:
     return [float(x) for x in np.percentile(values, _PERCENTILES)]
 
 
-def corrector_said(model: Model, unsewn: Unsewn) -> dict[str, Any]:
+def corrector_statement(model: Model, unsewn: Unsewn) -> dict[str, Any]:
     """Whether the model's corrector applies to the design, and in words."""
     if model.corrector is None:
         return {"applies": None, "said": "no corrector in this model"}
@@ -76,5 +76,5 @@ def corrector_said(model: Model, unsewn: Unsewn) -> dict[str, Any]:
 
     trust = load_corrector(model).trust(unsewn.design)
     far = f"{trust.distance:.2f} from the designs that it learned from, its limit is {trust.limit:.2f}"
-    said = f"the corrector applies: {far}" if trust.applies else f"the corrector does not apply: {far}"
-    return {"applies": trust.applies, "distance": trust.distance, "limit": trust.limit, "said": said}
+    statement = f"the corrector applies: {far}" if trust.applies else f"the corrector does not apply: {far}"
+    return {"applies": trust.applies, "distance": trust.distance, "limit": trust.limit, "said": statement}

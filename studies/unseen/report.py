@@ -60,15 +60,15 @@ def _notes(result: dict[str, Any]) -> list[str]:
     notes, own, grid = [], result["model_points_per_side"], result["points_per_side"]
     if result["doubted"]:
         notes.append(
-            f"the model's intervals of {', '.join(result['doubted'])} are not to be believed: its fit left more than "
-            "noise. The intervals here follow from them and are likely too narrow"
+            f"the model's intervals of {', '.join(result['doubted'])} are not reliable: its fit left more than "
+            "noise. The intervals here follow from them and are probably too narrow"
         )
     if own != grid:
         notes.append(f"the model's factors belong to a grid of {own} points a side; these shapes have {grid}")
     if result["unknown"]:
         unknown = ", ".join(result["unknown"])
         notes.append(
-            f"the model says nothing of {unknown}: the data sheet's tolerance counts (15 %). A bench narrows it"
+            f"the model has no data on {unknown}: the tolerance of the data sheet is used (15 %). A bench reduces it"
         )
     return notes
 
@@ -97,8 +97,8 @@ def _histogram_svg(found: dict[str, Any]) -> str:
     figure = Figure(figsize=(7, 2.4), layout="constrained")
     for axes, error in zip(figure.subplots(1, 2), ("chamfer", "surface_rms"), strict=True):
         shown = found["histogram"][error]
-        for way, colour in (("before", "#9aa5b1"), ("after", "#2166ac")):
-            axes.stairs(shown[way], shown["edges"], fill=True, alpha=0.6, color=colour, label=way)
+        for state, colour in (("before", "#9aa5b1"), ("after", "#2166ac")):
+            axes.stairs(shown[state], shown["edges"], fill=True, alpha=0.6, color=colour, label=state)
         axes.set(xlabel=f"{error.replace('_', ' ')}, mm", ylabel="trials")
         axes.legend(fontsize="small")
     return _svg(figure)
@@ -132,16 +132,16 @@ def as_text(result: dict[str, Any]) -> str:
     if found and found["candidates"]:
         name, best = next(iter(found["candidates"].items()))
         lines.append(
-            f"what would narrow it most: {name}, on {best['design']}: {found['spread_mm']:.2f} mm RMS "
-            f"become {best['left_mm']:.2f}"
+            f"the best measurement: {name}, on {best['design']}; it reduces {found['spread_mm']:.2f} mm RMS "
+            f"to {best['left_mm']:.2f}"
         )
     for name, left in (result.get("left_out") or {}).items():
         if left is None:
-            lines.append(f"{name} left out: not begun, the time was used")
+            lines.append(f"{name} left out: not started, because the time was used")
             continue
         before, after = left["before"]["surface_rms"]["mean"], left["after"]["surface_rms"]["mean"]
         floor = left["after"]["surface_floor"]["mean"]
         alone = left.get("without_effects")
-        between = f"{alone['surface_rms']['mean']:.2f} by factors alone, " if alone else ""
-        lines.append(f"{name} left out: surface RMS {before:.2f} -> {between}{after:.2f} mm, floor {floor:.2f}")
+        between = f"{alone['surface_rms']['mean']:.2f} with factors alone, " if alone else ""
+        lines.append(f"{name} left out: surface RMS {before:.2f} -> {between}{after:.2f} mm, noise floor {floor:.2f}")
     return "\n".join(lines)

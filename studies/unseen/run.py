@@ -14,12 +14,12 @@ from fabdesign.output import WorkFolder, work_folder
 from fabdesign.unseen_file import FREE, UnseenStudy, Unsewn, read_unseen
 from optimize.fit.parameters import fit_vector
 from studies.forward_model import forward_model
-from studies.judged_search import GRID
 from studies.layouts.content import flat, shortened
+from studies.sensitive_stretches import GRID
 from studies.unseen.draws import Draws
 from studies.unseen.left_out import left_out
 from studies.unseen.measurement import after, candidates_of, information, pose_slopes, spread
-from studies.unseen.prediction import corrector_said, predicted
+from studies.unseen.prediction import corrector_statement, predicted
 from studies.unseen.report import write_report
 
 ALGORITHM = 1  # of what a study's folder keeps: raised where it is no longer what this code would compute
@@ -35,10 +35,10 @@ def run_unseen(
     force: bool = False,
     progress: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
-    """Judge what the study names and write `result.json` and `report.html` into `out`; what result.json holds.
+    """Evaluate what the study names and write `result.json` and `report.html` into `out`; what result.json holds.
 
-    forward: by default the simulator with the study's grid. coarse: with which stretches of the measured set are found
-    that hang on a coin's toss (studies.judged_search), by default one of its own, or `forward` where that is given. The
+    forward: by default the simulator with the study's grid. coarse: finds the sensitive stretches of the measured
+    set (studies.sensitive_stretches), by default one of its own, or `forward` where that is given. The
     same study goes on in its folder, piece by piece.
     Raises InputError, and SimulationError where shapes cannot be computed.
     """
@@ -100,7 +100,7 @@ def _unsewn(
         "doubted": [name for name, parameter in unsewn.model.parameters.items() if not parameter.believable],
         "poses": poses,
         "unknown": list(draws.unknown),
-        "corrector": corrector_said(unsewn.model, unsewn),
+        "corrector": corrector_statement(unsewn.model, unsewn),
         "measurement": checkpoint.get("measurement", measurement),
     }
 

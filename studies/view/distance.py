@@ -49,7 +49,7 @@ class Distance:
         return {"from": self.reference, "of": self.when or "still shapes", "unit": "mm", **values}
 
 
-def said(errors: Errors) -> str:
+def errors_in_words(errors: Errors) -> str:
     """In words."""
     floors = np.isfinite(errors.chamfer_floor)
 

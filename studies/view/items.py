@@ -96,8 +96,8 @@ def _items(
             known = ", ".join(t.name for t in measured.trials[:5])
             raise InputError(f"{file}: has no trial {name}; expected one of {known}, ...")
         source = "synthetic rig" if "synthetic" in measured.description else "measured"
-        said = f"{measured.name}/{found[0].name} ({found[0].design_name})"
-        return _trial(found[0], said, source, model, forward)
+        title = f"{measured.name}/{found[0].name} ({found[0].design_name})"
+        return _trial(found[0], title, source, model, forward)
     if file.suffix.lower() == ".npz":
         with open_npz(file, "a motion's or a trial's arrays") as arrays:
             is_trial, is_motion = "offsets" in arrays, "time" in arrays

@@ -10,7 +10,7 @@ import numpy as np
 from jinja2 import Environment
 from markupsafe import Markup
 
-from studies.view.distance import Distance, said
+from studies.view.distance import Distance, errors_in_words
 from studies.view.items import Item
 from studies.view.shapes import CLOUD, KEY, parts_of, vertices_of
 
@@ -55,8 +55,8 @@ def _told(distance: Distance | None) -> dict[str, Any] | None:
     return {
         "from": f"from {distance.reference}",
         "times": [round(float(t), 6) for t in distance.times],
-        "lines": [said(errors) for errors in distance.errors],
-        "whole": f"{distance.when}: {said(distance.whole)}" if distance.when else "",
+        "lines": [errors_in_words(errors) for errors in distance.errors],
+        "whole": f"{distance.when}: {errors_in_words(distance.whole)}" if distance.when else "",
     }
 
 

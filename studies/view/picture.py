@@ -14,7 +14,7 @@ from matplotlib.animation import FuncAnimation, PillowWriter
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from scipy.spatial import cKDTree
 
-from studies.view.distance import Distance, said
+from studies.view.distance import Distance, errors_in_words
 from studies.view.items import Item
 from studies.view.shapes import CLOUD, MUSCLE, parts_of, vertex_normals
 
@@ -46,8 +46,10 @@ def save_picture(
     box = _box(items)
     rows = figure.subfigures(shape[0], 1, squeeze=False)[:, 0]
     for row, item, distance in zip(rows, items, apart, strict=True):
-        drawn = _Drawn(item)
-        row.suptitle(f"{item.title}\n{_said(distance)}" if distance else item.title, fontsize=9, x=0.01, ha="left")
+        drawn = _DrawnPanel(item)
+        row.suptitle(
+            f"{item.title}\n{_distance_in_words(distance)}" if distance else item.title, fontsize=9, x=0.01, ha="left"
+        )
         for column, instant in enumerate(instants if item.moves else instants[:1]):
             axes = row.add_subplot(1, shape[1], column + 1, projection="3d")
             frame = item.nearest(instant)
@@ -63,7 +65,7 @@ def save_animation(items: Sequence[Item], path: Path, apart: Sequence[Distance |
     instants = np.arange(begin, end + 0.5 / RATE, 1 / RATE)
     figure = plt.figure(figsize=(3.4 * len(items), 4.1), layout="constrained")
     panels = [figure.add_subplot(1, len(items), k + 1, projection="3d") for k in range(len(items))]
-    drawn = [_Drawn(item) for item in items]
+    drawn = [_DrawnPanel(item) for item in items]
     heads = [_head(item, distance) for item, distance in zip(items, apart, strict=True)]
     box = _box(items)
 
@@ -78,16 +80,16 @@ def save_animation(items: Sequence[Item], path: Path, apart: Sequence[Distance |
     plt.close(figure)
 
 
-def _said(distance: Distance) -> str:
+def _distance_in_words(distance: Distance) -> str:
     when = f"{distance.when}, " if distance.when else ""
-    return f"from {distance.reference}: {when}{said(distance.whole)}"
+    return f"from {distance.reference}: {when}{errors_in_words(distance.whole)}"
 
 
 def _head(item: Item, distance: Distance | None) -> str:
     """As many lines for every panel, so that all stay alike."""
     more = ["", "", ""]
     if distance is not None:
-        more = [f"from {distance.reference}, {distance.when}:", *said(distance.whole).split(", ")]
+        more = [f"from {distance.reference}, {distance.when}:", *errors_in_words(distance.whole).split(", ")]
     return "\n".join([item.title, *(more + [""])[:3]])
 
 
@@ -101,7 +103,7 @@ def _box(items: Sequence[Item]) -> np.ndarray:
     return np.array([np.min([low for low, _ in ends], axis=0), np.max([high for _, high in ends], axis=0)])
 
 
-class _Drawn:
+class _DrawnPanel:
     """A panel that is drawn frame by frame, the file's y upwards: matplotlib's vertical axis is its third."""
 
     def __init__(self, item: Item) -> None:

@@ -16,28 +16,28 @@ KEY = "Front red, back blue, muscles yellow; clouds dark; other meshes green"
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class MeshPart:
     name: str
     colour: tuple[float, float, float]  # RGB, 0 to 1
     triangles: Triangles  # (t, 3), over the vertices of its item
 
 
-def parts_of(item: Item) -> list[Part]:
+def parts_of(item: Item) -> list[MeshPart]:
     """Of a panel with triangles; empty for a cloud."""
     if item.triangles is None:
         return []
     triangles = np.asarray(item.triangles, np.int64)
     half = len(triangles) // 2
     parts = (
-        [Part("front", FRONT, triangles[:half]), Part("back", BACK, triangles[half:])]
+        [MeshPart("front", FRONT, triangles[:half]), MeshPart("back", BACK, triangles[half:])]
         if item.is_cloth
-        else [Part("mesh", MESH, triangles)]
+        else [MeshPart("mesh", MESH, triangles)]
     )
     begin = len(item.frames[0])
     if item.muscles is not None:
         for number, span in enumerate(item.muscles.spans):
             count = span.stop - span.start
-            parts.append(Part(f"muscle {number}", MUSCLE, begin + _tube_triangles(count)))
+            parts.append(MeshPart(f"muscle {number}", MUSCLE, begin + _tube_triangles(count)))
             begin += AROUND * count
     return parts
 

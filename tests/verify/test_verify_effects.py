@@ -14,7 +14,7 @@ pytest.importorskip("numba")
 
 from studies.rig import EffectSetting, Key
 from studies.rig.scene import Resolution
-from studies.rig.specimen import Task, control_points, prepare
+from studies.rig.specimen import TrialTask, control_points, prepare
 
 COARSE = Resolution(element=0.02, step=1 / 480)  # its own error is in both of its motions
 SIMULATOR = Simulator(points_per_side=41)
@@ -50,7 +50,7 @@ ORDER = 4  # in the session
 
 def of_the_rig(*effects):
     """(T, 21, 21, 3) m, mid-surface."""
-    task = Task(DESIGN, PROGRAM, TIMES, ORDER, Key(effects=effects), COARSE)
+    task = TrialTask(DESIGN, PROGRAM, TIMES, ORDER, Key(effects=effects), COARSE)
     uv, scene = np.stack(np.meshgrid(GRID, GRID), axis=-1).reshape(-1, 2), prepare(task)
     value = scene.patch.matrix(uv)
     points = np.array([value @ x for x in control_points(task)])

@@ -10,7 +10,7 @@ pytest.importorskip("numba")
 
 from studies.rig import Key
 from studies.rig.scene import Resolution
-from studies.rig.specimen import Task, control_points, prepare
+from studies.rig.specimen import TrialTask, control_points, prepare
 
 
 def test_default_elements_resolve_crossed_muscles(record):
@@ -20,7 +20,7 @@ def test_default_elements_resolve_crossed_muscles(record):
     uv = 0.2 * np.stack(np.meshgrid(np.linspace(0, 1, 21), np.linspace(0, 1, 21)), axis=-1).reshape(-1, 2)
 
     def out_of_plane(resolution):
-        task = Task(build("cross"), program, times, 0, Key(), resolution)
+        task = TrialTask(build("cross"), program, times, 0, Key(), resolution)
         unit = prepare(task).patch.matrix(uv)
         return np.stack([(unit @ x)[:, 2] for x in control_points(task)])
 

@@ -1,9 +1,9 @@
 """Effects of the virtual rig by name: the table of docs/rig.md."""
 
-from studies.rig.effects import environment, fabric, interface, muscle, pneumatics, sensing, unlisted, variants
-from studies.rig.effects.declaration import Effect
+from studies.rig.effects import environment, fabric, muscle, pneumatics, sensing, unlisted, variants
+from studies.rig.effects.declaration import RigEffect
 
-LISTED: dict[str, Effect] = (
-    muscle.EFFECTS | pneumatics.EFFECTS | fabric.EFFECTS | interface.EFFECTS | environment.EFFECTS | sensing.EFFECTS
+LISTED: dict[str, RigEffect] = (
+    muscle.EFFECTS | pneumatics.EFFECTS | fabric.EFFECTS | environment.EFFECTS | sensing.EFFECTS
 )
-EFFECTS: dict[str, Effect] = LISTED | unlisted.EFFECTS | variants.EFFECTS
+EFFECTS: dict[str, RigEffect] = LISTED | unlisted.EFFECTS | variants.EFFECTS

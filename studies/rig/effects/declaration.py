@@ -7,7 +7,7 @@ from studies.rig.scene import Scene
 
 
 @dataclass(frozen=True)
-class Effect:
+class RigEffect:
     """`apply(scene, order, values)` edits the scene; order is the trial's place in the specimen's session."""
 
     site: str

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from studies.rig.effects.declaration import Effect
+from studies.rig.effects.declaration import RigEffect
 from studies.rig.scene import Scene
 
 Array = NDArray[np.float64]
@@ -46,7 +46,7 @@ def added_mass(scene: Scene, order: int, values: Mapping[str, float]) -> None:
 
 
 EFFECTS = {
-    "air_drag": Effect("environment", {"coefficient": (3.0, "N s^2/m^4")}, air_drag),
-    "frame_tilt": Effect("environment", {"about_x": (3.0, "deg"), "about_z": (0.0, "deg")}, frame_tilt),
-    "added_mass": Effect("environment", {"u": (0.15, "m"), "v": (0.18, "m"), "mass": (0.005, "kg")}, added_mass),
+    "air_drag": RigEffect("environment", {"coefficient": (3.0, "N s^2/m^4")}, air_drag),
+    "frame_tilt": RigEffect("environment", {"about_x": (3.0, "deg"), "about_z": (0.0, "deg")}, frame_tilt),
+    "added_mass": RigEffect("environment", {"u": (0.15, "m"), "v": (0.18, "m"), "mass": (0.005, "kg")}, added_mass),
 }

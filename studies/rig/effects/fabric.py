@@ -1,13 +1,15 @@
-"""In the cloth."""
+"""In the cloth, and between muscle and cloth."""
 
 from collections.abc import Mapping
 
 import numpy as np
 
-from studies.rig.effects.declaration import Effect
-from studies.rig.scene import Scene
+from studies.rig.effects.declaration import RigEffect
+from studies.rig.scene import Scene, StepReport
 
 PATCH_EDGE = 0.004  # m, over which a stiff patch fades out
+SLIP_DAMPING = 6.0  # of the muscle's viscosity over interval length; under 3 a step overshoots
+LEAST_VISCOSITY = 2.0  # N s
 
 
 def orthotropy(scene: Scene, order: int, values: Mapping[str, float]) -> None:
@@ -36,17 +38,36 @@ def rest_curvature(scene: Scene, order: int, values: Mapping[str, float]) -> Non
     scene.rest_strain[:, 5] += values["twist"]
 
 
+def loop_slip(scene: Scene, order: int, values: Mapping[str, float]) -> None:
+    """Muscle slides through a fixed point where tensions differ by more than friction times their mean."""
+    cables = scene.cables
+    upper = np.flatnonzero(np.diff(cables.muscle) == 0)
+    lower = upper + 1
+
+    def slip(scene: Scene, report: StepReport) -> None:
+        difference = report.tension[lower] - report.tension[upper]
+        held = values["friction"] * (np.abs(report.tension[lower]) + np.abs(report.tension[upper])) / 2
+        excess = np.sign(difference) * np.maximum(np.abs(difference) - held - values["grip"], 0.0)
+        viscosity = np.maximum(scene.muscle_state.viscosity[upper], LEAST_VISCOSITY)
+        moved = report.step * excess * cables.rest[upper] / (SLIP_DAMPING * viscosity)
+        np.add.at(cables.rest, lower, moved)  # material goes where the tension is higher
+        np.add.at(cables.rest, upper, -moved)
+
+    scene.after_step.append(slip)
+
+
 EFFECTS = {
-    "orthotropy": Effect("fabric", {"ratio": (2.0, "1")}, orthotropy),
-    "local_stiffening": Effect(
+    "orthotropy": RigEffect("fabric", {"ratio": (2.0, "1")}, orthotropy),
+    "local_stiffening": RigEffect(
         "fabric",
         {"u": (0.1, "m"), "v": (0.1, "m"), "radius": (0.03, "m"), "factor": (4.0, "1")},
         local_stiffening,
     ),
-    "stress_relaxation": Effect("fabric", {"share": (0.3, "1"), "time": (0.7, "s")}, stress_relaxation),
-    "rest_curvature": Effect(
+    "stress_relaxation": RigEffect("fabric", {"share": (0.3, "1"), "time": (0.7, "s")}, stress_relaxation),
+    "rest_curvature": RigEffect(
         "fabric",
         {"across": (0.0, "1/m"), "down": (1.5, "1/m"), "twist": (0.0, "1/m")},
         rest_curvature,
     ),
+    "loop_slip": RigEffect("interface", {"friction": (0.02, "1"), "grip": (0.02, "N")}, loop_slip),
 }

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from fabdesign.errors import InputError
-from studies.rig.effects.declaration import Effect
+from studies.rig.effects.declaration import RigEffect
 from studies.rig.scene import Scene, StepReport
 
 
@@ -53,16 +53,16 @@ def odd_muscle(scene: Scene, order: int, values: Mapping[str, float]) -> None:
 
 
 EFFECTS = {
-    "threshold_pressure": Effect("muscle", {"threshold": (40.0, "kPa"), "width": (10.0, "kPa")}, threshold_pressure),
-    "braid_hysteresis": Effect(
+    "threshold_pressure": RigEffect("muscle", {"threshold": (40.0, "kPa"), "width": (10.0, "kPa")}, threshold_pressure),
+    "braid_hysteresis": RigEffect(
         "muscle",
         {"friction": (0.005, "N/kPa"), "friction_at_zero": (0.0, "N"), "slip": (0.005, "1")},
         braid_hysteresis,
     ),
-    "muscle_creep": Effect("muscle", {"share": (0.15, "1"), "time": (0.8, "s")}, muscle_creep),
-    "muscle_viscosity": Effect(
+    "muscle_creep": RigEffect("muscle", {"share": (0.15, "1"), "time": (0.8, "s")}, muscle_creep),
+    "muscle_viscosity": RigEffect(
         "muscle", {"contracting": (20.0, "N s"), "lengthening": (10.0, "N s")}, muscle_viscosity
     ),
-    "stroke_softening": Effect("muscle", {"loss": (0.15, "1"), "trials": (3.0, "1")}, stroke_softening),
-    "odd_muscle": Effect("muscle", {"channel": (0.0, "1"), "factor": (0.8, "1")}, odd_muscle),
+    "stroke_softening": RigEffect("muscle", {"loss": (0.15, "1"), "trials": (3.0, "1")}, stroke_softening),
+    "odd_muscle": RigEffect("muscle", {"channel": (0.0, "1"), "factor": (0.8, "1")}, odd_muscle),
 }

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.rig.effects.declaration import Effect
+from studies.rig.effects.declaration import RigEffect
 from studies.rig.scene import Scene
 
 Array = NDArray[np.float64]
@@ -55,8 +55,8 @@ def line_loss(scene: Scene, order: int, values: Mapping[str, float]) -> None:
 
 
 EFFECTS = {
-    "filling_lag": Effect("pneumatics", {"fill": (0.08, "s"), "empty": (0.16, "s")}, filling_lag),
-    "dead_time": Effect("pneumatics", {"delay": (0.04, "s")}, dead_time),
-    "supply_droop": Effect("pneumatics", {"share": (0.05, "1")}, supply_droop),
-    "line_loss": Effect("pneumatics", {"share": (0.3, "1")}, line_loss),
+    "filling_lag": RigEffect("pneumatics", {"fill": (0.08, "s"), "empty": (0.16, "s")}, filling_lag),
+    "dead_time": RigEffect("pneumatics", {"delay": (0.04, "s")}, dead_time),
+    "supply_droop": RigEffect("pneumatics", {"share": (0.05, "1")}, supply_droop),
+    "line_loss": RigEffect("pneumatics", {"share": (0.3, "1")}, line_loss),
 }

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from studies.rig.effects.declaration import Effect
+from studies.rig.effects.declaration import RigEffect
 from studies.rig.scene import Scene
 
 Array = NDArray[np.float64]
@@ -31,7 +31,7 @@ def scale_error(scene: Scene, order: int, values: Mapping[str, float]) -> None:
 
 OF_CLOUDS = ("registration_bias", "scale_error")  # they change what is seen of a motion, never the motion
 EFFECTS = {
-    "registration_bias": Effect(
+    "registration_bias": RigEffect(
         "sensing",
         {
             **{a: (0.003 if a == "z" else 0.0, "m") for a in "xyz"},
@@ -39,6 +39,6 @@ EFFECTS = {
         },
         registration_bias,
     ),
-    "time_offset": Effect("sensing", {"offset": (0.05, "s")}, time_offset),
-    "scale_error": Effect("sensing", {"scale": (0.02, "1")}, scale_error),
+    "time_offset": RigEffect("sensing", {"offset": (0.05, "s")}, time_offset),
+    "scale_error": RigEffect("sensing", {"scale": (0.02, "1")}, scale_error),
 }

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from studies.rig.effects.declaration import Effect
+from studies.rig.effects.declaration import RigEffect
 from studies.rig.effects.environment import normals
 from studies.rig.scene import Scene, StepReport
 
@@ -80,12 +80,12 @@ def crosstalk(scene: Scene, order: int, values: Mapping[str, float]) -> None:
 
 
 EFFECTS = {
-    "wind": Effect(
+    "wind": RigEffect(
         "environment",
         {"x": (0.0, "Pa"), "y": (0.0, "Pa"), "z": (0.4, "Pa"), "gust": (0.5, "1"), "frequency": (0.7, "Hz")},
         wind,
     ),
-    "spring": Effect(
+    "spring": RigEffect(
         "environment",
         {
             "u": (0.1, "m"), "v": (0.2, "m"), "x": (0.0, "m"), "y": (-0.2, "m"), "z": (0.05, "m"),
@@ -93,11 +93,11 @@ EFFECTS = {
         },
         spring,
     ),
-    "seam_snap": Effect(
+    "seam_snap": RigEffect(
         "fabric",
         {"v": (0.1, "m"), "width": (0.02, "m"), "factor": (6.0, "1"), "curvature": (4.0, "1/m")},
         seam_snap,
     ),
-    "heating": Effect("muscle", {"loss": (0.3, "1"), "time": (1.0, "s")}, heating),
-    "crosstalk": Effect("pneumatics", {"share": (0.15, "1")}, crosstalk),
+    "heating": RigEffect("muscle", {"loss": (0.3, "1"), "time": (1.0, "s")}, heating),
+    "crosstalk": RigEffect("pneumatics", {"share": (0.15, "1")}, crosstalk),
 }  # fmt: skip

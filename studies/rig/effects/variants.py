@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.rig.effects.declaration import Effect
+from studies.rig.effects.declaration import RigEffect
 from studies.rig.scene import Scene, StepReport
 
 Array = NDArray[np.float64]
@@ -67,10 +67,10 @@ OF = {
     "droop_by_flow": "supply_droop",
 }
 EFFECTS = {
-    "lag_of_two_volumes": Effect("pneumatics", {"line": (0.06, "s"), "muscle": (0.06, "s")}, lag_of_two_volumes),
-    "creep_of_two_times": Effect(
+    "lag_of_two_volumes": RigEffect("pneumatics", {"line": (0.06, "s"), "muscle": (0.06, "s")}, lag_of_two_volumes),
+    "creep_of_two_times": RigEffect(
         "muscle", {"share": (0.3, "1"), "quick": (0.2, "s"), "slow": (1.5, "s")}, creep_of_two_times
     ),
-    "orthotropy_of_bending": Effect("fabric", {"ratio": (3.0, "1")}, orthotropy_of_bending),
-    "droop_by_flow": Effect("pneumatics", {"share": (0.15, "1")}, droop_by_flow),
+    "orthotropy_of_bending": RigEffect("fabric", {"ratio": (3.0, "1")}, orthotropy_of_bending),
+    "droop_by_flow": RigEffect("pneumatics", {"share": (0.15, "1")}, droop_by_flow),
 }

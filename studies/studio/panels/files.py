@@ -13,14 +13,14 @@ class FilePanel:
         self._folder = gui.add_text("Folder", str(session.folder))
         on_click(gui.add_button("Save"), post, self._save)
         on_click(gui.add_button("Load from disk"), post, session.load_again)
-        self._said = gui.add_markdown("")
+        self._text = gui.add_markdown("")
         self.show()
 
     def show(self) -> None:
         session = self._session
         state = "unsaved changes, kept in an autosave" if session.document.changed else "nothing unsaved"
         undo = f"; undo: {session.document.next_undo}" if session.document.next_undo else ""
-        self._said.content = f"`{session.opened.file}`: {state}{undo}"
+        self._text.content = f"`{session.opened.file}`: {state}{undo}"
 
     def _save(self) -> None:
         folder = Path(self._folder.value.strip())

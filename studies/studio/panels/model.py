@@ -1,4 +1,4 @@
-"""Data sheet or model file, and effects on switches with their amounts."""
+"""Data sheet or model file, and effects on switches with their parameters."""
 
 from functools import partial
 from typing import Any
@@ -19,13 +19,13 @@ class ModelPanel:
             on_input(self._base, post, lambda name: session.choose(session.choice.sheet(name == FILE)))
         self._switches: dict[str, Any] = {}
         self._folders: dict[str, Any] = {}
-        self._amounts: dict[tuple[str, str], Any] = {}
+        self._inputs: dict[tuple[str, str], Any] = {}
         for name, effect in EFFECTS.items():
             if effect.site == "sensing":
                 continue  # of sensors, which see no shape here
             self._folders[name] = folder = gui.add_folder(name.replace("_", " "), expand_by_default=False)
             with folder:
-                self._switches[name] = gui.add_checkbox("On", name in session.choice.amounts, hint=effect.what)
+                self._switches[name] = gui.add_checkbox("On", name in session.choice.effect_values, hint=effect.what)
             on_input(self._switches[name], post, partial(self._switch, name))
         self.show()
 
@@ -34,14 +34,16 @@ class ModelPanel:
         if self._base is not None:
             put(self._base, FILE if choice.fitted else SHEET)
         for name, switch in self._switches.items():
-            put(switch, name in choice.amounts)
-        wanted = {(name, key) for name, values in choice.amounts.items() for key in values if name in self._folders}
-        for gone in self._amounts.keys() - wanted:
-            self._amounts.pop(gone).remove()
+            put(switch, name in choice.effect_values)
+        wanted = {
+            (name, key) for name, values in choice.effect_values.items() for key in values if name in self._folders
+        }
+        for gone in self._inputs.keys() - wanted:
+            self._inputs.pop(gone).remove()
         for name, key in sorted(wanted):
-            if (name, key) not in self._amounts:
-                self._amounts[name, key] = self._field(name, key)
-            put(self._amounts[name, key], round(choice.amounts[name][key], 6))
+            if (name, key) not in self._inputs:
+                self._inputs[name, key] = self._field(name, key)
+            put(self._inputs[name, key], round(choice.effect_values[name][key], 6))
 
     def _field(self, name: str, key: str) -> Any:
         parameter = EFFECTS[name].parameters[key]
@@ -54,12 +56,12 @@ class ModelPanel:
                 max=parameter.bounds[1],
                 hint=parameter.what,
             )
-        on_input(field, self._post, lambda value: self._amount(name, key, float(value)))
+        on_input(field, self._post, lambda value: self._set(name, key, float(value)))
         return field
 
     def _switch(self, name: str, on: bool) -> None:
         self._session.choose(self._session.choice.switched(name, on))
 
-    def _amount(self, name: str, key: str, value: float) -> None:
-        if name in self._session.choice.amounts:
-            self._session.choose(self._session.choice.amount(name, key, value))
+    def _set(self, name: str, key: str, value: float) -> None:
+        if name in self._session.choice.effect_values:
+            self._session.choose(self._session.choice.with_value(name, key, value))

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from studies.studio.measured import Motion
+from studies.studio.measured import TrialMotion
 from studies.studio.panels.asking import Post, on_click, on_input, put
 from studies.studio.session import Session
 
@@ -14,7 +14,7 @@ class MotionPanel:
     def __init__(self, gui: Any, session: Session, post: Post) -> None:
         self._gui, self._session, self._post = gui, session, post
         self.frame, self.playing, self._time = 0, False, 0.0
-        self._begun: Motion | None = None
+        self._begun: TrialMotion | None = None
         self._rise = gui.add_button("Play the rise to these pressures")
         on_click(self._rise, post, session.play_rise)
         if session.opened.program is not None:
@@ -28,9 +28,9 @@ class MotionPanel:
         on_click(self._pause, post, self._toggle)
         self._scrub = gui.add_slider("Frame", 0, 1, 1, 0, disabled=True)
         on_input(self._scrub, post, self._scrubbed)
-        self._said = gui.add_markdown("")
+        self._text = gui.add_markdown("")
 
-    def shows(self, motion: Motion | None) -> bool:
+    def shows(self, motion: TrialMotion | None) -> bool:
         """Whether it is the one begun last, or with None whether there is none."""
         return self._begun is motion
 
@@ -42,7 +42,7 @@ class MotionPanel:
         if motion is not None:
             self._scrub.max = max(1, len(motion.times) - 1)
         self._pause.label = "Pause"
-        self._said.content = ""
+        self._text.content = ""
 
     def advance(self, seconds: float) -> bool:
         """Let it play for so long; whether another frame is due."""
@@ -59,7 +59,7 @@ class MotionPanel:
         motion = self._session.motion
         if motion is not None:
             put(self._scrub, self.frame)
-            self._said.content = motion.said(self.frame)
+            self._text.content = motion.in_words(self.frame)
 
     def _toggle(self) -> None:
         self.playing = not self.playing

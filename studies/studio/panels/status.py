@@ -49,7 +49,7 @@ class StatusPanel:
         if not broken:
             self._limits.content = _box("limits", "<b>Limits:</b> all kept", "#e6f4ea")
             return
-        lines = [escape(line.said) for line in broken[:6]]
+        lines = [escape(line.message) for line in broken[:6]]
         if len(broken) > 6:
             lines.append(f"and {len(broken) - 6} more")
         self._limits.content = _box("limits", "<b>Limits broken</b><br>" + "<br>".join(lines), "#fbdcdc")

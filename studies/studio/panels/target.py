@@ -8,7 +8,7 @@ from typing import Any
 from studies.studio.panels.asking import Post, on_click, on_input, put
 from studies.studio.searching import VARIES
 from studies.studio.session import Session
-from studies.studio.target import PlacedTarget, placed_by_hand, target_file
+from studies.studio.target import ShownTarget, placed_by_hand, target_file
 
 
 class TargetPanel:
@@ -34,7 +34,7 @@ class TargetPanel:
             on_click(self._start, post, lambda: session.start_search(self._vary.value, self._seconds.value))
             self._stop = gui.add_button("Stop, keep the best", disabled=True)
             on_click(self._stop, post, session.stop_search)
-            self._said = gui.add_markdown("")
+            self._text = gui.add_markdown("")
         self.show()
 
     def show(self) -> None:
@@ -44,17 +44,15 @@ class TargetPanel:
         put(self._shift, tuple(round(1e3 * x, 3) for x in target.file.translation))
         put(self._turn, target.file.rotation or (0.0, 0.0, 0.0))
 
-    def show_search(self, said: str, *, running: bool) -> None:
-        self._said.content = said
+    def show_search(self, message: str, *, running: bool) -> None:
+        self._text.content = message
         self._start.disabled, self._stop.disabled = running, not running
 
     def _read(self, place: str) -> None:
         name = self._file.value.strip()
         kind = "fit" if place == "fit" else "given"
         self._session.set_target(
-            lambda: (
-                PlacedTarget.read(target_file(Path(name), place=kind), self._session.layout.design) if name else None
-            )
+            lambda: ShownTarget.read(target_file(Path(name), place=kind), self._session.layout.design) if name else None
         )
         self.show()
 
@@ -67,5 +65,5 @@ class TargetPanel:
         if target is None:
             return
         file = placed_by_hand(target.file, (*rotation,), (*translation,))  # type: ignore[arg-type]
-        self._session.set_target(lambda: PlacedTarget.read(file, self._session.layout.design))
+        self._session.set_target(lambda: ShownTarget.read(file, self._session.layout.design))
         self.show()

@@ -1,9 +1,10 @@
 """What may act in a cloth that a simulator leaves out: fields of curvature and strain that the cloth would like to have
 on top of its own, from what is there at the place itself, and a few motions of the whole.
 
-Which amount of each there is, is learned (`corrector.regression`), a number a source, the same in every layout. A
-muscle's tensor (uu, vv, uv) may act along its direction and across it; a front and a back muscle bend the cloth
-opposite ways and strain it alike. Sources that break this (a cloth with a curl of its own) are there too.
+These are the basis functions of the field corrector. Each has one coefficient, which is learned
+(`corrector.regression`) and the same in every layout. A muscle's tensor (uu, vv, uv) may act along its direction and
+across it. A front and a back muscle bend the cloth in opposite directions and strain it alike. Some functions break
+this symmetry (a cloth with a curl of its own).
 """
 
 from collections.abc import Iterator
@@ -18,52 +19,53 @@ from corrector.inputs import MUSCLE, Fields
 Array = NDArray[np.float64]
 Named = tuple[str, Array, bool]
 
-STRAIN = 0.01  # of a strain source that counts as one; curvatures count in 1/m, turns in rad, ways in m
+STRAIN = 0.01  # strain of a unit coefficient; units of the others are 1/m (curvature), rad (swings), m (displacements)
 _ONLY_ONE_SIDED = 9  # the first of `MUSCLE`, whose front and back may differ
 _TENSION, _PRESSURE = MUSCLE.index("tension"), MUSCLE.index("pressure")
 _COMPONENTS = ("uu", "vv", "uv")
 
 
 @dataclass(frozen=True, eq=False)
-class Sources:
-    """T frames; the order of `names` is curvature, strain, straight swings, twisting swings, ways."""
+class Basis:
+    """T frames; the order of `names` is curvature, strain, straight swings, twisting swings, displacements."""
 
     names: tuple[str, ...]
     anywhere: NDArray[np.bool_]  # (K,) whether it is taken for layouts that were not learned from
     curvature: Array  # (T, C, 3, n, n) 1/m: uu, vv, uv
     strain: Array  # (T, S, 3, n, n): along u, along v, shear
-    swings: Array  # (T, W) rad about the hung edge; each is there straight, and with two sides that go opposite ways
-    ways: Array  # (T, D, n, n) m along the normal
+    swings: Array  # (T, W) rad about the hung edge; each also with two sides in opposite directions
+    displacements: Array  # (T, D, n, n) m along the normal
 
     @staticmethod
-    def of(fields: Fields) -> "Sources":
+    def of(fields: Fields) -> "Basis":
         curvature, strain = [*_curvatures(fields)], [*_strains(fields)]
-        swings, ways = [*_swings(fields)], [*_ways(fields)]
+        swings, displacements = [*_swings(fields)], [*_displacements(fields)]
         twisting = [(f"{name}, twisting", value, anywhere) for name, value, anywhere in swings]
-        every = [*curvature, *strain, *swings, *twisting, *ways]
-        return Sources(
+        every = [*curvature, *strain, *swings, *twisting, *displacements]
+        return Basis(
             tuple(name for name, _, _ in every),
             np.array([anywhere for _, _, anywhere in every]),
-            *(np.stack([value for _, value, _ in part], axis=1) for part in (curvature, strain, swings, ways)),
+            *(np.stack([value for _, value, _ in part], axis=1) for part in (curvature, strain, swings, displacements)),
         )
 
-    def mixed(self, amounts: Array) -> "Mixture":
-        """The sum of all, each times its amount (K,)."""
-        counts = [self.curvature.shape[1], self.strain.shape[1], *[self.swings.shape[1]] * 2, self.ways.shape[1]]
-        curvature, strain, straight, twisting, ways = np.split(amounts, np.cumsum(counts)[:-1])
-        return Mixture(
+    def combined(self, coefficients: Array) -> "Combination":
+        """The sum of all, each times its coefficient (K,)."""
+        parts = self.curvature, self.strain, self.swings, self.swings, self.displacements
+        ends = np.cumsum([part.shape[1] for part in parts])
+        curvature, strain, straight, twisting, displacements = np.split(coefficients, ends[:-1])
+        return Combination(
             np.einsum("tkcij,k->tcij", self.curvature, curvature),
             STRAIN * np.einsum("tkcij,k->tcij", self.strain, strain),
             np.stack([self.swings @ straight, self.swings @ twisting], axis=1),
-            np.einsum("tkij,k->tij", self.ways, ways),
+            np.einsum("tkij,k->tij", self.displacements, displacements),
         )
 
 
 @lru_cache(maxsize=1)
-def _any() -> Sources:
+def _any() -> Basis:
     tensor, one = np.zeros((1, 3, 1, 1)), np.zeros(1)
     pair = np.zeros((2, 1))
-    return Sources.of(
+    return Basis.of(
         Fields(
             np.zeros((1, 2, len(MUSCLE), 3, 1, 1)),
             tensor,
@@ -78,29 +80,29 @@ def _any() -> Sources:
 
 
 def names() -> tuple[str, ...]:
-    """(K,) of all sources."""
+    """(K,) of all basis functions."""
     return _any().names
 
 
 def least_effects() -> Array:
-    """(K,) share of an error that one of a source counts as at least (`regression.amounts_of`): a strain of 1 % as all
-    of it."""
+    """(K,) share of an error that a unit coefficient counts as at least (`regression.coefficients_of`): a strain of 1 %
+    as all of it."""
     return np.array([1.0 if name.startswith("strain") else 0.05 for name in names()])
 
 
 def anywhere() -> NDArray[np.bool_]:
-    """(K,) whether a source is taken for layouts that were not learned from."""
+    """(K,) whether a basis function is taken for layouts that were not learned from."""
     return _any().anywhere
 
 
 @dataclass(frozen=True, eq=False)
-class Mixture:
-    """What acts in all: as in `Sources`, without the axis over sources; swings (T, 2), straight and twisting."""
+class Combination:
+    """What acts in all: as in `Basis`, without the axis over functions; swings (T, 2), straight and twisting."""
 
     curvature: Array
     strain: Array
     swings: Array
-    ways: Array
+    displacements: Array
 
 
 def _across(tensor: Array) -> Array:
@@ -163,6 +165,6 @@ def _swings(fields: Fields) -> Iterator[Named]:
             yield f"swing by {kind} {_COMPONENTS[c]}", bending[:, k, c], False
 
 
-def _ways(fields: Fields) -> Iterator[Named]:
+def _displacements(fields: Fields) -> Iterator[Named]:
     for speed, span in zip(fields.speeds, ("1/30", "0.1", "0.3"), strict=True):
         yield f"speed over {span} s", speed, False

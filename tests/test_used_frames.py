@@ -1,4 +1,4 @@
-"""Unjudged stretches: where small changes to either side lead elsewhere."""
+"""Sensitive stretches: where small changes to either side lead to another shape."""
 
 import dataclasses
 
@@ -7,8 +7,8 @@ import pytest
 from sheets import rolled_sheet
 from test_calibrate import write
 
-from studies.judged import Stretch, judged, said, share_unjudged
-from studies.judged_search import elsewhere, judge_sets, unjudged
+from studies.sensitive_stretches import find_used_frames, on_another_branch, sensitive_stretches
+from studies.used_frames import Stretch, left_out_in_words, share_left_out, used_mask
 
 TIMES = np.arange(1, 31) * 0.05
 
@@ -26,8 +26,8 @@ class Buckler:
         curl = pressure.max() / 100e3 * case.factors["muscle_gain"] / case.factors["bending"]
         frames = []
         for t in times:
-            toss = pressure.min() > 250e3 and 0.3 < t < 1.0
-            frames.append(rolled_sheet((np.sign(tilt + 1e-9) if toss else 1.0) * curl + 0.1 * tilt, n=9))
+            near = pressure.min() > 250e3 and 0.3 < t < 1.0
+            frames.append(rolled_sheet((np.sign(tilt + 1e-9) if near else 1.0) * curl + 0.1 * tilt, n=9))
         return np.stack(frames).astype(np.float32)
 
 
@@ -36,21 +36,21 @@ def trials(tmp_path_factory):
     return write(tmp_path_factory.mktemp("set"), [100, 200, 300], forward=None, times=TIMES).trials
 
 
-def test_only_the_stretch_in_which_either_way_is_a_coins_toss_is_unjudged(trials):
+def test_only_the_stretch_that_buckles_to_either_side_is_left_out(trials):
     told = []
-    found = unjudged(trials, Buckler(), progress=lambda done, total: told.append((done, total)))
+    found = sensitive_stretches(trials, Buckler(), progress=lambda done, total: told.append((done, total)))
     assert [s.trial for s in found] == ["002"]
     assert found[0].begin == pytest.approx(0.3, abs=0.11)
     assert found[0].end == pytest.approx(1.0, abs=0.11)
     assert told[0] == (18, 18)  # two draws of each trial, three motions a draw
     assert told[-1] == (24, 24)  # two more where they part
-    assert share_unjudged(found, trials) == pytest.approx(0.7 / 1.5 / 3, abs=0.07)
-    assert "002 0." in said(found, share_unjudged(found, trials))
+    assert share_left_out(found, trials) == pytest.approx(0.7 / 1.5 / 3, abs=0.07)
+    assert "002 0." in left_out_in_words(found, share_left_out(found, trials))
 
 
-def test_what_is_found_in_a_trial_does_not_depend_on_those_beside_it(trials):
-    [alone] = unjudged(trials[2:], Buckler())
-    assert [alone] == [*unjudged(trials, Buckler())]
+def test_the_stretches_of_a_trial_do_not_depend_on_other_trials(trials):
+    [alone] = sensitive_stretches(trials[2:], Buckler())
+    assert [alone] == [*sensitive_stretches(trials, Buckler())]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,46 +68,46 @@ def test_one_search_serves_all_and_is_never_kept_in_the_set(trials, tmp_path, mo
     monkeypatch.setenv("FABDESIGN_CACHE", str(tmp_path))
     before = sorted(trials[0].file.parents[1].rglob("*"))
     first, again = Counter(), Counter()
-    found = unjudged(trials, first)
-    assert unjudged(trials, again) == found
+    found = sensitive_stretches(trials, first)
+    assert sensitive_stretches(trials, again) == found
     assert sum(first.count) == 24 and not again.count
     assert sorted(trials[0].file.parents[1].rglob("*")) == before
     for file in tmp_path.rglob("*.json"):
         file.write_text("[[0.1")  # damaged: searched again
-    assert unjudged(trials[2:], again) == found and sum(again.count) == 12
+    assert sensitive_stretches(trials[2:], again) == found and sum(again.count) == 12
 
 
 def test_several_sets_stretches_are_named_by_set_and_trial(trials, tmp_path):
     found = write(tmp_path / "set", [100, 200, 300], forward=None, times=TIMES)
     sets = [dataclasses.replace(found, name=name) for name in ("first", "second")]
-    looked_at = judge_sets([(sets[0], sets[0].trials[:1]), (sets[1], sets[1].trials)], Buckler())
-    [stretch] = looked_at.stretches
-    assert stretch.as_json()["set"] == "second" and "second/002 0." in looked_at.said
-    assert looked_at.at(sets[0], found.trials[2]).all() and not looked_at.at(sets[1], found.trials[2]).all()
-    assert looked_at.share == pytest.approx(0.7 / 1.5 / 4, abs=0.05)
-    assert judge_sets([(found, found.trials)], None).as_json() == {"unjudged": None, "share_unjudged": 0.0}
+    used = find_used_frames([(sets[0], sets[0].trials[:1]), (sets[1], sets[1].trials)], Buckler())
+    [stretch] = used.stretches
+    assert stretch.as_json()["set"] == "second" and "second/002 0." in used.in_words
+    assert used.at(sets[0], found.trials[2]).all() and not used.at(sets[1], found.trials[2]).all()
+    assert used.share_left_out == pytest.approx(0.7 / 1.5 / 4, abs=0.05)
+    assert find_used_frames([(found, found.trials)], None).as_json() == {"unjudged": None, "share_unjudged": 0.0}
 
 
-def test_a_motion_that_diverges_is_not_judged():
+def test_a_motion_that_diverges_is_left_out():
     middle = np.zeros((2, 9, 3))
     lost = middle.copy()
     lost[1] = np.nan
-    assert elsewhere(middle, middle, lost).tolist() == [False, True]
+    assert on_another_branch(middle, middle, lost).tolist() == [False, True]
 
 
-def test_a_large_change_in_proportion_is_judged_until_it_is_many_times_the_usual():
+def test_a_large_change_in_proportion_is_used_until_it_is_many_times_the_usual():
     """At any scale: by the size of the motion."""
     for size in (0.01, 0.1):  # m
         middle = np.zeros((2, 9, 3))
         middle[1, :, 2] = size
         last = np.array([[[0.0]], [[1.0]]]) * size
-        assert not elsewhere(middle, middle + 0.09 * last, middle - 0.09 * last).any()
-        assert elsewhere(middle, middle + 0.11 * last, middle - 0.11 * last)[1]
-        assert elsewhere(middle, middle + 0.05 * last, middle)[1]  # to one side only
+        assert not on_another_branch(middle, middle + 0.09 * last, middle - 0.09 * last).any()
+        assert on_another_branch(middle, middle + 0.11 * last, middle - 0.11 * last)[1]
+        assert on_another_branch(middle, middle + 0.05 * last, middle)[1]  # to one side only
 
 
-def test_frames_within_a_stretch_are_not_judged():
+def test_frames_within_a_stretch_are_left_out():
     stretches = (Stretch("a", 0.2, 0.4),)
-    assert judged(stretches, "a", np.array([0.1, 0.2, 0.3, 0.4, 0.5])).tolist() == [True, False, False, False, True]
-    assert judged(stretches, "b", np.array([0.3])).all()
+    assert used_mask(stretches, "a", np.array([0.1, 0.2, 0.3, 0.4, 0.5])).tolist() == [True, False, False, False, True]
+    assert used_mask(stretches, "b", np.array([0.3])).all()
     assert dataclasses.asdict(stretches[0])["begin"] == stretches[0].as_json()["from_s"] == 0.2

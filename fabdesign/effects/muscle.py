@@ -1,0 +1,183 @@
+"""Effects of muscles: threshold, friction, creep, viscosity, softening, an odd one."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.effects.bench import MuscleRecord
+from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
+from fabdesign.effects.specimen import Specimen
+
+
+# Threshold pressure: a muscle's bladder must be blown up before pressure contracts the braid.
+def _threshold_pressure_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
+    threshold, width = 1e3 * values["threshold"], 1e3 * values["width"]
+    # so a threshold of nothing leaves the pressure as it is; from 2 (4) widths on the width is right to 4 (0.1) %
+    narrowed = width * np.tanh(threshold / width)
+    return specimen.with_muscles(muscles, threshold_pressure=threshold, threshold_width=narrowed)
+
+
+THRESHOLD_PRESSURE = Effect(
+    "threshold_pressure",
+    site="muscle",
+    scope="muscle type",
+    what="p acts as width log(1 + exp((p - threshold) / width)): hardly below the threshold, less by it above; below "
+    "two widths of threshold the width narrows with it",
+    signature="one curve of the pressure, the same up and down and at any rate; wrong most at low pressures",
+    looks_like="a pressure gauge with an offset, or another law of the bench at low pressures; measure the pressure at "
+    "the muscle, in steps of 10 kPa",
+    source="bladder of a McKibben muscle (Tondu and Lopez 2000, doi:10.1109/37.833638); docs/effects.md",
+    parameters={
+        "threshold": EffectParameter("kPa", "pressure that does nothing", 40.0, (0.0, 400.0), 20.0, off=0.0),
+        "width": EffectParameter("kPa", "of the bend", 10.0, (1.0, 100.0), 0.5, transform="log"),
+    },
+    specimen=_threshold_pressure_specimen,
+    force="sim.effects.threshold_pressure:THRESHOLD_PRESSURE",
+)
+
+
+# Braid hysteresis: Coulomb friction of strand on strand, which grows with pressure.
+def _braid_hysteresis_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
+    return specimen.with_muscles(
+        muscles,
+        friction_per_pressure=values["friction"] / 1e3,
+        friction_at_zero=values["friction_at_zero"],
+        friction_slip=values["slip"],
+    )
+
+
+def _braid_hysteresis_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
+    limit = (values["friction_at_zero"] + values["friction"] / 1e3 * record.pressure).tolist()
+    drawn = np.diff(record.contraction, prepend=record.contraction[0]).tolist()
+    force, found = 0.0, []
+    for most, more in zip(limit, drawn, strict=True):
+        force = min(max(force + most / values["slip"] * more, -most), most)
+        found.append(force)
+    return replace(record, friction=record.friction + np.array(found))
+
+
+BRAID_HYSTERESIS = Effect(
+    "braid_hysteresis",
+    site="muscle",
+    scope="muscle type",
+    what="friction against contraction and lengthening, up to friction times pressure: one Maxwell-slip element an "
+    "interval, which gives way by `slip` of contraction before it slides",
+    signature="branches at equal pressure, as wide at any rate; minor loops; still open at hold",
+    looks_like="friction of the cloth with itself, or a pressure sensor with a dead band; cycle one muscle on its "
+    "bench by pressure measured at the muscle",
+    source="Maxwell-slip model (Iwan 1966, doi:10.1115/1.3625199); docs/effects.md",
+    parameters={
+        "friction": EffectParameter("N/kPa", "limit by pressure", 0.005, (0.0, 0.1), 0.005, off=0.0),
+        "friction_at_zero": EffectParameter("N", "limit without pressure", 0.0, (0.0, 10.0), 0.3, off=0.0),
+        "slip": EffectParameter("1", "contraction until it slides", 0.005, (0.0005, 0.1), 0.5, transform="log"),
+    },
+    specimen=_braid_hysteresis_specimen,
+    force="sim.effects.braid_hysteresis:BRAID_HYSTERESIS",
+    bench=_braid_hysteresis_bench,
+    remembers=True,
+)
+
+
+# Muscle creep: part of a muscle's contraction comes slowly, and goes slowly.
+def _muscle_creep_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
+    return specimen.with_muscles(muscles, creep_share=values["share"], creep_time=values["time"])
+
+
+def _muscle_creep_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
+    limit = values["share"] * np.maximum(record.contraction, 0.0)
+    aged = -np.expm1(-np.diff(record.time) / values["time"])
+    lent: Array = limit.copy()
+    for k, share in enumerate(aged, start=1):
+        lent[k] = lent[k - 1] + share * (limit[k] - lent[k - 1])
+    return replace(record, lent=record.lent + lent)
+
+
+MUSCLE_CREEP = Effect(
+    "muscle_creep",
+    site="muscle",
+    scope="muscle type",
+    what="a slow contraction z, dz/dt = (share max(eps, 0) - z) / time, that the bench law does not see: F(p, eps - z)",
+    signature="slow extra at hold, slow recovery after; as much for slow and fast ramps once held",
+    looks_like="a slow leak, or a muscle that warms; log the pressure over a long hold and repeat at once",
+    source="standard linear solid; docs/effects.md",
+    parameters={
+        "share": EffectParameter("1", "of the contraction, in the end", 0.15, (0.0, 0.8), 0.1, off=0.0),
+        "time": EffectParameter("s", "time constant", 0.8, (0.02, 100.0), 0.8, transform="log"),
+    },
+    specimen=_muscle_creep_specimen,
+    force="sim.effects.muscle_creep:MUSCLE_CREEP",
+    bench=_muscle_creep_bench,
+    remembers=True,
+)
+
+
+# Muscle viscosity: tension lost by the rate of contraction, another share while lengthening.
+def _muscle_viscosity_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
+    return specimen.with_muscles(
+        muscles, viscosity_contracting=values["contracting"], viscosity_lengthening=values["lengthening"]
+    )
+
+
+MUSCLE_VISCOSITY = Effect(
+    "muscle_viscosity",
+    site="muscle",
+    scope="muscle type",
+    what="tension lost by the contraction's rate, beyond the declared viscosity; another share while lengthening",
+    signature="in proportion to the rate, nothing at hold; contracting and lengthening differ, as with the cloth's "
+    "damping they do not",
+    looks_like="a narrow valve, whose pressure lags behind in proportion to the flow; log the pressure at the muscle",
+    source="Kelvin-Voigt element with a share for each direction; docs/effects.md",
+    parameters={
+        "contracting": EffectParameter("N s", "while contracting", 20.0, (0.0, 500.0), 10.0, off=0.0),
+        "lengthening": EffectParameter("N s", "while lengthening", 10.0, (0.0, 500.0), 10.0, off=0.0),
+    },
+    specimen=_muscle_viscosity_specimen,
+    force="sim.effects.muscle_viscosity:MUSCLE_VISCOSITY",
+)
+
+
+# Stroke softening: muscles pull less from trial to trial of a session.
+def _stroke_softening_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
+    left = 1.0 + values["loss"] * np.expm1(-specimen.order / values["trials"])
+    return specimen.with_muscles(muscles, gain=specimen.muscles["gain"] * left)
+
+
+STROKE_SOFTENING = Effect(
+    "stroke_softening",
+    site="muscle",
+    scope="rig",
+    what="what pressure adds to the tension falls with the trial's place k in the session: by loss (1 - exp(-k / "
+    "trials))",
+    signature="smaller motions from trial to trial, most between the first ones; back after a rest, not within a trial",
+    looks_like="a supply that runs empty, or muscles that warm up; log the pressure, and repeat the first trial after "
+    "an hour",
+    source="softening of the first strokes (Mullins effect, Ogden and Roxburgh 1999); docs/effects.md",
+    parameters={
+        "loss": EffectParameter("1", "of the gain, in the end", 0.15, (0.0, 0.9), 0.1, off=0.0),
+        "trials": EffectParameter("1", "after which 63 % of it is lost", 3.0, (0.2, 100.0), 0.8, transform="log"),
+    },
+    specimen=_stroke_softening_specimen,
+)
+
+
+# Odd muscle: the muscles of one channel pull with a gain of their own.
+def _odd_muscle_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
+    odd = np.array([muscle.channel == int(values["channel"]) for muscle in specimen.design.muscles], dtype=bool)
+    return specimen.with_muscles(odd & muscles, gain=specimen.muscles["gain"] * values["factor"])
+
+
+ODD_MUSCLE = Effect(
+    "odd_muscle",
+    site="muscle",
+    scope="rig",
+    what="what pressure adds to the tension is multiplied in one channel's muscles",
+    signature="stripes fixed to one muscle, in step with its pressure, whatever the others do",
+    looks_like="a regulator of this channel that is out by a share, or a looser lacing; exchange two channels' hoses",
+    source="repeat variation of woven muscles, 2 to 4 %; docs/effects.md",
+    parameters={
+        "channel": EffectParameter("1", "the odd channel, from 0", 0.0, (0.0, 255.0), 1.0, whole=True),
+        "factor": EffectParameter("1", "on its gain", 0.8, (0.05, 5.0), 0.2, off=1.0, transform="log"),
+    },
+    specimen=_odd_muscle_specimen,
+)
