@@ -72,7 +72,7 @@ def run_study(
     require_searchable(study, study.name)
     targets = tuple(load_target(target, study.design, seed=study.seed) for target in study.targets)
     objective = Objective(
-        [Target(t.points, t.time, t.markers) for t in targets],
+        [Target(t.points, t.time, t.markers, t.face, t.landmarks) for t in targets],
         study.objective,
         study.order,
         [t.weight for t in targets],

@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.design import Design
-from fabdesign.metrics import DRAWS, Errors, trial_errors
+from fabdesign.metrics import DRAWS, Errors, landmark_errors, trial_errors
 from fabdesign.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
+from fabdesign.sheet import Face
 from fabdesign.study_file import TargetFile
 from fabdesign.table import load_toml
 from fabdesign.target_file import PlacedTarget, read_target
+from fabdesign.wishes import Landmarks
 
 ENOUGH = 4000  # points for the same
 NOISELESS = 1e-4  # m: bends that a quadric does not follow look like less noise than that
@@ -27,8 +29,10 @@ class LoadedTarget:
     time: float | None
     description: str
     noise: SensorNoise = NOISE_FREE  # what the cloud shows; none on a mesh
-    markers: bool = False  # so few points that only their distances to the cloth count, one way
+    markers: bool = False  # so few points, or of a part: only their distances to the cloth count, one way
+    face: Face = "both"  # that the points lie on
     weight: float = 1.0  # among the poses of a study
+    landmarks: Landmarks | None = None  # of wishes, whose goals the points are
 
     @property
     def measured(self) -> bool:
@@ -47,6 +51,8 @@ class LoadedTarget:
 
 def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedTarget:
     """Read a target, sampled with `seed` where it is a mesh, and place it. Raises InputError."""
+    if target.wishes:
+        return _wished(target, design)
     placed = read_target(target, design.fabric, seed=seed)
     frame, path = placed.geometry, target.file
     where = path.name
@@ -55,11 +61,16 @@ def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedT
     parts = [target.description or where, *_placed(target, placed)]
     if placed.markers:
         parts.append(f"{len(placed.points)} markers: their mean distance to the cloth, one way, in place of Chamfer")
+    elif target.distances == "one way":
+        parts.append("mean distance of its points to the cloth, one way, in place of Chamfer")
+    if target.face != "both":
+        parts.append(f"of the {target.face} face")
     if frame.trial:
         parts.append(_set_description(path))
     noise = _noise(placed, design.fabric.thickness)
     said = ", ".join(filter(None, parts))
-    return LoadedTarget(placed.points, frame.time, said, noise, placed.markers, target.weight)
+    markers = placed.markers or target.distances == "one way"
+    return LoadedTarget(placed.points, frame.time, said, noise, markers, target.face, target.weight)
 
 
 def target_errors(
@@ -77,9 +88,32 @@ def pose_errors(
 ) -> list[Errors]:
     """Of each target beside its shape. draws: of each floor."""
     return [
-        trial_errors([target.points], shape[None], target.noise, seed=seed + pose, draws=draws, markers=target.markers)
+        _errors(target, shape, seed=seed + pose, draws=draws)
         for pose, (target, shape) in enumerate(zip(targets, shapes, strict=True))
     ]
+
+
+def _errors(target: LoadedTarget, shape: NDArray[np.float64], *, seed: int, draws: int) -> Errors:
+    if target.landmarks is not None:
+        return landmark_errors(target.landmarks, shape)
+    return trial_errors(
+        [target.points],
+        shape[None],
+        target.noise,
+        seed=seed,
+        draws=draws,
+        markers=target.markers,
+        face=target.face,
+    )
+
+
+def _wished(target: TargetFile, design: Design) -> LoadedTarget:
+    said = "; ".join(wish.said for wish in target.wishes)
+    parts = [target.description, f"wishes ({said}): the mean distance of these places in place of Chamfer"]
+    landmarks = Landmarks.of(target.wishes, design.fabric)
+    return LoadedTarget(
+        landmarks.goals, None, ", ".join(filter(None, parts)), weight=target.weight, landmarks=landmarks
+    )
 
 
 def _placed(target: TargetFile, placed: PlacedTarget) -> list[str]:
