@@ -27,10 +27,11 @@ _CLOSE = 0.1  # of the shorter side: a centre so near the held edge has no direc
 _LEANING = {"pinned": 60.0, "clamped": 100.0}
 
 
-def misplaced(points: Array, fabric: Fabric, *, part: bool = False) -> str | None:
+def misplaced(points: Array, fabric: Fabric, *, part: bool = False, free: bool = False) -> str | None:
     """What about a cloud (n, 3) m a cloth held as `fabric` could not do, as "..., expected ..."; None: nothing.
 
-    Of a cloth that nothing holds the size alone is judged; of a cloud that shows a part, size and reach.
+    Of a cloth that nothing holds the size alone is judged; of a cloud that shows a part, size and reach;
+    of a free one the size.
     """
     held, flat = held_places(fabric), at_rest(fabric, 5, 5)
     short = min(fabric.width, fabric.height)
@@ -38,7 +39,7 @@ def misplaced(points: Array, fabric: Fabric, *, part: bool = False) -> str | Non
     largest = float(np.hypot(fabric.width, fabric.height))
     if span > _STRETCH * largest * np.sqrt(3):  # of a box in any frame
         return f"it is {_length(span)} across; expected at most {_length(largest)}, the cloth's diagonal"
-    if not len(held):
+    if free or not len(held):
         return None
     if not part and span < _SMALL * np.linalg.norm(np.ptp(held, axis=0)):
         return f"it is {_length(span)} across; expected a cloth held along {_length(fabric.width)}"

@@ -50,6 +50,7 @@ class TargetFile:
     face: Face = "both"  # that the points lie on
     # one way: from the points, which show a part, to the cloth alone
     distances: Literal["both ways", "one way"] = "both ways"
+    free: bool = False  # it may stand anywhere: moved while searching
     wishes: tuple[Wish, ...] = ()  # in place of a cloud: `file` is then the study's own
 
 
@@ -219,6 +220,7 @@ def read_targets(root: Table, path: Path, fabric: Fabric) -> tuple[TargetFile, .
             weight=table.number("weight", 1.0, above=0),
             face=table.text("face", "both", choices=("both", "front", "back")),
             distances=table.text("distances", "both ways", choices=("both ways", "one way")),
+            free=table.flag("free", False),
         )
         if target.place == "fit" and "translation" in table:
             raise table.bad("translation", 'none beside place = "fit", which finds it')

@@ -13,6 +13,7 @@ from scipy.spatial import KDTree
 from fabdesign.design import Design
 from fabdesign.distances import chamfer
 from fabdesign.forward import SIDE, Case, ForwardModel
+from fabdesign.free_placement import RigidMotion, onto
 from fabdesign.metrics import distance_to_faces
 from fabdesign.pressure import PressureProgram
 from fabdesign.sheet import Face
@@ -36,6 +37,11 @@ class Target:
     markers: bool = False  # few points, or a part: in place of Chamfer, their mean distance to the cloth's faces
     face: Face = "both"  # that the points lie on
     landmarks: Landmarks | None = None  # in place of the points: their mean distance
+    free: bool = False  # it may stand anywhere: distances are of the shape moved onto it
+
+    def motion(self, pose: NDArray[np.float64]) -> RigidMotion:
+        """That brings a shape (2 n, 3) m onto it where it is free."""
+        return onto(half_of(pose, self.face), self.points, one_way=self.markers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +100,8 @@ class Objective:
     def _distance(self, target: Target, pose: NDArray[np.float64]) -> float:
         if target.landmarks is not None:
             return target.landmarks.mean(pose)
+        if target.free:
+            pose = target.motion(pose).of(pose)
         if self.measure == "surface_rms":
             return capped_rms(Surface.of_faces(pose, face=target.face).distance(target.points, within=CAP))
         if target.markers:
@@ -115,6 +123,13 @@ class Objective:
     def _gradient(self, target: Target, pose: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
         if target.landmarks is not None:
             return target.landmarks.gradient(pose)
+        if target.free:  # at its minimum the motion itself has no slope
+            motion = target.motion(pose)
+            value, slope = self._gradient_there(target, motion.of(pose))
+            return value, slope @ motion.turn
+        return self._gradient_there(target, pose)
+
+    def _gradient_there(self, target: Target, pose: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
         if self.measure == "surface_rms":
             return _surface_gradient(target.points[::SURFACE_THIN], pose, target.face)
         if target.markers:

@@ -19,7 +19,7 @@ from optimize.evaluations import FINALISTS, NEAR, Evaluations, Stage
 from optimize.fewer import Fewer
 from optimize.history import History
 from optimize.margins import constraint_margins
-from optimize.objective import Objective, Target
+from optimize.objective import Objective
 from optimize.search import INTERRUPTED, search
 from optimize.starts import Start
 from studies.forward_model import forward_model
@@ -73,7 +73,7 @@ def run_study(
     require_searchable(study, study.name)
     targets = tuple(load_target(target, study.design, seed=study.seed) for target in study.targets)
     objective = Objective(
-        [Target(t.points, t.time, t.markers, t.face, t.landmarks) for t in targets],
+        [t.sought for t in targets],
         study.objective,
         study.order,
         [t.weight for t in targets],
@@ -266,6 +266,7 @@ def _result(
     if way is not None and not way.reached and np.all(np.isfinite(way.shape)):
         shape = way.shape
     errors = target_errors(targets, shape, design, seed=study.seed)
+    targets = tuple(target.beside(one) for target, one in zip(targets, shape, strict=True))
     margins = constraint_margins(design, pressures, limits_of(study))
     reach = reach_of(study, design, pressures, shape, errors, margins)
     if reach.out_of_reach and follow:

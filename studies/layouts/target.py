@@ -2,20 +2,23 @@
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from fabdesign.design import Design
 from fabdesign.metrics import DRAWS, Errors, landmark_errors, trial_errors
+from fabdesign.placement import placement_of
 from fabdesign.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
 from fabdesign.sheet import Face
 from fabdesign.study_file import TargetFile
 from fabdesign.table import load_toml
 from fabdesign.target_file import PlacedTarget, read_target
 from fabdesign.wishes import Landmarks
+from optimize.objective import Target
 
 ENOUGH = 4000  # points for the same
 NOISELESS = 1e-4  # m: bends that a quadric does not follow look like less noise than that
@@ -33,6 +36,21 @@ class LoadedTarget:
     face: Face = "both"  # that the points lie on
     weight: float = 1.0  # among the poses of a study
     landmarks: Landmarks | None = None  # of wishes, whose goals the points are
+    free: bool = False  # it may stand anywhere
+
+    @property
+    def sought(self) -> Target:
+        """What a search comes close to."""
+        return Target(self.points, self.time, self.markers, self.face, self.landmarks, self.free)
+
+    def beside(self, shape: NDArray[np.float64]) -> "LoadedTarget":
+        """A free one where it lies nearest to a shape (2 n, 3) m, with how it was moved; any other as it is."""
+        if not self.free:
+            return self
+        motion = self.sought.motion(shape)
+        placed = placement_of(1.0, Rotation.from_matrix(motion.turn.T), -motion.shift @ motion.turn)
+        said = f"{self.description}, moved by {placed} while searching"
+        return replace(self, points=motion.back(self.points), description=said, free=False)
 
     @property
     def measured(self) -> bool:
@@ -70,7 +88,7 @@ def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedT
     noise = _noise(placed, design.fabric.thickness)
     said = ", ".join(filter(None, parts))
     markers = placed.markers or target.distances == "one way"
-    return LoadedTarget(placed.points, frame.time, said, noise, markers, target.face, target.weight)
+    return LoadedTarget(placed.points, frame.time, said, noise, markers, target.face, target.weight, free=target.free)
 
 
 def target_errors(
@@ -96,6 +114,7 @@ def pose_errors(
 def _errors(target: LoadedTarget, shape: NDArray[np.float64], *, seed: int, draws: int) -> Errors:
     if target.landmarks is not None:
         return landmark_errors(target.landmarks, shape)
+    target = target.beside(shape)
     return trial_errors(
         [target.points],
         shape[None],

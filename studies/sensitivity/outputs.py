@@ -97,6 +97,7 @@ def _distance(target: LoadedTarget, points: NDArray[np.float32]) -> float:
     """m."""
     if target.landmarks is not None:
         return target.landmarks.mean(points)
+    target = target.beside(np.asarray(points, float))
     if target.markers:
         return distance_to_faces(target.points, points, target.face)
     return chamfer(target.points, half_of(points, target.face))
