@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.machine import processor
-from benchmarks.search.parts import cases
+from benchmarks.search.parts import SECONDS, cases
 
 Rows = dict[str, dict[str, Any]]
 NEAR, POSE = 1.1, 1.15  # times the floor, and times what a pose reaches alone
@@ -33,6 +33,7 @@ def page(work: Path, *, quick: bool) -> str:
         "",
         f"`make bench-search`{' with QUICK=1' if quick else ''} (`python -m benchmarks.search`),",
         f"commit {', '.join(commits) or 'none'}, {processor()}.",
+        _given(rows),
         "Seconds are those of the machine as it was; CPU seconds, of all threads, tell more where it was busy.",
         "",
         f"Not run: {', '.join(f'{count} of part {part}' for part, count in left.items() if count) or 'nothing'}"
@@ -40,6 +41,12 @@ def page(work: Path, *, quick: bool) -> str:
     ]
     lines += _reach(rows["reach"]) + _grid(rows["grid"]) + _robust(rows["robust"]) + _poses(rows["poses"])
     return "\n".join([*lines, *_others(others), ""])
+
+
+def _given(rows: dict[str, Rows]) -> str:
+    """A sentence on the seconds that searches were given."""
+    given = sorted({row.get("given_s", SECONDS) for found in rows.values() for row in found.values()})
+    return f"A search of one target was given {' or '.join(f'{s:g}' for s in given or [SECONDS])} s."
 
 
 def _reach(rows: Rows) -> list[str]:
@@ -65,12 +72,14 @@ def _grid(rows: Rows) -> list[str]:
     if not rows:
         return []
     lines = ["", "## `layouts`: a cloth of 0.30 x 0.18 m bent to a half tube, clamped", ""]
-    lines.append("Reached (what the cell's own search came to), mm; seconds given and taken.")
+    lines.append("Reached (what the cell's own search came to), mm; seconds given, taken, and of all threads.")
     names = list(next(iter(rows.values()))["cells"])
-    lines += ["", f"| | {' | '.join(names)} | given | taken |", f"|---{'|---' * (len(names) + 2)}|"]
+    lines += ["", f"| | {' | '.join(names)} | given | taken | CPU |", f"|---{'|---' * (len(names) + 3)}|"]
     for name, row in rows.items():
         cells = [f"{row['cells'][key][0]:.1f} ({row['cells'][key][1]:.1f})" for key in names]
-        lines.append(f"| {name} | {' | '.join(cells)} | {row['seconds']:.0f} | {row['wall_s']:.0f} |")
+        lines.append(
+            f"| {name} | {' | '.join(cells)} | {row['seconds']:.0f} | {row['wall_s']:.0f} | {row['cpu_s']:.0f} |"
+        )
     return lines
 
 
