@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.machine import processor
-from benchmarks.search.parts import SECONDS, cases
+from benchmarks.search.parts import cases
 
 Rows = dict[str, dict[str, Any]]
 NEAR, POSE = 1.1, 1.15  # times the floor, and times what a pose reaches alone
@@ -33,7 +33,6 @@ def page(work: Path, *, quick: bool) -> str:
         "",
         f"`make bench-search`{' with QUICK=1' if quick else ''} (`python -m benchmarks.search`),",
         f"commit {', '.join(commits) or 'none'}, {processor()}.",
-        _given(rows),
         "Seconds are those of the machine as it was; CPU seconds, of all threads, tell more where it was busy.",
         "",
         f"Not run: {', '.join(f'{count} of part {part}' for part, count in left.items() if count) or 'nothing'}"
@@ -43,10 +42,10 @@ def page(work: Path, *, quick: bool) -> str:
     return "\n".join([*lines, *_others(others), ""])
 
 
-def _given(rows: dict[str, Rows]) -> str:
-    """A sentence on the seconds that searches were given."""
-    given = sorted({row.get("given_s", SECONDS) for found in rows.values() for row in found.values()})
-    return f"A search of one target was given {' or '.join(f'{s:g}' for s in given or [SECONDS])} s."
+def _given(rows: Rows) -> str:
+    """A sentence on the seconds that the searches of a part were given."""
+    given = sorted({row["given_s"] for row in rows.values()})
+    return f"A search of one target was given {' or '.join(f'{s:g}' for s in given)} s."
 
 
 def _reach(rows: Rows) -> list[str]:
@@ -56,7 +55,7 @@ def _reach(rows: Rows) -> list[str]:
     few = sum(row["muscles"] <= row["truth"] + 1 for row in near.values())
     lines = ["", "## Targets of 2 to 8 muscles", ""]
     lines.append(f"Within 10 % of the floor: **{len(near)} of {len(rows)}** (bound 11 of 12). Of those, at most one")
-    lines.append(f"muscle more than the truth: **{few}** (bound 10 of 12).")
+    lines.append(f"muscle more than the truth: **{few}** (bound 10 of 12). {_given(rows)}")
     lines += [
         "",
         "| target | Chamfer, mm | floor | muscles | truth | seconds | CPU seconds | ended |",
@@ -88,6 +87,7 @@ def _robust(rows: Rows) -> list[str]:
         return []
     lines = ["", "## Copies with scatter", ""]
     lines.append("50 copies on the simulator, not the rig, of the nominal result and of that chosen for yield.")
+    lines.append(_given(rows))
     lines += ["", "| target | result | nominal, mm | expected | yield | tolerance |", "|---|---|---|---|---|---|"]
     for name, row in rows.items():
         for choose in ("nominal", "yield"):
@@ -100,7 +100,8 @@ def _robust(rows: Rows) -> list[str]:
 def _poses(rows: Rows) -> list[str]:
     if not rows:
         return []
-    lines = ["", "## Two poses, one layout", "", "Each within 15 % of what its own layout reaches is the bound.", ""]
+    lines = ["", "## Two poses, one layout", "", "Each within 15 % of what its own layout reaches is the bound."]
+    lines += [f"{_given(rows)} Two poses together: twice that.", ""]
     lines += ["| target | together, mm | alone | met |", "|---|---|---|---|"]
     for name, row in rows.items():
         pairs = [*zip(row["poses_mm"], row["alone_mm"], strict=True)]
