@@ -30,6 +30,7 @@ def main() -> None:
     parser.add_argument("--parts", default=",".join(PARTS), help="Some of them; none: only the page.")
     parser.add_argument("--work", type=Path, default=ROOT / "build" / "search")
     parser.add_argument("--seconds", type=float, default=SECONDS, help="Of a search.")
+    parser.add_argument("--note", default="", help="A sentence for the page, of the machine.")
     parser.add_argument("--others", action="store_true", help="Other searches too.")
     options = parser.parse_args()
     quick = os.environ.get("QUICK") == "1"
@@ -48,7 +49,7 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         row = case.run(folder, share) | {"commit": commit(PAGE), "given_s": share * SECONDS}
         write_text(file, json.dumps(row, indent=2) + "\n")
-        write_text(PAGE, page(work, quick=quick))
+        write_text(PAGE, page(work, quick=quick, note=options.note))
     for truth in truths()[:COMPARED] if options.others else []:
         file = work / "others" / f"{truth.name}.json"
         ours = work / "reach" / f"{truth.name}.json"
@@ -56,7 +57,7 @@ def main() -> None:
             near = 1e-3 * NEAR * json.loads(ours.read_text(encoding="utf-8"))["floor_mm"]
             row = baselines(truth, work / "reach" / truth.name, share * SECONDS, near)
             write_text(file, json.dumps(row, indent=2) + "\n")
-    write_text(PAGE, page(work, quick=quick))
+    write_text(PAGE, page(work, quick=quick, note=options.note))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ Rows = dict[str, dict[str, Any]]
 NEAR, POSE = 1.1, 1.15  # times the floor, and times what a pose reaches alone
 
 
-def page(work: Path, *, quick: bool) -> str:
+def page(work: Path, *, quick: bool, note: str = "") -> str:
     """What is done in `work`, and what is not."""
     every = [*cases()]
     rows = {
@@ -34,6 +34,7 @@ def page(work: Path, *, quick: bool) -> str:
         f"`make bench-search`{' with QUICK=1' if quick else ''} (`python -m benchmarks.search`),",
         f"commit {', '.join(commits) or 'none'}, {processor()}.",
         "Seconds are those of the machine as it was; CPU seconds, of all threads, tell more where it was busy.",
+        *([note] if note else []),
         "",
         f"Not run: {', '.join(f'{count} of part {part}' for part, count in left.items() if count) or 'nothing'}"
         f"{'' if others else '; other searches (--others)'}.",
