@@ -25,6 +25,7 @@ from tests.derivatives_reference import kinds, lacking
 ROUNDS = 5
 SIZES = 21, 41
 COMPARED = 21  # points a side
+BOUND = 1e-2  # of what a column may lack
 
 
 def cases() -> list[Case]:
@@ -97,17 +98,20 @@ def page(sizes: Sequence[int]) -> list[str]:
             f"| {points} | {shapes:.2f} | {np.median(found):.3f} ({min(found):.3f} to {max(found):.3f}) | 0.050 "
             f"| {exact} of {total} |"
         )
+    found_off = agreement()
+    every = np.concatenate([*found_off.values()])
     lines += [
         "",
         "## Agreement with the float64 reference",
         "",
         f"Of eight shapes at {COMPARED} points a side: what the reference's balance of forces lacks along a column,",
-        "as a displacement by its Gauss-Newton stiffness, over the column (norms). Bound 1e-2.",
+        "as a displacement by its Gauss-Newton stiffness, over the column (norms).",
+        f"Within 1e-2: {np.sum(every <= BOUND)} of {len(every)} (bound 95 %).",
         "",
         "| column | median | most |",
         "|---|---|---|",
     ]
-    lines += [f"| {name} | {np.median(off):.1e} | {max(off):.1e} |" for name, off in agreement().items()]
+    lines += [f"| {name} | {np.median(off):.1e} | {max(off):.1e} |" for name, off in found_off.items()]
     return lines
 
 

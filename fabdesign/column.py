@@ -35,6 +35,26 @@ class Column:
     room: Callable[[Case], tuple[float, float]] = _everywhere
 
 
+@dataclass(frozen=True, eq=False)
+class Move:
+    """One case moved to both sides along one column."""
+
+    sides: tuple[Case, Case]
+    by: tuple[float, float]  # down and up, in the column's unit
+
+    @property
+    def width(self) -> float:
+        """Between both, in the column's unit."""
+        return self.by[1] - self.by[0]
+
+
+def move(case: Case, column: Column, step: float) -> Move:
+    """To both sides by `step`, or as far as the column goes."""
+    least, most = column.room(case)
+    low, high = max(-step, least), min(step, most)
+    return Move((column.moved(case, low), column.moved(case, high)), (low, high))
+
+
 def pressure(channel: int) -> Column:
     """Pa, all set points of a channel together."""
 

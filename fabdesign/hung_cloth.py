@@ -27,10 +27,11 @@ _CLOSE = 0.1  # of the shorter side: a centre so near the held edge has no direc
 _LEANING = {"pinned": 60.0, "clamped": 100.0}
 
 
-def misplaced(points: Array, fabric: Fabric) -> str | None:
+def misplaced(points: Array, fabric: Fabric, *, part: bool = False, free: bool = False) -> str | None:
     """What about a cloud (n, 3) m a cloth held as `fabric` could not do, as "..., expected ..."; None: nothing.
 
-    Of a cloth that nothing holds the size alone is checked.
+    Of a cloth that nothing holds the size alone is checked; of a cloud that shows a part, size and reach;
+    of a free one the size.
     """
     held, flat = held_places(fabric), at_rest(fabric, 5, 5)
     short = min(fabric.width, fabric.height)
@@ -38,14 +39,16 @@ def misplaced(points: Array, fabric: Fabric) -> str | None:
     largest = float(np.hypot(fabric.width, fabric.height))
     if span > _STRETCH * largest * np.sqrt(3):  # of a box in any frame
         return f"it is {_length(span)} across; expected at most {_length(largest)}, the cloth's diagonal"
-    if not len(held):
+    if free or not len(held):
         return None
-    if span < _SMALL * np.linalg.norm(np.ptp(held, axis=0)):
+    if not part and span < _SMALL * np.linalg.norm(np.ptp(held, axis=0)):
         return f"it is {_length(span)} across; expected a cloth held along {_length(fabric.width)}"
     tree = cKDTree(held)
     reached, farthest = float(np.quantile(tree.query(points)[0], 0.98)), float(tree.query(flat)[0].max())
     if reached > _STRETCH * farthest + _OFF * short:
         return f"it reaches {_length(reached)} from where the cloth is held; expected at most {_length(farthest)}"
+    if part:
+        return None
     spacing = np.sqrt(fabric.width * fabric.height / len(points))
     gaps = cKDTree(points).query(held)[0]
     ends = (_BENT_IN if span >= _WHOLE * largest else 1.5 * _OFF) * short

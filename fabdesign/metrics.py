@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from fabdesign.distances import ChamferTo, chamfer
 from fabdesign.sensor_noise import SensorNoise
-from fabdesign.surface import CAP, Surface, capped_rms
+from fabdesign.sheet import Face
+from fabdesign.surface import CAP, Surface, capped_rms, half_of
+from fabdesign.wishes import Landmarks
 
 Floats = NDArray[np.floating[Any]]
 
@@ -50,12 +52,13 @@ def surface_rms(measured: Floats, model: Floats) -> float:
     return capped_rms(Surface.of_faces(model).distance(measured, within=CAP))
 
 
-def distance_to_faces(markers: Floats, model: Floats) -> float:
-    """Mean distance [m] of a few markers (n, 3) to the faces of a model frame (2 rows cols, 3), one way and uncapped.
+def distance_to_faces(markers: Floats, model: Floats, face: Face = "both") -> float:
+    """Mean distance [m] of a few markers (n, 3) to the faces of a model frame (2 rows cols, 3), or to one of them, one
+    way and uncapped.
 
     In place of Chamfer: most of the model has no marker near it.
     """
-    return float(Surface.of_faces(model).distance(markers).mean())
+    return float(Surface.of_faces(model, face=face).distance(markers).mean())
 
 
 def chamfer_floor(model: Floats, count: int, noise: SensorNoise, *, seed: int = 0) -> float:
@@ -74,6 +77,16 @@ def _draws(model: Floats, count: int, noise: SensorNoise, seed: int) -> Iterator
     return (noise.draw(surface, count, rng, offsets) for offsets in noise.stray_offsets([count] * DRAWS, rng))
 
 
+def landmark_errors(landmarks: Landmarks, model: Floats) -> Errors:
+    """Of one frame (2 rows cols, 3) m beside wishes: their mean distance in place of Chamfer, root mean square in place
+    of surface RMS. Nothing is sampled and nothing measured: the floors are 0."""
+    if not np.isfinite(model).all():
+        return Errors(*[np.nan] * 5)
+    off = landmarks.distances(model)
+    rms = float(np.sqrt(landmarks.weights @ np.square(off)))
+    return Errors(landmarks.mean(model), 0.0, rms, 0.0, float(landmarks.weights @ (off > CAP)))
+
+
 def trial_errors(
     measured: Sequence[Floats],
     predicted: Floats,
@@ -82,15 +95,16 @@ def trial_errors(
     seed: int = 0,
     draws: int = DRAWS,
     markers: bool = False,
+    face: Face = "both",
 ) -> Errors:
     """Means over the frames of a trial: T measured clouds (n_t, 3) m against a motion (T, 2 rows cols, 3) m.
 
-    markers: `distance_to_faces` in place of Chamfer. The floors' draws are spread evenly over the frames. A motion that
-    diverged (NaN) has NaN errors.
+    markers: `distance_to_faces` in place of Chamfer. face: the one that the clouds show. The floors' draws are spread
+    evenly over the frames. A motion that diverged (NaN) has NaN errors.
     """
     if not np.isfinite(predicted).all():
         return Errors(*[np.nan] * 5)
-    distances, floors = _by_frame(measured, predicted, noise, seed, draws, markers=markers)
+    distances, floors = _by_frame(measured, predicted, noise, seed, draws, markers=markers, face=face)
     (c, s, beyond), (c_floor, s_floor) = np.mean(distances, axis=0), np.mean(floors, axis=0)
     return Errors(float(c), float(c_floor), float(s), float(s_floor), float(beyond))
 
@@ -105,7 +119,14 @@ def frame_errors(
 
 
 def _by_frame(
-    measured: Sequence[Floats], predicted: Floats, noise: SensorNoise, seed: int, draws: int, *, markers: bool = False
+    measured: Sequence[Floats],
+    predicted: Floats,
+    noise: SensorNoise,
+    seed: int,
+    draws: int,
+    *,
+    markers: bool = False,
+    face: Face = "both",
 ) -> tuple[list[tuple[float, float, float]], list[tuple[float, float]]]:
     """Chamfer, surface RMS and share beyond the cap of every frame; Chamfer and surface RMS of every draw."""
     if len(measured) != len(predicted):
@@ -116,8 +137,8 @@ def _by_frame(
     offsets = iter(noise.stray_offsets(counts, rng))
     distances, floors = [], []
     for cloud, model, repeats in zip(measured, predicted, per_frame, strict=True):
-        surface = Surface.of_faces(model)
-        to_model = _to(surface) if markers else ChamferTo(model).of
+        surface = Surface.of_faces(model, face=face)
+        to_model = _to(surface) if markers else ChamferTo(half_of(model, face)).of
         off = surface.distance(cloud, within=CAP)
         distances.append((to_model(cloud), capped_rms(off), float(np.mean(off > CAP))))
         for strays in islice(offsets, repeats):

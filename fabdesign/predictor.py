@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.column import Column
 from fabdesign.corrector import Corrector, with_history
 from fabdesign.effects.acting import is_sensing, observed, seen_at
 from fabdesign.forward import Case, ForwardModel
+from fabdesign.jacobian import FacesJacobian, Floats, Jacobians, with_on_top
 from fabdesign.model import Model
 from fabdesign.pressure import PressureProgram
 from fabdesign.sheet import Sheet, of_faces, sheets
@@ -65,16 +67,36 @@ class Predictor:
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         """(3362, 3) points [m] of each case at rest, as `motions` gives them."""
         own = [self.case(case) for case in cases]
-        shapes = self.simulator.equilibria(own)
+        return self._on_top(own, self.simulator.equilibria(own))
+
+    @property
+    def faces_jacobian(self) -> Jacobians | None:
+        """Shapes at rest, as `equilibria` gives them, and how they change with each column; None where the simulator
+        does not offer it."""
+        bare: Jacobians | None = getattr(self.simulator, "faces_jacobian", None)
+        if bare is None:
+            return None
+
+        def found(cases: Sequence[Case], columns: Sequence[Column]) -> list[FacesJacobian]:
+            own = [self.case(case) for case in cases]
+            simulated = bare(own, columns)
+            if self.corrector is None and not self.sensing:
+                return simulated
+            return with_on_top(own, columns, simulated, self._on_top)
+
+        return found
+
+    def _on_top(self, cases: Sequence[Case], shapes: Sequence[Floats]) -> list[NDArray[np.float32]]:
+        """What the corrector and sensing make of shapes at rest; the cases with what the model adds."""
         if self.corrector is not None:
-            shapes = self._corrected_at_rest(self.corrector, own, shapes)
+            shapes = self._corrected_at_rest(self.corrector, cases, shapes)
         if not self.sensing:
-            return shapes
-        return [observed(case, points) for case, points in zip(own, shapes, strict=True)]
+            return list(shapes)
+        return [observed(case, points) for case, points in zip(cases, shapes, strict=True)]
 
     @staticmethod
     def _corrected_at_rest(
-        corrector: Corrector, cases: Sequence[Case], shapes: Sequence[NDArray[np.float32]]
+        corrector: Corrector, cases: Sequence[Case], shapes: Sequence[Floats]
     ) -> list[NDArray[np.float32]]:
         """Of motions that have stood still for as long as the corrector looks back."""
         late = np.array([1.0 + max(corrector.history(), default=0.0)])

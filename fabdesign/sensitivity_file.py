@@ -87,7 +87,7 @@ def sensitivity_of(
             raise root.bad("outputs", f"some of {', '.join(OUTPUTS)}, or {EXPECTED}")
         if text not in OUTPUTS:
             read_shape_output(text, design.fabric, f"{path}: outputs")
-    targets = read_targets(root, path) if "target" in root or "chamfer" in outputs else ()
+    targets = read_targets(root, path, design.fabric) if "target" in root or "chamfer" in outputs else ()
     if targets and "chamfer" not in outputs:
         raise InputError(f'{path}: a target, and no "chamfer" among the outputs; expected both or neither')
     pressures = read_start_pressures(root, design)

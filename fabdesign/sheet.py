@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.forward import Case, ForwardModel
 
 Floats = NDArray[np.floating[Any]]
+Face = Literal["both", "front", "back"]
 
 
 @dataclass(frozen=True, eq=False)

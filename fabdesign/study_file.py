@@ -11,6 +11,7 @@ from fabdesign.design import Design
 from fabdesign.design_file import read_design
 from fabdesign.effort import MUSCLES
 from fabdesign.errors import InputError
+from fabdesign.fabric import Fabric
 from fabdesign.forward import HOLD, RISE
 from fabdesign.model import Model
 from fabdesign.model_file import read_model
@@ -18,7 +19,9 @@ from fabdesign.placement import UNITS, Unit
 from fabdesign.pressure import LARGEST, limits
 from fabdesign.pressure_file import read_pressures
 from fabdesign.search_terms import Price, Robust, read_price, read_robust
+from fabdesign.sheet import Face
 from fabdesign.table import Table, load_toml, pascals
+from fabdesign.wishes import Wish, read_wishes
 
 FORMAT = "fabdesign.study/1"
 KINDS = ("optimize", "sensitivity", "layouts", "unseen", "loop")
@@ -44,6 +47,11 @@ class TargetFile:
     translation: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
     place: Literal["given", "fit"] = "given"
     weight: float = 1.0  # among the poses of a study
+    face: Face = "both"  # that the points lie on
+    # one way: from the points, which show a part, to the cloth alone
+    distances: Literal["both ways", "one way"] = "both ways"
+    free: bool = False  # it may stand anywhere: moved while searching
+    wishes: tuple[Wish, ...] = ()  # in place of a cloud: `file` is then the study's own
 
 
 @dataclass(frozen=True)
@@ -146,7 +154,7 @@ def read_search(root: Table, path: Path) -> Study:
 
 def search_of(root: Table, path: Path, design: Design, model: Model | None) -> Study:
     """As `read_search`, of a design and model that are read already."""
-    targets = read_targets(root, path)
+    targets = read_targets(root, path, design.fabric)
     variables = root.table("variables", None) or Table({}, f"{path}: variables")
     choice = _choice(variables)
     pressures, positions = variables.flag("pressures", True), variables.flag("positions", choice is not None)
@@ -170,6 +178,8 @@ def search_of(root: Table, path: Path, design: Design, model: Model | None) -> S
         price=read_price(root),
         robust=read_robust(root),
     )
+    if study.objective != "chamfer" and any(target.wishes for target in targets):
+        raise root.bad("objective", '"chamfer" for wishes, which have a distance of their own')
     root.finish()
     return study
 
@@ -187,14 +197,17 @@ def require_searchable(study: Study, where: str) -> None:
         raise InputError(f"{where}: variables: nothing may change; expected pressures, positions or muscles")
 
 
-def read_targets(root: Table, path: Path) -> tuple[TargetFile, ...]:
-    """Of `[target]` or `[[targets]]` in the study at `path`."""
+def read_targets(root: Table, path: Path, fabric: Fabric) -> tuple[TargetFile, ...]:
+    """Of `[target]` or `[[targets]]` in the study at `path`, for a cloth."""
     single = root.table("target", None)
     tables = root.tables("targets")
     if (single is None) == (not tables):
         raise InputError(f"{path}: expected one [target], or [[targets]] that share one layout")
     targets = []
     for table in [single] if single is not None else tables:
+        if wishes := read_wishes(table, fabric):
+            targets.append(_wished(table, path, wishes))
+            continue
         target = TargetFile(
             file=path.parent / table.text("file"),
             frame=table.integer("frame", -1),
@@ -205,6 +218,9 @@ def read_targets(root: Table, path: Path) -> tuple[TargetFile, ...]:
             translation=table.numbers("translation", (0.0, 0.0, 0.0), count=3),
             place=table.text("place", "given", choices=("given", "fit")),
             weight=table.number("weight", 1.0, above=0),
+            face=table.text("face", "both", choices=("both", "front", "back")),
+            distances=table.text("distances", "both ways", choices=("both ways", "one way")),
+            free=table.flag("free", False),
         )
         if target.place == "fit" and "translation" in table:
             raise table.bad("translation", 'none beside place = "fit", which finds it')
@@ -213,6 +229,14 @@ def read_targets(root: Table, path: Path) -> tuple[TargetFile, ...]:
             raise InputError(f"{table.where}: file {target.file} is not there")
         targets.append(target)
     return tuple(targets)
+
+
+def _wished(table: Table, path: Path, wishes: tuple[Wish, ...]) -> TargetFile:
+    if "file" in table:
+        raise table.bad("file", "none beside wishes, which stand in its place")
+    description, weight = table.text("description", ""), table.number("weight", 1.0, above=0)
+    table.finish()
+    return TargetFile(path, description=description, weight=weight, wishes=wishes)
 
 
 def _choice(variables: Table) -> MuscleChoice | None:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.cells import Cells
+from fabdesign.sheet import Face
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.floating[Any]]
@@ -32,13 +33,15 @@ class Surface:
     triangles: Indices  # (t, 3)
 
     @staticmethod
-    def of_faces(points: Floats, rows: int | None = None) -> "Surface":
-        """Both faces of one frame of a motion, (2 rows cols, 3) m as `ForwardModel` gives it; square without `rows`."""
+    def of_faces(points: Floats, rows: int | None = None, face: Face = "both") -> "Surface":
+        """Both faces of one frame of a motion, (2 rows cols, 3) m as `ForwardModel` gives it, or one of them; square
+        without `rows`."""
         per_face = len(points) // 2
         rows = rows or isqrt(per_face)
         if rows * (per_face // rows) * 2 != len(points):
             raise ValueError(f"{len(points)} points are not two faces of {rows} rows")
-        return Surface(np.asarray(points, dtype=np.float64), face_triangles(rows, per_face // rows))
+        triangles = face_triangles(rows, per_face // rows)
+        return Surface(np.asarray(points, dtype=np.float64), half_of(triangles, face))
 
     def _corners(self, triangle: Indices | slice = slice(None)) -> tuple[Array, Array, Array]:
         """(n, 3) each: first corner, and the two edges from it, of those triangles (n,)."""
@@ -99,6 +102,12 @@ def _cross(a: Array, b: Array) -> Array:
     """numpy's cross of (n, 3), four times as fast."""
     (a0, a1, a2), (b0, b1, b2) = a.T, b.T
     return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=1)
+
+
+def half_of(faces: Floats | Indices, face: Face) -> Any:
+    """Of what is listed for the front face, then for the back face, what belongs to `face`."""
+    half = len(faces) // 2
+    return {"both": faces, "front": faces[:half], "back": faces[half:]}[face]
 
 
 @lru_cache

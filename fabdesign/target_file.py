@@ -68,7 +68,7 @@ def read_target(target: TargetFile, fabric: Fabric, *, seed: int = 0) -> PlacedT
     else:
         placement = Placement(factor, target.rotation or (0.0, 0.0, 0.0), target.translation)
     points = placement.apply(raw)
-    fault = misplaced(points, fabric)
+    fault = misplaced(points, fabric, part=target.distances == "one way", free=target.free)
     if fault is not None:
         raise InputError(f"{target.file}: {fault}{next(_remedies(geometry, raw, fabric, target), '')}")
     return PlacedTarget(points, geometry, placement, turned_over)

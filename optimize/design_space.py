@@ -50,6 +50,14 @@ class DesignSpace:
         """(n,) half widths of a trust region of radius 1."""
         return self._by_kind(POSITION_REACH, PRESSURE_REACH)
 
+    @property
+    def units(self) -> Vector:
+        """(n,) m of positions and Pa of pressures that a variable from 0 to 1 is."""
+        _, span = self._position_range()
+        lowest, highest = self.limits.pressure
+        pressures = self.dimension - self.position_count
+        return np.concatenate([np.tile(span, self.position_count // 2), np.full(pressures, highest - lowest)])
+
     def _by_kind(self, position: float, pressure: float) -> Vector:
         pressures = self.dimension - self.position_count
         return np.array([position] * self.position_count + [pressure] * pressures)

@@ -12,12 +12,14 @@ from fabdesign.forward import ForwardModel
 from optimize.design_space import DesignSpace, Vector
 from optimize.history import Entry, History
 from optimize.objective import Objective, Shape
+from optimize.slopes import Jacobians, Slopes, jacobians_for, slopes_of
 
 Point = tuple[int, Vector]  # the number of the start, for its space, and the vector
 
 BATCH = 32  # designs a forward call: four times the simulator's lanes
 NEAR = 0.02  # of the best value: so near is as near
 FINALISTS = 3
+SLOPES = ", slopes"  # what a stage's entries are called that serve derivatives alone
 PENALTY = 1.0  # m, for a diverged design, or twice the worst seen: worse than all others, and finite
 
 
@@ -27,7 +29,8 @@ class Stage:
 
     No round begins after the share `until` of the seconds that were left when the campaign began, so that a slow
     machine gets to the last stage too.
-    slopes: a cheaper model of the same shape that finite differences are taken on; `forward` itself by default.
+    slopes: a cheaper model of the same shape that derivatives are asked of, or finite differences taken on where it
+    offers none; `forward` itself by default. at_rest: late frames are valued by shapes at rest.
     """
 
     name: str
@@ -37,6 +40,11 @@ class Stage:
     vary_positions: bool = False
     until: float = 1.0
     slopes: ForwardModel | None = None
+    at_rest: bool = False
+
+    def values_as(self, other: "Stage") -> bool:
+        """Whether values of both can be compared."""
+        return self.forward is other.forward and self.at_rest == other.at_rest
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +94,8 @@ class Evaluations:
         self.campaign_began = 0.0  # s of search, when the campaign under way began
         self.stage = "start"  # under way
         self.told = ""  # for people, once there is something to tell
-        self.objective, self._on_progress, self._near = objective, on_progress, near
+        self.objective, self._at_rest = objective, objective.at_rest
+        self._on_progress, self._near = on_progress, near
         self.seconds, self._most = seconds, evaluations
         self._began = time.monotonic() - history.seconds
         self._noting = True
@@ -111,7 +120,7 @@ class Evaluations:
     def finalists(self, most: int = FINALISTS) -> list[tuple[DesignSpace, Vector]]:
         """The best, and what other starts came to that is as near: another layout or other pressures."""
         best = self.best
-        if best is None or self.stages[best.stage].forward is not self.stages[-1].forward:
+        if best is None or not self.stages[best.stage].values_as(self.stages[-1]):
             return [self.best_point()]
         found = [self.best_point()]
         for rival in sorted(self.rivals.values(), key=lambda rival: rival.value):
@@ -136,16 +145,46 @@ class Evaluations:
         and becomes `best` where it is, unless on `cheap`. Raises Stop."""
         results: list[tuple[float, Shape]] = []
         while len(results) < len(points):
-            left = self._most - self.history.evaluations
-            if left <= 0:
-                raise Stop(f"the limit of {self._most} evaluations is reached")
-            batch = points[len(results) : len(results) + min(BATCH, left)]
+            batch = points[len(results) : len(results) + self._room()]
             self.require_time(self._pace.get((number, len(batch), cheap is None), 0.0))
             begin = self.elapsed
             results += self._evaluate_batch(number, batch, cheap)
             self._pace[number, len(batch), cheap is None] = self.elapsed - begin
             self._on_progress(self)
         return results
+
+    def jacobians(self, number: int) -> Jacobians | None:
+        """What derivatives a search of the stage of this number may ask for; None: it takes differences."""
+        stage = self.stages[number]
+        return jacobians_for(stage.slopes or stage.forward, self.objective_of(number))
+
+    def objective_of(self, number: int) -> Objective:
+        """What the stage of this number is valued by."""
+        return self._at_rest if self.stages[number].at_rest else self.objective
+
+    def slopes(self, number: int, points: Sequence[Point]) -> list[Slopes]:
+        """How the shape of every point changes with its variables; recorded, but nothing of it becomes `best`. Raises
+        Stop."""
+        jacobians = self.jacobians(number)
+        assert jacobians is not None
+        found: list[Slopes] = []
+        while len(found) < len(points):
+            batch = points[len(found) : len(found) + self._room()]
+            self.require_time()
+            spaces = [self.space(start, number) for start, _ in batch]
+            objective = self.objective_of(number)
+            new = slopes_of(jacobians, objective, [(s, x) for s, (_, x) in zip(spaces, batch, strict=True)])
+            self._record(self.stages[number].name + SLOPES, batch, [objective.value(one.shape) for one in new])
+            found += new
+            self._on_progress(self)
+        return found
+
+    def _room(self) -> int:
+        """Evaluations that the next batch may have. Raises Stop where none are left."""
+        left = self._most - self.history.evaluations
+        if left <= 0:
+            raise Stop(f"the limit of {self._most} evaluations is reached")
+        return min(BATCH, left)
 
     @contextmanager
     def aside(self) -> Iterator[None]:
@@ -183,31 +222,31 @@ class Evaluations:
         self.stage = stage.name
         spaces = [self.space(start, number) for start, _ in batch]
         points = [(space, x) for space, (_, x) in zip(spaces, batch, strict=True)]
-        shapes = self.objective.shapes(cheap or stage.forward, points)
-        found = [self.objective.value(shape) for shape in shapes]
-        penalty = max(PENALTY, 2 * max([self.history.worst, *(v for v in found if np.isfinite(v))]))
-        values = [v if np.isfinite(v) else penalty for v in found]
-        seconds = self.elapsed
-        self.history.add(
-            Entry(
-                seconds,
-                stage.name if cheap is None else f"{stage.name}, slopes",
-                value,
-                not np.isfinite(raw),
-                tuple(map(float, x)),
-            )
-            for value, raw, (_, x) in zip(values, found, batch, strict=True)
-        )
+        objective = self.objective_of(number)
+        shapes = objective.shapes(cheap or stage.forward, points)
+        label = stage.name if cheap is None else stage.name + SLOPES
+        values = self._record(label, batch, [objective.value(shape) for shape in shapes])
         for value, shape, (space, x), (start, _) in zip(values, shapes, points, batch, strict=True):
             if cheap is None and self._noting and space.feasible(x):
                 self._note(Best(start, x.copy(), value, number), shape)
         return list(zip(values, shapes, strict=True))
 
+    def _record(self, label: str, batch: Sequence[Point], found: Sequence[float]) -> list[float]:
+        """The values [m], a penalty for each that is none, as they stand in the history."""
+        penalty = max(PENALTY, 2 * max([self.history.worst, *(v for v in found if np.isfinite(v))]))
+        values = [v if np.isfinite(v) else penalty for v in found]
+        seconds = self.elapsed
+        self.history.add(
+            Entry(seconds, label, value, not np.isfinite(raw), tuple(map(float, x)))
+            for value, raw, (_, x) in zip(values, found, batch, strict=True)
+        )
+        return values
+
     def _note(self, found: Best, shape: Shape) -> None:
         """Keep it as the best, and among those that are as near."""
         if self._better(found.stage, found.value):
             self.best, self.best_shape = found, shape
-        if self.stages[found.stage].forward is self.stages[-1].forward:
+        if self.stages[found.stage].values_as(self.stages[-1]):
             known = self.rivals.get(found.start)
             if known is None or found.value < known.value:
                 self.rivals[found.start] = found
@@ -219,7 +258,7 @@ class Evaluations:
         """Than the best so far; of different forward models a later stage's knows better, whatever it says."""
         if self.best is None:
             return True
-        if self.stages[self.best.stage].forward is self.stages[number].forward:
+        if self.stages[self.best.stage].values_as(self.stages[number]):
             return value < self.best.value
         return number > self.best.stage
 

@@ -53,7 +53,7 @@ def fewer_muscles(evaluations: Evaluations, *, least: int, price: Price) -> Fewe
     design, pressures = space.decode(x)
     value, count = np.inf if best is None else best.value, len(design.muscles)
     found = Fewer((space, x), value, value, count, "no smaller layout is near enough")
-    if best is None or evaluations.stages[best.stage].forward is not evaluations.stages[last].forward:
+    if best is None or not evaluations.stages[best.stage].values_as(evaluations.stages[last]):
         return replace(found, ended="the search ended before the full model", cut=True)
     begun, lowest, highest = len(evaluations.starts), least, count
     layout: Layout = ([*design.muscles], pressures[:, [muscle.channel for muscle in design.muscles]])

@@ -1,7 +1,7 @@
 """How far a batch of designs comes from the target: forward model in, one number a design out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
 
@@ -10,15 +10,20 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.spatial import KDTree
 
+from fabdesign.design import Design
 from fabdesign.distances import chamfer
 from fabdesign.forward import SIDE, Case, ForwardModel
+from fabdesign.free_placement import RigidMotion, onto
 from fabdesign.metrics import distance_to_faces
 from fabdesign.pressure import PressureProgram
-from fabdesign.surface import CAP, Surface, capped_rms
+from fabdesign.sheet import Face
+from fabdesign.surface import CAP, Surface, capped_rms, half_of
+from fabdesign.wishes import Landmarks
 from optimize.design_space import DesignSpace, Vector
 
 Measure = Literal["chamfer", "surface_rms"]
 Shape = NDArray[np.float64]  # (poses, 2 n, 3) m: one design under each pose's pressures
+LATE = 1.0  # s after rest, from which on a motion's frame is taken to be near the shape at rest
 THIN = 2  # a step is chosen on every second point of target and model: cheaper, the same step
 SURFACE_THIN = 6  # the same for surface RMS, of the target alone: triangles cost more, and blur less, than points
 
@@ -29,7 +34,14 @@ class Target:
 
     points: NDArray[np.float64]  # (n, 3) m
     time: float | None = None
-    markers: bool = False  # few points: in place of Chamfer, their mean distance to the cloth's faces
+    markers: bool = False  # few points, or a part: in place of Chamfer, their mean distance to the cloth's faces
+    face: Face = "both"  # that the points lie on
+    landmarks: Landmarks | None = None  # in place of the points: their mean distance
+    free: bool = False  # it may stand anywhere: distances are of the shape moved onto it
+
+    def motion(self, pose: NDArray[np.float64]) -> RigidMotion:
+        """That brings a shape (2 n, 3) m onto it where it is free."""
+        return onto(half_of(pose, self.face), self.points, one_way=self.markers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +58,12 @@ class Objective:
     weights: Sequence[float] = ()
 
     @property
+    def at_rest(self) -> "Objective":
+        """The same of shapes at rest in place of frames that are late: they are near them, and cost a quarter."""
+        late = [t if t.time is None or t.time < LATE else replace(t, time=None) for t in self.targets]
+        return replace(self, targets=late)
+
+    @property
     def shares(self) -> NDArray[np.float64]:
         """(poses,) of the targets in the mean; they sum to 1."""
         weights = np.array(self.weights or [1.0] * len(self.targets))
@@ -56,11 +74,7 @@ class Objective:
         decoded = [space.decode(x) for space, x in points]
         shapes: list[list[Shape]] = [[] for _ in points]
         for pose, target in enumerate(self.targets):
-            duration = target.time or 0.0
-            cases = [
-                Case(design, PressureProgram(np.zeros(1), pressures[pose][None], duration), order=self.order)
-                for design, pressures in decoded
-            ]
+            cases = self.cases(pose, decoded)
             if target.time is None:
                 clouds = forward.equilibria(cases)
             else:
@@ -69,6 +83,14 @@ class Objective:
                 shape.append(refined(np.asarray(cloud, np.float64)))
         return [np.array(shape) for shape in shapes]
 
+    def cases(self, pose: int, decoded: Sequence[tuple[Design, Shape]]) -> list[Case]:
+        """Of designs, each with its (poses, channels) pressures [Pa], in one pose."""
+        duration = self.targets[pose].time or 0.0
+        return [
+            Case(design, PressureProgram(np.zeros(1), pressures[pose][None], duration), order=self.order)
+            for design, pressures in decoded
+        ]
+
     def value(self, shape: Shape) -> float:
         """m; NaN where the shape is not finite."""
         if not np.all(np.isfinite(shape)):
@@ -76,27 +98,43 @@ class Objective:
         return float(self.shares @ [self._distance(t, pose) for t, pose in zip(self.targets, shape, strict=True)])
 
     def _distance(self, target: Target, pose: NDArray[np.float64]) -> float:
+        if target.landmarks is not None:
+            return target.landmarks.mean(pose)
+        if target.free:
+            pose = target.motion(pose).of(pose)
         if self.measure == "surface_rms":
-            return _surface_rms(target.points, pose)
-        return distance_to_faces(target.points, pose) if target.markers else chamfer(target.points, pose)
+            return capped_rms(Surface.of_faces(pose, face=target.face).distance(target.points, within=CAP))
+        if target.markers:
+            return distance_to_faces(target.points, pose, target.face)
+        return chamfer(target.points, half_of(pose, target.face))
 
     @property
     def thin(self) -> int:
         """Stride through a shape's points that `gradient` can do with."""
-        return THIN if self.measure == "chamfer" and not any(target.markers for target in self.targets) else 1
+        whole = any(target.markers or target.landmarks is not None for target in self.targets)
+        return THIN if self.measure == "chamfer" and not whole else 1
 
     def gradient(self, shape: Shape) -> tuple[float, Shape]:
         """Value [m] against the thinned targets, and its derivative by each coordinate (nearest neighbours held)."""
-        if self.measure == "chamfer":
-            found = [
-                _markers_gradient(t.points, pose) if t.markers else _chamfer_gradient(_tree(t), pose)
-                for t, pose in zip(self.targets, shape, strict=True)
-            ]
-        else:
-            measured = [t.points[::SURFACE_THIN] for t in self.targets]
-            found = [_surface_gradient(points, pose) for points, pose in zip(measured, shape, strict=True)]
+        found = [self._gradient(t, pose) for t, pose in zip(self.targets, shape, strict=True)]
         slopes = np.array([slope for _, slope in found])
         return float(self.shares @ [value for value, _ in found]), self.shares[:, None, None] * slopes
+
+    def _gradient(self, target: Target, pose: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        if target.landmarks is not None:
+            return target.landmarks.gradient(pose)
+        if target.free:  # at its minimum the motion itself has no slope
+            motion = target.motion(pose)
+            value, slope = self._gradient_there(target, motion.of(pose))
+            return value, slope @ motion.turn
+        return self._gradient_there(target, pose)
+
+    def _gradient_there(self, target: Target, pose: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+        if self.measure == "surface_rms":
+            return _surface_gradient(target.points[::SURFACE_THIN], pose, target.face)
+        if target.markers:
+            return _markers_gradient(target.points, pose, target.face)
+        return _chamfer_gradient(_tree(target), pose, target.face)
 
 
 @lru_cache(maxsize=64)
@@ -104,23 +142,23 @@ def _tree(target: Target) -> KDTree:
     return KDTree(target.points[::THIN])
 
 
-def _chamfer_gradient(target: KDTree, model: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-    measured = np.asarray(target.data)
+def _chamfer_gradient(target: KDTree, every: NDArray[np.float64], face: Face) -> tuple[float, NDArray[np.float64]]:
+    measured, model = np.asarray(target.data), half_of(every, face)
     to_target, nearest_target = target.query(model)
     to_model, nearest_model = KDTree(model, balanced_tree=False).query(measured)
     slope = (model - measured[nearest_target]) / (np.maximum(to_target, 1e-12) * len(model))[:, None]
     pull = (model[nearest_model] - measured) / (np.maximum(to_model, 1e-12) * len(measured))[:, None]
     for axis in range(3):
         slope[:, axis] += np.bincount(nearest_model, pull[:, axis], len(model))
-    return float(to_target.mean() + to_model.mean()), slope
+    slopes = np.zeros_like(every)
+    half_of(slopes, face)[:] = slope
+    return float(to_target.mean() + to_model.mean()), slopes
 
 
-def _surface_rms(measured: NDArray[np.float64], model: NDArray[np.float64]) -> float:
-    return capped_rms(Surface.of_faces(model).distance(measured, within=CAP))
-
-
-def _surface_gradient(measured: NDArray[np.float64], model: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-    surface = Surface.of_faces(model)
+def _surface_gradient(
+    measured: NDArray[np.float64], model: NDArray[np.float64], face: Face
+) -> tuple[float, NDArray[np.float64]]:
+    surface = Surface.of_faces(model, face=face)
     near = surface.nearest(measured)
     value = capped_rms(near.distance)
     corners = surface.triangles[near.triangle]  # (n, 3)
@@ -129,8 +167,10 @@ def _surface_gradient(measured: NDArray[np.float64], model: NDArray[np.float64])
     return value, _on_corners(corners, near.weights, pull / (len(measured) * max(value, 1e-12)), len(model))
 
 
-def _markers_gradient(measured: NDArray[np.float64], model: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-    surface = Surface.of_faces(model)
+def _markers_gradient(
+    measured: NDArray[np.float64], model: NDArray[np.float64], face: Face
+) -> tuple[float, NDArray[np.float64]]:
+    surface = Surface.of_faces(model, face=face)
     near = surface.nearest(measured)
     corners = surface.triangles[near.triangle]  # (n, 3)
     pull = np.einsum("nk,nkd->nd", near.weights, model[corners]) - measured

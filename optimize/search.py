@@ -1,10 +1,10 @@
 """The search: campaigns, each of which screens many starts, follows the best side by side, and finishes the best of
 those on the full model. Campaigns go on from fresh starts until those agree, or the target is reached, or the time is.
 
-Every forward evaluation is part of a batch: the screening, and in a round the trial steps of all searches with the
-finite differences around them. A round of a search is a linear model of the shape, NLopt's best step on it, and that
-step tried at several lengths at once. Nothing but where the limits cut depends on time or order, so that a seed gives
-one result.
+Every forward evaluation is part of a batch: the screening, the derivatives of all searches, and the trial steps of all
+searches; where the forward model has no derivatives, finite differences with those. A round of a search is a linear
+model of the shape, NLopt's best step on it, and that step tried at several lengths at once. Nothing but where the
+limits cut depends on time or order, so that a seed gives one result.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,6 +25,7 @@ AGREE = 3  # searches from different starts that end as near as the best one doe
 ALIKE = 0.01  # of the best value, by which such ends may differ
 IDLE = 3  # campaigns that came no nearer than NO_GAIN of the best value: a further one is not worth its time
 NO_GAIN = 0.005
+AT_ONCE = 8  # designs that take a simulator no longer than one: so many trials a round, shared by the searches
 
 Start = tuple[DesignSpace, Vector]
 # of campaign k = 1, 2, ... and the best so far: starts, and whether they owe nothing to the best
@@ -183,15 +184,17 @@ def _enter(evaluations: Evaluations, number: int, searches: list[LocalSearch]) -
 def _round(evaluations: Evaluations, number: int, searches: list[LocalSearch]) -> None:
     _find_slopes(evaluations, number, [s for s in searches if s.model is None])
     trials, wanted = [], []
-    stage = evaluations.stages[number]
+    stage, known = evaluations.stages[number], evaluations.jacobians(number) is not None
+    objective = evaluations.objective_of(number)
+    many = AT_ONCE // len(searches) if known else 0
     for local in searches:
         evaluations.require_time()
-        xs = local.trials(evaluations.objective)
+        xs = local.trials(objective, many)
         trials.append(xs)
-        ahead = xs and local.rounds < stage.rounds - 1 and stage.slopes is None
+        ahead = xs and local.rounds < stage.rounds - 1 and not known and stage.slopes is None
         wanted.append(xs + (local.differences(xs[0]) if ahead else []))
     for local, xs, found in zip(searches, trials, _evaluate_all(evaluations, number, searches, wanted), strict=True):
-        local.accept(evaluations.objective, xs, found[: len(xs)], [shape for _, shape in found[len(xs) :]])
+        local.accept(objective, xs, found[: len(xs)], [shape for _, shape in found[len(xs) :]])
         local.done = local.done or local.rounds >= stage.rounds
 
 
@@ -219,10 +222,20 @@ def _find_slopes(evaluations: Evaluations, number: int, searches: list[LocalSear
     bare = [s for s in searches if s.shape is None]
     for local, [(_, shape)] in zip(bare, _evaluate_all(evaluations, number, bare, [[s.x] for s in bare]), strict=True):
         local.shape = shape
-    cheap = evaluations.stages[number].slopes
-    wanted = [s.lacks(known=cheap is None) for s in searches]
-    for local, found in zip(searches, _evaluate_all(evaluations, number, searches, wanted, cheap), strict=True):
-        local.linearise([shape for _, shape in found])
+    if evaluations.jacobians(number) is not None:
+        slopes = evaluations.slopes(number, [(s.start, s.x) for s in searches])
+        for local, own in zip(searches, slopes, strict=True):
+            local.take(own)
+    else:
+        cheap = evaluations.stages[number].slopes
+        wanted = [s.lacks(known=cheap is None) for s in searches]
+        for local, found in zip(searches, _evaluate_all(evaluations, number, searches, wanted, cheap), strict=True):
+            local.linearise([shape for _, shape in found])
+    taught = [s for s in searches if s.learned]  # after a checkpoint
+    for local, found in zip(
+        taught, _evaluate_all(evaluations, number, taught, [s.learned for s in taught]), strict=True
+    ):
+        local.learn([shape for _, shape in found])
 
 
 def _evaluate_all(
@@ -250,6 +263,7 @@ def _save(evaluations: Evaluations, at: _Progress) -> None:
             s.rounds,
             s.done,
             None if s.slopes_at is None else s.slopes_at.tolist(),
+            [x.tolist() for x in s.learned],
         ]
         for s in at.searches
     ]
@@ -292,7 +306,8 @@ def _load(evaluations: Evaluations, fresh: Fresh | None) -> _Progress:
             rounds,
             done,
             slopes_at=None if slopes_at is None else np.array(slopes_at),
+            learned=[np.array(x) for own in learned for x in own],
         )
-        for start, x, value, radius, rounds, done, slopes_at in state["searches"]
+        for start, x, value, radius, rounds, done, slopes_at, *learned in state["searches"]
     ]
     return at

@@ -6,7 +6,7 @@ a step sees how the nearest neighbours change and costs no simulation.
 """
 
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import nlopt
 import numpy as np
@@ -30,6 +30,13 @@ class LinearShape:
 
     def at(self, x: Vector) -> Shape:
         return self.shape + np.tensordot(x - self.centre, self.slopes, axes=1)
+
+    def through(self, x: Vector, shape: Shape) -> "LinearShape":
+        """The nearest model that holds at x too (Broyden, A class of methods for solving nonlinear simultaneous
+        equations, Math. Comp. 19, 1965)."""
+        way = x - self.centre
+        missed = shape - self.at(x)
+        return replace(self, slopes=self.slopes + np.multiply.outer(way / (way @ way), missed))
 
 
 def best_step(model: LinearShape, objective: Objective, space: DesignSpace, radius: float) -> Vector:

@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.cluster import TASKS, Cluster
+from fabdesign.column import Column
 from fabdesign.forward import Case, ForwardModel
 from sim.kernels.fields import LANES
 from sim.time.packing import BLOCKS
 
 Array = NDArray[np.float64]
 Model = TypeVar("Model")
-_Task = tuple[Any, str, list[Case], list[Array] | None]  # model, method, cases, times
+_Task = tuple[Any, str, list[Case], list[Array] | Sequence[Column] | None]  # model, method, cases, times or columns
 
 
 @dataclass(frozen=True)
@@ -34,14 +35,20 @@ class OnCluster:
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         return self.ask("equilibria", cases)
 
-    def ask(self, method: str, cases: Sequence[Case], times: Sequence[Array] | None = None) -> list[Any]:
-        """What `method` of the model gives, a result for each case. Raises SimulationError where a batch killed two
-        workers."""
+    def ask(
+        self,
+        method: str,
+        cases: Sequence[Case],
+        times: Sequence[Array] | None = None,
+        columns: Sequence[Column] | None = None,
+    ) -> list[Any]:
+        """What `method` of the model gives, a result for each case, at its own times or by the same columns. Raises
+        SimulationError where a batch killed two workers."""
         if not cases:
             return []
         parts = batches(cases, times, workers=self.cluster.workers, threads=self.cluster.threads)
         tasks = [
-            (self.model, method, [cases[i] for i in part], None if times is None else [times[i] for i in part])
+            (self.model, method, [cases[i] for i in part], columns if times is None else [times[i] for i in part])
             for part in parts
         ]
         results: list[Any] = [None] * len(cases)
@@ -67,9 +74,9 @@ def batches(cases: Sequence[Case], times: Sequence[Array] | None, *, workers: in
 
 def _answer(task: _Task) -> list[Any]:
     """On a worker."""
-    model, method, cases, times = task
+    model, method, cases, further = task
     asked = getattr(model, method)
-    found: list[Any] = asked(cases) if times is None else asked(cases, times)
+    found: list[Any] = asked(cases) if further is None else asked(cases, further)
     return found
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import sim.effects  # noqa: F401 declares its planes before the first batch
 from fabdesign.cluster import current
-from fabdesign.column import Column
+from fabdesign.column import Column, move
 from fabdesign.effects.acting import acting_pressure, active, specimen_of, terms_of
 from fabdesign.effects.registry import EFFECTS, force_of
 from fabdesign.effects.specimen import Specimen
@@ -19,6 +19,7 @@ from fabdesign.effort import COARSEST, FINEST, LONGEST, require_motion
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.forward import HOLD, RISE, Case
+from fabdesign.jacobian import FacesJacobian
 from fabdesign.model import POINTS_PER_SIDE
 from fabdesign.pressure import RISE_STEPS, rising_program
 from fabdesign.sheet import Sheet
@@ -43,7 +44,7 @@ from sim.motion import SimulatedMotion, motion_of
 from sim.on_cluster import OnCluster
 from sim.step import Solve, advance
 from sim.tangent.differences import Jacobian, completed
-from sim.tangent.explicit import move
+from sim.tangent.faces import faces_changes
 from sim.tangent.shapes import Solved, share_out, solve_at_rest, together
 from sim.time.batch import Batch
 from sim.time.packing import BLOCKS, pack
@@ -209,6 +210,13 @@ class Simulator:
         solvable = [i for i, case in enumerate(cases) if exact and not self.self_contact and _has_tangent(case)]
         solved = self._solve_shapes([cases[i] for i in solvable], columns) if solvable else []
         return completed(self._middles, cases, columns, dict(zip(solvable, solved, strict=True)))
+
+    def faces_jacobian(self, cases: Sequence[Case], columns: Sequence[Column]) -> list[FacesJacobian]:
+        """The same of both faces' points, as `equilibria` gives them."""
+        if (cluster := current()) is not None:
+            return OnCluster(self, cluster).ask("faces_jacobian", cases, columns=columns)
+        found = self.shape_jacobian(cases, columns)
+        return [faces_changes(one, case.design.fabric.thickness) for case, one in zip(cases, found, strict=True)]
 
     def motion_jacobian(
         self, cases: Sequence[Case], times: Sequence[Array], columns: Sequence[Column]

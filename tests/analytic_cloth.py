@@ -11,7 +11,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.column import Column, move
 from fabdesign.forward import Case
+from fabdesign.jacobian import FacesJacobian
 
 SPREAD = 0.02  # m, of a muscle's curvature across its path
 CURVATURE = 12.0  # 1/m, of a full-length muscle at full pressure
@@ -62,3 +64,23 @@ class AnalyticCloth:
         x = u - fabric.width / 2
         faces = [np.stack([x, y + s * np.sin(turn), z + s * np.cos(turn)], axis=-1) for s in (half, -half)]
         return np.concatenate([f.reshape(-1, 3) for f in faces]).astype(np.float32)
+
+
+class WithJacobian(AnalyticCloth):
+    """One that offers derivatives of its shapes at rest, `asked` so often. `wrong`: a factor on them."""
+
+    def __init__(self, points_per_side: int = 41, *, wrong: float = 1.0) -> None:
+        super().__init__(points_per_side)
+        self.asked, self.wrong = 0, wrong
+
+    def faces_jacobian(self, cases: Sequence[Case], columns: Sequence[Column]) -> list[FacesJacobian]:
+        self.asked += 1
+        found = []
+        for case in cases:
+            moves = [move(case, column, column.step) for column in columns]
+            sides = [[self._shape(side, 1.0).astype(float) for side in own.sides] for own in moves]
+            changes = [(high - low) / own.width for own, (low, high) in zip(moves, sides, strict=True)]
+            points = self._shape(case, 1.0)
+            exact = np.ones(len(columns), dtype=bool)
+            found.append(FacesJacobian(points, self.wrong * np.array(changes).reshape(-1, *points.shape), exact))
+        return found

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from fabdesign import cluster as machines
+from fabdesign import column
 from fabdesign.catalogue import build
 from fabdesign.cluster import Cluster, current, on_cluster
 from fabdesign.errors import InputError, SimulationError
@@ -24,7 +25,7 @@ from studies.rig.run import _shapes
 from studies.rig.scene import DEFAULT
 from studies.rig.specimen import TrialTask
 from studies.sensitivity.run import run_sensitivity
-from tests.analytic_cloth import AnalyticCloth
+from tests.analytic_cloth import AnalyticCloth, WithJacobian
 from tests.command_line import Run, one_line
 from tests.conftest import ROOT
 from tests.dying import Dying, refuse
@@ -93,6 +94,14 @@ def test_motions_come_back_in_their_order(address: str) -> None:
         assert np.array_equal(one, other)
 
 
+def test_columns_travel_with_their_cases(address: str) -> None:
+    columns = [column.pressure(1), column.corner(0, 1, (1.0, 0.0))]
+    with on_cluster(address):
+        there = OnCluster(WithJacobian(), _now()).ask("faces_jacobian", cases(9), columns=columns)
+    for one, other in zip(there, WithJacobian().faces_jacobian(cases(9), columns), strict=True):
+        assert np.array_equal(one.changes, other.changes)
+
+
 def test_what_a_task_raises_is_raised_here(address: str) -> None:
     with on_cluster(address), pytest.raises(InputError, match=r"^expected as many$"):
         [*_now().map(refuse, [1], str)]
@@ -157,6 +166,7 @@ def test_the_simulator_asks_the_cluster(monkeypatch: pytest.MonkeyPatch) -> None
     assert [simulator.motions(some, times)[0], simulator.run(some, times)[0], simulator.rest(some)[0]] == [
         "motions of 21", "run of 21", "rest of 21",
     ]  # fmt: skip
+    assert simulator.faces_jacobian(some, []) == ["faces_jacobian of 21"] * 12
 
 
 def test_batches_fill_lanes() -> None:

@@ -20,9 +20,10 @@ from optimize.design_space import DesignSpace, Limits
 from optimize.objective import Objective, Target
 from optimize.starts import Start
 from studies.forward_model import forward_model
-from studies.layouts.robustness import Scatter, first_order, linear, most_robust, robustness_of
+from studies.layouts.robustness import first_order, most_robust, robustness_of
 from studies.layouts.run import run_study
-from tests.analytic_cloth import AnalyticCloth
+from studies.layouts.scatter import Scatter, linear
+from tests.analytic_cloth import AnalyticCloth, WithJacobian
 
 CLOTH = build("vertical")
 LINE = ((0.1, 0.03), (0.1, 0.17))
@@ -147,3 +148,28 @@ def test_a_study_reports_its_copies(objective: Objective, tmp_path: Path) -> Non
     assert kept["delicate"]["muscle"] == 1 and len(kept["said"]) == 3
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Copies with scatter" in page and "data:image/png" in page
+
+
+def test_derivatives_of_the_forward_model_are_those_of_copies(objective: Objective) -> None:
+    bent = replace(ONE[0].muscles[0], channel=0, path=((0.06, 0.03), (0.08, 0.09), (0.07, 0.17)))
+    design = replace(ONE[0], muscles=(*ONE[0].muscles, bent))  # two muscles on one channel
+    scatter = Scatter(STUDY, ROBUST, design, np.array([[200e3]]))
+    offered, plain = forward_model(WithJacobian(11), None), forward_model(AnalyticCloth(11), None)
+    found = linear(scatter, objective, offered)
+    assert len(scatter.columns) == scatter.size == len(found.slopes)
+    np.testing.assert_allclose(found.nominal, linear(scatter, objective, plain).nominal, atol=1e-7)
+    for z, slope in zip(0.1 * np.eye(scatter.size), found.slopes, strict=True):
+        low, high = scatter.shapes(objective, plain, [-z, z])
+        assert np.abs((high - low) / 0.2 - slope).max() < 0.05 * np.abs(slope).max() + 2e-6
+
+
+def test_derivatives_of_the_models_covariance_are_those_of_copies(objective: Objective) -> None:
+    model = Model(
+        {"muscle_gain": Parameter(1.2), "bending": Parameter(0.9)},
+        covariance=Covariance(("muscle_gain", "bending"), np.array([[0.01, 0.004], [0.004, 0.04]])),
+    )
+    scatter = Scatter(replace(STUDY, model=model), ROBUST, ONE[0], np.array([[200e3]]))
+    case = scatter.case(objective, 0)
+    assert case.factors == pytest.approx({"muscle_gain": 1.2, "bending": 0.9})
+    moved = scatter.columns[-2].moved(case, 1.0).factors
+    assert moved == pytest.approx({"muscle_gain": 1.2 * np.exp(0.1), "bending": 0.9 * np.exp(0.04)})

@@ -1,9 +1,10 @@
 """The search on targets of the virtual rig. Writes docs/results/search.md.
 
-    python -m benchmarks.search [--parts reach,grid,robust,poses] [--work FOLDER] [--others]
+    python -m benchmarks.search [--parts reach,grid,robust,poses] [--work FOLDER] [--seconds S] [--others]
 
 A case that is done is kept in the folder, so that the same command goes on. QUICK=1: two cases a part, a quarter of the
-seconds. --others: random search, and CMA-ES and TPE where `cma` and `optuna` are installed, on the first six targets.
+seconds. --seconds: of a search, in place of 60, where the machine is not free; all others by the same factor. --others:
+random search, and CMA-ES and TPE where `cma` and `optuna` are installed, on the first six targets.
 """
 
 import argparse
@@ -28,10 +29,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--parts", default=",".join(PARTS), help="Some of them; none: only the page.")
     parser.add_argument("--work", type=Path, default=ROOT / "build" / "search")
+    parser.add_argument("--seconds", type=float, default=SECONDS, help="Of a search.")
+    parser.add_argument("--note", default="", help="A sentence for the page, of the machine.")
     parser.add_argument("--others", action="store_true", help="Other searches too.")
     options = parser.parse_args()
     quick = os.environ.get("QUICK") == "1"
     work = options.work / "quick" if quick else options.work
+    share = (SHARE if quick else 1.0) * options.seconds / SECONDS
     done: dict[str, int] = dict.fromkeys(PARTS, 0)
     for case in cases():
         if case.part not in options.parts.split(",") or (quick and done[case.part] >= QUICK):
@@ -43,17 +47,17 @@ def main() -> None:
         print(f"{case.part}: {case.name}", flush=True)
         folder = work / case.part / case.name
         folder.mkdir(parents=True, exist_ok=True)
-        row = case.run(folder, SHARE if quick else 1.0) | {"commit": commit(PAGE)}
+        row = case.run(folder, share) | {"commit": commit(PAGE), "given_s": share * SECONDS}
         write_text(file, json.dumps(row, indent=2) + "\n")
-        write_text(PAGE, page(work, quick=quick))
+        write_text(PAGE, page(work, quick=quick, note=options.note))
     for truth in truths()[:COMPARED] if options.others else []:
         file = work / "others" / f"{truth.name}.json"
         ours = work / "reach" / f"{truth.name}.json"
         if ours.is_file() and not file.is_file():
             near = 1e-3 * NEAR * json.loads(ours.read_text(encoding="utf-8"))["floor_mm"]
-            row = baselines(truth, work / "reach" / truth.name, SHARE * SECONDS if quick else SECONDS, near)
+            row = baselines(truth, work / "reach" / truth.name, share * SECONDS, near)
             write_text(file, json.dumps(row, indent=2) + "\n")
-    write_text(PAGE, page(work, quick=quick))
+    write_text(PAGE, page(work, quick=quick, note=options.note))
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ Rows = dict[str, dict[str, Any]]
 NEAR, POSE = 1.1, 1.15  # times the floor, and times what a pose reaches alone
 
 
-def page(work: Path, *, quick: bool) -> str:
+def page(work: Path, *, quick: bool, note: str = "") -> str:
     """What is done in `work`, and what is not."""
     every = [*cases()]
     rows = {
@@ -34,12 +34,19 @@ def page(work: Path, *, quick: bool) -> str:
         f"`make bench-search`{' with QUICK=1' if quick else ''} (`python -m benchmarks.search`),",
         f"commit {', '.join(commits) or 'none'}, {processor()}.",
         "Seconds are those of the machine as it was; CPU seconds, of all threads, tell more where it was busy.",
+        *([note] if note else []),
         "",
         f"Not run: {', '.join(f'{count} of part {part}' for part, count in left.items() if count) or 'nothing'}"
         f"{'' if others else '; other searches (--others)'}.",
     ]
     lines += _reach(rows["reach"]) + _grid(rows["grid"]) + _robust(rows["robust"]) + _poses(rows["poses"])
     return "\n".join([*lines, *_others(others), ""])
+
+
+def _given(rows: Rows) -> str:
+    """A sentence on the seconds that the searches of a part were given."""
+    given = sorted({row["given_s"] for row in rows.values()})
+    return f"A search of one target was given {' or '.join(f'{s:g}' for s in given)} s."
 
 
 def _reach(rows: Rows) -> list[str]:
@@ -49,7 +56,7 @@ def _reach(rows: Rows) -> list[str]:
     few = sum(row["muscles"] <= row["truth"] + 1 for row in near.values())
     lines = ["", "## Targets of 2 to 8 muscles", ""]
     lines.append(f"Within 10 % of the floor: **{len(near)} of {len(rows)}** (bound 11 of 12). Of those, at most one")
-    lines.append(f"muscle more than the truth: **{few}** (bound 10 of 12).")
+    lines.append(f"muscle more than the truth: **{few}** (bound 10 of 12). {_given(rows)}")
     lines += [
         "",
         "| target | Chamfer, mm | floor | muscles | truth | seconds | CPU seconds | ended |",
@@ -65,12 +72,14 @@ def _grid(rows: Rows) -> list[str]:
     if not rows:
         return []
     lines = ["", "## `layouts`: a cloth of 0.30 x 0.18 m bent to a half tube, clamped", ""]
-    lines.append("Reached (what the cell's own search came to), mm; seconds given and taken.")
+    lines.append("Reached (what the cell's own search came to), mm; seconds given, taken, and of all threads.")
     names = list(next(iter(rows.values()))["cells"])
-    lines += ["", f"| | {' | '.join(names)} | given | taken |", f"|---{'|---' * (len(names) + 2)}|"]
+    lines += ["", f"| | {' | '.join(names)} | given | taken | CPU |", f"|---{'|---' * (len(names) + 3)}|"]
     for name, row in rows.items():
         cells = [f"{row['cells'][key][0]:.1f} ({row['cells'][key][1]:.1f})" for key in names]
-        lines.append(f"| {name} | {' | '.join(cells)} | {row['seconds']:.0f} | {row['wall_s']:.0f} |")
+        lines.append(
+            f"| {name} | {' | '.join(cells)} | {row['seconds']:.0f} | {row['wall_s']:.0f} | {row['cpu_s']:.0f} |"
+        )
     return lines
 
 
@@ -79,6 +88,7 @@ def _robust(rows: Rows) -> list[str]:
         return []
     lines = ["", "## Copies with scatter", ""]
     lines.append("50 copies on the simulator, not the rig, of the nominal result and of that chosen for yield.")
+    lines.append(_given(rows))
     lines += ["", "| target | result | nominal, mm | expected | yield | tolerance |", "|---|---|---|---|---|---|"]
     for name, row in rows.items():
         for choose in ("nominal", "yield"):
@@ -91,7 +101,8 @@ def _robust(rows: Rows) -> list[str]:
 def _poses(rows: Rows) -> list[str]:
     if not rows:
         return []
-    lines = ["", "## Two poses, one layout", "", "Each within 15 % of what its own layout reaches is the bound.", ""]
+    lines = ["", "## Two poses, one layout", "", "Each within 15 % of what its own layout reaches is the bound."]
+    lines += [f"{_given(rows)} Two poses together: twice that.", ""]
     lines += ["| target | together, mm | alone | met |", "|---|---|---|---|"]
     for name, row in rows.items():
         pairs = [*zip(row["poses_mm"], row["alone_mm"], strict=True)]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.column import Column
+from fabdesign.column import Move
 from fabdesign.effects.acting import specimen_of
 from fabdesign.effects.specimen import Specimen
 from fabdesign.forward import Case
@@ -61,21 +61,6 @@ class LaidCase:
     case: Case
     specimen: Specimen
     values: Values
-
-
-@dataclass(frozen=True, eq=False)
-class Move:
-    """One case moved to both sides along one column."""
-
-    sides: tuple[Case, Case]
-    width: float  # between both, in the column's unit
-
-
-def move(case: Case, column: Column, step: float) -> Move:
-    """To both sides by `step`, or as far as the column goes."""
-    least, most = column.room(case)
-    low, high = max(-step, least), min(step, most)
-    return Move((column.moved(case, low), column.moved(case, high)), high - low)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.column import Column
+from fabdesign.column import Column, Move, move
 from fabdesign.forward import Case
 from sim.kernels.fields import LANES, F
 from sim.kernels.transfer import put, read
 from sim.tangent import fields
-from sim.tangent.explicit import Explicit, Laid, Move, move
+from sim.tangent.explicit import Explicit, Laid
 from sim.tangent.linear import SOLVED
 from sim.tangent.shape_kernels import explicit, read_columns, read_found, solve, still
 from sim.time.batch import Batch

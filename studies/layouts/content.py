@@ -31,6 +31,12 @@ def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, st
         content[f"{name}.points"] = hashlib.sha256(target.points.tobytes()).hexdigest()
         if target.markers:
             content[f"{name}.distances"] = "from markers, one way"
+        if target.landmarks is not None:
+            content[f"{name}.wishes"] = target.landmarks.key
+        if target.free:
+            content[f"{name}.free"] = True
+        if target.face != "both":
+            content[f"{name}.face"] = target.face
     return {name: shortened(str(value)) for name, value in content.items() if name not in _RAISED}
 
 

@@ -11,6 +11,7 @@ from fabdesign.design import Design
 from fabdesign.metrics import Errors
 from fabdesign.self_intersection import pierced
 from fabdesign.study_file import Study
+from studies.layouts.out_of_reach import Helps, Missed, missed_said
 
 LEAST_GAP = 1e-3  # m over the floor from which a target counts as out of reach,
 GAP = 0.25  # and at least this share of the floor
@@ -21,12 +22,15 @@ TOUCHING = 2e-4  # m of a limit's margin
 @dataclass(frozen=True)
 class Reach:
     """gap: m, of the searched measure over its floor. held_by: what the result has come up against, a clause each.
-    crossing: (u, v) m where the cloth passes through itself, a pose each, None where it does not."""
+    crossing: (u, v) m where the cloth passes through itself, a pose each, None where it does not. missed: a pose each,
+    and helps, where it is out of reach."""
 
     gap: float
     out_of_reach: bool
     held_by: tuple[str, ...]
     crossing: tuple[tuple[float, float] | None, ...]
+    missed: tuple[Missed, ...] = ()
+    helps: Helps | None = None
 
     @property
     def passes_through_itself(self) -> bool:
@@ -38,6 +42,7 @@ class Reach:
         if self.out_of_reach:
             held = ", ".join(self.held_by) or "no limit: another kind of layout, or a longer search, may come nearer"
             said.append(f"Out of reach: {1e3 * self.gap:.1f} mm over the floor. What holds it back: {held}.")
+            said += missed_said(self.missed) + (self.helps.sentences if self.helps else [])
         for pose, place in enumerate(self.crossing, start=1):
             if place is not None:
                 of = f" of pose {pose}" if len(self.crossing) > 1 else ""
@@ -46,12 +51,14 @@ class Reach:
         return said
 
     def as_json(self) -> dict[str, Any]:
-        """What `reach` in result.json holds: mm."""
+        """What `reach` in result.json holds: mm; u and v in m."""
         return {
             "gap_mm": 1e3 * self.gap,
             "out_of_reach": self.out_of_reach,
             "held_by": list(self.held_by),
             "passes_through_itself": self.passes_through_itself,
+            "missed": [{"u": m.place[0], "v": m.place[1], "off_mm": 1e3 * m.off} for m in self.missed],
+            "helps": self.helps.as_json() if self.helps else None,
             "said": self.sentences,
         }
 

@@ -94,7 +94,7 @@ def _provenance(sections: Sequence[Section]) -> dict[str, str]:
     return {
         "target clouds, sha256": hashes,
         "parameters": "data sheet" if study.model is None else "calibrated model",
-        "search": "prox-linear local searches over NLopt (SLSQP), finite differences in batches",
+        "search": "prox-linear local searches over NLopt (SLSQP), derivatives of shapes or differences in batches",
         "versions": ", ".join([f"fabdesign {__version__}", *(f"{name} {version(name)}" for name in PACKAGES)]),
         "Python": f"{platform.python_version()} on {platform.system()}",
     }

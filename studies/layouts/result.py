@@ -16,6 +16,7 @@ from fabdesign.output import write_text
 from fabdesign.pressure import rising_program
 from fabdesign.pressure_file import SINGLE_ROW_DURATION, constant_program, write_pressures
 from fabdesign.study_file import Study
+from optimize.evaluations import SLOPES
 from optimize.fewer import Fewer
 from optimize.history import Entry
 from optimize.search import INTERRUPTED
@@ -62,7 +63,8 @@ class StudyResult:
     def after_a_tenth(self) -> float | None:
         """m, the best after a tenth of the study's seconds; None before the first evaluation."""
         within = 0.1 * self.study.limits.seconds
-        early = [e.objective for e in self.history if e.seconds <= within and not e.diverged]
+        shapes = [e for e in self.history if not e.diverged and not e.stage.endswith(SLOPES)]
+        early = [e.objective for e in shapes if e.seconds <= within]
         return min(early, default=None)
 
     def _poses(self) -> list[dict[str, float]]:

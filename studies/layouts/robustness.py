@@ -1,28 +1,24 @@
-"""Whether a shape survives the sewing: the error of copies whose muscles, pressures and cloth differ as built ones do.
+"""Whether a shape survives the sewing: the error of copies whose muscles, pressures and cloth differ as built ones do
+(studies/layouts/scatter.py).
 
-A copy is a vector z of independent standard normals: shifts of every corner point, errors of every channel's pressure
-and every muscle's gain, and what the model's joint covariance leaves open. The shape's derivatives by z, from one batch
-of differences, give the error of any number of copies without another simulation; a batch of true copies confirms it.
+The shape's derivatives give the error of any number of copies without another simulation; a batch of true copies
+confirms it.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm, qmc
 
 from fabdesign.design import Design
-from fabdesign.forward import Case
-from fabdesign.model import Model
-from fabdesign.model_sampling import drawn, joint_root
 from fabdesign.predictor import Predictor
 from fabdesign.search_terms import Robust
 from fabdesign.study_file import Study
-from optimize.design_space import DesignSpace
 from optimize.objective import Objective, Shape
 from optimize.starts import Start
-from studies.layouts.begin import limits_of
+from studies.layouts.scatter import Linear, Scatter, linear
 
 Array = NDArray[np.float64]
 
@@ -31,91 +27,6 @@ OFF = 0.003  # m that a muscle lies off its place when the most delicate one is 
 YIELD_OVER = 0.25  # of the nominal value, within which a copy counts where the study states no tolerance
 APART = 0.005  # m RMS, and
 BRANCH = 0.5  # of its own way from the nominal shape, by which a copy misses what the derivatives say: another branch
-
-
-@dataclass(frozen=True)
-class EachWithItsModel:
-    """A forward model whose case number k has the k-th model. Implements fabdesign.forward.ForwardModel."""
-
-    predictor: Predictor
-    models: tuple[Model, ...]
-
-    def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
-        """As each case's model gives them."""
-        return replace(self.predictor, model=Model()).motions(self._own(cases), times)
-
-    def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
-        """As each case's model gives them."""
-        return replace(self.predictor, model=Model()).equilibria(self._own(cases))
-
-    def _own(self, cases: Sequence[Case]) -> list[Case]:
-        models = zip(cases, self.models, strict=True)
-        return [replace(self.predictor, model=model).case(case) for case, model in models]
-
-
-class Scatter:
-    """How copies of one layout differ: `size` standard normals a copy."""
-
-    def __init__(self, study: Study, robust: Robust, design: Design, pressures: Array) -> None:
-        self._study, self._robust, self._design, self._pressures = study, robust, design, pressures
-        self._model = study.model or Model()
-        covered = robust.covariance and self._model.covariance is not None
-        self._root = joint_root(self._model) if covered else np.empty((0, 0))
-        self._corners = [len(muscle.path) for muscle in design.muscles]
-        counts = 2 * sum(self._corners), design.channels, len(design.muscles), len(self._root)
-        self._ends = np.cumsum(counts).tolist()
-        self.size: int = self._ends[-1]
-
-    def shifted(self, muscle: int, direction: Sequence[float], metres: float) -> Array:
-        """(size,) the copy of which one muscle, from 0, lies off its place."""
-        z = np.zeros(self.size)
-        first = 2 * sum(self._corners[:muscle])
-        step = np.tile(np.asarray(direction) * metres, self._corners[muscle])
-        z[first : first + 2 * self._corners[muscle]] = step / self._robust.placement
-        return z
-
-    def shapes(self, objective: Objective, forward: Predictor, zs: Sequence[Array]) -> list[Shape]:
-        """Of copies, in one batch; a diverged one holds NaN."""
-        points, models = [], []
-        for z in zs:
-            design, pressures, model = self._copy(z)
-            space = DesignSpace(design, limits_of(self._study), pressures, vary_pressures=False)
-            points.append((space, np.empty(0)))
-            models.append(model)
-        return objective.shapes(EachWithItsModel(forward, tuple(models)), points)
-
-    def _copy(self, z: Array) -> tuple[Design, Array, Model]:
-        places, channels, gains, rest = np.split(z, self._ends[:-1])
-        robust, fabric = self._robust, self._design.fabric
-        shifts = np.split(robust.placement * places.reshape(-1, 2), np.cumsum(self._corners)[:-1])
-        muscles = []
-        for k, (muscle, shift) in enumerate(zip(self._design.muscles, shifts, strict=True)):
-            moved = np.clip(np.array(muscle.path) + shift, 0.0, [fabric.width, fabric.height])
-            muscles.append(replace(muscle, channel=k, path=tuple((float(u), float(v)) for u, v in moved)))
-        own = [muscle.channel for muscle in self._design.muscles]
-        factors = (1 + robust.pressure * channels[own]) * (1 + robust.muscle_gain * gains)
-        pressures = np.maximum(0.0, self._pressures[:, own] * factors)
-        model = drawn(self._model, self._root, rest) if len(rest) else self._model
-        return replace(self._design, muscles=tuple(muscles)), pressures, model
-
-
-@dataclass(frozen=True, eq=False)
-class Linear:
-    """The shape of copies by derivatives: nominal (poses, 2 n, 3) m, and (size, poses, 2 n, 3) m a standard normal."""
-
-    nominal: Shape
-    slopes: NDArray[np.float64]
-
-    def at(self, z: Array) -> Shape:
-        return self.nominal + np.tensordot(z, self.slopes, axes=1)
-
-
-def linear(scatter: Scatter, objective: Objective, forward: Predictor) -> Linear:
-    """By differences of one standard deviation, in one batch. What diverges has no slope."""
-    nominal, *ahead = scatter.shapes(objective, forward, [np.zeros(scatter.size), *np.eye(scatter.size)])
-    slopes = np.array([shape - nominal for shape in ahead])
-    slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0
-    return Linear(nominal, slopes)
 
 
 @dataclass(frozen=True, eq=False)

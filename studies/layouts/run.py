@@ -19,7 +19,7 @@ from optimize.evaluations import FINALISTS, NEAR, Evaluations, Stage
 from optimize.fewer import Fewer
 from optimize.history import History
 from optimize.margins import constraint_margins
-from optimize.objective import Objective, Target
+from optimize.objective import Objective
 from optimize.search import INTERRUPTED, search
 from optimize.starts import Start
 from studies.forward_model import forward_model
@@ -27,6 +27,7 @@ from studies.layouts.after import NEAR as NEAR_ENOUGH
 from studies.layouts.after import POOL, points_of, search_seconds, shrunk
 from studies.layouts.begin import first_starts, fresh_starts, limits_of
 from studies.layouts.content import study_content
+from studies.layouts.out_of_reach import helps_of, missed_at
 from studies.layouts.progress import saying_a_tenth
 from studies.layouts.reach import reach_of
 from studies.layouts.report import Section, render_report
@@ -72,7 +73,7 @@ def run_study(
     require_searchable(study, study.name)
     targets = tuple(load_target(target, study.design, seed=study.seed) for target in study.targets)
     objective = Objective(
-        [Target(t.points, t.time, t.markers) for t in targets],
+        [t.sought for t in targets],
         study.objective,
         study.order,
         [t.weight for t in targets],
@@ -103,7 +104,12 @@ def _search_in(
 ) -> StudyResult:
     with _open_history(work, study_content(study, targets)) as history:
         given = forward_models(
-            forward, coarse, points_per_side=(study.model or Model()).points_per_side, rise=study.rise, hold=study.hold
+            forward,
+            coarse,
+            points_per_side=(study.model or Model()).points_per_side,
+            rise=study.rise,
+            hold=study.hold,
+            coarse_hold=_coarse_hold(study, targets),
         )
         floor = _floor(study, targets)
         fine, quick = (forward_model(simulator, study.model) for simulator in given)
@@ -143,6 +149,7 @@ def forward_models(
     points_per_side: int = POINTS_PER_SIDE,
     rise: float = RISE,
     hold: float = HOLD,
+    coarse_hold: float | None = None,
 ) -> tuple[ForwardModel, ForwardModel]:
     """The models given, or the simulator, the fine one with `points_per_side`; a single one given serves for both."""
     if fine is not None:
@@ -150,13 +157,21 @@ def forward_models(
     from sim import Simulator  # here: it loads and starts taichi
 
     fine = Simulator(points_per_side, rise=rise, hold=hold)
-    return fine, coarse or Simulator(COARSE, tolerance=1e-6, rise=rise, hold=hold)
+    return fine, coarse or Simulator(
+        COARSE, tolerance=1e-6, rise=rise, hold=hold if coarse_hold is None else coarse_hold
+    )
+
+
+def _coarse_hold(study: Study, targets: Sequence[LoadedTarget]) -> float:
+    """s for which pressures hold where shapes at rest stand for frames of the targets (optimize.objective)."""
+    times = [target.time for target in targets if target.time is not None]
+    return study.hold if len(times) < len(targets) else min(study.hold, max(0.0, max(times) - study.rise))
 
 
 def _stages(study: Study, coarse: ForwardModel, fine: ForwardModel) -> list[Stage]:
     if study.muscles is not None:
         return [
-            Stage("pressures of drawn layouts", coarse, keep=10, rounds=1, until=0.4),
+            Stage("pressures of drawn layouts", coarse, keep=10, rounds=1, until=0.4, at_rest=True),
             Stage("layouts", coarse, keep=4, rounds=4, vary_positions=study.positions, until=0.5),
             Stage("best layouts", coarse, keep=2, rounds=12, vary_positions=study.positions, until=0.65),
             Stage("full model", fine, keep=1, rounds=32, vary_positions=study.positions, slopes=coarse),
@@ -251,7 +266,13 @@ def _result(
     if way is not None and not way.reached and np.all(np.isfinite(way.shape)):
         shape = way.shape
     errors = target_errors(targets, shape, design, seed=study.seed)
+    targets = tuple(target.beside(one) for target, one in zip(targets, shape, strict=True))
     margins = constraint_margins(design, pressures, limits_of(study))
+    reach = reach_of(study, design, pressures, shape, errors, margins)
+    if reach.out_of_reach and follow:
+        size = design.fabric.width, design.fabric.height
+        missed = tuple(missed_at(one, t, size) for one, t in zip(shape, targets, strict=True))
+        reach = replace(reach, missed=missed, helps=helps_of(study, points[chosen], objective, forward))
     return StudyResult(
         study=study,
         design=design,
@@ -265,7 +286,7 @@ def _result(
         history=tuple(evaluations.history.entries()),
         wall_s=evaluations.elapsed,
         stop_reason=stop_reason,
-        reach=reach_of(study, design, pressures, shape, errors, margins),
+        reach=reach,
         way=way,
         fewer=fewer,
     )

@@ -2,18 +2,23 @@
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from fabdesign.design import Design
-from fabdesign.metrics import DRAWS, Errors, trial_errors
+from fabdesign.metrics import DRAWS, Errors, landmark_errors, trial_errors
+from fabdesign.placement import placement_of
 from fabdesign.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
+from fabdesign.sheet import Face
 from fabdesign.study_file import TargetFile
 from fabdesign.table import load_toml
 from fabdesign.target_file import PlacedTarget, read_target
+from fabdesign.wishes import Landmarks
+from optimize.objective import Target
 
 ENOUGH = 4000  # points for the same
 NOISELESS = 1e-4  # m: bends that a quadric does not follow look like less noise than that
@@ -27,8 +32,25 @@ class LoadedTarget:
     time: float | None
     description: str
     noise: SensorNoise = NOISE_FREE  # what the cloud shows; none on a mesh
-    markers: bool = False  # so few points that only their distances to the cloth count, one way
+    markers: bool = False  # so few points, or of a part: only their distances to the cloth count, one way
+    face: Face = "both"  # that the points lie on
     weight: float = 1.0  # among the poses of a study
+    landmarks: Landmarks | None = None  # of wishes, whose goals the points are
+    free: bool = False  # it may stand anywhere
+
+    @property
+    def sought(self) -> Target:
+        """What a search comes close to."""
+        return Target(self.points, self.time, self.markers, self.face, self.landmarks, self.free)
+
+    def beside(self, shape: NDArray[np.float64]) -> "LoadedTarget":
+        """A free one where it lies nearest to a shape (2 n, 3) m, with how it was moved; any other as it is."""
+        if not self.free:
+            return self
+        motion = self.sought.motion(shape)
+        placed = placement_of(1.0, Rotation.from_matrix(motion.turn.T), -motion.shift @ motion.turn)
+        said = f"{self.description}, moved by {placed} while searching"
+        return replace(self, points=motion.back(self.points), description=said, free=False)
 
     @property
     def measured(self) -> bool:
@@ -47,6 +69,8 @@ class LoadedTarget:
 
 def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedTarget:
     """Read a target, sampled with `seed` where it is a mesh, and place it. Raises InputError."""
+    if target.wishes:
+        return _wished(target, design)
     placed = read_target(target, design.fabric, seed=seed)
     frame, path = placed.geometry, target.file
     where = path.name
@@ -55,11 +79,16 @@ def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedT
     parts = [target.description or where, *_placed(target, placed)]
     if placed.markers:
         parts.append(f"{len(placed.points)} markers: their mean distance to the cloth, one way, in place of Chamfer")
+    elif target.distances == "one way":
+        parts.append("mean distance of its points to the cloth, one way, in place of Chamfer")
+    if target.face != "both":
+        parts.append(f"of the {target.face} face")
     if frame.trial:
         parts.append(_set_description(path))
     noise = _noise(placed, design.fabric.thickness)
     said = ", ".join(filter(None, parts))
-    return LoadedTarget(placed.points, frame.time, said, noise, placed.markers, target.weight)
+    markers = placed.markers or target.distances == "one way"
+    return LoadedTarget(placed.points, frame.time, said, noise, markers, target.face, target.weight, free=target.free)
 
 
 def target_errors(
@@ -77,9 +106,33 @@ def pose_errors(
 ) -> list[Errors]:
     """Of each target beside its shape. draws: of each floor."""
     return [
-        trial_errors([target.points], shape[None], target.noise, seed=seed + pose, draws=draws, markers=target.markers)
+        _errors(target, shape, seed=seed + pose, draws=draws)
         for pose, (target, shape) in enumerate(zip(targets, shapes, strict=True))
     ]
+
+
+def _errors(target: LoadedTarget, shape: NDArray[np.float64], *, seed: int, draws: int) -> Errors:
+    if target.landmarks is not None:
+        return landmark_errors(target.landmarks, shape)
+    target = target.beside(shape)
+    return trial_errors(
+        [target.points],
+        shape[None],
+        target.noise,
+        seed=seed,
+        draws=draws,
+        markers=target.markers,
+        face=target.face,
+    )
+
+
+def _wished(target: TargetFile, design: Design) -> LoadedTarget:
+    said = "; ".join(wish.said for wish in target.wishes)
+    parts = [target.description, f"wishes ({said}): the mean distance of these places in place of Chamfer"]
+    landmarks = Landmarks.of(target.wishes, design.fabric)
+    return LoadedTarget(
+        landmarks.goals, None, ", ".join(filter(None, parts)), weight=target.weight, landmarks=landmarks
+    )
 
 
 def _placed(target: TargetFile, placed: PlacedTarget) -> list[str]:

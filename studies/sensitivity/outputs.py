@@ -13,6 +13,7 @@ from fabdesign.forward import SIDE
 from fabdesign.metrics import distance_to_faces
 from fabdesign.sensitivity_file import Output
 from fabdesign.shape_output import ShapeOutput, read_shape_output
+from fabdesign.surface import half_of
 from studies.layouts.target import LoadedTarget
 
 Array = NDArray[np.float64]
@@ -83,14 +84,23 @@ class Outputs:
                     values.append(mean_curvature(points))
                 elif name == "chamfer":
                     assert self.target is not None
-                    distance = distance_to_faces if self.target.markers else chamfer
-                    values.append(1e3 * distance(self.target.points, points))
+                    values.append(1e3 * _distance(self.target, points))
                 else:
                     assert tension is not None
                     values.append(float(tension[k].max(initial=0.0)))
         time, lost = np.array(self.at or (0.0,)), not np.isfinite(frames).all()
         values += [np.nan if lost else float(function(time, frames)) for function in self.functions.values()]
         return np.array(values)
+
+
+def _distance(target: LoadedTarget, points: NDArray[np.float32]) -> float:
+    """m."""
+    if target.landmarks is not None:
+        return target.landmarks.mean(points)
+    target = target.beside(np.asarray(points, float))
+    if target.markers:
+        return distance_to_faces(target.points, points, target.face)
+    return chamfer(target.points, half_of(points, target.face))
 
 
 def tip(points: NDArray[np.floating], fabric: Fabric) -> Array:

@@ -1,0 +1,80 @@
+"""What would bring a result nearer: the objective to first order, where a limit were wider or a constant another one,
+with the design's own variables adjusted to it.
+
+The shape is linear in the change and in the variables; NLopt takes the best step of it (optimize/step.py), so that no
+simulation but one Jacobian is needed. To first order only: good for saying what matters, not for how much.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.column import Column
+from fabdesign.jacobian import Jacobians
+from optimize.design_space import DesignSpace, Vector
+from optimize.objective import Objective, Shape, refined
+from optimize.slopes import slopes_of
+from optimize.step import LinearShape, best_step
+
+RADIUS = 0.1  # reaches within which the variables adjust: farther the shape is not linear
+
+
+@dataclass(frozen=True)
+class Change:
+    """`by` units of a column."""
+
+    what: str  # for people, as in "20 % less bending stiffness"
+    column: Column
+    by: float
+
+
+@dataclass(frozen=True)
+class Nearer:
+    """value: m of the objective to first order."""
+
+    what: str
+    value: float
+
+
+def what_helps(
+    jacobians: Jacobians,
+    objective: Objective,
+    point: tuple[DesignSpace, Vector],
+    changes: Sequence[Change],
+    wider: Mapping[str, DesignSpace],
+) -> tuple[float, list[Nearer]]:
+    """m that the same step comes to without any change, and what each change, and each wider space of the same design
+    by its name, would; the nearest first."""
+    space, x = point
+    [slopes] = slopes_of(jacobians, objective, [point])
+
+    def reached(shape: Shape, own: DesignSpace) -> float:
+        design, pressures = space.decode(x)
+        centre = own.encode(design, pressures)
+        by_variable = slopes.by_variable * (own.units / space.units)[:, None, None, None]
+        model = LinearShape(centre, shape, by_variable)
+        return objective.value(model.at(best_step(model, objective, own, RADIUS)))
+
+    moved = _moved(jacobians, objective, point, changes)
+    found = [Nearer(own.what, reached(slopes.shape + shift, space)) for own, shift in zip(changes, moved, strict=True)]
+    found += [Nearer(what, reached(slopes.shape, own)) for what, own in wider.items()]
+    return reached(slopes.shape, space), sorted(
+        (own for own in found if np.isfinite(own.value)), key=lambda own: own.value
+    )
+
+
+def _moved(
+    jacobians: Jacobians, objective: Objective, point: tuple[DesignSpace, Vector], changes: Sequence[Change]
+) -> NDArray[np.float64]:
+    """(changes, poses, 2 n, 3) m."""
+    space, x = point
+    columns = list({own.column.name: own.column for own in changes}.values())
+    names = [column.name for column in columns]
+    poses = []
+    for pose in range(len(objective.targets)):
+        [one] = jacobians(objective.cases(pose, [space.decode(x)]), columns)
+        by_column = np.array([refined(change) for change in one.changes])
+        poses.append([own.by * by_column[names.index(own.column.name)] for own in changes])
+    return np.asarray(poses).swapaxes(0, 1)

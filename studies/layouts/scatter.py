@@ -1,0 +1,175 @@
+"""How copies of a layout differ, and their shapes: simulated, or by derivatives.
+
+A copy is a vector z of independent standard normals: shifts of every corner point, errors of every channel's pressure
+and every muscle's gain, and what the model's joint covariance leaves open.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.column import Column, corner
+from fabdesign.design import Design
+from fabdesign.errors import InputError
+from fabdesign.forward import Case
+from fabdesign.model import Model
+from fabdesign.model_sampling import drawn, joint_root
+from fabdesign.predictor import Predictor
+from fabdesign.pressure import PressureProgram
+from fabdesign.search_terms import Robust
+from fabdesign.study_file import Study
+from optimize.design_space import DesignSpace
+from optimize.objective import Objective, Shape, refined
+from studies.layouts.begin import limits_of
+
+Array = NDArray[np.float64]
+STANDARD = "standard deviations"  # unit of a column
+
+
+@dataclass(frozen=True)
+class EachWithItsModel:
+    """A forward model whose case number k has the k-th model. Implements fabdesign.forward.ForwardModel."""
+
+    predictor: Predictor
+    models: tuple[Model, ...]
+
+    def motions(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
+        """As each case's model gives them."""
+        return replace(self.predictor, model=Model()).motions(self._own(cases), times)
+
+    def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
+        """As each case's model gives them."""
+        return replace(self.predictor, model=Model()).equilibria(self._own(cases))
+
+    def _own(self, cases: Sequence[Case]) -> list[Case]:
+        models = zip(cases, self.models, strict=True)
+        return [replace(self.predictor, model=model).case(case) for case, model in models]
+
+
+class Scatter:
+    """How copies of one layout differ: `size` standard normals a copy."""
+
+    def __init__(self, study: Study, robust: Robust, design: Design, pressures: Array) -> None:
+        self._study, self._robust, self._design, self._pressures = study, robust, design, pressures
+        self._model = study.model or Model()
+        covered = robust.covariance and self._model.covariance is not None
+        self._root = joint_root(self._model) if covered else np.empty((0, 0))
+        self._corners = [len(muscle.path) for muscle in design.muscles]
+        counts = 2 * sum(self._corners), design.channels, len(design.muscles), len(self._root)
+        self._ends = np.cumsum(counts).tolist()
+        self.size: int = self._ends[-1]
+
+    def shifted(self, muscle: int, direction: Sequence[float], metres: float) -> Array:
+        """(size,) the copy of which one muscle, from 0, lies off its place."""
+        z = np.zeros(self.size)
+        first = 2 * sum(self._corners[:muscle])
+        step = np.tile(np.asarray(direction) * metres, self._corners[muscle])
+        z[first : first + 2 * self._corners[muscle]] = step / self._robust.placement
+        return z
+
+    def shapes(self, objective: Objective, forward: Predictor, zs: Sequence[Array]) -> list[Shape]:
+        """Of copies, in one batch; a diverged one holds NaN."""
+        points, models = [], []
+        for z in zs:
+            design, pressures, model = self._copy(z)
+            space = DesignSpace(design, limits_of(self._study), pressures, vary_pressures=False)
+            points.append((space, np.empty(0)))
+            models.append(model)
+        return objective.shapes(EachWithItsModel(forward, tuple(models)), points)
+
+    def case(self, objective: Objective, pose: int) -> Case:
+        """The layout as it should be, with all that the model adds."""
+        design, pressures, model = self._copy(np.zeros(self.size))
+        [case] = objective.cases(pose, [(design, pressures)])
+        return replace(case, factors=dict(model.factors), effects=model.terms)
+
+    @property
+    def columns(self) -> list[Column]:
+        """How `case` changes with each of the `size` normals. Muscles keep their number of intervals."""
+        robust, count = self._robust, len(self._design.muscles)
+        corners = [(m, k) for m, many in enumerate(self._corners) for k in range(many)]
+        own = [muscle.channel for muscle in self._design.muscles]
+        by_channel = np.equal.outer(np.arange(self._design.channels), own) * robust.pressure
+        return [
+            *(_placed(m, k, way, robust.placement) for m, k in corners for way in ((1.0, 0.0), (0.0, 1.0))),
+            *(_pulling(f"channel {k}", share) for k, share in enumerate(by_channel)),
+            *(_pulling(f"muscle {k}", share) for k, share in enumerate(np.eye(count) * robust.muscle_gain)),
+            *(self._of_model(k) for k in range(len(self._root))),
+        ]
+
+    def _of_model(self, k: int) -> Column:
+        def moved(case: Case, by: float) -> Case:
+            model = drawn(self._model, self._root, by * np.eye(len(self._root))[k])
+            return replace(case, factors=dict(model.factors), effects=model.terms)
+
+        return Column(f"covariance {k}", STANDARD, 0.2, 1.0, moved)
+
+    def _copy(self, z: Array) -> tuple[Design, Array, Model]:
+        places, channels, gains, rest = np.split(z, self._ends[:-1])
+        robust, fabric = self._robust, self._design.fabric
+        shifts = np.split(robust.placement * places.reshape(-1, 2), np.cumsum(self._corners)[:-1])
+        muscles = []
+        for k, (muscle, shift) in enumerate(zip(self._design.muscles, shifts, strict=True)):
+            moved = np.clip(np.array(muscle.path) + shift, 0.0, [fabric.width, fabric.height])
+            muscles.append(replace(muscle, channel=k, path=tuple((float(u), float(v)) for u, v in moved)))
+        own = [muscle.channel for muscle in self._design.muscles]
+        factors = (1 + robust.pressure * channels[own]) * (1 + robust.muscle_gain * gains)
+        pressures = np.maximum(0.0, self._pressures[:, own] * factors)
+        model = drawn(self._model, self._root, rest) if len(rest) else self._model
+        return replace(self._design, muscles=tuple(muscles)), pressures, model
+
+
+def _placed(muscle: int, index: int, along: tuple[float, float], placement: float) -> Column:
+    """A corner off its place, in standard deviations of so many m."""
+    own = corner(muscle, index, along)
+
+    def moved(case: Case, by: float) -> Case:
+        try:
+            return own.moved(case, by * placement)
+        except InputError:  # no pitch leaves a bent path its intervals
+            return case
+
+    return Column(own.name, STANDARD, own.step / placement, own.far / placement, moved)
+
+
+def _pulling(name: str, share: Array) -> Column:
+    """The pressures of muscles, each on its own channel, by a share (muscles,) of them a standard deviation."""
+
+    def moved(case: Case, by: float) -> Case:
+        program = case.program
+        return replace(
+            case, program=PressureProgram(program.time, program.pressure * (1 + by * share), program.duration)
+        )
+
+    return Column(name, STANDARD, 0.2, 1.0, moved)
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """The shape of copies by derivatives: nominal (poses, 2 n, 3) m, and (size, poses, 2 n, 3) m a standard normal."""
+
+    nominal: Shape
+    slopes: NDArray[np.float64]
+
+    def at(self, z: Array) -> Shape:
+        return self.nominal + np.tensordot(z, self.slopes, axes=1)
+
+
+def linear(scatter: Scatter, objective: Objective, forward: Predictor) -> Linear:
+    """By derivatives of shapes at rest where the forward model offers them, else by differences of one standard
+    deviation, in one batch. What diverges has no slope."""
+    at_rest = all(target.time is None for target in objective.targets)
+    jacobians = replace(forward, model=Model()).faces_jacobian if at_rest else None
+    if jacobians is None:
+        nominal, *ahead = scatter.shapes(objective, forward, [np.zeros(scatter.size), *np.eye(scatter.size)])
+        slopes = np.array([shape - nominal for shape in ahead])
+    else:
+        found = [
+            jacobians([scatter.case(objective, pose)], scatter.columns)[0] for pose in range(len(objective.targets))
+        ]
+        nominal = np.array([refined(np.asarray(one.points, float)) for one in found])
+        slopes = np.stack([np.array([refined(change) for change in one.changes]) for one in found], axis=1)
+    slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0
+    return Linear(nominal, slopes)

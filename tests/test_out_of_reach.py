@@ -1,0 +1,85 @@
+"""Of a target that no layout reaches: where it is missed, and what would bring it nearer, by derivatives."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from fabdesign.catalogue import build
+from fabdesign.column import factor
+from fabdesign.design import Design
+from fabdesign.forward import Case
+from fabdesign.pressure_file import constant_program
+from fabdesign.study_file import Study, StudyLimits, TargetFile
+from optimize.design_space import DesignSpace, Limits
+from optimize.objective import Objective, Target
+from optimize.what_helps import Change, what_helps
+from studies.layouts.out_of_reach import missed_at
+from studies.layouts.run import run_study
+from studies.layouts.target import LoadedTarget
+from tests.analytic_cloth import WithJacobian
+
+DESIGN = build("vertical")
+
+
+class Stronger(WithJacobian):
+    """With a gain on its muscles' pull, here on their pressure, as the one factor that matters."""
+
+    def _shape(self, case: Case, share: float) -> NDArray[np.float32]:
+        program = constant_program(case.program.pressure[-1] * case.factors.get("muscle_gain", 1.0))
+        return super()._shape(replace(case, program=program), share)
+
+
+def cloud(kpa: Sequence[float], design: Design = DESIGN) -> NDArray[np.float64]:
+    return Stronger(21).equilibria([Case(design, constant_program(1e3 * np.array(kpa)))])[0].astype(float)
+
+
+def test_what_helps_is_what_a_changed_forward_model_shows() -> None:
+    limits = Limits(pressure=(0.0, 200e3))
+    space = DesignSpace(DESIGN, limits, np.full((1, 3), 200e3))
+    x = space.encode(DESIGN, space.start_pressures)
+    objective, forward = Objective([Target(cloud([230, 230, 230]))]), Stronger(21)
+    changes = [Change(f"gain {by:+g}", factor("muscle_gain"), by) for by in (0.1, -0.1)]
+    changes.append(Change("bending", factor("bending"), 0.1))
+    wider = {"220 kPa": replace(space, limits=replace(limits, pressure=(0.0, 220e3)))}
+    before, found = what_helps(forward.faces_jacobian, objective, (space, x), changes, wider)
+    by_name = {own.what: own.value for own in found}
+    assert [own.value for own in found] == sorted(own.value for own in found)
+    assert before == pytest.approx(objective.value(objective.shapes(forward, [(space, x)])[0]), rel=1e-6)
+    [there] = objective.shapes(forward, [(wider["220 kPa"], np.ones(3))])
+    assert by_name["gain +0.1"] == pytest.approx(by_name["220 kPa"], rel=0.02)  # the same thing here
+    assert by_name["220 kPa"] == pytest.approx(objective.value(there), rel=0.1)
+    assert by_name["220 kPa"] < 0.7 * before
+    assert by_name["bending"] == pytest.approx(before, rel=1e-6)
+    assert by_name["gain -0.1"] > before
+
+
+def test_the_place_that_misses_is_found() -> None:
+    shape = cloud([100, 100, 100])
+    target = shape.reshape(2, 41, 41, 3).copy() if len(shape) == 2 * 41 * 41 else shape.reshape(2, 21, 21, 3).copy()
+    n = target.shape[1]
+    u, v = np.meshgrid(np.linspace(0, 0.2, n), np.linspace(0, 0.2, n))
+    target[..., 2] += 0.02 * np.exp(-((u - 0.15) ** 2 + (v - 0.05) ** 2) / (2 * 0.02**2))
+    found = missed_at(shape, LoadedTarget(target.reshape(-1, 3), None, "bumped"), (0.2, 0.2))
+    assert found.place == pytest.approx((0.15, 0.05), abs=0.015)
+    assert 0.008 < found.off < 0.02
+
+
+def test_a_study_says_what_would_help(tmp_path: Path) -> None:
+    np.savetxt(tmp_path / "target.xyz", cloud([400, 400, 400])[::2])
+    limits = StudyLimits(pressure=(0.0, 150e3), evaluations=150)
+    study = Study("s", DESIGN, (TargetFile(tmp_path / "target.xyz"),), limits=limits)
+    run_study(study, tmp_path / "out", forward=Stronger(21))
+    reach = json.loads((tmp_path / "out" / "result.json").read_text())["reach"]
+    assert reach["out_of_reach"] and reach["held_by"] == ["all muscles at 150 kPa"]
+    assert [row["what"] for row in reach["helps"]] == [
+        "20% more pull of the muscles at the same pressure",
+        "pressures up to 165 kPa",
+    ]
+    assert reach["missed"][0]["v"] > 0.1  # towards the free edge
+    assert "What would bring it nearer, by derivatives: 20% more pull" in " ".join(reach["said"])
+    assert "What would bring it nearer" in (tmp_path / "out" / "report.html").read_text()
