@@ -84,5 +84,3 @@ class UsedFrames:
         if self.stretches is None:
             return "all frames are used; sensitive stretches were not looked for"
         return left_out_in_words(self.stretches, self.share_left_out)
-
-    said = in_words  # former name, for `studies.calibration` until it uses the new one

@@ -450,14 +450,14 @@ def test_sensitive_stretches_are_named_and_left_out(tmp_path):
     measured = write(tmp_path / "set", [100, 200, 300, 250, 150], forward=other)
     blind = calibrate(measured, Coin(), engines=ONE_ENGINE, accuracy=None)
     found = calibrate(measured, Coin(), coarse=Coin(), engines=ONE_ENGINE, accuracy=None)
-    [stretch] = found.judged.stretches
+    [stretch] = found.used.stretches
     assert stretch.trial == "003" and 0.2 <= stretch.begin <= 0.4 and stretch.end == pytest.approx(1.2)
-    assert found.judged.share_left_out == pytest.approx(5 / 32, abs=2 / 32)
+    assert found.used.share_left_out == pytest.approx(5 / 32, abs=2 / 32)
     assert "left out as sensitive" in as_text(found) and "003" in as_text(found)
     assert found.as_json()["unjudged"][0]["trial"] == "003"
     assert found.model.parameters["damping"].factor == pytest.approx(1.3, rel=0.01)
     assert found.fit.after < 0.5 * blind.fit.after
-    assert blind.judged.stretches is None
+    assert blind.used.stretches is None
 
 
 def test_a_set_of_sensitive_stretches_alone_is_refused(tmp_path):

@@ -27,8 +27,8 @@ from studies.calibration.belief import doubts, excess
 from studies.calibration.engine_difference import with_engines
 from studies.calibration.fitted_model import fitted_model
 from studies.calibration.trial_checks import DISAGREE, doubtful
-from studies.judged import Judged
-from studies.judged_search import judge_sets
+from studies.sensitive_stretches import find_used_frames
+from studies.used_frames import UsedFrames
 
 TRIALS = 16  # fitted at most, spread over those allowed
 UNTIL = 1.5  # s of a trial
@@ -47,7 +47,7 @@ class Calibration:
     statements: tuple[str, ...]  # what these data cannot tell
     doubts: tuple[str, ...]  # why the intervals are not to be believed
     skipped: tuple[str, ...]  # bad trials left out, a line each
-    judged: Judged  # stretches that took no part: small changes lead elsewhere there
+    used: UsedFrames  # frames that took part: not those of sensitive stretches
 
     def as_json(self) -> dict[str, Any]:
         """What `calibrate --json` prints: factors, mm."""
@@ -85,7 +85,7 @@ class Calibration:
             "outlying": self.fit.outlying,
             "lost": lost,
             "skipped": list(self.skipped),
-            **self.judged.as_json(),
+            **self.used.as_json(),
             "iterations": self.fit.iterations,
             "converged": self.fit.converged,
         }
@@ -112,8 +112,8 @@ def calibrate(
     fitted without them first, which the model keeps.
 
     Of more than 16 trials, 16 spread over the session are fitted: 30 frames of the first 1.5 s of each, and 300 points
-    of a frame, by `seed`. `slopes`: see `fit.fit`. coarse: a cheap simulator with which stretches are found that hang
-    on less than the data sheet knows (studies.judged_search); they are left out. Without it they are not looked for.
+    of a frame, by `seed`. `slopes`: see `fit.fit`. coarse: a cheap simulator that finds sensitive stretches
+    (studies.sensitive_stretches); they are left out. Without it they are not looked for.
     points_per_side: of `forward`'s grid, noted in the model.
     skipped: lines on bad trials left out before; skip_bad: leave out those too that `trial_checks.doubtful` finds.
     engines: (p,) standard deviations of the unknowns for the difference between `forward` and what made the data, by
@@ -128,8 +128,8 @@ def calibrate(
     samples, noise = _drawn(chosen, seed)
     files = {trial.file for trial in chosen}
     own = [(found, [t for t in found.trials if t.file in files]) for found in sets]
-    looked_at = judge_sets(own, coarse, progress=_searching(progress))
-    chosen, samples = _judged(chosen, samples, sets, looked_at)
+    used = find_used_frames(own, coarse, progress=_searching(progress))
+    chosen, samples = _used(chosen, samples, sets, used)
     forward = Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
     found = _fit(samples, forward, slopes, vector, accuracy, progress)
@@ -162,23 +162,23 @@ def calibrate(
         statements=ambiguities(found, covariance),
         doubts=tuple(why),
         skipped=tuple(skipped),
-        judged=looked_at,
+        used=used,
     )
 
 
 def _searching(progress: Progress) -> Callable[[int, int], None]:
-    """What the search for unjudged stretches tells: it is done before the fit begins."""
+    """What the search for sensitive stretches tells: it is done before the fit begins."""
     return lambda done, total: progress(f"sensitive stretches: {done} of {total} motions", 0.0)
 
 
-def _judged(
-    trials: Sequence[Trial], samples: Sequence[Sample], sets: Sequence[MeasurementSet], looked_at: Judged
+def _used(
+    trials: Sequence[Trial], samples: Sequence[Sample], sets: Sequence[MeasurementSet], used: UsedFrames
 ) -> tuple[list[Trial], list[Sample]]:
-    """What of the trials' samples is judged, and the trials of which something is."""
+    """Frames of the trials' samples that are used, and the trials that have any."""
     kept = []
     for trial, sample in zip(trials, samples, strict=True):
         found = next(found for found in sets if any(t.file == trial.file for t in found.trials))
-        frames = np.flatnonzero(looked_at.at(found, trial, sample.times))
+        frames = np.flatnonzero(used.at(found, trial, sample.times))
         if len(frames):
             clouds = tuple(sample.clouds[k] for k in frames)
             kept.append((trial, replace(sample, times=sample.times[frames], clouds=clouds)))

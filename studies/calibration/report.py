@@ -21,8 +21,8 @@ def as_text(calibration: Calibration) -> str:
         f"{100 * noise.strays:.1f} % strays; {fit.iterations} iterations",
         *calibration.statements,
     ]
-    if calibration.judged.stretches:
-        lines.append(calibration.judged.said)
+    if calibration.used.stretches:
+        lines.append(calibration.used.in_words)
     if not fit.converged:
         lines.append("not converged: the last step was still large")
     if calibration.doubts:

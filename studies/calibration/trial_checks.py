@@ -19,7 +19,7 @@ TURNED = {"front and back": (1, 1, -1), "front and back, seen from behind": (-1,
 
 def doubtful(samples: Sequence[Sample], forward: ForwardModel, vector: FitVector, x: Array) -> dict[int, str]:
     """A line on each sample that cannot be what its file says, by index. A lag that all trials share is not the clock's
-    fault but an effect; motions that diverge are not judged."""
+    fault but an effect; motions that diverge are left out."""
     frames = [evenly(len(s.times), FRAMES) for s in samples]
     instants = [np.clip(s.times[chosen] + LAGS[:, None], 0.0, None) for s, chosen in zip(samples, frames, strict=True)]
     motions = forward.motions([vector.case(s.trial, x) for s in samples], [np.unique(times) for times in instants])
@@ -46,13 +46,13 @@ def doubtful(samples: Sequence[Sample], forward: ForwardModel, vector: FitVector
 
 
 def _late(samples: Sequence[Sample], errors: Array, known: dict[int, str]) -> dict[int, str]:
-    judged = [k for k in range(len(samples)) if k not in known and np.isfinite(errors[k]).all()]
-    if len(judged) < 3:
+    compared = [k for k in range(len(samples)) if k not in known and np.isfinite(errors[k]).all()]
+    if len(compared) < 3:
         return {}
-    best = errors[judged].argmin(axis=1)
+    best = errors[compared].argmin(axis=1)
     usual = int(np.median(best))
     lines = {}
-    for k, lag in zip(judged, best, strict=True):
+    for k, lag in zip(compared, best, strict=True):
         now, then = errors[k, usual], errors[k, lag]
         if now > DISAGREE and then < BETTER * now and abs(LAGS[lag] - LAGS[usual]) >= LATE - 1e-9:
             lines[k] = (

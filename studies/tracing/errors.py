@@ -1,4 +1,4 @@
-"""Surface errors of judged frames, before and after: of the trials fitted, and once of those of role test."""
+"""Surface errors of used frames, before and after: of the trials fitted, and once of those of role test."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from fabdesign.sensor_noise import SensorNoise
 from fabdesign.trial import Trial
 from optimize.fit.clouds import Array, Indices, evenly
 from optimize.fit.parameters import FitVector
-from studies.judged import Stretch, judged
+from studies.used_frames import Stretch, used_mask
 
 FRAMES = 20  # of a trial
 
@@ -26,7 +26,7 @@ class Place:
 
 @dataclass(frozen=True)
 class TrialError:
-    """m, of one trial's judged frames."""
+    """m, of one trial's used frames."""
 
     trial: str
     design: str
@@ -35,7 +35,7 @@ class TrialError:
     after: Errors
 
 
-def judged_errors(
+def errors_of_trials(
     trials: Sequence[Trial],
     stretches: Sequence[Stretch],
     forward: ForwardModel,
@@ -45,11 +45,11 @@ def judged_errors(
     *,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[TrialError]:
-    """Of every trial that has a judged frame."""
+    """Of every trial that has a used frame."""
     times: list[Indices] = []
     chosen: list[Trial] = []
     for trial in trials:
-        usable = np.flatnonzero(judged(stretches, trial.name, trial.times))
+        usable = np.flatnonzero(used_mask(stretches, trial.name, trial.times))
         if len(usable):
             chosen.append(trial)
             times.append(usable[evenly(len(usable), FRAMES)])

@@ -19,12 +19,12 @@ from optimize.fit.descent import Fit
 from optimize.fit.inputs import Accuracy
 from studies.calibration.engine_difference import with_engines
 from studies.calibration.fitted_model import fitted_model
-from studies.judged import Stretch
 from studies.tracing.candidates import Candidate
 from studies.tracing.errors import TrialError, mean_of, other_layouts
 from studies.tracing.residual import Remains
 from studies.tracing.selection import Selection, label_effect
 from studies.tracing.verdict import Evidence, Word, explains
+from studies.used_frames import Stretch
 
 FORMAT = "fabdesign.trace/1"
 _LITTLE = 0.1  # of its share, below which a frame's weight is told
@@ -48,7 +48,7 @@ class Outcome:
     errors: tuple[TrialError, ...]
     remains: Remains
     stretches: tuple[Stretch, ...]
-    share_unjudged: float
+    share_left_out: float
     model: Model
     next_experiment: Mapping[str, Any] | None
 
@@ -122,7 +122,7 @@ class Outcome:
                 "follows": self.remains.follows,
             },
             "unjudged": [stretch.as_json() for stretch in self.stretches],
-            "unjudged_share": self.share_unjudged,
+            "unjudged_share": self.share_left_out,
             "weights": {
                 "share_below_tenth": self.share_below_tenth,
                 "input_accuracy": {"pressure": self.accuracy.pressure, "tilt_deg": self.accuracy.tilt},

@@ -12,11 +12,11 @@ from plotly.offline import get_plotlyjs
 from fabdesign.effects import EFFECTS
 from fabdesign.model import Model
 from fabdesign.motion_file import square_triangles
-from studies.judged import WHY
 from studies.tracing.outcome import Outcome
 from studies.tracing.residual import remains
 from studies.tracing.residuals import Residuals
 from studies.tracing.words import experiment_in_words, verdict_in_words
+from studies.used_frames import WHY
 from studies.view.items import Item
 from studies.view.page import render_page
 

@@ -22,18 +22,18 @@ from optimize.fit.clouds import Sample, evenly
 from optimize.fit.inputs import DEFAULT_ACCURACY, Accuracy
 from optimize.fit.left_out import LeftOut
 from studies.calibration.fitted_model import muscle_scope
-from studies.judged import Stretch, said, share_unjudged
-from studies.judged_search import unjudged
+from studies.sensitive_stretches import sensitive_stretches
 from studies.tracing.black_box import baseline_score
 from studies.tracing.candidates import Candidate, candidates_of
 from studies.tracing.data import TRIALS, TooLittle, draw, folds_of
-from studies.tracing.errors import Place, judged_errors
+from studies.tracing.errors import Place, errors_of_trials
 from studies.tracing.experiment import Explanation, next_experiment
 from studies.tracing.outcome import Outcome, model_of, provenance_of
 from studies.tracing.residual import remains
 from studies.tracing.residuals import Residuals
 from studies.tracing.selection import Selection, Task, label_effect, select
 from studies.tracing.verdict import Evidence, decide
+from studies.used_frames import Stretch, left_out_in_words, share_left_out
 
 ALGORITHM = 3  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 TOLERANCE = 0.5e-3  # m of excess
@@ -101,10 +101,10 @@ def _trace(
 ) -> Outcome:
     every = (*trials, *tests)
     stretches = _stretches(checkpoint, every, bare, say)
-    say(said(stretches, share_unjudged(stretches, every)))
+    say(left_out_in_words(stretches, share_left_out(stretches, every)))
     samples, noise = draw(trials, stretches, seed=options.seed)
     if len({id(s.trial) for s in samples}) < LEAST_TRIALS:
-        raise TooLittle(f"{measured.name}: {len(samples)} trials with judged frames; expected at least {LEAST_TRIALS}")
+        raise TooLittle(f"{measured.name}: {len(samples)} trials with frames to use; expected at least {LEAST_TRIALS}")
     forward = Predictor(bare, Model(effects=known.effects), sensing=True)
     selection = select(
         Task(
@@ -129,7 +129,7 @@ def _trace(
         left = remains(Residuals.of(samples, selection.plain), selection.folds)
     say("errors before and after, on the trials fitted and once on those of role test")
     before, after = (Place(found.vector, found.x) for found in (selection.plain, fitted))
-    errors = judged_errors(every, stretches, forward, before, after, noise)
+    errors = errors_of_trials(every, stretches, forward, before, after, noise)
     candidates, alike = candidates_of(selection)
     say("what to measure next")
     experiment = _experiment(samples[0].trial, forward, selection, candidates, noise.sigma, verdict)
@@ -149,7 +149,7 @@ def _trace(
         errors=tuple(errors),
         remains=left,
         stretches=stretches,
-        share_unjudged=share_unjudged(stretches, every),
+        share_left_out=share_left_out(stretches, every),
         model=model_of(
             fitted,
             selection.plain,
@@ -177,7 +177,7 @@ def _stretches(checkpoint: Checkpoint, trials: tuple[Trial, ...], bare: ForwardM
         def told(done: int, total: int) -> None:
             say(f"stretches near a bifurcation: {done} of {total} motions")
 
-        return [[s.trial, s.begin, s.end] for s in unjudged(trials, bare, progress=told)]
+        return [[s.trial, s.begin, s.end] for s in sensitive_stretches(trials, bare, progress=told)]
 
     kept = checkpoint.get("unjudged", found)
     return tuple(Stretch(str(trial), float(begin), float(end)) for trial, begin, end in kept)
