@@ -147,7 +147,7 @@ def test_a_study_reports_its_copies(objective: Objective, tmp_path: Path) -> Non
     assert kept["nominal_mm"] == pytest.approx(1e3 * result.objective, rel=0.02)
     assert kept["delicate"]["muscle"] == 1 and len(kept["said"]) == 3
     page = (tmp_path / "out" / "report.html").read_text()
-    assert "Copies with scatter" in page and "data:image/png" in page
+    assert "Manufacturing tolerances: simulated copies" in page and "data:image/png" in page
 
 
 def test_derivatives_of_the_forward_model_are_those_of_copies(objective: Objective) -> None:

@@ -206,11 +206,11 @@ def _descend(
         promised = -loss(problem.samples, state, _promised(state, step), normal, weight, inputs)
         line = f"{named}iteration {iteration}: {1e3 * capped(state.found.residual):.3f} mm RMS"
         progress(line, iteration / (iteration + 2))
-        least = close * normal.tempering if near else close  # blocks that disagree may be what is not fitted yet
-        small = promised < least or bool(np.abs(step / problem.vector.scale).max() < slight)
         evaluations = problem.evaluate([problem.vector.inside(state.x + length * step) for length in lengths])
         gains = [-loss(problem.samples, state, other, normal, weight, inputs) for other in evaluations]
         best = int(np.argmax(gains))
+        longest = lengths[best] * float(np.abs(step / problem.vector.scale).max())
+        small = promised < close or longest < slight
         if gains[best] > 0:
             damping = damping / 10
             if small and (exact or near):

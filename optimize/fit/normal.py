@@ -138,7 +138,8 @@ def normal_equations(
     hessian = 0.5 * (hessian + hessian.T)
     inverse = np.linalg.inv(hessian + weight)
     seen, scattered = (float(np.trace(inverse @ m)) for m in (hessian, scatter(scores, hessian, weight)))
-    tempering = min(1.0, seen / scattered) if scattered > 0 else 1.0  # weights above one would trust too much
+    # weights above one would trust too much; far off, blocks that disagree are what is not fitted yet
+    tempering = min(1.0, seen / scattered) if scattered > 0 and np.isfinite(far) else 1.0
     return Normal(
         gradient=white.T @ (w * r),
         hessian=hessian,
