@@ -45,10 +45,7 @@ class Checkpoint:
             if known == content:
                 return
             if not work.anew:
-                raise OtherContent(
-                    f"{work.folder}: holds other work ({differences(known, content)}); expected the same, another "
-                    "folder, or --force to start anew"
-                )
+                require_same(known, content, work.folder, "other work")
             work.clear()
         self._folder.mkdir(exist_ok=True)
         self._write(_CONTENT, dict(content))
@@ -67,14 +64,13 @@ class Checkpoint:
         """What JSON can hold: what is kept of this name, else computed and kept; None where there is no time to begin
         it."""
         file = self._folder / f"{name}.json"
-        if file.is_file():
-            return json.loads(file.read_text(encoding="utf-8"))["found"]
-        if self._seconds is not None and self.spent >= self._seconds:
-            return None
-        begun = time.monotonic()
-        found = compute()
-        self._write(file.name, {"found": found, "seconds": time.monotonic() - begun})
-        return json.loads(json.dumps(found))
+        if not file.is_file():
+            if self._seconds is not None and self.spent >= self._seconds:
+                return None
+            begun = time.monotonic()
+            found = compute()
+            self._write(file.name, {"found": found, "seconds": time.monotonic() - begun})
+        return json.loads(file.read_text(encoding="utf-8"))["found"]
 
     def arrays(self, name: str, compute: Callable[[], Arrays]) -> Arrays:
         """The same of arrays by name."""
@@ -94,6 +90,14 @@ class Checkpoint:
     def _write(self, name: str, content: Any) -> None:
         self._work.claim(f"{FOLDER}/{name}")
         write_text(self._folder / name, json.dumps(content) + "\n")
+
+
+def require_same(known: Mapping[str, str], content: Mapping[str, str], folder: Path, holds: str) -> None:
+    """Raise OtherContent, which says what differs, where what is kept is of other content. holds: what it then is."""
+    if known != content:
+        raise OtherContent(
+            f"{folder}: holds {holds} ({differences(known, content)}); expected the same one, or --force to start anew"
+        )
 
 
 def differences(known: Mapping[str, str], content: Mapping[str, str]) -> str:

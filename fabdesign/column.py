@@ -119,6 +119,19 @@ def corner(muscle: int, index: int, along: tuple[float, float]) -> Column:
     return Column(f"muscle {muscle} corner {index}", "m", 1e-4, 1e-3, moved)
 
 
+def corner_or_still(muscle: int, index: int, along: tuple[float, float]) -> Column:
+    """The same; a path that no pitch leaves its intervals stays, and its derivative is zero."""
+    own = corner(muscle, index, along)
+
+    def moved(case: Case, by: float) -> Case:
+        try:
+            return own.moved(case, by)
+        except InputError:
+            return case
+
+    return replace(own, moved=moved)
+
+
 def _with_path(muscle: Muscle, path: tuple[tuple[float, float], ...]) -> Muscle:
     """The muscle along another path, with as many intervals; raises InputError where no pitch leaves them so."""
     before, after = _lengths(muscle.path), _lengths(path)

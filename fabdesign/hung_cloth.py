@@ -79,7 +79,12 @@ def held_places(fabric: Fabric) -> Array:
 def at_rest(fabric: Fabric, across: int, down: int) -> Array:
     """(down across, 3) m, places spread evenly over the flat cloth, by rising v, then rising u."""
     u, v = np.meshgrid(np.linspace(0, fabric.width, across), np.linspace(0, fabric.height, down))
-    return np.stack([u.ravel() - fabric.width / 2, -v.ravel(), 0 * u.ravel()], axis=1)
+    return on_flat_cloth(np.stack([u.ravel(), v.ravel()], axis=1), fabric)
+
+
+def on_flat_cloth(places: Array, fabric: Fabric) -> Array:
+    """(n, 3) m: places (u, v) (n, 2) m of the flat cloth."""
+    return np.stack([places[:, 0] - fabric.width / 2, -places[:, 1], 0 * places[:, 0]], axis=1)
 
 
 def degrees_between(a: Array, b: Array) -> float:

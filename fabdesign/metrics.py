@@ -44,12 +44,13 @@ def mean_errors(each: Sequence[Errors]) -> Errors:
     return Errors(*np.mean([astuple(errors) for errors in each], axis=0).tolist())
 
 
-def surface_rms(measured: Floats, model: Floats) -> float:
-    """Root mean square [m] of the distances of measured points (n, 3) to the faces of a model frame (2 rows cols, 3).
+def surface_rms(measured: Floats, model: Floats, face: Face = "both") -> float:
+    """Root mean square [m] of the distances of measured points (n, 3) to the faces of a model frame (2 rows cols, 3),
+    or to one of them.
 
     Each distance, to the nearest triangle, is capped at 10 mm.
     """
-    return capped_rms(Surface.of_faces(model).distance(measured, within=CAP))
+    return capped_rms(Surface.of_faces(model, face=face).distance(measured, within=CAP))
 
 
 def distance_to_faces(markers: Floats, model: Floats, face: Face = "both") -> float:

@@ -21,13 +21,19 @@ def mid_surface(points: Floats) -> Array:
     return np.asarray(two_faces(points).mean(axis=-4))
 
 
+def cells_of(places: ArrayLike, rows: int, columns: int) -> tuple[Array, NDArray[np.intp]]:
+    """Where `places` (k, 2), shares of width and height, lie on a grid: (2, k) shares of a cell across and down, and
+    (2, k) the column and row of its upper left corner."""
+    at = np.asarray(places, dtype=float) * [columns - 1, rows - 1]
+    low = np.clip(at.astype(int), 0, [columns - 2, rows - 2])
+    return (at - low).T, low.T
+
+
 def at_places(grid: Floats, places: ArrayLike) -> Array:
     """(..., k, d): values of a grid (..., rows, columns, d) at `places` (k, 2), shares of width and height from the
     upper left corner; bilinear between its points."""
-    rows, columns = grid.shape[-3:-1]
-    at = np.asarray(places, dtype=float) * [columns - 1, rows - 1]
-    low = np.clip(at.astype(int), 0, [columns - 2, rows - 2])
-    (s, t), (i, j) = (at - low).T[..., None], low.T
+    (s, t), (i, j) = cells_of(places, *grid.shape[-3:-1])
+    s, t = s[:, None], t[:, None]
     upper = grid[..., j, i, :] * (1 - s) + grid[..., j, i + 1, :] * s
     lower = grid[..., j + 1, i, :] * (1 - s) + grid[..., j + 1, i + 1, :] * s
     return np.asarray(upper * (1 - t) + lower * t)

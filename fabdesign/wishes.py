@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
-from fabdesign.hung_cloth import held_places
-from fabdesign.mid_surface import at_places, mid_surface
+from fabdesign.hung_cloth import held_places, on_flat_cloth
+from fabdesign.mid_surface import at_places, cells_of, mid_surface
 from fabdesign.table import Table
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ def _wish(table: Table, fabric: Fabric) -> Wish:
     else:
         edge = table.text("edge", choices=EDGES)
         where, places = f"{edge} edge", _of_edge(edge, fabric)
-    flat = _flat(places, fabric)
+    flat = on_flat_cloth(places, fabric)
     goals, given, said = flat.copy(), [False] * 3, []
     for axis, (world, beside) in enumerate(zip(WORLD, FROM_FLAT, strict=True)):
         if world in table and beside in table:
@@ -102,11 +102,6 @@ def _of_edge(edge: str, fabric: Fabric) -> Array:
     return np.stack([u, v], axis=1)
 
 
-def _flat(places: Array, fabric: Fabric) -> Array:
-    """(n, 3) m: places (n, 2) m of the flat cloth."""
-    return np.stack([places[:, 0] - fabric.width / 2, -places[:, 1], 0 * places[:, 0]], axis=1)
-
-
 def _tuples(rows: Array) -> Any:
     return tuple(tuple(row) for row in rows.tolist())
 
@@ -118,7 +113,7 @@ def _require_reachable(wish: Wish, fabric: Fabric, where: str) -> None:
         return
     given = np.array(wish.given)
     for place, goal in zip(wish.places, wish.goals, strict=True):
-        flat = _flat(np.array([place]), fabric)[0]
+        flat = on_flat_cloth(np.array([place]), fabric)[0]
         reach = np.linalg.norm(held - flat, axis=1)
         away = np.linalg.norm((held - goal)[:, given], axis=1)
         # every held place bounds it
@@ -178,9 +173,7 @@ class Landmarks:
 
     def _corners(self, side: int) -> Iterator[tuple[NDArray[np.intp], Array]]:
         """The four nodes (k,) around every place, with their weights (k,): those of `at_places`."""
-        at = self.shares * (side - 1)
-        low = np.clip(at.astype(int), 0, side - 2)
-        (s, t), (i, j) = (at - low).T, low.T
+        (s, t), (i, j) = cells_of(self.shares, side, side)
         for down, across in ((0, 0), (0, 1), (1, 0), (1, 1)):
             weight = (t if down else 1 - t) * (s if across else 1 - s)
             yield (j + down) * side + i + across, weight

@@ -8,7 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from fabdesign.checkpoint import OtherContent, differences
+from fabdesign.checkpoint import require_same
 
 _SCHEMA = """
 create table if not exists content (field text primary key, value text);
@@ -50,11 +50,8 @@ class History:
         self._file.execute("pragma journal_mode = wal")
         self._file.executescript(_SCHEMA)
         known = dict(self._file.execute("select field, value from content").fetchall())
-        if known and known != study:
-            raise OtherContent(
-                f"{Path(self._path).parent}: holds the search of another study ({differences(known, study)}); "
-                "expected the same one, or --force to start anew"
-            )
+        if known:
+            require_same(known, study, Path(self._path).parent, "the search of another study")
         self._file.executemany("insert or replace into content values (?, ?)", study.items())
         kept = self._file.execute("select evaluations, seconds from checkpoint").fetchone() or (0, 0.0)
         self._file.execute("delete from evaluations where number > ?", kept[:1])

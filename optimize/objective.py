@@ -14,7 +14,7 @@ from fabdesign.design import Design
 from fabdesign.distances import chamfer
 from fabdesign.forward import SIDE, Case, ForwardModel
 from fabdesign.free_placement import RigidMotion, onto
-from fabdesign.metrics import distance_to_faces
+from fabdesign.metrics import distance_to_faces, surface_rms
 from fabdesign.pressure import PressureProgram
 from fabdesign.sheet import Face
 from fabdesign.surface import CAP, Surface, capped_rms, half_of
@@ -103,7 +103,7 @@ class Objective:
         if target.free:
             pose = target.motion(pose).of(pose)
         if self.measure == "surface_rms":
-            return capped_rms(Surface.of_faces(pose, face=target.face).distance(target.points, within=CAP))
+            return surface_rms(target.points, pose, target.face)
         if target.markers:
             return distance_to_faces(target.points, pose, target.face)
         return chamfer(target.points, half_of(pose, target.face))

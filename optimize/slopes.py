@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from fabdesign import column
 from fabdesign.column import Column
-from fabdesign.errors import InputError
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.jacobian import Jacobians
 from optimize.design_space import PRESSURE_STEP, DesignSpace, Vector
@@ -67,6 +66,13 @@ def slopes_of(jacobians: Jacobians, objective: Objective, points: Sequence[tuple
     return results
 
 
+def by_columns(jacobians: Jacobians, cases: Sequence[Case], columns: Sequence[Column]) -> Slopes:
+    """Of one design, a case a pose: by each column per unit, in place of a variable; NaN where that diverged."""
+    found = [jacobians([case], columns)[0] for case in cases]
+    shape = np.array([refined(np.asarray(one.points, float)) for one in found])
+    return Slopes(shape, np.stack([np.array([refined(change) for change in one.changes]) for one in found], axis=1))
+
+
 def _corners(space: DesignSpace) -> list[Corner]:
     """In the order of the space's variables."""
     if not space.vary_positions:
@@ -75,18 +81,15 @@ def _corners(space: DesignSpace) -> list[Corner]:
 
 
 def _of_corner(corner: Corner) -> Column:
-    """m. A case without that corner, or whose intervals would become others, stays: its derivative is zero."""
+    """m. A case without that corner stays: its derivative is zero."""
     muscle, index, axis = corner
-    own = column.corner(muscle, index, ((1.0, 0.0), (0.0, 1.0))[axis])
+    own = column.corner_or_still(muscle, index, ((1.0, 0.0), (0.0, 1.0))[axis])
 
     def moved(case: Case, by: float) -> Case:
         muscles = case.design.muscles
         if muscle >= len(muscles) or index >= len(muscles[muscle].path):
             return case
-        try:
-            return own.moved(case, by)
-        except InputError:  # no pitch leaves a bent path its intervals
-            return case
+        return own.moved(case, by)
 
     return replace(own, name=f"{own.name} along {'uv'[axis]}", moved=moved, room=_inside(corner))
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from fabdesign.column import Column
 from fabdesign.jacobian import Jacobians
 from optimize.design_space import DesignSpace, Vector
-from optimize.objective import Objective, Shape, refined
-from optimize.slopes import slopes_of
+from optimize.objective import Objective, Shape
+from optimize.slopes import by_columns, slopes_of
 from optimize.step import LinearShape, best_step
 
 RADIUS = 0.1  # reaches within which the variables adjust: farther the shape is not linear
@@ -70,11 +70,7 @@ def _moved(
 ) -> NDArray[np.float64]:
     """(changes, poses, 2 n, 3) m."""
     space, x = point
-    columns = list({own.column.name: own.column for own in changes}.values())
-    names = [column.name for column in columns]
-    poses = []
-    for pose in range(len(objective.targets)):
-        [one] = jacobians(objective.cases(pose, [space.decode(x)]), columns)
-        by_column = np.array([refined(change) for change in one.changes])
-        poses.append([own.by * by_column[names.index(own.column.name)] for own in changes])
-    return np.asarray(poses).swapaxes(0, 1)
+    columns = {own.column.name: own.column for own in changes}
+    cases = [case for pose in range(len(objective.targets)) for case in objective.cases(pose, [space.decode(x)])]
+    slopes = by_columns(jacobians, cases, [*columns.values()]).by_variable
+    return np.array([own.by * slopes[[*columns].index(own.column.name)] for own in changes])

@@ -1,6 +1,5 @@
 """Calibration: factors on the declared values from measured clouds, with intervals."""
 
-import hashlib
 import importlib.metadata
 import platform
 from collections.abc import Callable, Collection, Sequence
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from fabdesign import SIMULATOR, __version__
+from fabdesign.checkpoint import sha256
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
 from fabdesign.model import POINTS_PER_SIDE, Model, Provenance
@@ -256,9 +256,7 @@ def _provenance(sets: Sequence[MeasurementSet], fitted: Sequence[Trial], seed: i
         versions={"python": platform.python_version(), "fabdesign": __version__, "simulator": SIMULATOR}
         | {name: importlib.metadata.version(name) for name in ("numpy", "scipy", "taichi")},
         hashes={
-            f"{found.name}/{trial.file.name}": hashlib.sha256(trial.file.read_bytes()).hexdigest()
-            for _, found, trial in named
-            if trial.file in files
+            f"{found.name}/{trial.file.name}": sha256(trial.file) for _, found, trial in named if trial.file in files
         },
         seed=seed,
     )

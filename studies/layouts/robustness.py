@@ -18,7 +18,8 @@ from fabdesign.search_terms import Robust
 from fabdesign.study_file import Study
 from optimize.objective import Objective, Shape
 from optimize.starts import Start
-from studies.layouts.scatter import Linear, Scatter, linear
+from optimize.step import LinearShape
+from studies.layouts.scatter import Scatter, linear
 
 Array = NDArray[np.float64]
 
@@ -55,7 +56,7 @@ class Robustness:
 
 
 def first_order(
-    scatter: Scatter, model: Linear, objective: Objective, tolerance: float, *, seed: int
+    scatter: Scatter, model: LinearShape, objective: Objective, tolerance: float, *, seed: int
 ) -> tuple[float, float]:
     """Expected value [m] and yield, by derivatives."""
     sequence = qmc.Sobol(scatter.size, rng=np.random.default_rng(seed)).random(LINEAR_COPIES)
@@ -74,10 +75,10 @@ def most_robust(study: Study, robust: Robust, points: Sequence[Start], objective
     for k, (space, x) in enumerate(points):
         scatter = Scatter(study, robust, *space.decode(x))
         model = linear(scatter, objective, coarse)
-        if not np.isfinite(model.nominal).all():
+        if not np.isfinite(model.shape).all():
             continue
         if tolerance is None:
-            tolerance = tolerance_of(robust, objective.value(model.nominal))
+            tolerance = tolerance_of(robust, objective.value(model.shape))
         expected, share = first_order(scatter, model, objective, tolerance, seed=study.seed)
         scored.append(((-share, expected) if robust.choose == "yield" else (expected, -share), k))
     return min(scored)[1] if scored else 0
@@ -117,9 +118,9 @@ def robustness_of(
     )
 
 
-def _elsewhere(shape: Shape, centre: Shape, model: Linear, z: Array) -> bool:
+def _elsewhere(shape: Shape, centre: Shape, model: LinearShape, z: Array) -> bool:
     way = shape - centre
-    missed, length = _rms(way - (model.at(z) - model.nominal)), _rms(way)
+    missed, length = _rms(way - (model.at(z) - model.shape)), _rms(way)
     return not missed <= max(APART, BRANCH * length)
 
 
@@ -127,7 +128,7 @@ def _rms(difference: Shape) -> float:
     return float(np.sqrt(np.square(difference).sum(axis=-1).mean()))
 
 
-def _most_delicate(scatter: Scatter, model: Linear, objective: Objective, muscles: int) -> tuple[int, float]:
+def _most_delicate(scatter: Scatter, model: LinearShape, objective: Objective, muscles: int) -> tuple[int, float]:
     """By derivatives: of every muscle the worst of four directions."""
     ways = ((1, 0), (-1, 0), (0, 1), (0, -1))
     worst = [max(objective.value(model.at(scatter.shifted(k, way, OFF))) for way in ways) for k in range(muscles)]

@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.column import Column, corner
+from fabdesign.column import Column, corner_or_still
 from fabdesign.design import Design
-from fabdesign.errors import InputError
 from fabdesign.forward import Case
 from fabdesign.model import Model
 from fabdesign.model_sampling import drawn, joint_root
@@ -21,7 +20,9 @@ from fabdesign.pressure import PressureProgram
 from fabdesign.search_terms import Robust
 from fabdesign.study_file import Study
 from optimize.design_space import DesignSpace
-from optimize.objective import Objective, Shape, refined
+from optimize.objective import Objective, Shape
+from optimize.slopes import by_columns
+from optimize.step import LinearShape
 from studies.layouts.begin import limits_of
 
 Array = NDArray[np.float64]
@@ -123,13 +124,10 @@ class Scatter:
 
 def _placed(muscle: int, index: int, along: tuple[float, float], placement: float) -> Column:
     """A corner off its place, in standard deviations of so many m."""
-    own = corner(muscle, index, along)
+    own = corner_or_still(muscle, index, along)
 
     def moved(case: Case, by: float) -> Case:
-        try:
-            return own.moved(case, by * placement)
-        except InputError:  # no pitch leaves a bent path its intervals
-            return case
+        return own.moved(case, by * placement)
 
     return Column(own.name, STANDARD, own.step / placement, own.far / placement, moved)
 
@@ -146,30 +144,16 @@ def _pulling(name: str, share: Array) -> Column:
     return Column(name, STANDARD, 0.2, 1.0, moved)
 
 
-@dataclass(frozen=True, eq=False)
-class Linear:
-    """The shape of copies by derivatives: nominal (poses, 2 n, 3) m, and (size, poses, 2 n, 3) m a standard normal."""
-
-    nominal: Shape
-    slopes: NDArray[np.float64]
-
-    def at(self, z: Array) -> Shape:
-        return self.nominal + np.tensordot(z, self.slopes, axes=1)
-
-
-def linear(scatter: Scatter, objective: Objective, forward: Predictor) -> Linear:
-    """By derivatives of shapes at rest where the forward model offers them, else by differences of one standard
-    deviation, in one batch. What diverges has no slope."""
+def linear(scatter: Scatter, objective: Objective, forward: Predictor) -> LinearShape:
+    """The shape of copies in their standard normals, about none: by derivatives of shapes at rest where the forward
+    model offers them, else by differences of one standard deviation, in one batch. What diverges has no slope."""
     at_rest = all(target.time is None for target in objective.targets)
     jacobians = replace(forward, model=Model()).faces_jacobian if at_rest else None
     if jacobians is None:
         nominal, *ahead = scatter.shapes(objective, forward, [np.zeros(scatter.size), *np.eye(scatter.size)])
         slopes = np.array([shape - nominal for shape in ahead])
     else:
-        found = [
-            jacobians([scatter.case(objective, pose)], scatter.columns)[0] for pose in range(len(objective.targets))
-        ]
-        nominal = np.array([refined(np.asarray(one.points, float)) for one in found])
-        slopes = np.stack([np.array([refined(change) for change in one.changes]) for one in found], axis=1)
+        cases = [scatter.case(objective, pose) for pose in range(len(objective.targets))]
+        nominal, slopes = by_columns(jacobians, cases, scatter.columns)
     slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0
-    return Linear(nominal, slopes)
+    return LinearShape(np.zeros(scatter.size), nominal, slopes)

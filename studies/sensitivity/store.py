@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.checkpoint import OtherContent, differences
+from fabdesign.checkpoint import OtherContent, require_same
 from fabdesign.errors import InputError
 
 Array = NDArray[np.float64]
@@ -35,14 +35,13 @@ class Store:
             self._file.execute("pragma journal_mode = wal")
             self._file.executescript(_SCHEMA)
             known = dict(self._file.execute("select field, value from content").fetchall())
-            if known and known != content:
-                self._file.close()
-                raise OtherContent(
-                    f"{path.parent}: holds another study ({differences(known, content)}); expected the same one, "
-                    "or --force to start anew"
-                )
+            if known:
+                require_same(known, content, path.parent, "another study")
             with self._file:
                 self._file.executemany("insert or replace into content values (?, ?)", content.items())
+        except OtherContent:
+            self._file.close()
+            raise
         except (OSError, sqlite3.Error) as error:
             raise InputError(f"{path}: cannot be written ({error})") from None
 

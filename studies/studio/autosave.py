@@ -1,11 +1,11 @@
 """What is being edited, kept beside its file until it is saved: a crash or a closed window loses nothing."""
 
-import hashlib
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+from fabdesign.checkpoint import sha256
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
@@ -75,7 +75,7 @@ def _muscle(entry: dict[str, Any], design: Design) -> Muscle:
 def content_hash(file: Path) -> str | None:
     """sha256 of a file; None where it is not there."""
     try:
-        return hashlib.sha256(file.read_bytes()).hexdigest()
+        return sha256(file)
     except OSError:
         return None
 
