@@ -58,6 +58,10 @@ class Shown:
     def show_search(self, message: str, *, running: bool) -> None:
         self.said.append(message)
 
+    def show_results(self) -> None: ...
+    def show_band(self) -> None: ...
+    def show_trial_errors(self) -> None: ...
+
     def show_shape(self, shape: LiveShape) -> None:
         self.shapes.append(shape)
 
@@ -387,7 +391,7 @@ def test_what_is_saved_passes_check(begin: Begin, tmp_path: Path) -> None:
 
 def test_nothing_is_replaced_unasked(begin: Begin, tmp_path: Path) -> None:
     saving, opened = Saving(), begin()[0].opened
-    folder, given = tmp_path / "mine", {"target": None, "limits": opened.limits, "model": None}
+    folder, given = tmp_path / "mine", {"limits": opened.limits, "model": None}
     bare = Layout.of(replace(BASIC.design, muscles=()))  # no templates to draw
     saving.save(bare, folder, **given)
     assert saving.replaces(folder) is None
@@ -463,7 +467,7 @@ def test_the_study_of_a_search_reads_back(tmp_path: Path) -> None:
         ("pressures and positions", True, None),
         ("one more muscle", True, range(9, 10)),
     ):
-        text = study_document(layout, target, Limits(), vary=vary, seconds=7, model=None, beside=folder)
+        text = study_document(layout, [target], Limits(), vary=vary, seconds=7, model=None, beside=folder)
         (folder / "study.toml").write_text(text)
         study = read_study(folder / "study.toml")
         assert study.positions is positions

@@ -37,6 +37,7 @@ class _Drawn:
     band: Any
     corners: list[Any]
     label: Any
+    look: tuple[Any, ...] = ()  # all that it is drawn from
 
 
 class FlatView:
@@ -49,6 +50,7 @@ class FlatView:
         self._places: Places | None = None
         self._sheet: tuple[Any, ...] = ()
         self._grabbed: Point = (0.0, 0.0)
+        self._other = False  # whether another drawing's muscles are shown
 
     def draw(self, design: Design, *, selected: int | None, broken: set[int], row_distance: float | None) -> None:
         """row_distance: m between lacing rows; None: none are shown."""
@@ -66,6 +68,20 @@ class FlatView:
         del self._muscles[len(design.muscles) :]
         for i in range(len(design.muscles)):
             self._draw_muscle(i, design, places, i == selected, i in broken)
+
+    def draw_other(self, design: Design | None) -> None:
+        """Another drawing's muscles, as thin grey lines; None takes them away."""
+        legs = []
+        for muscle in () if design is None or self._places is None else design.muscles:
+            path = self._places.flat(np.array(muscle.path), muscle.side, lift=0.8 * LIFT)  # type: ignore[union-attr]
+            legs += list(np.stack([path[:-1], path[1:]], axis=1))
+        if legs:
+            self._scene.add_line_segments(
+                "/flat/other", np.array(legs), (90, 95, 100), thickness=2.5, thickness_units="screen"
+            )
+        elif self._other:
+            self._scene.remove_by_name("/flat/other")
+        self._other = bool(legs)
 
     def _draw_sheets(self, places: Places, row_distance: float | None) -> None:
         w, h = places.width, places.height
@@ -92,14 +108,17 @@ class FlatView:
 
     def _draw_muscle(self, i: int, design: Design, places: Places, selected: bool, broken: bool) -> None:
         muscle = design.muscles[i]
-        path = places.flat(np.array(muscle.path), muscle.side)
         width = max(design.muscle_types[muscle.type].outer_diameter, _LEAST_WIDTH)
         shade = BROKEN if broken else colour(muscle.channel)
-        kind = (muscle.side, len(muscle.path))
+        kind, look = (muscle.side, len(muscle.path)), (muscle, places, width, selected, shade)
+        if i < len(self._muscles) and self._muscles[i].look == look:
+            return  # in a drag most muscles stay
+        path = places.flat(np.array(muscle.path), muscle.side)
         vertices, triangles = ribbon(path, width * (1.5 if selected else 1.0))
         if i == len(self._muscles) or self._muscles[i].kind != kind:
             self._make(i, kind, vertices, triangles, len(path))
         drawn = self._muscles[i]
+        drawn.look = look
         drawn.band.vertices, drawn.band.color = vertices, shade
         drawn.label.position = tuple(path[0] + [0.0, 0.004, 0.004])
         drawn.label.text = f"{i}"

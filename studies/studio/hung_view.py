@@ -24,7 +24,7 @@ class HungView:
         self._faces: list[Any] = []
         self._muscles: list[Any] = []
         self._coloured: Any = None
-        self._before: Any = None
+        self._before: dict[str, Any] = {}
         self._clouds: dict[str, Any] = {}
         self._shown: dict[str, tuple[Any, Any]] = {}  # what each cloud was drawn from
         self._edge: Any = None
@@ -113,15 +113,21 @@ class HungView:
             precision="float32", point_shading="flat",
         )  # fmt: skip
 
-    def draw_before(self, points: NDArray[np.float32] | None) -> None:
-        """The shape that was left by a jump, seen through; None takes it away."""
-        if self._before is not None:
-            self._before.remove()
-            self._before = None
-        if points is not None:
-            half, side = len(points) // 2, round((len(points) // 2) ** 0.5)
-            triangles = face_triangles(side, side)[: 2 * (side - 1) ** 2].astype(np.uint32)
-            self._before = self._scene.add_mesh_simple(
-                "/hung/before", points[:half], triangles, color=(230, 140, 40), opacity=0.3, side="double",
-                cast_shadow=False,
-            )  # fmt: skip
+    def draw_beside(
+        self, name: str, points: NDArray[np.float32] | None, shade: tuple[int, int, int] = (230, 140, 40)
+    ) -> None:
+        """Another shape, seen through: the one before a jump, one without the corrector, or another drawing's. None
+        takes it away."""
+        drawn = self._before.get(name)
+        if points is None:
+            if drawn is not None:
+                self._before.pop(name).remove()
+            return
+        half, side = len(points) // 2, round((len(points) // 2) ** 0.5)
+        if drawn is not None and len(drawn.vertices) == half:
+            drawn.vertices = points[:half]
+            return
+        triangles = face_triangles(side, side)[: 2 * (side - 1) ** 2].astype(np.uint32)
+        self._before[name] = self._scene.add_mesh_simple(
+            f"/hung/{name}", points[:half], triangles, color=shade, opacity=0.3, side="double", cast_shadow=False
+        )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fabdesign.model import Model
 from studies.layouts.way import ELSEWHERE, LEAST
 from studies.studio.layout import Layout
-from studies.studio.solver import Answer, Ask
+from studies.studio.solver import Answer, Ask, Correction
 
 SNAP = 6.0  # times the motion for a change of this size before, which the cloth does not make without a jump
 _SIZE = 0.02, 50e3  # m and Pa: changes that count as alike
@@ -36,6 +36,8 @@ class LiveShape:
     seconds: float  # that it took
     jump: float | None = None
     before: NDArray[np.float32] | None = None
+    time: float | None = None  # s after rest, of a motion's frame; None: at rest
+    correction: Correction | None = None
 
 
 class Live:
@@ -44,7 +46,7 @@ class Live:
 
     def __init__(self, solver: Solves, show: Callable[[LiveShape], None], fail: Callable[[str], None]) -> None:
         self._solver, self._show, self._fail = solver, show, fail
-        self._wanted: tuple[Layout, Model] | None = None
+        self._wanted: tuple[Layout, Model, float | None] | None = None
         self._moving = False
         self._stage = "idle"  # what the wanted layout still needs: "follow", "exact" or nothing, "idle"
         self._out: tuple[Ask, Layout] | None = None
@@ -53,17 +55,22 @@ class Live:
         self._other: Callable[[Answer], None] | None = None
         self._jumps = JumpDetector()
 
-    def want(self, layout: Layout, model: Model, *, moving: bool) -> None:
-        """The newest layout. moving: in the middle of a gesture."""
-        if self._wanted is None or self._wanted[0] != layout or self._wanted[1] != model:
+    def want(self, layout: Layout, model: Model, *, moving: bool, time: float | None = None) -> None:
+        """The newest layout. moving: in the middle of a gesture. time: s after rest, where the exact shape is to be a
+        motion's frame under these pressures."""
+        if self._wanted is None or self._wanted != (layout, model, time):
             self._stage = "follow"
         elif not moving and self._moving and self._stage == "idle":
             self._stage = "exact"
-        self._wanted, self._moving = (layout, model), moving
+        self._wanted, self._moving = (layout, model, time), moving
 
     def also(self, ask: Ask, then: Callable[[Answer], None]) -> None:
         """Something else, once nothing is dragged."""
         self._others.append((ask, then))
+
+    def drop(self, then: Callable[[Answer], None]) -> None:
+        """Take back what was asked for `then` and is not under way."""
+        self._others = [(ask, other) for ask, other in self._others if other != then]
 
     @property
     def at_rest(self) -> bool:
@@ -85,25 +92,31 @@ class Live:
             return
         assert self._out is not None
         (ask, layout), self._out = self._out, None
-        if answer.points is None:
+        if answer.points is None or answer.simulated is None:
             self._fail(answer.error or "no shape was found")
             return
         if ask.kind == "exact" and self._wanted is not None and layout != self._wanted[0]:
             return  # another is wanted by now, and followed
-        jump, before = self._jumps.of(answer.points, layout, exact=ask.kind == "exact")
+        exact, time = ask.kind == "exact", None if ask.times is None else float(ask.times[-1])
+        jump, before = None, None
+        if time is None:  # a motion's frame is on no branch
+            jump, before = self._jumps.of(answer.simulated, layout, exact=exact)
         self._show(
-            LiveShape(answer.points, layout, ask.kind == "exact", answer.points_per_side, answer.seconds, jump, before)
-        )
+            LiveShape(
+                answer.points, layout, exact, answer.points_per_side, answer.seconds, jump, before, time,
+                answer.correction,
+            )
+        )  # fmt: skip
 
     def _send(self) -> None:
         self._number += 1
         if self._wanted is not None and self._stage == "follow":
-            layout, model = self._wanted
+            layout, model, _ = self._wanted
             ask = Ask.at_rest(self._number, "follow", layout.design, layout.pressures, model)
             self._stage = "idle" if self._moving else "exact"
         elif self._wanted is not None and self._stage == "exact":
-            layout, model = self._wanted
-            ask = Ask.at_rest(self._number, "exact", layout.design, layout.pressures, model)
+            layout, model, time = self._wanted
+            ask = Ask.at_rest(self._number, "exact", layout.design, layout.pressures, model, time)
             self._stage = "idle"
         elif self._others:
             other, self._other = self._others.pop(0)

@@ -11,11 +11,13 @@ SHOWN = 2.0  # prior deviations off, for an effect that is switched on to be see
 @dataclass(frozen=True)
 class ModelChoice:
     """given: what `--model` brought, if anything. fitted: whether its factors, effects and corrector hold, or the data
-    sheet. effect_values: of the effects that are on, by name, each parameter in the unit that the effect declares."""
+    sheet. effect_values: of the effects that are on, by name, each parameter in the unit that the effect declares.
+    corrected: whether the corrector acts, where the model has one."""
 
     given: Model | None = None
     fitted: bool = True
     effect_values: dict[str, dict[str, float]] = field(default_factory=dict)
+    corrected: bool = True
 
     @staticmethod
     def of(given: Model | None) -> "ModelChoice":
@@ -39,7 +41,7 @@ class ModelChoice:
         )
         own = {effect.name: effect_named(effect.name, "model").values(effect.term.values) for effect in base.effects}
         if own == self.effect_values:
-            return base
+            return base if self.corrected else base.without(["corrector"])
         return replace(base, effects=terms, covariance=None, corrector=None, corrector_hash=None)
 
     def switched(self, name: str, on: bool) -> "ModelChoice":
@@ -57,7 +59,12 @@ class ModelChoice:
 
     def sheet(self, fitted: bool) -> "ModelChoice":
         """The model file (fitted) with its effects, or the data sheet with none."""
-        return ModelChoice.of(self.given) if fitted else ModelChoice(self.given, False)
+        choice = ModelChoice.of(self.given) if fitted else ModelChoice(self.given, False)
+        return replace(choice, corrected=self.corrected)
+
+    @property
+    def has_corrector(self) -> bool:
+        return self.given is not None and self.given.corrector is not None
 
 
 def visible(name: str) -> dict[str, float]:

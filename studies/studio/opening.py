@@ -15,7 +15,7 @@ from fabdesign.model import Model
 from fabdesign.model_file import read_model
 from fabdesign.pressure import PressureProgram, limits
 from fabdesign.pressure_file import read_pressures
-from fabdesign.study_file import Study, TargetFile, read_kind, read_study
+from fabdesign.study_file import Study, read_kind, read_study
 from fabdesign.table import parse_toml
 from optimize.margins import Limits
 from studies.layouts.begin import limits_of
@@ -33,7 +33,7 @@ class Opened:
     file: Path
     layout: Layout
     limits: Limits
-    target: ShownTarget | None = None
+    targets: tuple[ShownTarget, ...] = ()  # poses of one layout
     model_file: Path | None = None
     model: Model | None = None
     measured: MeasurementSet | None = None
@@ -53,7 +53,7 @@ def open_files(files: Sequence[Path], model_file: Path | None) -> Opened:
         opened = replace(opened, model_file=model_file, model=read_model(model_file))
     for file, (sort, _) in kinds.items():
         if sort == "target":
-            opened = replace(opened, target=ShownTarget.read(target_file(file), opened.layout.design))
+            opened = replace(opened, targets=(ShownTarget.read(target_file(file), opened.layout.design),))
         elif sort == "pressures":
             program = read_pressures(file, opened.layout.design)
             last = tuple(float(pressure) for pressure in program.pressure[-1])
@@ -107,13 +107,12 @@ def _of_study(study: Study, file: Path) -> Opened:
     begin = study.start_pressures
     pressures = np.full(study.design.channels, np.mean(study.limits.pressure)) if begin is None else begin
     layout = Layout.of(study.design, tuple(float(pressure) for pressure in pressures))
-    first: TargetFile = study.targets[0]
     model_name = root.get("model")
     return Opened(
         file.parent / str(root["design"]),
         layout,
         limits_of(study),
-        target=ShownTarget.read(first, study.design),
+        targets=tuple(ShownTarget.read(target, study.design) for target in study.targets),
         model_file=None if model_name is None else file.parent / str(model_name),
         model=study.model,
     )

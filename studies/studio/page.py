@@ -13,13 +13,15 @@ from studies.studio.panels.model import ModelPanel
 from studies.studio.panels.motion import MotionPanel
 from studies.studio.panels.muscles import MusclePanel
 from studies.studio.panels.pressures import PressurePanel
-from studies.studio.panels.status import StatusPanel
+from studies.studio.panels.profile import ProfilePanel
+from studies.studio.panels.results import ResultPanel
+from studies.studio.panels.status import LEAST_SCALE, StatusPanel
 from studies.studio.panels.target import TargetPanel
 from studies.studio.scene import Places
 from studies.studio.session import Session
 
 VIEW, _ASPECT = 0.6, 1.3  # rad that is seen from top to bottom; width over height of what the panel leaves
-_DISTANCE = 0.002  # m, the least end of the scale of distances
+_OTHER = (60, 90, 200)  # of another drawing's shape
 
 
 def eye_of(places: Places) -> tuple[float, float, float]:
@@ -44,9 +46,12 @@ class Page:
         with tabs.add_tab("Layout"):
             self._muscles = MusclePanel(gui, session, post)
         with tabs.add_tab("Model"):
+            self._profile = ProfilePanel(gui, session)
             self._model = ModelPanel(gui, session, post)
         with tabs.add_tab("Target"):
             self._target = TargetPanel(gui, session, post, self._show_gizmo)
+        with tabs.add_tab("Results"):
+            self._results = ResultPanel(gui, session, post)
         with tabs.add_tab("Motion"):
             self._motion = MotionPanel(gui, session, post)
         with tabs.add_tab("Files"):
@@ -75,12 +80,17 @@ class Page:
         session = self._session
         with self._server.atomic():
             broken = {i for line in session.broken() for i in line.muscles}
-            self._flat.draw(session.layout.design, selected=session.selected, broken=broken, row_distance=session.rows)
+            self._flat.draw(
+                session.layout.design, selected=session.selected, broken=broken, row_distance=session.row_distance
+            )
+            other = session.other()
+            self._flat.draw_other(None if other is None else other[0].design)
             self._status.show_limits()
             self._pressures.show()
             self._muscles.show()
             self._model.show()
             self._files.show()
+            self._target.show()
             if session.motion is None and not self._motion.shows(None):
                 self._motion.begin()
                 self._hung.draw_cloud("measured", None)
@@ -91,21 +101,26 @@ class Page:
         with self._server.atomic():
             self._hung.draw(shape.points, shape.layout.design)
             if shape.jump is not None or self._session.document.in_gesture:
-                self._hung.draw_before(shape.before)
+                self._hung.draw_beside("before", shape.before)
+            self._hung.draw_beside("simulated", None)
             self._status.show_shape()
+            self._profile.show()
 
     def show_comparison(self) -> None:
         session, shape = self._session, self._session.shape
         if session.motion is not None:
             return
         with self._server.atomic():
+            other = session.other()
+            beside = None if other is None or other[1].shape is None else other[1].shape.points
+            self._hung.draw_beside("other", beside, _OTHER)
             target, comparison = session.target, session.comparison
             if target is None:
                 self._hung.draw_cloud("target", None)
             elif comparison is None or shape is None:
                 self._hung.draw_cloud("target", target.points)
             else:
-                largest = max(_DISTANCE, float(np.percentile(comparison.of_cloth, 98)))
+                largest = max(LEAST_SCALE, float(np.percentile(comparison.of_cloth, 98)))
                 self._hung.draw_distances(shape.points, comparison.of_cloth, largest)
                 self._hung.draw_cloud("target", target.points)
                 self._status.show_scale(largest)
@@ -117,7 +132,8 @@ class Page:
             return
         if not self._motion.shows(motion):
             self._motion.begin()
-            self._hung.draw_before(None)
+            for name in ("before", "other"):
+                self._hung.draw_beside(name, None)
         self._draw_frame()
 
     def _draw_frame(self) -> None:
@@ -129,10 +145,19 @@ class Page:
             self._hung.draw(motion.points[frame], self._session.layout.design)
             cloud = motion.cloud(frame)
             self._hung.draw_cloud("target", None)
-            distances = motion.distances(frame)
-            largest = _DISTANCE if distances is None else max(_DISTANCE, float(np.percentile(distances, 98)))
-            self._hung.draw_cloud("measured", cloud, distances, largest)
+            largest = max(LEAST_SCALE, motion.largest or 0.0)
+            self._hung.draw_cloud("measured", cloud, motion.distances(frame), largest)
+            self._hung.draw_beside("simulated", None if motion.simulated is None else motion.simulated[frame])
             self._motion.show()
+
+    def show_results(self) -> None:
+        self._results.show()
+
+    def show_band(self) -> None:
+        self._profile.show()
+
+    def show_trial_errors(self) -> None:
+        self._motion.show_errors()
 
     def show_search(self, message: str, *, running: bool) -> None:
         self._target.show_search(message, running=running)

@@ -1,5 +1,6 @@
 """What the studio writes: a folder with the design, its pressures, a study and templates, which other commands take."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from fabdesign.pressure_file import write_pressures
 from optimize.margins import Limits
 from studies.studio.autosave import content_hash
 from studies.studio.layout import Layout
-from studies.studio.searching import study_document
+from studies.studio.searching import pressure_files, study_document
 from studies.studio.target import ShownTarget
 
 SETTLED = 2.0  # s of the motion in pressures.csv after its rise
@@ -53,13 +54,15 @@ class Saving:
         layout: Layout,
         folder: Path,
         *,
-        target: ShownTarget | None,
+        targets: Sequence[ShownTarget] = (),
+        poses: Sequence[tuple[float, ...]] = (),
         limits: Limits,
         model: Path | None,
         replace: bool = False,
     ) -> Saved:
         """Write `design.toml`, `pressures.csv`, with a target `study.toml`, and `template/`.
 
+        poses: the pressures [Pa] of each of several targets; by default the layout's.
         replace: what stands in the folder, if this program made it. Raises InputError for another folder that is not
         empty, and where the folder would have to be replaced.
         """
@@ -70,11 +73,12 @@ class Saving:
         with new_folder(folder, made_by="studio", force=True) as unfinished:
             write_design(layout.design, unfinished / "design.toml")
             if layout.pressures:
-                program = rising_program(np.array(layout.pressures), RISE, RISE + SETTLED)
-                write_pressures(program, unfinished / "pressures.csv")
-            if target is not None:
+                rows = poses or [layout.pressures]
+                for name, pressures in zip(pressure_files(len(rows)), rows, strict=True):
+                    write_pressures(rising_program(np.array(pressures), RISE, RISE + SETTLED), unfinished / name)
+            if targets:
                 text = study_document(
-                    layout, target, limits, vary="pressures and positions", seconds=600, model=model, beside=folder
+                    layout, targets, limits, vary="pressures and positions", seconds=600, model=model, beside=folder
                 )
                 (unfinished / "study.toml").write_text(text, encoding="utf-8", newline="\n")
             left_out += _template(layout, unfinished)

@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -15,6 +16,7 @@ from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
 from fabdesign.output import new_folder
 from fabdesign.pressure_file import read_pressures
+from fabdesign.study_file import TargetFile
 from optimize.margins import Limits
 from studies.studio.layout import Layout
 from studies.studio.target import ShownTarget
@@ -26,9 +28,9 @@ _STOPPED = 30.0  # s that a search has to end with its best
 
 @dataclass(frozen=True)
 class SearchResult:
-    """The best so far, or at the end the result. objective: m."""
+    """The best so far, or at the end the result. layouts: one for each pose. objective: m."""
 
-    layout: Layout
+    layouts: tuple[Layout, ...]
     objective: float
     evaluations: int
     stop_reason: str
@@ -36,7 +38,7 @@ class SearchResult:
 
 def study_document(
     layout: Layout,
-    target: ShownTarget,
+    targets: Sequence[ShownTarget],
     limits: Limits,
     *,
     vary: Vary,
@@ -44,7 +46,7 @@ def study_document(
     model: Path | None,
     beside: Path,
 ) -> str:
-    """The study as text, whose `design.toml` lies in the folder `beside` with it."""
+    """The study as text, whose `design.toml` lies in the folder `beside` with it. targets: poses of one layout."""
     document = tomlkit.document()
     document["format"] = "fabdesign.study/1"
     document["kind"] = "optimize"
@@ -52,7 +54,24 @@ def study_document(
     if model is not None:
         document["model"] = _relative(model, beside)
     document["start_pressures"] = [pressure / 1e3 for pressure in layout.pressures]
-    file = target.file
+    placed = [_placed(target.file, beside) for target in targets]
+    if len(placed) == 1:
+        document["target"] = placed[0]
+    else:
+        poses = document["targets"] = tomlkit.aot()
+        for pose in placed:
+            poses.append(tomlkit.item(pose))
+    document["variables"] = _variables(layout, vary)
+    document["limits"] = {
+        "pressure": [pressure / 1e3 for pressure in limits.pressure],
+        "spacing": limits.spacing,
+        "edge": limits.edge,
+        "seconds": float(seconds),
+    }
+    return tomlkit.dumps(document)
+
+
+def _placed(file: TargetFile, beside: Path) -> dict[str, Any]:
     placed: dict[str, Any] = {"file": _relative(file.file, beside), "frame": file.frame, "unit": file.unit}
     if file.scale != 1:
         placed["scale"] = file.scale
@@ -62,15 +81,9 @@ def study_document(
         placed["place"] = "fit"
     elif any(file.translation):
         placed["translation"] = list(file.translation)
-    document["target"] = placed
-    document["variables"] = _variables(layout, vary)
-    document["limits"] = {
-        "pressure": [pressure / 1e3 for pressure in limits.pressure],
-        "spacing": limits.spacing,
-        "edge": limits.edge,
-        "seconds": float(seconds),
-    }
-    return tomlkit.dumps(document)
+    if file.weight != 1:
+        placed["weight"] = file.weight
+    return placed
 
 
 def _variables(layout: Layout, vary: Vary) -> dict[str, Any]:
@@ -91,7 +104,7 @@ class Search:
         self,
         folder: Path,
         layout: Layout,
-        target: ShownTarget,
+        targets: Sequence[ShownTarget],
         limits: Limits,
         *,
         vary: Vary,
@@ -99,10 +112,10 @@ class Search:
         model: Path | None = None,
     ) -> None:
         """Raises InputError where the folder is there already, or cannot be written."""
-        self.folder, self._seen = folder, ""
+        self.folder, self._seen, self._poses = folder, "", len(targets)
         with new_folder(folder, made_by="studio") as unfinished:
             write_design(layout.design, unfinished / "design.toml")
-            text = study_document(layout, target, limits, vary=vary, seconds=seconds, model=model, beside=folder)
+            text = study_document(layout, targets, limits, vary=vary, seconds=seconds, model=model, beside=folder)
             (unfinished / "study.toml").write_text(text, encoding="utf-8", newline="\n")
         command = [sys.executable, "-m", "fabdesign", "optimize", str(folder / "study.toml"), "-o", str(self.result)]
         self._process = subprocess.Popen(
@@ -129,13 +142,13 @@ class Search:
                 return None
             content = json.loads(text)
             design = read_design(self.result / "design.toml")
-            pressures = read_pressures(self.result / "pressures.csv", design).pressure[-1]
+            rows = [read_pressures(self.result / name, design).pressure[-1] for name in pressure_files(self._poses)]
         except (OSError, ValueError):  # it is being replaced at this moment
             return None
         self._seen = text
-        layout = Layout.of(design, tuple(float(pressure) for pressure in pressures))
+        layouts = tuple(Layout.of(design, tuple(map(float, row))) for row in rows)
         return SearchResult(
-            layout, 1e-3 * content["objective_mm"], int(content["evaluations"]), str(content.get("stop_reason", ""))
+            layouts, 1e-3 * content["objective_mm"], int(content["evaluations"]), str(content.get("stop_reason", ""))
         )
 
     def stop(self) -> None:
@@ -163,6 +176,11 @@ class Search:
             return None
         lines = [line for line in self._process.stderr.read().splitlines() if line.strip()]
         return lines[-1] if lines else f"the search ended with code {self._process.returncode}"
+
+
+def pressure_files(poses: int) -> list[str]:
+    """Names, as `optimize` writes them."""
+    return ["pressures.csv", *(f"pressures_{pose}.csv" for pose in range(2, poses + 1))]
 
 
 def next_folder(beside: Path) -> Path:

@@ -17,6 +17,7 @@ from studies.studio.session import Session
 from studies.studio.solver import SolverProcess
 
 _BEAT = 0.02  # s between looks at what is due
+_SHORT = 0.002  # s, while an answer of the simulator is awaited
 
 
 def serve(
@@ -49,14 +50,17 @@ class Studio:
         self._due: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._worker = worker
         self.session = Session(opened, worker)
-        self.page = Page(viser_server, self.session, self._due.put)
+        self.page = Page(viser_server, self.session, self.post)
+
+    def post(self, ask: Callable[[], None]) -> None:
+        """Have something done on the session's thread, by the next turn."""
+        self._due.put(ask)
 
     def run(self, until: Callable[[], bool] = lambda: False) -> None:
         self.session.begin(self.page)
         last, alive = time.monotonic(), True
         while not until():
-            self._work()
-            self.session.tick()
+            self.turn()
             now = time.monotonic()
             self.page.advance(now - last)
             last = now
@@ -64,10 +68,14 @@ class Studio:
                 alive = False
                 self.page.tell("The simulator has ended; save, and start the studio again.", bad=True)
 
+    def turn(self) -> None:
+        """What the page asks, all that has come, or after a beat nothing; then whatever is due."""
+        self._work()
+        self.session.tick()
+
     def _work(self) -> None:
-        """What the page asks, all that has come, or after a beat nothing."""
         with contextlib.suppress(queue.Empty):
-            ask = self._due.get(timeout=_BEAT)
+            ask = self._due.get(timeout=_SHORT if self.session.waiting else _BEAT)
             while True:
                 self._do(ask)
                 ask = self._due.get_nowait()

@@ -6,14 +6,19 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.forward import RISE
 from fabdesign.mark import read_mark
+from fabdesign.metrics import Errors
 from fabdesign.pressure import PressureProgram, require_pressures, rising_program
 from fabdesign.pressure_file import read_pressures
+from fabdesign.trial import Trial
+from fabdesign.trial_file import TrialData
 from studies.predict import frame_times
 from studies.studio.autosave import Autosave, Watched
+from studies.studio.band import Band, has_band, models_around
 from studies.studio.document import Document
 from studies.studio.layout import Layout, Point, move_corner, move_muscle
 from studies.studio.limits import Broken, broken_limits
@@ -21,6 +26,7 @@ from studies.studio.live import Live, LiveShape, Solves
 from studies.studio.measured import TrialMotion, labels
 from studies.studio.model_choice import ModelChoice
 from studies.studio.opening import Opened, search_limits
+from studies.studio.results import Result, Row, Seen
 from studies.studio.saving import Saved, Saving
 from studies.studio.searching import Search, Vary, next_folder, require_searchable
 from studies.studio.snapping import row_distance, snapped
@@ -30,6 +36,7 @@ from studies.studio.target import Comparison, ShownTarget, compare
 CALM = 0.35  # s without a further value, after which a slider counts as let go
 AUTOSAVE = 1.0  # s between autosaves at least
 FRAME_RATE = 30.0  # Hz, of a motion that is played
+_UNKNOWN = (Errors(*[float("nan")] * 5),)
 
 
 class SessionView(Protocol):
@@ -45,6 +52,12 @@ class SessionView(Protocol):
 
     def show_search(self, message: str, *, running: bool) -> None: ...
 
+    def show_results(self) -> None: ...
+
+    def show_band(self) -> None: ...
+
+    def show_trial_errors(self) -> None: ...
+
     def tell(self, text: str, *, bad: bool = False) -> None: ...
 
 
@@ -55,13 +68,23 @@ class Session:
         self.opened, self._clock = opened, clock
         self.document = Document(opened.layout)
         self.choice = ModelChoice.of(opened.model)
-        self.limits, self.target = opened.limits, opened.target
-        self.snap, self.rows = False, row_distance(opened.layout.design)
+        self.limits, self.targets, self.pose = opened.limits, list(opened.targets), 0
+        self._pose_pressures: dict[int, tuple[float, ...]] = {}  # of the poses that are not shown
+        self.snap, self.row_distance = False, row_distance(opened.layout.design)
         self.selected: int | None = 0 if opened.layout.design.muscles else None
         self.shape: LiveShape | None = None
-        self.comparison: Comparison | None = None
+        self.own = Seen()  # of the own drawing
+        self.results: list[Result] = []
+        self.result: Result | None = None  # that is shown; None: the own drawing
+        self.beside = True  # whether another drawing is shown beside
+        self.band: Band | None = None
+        self._around: list[NDArray[np.float32]] = []  # shapes of which a band is made
+        self._asked = 0  # counts what is asked for bands
+        self.trial_errors: dict[str, tuple[Errors, ...]] = {}
+        self._all_trials = False  # whether the errors of all are worked out
         self.motion: TrialMotion | None = None
         self.search: Search | None = None
+        self._searched: Result | None = None  # what the search finds
         self.folder = _folder(opened)
         self.view: SessionView
         self._saving, self._autosave = Saving(), Autosave(opened.file)
@@ -70,11 +93,25 @@ class Session:
         self._live = Live(solver, self._shown, self._failed)
         self._touched = self._autosaved = self._clock()
         self._dragged: Layout | None = None  # where a drag of a whole muscle began
-        self._searched: Layout | None = None  # the last layout that a search moved in
+        self._broken: tuple[Layout, list[Broken]] | None = None
 
     @property
     def layout(self) -> Layout:
-        return self.document.layout
+        """What is shown: the own drawing, or a search's result."""
+        return self.document.layout if self.result is None else self.result.layout(self.pose)
+
+    @property
+    def target(self) -> ShownTarget | None:
+        """Of the pose that is shown."""
+        return self.targets[self.pose] if self.targets else None
+
+    @property
+    def seen(self) -> Seen:
+        return self.own if self.result is None else self.result
+
+    @property
+    def comparison(self) -> Comparison | None:
+        return self.seen.comparison
 
     @property
     def trials(self) -> list[str]:
@@ -82,11 +119,19 @@ class Session:
 
     @property
     def _moving(self) -> bool:
-        """Whether a hand is in the middle of a gesture; a search that moves its best in is none."""
-        return self.document.in_gesture and not (self.searching and self._searched == self.layout)
+        """Whether a hand is in the middle of a gesture."""
+        return self.document.in_gesture and self.result is None
 
     def broken(self) -> list[Broken]:
-        return broken_limits(self.layout, self.limits)
+        """Worked out once for each layout."""
+        if self._broken is None or self._broken[0] is not self.layout:
+            self._broken = self.layout, broken_limits(self.layout, self.limits)
+        return self._broken[1]
+
+    @property
+    def waiting(self) -> bool:
+        """Whether the simulator computes, or is to."""
+        return not self._live.at_rest
 
     # a beginning, and what goes on meanwhile
 
@@ -120,7 +165,7 @@ class Session:
     def _keep(self) -> None:
         try:
             if self.document.changed and self._autosaves:
-                self._autosave.write(self.layout)
+                self._autosave.write(self.document.layout)
             elif not self.document.changed:
                 self._autosave.clear()
         except InputError as error:
@@ -142,6 +187,7 @@ class Session:
 
     def edit(self, what: str, change: Callable[[Layout], Layout]) -> None:
         """One step. What is refused is told."""
+        self.take()
         try:
             self.document.do(what, change(self.layout))
         except InputError as error:
@@ -151,6 +197,7 @@ class Session:
 
     def drag(self, what: str, layout: Layout, *, last: bool = False) -> None:
         """A moment of a gesture."""
+        self.take()
         self.document.shape(what, layout)
         self._touched = self._clock()
         if last:
@@ -173,14 +220,15 @@ class Session:
             return
         start = self._dragged or self.layout
         if self.snap:
-            by = (self.rows * round(by[0] / self.rows), self.rows * round(by[1] / self.rows))
+            rows = self.row_distance
+            by = (rows * round(by[0] / rows), rows * round(by[1] / rows))
         layout = move_muscle(start, index, by)
         self._dragged = None if last else start
         self.drag(f"move muscle {index}", layout, last=last)
 
     def _snapped(self, to: Point) -> Point:
         fabric = self.layout.design.fabric
-        return snapped(to, (fabric.width, fabric.height), self.rows) if self.snap else to
+        return snapped(to, (fabric.width, fabric.height), self.row_distance) if self.snap else to
 
     def press(self, channel: int, pressure: float) -> None:
         """A slider's value, Pa: a gesture until it is left alone."""
@@ -188,9 +236,11 @@ class Session:
             self.drag(f"pressure of channel {channel}", self.layout.with_pressure(channel, pressure))
 
     def undo(self) -> None:
+        self.result = None
         self._moved("undone", self.document.undo())
 
     def redo(self) -> None:
+        self.result = None
         self._moved("done again", self.document.redo())
 
     def _moved(self, how: str, what: str | None) -> None:
@@ -203,59 +253,126 @@ class Session:
         count = len(self.layout.design.muscles)
         if self.selected is None or self.selected >= count:
             self.selected = count - 1 if count else None
-        self.motion = None
-        self._live.want(self.layout, self.choice.model, moving=self._moving)
+        self.motion = self.band = None
+        self._all_trials = False
+        self._asked += 1
+        self._live.drop(self._band_arrived)
+        time = None if self.target is None else self.target.loaded.time
+        self._live.want(self.layout, self.choice.model, moving=self._moving, time=time)
+        self._live.turn()  # so that the simulator computes while the page is drawn
         self.view.show_layout()
 
     # the shape
 
     def _shown(self, shape: LiveShape) -> None:
         self.shape = shape
-        self.comparison = None
-        if shape.exact and self.target is not None:
-            self.comparison = compare(self.target, shape.points, shape.layout.design)
+        if shape.layout == self.layout:
+            self.seen.forget()
+            if shape.exact:
+                self._keep_exact(shape)
         self.view.show_shape(shape)
         self.view.show_comparison()
+
+    def _keep_exact(self, shape: LiveShape) -> None:
+        self.seen.shape = shape
+        if self.target is not None:
+            self.seen.comparison = compare(self.target, shape.points, shape.layout.design)
+            self.view.show_results()
+        if self.bands:
+            self._around = []
+            for one in models_around(self.choice.model):
+                ask = Ask.at_rest(self._asked, "nearby", shape.layout.design, shape.layout.pressures, one)
+                self._live.also(ask, self._band_arrived)
+
+    def _band_arrived(self, answer: Answer) -> None:
+        """One more of the shapes around the one that is shown; with the last there is a band."""
+        if answer.number != self._asked or answer.points is None:
+            return
+        self._around.append(answer.points)
+        if len(self._around) == len(models_around(self.choice.model)):
+            self.band = Band.of(self._around)
+            self.view.show_band()
 
     def _failed(self, reason: str) -> None:
         self.view.tell(reason, bad=True)
 
     def choose(self, choice: ModelChoice) -> None:
         self.choice = choice
+        self.trial_errors = {}
+        for seen in (self.own, *self.results):
+            seen.forget()
         self._changed()
+        self.view.show_trial_errors()
 
     # target and search
 
     def set_target(self, read: Callable[[], ShownTarget | None]) -> None:
+        """In the place of the pose that is shown."""
         try:
-            self.target = read()
+            target = read()
         except InputError as error:
             self.view.tell(str(error), bad=True)
             return
+        self.targets[self.pose : self.pose + 1] = [] if target is None else [target]
+        self.pose = min(self.pose, max(len(self.targets) - 1, 0))
+        for seen in (self.own, *self.results):
+            seen.forget()
+        self._changed()
         if self.shape is not None:
             self._shown(self.shape)
+
+    def show_pose(self, pose: int) -> None:
+        """Another of the study's targets, with its own pressures of the same layout."""
+        if pose == self.pose or not 0 <= pose < len(self.targets):
+            return
+        self.document.end()
+        self._pose_pressures[self.pose] = self.document.layout.pressures
+        self.pose = pose
+        design = self.document.layout.design
+        pressures = self._pose_pressures.pop(pose, self.document.layout.pressures)
+        self.document.do(f"pose {pose}", Layout.of(design, pressures))
+        for seen in (self.own, *self.results):
+            seen.forget()
+        self._changed()
+
+    @property
+    def pose_pressures(self) -> list[tuple[float, ...]]:
+        """Pa, of every pose, for the layout that is shown."""
+        if self.result is not None:
+            return [layout.pressures for layout in self.result.layouts]
+        layout = self.document.layout
+        own = {**self._pose_pressures, self.pose: layout.pressures}
+        return [
+            Layout.of(layout.design, own.get(pose, layout.pressures)).pressures
+            for pose in range(max(len(self.targets), 1))
+        ]
 
     @property
     def searching(self) -> bool:
         return self.search is not None
 
     def start_search(self, vary: Vary, seconds: float) -> None:
-        """From here, in the background; its best so far moves in."""
-        if self.search is not None or self.target is None:
+        """From here, in the background; what it finds is a drawing of its own, in which the best so far moves in."""
+        if self.search is not None or not self.targets:
             self.view.tell("a search is running" if self.search else "no target; expected one to search for", bad=True)
             return
         try:
             require_searchable(self.layout, vary)
             self.document.end()
-            limits = self.limits if self.opened.target is not None else search_limits(self.layout.design)
+            limits = self.limits if self.opened.targets else search_limits(self.layout.design)
             model = self.opened.model_file if self.choice.fitted else None
             self.search = Search(
-                next_folder(self.folder), self.layout, self.target, limits, vary=vary, seconds=seconds, model=model
+                next_folder(self.folder), self.layout, self.targets, limits, vary=vary, seconds=seconds, model=model
             )
         except InputError as error:
             self.view.tell(str(error), bad=True)
             return
-        self._searched = self.layout
+        number = self.search.folder.name.rpartition("_")[2]
+        begun = tuple(Layout.of(self.layout.design, pressures) for pressures in self.pose_pressures)
+        result = Result(name=f"search {number}: {vary}", begun=begun[0], layouts=begun, state="searching")
+        self.results.append(result)
+        self._searched = result
+        self.show_result(result)
         self.view.show_search(f"searching in {self.search.folder.name}, the first evaluations", running=True)
 
     def stop_search(self) -> None:
@@ -264,29 +381,76 @@ class Session:
             self.view.show_search("stopping, with the best so far", running=True)
 
     def _follow_search(self) -> None:
-        if self.search is None:
+        if self.search is None or self._searched is None:
             return
+        result = self._searched
         running = self.search.running  # before the result is read: what it wrote last is not missed
         found = self.search.best()
         if found is not None:
-            message = f"{1e3 * found.objective:.2f} mm after {found.evaluations} evaluations"
-            if self._searched == self.layout:
-                self.document.shape("search", found.layout)
-                self._searched = found.layout
-                self._changed()
-            else:
-                message += "; edited meanwhile, so the best does not move in: open it from its folder"
-            self.view.show_search(f"{message}; {found.stop_reason}", running=running)
+            result.found(found.layouts, found.objective)
+            result.state = f"{1e3 * found.objective:.2f} mm after {found.evaluations} evaluations; {found.stop_reason}"
+            self.view.show_search(result.state, running=running)
+            self._result_changed(result)
         if not running:
             problem, folder = self.search.problem, self.search.result
             self.search.close()
-            self.search = None
-            if self._searched == self.layout:
-                self.document.end()
-                self._changed()
+            self.search = self._searched = None
             self.view.show_search(problem or f"kept in {folder}", running=False)
             if problem:
+                result.state = problem
                 self.view.tell(problem, bad=True)
+            self.view.show_results()
+
+    # results beside the own drawing
+
+    def _result_changed(self, result: Result) -> None:
+        if self.result is result:
+            self._changed()
+        self.view.show_results()
+
+    def show_result(self, result: Result | None) -> None:
+        """In place of what is shown; None: the own drawing."""
+        self.document.end()
+        self.result = result if result in self.results else None
+        self._changed()
+        self.view.show_results()
+
+    def take(self) -> None:
+        """The result that is shown becomes the own drawing, as a step that can be undone; an edit does so too."""
+        if self.result is None:
+            return
+        result, self.result = self.result, None
+        self.document.do(f"take {result.name}", result.layout(self.pose))
+        for pose, layout in enumerate(result.layouts):
+            if pose != self.pose:
+                self._pose_pressures[pose] = layout.pressures
+        self.own.shape, self.own.comparison = result.shape, result.comparison
+        self._changed()
+        self.view.show_results()
+
+    @property
+    def bands(self) -> bool:
+        """Whether the model's intervals make a band around exact shapes at rest."""
+        return has_band(self.choice.model) and (self.target is None or self.target.loaded.time is None)
+
+    def other(self) -> tuple[Layout, Seen] | None:
+        """The drawing that is shown beside: the own one beside a result, the last result beside the own one."""
+        if not self.beside:
+            return None
+        if self.result is not None:
+            return self.document.layout, self.own
+        return (self.results[-1].layout(self.pose), self.results[-1]) if self.results else None
+
+    def set_beside(self, on: bool) -> None:
+        self.beside = on
+        self.view.show_layout()
+        self.view.show_comparison()
+
+    def rows(self) -> list[Row]:
+        """Of the table that compares the own drawing with the results."""
+        own = Row.of("own drawing", self.document.layout, self.own, shown=self.result is None)
+        found = [Row.of(r.name, r.layout(self.pose), r, shown=self.result is r) for r in self.results]
+        return [own, *found]
 
     # motions
 
@@ -316,23 +480,63 @@ class Session:
         times = frame_times(program, frame_rate=FRAME_RATE)
         self.document.end()
         ask = Ask(0, "motion", self.layout.design, program, self.choice.model, times)
-        self._ask_motion(ask, lambda answer: TrialMotion(name, times, _points(answer)))
+        self._ask_motion(ask, lambda answer: TrialMotion(name, times, _points(answer), None, answer.correction))
 
     def show_trial(self, label: str) -> None:
         """A trial of the set, measured, and its prediction under the model that is chosen."""
+        ask = self._ask_of_trial(label)
+        if ask is None:
+            return
+        trial, data, asked = ask
+        if trial.design != self.layout.design:
+            self.result = None
+            self.document.do(f"design of {trial.name}", Layout.of(trial.design))
+            self._changed()
+
+        def motion(answer: Answer) -> TrialMotion:
+            self.trial_errors[label] = answer.errors
+            self.view.show_trial_errors()
+            return TrialMotion(label, trial.times, _points(answer), data, answer.correction)
+
+        self._ask_motion(asked, motion)
+
+    def all_trial_errors(self) -> None:
+        """A row of the table for every trial, one after another, as long as nothing is edited or chosen meanwhile."""
+        self._all_trials = True
+        self._next_trial()
+
+    def _next_trial(self) -> None:
+        label = next((label for label in self.trials if label not in self.trial_errors), None)
+        ask = None if label is None else self._ask_of_trial(label)
+        if label is None or ask is None:
+            self._all_trials = False
+            self.view.tell(f"errors of {len(self.trial_errors)} of {len(self.trials)} trials")
+            return
+        choice = self.choice
+
+        def arrived(answer: Answer) -> None:
+            if choice is not self.choice:
+                return  # of another model than the table is
+            self.trial_errors[label] = answer.errors or _UNKNOWN
+            self.view.show_trial_errors()
+            if self._all_trials:
+                self._next_trial()
+
+        self._live.also(ask[2], arrived)
+
+    def _ask_of_trial(self, label: str) -> tuple[Trial, TrialData, Ask] | None:
         assert self.opened.measured is not None
         trial = labels(self.opened.measured.trials)[label]
         try:
             data = trial.load()
         except InputError as error:
             self.view.tell(str(error), bad=True)
-            return
-        if trial.design != self.layout.design:
-            self.document.do(f"design of {trial.name}", Layout.of(trial.design))
-            self._changed()
-        program = trial.program
-        ask = Ask(0, "motion", trial.design, program, self.choice.model, trial.times, trial.order, sensing=True)
-        self._ask_motion(ask, lambda answer: TrialMotion(label, trial.times, _points(answer), data))
+            return None
+        ask = Ask(
+            0, "motion", trial.design, trial.program, self.choice.model, trial.times, trial.order, sensing=True,
+            measured=tuple(data.frames),
+        )  # fmt: skip
+        return trial, data, ask
 
     def _ask_motion(self, ask: Ask, motion: Callable[[Answer], TrialMotion]) -> None:
         def arrived(answer: Answer) -> None:
@@ -354,14 +558,16 @@ class Session:
         self._autosave.clear()  # it may lie in the folder, where no other files may be
         try:
             saved = self._saving.save(
-                self.layout, folder, target=self.target, limits=self.limits, model=model, replace=replace
-            )
+                self.layout, folder, targets=self.targets, poses=self.pose_pressures, limits=self.limits, model=model,
+                replace=replace,
+            )  # fmt: skip
         except InputError as error:
             self._keep()
             self.view.tell(str(error), bad=True)
             return None
         self.folder = folder
-        self.document.keep()
+        if self.result is None:
+            self.document.keep()
         if (folder / "design.toml").resolve() == self.opened.file.resolve():
             self._watched.seen()
         message = f"saved {len(saved.files)} files in {folder}"
@@ -379,7 +585,8 @@ class Session:
         except InputError as error:
             self.view.tell(f"changed on disk, and not taken: {error}", bad=True)
             return
-        self.document.do("load from disk", Layout.of(design, self.layout.pressures))
+        self.result = None
+        self.document.do("load from disk", Layout.of(design, self.document.layout.pressures))
         self.document.keep()
         self._changed()
         self.view.tell(f"{self.opened.file.name} was taken from disk; undo brings back what was here.")

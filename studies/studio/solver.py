@@ -9,29 +9,38 @@ import os
 import signal
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.corrector import Corrector, Trust, central_hash
 from fabdesign.design import Design
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case
+from fabdesign.metrics import Errors, trial_errors
 from fabdesign.model import Model
+from fabdesign.predictor import Predictor
 from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import constant_program
+from fabdesign.sensor_noise import NOISE_FREE, estimate_noise
 from studies.forward_model import forward_model
+from studies.studio.simulated import KeptSimulator
 
 COARSE = 21  # points a side, while something is dragged
-Kind = Literal["follow", "exact", "motion"]
+_NOISE_FRAMES = 8  # of a trial, that a sensor's noise is estimated from
+Kind = Literal["follow", "nearby", "exact", "motion"]
+Points = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
 class Ask:
-    """follow: the shape at rest nearby, on the coarse grid, from the last one. exact: the one where a rise from rest
-    leads, on the model's grid. motion: frames at `times` [s]; with sensing, as sensors see it."""
+    """follow: the shape at rest nearby, on the coarse grid, from the last one. nearby: the same under another model,
+    from which nothing is followed. exact: the one where a rise from rest leads, on the model's grid, or with one
+    instant in `times` [s] the motion's frame there. motion: frames at `times`; with sensing, as sensors see it."""
 
     number: int
     kind: Kind
@@ -41,23 +50,50 @@ class Ask:
     times: NDArray[np.float64] | None = None
     order: int = 0
     sensing: bool = False
+    measured: tuple[NDArray[np.floating[Any]], ...] = ()  # (n_t, 3) m of each frame, where errors are asked for
 
     @staticmethod
-    def at_rest(number: int, kind: Kind, design: Design, pressures: tuple[float, ...], model: Model) -> "Ask":
-        """pressures: (channels,) Pa."""
+    def at_rest(
+        number: int, kind: Kind, design: Design, pressures: tuple[float, ...], model: Model, time: float | None = None
+    ) -> "Ask":
+        """pressures: (channels,) Pa. time: s after rest, where an exact shape is a motion's frame."""
+        if kind == "exact" and time is not None:
+            return Ask(number, kind, design, constant_program(list(pressures), time), model, np.array([time]))
         return Ask(number, kind, design, constant_program(list(pressures)), model)
 
 
 @dataclass(frozen=True, eq=False)
+class Correction:
+    """What a corrector made of a shape or a motion. ordered: whether its answer is a surface; an unordered cloud is
+    not shown, and the points stay the simulated ones."""
+
+    trust: Trust
+    ordered: bool
+    simulated: Points  # without it
+
+    def moved(self, points: Points) -> NDArray[np.float32]:
+        """m, by how much it moved each of `points` (..., 3)."""
+        return np.asarray(np.linalg.norm(points - self.simulated, axis=-1))
+
+
+@dataclass(frozen=True, eq=False)
 class Answer:
-    """points: (2 n, 3) m of a shape, (T, 2 n, 3) of a motion; None where there is none, and `error` says why."""
+    """points: (2 n, 3) m of a shape, (T, 2 n, 3) of a motion; None where there is none, and `error` says why. With
+    `measured` in the ask: errors of the simulated motion, and of the corrected one where a corrector acts."""
 
     number: int
     kind: Kind
-    points: NDArray[np.float32] | None
+    points: Points | None
     points_per_side: int
     seconds: float
     error: str | None = None
+    correction: Correction | None = None
+    errors: tuple[Errors, ...] = ()
+
+    @property
+    def simulated(self) -> Points | None:
+        """The points without the corrector."""
+        return self.points if self.correction is None else self.correction.simulated
 
 
 class StudioSolver:
@@ -66,46 +102,90 @@ class StudioSolver:
     def __init__(self, make: Callable[..., Any]) -> None:
         self._make = make
         self._simulators: dict[int, Any] = {}
+        self._correctors: dict[tuple[Path, str], Corrector | None] = {}
         self._last: tuple[Design, NDArray[np.float32]] | None = None  # the shape followed from, and of which design
 
     def answer(self, ask: Ask) -> Answer:
         begin = time.perf_counter()
-        side = COARSE if ask.kind == "follow" else ask.model.points_per_side
-        points, error = None, None
+        coarse = ask.kind in ("follow", "nearby")
+        side = COARSE if coarse else ask.model.points_per_side
+        points, correction, error, errors = None, None, None, ()
         try:
-            points = self._points(ask, side)
+            points, correction = self._nearby(ask, side) if coarse else self._exact(ask, side)
             if not np.isfinite(points).all():
                 points, error = None, f"no shape was found: the {ask.kind} calculation diverged"
+            elif ask.measured:
+                errors = _errors(ask, points, correction)
         except (InputError, SimulationError) as problem:
             error = str(problem)
-        return Answer(ask.number, ask.kind, points, side, time.perf_counter() - begin, error)
+        return Answer(ask.number, ask.kind, points, side, time.perf_counter() - begin, error, correction, errors)
 
-    def _points(self, ask: Ask, side: int) -> NDArray[np.float32]:
+    def _nearby(self, ask: Ask, side: int) -> tuple[Points, Correction | None]:
+        """Without the corrector, which acts on exact shapes alone; how far the layout is from what it knows is told."""
         simulator = self._simulator(side, ask.kind)
-        case = Case(ask.design, ask.program, order=ask.order)
-        if ask.kind == "follow":
-            return self._followed(simulator, forward_model(simulator, ask.model.without(["corrector"])).case(case))
-        model = forward_model(simulator, ask.model, sensing=ask.sensing)
-        if ask.kind == "exact":
-            return model.equilibria([case])[0]
-        assert ask.times is not None
-        return model.motions([case], [ask.times])[0]
+        full = self._predictor(simulator, ask.model if ask.kind == "follow" else ask.model.without(["corrector"]))
+        points = self._followed(simulator, full.case(Case(ask.design, ask.program, order=ask.order)), ask.kind)
+        if full.corrector is None:
+            return points, None
+        return points, Correction(full.corrector.trust(ask.design), full.corrector.ordered, points)
 
-    def _followed(self, simulator: Any, case: Case) -> NDArray[np.float32]:
+    def _exact(self, ask: Ask, side: int) -> tuple[Points, Correction | None]:
+        case = Case(ask.design, ask.program, order=ask.order)
+        simulator = KeptSimulator(self._simulator(side, ask.kind))
+        full = self._predictor(simulator, ask.model, sensing=ask.sensing)
+        if full.corrector is None:
+            return _shown(full, case, ask.times, ask.kind), None
+        trust, ordered = full.corrector.trust(ask.design), full.corrector.ordered
+        corrected = _shown(full, case, ask.times, ask.kind) if ordered else None
+        simulated = _shown(replace(full, corrector=None), case, ask.times, ask.kind)
+        return simulated if corrected is None else corrected, Correction(trust, ordered, simulated)
+
+    def _predictor(self, simulator: Any, model: Model, *, sensing: bool = False) -> Predictor:
+        """As `forward_model`, a corrector's file being read once."""
+        if model.corrector is None:
+            return forward_model(simulator, model, sensing=sensing)
+        key = model.corrector, central_hash(model)
+        if key not in self._correctors:
+            self._correctors[key] = forward_model(simulator, model).corrector
+        return Predictor(simulator, model, sensing, self._correctors[key])
+
+    def _followed(self, simulator: Any, case: Case, kind: Kind) -> Points:
         shape = None
         if self._last is not None and self._last[0].fabric == case.design.fabric:
             shape = simulator.follow(case, self._last[1])
         if shape is None or not np.isfinite(shape.middle).all():
             shape = simulator.rest([case])[0]
-        self._last = (case.design, shape.middle[0]) if np.isfinite(shape.middle).all() else None
-        points: NDArray[np.float32] = shape.points[0]
+        if kind == "follow":
+            self._last = (case.design, shape.middle[0]) if np.isfinite(shape.middle).all() else None
+        points: Points = shape.points[0]
         return points
 
     def _simulator(self, side: int, kind: Kind) -> Any:
-        key = side if kind != "follow" else -side
+        loose = kind in ("follow", "nearby")
+        key = -side if loose else side
         if key not in self._simulators:
-            self._simulators[key] = self._make(side, tolerance=1e-6) if kind == "follow" else self._make(side)
+            self._simulators[key] = self._make(side, tolerance=1e-6) if loose else self._make(side)
         return self._simulators[key]
+
+
+def _shown(model: Predictor, case: Case, times: NDArray[np.float64] | None, kind: Kind) -> Points:
+    if times is None:
+        return model.equilibria([case])[0]
+    frames = model.motions([case], [times])[0]
+    return frames[-1] if kind == "exact" else frames
+
+
+def _errors(ask: Ask, points: Points, correction: Correction | None) -> tuple[Errors, ...]:
+    """As `evaluate` has them of a trial, all its frames taken, and its own noise. Floors are NaN where the clouds have
+    too few points to show any."""
+    motions = [points] if correction is None else [correction.simulated, points]
+    frames = ask.measured[:: -(-len(ask.measured) // _NOISE_FRAMES)]
+    try:
+        noise = estimate_noise(frames, ask.design.fabric.thickness)
+    except InputError:
+        found = [trial_errors(ask.measured, motion, NOISE_FREE, draws=1) for motion in motions]
+        return tuple(replace(errors, chamfer_floor=np.nan, surface_floor=np.nan) for errors in found)
+    return tuple(trial_errors(ask.measured, motion, noise) for motion in motions)
 
 
 class SolverProcess:

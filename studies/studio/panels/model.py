@@ -1,5 +1,6 @@
 """Data sheet or model file, and effects on switches with their parameters."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -17,6 +18,10 @@ class ModelPanel:
         if session.opened.model is not None:
             self._base = gui.add_dropdown("Values", (FILE, SHEET))
             on_input(self._base, post, lambda name: session.choose(session.choice.sheet(name == FILE)))
+        self._corrector: Any = None
+        if session.choice.has_corrector:
+            self._corrector = gui.add_checkbox("Corrector", session.choice.corrected, hint="Exact shapes and motions")
+            on_input(self._corrector, post, lambda on: session.choose(replace(session.choice, corrected=on)))
         self._switches: dict[str, Any] = {}
         self._folders: dict[str, Any] = {}
         self._inputs: dict[tuple[str, str], Any] = {}
@@ -33,6 +38,12 @@ class ModelPanel:
         choice = self._session.choice
         if self._base is not None:
             put(self._base, FILE if choice.fitted else SHEET)
+        if self._corrector is not None:
+            put(self._corrector, choice.corrected)
+            acts = choice.model.corrector is not None or not choice.corrected
+            self._corrector.hint = (
+                "Exact shapes and motions" if acts else "Left out: it was trained beside other effects"
+            )
         for name, switch in self._switches.items():
             put(switch, name in choice.effect_values)
         wanted = {

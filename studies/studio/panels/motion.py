@@ -3,8 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-from studies.studio.measured import TrialMotion
+from studies.studio.measured import TrialMotion, errors_table
 from studies.studio.panels.asking import Post, on_click, on_input, put
+from studies.studio.panels.status import LEAST_SCALE, scale_bar
 from studies.studio.session import Session
 
 
@@ -24,11 +25,14 @@ class MotionPanel:
         if session.trials:
             self._trial = gui.add_dropdown("Trial", tuple(session.trials))
             on_click(gui.add_button("Show measured and predicted"), post, lambda: session.show_trial(self._trial.value))
+            on_click(gui.add_button("Errors of all trials"), post, session.all_trial_errors)
         self._pause = gui.add_button("Pause", disabled=True)
         on_click(self._pause, post, self._toggle)
         self._scrub = gui.add_slider("Frame", 0, 1, 1, 0, disabled=True)
         on_input(self._scrub, post, self._scrubbed)
         self._text = gui.add_markdown("")
+        self._scale = gui.add_html("")
+        self._errors = gui.add_markdown("")
 
     def shows(self, motion: TrialMotion | None) -> bool:
         """Whether it is the one begun last, or with None whether there is none."""
@@ -42,7 +46,12 @@ class MotionPanel:
         if motion is not None:
             self._scrub.max = max(1, len(motion.times) - 1)
         self._pause.label = "Pause"
-        self._text.content = ""
+        self._text.content = self._scale.content = ""
+        if motion is not None and motion.largest is not None:
+            self._scale.content = scale_bar(max(LEAST_SCALE, motion.largest), "measured point to the shown surface")
+
+    def show_errors(self) -> None:
+        self._errors.content = errors_table(self._session.trial_errors)
 
     def advance(self, seconds: float) -> bool:
         """Let it play for so long; whether another frame is due."""
@@ -59,7 +68,8 @@ class MotionPanel:
         motion = self._session.motion
         if motion is not None:
             put(self._scrub, self.frame)
-            self._text.content = motion.in_words(self.frame)
+            beside = "" if motion.simulated is None else "; orange: without the corrector"
+            self._text.content = motion.in_words(self.frame) + beside
 
     def _toggle(self) -> None:
         self.playing = not self.playing

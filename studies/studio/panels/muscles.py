@@ -42,7 +42,9 @@ class MusclePanel:
         with gui.add_folder("Lacing rows", expand_by_default=False):
             self._snap = gui.add_checkbox("Snap to rows", session.snap)
             on_input(self._snap, post, self._set_snap)
-            self._rows = gui.add_number("Rows, mm", 1e3 * session.rows, min=1e3 * LEAST_SPACING, max=100.0, step=0.5)
+            self._rows = gui.add_number(
+                "Rows, mm", 1e3 * session.row_distance, min=1e3 * LEAST_SPACING, max=100.0, step=0.5
+            )
             on_input(self._rows, post, self._set_rows)
 
     def show(self) -> None:
@@ -102,7 +104,7 @@ class MusclePanel:
         self._session.view.show_layout()
 
     def _set_rows(self, millimetres: float) -> None:
-        self._session.rows = max(millimetres / 1e3, LEAST_SPACING)
+        self._session.row_distance = max(millimetres / 1e3, LEAST_SPACING)
         self._session.view.show_layout()
 
 

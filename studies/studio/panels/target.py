@@ -17,6 +17,10 @@ class TargetPanel:
     def __init__(self, gui: Any, session: Session, post: Post, show_gizmo: Callable[[bool], None]) -> None:
         self._session = session
         given = session.target
+        self._pose: Any = None
+        if len(session.targets) > 1:
+            self._pose = gui.add_dropdown("Pose", _poses(session))
+            on_input(self._pose, post, lambda name: session.show_pose(int(name.partition(":")[0])))
         self._file = gui.add_text("File", "" if given is None else str(given.file.file))
         self._open = gui.add_button_group("Open", ("as given", "fit"))
         self._open.on_click(lambda _: post(partial(self._read, self._open.value)))
@@ -41,6 +45,12 @@ class TargetPanel:
         target = self._session.target
         if target is None:
             return
+        if self._pose is not None:
+            names = _poses(self._session)
+            if self._pose.options != names:
+                self._pose.options = names
+            put(self._pose, names[min(self._session.pose, len(names) - 1)])
+            put(self._file, str(target.file.file))
         put(self._shift, tuple(round(1e3 * x, 3) for x in target.file.translation))
         put(self._turn, target.file.rotation or (0.0, 0.0, 0.0))
 
@@ -67,3 +77,7 @@ class TargetPanel:
         file = placed_by_hand(target.file, (*rotation,), (*translation,))  # type: ignore[arg-type]
         self._session.set_target(lambda: ShownTarget.read(file, self._session.layout.design))
         self.show()
+
+
+def _poses(session: Session) -> tuple[str, ...]:
+    return tuple(f"{number}: {target.file.file.name}" for number, target in enumerate(session.targets)) or ("none",)

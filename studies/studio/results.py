@@ -1,0 +1,86 @@
+"""What searches from here found: each a drawing of its own, beside the one that is edited."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from studies.studio.layout import Layout
+from studies.studio.live import LiveShape
+from studies.studio.target import Comparison
+
+
+@dataclass(eq=False)
+class Seen:
+    """A drawing's last exact shape, and how far it is from the target."""
+
+    shape: LiveShape | None = None
+    comparison: Comparison | None = None
+
+    def forget(self) -> None:
+        self.shape = self.comparison = None
+
+
+@dataclass(eq=False)
+class Result(Seen):
+    """layouts: the best so far, one for each pose; at first where the search began. objective: m; None: none yet."""
+
+    name: str = ""
+    begun: Layout | None = None
+    layouts: tuple[Layout, ...] = ()
+    objective: float | None = None
+    state: str = ""  # in words
+
+    def layout(self, pose: int) -> Layout:
+        return self.layouts[min(pose, len(self.layouts) - 1)]
+
+    def found(self, layouts: tuple[Layout, ...], objective: float) -> None:
+        self.layouts, self.objective = layouts, objective
+        self.forget()
+
+    @property
+    def muscles(self) -> int:
+        return len(self.layouts[0].design.muscles)
+
+
+@dataclass(frozen=True)
+class Row:
+    """Of the table that compares drawings. Distances in m; None: not known yet. highest: Pa."""
+
+    name: str
+    muscles: int
+    chamfer: float | None
+    surface_rms: float | None
+    highest: float
+    shown: bool
+
+    @staticmethod
+    def of(name: str, layout: Layout, seen: Seen, *, shown: bool) -> "Row":
+        errors = None if seen.comparison is None else seen.comparison.errors
+        chamfer = None if errors is None else errors.chamfer
+        if chamfer is None and isinstance(seen, Result):
+            chamfer = seen.objective
+        rms = None if errors is None else errors.surface_rms
+        return Row(name, len(layout.design.muscles), chamfer, rms, max(layout.pressures, default=0.0), shown)
+
+
+def one_more_buys(result: Result, others: Sequence[Result], own: Row) -> str | None:
+    """What one more muscle buys, in words: against the best with the muscles that the search began with, found or
+    drawn; None where the result has no more of them, or nothing is there to compare it with."""
+    if (
+        result.objective is None
+        or result.begun is None
+        or result.muscles <= (count := len(result.begun.design.muscles))
+    ):
+        return None
+    rivals = [(o.objective, o.name) for o in others if o.objective is not None and o.muscles == count]
+    if own.chamfer is not None and own.muscles == count:
+        rivals.append((own.chamfer, own.name))
+    if not rivals:
+        return None
+    before, name = min(rivals)
+    less = 1e3 * (before - result.objective)
+    change = f"{less:.2f} mm less" if less >= 0 else f"{-less:.2f} mm more"
+    searched = "" if name != own.name else "; for a fair comparison search from here without one more as well"
+    return (
+        f"One more muscle: Chamfer {1e3 * result.objective:.2f} mm with {result.muscles} muscles, {change} than "
+        f"{1e3 * before:.2f} mm with {count} ({name}){searched}."
+    )
