@@ -11,31 +11,38 @@ import numpy as np
 import pytest
 
 from fabdesign.catalogue import build
+from fabdesign.corrector import Trust, with_history
+from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
 from fabdesign.forward import Case
-from fabdesign.model import EffectTerm, Model, Parameter, Quantity
-from fabdesign.pressure_file import read_pressures
+from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Quantity
+from fabdesign.predictor import Predictor
+from fabdesign.pressure_file import constant_program, read_pressures
 from fabdesign.study_file import TargetFile, read_study
+from fabdesign.surface import Surface, capped_rms
 from optimize.margins import Limits, constraint_margins
 from studies.check.files import inspect
 from studies.studio import layout as edits
 from studies.studio.autosave import Autosave
+from studies.studio.band import Band, has_band, models_around
 from studies.studio.document import Document
 from studies.studio.gate import Gate
 from studies.studio.layout import Layout
 from studies.studio.limits import broken_limits
 from studies.studio.live import JumpDetector, Live, LiveShape
+from studies.studio.measured import errors_table
 from studies.studio.model_choice import ModelChoice
 from studies.studio.opening import Opened, open_files, search_limits
+from studies.studio.results import Result, one_more_buys
 from studies.studio.saving import Saving
 from studies.studio.scene import Places, laced, on_plane, ribbon
-from studies.studio.searching import study_document
+from studies.studio.searching import SearchResult, study_document
 from studies.studio.session import Session
 from studies.studio.snapping import row_distance, rows, snapped
-from studies.studio.solver import Ask
+from studies.studio.solver import Ask, StudioSolver
 from studies.studio.target import ShownTarget, compare
-from tests.bending import AtOnce, bow
+from tests.bending import AtOnce, Bending, bow
 from tests.command_line import Run, one_line
 
 BASIC = Layout.of(build("basic"))
@@ -436,6 +443,143 @@ def test_a_set_shows_what_was_measured_beside_its_prediction(folder: Path) -> No
     assert not list((folder / "set").glob(".*.studio"))
 
 
+def test_every_trial_has_its_errors_in_a_table(folder: Path) -> None:
+    clock = Clock()
+    session = Session(open_files([folder / "set"], None), AtOnce(), clock=clock)
+    session.begin(Shown())
+    session.all_trial_errors()
+    settle(session, clock, 4.0)
+    assert list(session.trial_errors) == session.trials
+    shown = session.trials[0]
+    measured = session._ask_of_trial(shown)
+    assert measured is not None
+    motion = StudioSolver(Bending).answer(measured[2]).points
+    assert motion is not None
+    frames = [
+        Surface.of_faces(points).distance(cloud) for points, cloud in zip(motion, measured[1].frames, strict=True)
+    ]
+    expected = np.mean([capped_rms(distances) for distances in frames])
+    assert session.trial_errors[shown][0].surface_rms == pytest.approx(expected)
+    lines = errors_table(session.trial_errors).splitlines()
+    assert lines[-1].startswith(f"| **mean of {len(session.trials)}** |")
+    assert f"| {shown} | {1e3 * expected:.2f} |" in lines[4]
+    session.choose(session.choice.switched("frame_tilt", True))
+    assert session.trial_errors == {}  # they were of another model
+    session.end()
+
+
+# the corrector
+
+
+class Lifting:
+    """A corrector that moves every point by 2 mm towards the viewer, where the layout has fewer than nine muscles."""
+
+    ordered, starts = True, 0.0
+
+    def history(self) -> tuple[float, ...]:
+        return (0.1,)
+
+    def trust(self, design: Design) -> Trust:
+        return Trust(0.1 * len(design.muscles), 0.85)
+
+    def correct(self, cases: list[Case], times: list[np.ndarray], motions: list[np.ndarray]) -> list[np.ndarray]:
+        moved = []
+        for case, at, motion in zip(cases, times, motions, strict=True):
+            _, where = with_history(at, self.history())
+            by = 2e-3 if self.trust(case.design).applies else 0.0
+            moved.append(motion[where[0]] + np.float32([0, 0, by]))
+        return moved
+
+
+@pytest.fixture
+def lifted(monkeypatch: pytest.MonkeyPatch) -> StudioSolver:
+    solver = StudioSolver(Bending)
+    monkeypatch.setattr(
+        solver,
+        "_predictor",
+        lambda simulator, model, sensing=False: Predictor(
+            simulator, model, sensing, None if model.corrector is None else Lifting()
+        ),
+    )
+    return solver
+
+
+LIFTED = Model(corrector=Path("weights"), corrector_hash="0")
+
+
+def test_a_corrected_shape_has_the_simulated_one_beside(lifted: StudioSolver) -> None:
+    answer = lifted.answer(Ask.at_rest(0, "exact", BASIC.design, BASIC.pressures, LIFTED))
+    assert answer.points is not None
+    assert answer.correction is not None
+    assert answer.correction.trust == Trust(pytest.approx(0.8), 0.85)
+    assert answer.correction.moved(answer.points) == pytest.approx(2e-3, abs=1e-7)
+    plain = lifted.answer(Ask.at_rest(0, "exact", BASIC.design, BASIC.pressures, LIFTED.without(["corrector"])))
+    assert plain.correction is None
+    assert np.array_equal(answer.correction.simulated, plain.points)
+    far = edits.add_muscle(BASIC)
+    beyond = lifted.answer(Ask.at_rest(0, "exact", far.design, far.pressures, LIFTED))
+    assert beyond.correction is not None
+    assert not beyond.correction.trust.applies
+    assert not beyond.correction.moved(beyond.points).any()
+    followed = lifted.answer(Ask.at_rest(0, "follow", BASIC.design, BASIC.pressures, LIFTED))
+    assert followed.correction is not None  # how far it is, while it is dragged
+    assert np.array_equal(followed.points, followed.correction.simulated)
+
+
+def test_a_corrected_motion_is_simulated_once(lifted: StudioSolver, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[np.ndarray] = []
+    motions = Bending.motions
+    monkeypatch.setattr(Bending, "motions", lambda self, c, times: asked.extend(times) or motions(self, c, times))
+    times = np.array([0.0, 0.2, 0.25])
+    cloud = bow(Case(BASIC.design, constant_program([0.0] * 8))).reshape(-1, 3).astype(float) + [0, 0, 3e-3]
+    ask = Ask(0, "motion", BASIC.design, constant_program([0.0] * 8), LIFTED, times, measured=(cloud,) * 3)
+    answer = lifted.answer(ask)
+    (once,) = asked
+    assert once == pytest.approx([0.0, 0.1, 0.15, 0.2, 0.25])  # with the instants that the corrector looks back to
+    assert answer.points is not None
+    assert answer.points.shape == (3, 3362, 3)
+    assert [1e3 * errors.surface_rms for errors in answer.errors] == pytest.approx([2.0, 0.0], abs=1e-3)
+
+
+def test_the_corrector_is_on_a_switch() -> None:
+    choice = ModelChoice.of(LIFTED)
+    assert choice.model is LIFTED
+    assert replace(choice, corrected=False).model.corrector is None
+    assert choice.switched("frame_tilt", True).model.corrector is None  # it was trained beside other effects
+
+
+# intervals
+
+
+def test_the_band_is_the_covariance_at_the_edge() -> None:
+    names = ("membrane", "bending", "muscle_gain")
+    root = np.array([[0.1, 0, 0], [0.05, 0.08, 0], [-0.02, 0.03, 0.06]])
+    model = Model({name: Parameter(1.0) for name in names}, covariance=Covariance(names, root @ root.T))
+    slopes = np.random.default_rng(2).normal(size=(3, 41, 3))  # m of the edge for each logarithm
+
+    def shape(one: Model) -> np.ndarray:
+        points = np.zeros((2, 41, 41, 3))
+        points[:, -1] = np.tensordot([np.log(one.parameters[name].factor) for name in names], slopes, 1)
+        return points.reshape(-1, 3)
+
+    band = Band.of([shape(one) for one in models_around(model)])
+    expected = 1.6449 * np.sqrt(np.einsum("ikd,ij,jkd->kd", slopes, root @ root.T, slopes))
+    assert band.half == pytest.approx(expected, rel=1e-5)
+    assert not has_band(Model())
+
+
+def test_a_band_comes_with_the_exact_shape_and_goes_with_an_edit(begin: Begin) -> None:
+    model = Model({"bending": Parameter(1.0)}, covariance=Covariance(("bending",), np.array([[0.01]])))
+    session, _, worker, clock = begin(model=model)
+    settle(session, clock)
+    assert session.band is not None
+    assert [ask.kind for ask in worker.asked] == ["follow", "exact", "nearby", "nearby"]
+    session.press(0, 100e3)
+    assert session.band is None
+    settle(session, clock)
+    assert session.band is not None
+
+
 # target and search
 
 
@@ -476,6 +620,98 @@ def test_the_study_of_a_search_reads_back(tmp_path: Path) -> None:
         assert study.start_pressures is not None
         assert study.start_pressures[0] == 125.5e3
         assert study.targets[0].file.resolve() == (tmp_path / "flat.xyz").resolve()
+
+
+class Searching:
+    """In the place of a search: the best so far is what a test says."""
+
+    best_so_far: SearchResult | None = None
+    running, problem = True, None
+
+    def __init__(self, folder: Path, layout: Layout, targets: list[ShownTarget], limits: Limits, **_: object) -> None:
+        self.folder, self.result = folder, folder / "result"
+
+    def best(self) -> SearchResult | None:
+        best, Searching.best_so_far = Searching.best_so_far, None
+        return best
+
+    def close(self) -> None: ...
+
+
+def test_a_result_is_a_drawing_of_its_own(begin: Begin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("studies.studio.session.Search", Searching)
+    monkeypatch.setattr(Searching, "running", True)
+    target = target_at(BASIC.with_pressure(0, 200e3), tmp_path / "bowed.xyz", every=4)
+    session, _, _, clock = begin(targets=(target,))
+    session.edit("flip", lambda layout: edits.flip(layout, 7))
+    settle(session, clock)
+    own = session.layout
+    session.start_search("one more muscle", 10)
+    better = edits.move_muscle(edits.add_muscle(own.with_pressure(0, 190e3)), 8, (-0.022, 0.0))
+    Searching.best_so_far = SearchResult((better,), 3e-3, 12, "searching")
+    settle(session, clock, 4.0)
+    assert session.layout == better  # it moves in
+    assert session.document.layout == own
+    mine, found = session.rows()
+    assert (mine.muscles, found.muscles, found.highest) == (8, 9, 190e3)
+    assert found.chamfer == session.results[0].comparison.errors.chamfer < mine.chamfer
+    line = one_more_buys(session.results[0], [], mine)
+    assert f"{1e3 * mine.chamfer - 3:.2f} mm less than {1e3 * mine.chamfer:.2f} mm with 8 (own drawing)" in str(line)
+    rival = Result(name="search 2", begun=own, layouts=(own,), objective=3.5e-3)
+    assert "0.50 mm less than 3.50 mm with 8 (search 2)" in str(one_more_buys(session.results[0], [rival], mine))
+    assert one_more_buys(rival, [], mine) is None
+    monkeypatch.setattr(Searching, "running", False)
+    settle(session, clock, 4.0)
+    assert not session.searching
+    session.show_result(None)
+    settle(session, clock)
+    assert session.layout == own
+    assert session.other()[0] == better
+    session.show_result(session.results[0])
+    session.press(1, 50e3)  # an edit takes it
+    settle(session, clock)
+    assert session.result is None
+    assert session.layout == better.with_pressure(1, 50e3)
+    session.undo()
+    session.undo()
+    assert session.layout == own
+
+
+def test_poses_have_their_own_target_and_pressures(begin: Begin, tmp_path: Path) -> None:
+    targets = tuple(target_at(BASIC.with_pressure(k, 2e5), tmp_path / f"{k}.xyz", every=4) for k in (0, 4))
+    session, _, _, clock = begin(targets=targets)
+    session.press(0, 200e3)
+    settle(session, clock)
+    first = session.comparison
+    session.show_pose(1)
+    session.press(0, 0.0)
+    session.press(4, 200e3)
+    settle(session, clock)
+    assert session.target is targets[1]
+    assert session.comparison.errors.surface_rms == pytest.approx(first.errors.surface_rms, rel=0.5)
+    session.show_pose(0)
+    settle(session, clock)
+    assert session.layout.pressures[:5] == (200e3, 0, 0, 0, 0)
+    session.show_pose(1)
+    saved = session.save(tmp_path / "mine")
+    assert saved is not None
+    study = read_study(tmp_path / "mine" / "study.toml")
+    assert [target.file.name for target in study.targets] == ["0.xyz", "4.xyz"]
+    for pose, (file, channel) in enumerate((("pressures.csv", 0), ("pressures_2.csv", 4))):
+        program = read_pressures(tmp_path / "mine" / file, session.layout.design)
+        assert program.pressure[-1].tolist() == [200e3 * (k == channel) for k in range(8)], pose
+    assert len(open_files([tmp_path / "mine" / "study.toml"], None).targets) == 2
+
+
+def test_a_trials_frame_is_compared_with_the_motion_there(begin: Begin, folder: Path) -> None:
+    trial = next((folder / "set" / "trials").glob("*.npz"))
+    target = ShownTarget.read(TargetFile(trial, frame=1), build("basic"))
+    session, shown, worker, clock = begin(targets=(target,))
+    settle(session, clock)
+    exact = next(ask for ask in worker.asked if ask.kind == "exact")
+    assert exact.times == [target.loaded.time]
+    assert shown.shapes[-1].time == target.loaded.time
+    assert session.comparison is not None
 
 
 # the model

@@ -12,6 +12,7 @@ from fabdesign.trial import Trial
 from fabdesign.trial_file import TrialData
 from studies.studio.solver import Correction
 
+APART = 1e-3  # m: surfaces nearer than that, drawn through each other, only flicker
 _SCALED = 8  # frames that the end of a motion's scale is taken from
 
 
@@ -32,6 +33,12 @@ class TrialMotion:
         if self.correction is None or not self.correction.moved(self.points).any():
             return None
         return self.correction.simulated
+
+    def ghost(self, frame: int) -> NDArray[np.float32] | None:
+        """(2 n, 3) m, the frame before the corrector, where that is far enough off to be seen beside."""
+        if self.correction is None or float(self.correction.moved(self.points).max()) < APART:
+            return None
+        return self.correction.simulated[frame]
 
     def cloud(self, frame: int) -> NDArray[np.float64] | None:
         return None if self.trial is None else np.asarray(self.trial.frames[frame], dtype=np.float64)

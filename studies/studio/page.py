@@ -94,6 +94,7 @@ class Page:
             if session.motion is None and not self._motion.shows(None):
                 self._motion.begin()
                 self._hung.draw_cloud("measured", None)
+                self._hung.draw_beside("simulated", None)
 
     def show_shape(self, shape: LiveShape) -> None:
         if self._session.motion is not None:
@@ -147,7 +148,7 @@ class Page:
             self._hung.draw_cloud("target", None)
             largest = max(LEAST_SCALE, motion.largest or 0.0)
             self._hung.draw_cloud("measured", cloud, motion.distances(frame), largest)
-            self._hung.draw_beside("simulated", None if motion.simulated is None else motion.simulated[frame])
+            self._hung.draw_beside("simulated", motion.ghost(frame))
             self._motion.show()
 
     def show_results(self) -> None:

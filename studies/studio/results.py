@@ -33,8 +33,9 @@ class Result(Seen):
         return self.layouts[min(pose, len(self.layouts) - 1)]
 
     def found(self, layouts: tuple[Layout, ...], objective: float) -> None:
+        if layouts != self.layouts:
+            self.forget()
         self.layouts, self.objective = layouts, objective
-        self.forget()
 
     @property
     def muscles(self) -> int:
@@ -53,18 +54,18 @@ class Row:
     shown: bool
 
     @staticmethod
-    def of(name: str, layout: Layout, seen: Seen, *, shown: bool) -> "Row":
+    def of(name: str, layout: Layout, seen: Seen, *, shown: bool, objective: float | None = None) -> "Row":
+        """objective: m, Chamfer as a search has it, until the shape was seen."""
         errors = None if seen.comparison is None else seen.comparison.errors
-        chamfer = None if errors is None else errors.chamfer
-        if chamfer is None and isinstance(seen, Result):
-            chamfer = seen.objective
+        chamfer = objective if errors is None else errors.chamfer
         rms = None if errors is None else errors.surface_rms
         return Row(name, len(layout.design.muscles), chamfer, rms, max(layout.pressures, default=0.0), shown)
 
 
-def one_more_buys(result: Result, others: Sequence[Result], own: Row) -> str | None:
+def one_more_buys(result: Result, others: Sequence[Result], own: Row | None) -> str | None:
     """What one more muscle buys, in words: against the best with the muscles that the search began with, found or
-    drawn; None where the result has no more of them, or nothing is there to compare it with."""
+    drawn; None where the result has no more of them, or nothing is there to compare it with. own: None where its figure
+    is not the search's, a mean over poses."""
     if (
         result.objective is None
         or result.begun is None
@@ -72,14 +73,15 @@ def one_more_buys(result: Result, others: Sequence[Result], own: Row) -> str | N
     ):
         return None
     rivals = [(o.objective, o.name) for o in others if o.objective is not None and o.muscles == count]
-    if own.chamfer is not None and own.muscles == count:
+    if own is not None and own.chamfer is not None and own.muscles == count:
         rivals.append((own.chamfer, own.name))
     if not rivals:
         return None
     before, name = min(rivals)
     less = 1e3 * (before - result.objective)
     change = f"{less:.2f} mm less" if less >= 0 else f"{-less:.2f} mm more"
-    searched = "" if name != own.name else "; for a fair comparison search from here without one more as well"
+    drawn = own is not None and name == own.name
+    searched = "; for a fair comparison search from here without one more as well" if drawn else ""
     return (
         f"One more muscle: Chamfer {1e3 * result.objective:.2f} mm with {result.muscles} muscles, {change} than "
         f"{1e3 * before:.2f} mm with {count} ({name}){searched}."

@@ -315,11 +315,7 @@ class Session:
             return
         self.targets[self.pose : self.pose + 1] = [] if target is None else [target]
         self.pose = min(self.pose, max(len(self.targets) - 1, 0))
-        for seen in (self.own, *self.results):
-            seen.forget()
-        self._changed()
-        if self.shape is not None:
-            self._shown(self.shape)
+        self._compare_again()
 
     def show_pose(self, pose: int) -> None:
         """Another of the study's targets, with its own pressures of the same layout."""
@@ -331,9 +327,15 @@ class Session:
         design = self.document.layout.design
         pressures = self._pose_pressures.pop(pose, self.document.layout.pressures)
         self.document.do(f"pose {pose}", Layout.of(design, pressures))
+        self._compare_again()
+
+    def _compare_again(self) -> None:
+        """The target is another one; a shape that is there is not computed again."""
         for seen in (self.own, *self.results):
             seen.forget()
         self._changed()
+        if self.shape is not None and self.shape.layout == self.layout and self._live.at_rest:
+            self._shown(self.shape)
 
     @property
     def pose_pressures(self) -> list[tuple[float, ...]]:
@@ -388,7 +390,9 @@ class Session:
         found = self.search.best()
         if found is not None:
             result.found(found.layouts, found.objective)
-            result.state = f"{1e3 * found.objective:.2f} mm after {found.evaluations} evaluations; {found.stop_reason}"
+            of = "" if len(self.targets) == 1 else f", mean of {len(self.targets)} poses,"
+            figure = f"{1e3 * found.objective:.2f} mm{of} after {found.evaluations} evaluations"
+            result.state = f"{figure}; {found.stop_reason}"
             self.view.show_search(result.state, running=running)
             self._result_changed(result)
         if not running:
@@ -449,8 +453,11 @@ class Session:
     def rows(self) -> list[Row]:
         """Of the table that compares the own drawing with the results."""
         own = Row.of("own drawing", self.document.layout, self.own, shown=self.result is None)
-        found = [Row.of(r.name, r.layout(self.pose), r, shown=self.result is r) for r in self.results]
-        return [own, *found]
+        alone = len(self.targets) == 1  # else a search's objective is a mean over poses
+        return [own] + [
+            Row.of(r.name, r.layout(self.pose), r, shown=self.result is r, objective=r.objective if alone else None)
+            for r in self.results
+        ]
 
     # motions
 

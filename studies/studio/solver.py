@@ -109,7 +109,8 @@ class StudioSolver:
         begin = time.perf_counter()
         coarse = ask.kind in ("follow", "nearby")
         side = COARSE if coarse else ask.model.points_per_side
-        points, correction, error, errors = None, None, None, ()
+        points, correction, error = None, None, None
+        errors: tuple[Errors, ...] = ()
         try:
             points, correction = self._nearby(ask, side) if coarse else self._exact(ask, side)
             if not np.isfinite(points).all():

@@ -68,7 +68,7 @@ class MotionPanel:
         motion = self._session.motion
         if motion is not None:
             put(self._scrub, self.frame)
-            beside = "" if motion.simulated is None else "; orange: without the corrector"
+            beside = "" if motion.ghost(self.frame) is None else "; orange: without the corrector"
             self._text.content = motion.in_words(self.frame) + beside
 
     def _toggle(self) -> None:

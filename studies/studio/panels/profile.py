@@ -66,7 +66,8 @@ class _Plot:
 
     def line(self, values: Any, colour: str, *, dashed: bool = False) -> str:
         dash = ' stroke-dasharray="5 3"' if dashed else ""
-        return f'<polyline points="{" ".join(self._points(values))}" fill="none" stroke="{colour}"{dash} stroke-width="1.6"/>'
+        stroke = f'stroke="{colour}"{dash} stroke-width="1.6"'
+        return f'<polyline points="{" ".join(self._points(values))}" fill="none" {stroke}/>'
 
     def band(self, low: Any, high: Any) -> str:
         outline = " ".join([*self._points(low), *reversed(self._points(high))])

@@ -41,7 +41,8 @@ class ResultPanel:
         style = "font-size:0.82em; margin:0.4em 0.9em; text-align:right; border-spacing:0.7em 0.2em"
         self._table.content = f'<table id="studio-results" style="{style}">{head}{"".join(lines)}</table>'
         said = [f"{result.name}: {result.state}" for result in session.results]
-        bought = [one_more_buys(r, [o for o in session.results if o is not r], rows[0]) for r in session.results]
+        own = rows[0] if len(session.targets) == 1 else None
+        bought = [one_more_buys(r, [o for o in session.results if o is not r], own) for r in session.results]
         self._text.content = "\n\n".join([*said, *(line for line in bought if line)]) or (
             "Nothing yet: *Search from here* under *Target*. An edit of a result takes it as own drawing."
         )

@@ -67,7 +67,9 @@ def scale_bar(largest: float, what: str) -> str:
     """The colours of distances from 0 to `largest` [m]."""
     stops = ", ".join(f"rgb{tuple(map(int, c))}" for c in heat(np.linspace(0, 1, 4), 1.0))
     bar = f'<div style="background:linear-gradient(90deg,{stops}); height:0.7em; border:1px solid #999"></div>'
-    return _box("scale", f"{bar}distance, {what}: 0 to {1e3 * largest:.1f} mm (98 % are less)", "#ffffff")
+    said = f"distance, {what}: 0 to {1e3 * largest:.1f} mm; its end is the 98th percentile, "
+    said += f"{1e3 * LEAST_SCALE:g} mm at least"
+    return _box("scale", f"{bar}{said}", "#ffffff")
 
 
 def _corrected(shape: LiveShape, correction: Correction) -> str:
