@@ -455,10 +455,8 @@ def test_every_trial_has_its_errors_in_a_table(folder: Path) -> None:
     assert measured is not None
     motion = StudioSolver(Bending).answer(measured[2]).points
     assert motion is not None
-    frames = [
-        Surface.of_faces(points).distance(cloud) for points, cloud in zip(motion, measured[1].frames, strict=True)
-    ]
-    expected = np.mean([capped_rms(distances) for distances in frames])
+    pairs = zip(motion, measured[1].frames, strict=True)
+    expected = np.mean([capped_rms(Surface.of_faces(points).distance(cloud)) for points, cloud in pairs])
     assert session.trial_errors[shown][0].surface_rms == pytest.approx(expected)
     lines = errors_table(session.trial_errors).splitlines()
     assert lines[-1].startswith(f"| **mean of {len(session.trials)}** |")
@@ -657,8 +655,8 @@ def test_a_result_is_a_drawing_of_its_own(begin: Begin, tmp_path: Path, monkeypa
     assert found.chamfer == session.results[0].comparison.errors.chamfer < mine.chamfer
     line = one_more_buys(session.results[0], [], mine)
     assert f"{1e3 * mine.chamfer - 3:.2f} mm less than {1e3 * mine.chamfer:.2f} mm with 8 (own drawing)" in str(line)
-    rival = Result(name="search 2", begun=own, layouts=(own,), objective=3.5e-3)
-    assert "0.50 mm less than 3.50 mm with 8 (search 2)" in str(one_more_buys(session.results[0], [rival], mine))
+    rival = Result(name="search 2", begun=own, layouts=(own,), objective=3.2e-3)
+    assert "0.20 mm less than 3.20 mm with 8 (search 2)" in str(one_more_buys(session.results[0], [rival], mine))
     assert one_more_buys(rival, [], mine) is None
     monkeypatch.setattr(Searching, "running", False)
     settle(session, clock, 4.0)
@@ -907,4 +905,14 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         assert server.scene.get_handle_by_name("/flat/corner_8_2") is None
         run()
         page.show_search("searching", running=True)
+        found = Result(name="search 1", begun=session.layout, layouts=(session.layout.with_pressure(1, 9e4),))
+        session.results.append(found)
+        session.show_result(found)
+        run()
+        assert server.scene.get_handle_by_name("/hung/other") is not None  # the own drawing beside it
+        assert server.scene.get_handle_by_name("/flat/other") is not None
+        assert "<td>search 1</td><td>8</td>" in page._results._table.content
+        session.set_beside(False)
+        assert server.scene.get_handle_by_name("/hung/other") is None
+        assert "<polyline" in page._profile._plot.content
         session.end()

@@ -22,16 +22,14 @@ viser = pytest.importorskip("viser", reason="no viser: pip install 'fabdesign[st
 pytestmark = pytest.mark.skipif(chromium() is None, reason="no chromium: apt install chromium")
 
 
-@pytest.fixture
-def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
-    """A tab on a studio that edits `basic.toml`, in a folder of its own."""
+@contextlib.contextmanager
+def studio_at(tmp_path: Path, files: list[str]) -> Iterator[Page]:
+    """A tab on a studio that has opened `files`."""
     from studies.studio.server import Studio, quiet_viser
 
-    monkeypatch.chdir(tmp_path)
-    write_design(build("basic"), tmp_path / "basic.toml")
     stopped = threading.Event()
     with quiet_viser() as server, contextlib.closing(Gate("127.0.0.1", None, server.get_port(), first=18500)) as gate:
-        studio = Studio(server, open_files([Path("basic.toml")], None), AtOnce())
+        studio = Studio(server, open_files([Path(file) for file in files], None), AtOnce())
         runs = threading.Thread(target=studio.run, args=(stopped.is_set,))
         runs.start()
         try:
@@ -41,6 +39,26 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
             stopped.set()
             runs.join(10)
             studio.session.end()
+
+
+@pytest.fixture
+def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
+    """Of a studio that edits `basic.toml`, in a folder of its own."""
+    monkeypatch.chdir(tmp_path)
+    write_design(build("basic"), tmp_path / "basic.toml")
+    with studio_at(tmp_path, ["basic.toml"]) as tab:
+        yield tab
+
+
+@pytest.fixture
+def page_with_target(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
+    """The same, with a bent sheet as target."""
+    monkeypatch.chdir(tmp_path)
+    write_design(build("basic"), tmp_path / "basic.toml")
+    u, v = np.meshgrid(np.linspace(-0.1, 0.1, 41), np.linspace(0, 0.2, 41))
+    np.savetxt(tmp_path / "bent.xyz", np.stack([u, -v, 0.5 * v**2], axis=-1).reshape(-1, 3))
+    with studio_at(tmp_path, ["basic.toml", "bent.xyz"]) as tab:
+        yield tab
 
 
 def test_a_layout_is_drawn_saved_and_sound(page: Page, tmp_path: Path) -> None:
@@ -69,6 +87,37 @@ def test_a_layout_is_drawn_saved_and_sound(page: Page, tmp_path: Path) -> None:
     assert inspect(saved).problems == ()
     assert read_design(saved).muscles[0].path[1][0] == 0.045
     assert (tmp_path / "basic_studio" / "pressures.csv").read_text().splitlines()[-1].split(",")[1] == "250"
+
+
+def test_a_search_from_here_ends_beside_the_own_drawing(page_with_target: Page, tmp_path: Path) -> None:
+    page = page_with_target
+    page.wait(holds("noise floor"), seconds=60)
+    page.press("Target")
+    page.fill("Seconds", "5")
+    page.press_button("Search from here")
+    page.press("Results")
+    page.wait(holds("evaluations; "), seconds=180)
+    page.press("Target")
+    page.wait(holds("kept in"), seconds=180)
+    page.press("Results")
+    rows = page.wait(
+        "(rows => rows.length == 3 && rows)([...document.querySelectorAll('#studio-results tr')].map(r => r.innerText))",
+        seconds=30,
+    )
+    assert rows[1].startswith("own drawing\t8")
+    assert rows[2].startswith("search 1: pressures\t8")
+    page.press("Files")
+    page.press("Save")
+    page.wait(holds("files in basic_studio"), seconds=60)
+    result = read_design(tmp_path / "basic_studio_search_1" / "result" / "design.toml")
+    assert read_design(tmp_path / "basic_studio" / "design.toml").muscles == result.muscles
+    for name in ("design.toml", "study.toml"):
+        assert inspect(tmp_path / "basic_studio" / name).problems == ()
+    saved, found = (
+        (tmp_path / folder / "pressures.csv").read_text().splitlines()[-1].split(",")[1:]
+        for folder in ("basic_studio", "basic_studio_search_1/result")
+    )
+    assert [float(x) for x in saved] == pytest.approx([float(x) for x in found], abs=0.1)
 
 
 def holds(text: str) -> str:
