@@ -911,7 +911,7 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         run()
         assert server.scene.get_handle_by_name("/hung/other") is not None  # the own drawing beside it
         assert server.scene.get_handle_by_name("/flat/other") is not None
-        assert "<td>search 1</td><td>8</td>" in page._results._table.content
+        assert "<td>search 1</td><td>9</td>" in page._results._table.content
         session.set_beside(False)
         assert server.scene.get_handle_by_name("/hung/other") is None
         assert "<polyline" in page._profile._plot.content

@@ -100,10 +100,8 @@ def test_a_search_from_here_ends_beside_the_own_drawing(page_with_target: Page, 
     page.press("Target")
     page.wait(holds("kept in"), seconds=180)
     page.press("Results")
-    rows = page.wait(
-        "(rows => rows.length == 3 && rows)([...document.querySelectorAll('#studio-results tr')].map(r => r.innerText))",
-        seconds=30,
-    )
+    texts = "[...document.querySelectorAll('#studio-results tr')].map(row => row.innerText)"
+    rows = page.wait(f"(rows => rows.length == 3 && rows)({texts})", seconds=30)
     assert rows[1].startswith("own drawing\t8")
     assert rows[2].startswith("search 1: pressures\t8")
     page.press("Files")
