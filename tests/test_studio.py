@@ -42,6 +42,7 @@ from studies.studio.session import Session
 from studies.studio.snapping import row_distance, rows, snapped
 from studies.studio.solver import Ask, StudioSolver
 from studies.studio.target import ShownTarget, compare
+from studies.studio.trial_errors import ask_of_trial
 from tests.bending import AtOnce, Bending, bow
 from tests.command_line import Run, one_line
 
@@ -447,22 +448,21 @@ def test_every_trial_has_its_errors_in_a_table(folder: Path) -> None:
     clock = Clock()
     session = Session(open_files([folder / "set"], None), AtOnce(), clock=clock)
     session.begin(Shown())
-    session.all_trial_errors()
+    session.trial_errors.begin()
     settle(session, clock, 4.0)
-    assert list(session.trial_errors) == session.trials
+    assert list(session.trial_errors.by_label) == session.trials
     shown = session.trials[0]
-    measured = session._ask_of_trial(shown)
-    assert measured is not None
+    measured = ask_of_trial(session.trial(shown), session.choice.model)
     motion = StudioSolver(Bending).answer(measured[2]).points
     assert motion is not None
     pairs = zip(motion, measured[1].frames, strict=True)
     expected = np.mean([capped_rms(Surface.of_faces(points).distance(cloud)) for points, cloud in pairs])
-    assert session.trial_errors[shown][0].surface_rms == pytest.approx(expected)
-    lines = errors_table(session.trial_errors).splitlines()
+    assert session.trial_errors.by_label[shown][0].surface_rms == pytest.approx(expected)
+    lines = errors_table(session.trial_errors.by_label).splitlines()
     assert lines[-1].startswith(f"| **mean of {len(session.trials)}** |")
     assert f"| {shown} | {1e3 * expected:.2f} |" in lines[4]
     session.choose(session.choice.switched("frame_tilt", True))
-    assert session.trial_errors == {}  # they were of another model
+    assert session.trial_errors.by_label == {}  # they were of another model
     session.end()
 
 

@@ -4,6 +4,7 @@ import base64
 import json
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -63,6 +64,27 @@ def test_a_trial_stands_beside_its_prediction(files: tuple[Path, Path], tmp_path
     np.testing.assert_allclose(predicted.frames[0][0::2], measured.frames[0], atol=1e-3)
     with pytest.raises(InputError, match="a lone trial; expected --design"):
         items_of(files[1:], model=Model(), forward=AnalyticCloth(9))
+
+
+def test_a_corrector_has_a_panel_of_its_own(
+    files: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from fabdesign.design_file import write_design
+    from studies.laced_motion import laced_motions
+
+    asked: list[Model] = []
+
+    def without_weights(forward: AnalyticCloth, model: Model, *given: Any, sensing: bool) -> Any:
+        asked.append(model)
+        return laced_motions(forward, model.without(["corrector"]), *given, sensing=sensing)
+
+    monkeypatch.setattr("studies.view.items.laced_motions", without_weights)
+    write_design(build("vertical"), tmp_path / "d.toml")
+    model = Model(corrector=tmp_path / "weights", corrector_hash="0")
+    items = items_of(files[1:], design=tmp_path / "d.toml", model=model, forward=AnalyticCloth(9))
+    assert [item.title for item in items] == ["trial, measured", "trial, simulated", "trial, corrected"]
+    assert [one.corrector for one in asked] == [None, model.corrector]
+    assert [item.predicts for item in items] == ["", "trial, measured", "trial, measured"]
 
 
 def test_a_set_of_a_synthetic_rig_says_so(data: Path) -> None:

@@ -11,11 +11,9 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError
 from fabdesign.forward import RISE
 from fabdesign.mark import read_mark
-from fabdesign.metrics import Errors
 from fabdesign.pressure import PressureProgram, require_pressures, rising_program
 from fabdesign.pressure_file import read_pressures
 from fabdesign.trial import Trial
-from fabdesign.trial_file import TrialData
 from studies.predict import frame_times
 from studies.studio.autosave import Autosave, Watched
 from studies.studio.band import Band, has_band, models_around
@@ -32,11 +30,11 @@ from studies.studio.searching import Search, Vary, next_folder, require_searchab
 from studies.studio.snapping import row_distance, snapped
 from studies.studio.solver import Answer, Ask
 from studies.studio.target import Comparison, ShownTarget, compare
+from studies.studio.trial_errors import TrialErrors, ask_of_trial
 
 CALM = 0.35  # s without a further value, after which a slider counts as let go
 AUTOSAVE = 1.0  # s between autosaves at least
 FRAME_RATE = 30.0  # Hz, of a motion that is played
-_UNKNOWN = (Errors(*[float("nan")] * 5),)
 
 
 class SessionView(Protocol):
@@ -80,8 +78,6 @@ class Session:
         self.band: Band | None = None
         self._around: list[NDArray[np.float32]] = []  # shapes of which a band is made
         self._asked = 0  # counts what is asked for bands
-        self.trial_errors: dict[str, tuple[Errors, ...]] = {}
-        self._all_trials = False  # whether the errors of all are worked out
         self.motion: TrialMotion | None = None
         self.search: Search | None = None
         self._searched: Result | None = None  # what the search finds
@@ -91,6 +87,7 @@ class Session:
         self._autosaves = True  # until one fails
         self._watched = Watched(opened.file)
         self._live = Live(solver, self._shown, self._failed)
+        self.trial_errors = TrialErrors(self, self._live)
         self._touched = self._autosaved = self._clock()
         self._dragged: Layout | None = None  # where a drag of a whole muscle began
         self._broken: tuple[Layout, list[Broken]] | None = None
@@ -254,7 +251,7 @@ class Session:
         if self.selected is None or self.selected >= count:
             self.selected = count - 1 if count else None
         self.motion = self.band = None
-        self._all_trials = False
+        self.trial_errors.stop()
         self._asked += 1
         self._live.drop(self._band_arrived)
         time = None if self.target is None else self.target.loaded.time
@@ -298,11 +295,10 @@ class Session:
 
     def choose(self, choice: ModelChoice) -> None:
         self.choice = choice
-        self.trial_errors = {}
+        self.trial_errors.clear()
         for seen in (self.own, *self.results):
             seen.forget()
         self._changed()
-        self.view.show_trial_errors()
 
     # target and search
 
@@ -491,59 +487,25 @@ class Session:
 
     def show_trial(self, label: str) -> None:
         """A trial of the set, measured, and its prediction under the model that is chosen."""
-        ask = self._ask_of_trial(label)
-        if ask is None:
+        try:
+            trial, data, ask = ask_of_trial(self.trial(label), self.choice.model)
+        except InputError as error:
+            self.view.tell(str(error), bad=True)
             return
-        trial, data, asked = ask
         if trial.design != self.layout.design:
             self.result = None
             self.document.do(f"design of {trial.name}", Layout.of(trial.design))
             self._changed()
 
         def motion(answer: Answer) -> TrialMotion:
-            self.trial_errors[label] = answer.errors
-            self.view.show_trial_errors()
+            self.trial_errors.found(label, answer)
             return TrialMotion(label, trial.times, _points(answer), data, answer.correction)
 
-        self._ask_motion(asked, motion)
+        self._ask_motion(ask, motion)
 
-    def all_trial_errors(self) -> None:
-        """A row of the table for every trial, one after another, as long as nothing is edited or chosen meanwhile."""
-        self._all_trials = True
-        self._next_trial()
-
-    def _next_trial(self) -> None:
-        label = next((label for label in self.trials if label not in self.trial_errors), None)
-        ask = None if label is None else self._ask_of_trial(label)
-        if label is None or ask is None:
-            self._all_trials = False
-            self.view.tell(f"errors of {len(self.trial_errors)} of {len(self.trials)} trials")
-            return
-        choice = self.choice
-
-        def arrived(answer: Answer) -> None:
-            if choice is not self.choice:
-                return  # of another model than the table is
-            self.trial_errors[label] = answer.errors or _UNKNOWN
-            self.view.show_trial_errors()
-            if self._all_trials:
-                self._next_trial()
-
-        self._live.also(ask[2], arrived)
-
-    def _ask_of_trial(self, label: str) -> tuple[Trial, TrialData, Ask] | None:
+    def trial(self, label: str) -> Trial:
         assert self.opened.measured is not None
-        trial = labels(self.opened.measured.trials)[label]
-        try:
-            data = trial.load()
-        except InputError as error:
-            self.view.tell(str(error), bad=True)
-            return None
-        ask = Ask(
-            0, "motion", trial.design, trial.program, self.choice.model, trial.times, trial.order, sensing=True,
-            measured=tuple(data.frames),
-        )  # fmt: skip
-        return trial, data, ask
+        return labels(self.opened.measured.trials)[label]
 
     def _ask_motion(self, ask: Ask, motion: Callable[[Answer], TrialMotion]) -> None:
         def arrived(answer: Answer) -> None:

@@ -70,8 +70,8 @@ def items_of(
     forward: ForwardModel | None = None,
 ) -> list[Item]:
     """The panels of files: a motion's npz, a trial's npz, a measurement set (its `trial` by name, by default the
-    first), a cloud or mesh. With a model, each trial's prediction by `forward` follows it; a lone trial needs its
-    `design`.
+    first), a cloud or mesh. With a model, each trial's prediction by `forward` follows it, simulated and corrected
+    where the model has a corrector; a lone trial needs its `design`.
 
     Raises InputError for what cannot be shown.
     """
@@ -124,10 +124,14 @@ def _trial(trial: Trial, name: str, source: str, model: Model | None, forward: F
     items = [Item(f"{name}, {source}", np.asarray(data.time, np.float64), data.frames)]
     if model is not None and forward is not None:
         case = Case(trial.design, trial.program, order=trial.order)
-        motion = laced_motions(forward, model, [case], [trial.times], sensing=True)[0]
-        if not np.isfinite(motion.points).all():
-            raise InputError(f"{trial.file}: its prediction diverges; expected a model under which it can be shown")
-        items.append(Item.of_motion(f"{name}, predicted", motion, items[0].title))
+        shown = {"predicted": model}
+        if model.corrector is not None:
+            shown = {"simulated": model.without(["corrector"]), "corrected": model}
+        for what, part in shown.items():
+            motion = laced_motions(forward, part, [case], [trial.times], sensing=True)[0]
+            if not np.isfinite(motion.points).all():
+                raise InputError(f"{trial.file}: its prediction diverges; expected a model under which it can be shown")
+            items.append(Item.of_motion(f"{name}, {what}", motion, items[0].title))
     return items
 
 

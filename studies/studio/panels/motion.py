@@ -25,7 +25,7 @@ class MotionPanel:
         if session.trials:
             self._trial = gui.add_dropdown("Trial", tuple(session.trials))
             on_click(gui.add_button("Show measured and predicted"), post, lambda: session.show_trial(self._trial.value))
-            on_click(gui.add_button("Errors of all trials"), post, session.all_trial_errors)
+            on_click(gui.add_button("Errors of all trials"), post, session.trial_errors.begin)
         self._pause = gui.add_button("Pause", disabled=True)
         on_click(self._pause, post, self._toggle)
         self._scrub = gui.add_slider("Frame", 0, 1, 1, 0, disabled=True)
@@ -51,7 +51,7 @@ class MotionPanel:
             self._scale.content = scale_bar(max(LEAST_SCALE, motion.largest), "measured point to the shown surface")
 
     def show_errors(self) -> None:
-        self._errors.content = errors_table(self._session.trial_errors)
+        self._errors.content = errors_table(self._session.trial_errors.by_label)
 
     def advance(self, seconds: float) -> bool:
         """Let it play for so long; whether another frame is due."""

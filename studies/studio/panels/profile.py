@@ -47,7 +47,8 @@ class ProfilePanel:
             parts.append(plot.line(simulated, "#e08a2b", dashed=True))
             said += "; orange: without the corrector"
         parts.append(plot.line(z, "#1b4f8a"))
-        svg = f'<svg id="studio-profile" width="{_SIZE[0]}" height="{_SIZE[1]}">{"".join(parts)}</svg>'
+        size = f'style="display:block" width="{_SIZE[0]}" height="{_SIZE[1]}"'
+        svg = f'<svg id="studio-profile" {size}>{"".join(parts)}</svg>'
         return f'<div style="font-size:0.8em; margin:0.2em 0.9em">Lower edge, z in mm over u in mm{svg}{said}</div>'
 
 
