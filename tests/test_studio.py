@@ -427,6 +427,34 @@ def test_playing_a_programme_asks_for_a_motion(begin: Begin) -> None:
     assert session.motion is None  # it was of another layout
 
 
+def test_a_motion_is_written_for_other_programs(begin: Begin, tmp_path: Path) -> None:
+    session, shown, _worker, clock = begin()
+    session.write_motion(tmp_path / "none.csv")
+    assert "no motion" in shown.said[-1]
+    session.press(0, 100e3)
+    session.play_rise()
+    settle(session, clock)
+    session.write_motion(tmp_path / "motion.docx")
+    assert "expected a name that ends in .html, .png, .glb" in shown.said[-1]
+    session.write_motion(tmp_path / "motion.csv")
+    settle(session, clock)
+    rows = (tmp_path / "motion.csv").read_text().splitlines()
+    assert len(rows) == 1 + 61
+    assert rows[0].startswith("panel,time_s,")
+    assert session.motion is not None
+    trimesh = pytest.importorskip("trimesh")
+    pytest.importorskip("pygltflib")
+    session.write_motion(tmp_path / "motion.glb")
+    settle(session, clock)
+    scene = trimesh.load(tmp_path / "motion.glb")
+    points = np.concatenate([mesh.vertices for mesh in scene.geometry.values()])
+    assert np.abs(points[:, 0]).max() == pytest.approx(0.1, abs=2e-3)
+    session.write_motion(tmp_path / "motion.csv")
+    settle(session, clock)
+    assert "motion.csv" in shown.said[-1]  # it is there already, and stays
+    assert "wrote" not in shown.said[-1]
+
+
 def test_a_set_shows_what_was_measured_beside_its_prediction(folder: Path) -> None:
     opened = open_files([folder / "set"], folder / "model.toml")
     worker, shown, clock = AtOnce(), Shown(), Clock()
@@ -877,13 +905,14 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
     with quiet_viser() as server:
         studio = Studio(server, open_files([Path("basic.toml"), target.file.file], folder / "model.toml"), AtOnce())
         session, page = studio.session, studio.page
-        turns = iter(range(1000))
+        turns = iter(range(20))
+        studio.run(lambda: next(turns) == 12)
 
-        def run(turns_more: int = 12) -> None:
-            until = next(turns) + turns_more
-            studio.run(lambda: next(turns) > until)
+        def run() -> None:
+            for _ in range(20):
+                studio.turn()
+                page.advance(0.02)
 
-        run()
         assert session.shape is not None
         assert session.shape.exact
         assert server.scene.get_handle_by_name("/hung/distances") is not None
@@ -911,7 +940,7 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         run()
         assert server.scene.get_handle_by_name("/hung/other") is not None  # the own drawing beside it
         assert server.scene.get_handle_by_name("/flat/other") is not None
-        assert "<td>search 1</td><td>9</td>" in page._results._table.content
+        assert "<td>search 1</td><td>8</td>" in page._results._table.content
         session.set_beside(False)
         assert server.scene.get_handle_by_name("/hung/other") is None
         assert "<polyline" in page._profile._plot.content

@@ -1,9 +1,8 @@
 """Look at motions, measured clouds and predictions, and draw a layout in the browser."""
 
-from collections.abc import Callable, Sequence
+import json
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -19,14 +18,6 @@ from fabdesign.cli.console import (
 )
 from fabdesign.cli.models import effects_option, load_model, without_option
 from fabdesign.errors import InputError
-
-if TYPE_CHECKING:
-    from studies.view.items import Item
-import json
-
-# the package that writes a kind of file, besides what is always there
-_NEEDS = {".glb": "pygltflib", ".pvd": "meshio", ".rrd": "rerun"}
-_KINDS = (".html", ".png", ".gif", ".glb", ".pvd", ".rrd", ".csv")
 
 
 @commands.command()
@@ -75,17 +66,18 @@ def view(
     """
     from fabdesign.output import new_files
     from studies.view.items import items_of
+    from studies.view.write import KINDS, NEEDS, writer
 
     output = Path(f"{files[0].resolve().stem}.html") if output is None else output
     kind = output.suffix.lower()
-    if kind not in _KINDS:
-        raise InputError(f"{output}: expected a name that ends in {', '.join(_KINDS[:-1])} or {_KINDS[-1]}")
+    if kind not in KINDS:
+        raise InputError(f"{output}: expected a name that ends in {', '.join(KINDS[:-1])} or {KINDS[-1]}")
     if times and kind != ".png":
         raise InputError(f"--time: instants of a picture; expected an output that ends in .png, not {kind}")
     if markers and kind != ".csv":
         raise InputError(f"--marker: points in a table; expected an output that ends in .csv, not {kind}")
-    if kind in _NEEDS:
-        import_module(_NEEDS[kind])  # missing: said before anything is computed
+    if kind in NEEDS:
+        import_module(NEEDS[kind])  # missing: said before anything is computed
     places = dict(_marker(text) for text in markers)
     inputs = [*files, *(file for file in (model, design) if file is not None)]
     with new_files(output, force=force, inputs=inputs) as unfinished:
@@ -96,63 +88,12 @@ def view(
 
             forward = Simulator(points_per_side(grid, fitted))
         items = items_of(files, trial=trial, design=design, model=fitted, forward=forward)
-        more = _writer(kind, times, places)(items, unfinished)
+        more = writer(kind, times, places)(items, unfinished)
     panels = [{"title": item.title, "frames": len(item.frames)} for item in items]
     for panel, found in zip(panels, more, strict=bool(more)):
         panel |= found
     said = ", ".join(f"{panel['title']} ({panel['frames']} frames)" for panel in panels)
     print_result({"file": str(output), "panels": panels}, f"{output}: {said}", as_json)
-
-
-_Writer = Callable[["Sequence[Item]", Path], list[dict[str, Any]]]
-
-
-def _writer(kind: str, times: Sequence[float], markers: dict[str, tuple[float, float]]) -> _Writer:
-    """Writes a file of a kind; answers what is to be said of each panel besides."""
-    if kind in (".html", ".png", ".gif"):
-        return lambda items, path: _shown(items, path, kind, times)
-    if kind == ".glb":
-        from studies.view.gltf import kept, save_glb
-
-        def glb(items: "Sequence[Item]", path: Path) -> list[dict[str, Any]]:
-            save_glb(items, path)
-            return [{"frames_kept": len(kept(item))} for item in items]
-
-        return glb
-    if kind == ".pvd":
-        from studies.view.vtk import save_series as save
-    elif kind == ".rrd":
-        from studies.view.rerun_file import save_recording as save
-    else:
-        from studies.view.markers import save_markers
-
-        def save(items: "Sequence[Item]", path: Path) -> None:
-            save_markers(items, path, markers)
-
-    def plain(items: "Sequence[Item]", path: Path) -> list[dict[str, Any]]:
-        save(items, path)
-        return []
-
-    return plain
-
-
-def _shown(items: "Sequence[Item]", path: Path, kind: str, times: Sequence[float]) -> list[dict[str, Any]]:
-    from studies.view.distance import distances
-
-    apart = distances(items)
-    if kind == ".html":
-        from studies.view.page import render_page
-
-        path.write_text(render_page(path.stem, items, apart), encoding="utf-8")
-    elif kind == ".png":
-        from studies.view.picture import save_picture
-
-        save_picture(items, path, apart, times)
-    else:
-        from studies.view.picture import save_animation
-
-        save_animation(items, path, apart)
-    return [{} if found is None else {"distance": found.as_json()} for found in apart]
 
 
 def _marker(text: str) -> tuple[str, tuple[float, float]]:

@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
@@ -18,6 +19,7 @@ from studies.predict import frame_times
 from studies.studio.autosave import Autosave, Watched
 from studies.studio.band import Band, has_band, models_around
 from studies.studio.document import Document
+from studies.studio.exporting import export_motion, require_kind
 from studies.studio.layout import Layout, Point, move_corner, move_muscle
 from studies.studio.limits import Broken, broken_limits
 from studies.studio.live import Live, LiveShape, Solves
@@ -79,6 +81,7 @@ class Session:
         self._around: list[NDArray[np.float32]] = []  # shapes of which a band is made
         self._asked = 0  # counts what is asked for bands
         self.motion: TrialMotion | None = None
+        self._played: Ask | None = None  # what `motion` answers
         self.search: Search | None = None
         self._searched: Result | None = None  # what the search finds
         self.folder = _folder(opened)
@@ -512,11 +515,36 @@ class Session:
             if answer.points is None:
                 self._failed(answer.error or "no motion")
                 return
-            self.motion = motion(answer)
+            self.motion, self._played = motion(answer), ask
             self.view.show_motion()
 
         self.view.tell(f"computing {len(ask.times) if ask.times is not None else 0} frames")
         self._live.also(ask, arrived)
+
+    def write_motion(self, path: Path) -> None:
+        """The motion that is played, for another program."""
+        motion, ask = self.motion, self._played
+        if motion is None or ask is None:
+            self.view.tell("no motion; expected one that is played", bad=True)
+            return
+
+        def arrived(answer: Answer) -> None:
+            try:
+                if answer.laced is None:
+                    raise InputError(answer.error or "no motion")
+                export_motion(path, motion, answer.laced)
+            except InputError as error:
+                self.view.tell(str(error), bad=True)
+                return
+            self.view.tell(f"wrote {path}")
+
+        try:
+            require_kind(path)
+        except InputError as error:
+            self.view.tell(str(error), bad=True)
+            return
+        self.view.tell(f"writing {path}")
+        self._live.also(replace(ask, kind="laced", measured=()), arrived)
 
     # files
 

@@ -23,16 +23,18 @@ from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case
 from fabdesign.metrics import Errors, trial_errors
 from fabdesign.model import Model
+from fabdesign.motion_file import MotionData
 from fabdesign.predictor import Predictor
 from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import constant_program
 from fabdesign.sensor_noise import NOISE_FREE, estimate_noise
 from studies.forward_model import forward_model
+from studies.laced_motion import laced_motions
 from studies.studio.simulated import KeptSimulator
 
 COARSE = 21  # points a side, while something is dragged
 _NOISE_FRAMES = 8  # of a trial, that a sensor's noise is estimated from
-Kind = Literal["follow", "nearby", "exact", "motion"]
+Kind = Literal["follow", "nearby", "exact", "motion", "laced"]
 Points = NDArray[np.float32]
 
 
@@ -40,7 +42,8 @@ Points = NDArray[np.float32]
 class Ask:
     """follow: the shape at rest nearby, on the coarse grid, from the last one. nearby: the same under another model,
     from which nothing is followed. exact: the one where a rise from rest leads, on the model's grid, or with one
-    instant in `times` [s] the motion's frame there. motion: frames at `times`; with sensing, as sensors see it."""
+    instant in `times` [s] the motion's frame there. motion: frames at `times`; with sensing, as sensors see it.
+    laced: the same with the muscles, for other programs."""
 
     number: int
     kind: Kind
@@ -89,6 +92,7 @@ class Answer:
     error: str | None = None
     correction: Correction | None = None
     errors: tuple[Errors, ...] = ()
+    laced: MotionData | None = None
 
     @property
     def simulated(self) -> Points | None:
@@ -107,6 +111,8 @@ class StudioSolver:
 
     def answer(self, ask: Ask) -> Answer:
         begin = time.perf_counter()
+        if ask.kind == "laced":
+            return self._laced(ask)
         coarse = ask.kind in ("follow", "nearby")
         side = COARSE if coarse else ask.model.points_per_side
         points, correction, error = None, None, None
@@ -120,6 +126,16 @@ class StudioSolver:
         except (InputError, SimulationError) as problem:
             error = str(problem)
         return Answer(ask.number, ask.kind, points, side, time.perf_counter() - begin, error, correction, errors)
+
+    def _laced(self, ask: Ask) -> Answer:
+        assert ask.times is not None
+        side, case = ask.model.points_per_side, Case(ask.design, ask.program, order=ask.order)
+        try:
+            forward = self._simulator(side, ask.kind)
+            (motion,) = laced_motions(forward, ask.model, [case], [ask.times], sensing=ask.sensing)
+        except (InputError, SimulationError) as problem:
+            return Answer(ask.number, ask.kind, None, side, 0.0, str(problem))
+        return Answer(ask.number, ask.kind, motion.points, side, 0.0, laced=motion)
 
     def _nearby(self, ask: Ask, side: int) -> tuple[Points, Correction | None]:
         """Without the corrector, which acts on exact shapes alone; how far the layout is from what it knows is told."""

@@ -32,6 +32,11 @@ class MotionPanel:
         on_input(self._scrub, post, self._scrubbed)
         self._text = gui.add_markdown("")
         self._scale = gui.add_html("")
+        with gui.add_folder("For other programs", expand_by_default=False):
+            self._out = gui.add_text("File", "motion.glb", hint=".glb, .pvd, .rrd, .csv, .html or .png")
+            on_click(
+                gui.add_button("Write the motion"), post, lambda: session.write_motion(Path(self._out.value.strip()))
+            )
         self._errors = gui.add_markdown("")
 
     def shows(self, motion: TrialMotion | None) -> bool:

@@ -74,7 +74,7 @@ def scale_bar(largest: float, what: str) -> str:
 
 def _corrected(shape: LiveShape, correction: Correction) -> str:
     trust = correction.trust
-    far = f"the layout is {trust.distance:.2f} from those it learned from, its limit is {trust.limit:.2g}"
+    far = f"the layout is {trust.distance:.2f} from those it learned from, its limit is {trust.limit:.2f}"
     if not trust.applies:
         return f"Not corrected: {far}"
     if not correction.ordered:

@@ -1,0 +1,61 @@
+"""Which writer makes a file of panels, by the file's ending."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from studies.view.items import Item
+
+# the package that writes a kind of file, besides what is always there
+NEEDS = {".glb": "pygltflib", ".pvd": "meshio", ".rrd": "rerun"}
+KINDS = (".html", ".png", ".gif", ".glb", ".pvd", ".rrd", ".csv")
+Writer = Callable[[Sequence[Item], Path], list[dict[str, Any]]]
+
+
+def writer(kind: str, times: Sequence[float] = (), markers: Mapping[str, tuple[float, float]] | None = None) -> Writer:
+    """Writes a file of a kind, one of KINDS; answers what is to be said of each panel besides. times: s, of a picture.
+    markers: (u, v) m, of a table."""
+    if kind in (".html", ".png", ".gif"):
+        return lambda items, path: _shown(items, path, kind, times)
+    if kind == ".glb":
+        from studies.view.gltf import kept, save_glb
+
+        def glb(items: Sequence[Item], path: Path) -> list[dict[str, Any]]:
+            save_glb(items, path)
+            return [{"frames_kept": len(kept(item))} for item in items]
+
+        return glb
+    if kind == ".pvd":
+        from studies.view.vtk import save_series as save
+    elif kind == ".rrd":
+        from studies.view.rerun_file import save_recording as save
+    else:
+        from studies.view.markers import save_markers
+
+        def save(items: Sequence[Item], path: Path) -> None:
+            save_markers(items, path, markers or {})
+
+    def plain(items: Sequence[Item], path: Path) -> list[dict[str, Any]]:
+        save(items, path)
+        return []
+
+    return plain
+
+
+def _shown(items: Sequence[Item], path: Path, kind: str, times: Sequence[float]) -> list[dict[str, Any]]:
+    from studies.view.distance import distances
+
+    apart = distances(items)
+    if kind == ".html":
+        from studies.view.page import render_page
+
+        path.write_text(render_page(path.stem, items, apart), encoding="utf-8")
+    elif kind == ".png":
+        from studies.view.picture import save_picture
+
+        save_picture(items, path, apart, times)
+    else:
+        from studies.view.picture import save_animation
+
+        save_animation(items, path, apart)
+    return [{} if found is None else {"distance": found.as_json()} for found in apart]
