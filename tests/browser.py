@@ -89,6 +89,16 @@ class Page:
         button = f"[...document.querySelectorAll('button')].find(b => b.innerText.trim() == {json.dumps(label)})"
         self.wait(f"(b => b && !b.disabled && (b.click() || true))({button})")
 
+    def open_tab(self, label: str) -> None:
+        """A tab of the panel, wherever it lies meanwhile: what stands above it grows and shrinks."""
+        tab = f"[...document.querySelectorAll('[role=tab]')].find(e => e.innerText.trim() == {json.dumps(label)})"
+        kinds = json.dumps(["pointerdown", "mousedown", "pointerup", "mouseup", "click"])
+        event = (
+            "new (kind.startsWith('p') ? PointerEvent : MouseEvent)(kind, {bubbles: true, button: 0, isPrimary: true})"
+        )
+        self.wait(f"(tab => tab && ({kinds}.forEach(kind => tab.dispatchEvent({event})) || true))({tab})")
+        self.wait(f"{tab}.getAttribute('aria-selected') != 'false'")
+
     def text(self) -> str:
         return str(self.run("document.body ? document.body.innerText : ''"))
 

@@ -23,8 +23,10 @@ class TrialErrorsView(Protocol):
 class HasTrials(Protocol):
     """What of a session is asked for."""
 
-    view: "TrialErrorsView"
     choice: ModelChoice
+
+    @property
+    def view(self) -> TrialErrorsView: ...
 
     @property
     def trials(self) -> list[str]: ...

@@ -92,20 +92,20 @@ def test_a_layout_is_drawn_saved_and_sound(page: Page, tmp_path: Path) -> None:
 def test_a_search_from_here_ends_beside_the_own_drawing(page_with_target: Page, tmp_path: Path) -> None:
     page = page_with_target
     page.wait(holds("noise floor"), seconds=60)
-    page.press("Target")
+    page.open_tab("Target")
     page.fill("Seconds", "5")
     page.press_button("Search from here")
-    page.press("Results")
+    page.open_tab("Results")
     page.wait(holds("evaluations; "), seconds=180)
-    page.press("Target")
+    page.open_tab("Target")
     page.wait(holds("kept in"), seconds=180)
-    page.press("Results")
+    page.open_tab("Results")
     texts = "[...document.querySelectorAll('#studio-results tr')].map(row => row.innerText)"
     rows = page.wait(f"(rows => rows.length == 3 && rows)({texts})", seconds=30)
     assert rows[1].startswith("own drawing\t8")
     assert rows[2].startswith("search 1: pressures\t8")
-    page.press("Files")
-    page.press("Save")
+    page.open_tab("Files")
+    page.press_button("Save")
     page.wait(holds("files in basic_studio"), seconds=60)
     result = read_design(tmp_path / "basic_studio_search_1" / "result" / "design.toml")
     assert read_design(tmp_path / "basic_studio" / "design.toml").muscles == result.muscles
