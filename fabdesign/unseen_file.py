@@ -18,6 +18,7 @@ from fabdesign.model_sampling import joint_root
 from fabdesign.pressure import PressureProgram, limits
 from fabdesign.pressure_file import read_pressures
 from fabdesign.rig_limits_file import RigLimits, read_rig_limits
+from fabdesign.shape_output import ShapeOutput, read_shape_outputs
 from fabdesign.study_file import FORMAT, require_kind
 from fabdesign.table import Table, load_toml, pascals
 from fabdesign.trial import MeasurementSet
@@ -39,11 +40,13 @@ class CandidateMeasurement:
 
 @dataclass(frozen=True, eq=False)
 class Unsewn:
-    """What is not sewn yet: a design under `poses` (n, channels) Pa, and the model that is to predict it."""
+    """What is not sewn yet: a design under `poses` (n, channels) Pa, the model that is to predict it, and what is said
+    of its shapes beside the lower edge."""
 
     design: Design
     model: Model
     poses: NDArray[np.float64]
+    outputs: tuple[ShapeOutput, ...]
     candidates: tuple[CandidateMeasurement, ...]
 
 
@@ -116,7 +119,8 @@ def _unsewn(root: Table, path: Path, rig: RigLimits) -> Unsewn:
     if rig.channels is not None and design.channels > rig.channels:
         raise InputError(f"{path}: design {design.name} has {design.channels} channels; the rig has {rig.channels}")
     candidates = tuple(_candidate(table, path, design) for table in root.tables("candidates"))
-    return Unsewn(design, model, _poses(root, design, rig), candidates)
+    outputs = read_shape_outputs(root, path, design.fabric)
+    return Unsewn(design, model, _poses(root, design, rig), outputs, candidates)
 
 
 def _poses(root: Table, design: Design, rig: RigLimits) -> NDArray[np.float64]:
