@@ -72,7 +72,7 @@ def _serve(some: Sequence[Case], asked: Connection) -> None:
 
 @contextmanager
 def processes(some: Sequence[Case], count: int, *, cores: int) -> Iterator[Callable[[], Run]]:
-    """Runs of the sweep in `count` processes without a cluster, each with its share of the cases and `cores` threads."""
+    """Runs of the sweep in `count` processes without a cluster, its share of the cases and `cores` threads each."""
     spawn = multiprocessing.get_context("spawn")
     os.environ |= threads(cores)
     pipes = [spawn.Pipe() for _ in range(count)]

@@ -149,9 +149,14 @@ def require_kind(root: Table, kind: str) -> None:
 
 def read_search(root: Table, path: Path) -> Study:
     """A search from the table of its study at `path`, whose other keys have been taken. Raises InputError."""
+    return search_of(root, path, *read_subject(root, path))
+
+
+def read_subject(root: Table, path: Path) -> tuple[Design, Model | None]:
+    """The design and the model, if any, that the study at `path` names. Raises InputError."""
     design = read_design(path.parent / root.text("design"))
     model_name = root.text("model", None)
-    return search_of(root, path, design, None if model_name is None else read_model(path.parent / model_name))
+    return design, None if model_name is None else read_model(path.parent / model_name)
 
 
 def search_of(root: Table, path: Path, design: Design, model: Model | None) -> Study:

@@ -75,15 +75,33 @@ def read_unseen(path: Path | str) -> UnseenStudy:
     path = Path(path)
     root = load_toml(path, FORMAT, partial=True)
     require_kind(root, "unseen")
+    if "design" not in root:
+        return unseen_of(root, path)
+    return unseen_of(
+        root, path, read_design(path.parent / root.text("design")), read_model(path.parent / root.text("model"))
+    )
+
+
+def unseen_of(
+    root: Table,
+    path: Path,
+    design: Design | None = None,
+    model: Model | None = None,
+    measured: MeasurementSet | None = None,
+) -> UnseenStudy:
+    """A study from the table of its file at `path`, whose other keys have been taken. measured: in place of the set
+    that the table names. Raises InputError."""
     rig = read_rig_limits(root, path, pressure=HIGHEST)
-    unsewn = _unsewn(root, path, rig) if "design" in root else None
+    unsewn = None if design is None or model is None else _unsewn(root, path, rig, design, model)
     table = root.table("measured", None)
-    measured, folder, trials, free = None, None, 12, ()
+    folder, trials, free = None, 12, ()
     if table is not None:
-        folder = path.parent / table.text("set")
-        measured, trials, free = read_set(folder), table.integer("trials", 12, least=1), table.texts("free", ())
+        if measured is None:
+            folder = path.parent / table.text("set")
+            measured = read_set(folder)
+        trials, free = table.integer("trials", 12, least=1), table.texts("free", ())
         if len(measured.designs) < 2:
-            raise InputError(f"{table.where}: {folder} has one design; expected two or more, to leave each out in turn")
+            raise InputError(f"{table.where}: one design; expected two or more, to leave each out in turn")
         table.finish()
     if unsewn is None and measured is None:
         raise InputError(f"{path}: nothing to judge; expected a design with a model, a [measured] set, or both")
@@ -110,9 +128,7 @@ def read_unseen(path: Path | str) -> UnseenStudy:
     return study
 
 
-def _unsewn(root: Table, path: Path, rig: RigLimits) -> Unsewn:
-    design = read_design(path.parent / root.text("design"))
-    model = read_model(path.parent / root.text("model"))
+def _unsewn(root: Table, path: Path, rig: RigLimits, design: Design, model: Model) -> Unsewn:
     joint_root(model)  # sound, or said at once
     if not design.muscles:
         raise InputError(f"{path}: design {design.name} has no muscles; expected some")

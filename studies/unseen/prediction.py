@@ -19,7 +19,8 @@ _PERCENTILES = 5.0, 50.0, 95.0
 
 
 def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int, seed: int) -> list[dict[str, Any]]:
-    """Of each pose: the shape's band, tip, mean curvature and the study's outputs over drawn models; whether it snaps. mm, 1/m, kPa.
+    """Of each pose: the shape's band, tip, mean curvature and the study's outputs over drawn models, and whether it
+    snaps. mm, 1/m, degrees, kPa.
 
     band: m RMS over points that a drawn model's shape lies from their mean, in mm. Raises SimulationError where most
     models find no shape at rest.
