@@ -13,7 +13,7 @@ from fabdesign.interface.motions import equilibrium, simulate, sweep
 from fabdesign.interface.results import Calibrated, Evaluated, Motion, Sweep, Traced, Trained
 from fabdesign.interface.searches import layouts, optimize, sensitivity
 from fabdesign.interface.study_results import Layouts, Optimized, Sensitivity, Unseen
-from fabdesign.interface.unseen import unseen
+from fabdesign.interface.unsewn import unseen
 
 __all__ = [
     "Calibrated", "Evaluated", "Layouts", "Motion", "Optimized", "Sensitivity", "Sweep", "Traced", "Trained", "Unseen",
