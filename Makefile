@@ -1,10 +1,10 @@
 # `make demo` and `make test` do their own set-up, from nothing but Python and a Debian underneath.
 
 PYTHON := .venv/bin/python
-EXTRAS := clouds,cluster,corrector,dev,dxf,export,mesh,mocap,studio,tables# without corrector, tests that need PyTorch skip
+EXTRAS := clouds,cluster,corrector,dev,dxf,export,mesh,mocap,optuna,studio,tables# without corrector, tests that need PyTorch skip
 SETUP := pyproject.toml constraints.txt scripts/setup.sh
 
-.PHONY: demo test lint clean docs reference wheel wheel-test verify-sim verify-trace bench-sim bench-search loop
+.PHONY: demo test lint clean docs reference wheel wheel-test verify-sim verify-cluster verify-trace bench-sim bench-search loop
 
 demo: .venv/.ready-demo
 	.venv/bin/fabdesign demo -o demo
@@ -20,6 +20,10 @@ lint: .venv/.ready-test
 # the checks of tests/verify (that of the studio in a browser skips without chromium); writes docs/results/simulator_verification.md
 verify-sim: .venv/.ready-test
 	FABDESIGN_VERIFICATION_TABLE=1 $(PYTHON) -m pytest tests/verify
+
+# a scheduler and workers as processes here, one or the other killed in the middle of a sweep and of a search
+verify-cluster: .venv/.ready-test
+	$(PYTHON) -m pytest tests/verify/test_verify_cluster.py tests/test_cluster.py
 
 # traces of the synthetic rig's sets whose effects are known; hours, goes on where it stood; its part of docs/results/trace.md
 verify-trace: .venv/.ready-test

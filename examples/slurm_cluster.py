@@ -26,7 +26,11 @@ def main(jobs: int) -> None:
         walltime="08:00:00",
         # before the wall time a worker ends by itself: its batch goes to another and is not counted against it
         worker_extra_args=["--lifetime", "7h55m", "--lifetime-stagger", "4m"],
-        job_script_prologue=["export TI_CPU_MAX_NUM_THREADS=$SLURM_CPUS_PER_TASK", "export OMP_NUM_THREADS=1"],
+        job_script_prologue=[
+            "export TI_CPU_MAX_NUM_THREADS=$SLURM_CPUS_PER_TASK OMP_NUM_THREADS=1",
+            "export DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED=False",  # else it watches itself, 3 % of a core
+            "export DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL=1s DASK_DISTRIBUTED__WORKER__MEMORY__MONITOR_INTERVAL=2s",
+        ],
     )
     cluster.scale(jobs=jobs)
     print(cluster.scheduler_address, flush=True)

@@ -10,8 +10,8 @@ objects or paths. Everything here is loaded when it is asked for, so that this i
     (1, 2, 41, 41, 3)
 
 Nouns: Design, Fabric, Muscle, MuscleType, Model; `build` makes a catalogue layout; `read_design`, `read_set` and
-`read_model` read files. Verbs: `simulate` `equilibrium` `sweep` `sensitivity` `optimize` `calibrate` `train` `predict`
-`evaluate` `trace`. What they raise: InputError, SimulationError.
+`read_model` read files. Verbs: `simulate` `equilibrium` `sweep` `sensitivity` `optimize` `layouts` `unseen` `calibrate`
+`train` `predict` `evaluate` `trace`. What they raise: InputError, SimulationError.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         calibrate,
         equilibrium,
         evaluate,
+        layouts,
         optimize,
         predict,
         sensitivity,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
         sweep,
         trace,
         train,
+        unseen,
     )
     from fabdesign.measurement_set import read_set
     from fabdesign.model import Model
@@ -43,8 +45,8 @@ __version__ = "0.2.0"
 SIMULATOR = "2"  # counts changes of the simulator that move motions: factors fitted with another one may not fit
 __all__ = [
     "Design", "Fabric", "InputError", "Model", "Muscle", "MuscleType", "SimulationError",
-    "build", "calibrate", "equilibrium", "evaluate", "optimize", "predict", "read_design", "read_model", "read_set",
-    "sensitivity", "simulate", "sweep", "trace", "train",
+    "build", "calibrate", "equilibrium", "evaluate", "layouts", "optimize", "predict", "read_design", "read_model",
+    "read_set", "sensitivity", "simulate", "sweep", "trace", "train", "unseen",
 ]  # fmt: skip
 _WHERE = {
     "Design": "design", "Fabric": "fabric", "InputError": "errors", "Model": "model", "Muscle": "muscle",

@@ -1,10 +1,12 @@
 """A file's bytes, where they are few enough to be what was asked for."""
 
+import re
 from pathlib import Path
 
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, note
 
 LARGEST = 100_000_000  # bytes of a cloud or mesh: some million points, read in seconds
+_OF_NO_TEXT = re.compile("[\x00-\x08\x0e-\x1f\x7f]")
 
 
 def read_bytes(path: Path, what: str, *, largest: int = LARGEST) -> bytes:
@@ -25,6 +27,26 @@ def read_bytes(path: Path, what: str, *, largest: int = LARGEST) -> bytes:
     if size > largest:
         raise InputError(f"{path}: has {size / 1e6:.0f} MB; expected {what} of at most {largest / 1e6:.0f} MB")
     return content
+
+
+def decode_any(content: bytes, path: Path) -> str:
+    """As text of a laboratory's program: UTF-8, UTF-16 with its mark, else the code page of western Europe, which is
+    said. Raises InputError for what has characters of no text."""
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        encoding = "utf-16"
+    else:
+        try:
+            return content.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            encoding = "cp1252"
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError:
+        text = "\0"
+    if _OF_NO_TEXT.search(text):
+        raise InputError(f"{path}: is not a text file")
+    note(f"{path}: read as {encoding} text")
+    return text
 
 
 def decode(content: bytes, path: Path) -> str:

@@ -189,6 +189,8 @@ def _foreign_mesh(path: Path) -> Geometry:
     try:
         mesh = trimesh.load(path, force="mesh", process=False)
         vertices, triangles = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.intp)
+    except ModuleNotFoundError as error:  # of a 3MF
+        raise InputError(f"{path}: this kind needs more than trimesh ({error})") from None
     except Exception as error:  # trimesh raises whatever its parsers meet
         raise InputError(f"{path}: cannot be read as a mesh ({type(error).__name__})") from None
     if not len(triangles):

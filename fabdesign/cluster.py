@@ -5,6 +5,7 @@ nothing is imported and nothing changes. The only file here that knows `distribu
 """
 
 import hashlib
+import logging
 import os
 import platform
 import threading
@@ -68,12 +69,11 @@ def on_cluster(address: str | None, *, say: Say = lambda line: None) -> Iterator
 @contextmanager
 def _connected(address: str, say: Say) -> Iterator["Cluster"]:
     try:
-        import dask
-
-        dask.config.set({"logging.distributed": "critical"})  # a lost worker is no news, a lost scheduler is told here
         from distributed import Client
     except ModuleNotFoundError as error:
         raise InputError(f"{address}: needs {error.name}; install it with: pip install 'fabdesign[cluster]'") from None
+    for name in ("distributed", "distributed.client"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # a lost worker is no news, a lost scheduler is told here
     try:
         client = Client(address, timeout=WAIT, name="fabdesign")
     except (OSError, ValueError, TimeoutError) as error:

@@ -13,9 +13,10 @@ from decimal import Decimal, InvalidOperation
 from math import isfinite
 from pathlib import Path
 
+from fabdesign.bounded_file import decode_any, read_bytes
 from fabdesign.errors import InputError
 from fabdesign.output import write_text
-from fabdesign.table import read_text
+from fabdesign.table import LARGEST_TEXT
 
 _MARKS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 _WITH_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
@@ -47,7 +48,7 @@ def read_rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
 
 def read_raw_table(path: Path) -> RawTable:
     """The cells as they stand, however the columns are separated. Raises InputError where a row has another width."""
-    text = read_text(path)
+    text = decode_any(read_bytes(path, "a text file", largest=LARGEST_TEXT), path)
     mark = separator(next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), ""))
     try:
         rows = [(i, cells) for i, cells in _cells(text, mark) if any(cells) and not cells[0].startswith("#")]

@@ -5,9 +5,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from fabdesign.design import Design
 from fabdesign.effort import MUSCLES
 from fabdesign.errors import InputError
-from fabdesign.study_file import FORMAT, MuscleChoice, Side, Study, read_search, require_kind
+from fabdesign.model import Model
+from fabdesign.study_file import FORMAT, MuscleChoice, Side, Study, read_subject, require_kind, search_of
 from fabdesign.table import Table, load_toml, nearest
 
 Sides = Literal["front", "back", "both"]
@@ -72,11 +74,16 @@ def read_layouts(path: Path | str) -> LayoutsStudy:
     path = Path(path)
     root = load_toml(path, FORMAT, partial=True)
     require_kind(root, "layouts")
+    return layouts_of(root, path, *read_subject(root, path))
+
+
+def layouts_of(root: Table, path: Path, design: Design, model: Model | None) -> LayoutsStudy:
+    """A study from the table of its file at `path`, whose other keys have been taken. Raises InputError."""
     grid = root.table("grid")
     variables = root.table("variables", None) or Table({}, "")
     if "muscles" in variables or "start" in root:
         raise InputError(f"{path}: muscles of [variables] and start belong to one search; expected a [grid] alone")
-    search = read_search(root, path)
+    search = search_of(root, path, design, model)
     if "positions" not in variables:
         search = replace(search, positions=True)
     if not search.pressures:

@@ -1,6 +1,7 @@
 """The arrays of an npz or npy; whatever is wrong with the file becomes one line."""
 
 import io
+import math
 import zipfile
 import zlib
 from collections.abc import Iterator
@@ -62,7 +63,8 @@ def open_npz(path: Path, expected: str) -> Iterator[NpzArrays]:
 
 
 def read_npy(path: Path) -> NDArray[np.float64]:
-    """(n, 3) points of an npy. Raises InputError for damage, another shape and what is no number."""
+    """(n, 3) points of an npy, also of an image (rows, columns, 3). Raises InputError for damage, another shape and
+    what is no number."""
     expected = "an npy with points (n, 3)"
     content = read_bytes(path, expected)
     stream = io.BytesIO(content)
@@ -72,14 +74,14 @@ def read_npy(path: Path) -> NDArray[np.float64]:
         shape, _, dtype = header(stream)
     except _DAMAGED:
         raise InputError(f"{path}: is damaged or no npy; expected {expected}") from None
-    if dtype.kind not in "fiu" or len(shape) != 2 or shape[1] != 3:
+    if dtype.kind not in "fiu" or len(shape) not in (2, 3) or shape[-1] != 3:
         raise InputError(f"{path}: is {shape} {dtype}; expected {expected}")
-    size = shape[0] * 3 * dtype.itemsize  # before an array is made that has only its header's word
+    size = math.prod(shape) * dtype.itemsize  # before an array is made that has only its header's word
     if len(content) - stream.tell() != size:
         raise InputError(
             f"{path}: has {len(content) - stream.tell()} bytes of points and not {size}; expected {expected}"
         )
-    return np.load(io.BytesIO(content), allow_pickle=False).astype(np.float64)
+    return np.load(io.BytesIO(content), allow_pickle=False).astype(np.float64).reshape(-1, 3)
 
 
 def _require_small(archive: np.lib.npyio.NpzFile, path: Path, expected: str) -> None:

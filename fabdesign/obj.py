@@ -10,7 +10,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.bounded_file import decode, read_bytes
+from fabdesign.bounded_file import decode_any, read_bytes
 from fabdesign.errors import InputError, note
 
 # statements that say nothing about where the surface is
@@ -25,7 +25,7 @@ def read_obj(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     Raises InputError, with one line, for anything that is not a sound file.
     """
     path = Path(path)
-    text = decode(read_bytes(path, "an OBJ mesh"), path).replace("\\\r\n", " ").replace("\\\n", " ")
+    text = decode_any(read_bytes(path, "an OBJ mesh"), path).replace("\\\r\n", " ").replace("\\\n", " ")
     vertices: list[tuple[float, ...]] = []
     triangles: list[tuple[int, int, int]] = []
     lines = False

@@ -9,16 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.design import Design
-from fabdesign.design_file import read_design
 from fabdesign.effort import COARSEST, FINEST, LONGEST
 from fabdesign.errors import InputError
 from fabdesign.forward import HOLD, RISE
 from fabdesign.model import Model
-from fabdesign.model_file import read_model
 from fabdesign.model_sampling import covered, joint_root
 from fabdesign.pressure import limits
 from fabdesign.shape_output import EXPECTED, read_shape_output
-from fabdesign.study_file import FORMAT, TargetFile, read_start_pressures, read_targets, require_kind
+from fabdesign.study_file import FORMAT, TargetFile, read_start_pressures, read_subject, read_targets, require_kind
 from fabdesign.table import Table, load_toml
 from fabdesign.varied import Varied, read_varied
 
@@ -68,9 +66,7 @@ def read_sensitivity(path: Path | str) -> SensitivityStudy:
     path = Path(path)
     root = load_toml(path, FORMAT, partial=True)
     require_kind(root, "sensitivity")
-    design = read_design(path.parent / root.text("design"))
-    model_name = root.text("model", None)
-    return sensitivity_of(root, path, design, None if model_name is None else read_model(path.parent / model_name))
+    return sensitivity_of(root, path, *read_subject(root, path))
 
 
 def sensitivity_of(

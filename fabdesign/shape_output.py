@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.mid_surface import at_places, mid_surface
+from fabdesign.table import Table
 
 _POINT = r"[\w\s-]*\(\s*([-+.\deE]+)\s*,\s*([-+.\deE]+)\s*\)"
 _FORMS = {
@@ -55,6 +57,14 @@ def read_shape_output(text: str, fabric: Fabric, where: str) -> ShapeOutput:
         if found := form.fullmatch(text.strip()):
             return ShapeOutput(text, kind, _places(found.groups(), fabric, f"{where}: {text}"))
     raise InputError(f"{where}: {text}; expected {EXPECTED}")
+
+
+def read_shape_outputs(root: Table, path: Path, fabric: Fabric) -> tuple[ShapeOutput, ...]:
+    """Of `outputs` in the study at `path`, none where it has none. Raises InputError."""
+    texts = root.texts("outputs", ())
+    if len({*texts}) < len(texts):
+        raise root.bad("outputs", "each once")
+    return tuple(read_shape_output(text, fabric, f"{path}: outputs") for text in texts)
 
 
 def _places(cells: tuple[str, ...], fabric: Fabric, where: str) -> tuple[tuple[float, float], ...]:

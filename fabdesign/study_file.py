@@ -19,6 +19,7 @@ from fabdesign.placement import UNITS, Unit
 from fabdesign.pressure import LARGEST, limits
 from fabdesign.pressure_file import read_pressures
 from fabdesign.search_terms import Price, Robust, read_price, read_robust
+from fabdesign.shape_output import ShapeOutput, read_shape_outputs
 from fabdesign.sheet import Face
 from fabdesign.table import Table, load_toml, pascals
 from fabdesign.wishes import Wish, read_wishes
@@ -110,6 +111,7 @@ class Study:
     hold: float = HOLD  # s, for which they then hold, where effects remember
     price: Price = field(default_factory=Price)
     robust: Robust | None = None
+    outputs: tuple[ShapeOutput, ...] = ()  # said of the result's shapes; the search does not ask for them
 
 
 def read_study(path: Path | str) -> Study:
@@ -147,9 +149,14 @@ def require_kind(root: Table, kind: str) -> None:
 
 def read_search(root: Table, path: Path) -> Study:
     """A search from the table of its study at `path`, whose other keys have been taken. Raises InputError."""
+    return search_of(root, path, *read_subject(root, path))
+
+
+def read_subject(root: Table, path: Path) -> tuple[Design, Model | None]:
+    """The design and the model, if any, that the study at `path` names. Raises InputError."""
     design = read_design(path.parent / root.text("design"))
     model_name = root.text("model", None)
-    return search_of(root, path, design, None if model_name is None else read_model(path.parent / model_name))
+    return design, None if model_name is None else read_model(path.parent / model_name)
 
 
 def search_of(root: Table, path: Path, design: Design, model: Model | None) -> Study:
@@ -177,6 +184,7 @@ def search_of(root: Table, path: Path, design: Design, model: Model | None) -> S
         hold=root.number("hold", HOLD, least=0, most=3600),
         price=read_price(root),
         robust=read_robust(root),
+        outputs=read_shape_outputs(root, path, design.fabric),
     )
     if study.objective != "chamfer" and any(target.wishes for target in targets):
         raise root.bad("objective", '"chamfer" for wishes, which have a distance of their own')

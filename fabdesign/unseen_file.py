@@ -18,6 +18,7 @@ from fabdesign.model_sampling import joint_root
 from fabdesign.pressure import PressureProgram, limits
 from fabdesign.pressure_file import read_pressures
 from fabdesign.rig_limits_file import RigLimits, read_rig_limits
+from fabdesign.shape_output import ShapeOutput, read_shape_outputs
 from fabdesign.study_file import FORMAT, require_kind
 from fabdesign.table import Table, load_toml, pascals
 from fabdesign.trial import MeasurementSet
@@ -39,11 +40,13 @@ class CandidateMeasurement:
 
 @dataclass(frozen=True, eq=False)
 class Unsewn:
-    """What is not sewn yet: a design under `poses` (n, channels) Pa, and the model that is to predict it."""
+    """What is not sewn yet: a design under `poses` (n, channels) Pa, the model that is to predict it, and what is said
+    of its shapes beside the lower edge."""
 
     design: Design
     model: Model
     poses: NDArray[np.float64]
+    outputs: tuple[ShapeOutput, ...]
     candidates: tuple[CandidateMeasurement, ...]
 
 
@@ -72,15 +75,33 @@ def read_unseen(path: Path | str) -> UnseenStudy:
     path = Path(path)
     root = load_toml(path, FORMAT, partial=True)
     require_kind(root, "unseen")
+    if "design" not in root:
+        return unseen_of(root, path)
+    return unseen_of(
+        root, path, read_design(path.parent / root.text("design")), read_model(path.parent / root.text("model"))
+    )
+
+
+def unseen_of(
+    root: Table,
+    path: Path,
+    design: Design | None = None,
+    model: Model | None = None,
+    measured: MeasurementSet | None = None,
+) -> UnseenStudy:
+    """A study from the table of its file at `path`, whose other keys have been taken. measured: in place of the set
+    that the table names. Raises InputError."""
     rig = read_rig_limits(root, path, pressure=HIGHEST)
-    unsewn = _unsewn(root, path, rig) if "design" in root else None
+    unsewn = None if design is None or model is None else _unsewn(root, path, rig, design, model)
     table = root.table("measured", None)
-    measured, folder, trials, free = None, None, 12, ()
+    folder, trials, free = None, 12, ()
     if table is not None:
-        folder = path.parent / table.text("set")
-        measured, trials, free = read_set(folder), table.integer("trials", 12, least=1), table.texts("free", ())
+        if measured is None:
+            folder = path.parent / table.text("set")
+            measured = read_set(folder)
+        trials, free = table.integer("trials", 12, least=1), table.texts("free", ())
         if len(measured.designs) < 2:
-            raise InputError(f"{table.where}: {folder} has one design; expected two or more, to leave each out in turn")
+            raise InputError(f"{table.where}: one design; expected two or more, to leave each out in turn")
         table.finish()
     if unsewn is None and measured is None:
         raise InputError(f"{path}: nothing to judge; expected a design with a model, a [measured] set, or both")
@@ -107,16 +128,15 @@ def read_unseen(path: Path | str) -> UnseenStudy:
     return study
 
 
-def _unsewn(root: Table, path: Path, rig: RigLimits) -> Unsewn:
-    design = read_design(path.parent / root.text("design"))
-    model = read_model(path.parent / root.text("model"))
+def _unsewn(root: Table, path: Path, rig: RigLimits, design: Design, model: Model) -> Unsewn:
     joint_root(model)  # sound, or said at once
     if not design.muscles:
         raise InputError(f"{path}: design {design.name} has no muscles; expected some")
     if rig.channels is not None and design.channels > rig.channels:
         raise InputError(f"{path}: design {design.name} has {design.channels} channels; the rig has {rig.channels}")
     candidates = tuple(_candidate(table, path, design) for table in root.tables("candidates"))
-    return Unsewn(design, model, _poses(root, design, rig), candidates)
+    outputs = read_shape_outputs(root, path, design.fabric)
+    return Unsewn(design, model, _poses(root, design, rig), outputs, candidates)
 
 
 def _poses(root: Table, design: Design, rig: RigLimits) -> NDArray[np.float64]:

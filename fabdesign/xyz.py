@@ -8,7 +8,7 @@ from typing import NoReturn, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.bounded_file import decode, read_bytes
+from fabdesign.bounded_file import decode_any, read_bytes
 from fabdesign.csv_table import separator
 from fabdesign.errors import InputError
 from fabdesign.headings import parse_heading, parse_units_row
@@ -28,12 +28,12 @@ class TextCloud:
 def read_xyz(path: Path | str) -> TextCloud:
     """Points of a text file.
 
-    Lines that are empty or start with # are skipped; numbers are parted by semicolons, tabs, commas or blanks, and may
-    have decimal commas where no commas part them. A header names the columns x, y and z, with their unit or above a row
-    of units; without one they are the first three, and a CSV has no others. Raises InputError.
+    Lines that are empty or start with # or // are skipped; numbers are parted by semicolons, tabs, commas or blanks,
+    and may have decimal commas where no commas part them. A header names the columns x, y and z, with their unit or
+    above a row of units; without one they are the first three, and a CSV has no others. Raises InputError.
     """
     path = Path(path)
-    lines = _lines(path)
+    lines = _header_of_cloudcompare(_lines(path))
     if not lines:
         return TextCloud(np.zeros((0, 3)))
     mark = _mark(lines[0][1])
@@ -69,9 +69,18 @@ def read_pts(path: Path | str) -> NDArray[np.float64]:
 
 
 def _lines(path: Path) -> Lines:
-    text = decode(read_bytes(path, "a cloud"), path)
+    text = decode_any(read_bytes(path, "a cloud"), path)
     numbered = ((number, line.strip()) for number, line in enumerate(text.splitlines(), start=1))
     return [(number, line) for number, line in numbered if line and not line.startswith("#")]
+
+
+def _header_of_cloudcompare(lines: Lines) -> Lines:
+    """With "//X Y Z" as a header, as CloudCompare writes it, and without other lines of this kind."""
+    if lines and lines[0][1].startswith("//"):
+        number, first = lines[0][0], lines[0][1].removeprefix("//").strip()
+        if set(_AXES) <= {parse_heading(cell).name for cell in _split(first, _mark(first))}:
+            lines = [(number, first), *lines[1:]]
+    return [line for line in lines if not line[1].startswith("//")]
 
 
 def _mark(line: str) -> str | None:

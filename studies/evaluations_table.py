@@ -12,7 +12,8 @@ from fabdesign.csv_table import write_rows
 from fabdesign.errors import InputError
 
 HISTORY, SAMPLES = "history.sqlite", "samples.csv"
-_COLUMNS = ["part", "evaluation", "seconds", "stage", "objective_mm", "diverged"]
+OBJECTIVE = "objective_mm"
+_COLUMNS = ["part", "evaluation", "seconds", "stage", OBJECTIVE, "diverged"]
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,12 @@ from fabdesign.cli import commands
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import HOLD, RISE, Case
 from fabdesign.interface import Motion
-from fabdesign.model import Model, Parameter, Provenance
+from fabdesign.measurement_set import NewTrial, write_set
+from fabdesign.model import Covariance, Model, Parameter, Provenance
+from fabdesign.model_file import write_model
 from fabdesign.motion_file import read_motion
 from fabdesign.pressure_file import constant_program
+from fabdesign.study_file import KINDS
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run
 from tests.conftest import ROOT
@@ -30,6 +33,8 @@ VERBS = [
     "sweep",
     "sensitivity",
     "optimize",
+    "layouts",
+    "unseen",
     "calibrate",
     "train",
     "predict",
@@ -222,6 +227,85 @@ def test_optimize_ends_with_a_design_and_its_table(asked: Callable[[], list[str]
     assert found.shapes[0].points.shape[0] == 1 and found.objective < 5e-3
 
 
+OUTPUT = "height of corner (0.2, 0.2)"
+UNCERTAIN = Model(
+    {"muscle_gain": Parameter(1.0, scope="muscle_types.EM20")},
+    covariance=Covariance(("muscle_gain",), np.array([[0.01]])),
+)
+STUDIES = {
+    "layouts": (
+        "studies.layout_grid.run._Grid",
+        '[target]\nfile = "target.npz"\n[grid]\nmuscles = [1, 3]\nsides = ["front"]\n[limits]\nevaluations = 90\n'
+        "pressure = [0, 250.5]\n",
+        lambda: fabdesign.layouts(
+            "cross.toml", "target.npz", model="fitted.toml", seed=3, muscles=[1, 3], sides=["front"], evaluations=90,
+            limits={"pressure": [0, 250.5]}, outputs=[OUTPUT],
+        ),
+    ),
+    "unseen": (
+        "studies.unseen.run._unsewn",
+        "pressures = [[200.5, 0]]\nsamples = 9\npoints_per_side = 15\n[rig_limits]\nrate = 400\n"
+        '[measured]\nset = "pair"\ntrials = 2\nfree = ["air_drag"]\n',
+        lambda: fabdesign.unseen(
+            "cross.toml", "fitted.toml", seed=3, pressures=[[200.5, 0]], samples=9, grid=15, rig_limits={"rate": 400},
+            measured="pair", trials=2, free=["air_drag"], outputs=[OUTPUT],
+        ),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_studies_are_the_same_from_a_file_and_from_arguments(
+    name: str, run: Run, asked: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    below, further, function = STUDIES[name]
+    np.savez(
+        "target.npz", points=AnalyticCloth().equilibria([Case(fabdesign.build("cross"), constant_program([2e5, 0]))])[0]
+    )
+    one = fabdesign.read_set("set").trials[0]
+    designs = {each: fabdesign.build("cross", name=each) for each in ("one", "two")}
+    write_set(Path("pair"), designs, [NewTrial(each, each, 0, "fit", one.load()) for each in designs], name="pair")
+    write_model(UNCERTAIN, Path("fitted.toml"))
+    head = f'kind = "{name}"\nname = "cross"\ndesign = "cross.toml"\nmodel = "fitted.toml"\nseed = 3\n'
+    Path("study.toml").write_text(f'{head}outputs = ["{OUTPUT}"]\n{further}')
+    seen: list[Any] = []
+
+    def note(*arguments: Any, **_: Any) -> None:
+        seen.append(next(each for each in arguments if hasattr(each, "seed") or hasattr(each, "search")))
+        raise InputError("seen")
+
+    monkeypatch.setattr(below, note)
+    assert run("study", "study.toml", "-o", "out")[2].endswith("fabdesign: seen\n")
+    with pytest.raises(InputError, match=r"^seen$"):
+        function()
+    its, mine = ([repr(cell) for cell in study.cells] if name == "layouts" else _fields(study) for study in seen)
+    assert [text.replace(f"{Path.cwd()}/", "") for text in mine] == its
+
+
+def _fields(study: Any) -> list[str]:
+    """But the set, which is read twice, and its folder, which arguments do not keep."""
+    return [repr(getattr(study, f.name)) for f in fields(study) if f.name not in ("name", "folder", "measured")]
+
+
+def test_layouts_side_by_side_end_as_a_table(asked: Callable[[], list[str]]) -> None:
+    vertical = fabdesign.build("vertical", muscles=1)
+    goal = AnalyticCloth().equilibria([Case(vertical, constant_program([2e5]))])[0]
+    found = fabdesign.layouts(vertical, goal[::4], muscles=[1], sides=["front"], evaluations=30, outputs=[OUTPUT])
+    table = found.to_table()
+    assert table["name"].tolist() == ["1_EM20_front"] and table["front"].tolist() == [True]
+    shape = found.front[0].shapes[0]
+    assert table[OUTPUT][0] == pytest.approx(1e3 * shape.faces[0, :, -1, -1, 1].mean(), abs=1e-3)
+
+
+def test_what_is_not_sewn_yet_has_intervals(asked: Callable[[], list[str]]) -> None:
+    cross = fabdesign.build("cross", muscles=2)
+    table = fabdesign.unseen(cross, UNCERTAIN, pressures=[[200, 0]], outputs=[OUTPUT], samples=8).to_table()
+    assert table["output"].tolist() == ["tip_x", "tip_y", "tip_z", "mean_curvature", OUTPUT]
+    assert (table["low90"] <= table["middle"]).all() and (table["middle"] <= table["high90"]).all()
+    with pytest.raises(InputError, match=r"a design or a model alone; expected both"):
+        fabdesign.unseen(cross, measured="set")
+
+
 SWEEP = """kind = "sensitivity"
 design = "cross.toml"
 method = "sobol"
@@ -322,7 +406,9 @@ def test_dir_and_help_list_what_a_user_needs() -> None:
     assert dir(fabdesign) == sorted([*fabdesign.__all__, "__version__"])
     assert {*VERBS} <= {*fabdesign.__all__}
     assert all(getattr(fabdesign, name).__doc__ for name in fabdesign.__all__)
-    assert {verb for verb in VERBS if verb not in ("equilibrium", "sweep")} <= {*commands.commands}
+    studies = {"layouts", "unseen"}  # by the command `study`
+    assert {verb for verb in VERBS if verb not in ("equilibrium", "sweep")} - studies <= {*commands.commands}
+    assert studies <= {*KINDS}
     text = pydoc.plain(pydoc.render_doc(fabdesign))
     assert "sensitivity(" in text and "TYPE_CHECKING" not in text
 

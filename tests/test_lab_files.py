@@ -357,6 +357,28 @@ def test_unsound_clouds_are_one_line(name: str, content: str | bytes, problem: s
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "cp1252"])
+def test_texts_in_other_encodings_are_read_and_said(encoding: str, tmp_path: Path) -> None:
+    path = tmp_path / "b.csv"
+    path.write_bytes(("# Prüfstand 3, 20 °C\n" + SEMICOLONS).encode(encoding))
+    assert f"{path}: read as {encoding} text" in said(lambda: read_bench_table(path))
+    np.testing.assert_allclose(rows_of(read_bench_table(path)), rows_of(LAW), rtol=1e-12)
+    cloud = tmp_path / "c.asc"
+    cloud.write_bytes("# Gerät 2\n0 0 0\n0.1 0 0\n".encode(encoding))
+    assert len(read_geometry(cloud).points) == 2
+    path.write_bytes(SEMICOLONS.encode(encoding) + b"\x00\x01\xd8")
+    with pytest.raises(InputError, match=r"b\.csv: is not a text file$"):
+        read_bench_table(path)
+
+
+def test_a_header_of_cloudcompare_and_an_image_of_points(tmp_path: Path) -> None:
+    (tmp_path / "a.asc").write_text("//X Y Z R G B\n1 2 3 0 0 0\n4 5 6 0 0 0\n")
+    (tmp_path / "b.asc").write_text("// scan of 3 May\n1 2 3 9\n4 5 6 9\n")
+    np.save(tmp_path / "c.npy", np.array([[[1, 2, 3]], [[4, 5, 6]]], np.float32))
+    for name in ("a.asc", "b.asc", "c.npy"):
+        np.testing.assert_array_equal(read_geometry(tmp_path / name).points, [[1, 2, 3], [4, 5, 6]])
+
+
 def test_npy_of_another_shape_and_length(tmp_path: Path) -> None:
     for wrong in (np.zeros((4, 2)), np.array(["a"]), np.zeros(3)):
         np.save(tmp_path / "a.npy", wrong)

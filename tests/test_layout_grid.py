@@ -27,6 +27,7 @@ from tests.command_line import Run, one_line
 STUDY = """format = "fabdesign.study/1"
 kind = "layouts"
 design = "d.toml"
+outputs = ["height of corner (0.2, 0.2)"]
 [target]
 file = "target.xyz"
 [grid]
@@ -95,7 +96,11 @@ def test_a_grid_finds_its_front_and_goes_on_where_it_was(folder: Path) -> None:
     assert result["front"] == ["1_EM20_front", "2_EM20_front"]  # the target was made with two
     front = [cells[name]["objective_mm"] for name in result["front"]]
     assert front == sorted(front, reverse=True)
+    for cell in cells.values():
+        found = cell["outputs"]["height of corner (0.2, 0.2)"]
+        assert found["unit"] == "mm" and -200 < found["values"][0] < -100  # curled, the corner has come up a little
     page = (folder / "out" / "report.html").read_text()
+    assert page.count("height of corner (0.2, 0.2): -") == len(cells)
     assert page.count("<svg") == 1 + len(cells)
     assert page.count("data:image/png") == len(cells)  # each shape beside the target
     assert (folder / "out" / "cells" / "2_EM20_front" / "report.html").is_file()
@@ -210,6 +215,8 @@ def test_a_cell_has_one_type_and_its_share(folder: Path) -> None:
         ("muscles = [1, 2]", "muscles = [0]", "numbers of muscles from 1"),
         ("muscles = [1, 2]", "", "muscles is missing"),
         ('sides = ["front"]', 'sides = ["top"]', '"front", "back", "both"'),
+        ("height of corner (0.2, 0.2)", "height of corner (0.3, 0.2)", "expected places on the cloth, 0.2 by 0.2 m"),
+        ("height of corner (0.2, 0.2)", "height of corner", 'expected "height of NAME (u, v)"'),
         ("[limits]", 'types = ["EM2"]\n[limits]', "did you mean EM20?"),
         ("[limits]", "[variables]\nmuscles = { max = 2 }\n[limits]", "expected a [grid] alone"),
         ('"layouts"', '"loop"', "expected one source of measurements, [rig] or [laboratory]"),

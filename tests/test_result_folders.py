@@ -105,6 +105,28 @@ def test_every_sample_of_a_sweep_is_a_row_with_own_outputs(tmp_path: Path) -> No
     assert listed["made_by"] == "sensitivity"
 
 
+def test_a_search_is_a_store_of_optuna_studies(tmp_path: Path) -> None:
+    """A study a part; the best trial is the best evaluation, and what diverged has failed."""
+    optuna = pytest.importorskip("optuna", reason="the extra optuna is not installed")
+    search_folder(tmp_path / "grid" / "cells" / "one", 4.5, ENTRIES)
+    search_folder(tmp_path / "grid" / "cells" / "two", 3.5, ENTRIES[:1])
+    assert run("table", tmp_path / "grid", "-o", tmp_path / "all.db")["rows"] == 4
+    store = f"sqlite:///{tmp_path / 'all.db'}"
+    assert sorted(optuna.get_all_study_names(store)) == ["cells/one", "cells/two"]
+    study = optuna.load_study(study_name="cells/one", storage=store)
+    assert [trial.state.name for trial in study.trials] == ["COMPLETE", "FAIL", "COMPLETE"]
+    assert (study.best_value, study.best_params) == (pytest.approx(4.5), {"x_0": 0.125})
+    assert study.trials[1].user_attrs == {"evaluation": 2, "seconds": 0.75, "stage": "coarse model"}
+    single = search_folder(tmp_path / "lift", 4.5, ENTRIES)
+    run("table", single, "-o", tmp_path / "lift.db")
+    assert optuna.get_all_study_names(f"sqlite:///{tmp_path / 'lift.db'}") == ["lift"]
+    (tmp_path / "sweep").mkdir()
+    (tmp_path / "sweep" / "samples.csv").write_text("method,pressure.0\nmorris,1\n")
+    with pytest.raises(InputError, match=r"^sweep: has no objective_mm; expected the folder of a search"):
+        run("table", tmp_path / "sweep", "-o", tmp_path / "sweep.db")
+    assert not (tmp_path / "sweep.db").exists()
+
+
 def test_what_is_no_result_is_refused_in_a_line(tmp_path: Path) -> None:
     (tmp_path / "plain").mkdir()
     a = search_folder(tmp_path / "a", 4.5, ENTRIES)
@@ -117,7 +139,7 @@ def test_what_is_no_result_is_refused_in_a_line(tmp_path: Path) -> None:
         (("list", tmp_path / "none"), "no such folder"),
         (("compare", a), "expected two or more"),
         (("table", tmp_path / "plain", "-o", tmp_path / "t.csv"), "expected the folder of a search or of a sweep"),
-        (("table", a, "-o", tmp_path / "t.xlsx"), "ends in .csv or .parquet"),
+        (("table", a, "-o", tmp_path / "t.xlsx"), "ends in .csv, .parquet or .db"),
     ):
         with pytest.raises(InputError) as refused:
             run(*words)

@@ -90,7 +90,8 @@ def write_measured(folder: Path, device: Arc | None = None, effects: tuple[Term,
 
 def test_shapes_have_intervals_and_the_best_measurement_is_said(folder: Path) -> None:
     candidates = '[[candidates]]\nprogram = "0,0"\n[[candidates]]\nprogram = "200,200"\n'
-    (folder / "s.toml").write_text(STUDY + "samples = 200\npressures = [[200, 200]]\n" + candidates)
+    outputs = 'outputs = ["z of corner (0.2, 0.2)", "distance from left (0, 0.2) to right (0.2, 0.2)"]\n'
+    (folder / "s.toml").write_text(STUDY + "samples = 200\npressures = [[200, 200]]\n" + outputs + candidates)
     arc = Arc()
     result = run_unseen(folder / "s.toml", folder / "out", forward=arc)
     pose = result["poses"][0]
@@ -112,6 +113,11 @@ def test_shapes_have_intervals_and_the_best_measurement_is_said(folder: Path) ->
     assert found["due_to_mm"]["damping"] == pytest.approx(0, abs=1e-3)
     assert found["program"]["pressure_kpa"] == [[200, 200]]
     assert (folder / "out" / "report.html").read_text().count("<svg") == 1
+    across = pose["outputs"]["distance from left (0, 0.2) to right (0.2, 0.2)"]
+    assert across["unit"] == "mm" and across["percentiles"] == pytest.approx([200.0] * 3, abs=0.01)  # it curls down
+    corner = pose["outputs"]["z of corner (0.2, 0.2)"]["percentiles"]
+    assert corner == pytest.approx([low, middle, high], abs=1e-3)  # all of the edge comes forward alike
+    assert f"  z of corner (0.2, 0.2): {middle:.1f} mm (90 % {low:.1f} to {high:.1f})" in as_text(result)
     asked = arc.asked
     again = run_unseen(folder / "s.toml", folder / "out", forward=arc)
     assert arc.asked == asked

@@ -32,6 +32,7 @@ _EXTRAS = {
     "rerun": "rerun",
     "pandas": "tables",
     "pyarrow": "tables",
+    "optuna": "optuna",
     "viser": "studio",
 }
 

@@ -59,23 +59,34 @@ def compare(folders: tuple[Path, ...], as_json: bool) -> None:
 
 @studies_group.command()
 @click.argument("folder", type=FILE)
-@click.option("-o", "--output", type=FILE, required=True, help="NAME.csv or NAME.parquet (needs the extra tables).")
+@click.option(
+    "-o", "--output", type=FILE, required=True, help="NAME.csv, NAME.parquet (extra tables) or NAME.db (extra optuna)."
+)
 @force_option
 @json_option
 def table(folder: Path, output: Path, force: bool, as_json: bool) -> None:
-    """Write every evaluation of a search or sweep as one table."""
+    """Write every evaluation of a search or sweep as one table.
+
+    A NAME.db, of a search alone, is a study store that Optuna's dashboard opens: optuna-dashboard sqlite:///NAME.db
+    """
     from fabdesign.output import new_file
     from studies.evaluations_table import read_evaluations, write_evaluations
+    from studies.optuna_store import write_optuna_store
 
     kind = output.suffix.lower()
-    if kind not in (".csv", ".parquet"):
-        raise InputError(f"{output}: expected a name that ends in .csv or .parquet")
+    if kind not in (".csv", ".parquet", ".db"):
+        raise InputError(f"{output}: expected a name that ends in .csv, .parquet or .db")
     if kind == ".parquet":
         import pandas  # noqa: F401 missing: said before anything is done
         import pyarrow  # noqa: F401
+    if kind == ".db":
+        import optuna  # noqa: F401 the same
     with new_file(output, force=force) as unfinished:
         found = read_evaluations(folder)
-        write_evaluations(found, unfinished)
+        if kind == ".db":
+            write_optuna_store(found, unfinished, folder.resolve().name)
+        else:
+            write_evaluations(found, unfinished)
     result = {"file": str(output), "rows": len(found.rows), "columns": list(found.columns)}
     print_result(result, f"{output}: {len(found.rows)} rows, {len(found.columns)} columns", as_json)
 

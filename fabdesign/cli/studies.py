@@ -63,17 +63,19 @@ def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_j
     from studies.layouts.run import run_study
 
     with LiveLine(study.stem) as line:
-        result = run_study(study, output, seconds=seconds, force=force, progress=line.show).as_json()
+        found = run_study(study, output, seconds=seconds, force=force, progress=line.show)
+    result = found.as_json()
     text = (
         f"{output}: {result['objective_mm']:.3f} mm (Chamfer {result['chamfer']:.3f}, noise floor "
         f"{result['chamfer_floor']:.3f}) after {result['evaluations']} evaluations; {result['stop_reason']}"
     )
+    outputs = [f"{name}: {', '.join(values)}" for name, values in found.outputs.items()]
     after = [result["fewer"]["said"]] if result["fewer"] else []
     after += result["robust"]["said"] if result["robust"] else []
     said = [*after, *result["reach"]["said"], *result["way"]["said"]]
     if result["surface_beyond"] >= MANY_BEYOND:
         said.append(told_beyond(result["surface_beyond"]))
-    text = "\n".join([*(f"target: {target}" for target in result["targets"]), text, *said])
+    text = "\n".join([*(f"target: {target}" for target in result["targets"]), text, *outputs, *said])
     print_result(result, text, as_json)
 
 

@@ -10,10 +10,13 @@ The only package of `fabdesign` that knows the others (sim, studies); loaded whe
 
 from fabdesign.interface.measured import calibrate, evaluate, predict, trace, train
 from fabdesign.interface.motions import equilibrium, simulate, sweep
-from fabdesign.interface.results import Calibrated, Evaluated, Motion, Optimized, Sensitivity, Sweep, Traced
-from fabdesign.interface.searches import optimize, sensitivity
+from fabdesign.interface.results import Calibrated, Evaluated, Motion, Sweep, Traced, Trained
+from fabdesign.interface.searches import layouts, optimize, sensitivity
+from fabdesign.interface.study_results import Layouts, Optimized, Sensitivity, Unseen
+from fabdesign.interface.unsewn import unseen
 
 __all__ = [
-    "Calibrated", "Evaluated", "Motion", "Optimized", "Sensitivity", "Sweep", "Traced",
-    "calibrate", "equilibrium", "evaluate", "optimize", "predict", "sensitivity", "simulate", "sweep", "trace", "train",
+    "Calibrated", "Evaluated", "Layouts", "Motion", "Optimized", "Sensitivity", "Sweep", "Traced", "Trained", "Unseen",
+    "calibrate", "equilibrium", "evaluate", "layouts", "optimize", "predict", "sensitivity", "simulate", "sweep",
+    "trace", "train", "unseen",
 ]  # fmt: skip

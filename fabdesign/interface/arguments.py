@@ -55,6 +55,13 @@ def simulator(points_per_side: int, **options: Any) -> ForwardModel:
     return Simulator(points_per_side, **options)
 
 
+def study_file(design: Any) -> Path:
+    """Of a function that is given nothing but a study, as its command takes it."""
+    if not isinstance(design, Path | str):
+        raise InputError(f"{getattr(design, 'name', design)}: a design alone; expected what is asked of it, or a study")
+    return Path(design)
+
+
 def one_design(design: DesignLike) -> Design:
     return design if isinstance(design, Design) else read_design(design)
 

@@ -1,6 +1,6 @@
 """Results: arrays, and the same as tables, files and arrays with named axes where the extra `tables` is there."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from studies.calibration.calibrate import Calibration
     from studies.evaluate import SetEvaluation
-    from studies.layouts.result import StudyResult
-    from studies.sensitivity.result import SensitivityResult
     from studies.tracing.outcome import Outcome
     from studies.training.train import TrainingResult
 
@@ -190,85 +188,6 @@ class Evaluated(Tabled):
             for error in ("chamfer", "chamfer_floor", "surface_rms", "surface_floor"):
                 columns[f"{error}_{when}"] = [1e3 * getattr(getattr(trial, when), error) for _, trial in rows]
         return columns
-
-
-@dataclass(frozen=True, eq=False)
-class Optimized(Tabled):
-    """found: all that the search says."""
-
-    found: "StudyResult"
-
-    @property
-    def design(self) -> Design:
-        return self.found.design
-
-    @property
-    def pressures(self) -> NDArray[np.float64]:
-        """(poses, channels) kPa."""
-        return self.found.pressures / 1e3
-
-    @property
-    def shapes(self) -> list[Motion]:
-        """Of each pose, at rest or at its target's instant."""
-        points = np.asarray(self.found.points, np.float32)
-        return [Motion(np.array([t.time or 0.0]), p[None]) for t, p in zip(self.found.targets, points, strict=True)]
-
-    @property
-    def objective(self) -> float:
-        """m, of the measure that was searched."""
-        return self.found.objective
-
-    def columns(self) -> dict[str, Any]:
-        """A row an evaluation of the search: its number, objective [mm], whether it diverged."""
-        history = self.found.history
-        return {
-            "evaluation": [*range(1, len(history) + 1)],
-            "objective_mm": [1e3 * entry.objective for entry in history],
-            "diverged": [entry.diverged for entry in history],
-        }
-
-
-@dataclass(frozen=True, eq=False)
-class Sensitivity(Tabled):
-    """found: all that the sweep says, its samples with them."""
-
-    found: "SensitivityResult"
-
-    @property
-    def complete(self) -> bool:
-        """False where the time ended, or it was interrupted."""
-        return self.found.complete
-
-    def indices(self, output: str) -> dict[str, dict[str, Any]]:
-        """Of an output, by parameter: first, total and their intervals. Raises InputError where there are none."""
-        entry = self.found.as_json()["outputs"].get(output)
-        if entry is None or "sobol" not in entry:
-            known = ", ".join(column.name for column in self.found.columns)
-            raise InputError(f"{output}: no indices; expected an output that varies, of {known}")
-        indices: dict[str, dict[str, Any]] = entry["sobol"]
-        return indices
-
-    def columns(self) -> dict[str, Any]:
-        """A row an output and parameter: method, and each of its numbers."""
-        rows = [
-            {"output": output, "unit": entry["unit"], "parameter": name, "method": method} | _flat(numbers)
-            for output, entry in self.found.as_json()["outputs"].items()
-            for method in ("morris", "sobol")
-            for name, numbers in entry.get(method, {}).items()
-        ]
-        names = list(dict.fromkeys(name for row in rows for name in row))
-        return {name: [row.get(name, np.nan) for row in rows] for name in names}
-
-
-def _flat(numbers: Mapping[str, Any]) -> dict[str, float]:
-    flat: dict[str, float] = {}
-    for name, value in numbers.items():
-        if isinstance(value, Sequence):
-            stem = name.removesuffix("interval90").removesuffix("_")
-            flat |= {f"{stem}{'_' * bool(stem)}{side}90": x for side, x in zip(("low", "high"), value, strict=True)}
-        else:
-            flat[name] = value
-    return flat
 
 
 def _of_model(model: Model) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Searches and sweeps: a layout with pressures for a target, and what a shape depends on."""
+"""Searches and sweeps: a layout with pressures for a target, layouts side by side, and what a shape depends on."""
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -20,10 +20,12 @@ from fabdesign.interface.arguments import (
     computing,
     one_design,
     one_model,
+    study_file,
     unheard,
     warn,
 )
-from fabdesign.interface.results import Motion, Optimized, Sensitivity
+from fabdesign.interface.results import Motion
+from fabdesign.interface.study_results import Layouts, Optimized, Sensitivity
 from fabdesign.table import Table
 
 Target = ArrayLike | Path | str  # (n, 3) m, or a cloud, mesh or trial
@@ -64,7 +66,7 @@ def optimize(
     with tempfile.TemporaryDirectory(prefix="fabdesign_") as scratch:
         folder = Path(scratch)
         if target is None:
-            study = _study_file(design)
+            study = study_file(design)
             where = study
         else:
             given = {**(limits or {})}
@@ -82,6 +84,59 @@ def optimize(
                 progress=lambda at: progress(_best(at), at.share),
             )
     return Optimized(result)
+
+
+def layouts(
+    design: DesignLike,
+    target: Target | Sequence[Path | str] | None = None,
+    out: Path | str | None = None,
+    *,
+    muscles: Sequence[int] = (1, 2, 4),
+    types: Sequence[str] | None = None,
+    sides: Sequence[str] = ("front", "back", "both"),
+    limits: Mapping[str, Any] | None = None,
+    outputs: Sequence[str] = (),
+    model: ModelLike | None = None,
+    seconds: float | None = None,
+    evaluations: int | None = None,
+    seed: int = 1,
+    force: bool = False,
+    progress: Progress = unheard,
+    say: Say = warn,
+    cluster: str | None = None,
+    **keys: Any,
+) -> Layouts:
+    """How near a target each number of muscles comes: a search for every one of `muscles`, `types` and `sides`.
+
+    design: its cloth and muscle types; or, without a target, the file of a study of kind `layouts`. types: of the
+    design's muscle types, by default all. outputs: of each layout's shapes, in words (docs/sensitivity.md), such as
+    "height of corner (0.2, 0.2)". seconds, evaluations: of all searches together. Other arguments, Ctrl-C and errors
+    are those of `optimize`.
+    """
+    from fabdesign.layouts_file import layouts_of
+    from studies.layout_grid.run import run_layouts
+
+    with tempfile.TemporaryDirectory(prefix="fabdesign_") as scratch:
+        folder = Path(scratch)
+        if target is None:
+            study: Any = study_file(design)
+            where = study
+        else:
+            given = {**(limits or {}), **({} if evaluations is None else {"evaluations": evaluations})}
+            grid = {"muscles": [*muscles], "sides": [*sides], **({} if types is None else {"types": [*types]})}
+            root = {"name": one_design(design).name, "seed": seed, "grid": grid, "limits": given, "outputs": [*outputs]}
+            root |= {**_targets(target, folder, keys), **keys}
+            table = Table(as_toml(root), "layouts")
+            study, where = layouts_of(table, Path("layouts"), one_design(design), one_model(model, say=say)), None
+        with computing(cluster, where, say=say):
+            result = run_layouts(
+                study,
+                Path(out) if out is not None else folder / "work",
+                seconds=seconds,
+                force=force,
+                progress=lambda cell, number, of, at: progress(f"{cell.name} ({number} of {of}): {_best(at)}", None),
+            )
+    return Layouts(result)
 
 
 def sensitivity(
@@ -121,7 +176,7 @@ def sensitivity(
     from studies.sensitivity.run import run_sensitivity
 
     if parameters is None and not covariance:
-        study: Any = _study_file(design)
+        study: Any = study_file(design)
         where = study
     else:
         functions = dict(outputs) if isinstance(outputs, Mapping) else {}
@@ -159,12 +214,6 @@ def sensitivity(
             interruptible=True,
         )
     return Sensitivity(result)
-
-
-def _study_file(design: Any) -> Path:
-    if not isinstance(design, Path | str):
-        raise InputError(f"{getattr(design, 'name', design)}: a design alone; expected what is asked of it, or a study")
-    return Path(design)
 
 
 def _search(root: dict[str, Any], design: DesignLike, model: Any) -> Any:

@@ -108,6 +108,12 @@ def as_text(result: GridResult) -> str:
     lines = [
         f"{f.cell.muscles} muscles, {f.cell.type}, {f.cell.sides}: {1e3 * f.objective:.3f} mm" for f in result.front
     ]
+    lines += [
+        f"{f.cell.name}: {name}: {', '.join(values)}"
+        for f in result.front
+        if f.result
+        for name, values in f.result.outputs.items()
+    ]
     lines += [f"{f.cell.name}: {f.why}" for f in result.found if f.result is None]
     lines += [sentence for f in result.found if f.result for sentence in result.statements(f.cell)]
     if result.interrupted:

@@ -110,7 +110,7 @@ class GridResult:
             return entry
         result = best.result.as_json()
         keys = ("objective_mm", "chamfer", "chamfer_floor", "surface_rms", "surface_floor")
-        entry |= {k: result[k] for k in keys}
+        entry |= {k: result[k] for k in keys} | {"outputs": result["outputs"]}
         entry |= {"of": best.cell.name, "sides_used": best.sides_used, "muscles_used": len(best.pulling)}
         entry |= {"said": [*self.statements(cell), *best.result.reach.sentences], "front": on_front}
         if found.result is not None:

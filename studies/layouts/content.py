@@ -11,7 +11,7 @@ from fabdesign.study_file import Study
 from studies.layouts.target import LoadedTarget
 
 _RAISED = ("limits.seconds", "limits.evaluations")  # without another result up to there
-_NO_MATTER = ("name", "targets")  # the targets' points count, not their files
+_NO_MATTER = ("name", "targets", "outputs")  # the targets' points count, not their files
 _LONGEST = 200  # characters that are kept of a value; of longer ones their hash
 
 

@@ -67,6 +67,17 @@ class StudyResult:
         early = [e.objective for e in shapes if e.seconds <= within]
         return min(early, default=None)
 
+    @property
+    def outputs(self) -> dict[str, list[str]]:
+        """What the study asks for of the result's shapes, by name: of each pose, with its unit."""
+        return {name: [f"{value:.1f} {of['unit']}" for value in of["values"]] for name, of in self._outputs().items()}
+
+    def _outputs(self) -> dict[str, Any]:
+        return {
+            output.text: {"unit": output.unit, "values": [output.of(points) for points in self.points]}
+            for output in self.study.outputs
+        }
+
     def _poses(self) -> list[dict[str, float]]:
         """Of several poses, the errors of each."""
         if len(self.targets) == 1:
@@ -106,6 +117,7 @@ class StudyResult:
             "constraints": {k: v / 1e3 if k == "pressure" else v for k, v in self.constraints.items()},
             "stop_reason": self.stop_reason,
             "poses": self._poses(),
+            "outputs": self._outputs(),
             "reach": self.reach.as_json(),
             "way": self.way.as_json() if self.way else None,
             "after_a_tenth_mm": self.after_a_tenth and 1e3 * self.after_a_tenth,

@@ -19,7 +19,8 @@ _PERCENTILES = 5.0, 50.0, 95.0
 
 
 def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int, seed: int) -> list[dict[str, Any]]:
-    """Of each pose: the shape's band, tip and mean curvature over drawn models; whether it snaps. mm, 1/m, kPa.
+    """Of each pose: the shape's band, tip, mean curvature and the study's outputs over drawn models, and whether it
+    snaps. mm, 1/m, degrees, kPa.
 
     band: m RMS over points that a drawn model's shape lies from their mean, in mm. Raises SimulationError where most
     models find no shape at rest.
@@ -50,6 +51,10 @@ def _pose(unsewn: Unsewn, pose: Array, drawn: list[Array], off: list[Array]) -> 
         "band_mm": 1e3 * float(np.sqrt(np.square(away).mean())),
         "widest_mm": 1e3 * float(np.sqrt(np.square(away).mean(axis=0)).max()),
         "tip_mm": {axis: _percentiles(tips[:, k]) for k, axis in enumerate("xyz")},
+        "outputs": {
+            output.text: {"unit": output.unit, "percentiles": _percentiles(np.array([output.of(s) for s in sound]))}
+            for output in unsewn.outputs
+        },
         "mean_curvature": _percentiles(np.array([mean_curvature(shape) for shape in sound])),
         "failed": len(drawn) - 1 - len(sound),
         "snaps": bool(snaps(moved(drawn[0], *off)[None])[0]),

@@ -125,6 +125,9 @@ def as_text(result: dict[str, Any]) -> str:
             f"{shown} kPa: lower edge at z = {middle:.1f} mm (90 % {low:.1f} to {high:.1f}), "
             f"shape within {pose['band_mm']:.2f} mm RMS{snaps}"
         )
+        for name, output in pose["outputs"].items():
+            low, middle, high = output["percentiles"]
+            lines.append(f"  {name}: {middle:.1f} {output['unit']} (90 % {low:.1f} to {high:.1f})")
     if result.get("design"):
         lines.append(result["corrector"]["said"])
         lines += _notes(result)

@@ -1,9 +1,15 @@
-"""The simulator on two workers of which one is killed: a sweep and a search give the bits of one process."""
+"""The simulator on a scheduler and two workers, processes of their own: a sweep and a search give the bits of one
+process whoever is killed in the middle of them; a worker of another version is refused."""
 
+import json
 import os
+import shutil
 import signal
+import subprocess
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +19,8 @@ import pytest
 
 import fabdesign
 from fabdesign.cluster import current, on_cluster
+from fabdesign.design_file import write_design
+from fabdesign.errors import SimulationError
 from fabdesign.pressure_file import constant_program
 from studies.rig import Key, run_rig
 from studies.rig.scene import Resolution
@@ -21,26 +29,56 @@ from tests.conftest import ROOT
 pytest.importorskip("distributed", reason="the extra cluster is not installed")
 
 
+@contextmanager
+def machines(folder: Path, *code: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """A scheduler's address and process, and a worker that runs the code of each folder of `code`."""
+    folder.mkdir(parents=True)
+    said = folder / "scheduler.json"
+
+    def started(name: str, *words: str, root: Path = ROOT) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", f"distributed.cli.dask_{name}", *words, "--no-dashboard"]
+        environment = os.environ | {"PYTHONPATH": str(root), "TI_CPU_MAX_NUM_THREADS": "1"}
+        with (folder / "log").open("ab") as log:
+            return subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log)
+
+    scheduler = started("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(said))
+    running = [scheduler]
+    try:
+        while not said.exists() or not said.read_text().endswith("}"):
+            assert scheduler.poll() is None, (folder / "log").read_text()
+            time.sleep(0.1)
+        address = json.loads(said.read_text())["address"]
+        running += [started("worker", address, "--nthreads", "1", root=root) for root in code]
+        yield address, scheduler
+    finally:
+        for process in reversed(running):
+            process.terminate()
+        for process in running:
+            process.wait()
+
+
 @pytest.fixture(scope="module")
-def address() -> Iterator[str]:
-    from distributed import LocalCluster
-
-    sys.path.insert(0, str(ROOT))
-    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as local:
-        yield local.scheduler_address
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    with machines(tmp_path_factory.mktemp("two") / "log", ROOT, ROOT) as (found, _):
+        yield found
 
 
-class Killing:
-    """Progress that kills a worker when it is called the second time: in the middle of the work."""
+def kill_a_worker() -> None:
+    cluster = current()
+    assert cluster is not None
+    os.kill(next(iter(cluster.client.run(os.getpid).values())), signal.SIGKILL)
 
-    calls = 0
+
+class InTheMiddle:
+    """Progress that does something when it is called the second time. shares: of the work, as it was told."""
+
+    def __init__(self, does: Callable[[], None]) -> None:
+        self._does, self.shares = does, list[float | None]()
 
     def __call__(self, line: str, share: float | None) -> None:
-        self.calls += 1
-        if self.calls == 2:
-            cluster = current()
-            assert cluster is not None
-            os.kill(next(iter(cluster.client.run(os.getpid).values())), signal.SIGKILL)
+        self.shares.append(share)
+        if len(self.shares) == 2:
+            self._does()
 
 
 def swept(out: Path, **options: Any) -> Any:
@@ -55,13 +93,56 @@ def swept(out: Path, **options: Any) -> Any:
     )
 
 
-def test_a_sweep_with_a_worker_killed(address: str, tmp_path: Path) -> None:
-    swept(tmp_path / "here")
-    killing = Killing()
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """The samples of the sweep on one process."""
+    out = tmp_path_factory.mktemp("here")
+    swept(out / "out")
+    return (out / "out" / "samples.csv").read_bytes()
+
+
+def test_a_sweep_with_a_worker_killed(address: str, here: bytes, tmp_path: Path) -> None:
+    killing = InTheMiddle(kill_a_worker)
     swept(tmp_path / "there", cluster=address, progress=killing)
-    assert killing.calls > 2
-    files = [(tmp_path / place / "samples.csv").read_bytes() for place in ("here", "there")]
-    assert files[0] == files[1]
+    assert len(killing.shares) > 2
+    assert (tmp_path / "there" / "samples.csv").read_bytes() == here
+
+
+def test_a_sweep_goes_on_after_its_scheduler_was_lost(here: bytes, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with machines(tmp_path / "lost", ROOT) as (first, scheduler):
+        killing = InTheMiddle(scheduler.kill)
+        with pytest.raises(SimulationError, match=r"the scheduler is gone; what was finished is kept"):
+            swept(out, cluster=first, progress=killing)
+    with machines(tmp_path / "again", ROOT) as (second, _):
+        going_on = InTheMiddle(lambda: None)
+        swept(out, cluster=second, progress=going_on)
+    assert going_on.shares[0] == killing.shares[-1] != 0.0
+    assert (out / "samples.csv").read_bytes() == here
+
+
+def test_a_worker_of_another_version_is_refused(tmp_path: Path) -> None:
+    """One worker has the code of last month."""
+    for package in ("fabdesign", "sim", "studies"):
+        shutil.copytree(ROOT / package, tmp_path / "old" / package)
+    text = (tmp_path / "old" / "fabdesign" / "__init__.py").read_text()
+    (tmp_path / "old" / "fabdesign" / "__init__.py").write_text(text.replace(fabdesign.__version__, "0.1.9"))
+    with machines(tmp_path / "log", tmp_path / "old") as (address, _):
+        from distributed import Client
+
+        with Client(address) as client:
+            client.wait_for_workers(1, timeout=60)
+        write_design(fabdesign.build("basic"), tmp_path / "basic.toml")
+        (tmp_path / "s.toml").write_text(
+            'kind = "sensitivity"\ndesign = "basic.toml"\n[parameters.bending]\nlow = 0.9\nhigh = 1.1\n'
+        )
+        words = ["sensitivity", "s.toml", "-o", "out", "--cluster", address]
+        command = [sys.executable, "-m", "fabdesign", *words]
+        done = subprocess.run(command, cwd=tmp_path, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True)
+    line = done.stderr.decode()
+    assert done.returncode == 2 and line.count("\n") == 1, line
+    assert f"has fabdesign 0.1.9; expected {fabdesign.__version__}, as on this machine" in line
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_search_with_a_worker_killed(address: str, tmp_path: Path) -> None:
@@ -69,7 +150,9 @@ def test_a_search_with_a_worker_killed(address: str, tmp_path: Path) -> None:
     goal = fabdesign.equilibrium(vertical, [180, 120], grid=21).points[0, ::4]
     options: dict[str, Any] = {"model": fabdesign.Model(points_per_side=21), "evaluations": 60, "seconds": 3600}
     here = fabdesign.optimize(vertical, goal, tmp_path / "here", **options)
-    there = fabdesign.optimize(vertical, goal, tmp_path / "there", cluster=address, progress=Killing(), **options)
+    killing = InTheMiddle(kill_a_worker)
+    there = fabdesign.optimize(vertical, goal, tmp_path / "there", cluster=address, progress=killing, **options)
+    assert len(killing.shares) > 2
     assert np.array_equal(here.pressures, there.pressures)
     assert np.array_equal(here.found.points, there.found.points)
     for one, other in zip(here.found.history, there.found.history, strict=True):
