@@ -1,6 +1,7 @@
 """What is kept of a motion."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,7 @@ def faces(middle: NDArray[np.float32], thickness: float) -> NDArray[np.float32]:
     return np.concatenate([(middle + normal).reshape(frames, -1, 3), (middle - normal).reshape(frames, -1, 3)], axis=1)
 
 
+@cache
 def _resample(n: int) -> NDArray[np.float64]:
     """(41, n) weights of the output points on a line of n nodes."""
     rows = np.zeros((SIDE, n))
