@@ -1,6 +1,6 @@
 """How far a batch of designs comes from the target: forward model in, one number a design out."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
@@ -23,6 +23,7 @@ from optimize.design_space import DesignSpace, Vector
 
 Measure = Literal["chamfer", "surface_rms"]
 Shape = NDArray[np.float64]  # (poses, 2 n, 3) m: one design under each pose's pressures
+Norm = Callable[[NDArray[np.float64]], tuple[float, NDArray[np.float64]]]  # m of distances; its slope by each
 LATE = 1.0  # s after rest, from which on a motion's frame is taken to be near the shape at rest
 THIN = 2  # a step is chosen on every second point of target and model: cheaper, the same step
 SURFACE_THIN = 6  # the same for surface RMS, of the target alone: triangles cost more, and blur less, than points
@@ -131,9 +132,9 @@ class Objective:
 
     def _gradient_there(self, target: Target, pose: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
         if self.measure == "surface_rms":
-            return _surface_gradient(target.points[::SURFACE_THIN], pose, target.face)
+            return _faces_gradient(target.points[::SURFACE_THIN], pose, target.face, _capped_rms)
         if target.markers:
-            return _markers_gradient(target.points, pose, target.face)
+            return _faces_gradient(target.points, pose, target.face, _mean)
         return _chamfer_gradient(_tree(target), pose, target.face)
 
 
@@ -155,27 +156,27 @@ def _chamfer_gradient(target: KDTree, every: NDArray[np.float64], face: Face) ->
     return float(to_target.mean() + to_model.mean()), slopes
 
 
-def _surface_gradient(
-    measured: NDArray[np.float64], model: NDArray[np.float64], face: Face
+def _faces_gradient(
+    measured: NDArray[np.float64], model: NDArray[np.float64], face: Face, norm: Norm
 ) -> tuple[float, NDArray[np.float64]]:
+    """Of a norm of the distances of measured points to the faces."""
     surface = Surface.of_faces(model, face=face)
     near = surface.nearest(measured)
-    value = capped_rms(near.distance)
+    value, share = norm(near.distance)
     corners = surface.triangles[near.triangle]  # (n, 3)
-    pull = np.einsum("nk,nkd->nd", near.weights, model[corners]) - measured
-    pull[near.distance >= CAP] = 0.0  # strays beyond it have no slope
-    return value, _on_corners(corners, near.weights, pull / (len(measured) * max(value, 1e-12)), len(model))
+    away = np.einsum("nk,nkd->nd", near.weights, model[corners]) - measured
+    pull = (share / np.maximum(near.distance, 1e-12))[:, None] * away
+    return value, _on_corners(corners, near.weights, pull, len(model))
 
 
-def _markers_gradient(
-    measured: NDArray[np.float64], model: NDArray[np.float64], face: Face
-) -> tuple[float, NDArray[np.float64]]:
-    surface = Surface.of_faces(model, face=face)
-    near = surface.nearest(measured)
-    corners = surface.triangles[near.triangle]  # (n, 3)
-    pull = np.einsum("nk,nkd->nd", near.weights, model[corners]) - measured
-    pull /= (len(measured) * np.maximum(near.distance, 1e-12))[:, None]
-    return float(near.distance.mean()), _on_corners(corners, near.weights, pull, len(model))
+def _capped_rms(distance: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    value = capped_rms(distance)
+    within = np.where(distance < CAP, distance, 0.0)  # strays beyond it have no slope
+    return value, within / (len(distance) * max(value, 1e-12))
+
+
+def _mean(distance: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    return float(distance.mean()), np.full(len(distance), 1 / len(distance))
 
 
 def _on_corners(

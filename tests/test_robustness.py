@@ -107,7 +107,7 @@ def test_the_muscle_that_pulls_is_the_delicate_one(objective: Objective) -> None
     design = replace(ONE[0], muscles=(idle, pulls))
     study, robust = STUDY, replace(ROBUST, copies=8)
     found = robustness_of(study, robust, (design, np.array([[0.0, 200e3]])), objective, FORWARD, FORWARD, nominal=0.008)
-    assert found.delicate[0] == 2
+    assert found.delicate[0] == 1  # from 0, as in files
     assert found.delicate[1] > found.nominal
 
 
@@ -145,7 +145,8 @@ def test_a_study_reports_its_copies(objective: Objective, tmp_path: Path) -> Non
     kept = json.loads((tmp_path / "out" / "result.json").read_text())["robust"]
     assert kept["copies"] == 8 and 0 <= kept["yield"] <= 1
     assert kept["nominal_mm"] == pytest.approx(1e3 * result.objective, rel=0.02)
-    assert kept["delicate"]["muscle"] == 1 and len(kept["said"]) == 3
+    assert kept["delicate"]["muscle"] == 0 and len(kept["said"]) == 3
+    assert "Muscle 1 (number 0 in the drawing" in kept["said"][2]
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Manufacturing tolerances: simulated copies" in page and "data:image/png" in page
 

@@ -35,7 +35,7 @@ class Robustness:
     """Of one layout, in m of the searched measure. The first two by derivatives, the others of `copies` true copies.
 
     yielded: share within `tolerance`. elsewhere: copies of another stable shape, or diverged. band: (2 n,) m that the
-    points of the first pose move by, standard deviation. delicate: the muscle, from 1, and the value with it 3 mm off.
+    points of the first pose move by, standard deviation. delicate: the muscle, from 0, and the value with it 3 mm off.
     """
 
     nominal: float
@@ -132,7 +132,7 @@ def _most_delicate(scatter: Scatter, model: LinearShape, objective: Objective, m
     """By derivatives: of every muscle the worst of four directions."""
     ways = ((1, 0), (-1, 0), (0, 1), (0, -1))
     worst = [max(objective.value(model.at(scatter.shifted(k, way, OFF))) for way in ways) for k in range(muscles)]
-    return int(np.argmax(worst)) + 1, float(np.max(worst))
+    return int(np.argmax(worst)), float(np.max(worst))
 
 
 def as_json(found: Robustness, robust: Robust) -> dict[str, object]:
@@ -164,8 +164,8 @@ def said(found: Robustness) -> list[str]:
         f"expected {1e3 * found.expected:.2f} mm, worst {1e3 * found.worst:.2f}, nominal {1e3 * found.nominal:.2f}.",
         f"Points move by {1e3 * found.band.mean():.1f} mm in the mean, {1e3 * found.band.max():.1f} mm where most "
         "(standard deviation).",
-        f"Muscle {found.delicate[0]} is the most delicate: {1e3 * OFF:.0f} mm off its place it makes "
-        f"{1e3 * found.delicate[1]:.2f} mm.",
+        f"Muscle {found.delicate[0] + 1} (number {found.delicate[0]} in the drawing and in files, which count from 0) is "
+        f"the most delicate: {1e3 * OFF:.0f} mm off its place it makes {1e3 * found.delicate[1]:.2f} mm.",
     ]
     if found.elsewhere:
         lines.append(f"{found.elsewhere} of them come to another stable shape, or to none: the layout is near a fold.")

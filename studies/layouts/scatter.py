@@ -154,6 +154,6 @@ def linear(scatter: Scatter, objective: Objective, forward: Predictor) -> Linear
         slopes = np.array([shape - nominal for shape in ahead])
     else:
         cases = [scatter.case(objective, pose) for pose in range(len(objective.targets))]
-        nominal, slopes = by_columns(jacobians, cases, scatter.columns)
+        nominal, slopes, _ = by_columns(jacobians, cases, scatter.columns)
     slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0
     return LinearShape(np.zeros(scatter.size), nominal, slopes)
