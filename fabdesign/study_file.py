@@ -83,6 +83,9 @@ class StudyLimits:
     edge: float = 0.005  # m, between a muscle's corner points and the cloth's edge
     seconds: float = 600.0  # of search
     evaluations: int = 20_000
+    contraction: float | None = None  # 1 - l / l0, of any interval of a muscle; None: any
+    channels: int | None = None  # of pressure; None: one for each muscle if need be
+    air: float | None = None  # m^3 at atmospheric pressure that fill all muscles; None: any
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,6 +196,11 @@ def require_searchable(study: Study, where: str) -> None:
         raise InputError(f"{where}: design {name} has no muscle types; expected one to lay out")
     if study.muscles is not None and not study.pressures:
         raise InputError(f"{where}: variables: muscles without pressures; expected pressures = true")
+    if study.muscles is None and study.design.channels > (study.limits.channels or MUSCLES):
+        raise InputError(
+            f"{where}: limits: channels = {study.limits.channels}; expected {study.design.channels} or more, those of "
+            f"design {name}, or muscles = {{ max = N }}"
+        )
     if not (study.pressures or study.positions or study.muscles):
         raise InputError(f"{where}: variables: nothing may change; expected pressures, positions or muscles")
 
@@ -269,6 +277,9 @@ def _limits(root: Table, path: Path, design: Design) -> StudyLimits:
         pressure=pressure,
         spacing=table.number("spacing", default.spacing, least=0),
         edge=table.number("edge", default.edge, least=0),
+        contraction=table.number("contraction", above=0, most=0.5) if "contraction" in table else None,
+        channels=table.integer("channels", least=1, most=MUSCLES) if "channels" in table else None,
+        air=table.number("air", above=0, most=1) if "air" in table else None,
         seconds=table.number("seconds", default.seconds, above=0),
         evaluations=table.integer("evaluations", default.evaluations, least=1),
     )
