@@ -18,6 +18,7 @@ from fabdesign.model_file import read_model
 from fabdesign.placement import UNITS, Unit
 from fabdesign.pressure import LARGEST, limits
 from fabdesign.pressure_file import read_pressures
+from fabdesign.regions import Weighting, read_regions
 from fabdesign.search_terms import Price, Robust, read_price, read_robust
 from fabdesign.sheet import Face
 from fabdesign.table import Table, load_toml, pascals
@@ -51,6 +52,7 @@ class TargetFile:
     # one way: from the points, which show a part, to the cloth alone
     distances: Literal["both ways", "one way"] = "both ways"
     free: bool = False  # it may stand anywhere: moved while searching
+    weighting: Weighting | None = None  # of places of the cloth
     wishes: tuple[Wish, ...] = ()  # in place of a cloud: `file` is then the study's own
 
 
@@ -229,7 +231,10 @@ def read_targets(root: Table, path: Path, fabric: Fabric) -> tuple[TargetFile, .
             face=table.text("face", "both", choices=("both", "front", "back")),
             distances=table.text("distances", "both ways", choices=("both ways", "one way")),
             free=table.flag("free", False),
+            weighting=read_regions(table, fabric),
         )
+        if target.free and target.weighting is not None:
+            raise table.bad("free", "false beside regions, which are weighed where the target stands")
         if target.place == "fit" and "translation" in table:
             raise table.bad("translation", 'none beside place = "fit", which finds it')
         table.finish()
@@ -242,6 +247,8 @@ def read_targets(root: Table, path: Path, fabric: Fabric) -> tuple[TargetFile, .
 def _wished(table: Table, path: Path, wishes: tuple[Wish, ...]) -> TargetFile:
     if "file" in table:
         raise table.bad("file", "none beside wishes, which stand in its place")
+    if "regions" in table:
+        raise InputError(f"{table.where}: regions beside wishes, which have weights of their own; expected none")
     description, weight = table.text("description", ""), table.number("weight", 1.0, above=0)
     table.finish()
     return TargetFile(path, description=description, weight=weight, wishes=wishes)

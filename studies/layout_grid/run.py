@@ -55,8 +55,8 @@ def run_layouts(
 
     A cell begins at what the cells that it includes have found, so that more muscles and a second face are no worse.
     Every cell has a turn, with an even share of 60 % of the seconds (of the study, or `seconds`); the rest goes to
-    those that gain by it, while any does, and to the motions that lead to the results on the front. All of that is
-    within the seconds, but for the last batch and the page.
+    those that gain by it, while any does, and to the motions that lead to the results on the front. Nothing begins
+    that is not thought to end within the seconds.
 
     The same study goes on in its folder: finished cells are not searched again, the one that was under way goes on,
     and with more seconds those that gain do. Ctrl-C ends with what is there. A cell for which no layout keeps the
