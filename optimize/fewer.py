@@ -131,7 +131,7 @@ def _merges(layout: Layout, space: DesignSpace) -> list[Layout]:
     """Pairs on one face that lie close become one between them, with the higher pressures."""
     muscles, pressures = layout
     size = max(space.design.fabric.width, space.design.fabric.height)
-    merged = []
+    merged: list[Layout] = []
     for i, j in combinations(range(len(muscles)), 2):
         a, b = muscles[i], muscles[j]
         if (a.side, a.type, len(a.path)) != (b.side, b.type, len(b.path)):
