@@ -220,7 +220,7 @@ def said(found: Robustness) -> list[str]:
     ]
     if not found.holds:
         lines.append(
-            f"Derivatives do not hold here, as near a fold of the shape: they say {1e3 * found.expected_linear:.2f} mm. "
+            f"Derivatives do not hold here, as near a fold: they say {1e3 * found.expected_linear:.2f} mm. "
             "Copies stand in their place."
         )
     if found.elsewhere:
