@@ -25,16 +25,20 @@ def chamfer(a: Floats, b: Floats) -> float:
 
 
 class ChamferTo:
-    """Chamfer distances of several clouds to one, which is sorted once."""
+    """Chamfer distances of several clouds to one, which is sorted once. weights: of each of its points, which their
+    distances count by, and those of the points that they are nearest to."""
 
-    def __init__(self, cloud: Floats) -> None:
-        self._cloud, self._cells = cloud, Cells.of_points(cloud)
+    def __init__(self, cloud: Floats, weights: NDArray[np.float64] | None = None) -> None:
+        self._cloud, self._cells, self._weights = cloud, Cells.of_points(cloud), weights
 
     def of(self, points: Floats) -> float:
         """`chamfer(points, cloud)` [m]."""
-        return float(
-            np.sqrt(self._cells.nearest(points).squared).mean() + nearest_distances(self._cloud, points).mean()
-        )
+        near = self._cells.nearest(points)
+        to_cloud, to_points = np.sqrt(near.squared), nearest_distances(self._cloud, points)
+        if self._weights is None:
+            return float(to_cloud.mean() + to_points.mean())
+        one, other = self._weights[near.item], self._weights
+        return float(one @ to_cloud / one.sum() + other @ to_points / other.sum())
 
 
 def chamfer_squared(a: Floats, b: Floats) -> float:

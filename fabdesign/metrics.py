@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.distances import ChamferTo, chamfer
+from fabdesign.regions import Weighting
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.sheet import Face
-from fabdesign.surface import CAP, Surface, capped_rms, half_of
+from fabdesign.surface import CAP, Nearest, Surface, capped_rms, half_of
 from fabdesign.wishes import Landmarks
 
 Floats = NDArray[np.floating[Any]]
@@ -44,22 +45,53 @@ def mean_errors(each: Sequence[Errors]) -> Errors:
     return Errors(*np.mean([astuple(errors) for errors in each], axis=0).tolist())
 
 
-def surface_rms(measured: Floats, model: Floats, face: Face = "both") -> float:
+def surface_rms(measured: Floats, model: Floats, face: Face = "both", weighting: Weighting | None = None) -> float:
     """Root mean square [m] of the distances of measured points (n, 3) to the faces of a model frame (2 rows cols, 3),
     or to one of them.
 
-    Each distance, to the nearest triangle, is capped at 10 mm.
+    Each distance, to the nearest triangle, is capped at 10 mm. weighting: how much the places count that they go to.
     """
-    return capped_rms(Surface.of_faces(model, face=face).distance(measured, within=CAP))
+    return _rms(*_distances(Surface.of_faces(model, face=face), measured, weighting, within=CAP))
 
 
-def distance_to_faces(markers: Floats, model: Floats, face: Face = "both") -> float:
+def distance_to_faces(markers: Floats, model: Floats, face: Face = "both", weighting: Weighting | None = None) -> float:
     """Mean distance [m] of a few markers (n, 3) to the faces of a model frame (2 rows cols, 3), or to one of them, one
     way and uncapped.
 
     In place of Chamfer: most of the model has no marker near it.
     """
-    return float(Surface.of_faces(model, face=face).distance(markers).mean())
+    off, shares = _distances(Surface.of_faces(model, face=face), markers, weighting)
+    return float(off @ shares)
+
+
+def chamfer_to(model: Floats, face: Face = "both", weighting: Weighting | None = None) -> ChamferTo:
+    """Of clouds to the points of a model frame (2 rows cols, 3) m, or of one of its faces."""
+    weights = None if weighting is None else half_of(weighting.of_points(len(model)), face)
+    return ChamferTo(half_of(model, face), weights)
+
+
+def _distances(
+    surface: Surface, points: Floats, weighting: Weighting | None, *, within: float = np.inf
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n,) m to a surface of a cloth, and the shares (n,) of the points in a mean; infinite beyond `within` at most."""
+    if weighting is None:
+        return surface.distance(points, within=within), np.full(len(points), 1 / len(points))
+    near = surface.nearest(points)
+    return near.distance, shares_at(surface, near, weighting)
+
+
+def shares_at(surface: Surface, near: Nearest, weighting: Weighting | None) -> NDArray[np.float64]:
+    """(n,) of the places nearest to points on a surface of a cloth, in a mean over the points; they sum to 1."""
+    if weighting is None:
+        return np.full(len(near.distance), 1 / len(near.distance))
+    own = weighting.of_points(len(surface.vertices))[surface.triangles[near.triangle]]
+    weights = np.einsum("nk,nk->n", near.weights, own)
+    return np.asarray(weights / weights.sum())
+
+
+def _rms(off: NDArray[np.float64], shares: NDArray[np.float64]) -> float:
+    """Capped, m."""
+    return float(np.sqrt(shares @ np.square(np.minimum(off, CAP))))
 
 
 def chamfer_floor(model: Floats, count: int, noise: SensorNoise, *, seed: int = 0) -> float:
@@ -97,15 +129,19 @@ def trial_errors(
     draws: int = DRAWS,
     markers: bool = False,
     face: Face = "both",
+    weighting: Weighting | None = None,
 ) -> Errors:
     """Means over the frames of a trial: T measured clouds (n_t, 3) m against a motion (T, 2 rows cols, 3) m.
 
-    markers: `distance_to_faces` in place of Chamfer. face: the one that the clouds show. The floors' draws are spread
-    evenly over the frames. A motion that diverged (NaN) has NaN errors.
+    markers: `distance_to_faces` in place of Chamfer. face: the one that the clouds show. weighting: how much each place
+    of the cloth counts, in the floors too. The floors' draws are spread evenly over the frames. A motion that diverged
+    (NaN) has NaN errors.
     """
     if not np.isfinite(predicted).all():
         return Errors(*[np.nan] * 5)
-    distances, floors = _by_frame(measured, predicted, noise, seed, draws, markers=markers, face=face)
+    distances, floors = _by_frame(
+        measured, predicted, noise, seed, draws, markers=markers, face=face, weighting=weighting
+    )
     (c, s, beyond), (c_floor, s_floor) = np.mean(distances, axis=0), np.mean(floors, axis=0)
     return Errors(float(c), float(c_floor), float(s), float(s_floor), float(beyond))
 
@@ -128,6 +164,7 @@ def _by_frame(
     *,
     markers: bool = False,
     face: Face = "both",
+    weighting: Weighting | None = None,
 ) -> tuple[list[tuple[float, float, float]], list[tuple[float, float]]]:
     """Chamfer, surface RMS and share beyond the cap of every frame; Chamfer and surface RMS of every draw."""
     if len(measured) != len(predicted):
@@ -139,17 +176,21 @@ def _by_frame(
     distances, floors = [], []
     for cloud, model, repeats in zip(measured, predicted, per_frame, strict=True):
         surface = Surface.of_faces(model, face=face)
-        to_model = _to(surface) if markers else ChamferTo(half_of(model, face)).of
-        off = surface.distance(cloud, within=CAP)
-        distances.append((to_model(cloud), capped_rms(off), float(np.mean(off > CAP))))
+        to_model = _to(surface, weighting) if markers else chamfer_to(model, face, weighting).of
+        off, shares = _distances(surface, cloud, weighting, within=CAP)
+        distances.append((to_model(cloud), _rms(off, shares), float(shares @ (off > CAP))))
         for strays in islice(offsets, repeats):
             drawn = noise.draw(surface, len(cloud), rng, strays)
-            floors.append((to_model(drawn), capped_rms(surface.distance(drawn, within=CAP))))
+            floors.append((to_model(drawn), _rms(*_distances(surface, drawn, weighting, within=CAP))))
     return distances, floors
 
 
-def _to(surface: Surface) -> Callable[[Floats], float]:
-    return lambda points: float(surface.distance(points).mean())
+def _to(surface: Surface, weighting: Weighting | None) -> Callable[[Floats], float]:
+    def mean(points: Floats) -> float:
+        off, shares = _distances(surface, points, weighting)
+        return float(off @ shares)
+
+    return mean
 
 
 MANY_BEYOND = 0.05  # share of the points from which on a capped figure hides how far off they are

@@ -18,6 +18,7 @@ from fabdesign.model_file import read_model
 from fabdesign.placement import UNITS, Unit
 from fabdesign.pressure import LARGEST, limits
 from fabdesign.pressure_file import read_pressures
+from fabdesign.regions import Weighting, read_regions
 from fabdesign.search_terms import Price, Robust, read_price, read_robust
 from fabdesign.shape_output import ShapeOutput, read_shape_outputs
 from fabdesign.sheet import Face
@@ -52,6 +53,7 @@ class TargetFile:
     # one way: from the points, which show a part, to the cloth alone
     distances: Literal["both ways", "one way"] = "both ways"
     free: bool = False  # it may stand anywhere: moved while searching
+    weighting: Weighting | None = None  # of places of the cloth
     wishes: tuple[Wish, ...] = ()  # in place of a cloud: `file` is then the study's own
 
 
@@ -84,6 +86,9 @@ class StudyLimits:
     edge: float = 0.005  # m, between a muscle's corner points and the cloth's edge
     seconds: float = 600.0  # of search
     evaluations: int = 20_000
+    contraction: float | None = None  # 1 - l / l0, of any interval of a muscle; None: any
+    channels: int | None = None  # of pressure; None: one for each muscle if need be
+    air: float | None = None  # m^3 at atmospheric pressure that fill all muscles; None: any
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,6 +206,11 @@ def require_searchable(study: Study, where: str) -> None:
         raise InputError(f"{where}: design {name} has no muscle types; expected one to lay out")
     if study.muscles is not None and not study.pressures:
         raise InputError(f"{where}: variables: muscles without pressures; expected pressures = true")
+    if study.muscles is None and study.design.channels > (study.limits.channels or MUSCLES):
+        raise InputError(
+            f"{where}: limits: channels = {study.limits.channels}; expected {study.design.channels} or more, those of "
+            f"design {name}, or muscles = {{ max = N }}"
+        )
     if not (study.pressures or study.positions or study.muscles):
         raise InputError(f"{where}: variables: nothing may change; expected pressures, positions or muscles")
 
@@ -229,7 +239,10 @@ def read_targets(root: Table, path: Path, fabric: Fabric) -> tuple[TargetFile, .
             face=table.text("face", "both", choices=("both", "front", "back")),
             distances=table.text("distances", "both ways", choices=("both ways", "one way")),
             free=table.flag("free", False),
+            weighting=read_regions(table, fabric),
         )
+        if target.free and target.weighting is not None:
+            raise table.bad("free", "false beside regions, which are weighed where the target stands")
         if target.place == "fit" and "translation" in table:
             raise table.bad("translation", 'none beside place = "fit", which finds it')
         table.finish()
@@ -242,6 +255,8 @@ def read_targets(root: Table, path: Path, fabric: Fabric) -> tuple[TargetFile, .
 def _wished(table: Table, path: Path, wishes: tuple[Wish, ...]) -> TargetFile:
     if "file" in table:
         raise table.bad("file", "none beside wishes, which stand in its place")
+    if "regions" in table:
+        raise InputError(f"{table.where}: regions beside wishes, which have weights of their own; expected none")
     description, weight = table.text("description", ""), table.number("weight", 1.0, above=0)
     table.finish()
     return TargetFile(path, description=description, weight=weight, wishes=wishes)
@@ -277,6 +292,9 @@ def _limits(root: Table, path: Path, design: Design) -> StudyLimits:
         pressure=pressure,
         spacing=table.number("spacing", default.spacing, least=0),
         edge=table.number("edge", default.edge, least=0),
+        contraction=table.number("contraction", above=0, most=0.5) if "contraction" in table else None,
+        channels=table.integer("channels", least=1, most=MUSCLES) if "channels" in table else None,
+        air=table.number("air", above=0, most=1) if "air" in table else None,
         seconds=table.number("seconds", default.seconds, above=0),
         evaluations=table.integer("evaluations", default.evaluations, least=1),
     )

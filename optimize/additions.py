@@ -1,13 +1,13 @@
 """A good layout with muscles more: where the search for a larger layout begins, so that it is no worse."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.random import Generator
 
 from fabdesign.muscle import Muscle
-from optimize.design_space import DesignSpace, Vector
+from optimize.channels import Layout, by_muscle, start_of
+from optimize.design_space import DesignSpace
 from optimize.starts import PITCH, Side, Start, random_line
 
 TRIES = 40  # draws of a further muscle before a layout counts as full
@@ -21,16 +21,15 @@ def with_idle(best: Start, *, count: int, sides: Sequence[Side], number: int, se
 
     A layout that has `count` muscles already comes back alone.
     """
-    space, x = best
-    design, pressures = space.decode(x)
-    own = pressures[:, [muscle.channel for muscle in design.muscles]]
+    layout, space = by_muscle(best), best[0]
     rng = np.random.default_rng(seed)
-    further = count - len(design.muscles)
+    further = count - len(layout[0])
     starts = []
     for _ in range(number if further > 0 else 1):
-        start = _own_channels(design.muscles, own, space)
+        grown: Layout | None = layout
         for _ in range(further):
-            start = None if start is None else _with_one_more(start, sides, rng)
+            grown = None if grown is None else _with_one_more(grown, space, sides, rng)
+        start = None if grown is None else start_of(grown, space)
         if start is not None:
             starts.append(start)
     return starts
@@ -39,24 +38,22 @@ def with_idle(best: Start, *, count: int, sides: Sequence[Side], number: int, se
 def pulling(starts: Sequence[Start], muscles: int, share: float) -> list[Start]:
     """The same layouts with their muscles from number `muscles` on at a share of the pressure range."""
     found = []
-    for space, x in starts:
-        design, pressures = space.decode(x)
-        low, high = space.limits.pressure
-        pressures = pressures.copy()
+    for start in starts:
+        own, pressures = by_muscle(start)
+        low, high = start[0].limits.pressure
         pressures[:, muscles:] = low + share * (high - low)
-        found.append((replace(space, start_pressures=pressures), space.encode(design, pressures)))
-    return found
+        found.append(start_of((own, pressures), start[0]))
+    return [start for start in found if start is not None]
 
 
-def _with_one_more(start: Start, sides: Sequence[Side], rng: Generator) -> Start | None:
-    space, x = start
-    design, pressures = space.decode(x)
+def _with_one_more(layout: Layout, space: DesignSpace, sides: Sequence[Side], rng: Generator) -> Layout | None:
+    muscles, pressures = layout
     for _ in range(TRIES):
-        muscle = _drawn(design.muscles, space, sides, rng)
+        muscle = _drawn(muscles, space, sides, rng)
         idle = np.full((len(pressures), 1), space.limits.pressure[0])
-        found = _own_channels([*design.muscles, muscle], np.concatenate([pressures, idle], axis=1), space)
-        if found is not None:
-            return found
+        grown = [*muscles, muscle], np.concatenate([pressures, idle], axis=1)
+        if start_of(grown, space) is not None:
+            return grown
     return None
 
 
@@ -75,12 +72,3 @@ def _drawn(muscles: Sequence[Muscle], space: DesignSpace, sides: Sequence[Side],
     inside = np.clip(path, space.limits.edge, np.array([fabric.width, fabric.height]) - space.limits.edge)
     corners = tuple((float(u), float(v)) for u, v in inside)
     return Muscle(type=kind, side=side, channel=0, path=corners, fixed_point_pitch=pitch)
-
-
-def _own_channels(muscles: Sequence[Muscle], pressures: Vector, space: DesignSpace) -> Start | None:
-    """With a channel for each muscle; None where a limit is broken."""
-    numbered = tuple(replace(muscle, channel=channel) for channel, muscle in enumerate(muscles))
-    design = replace(space.design, muscles=numbered)
-    own = DesignSpace(design, space.limits, pressures, space.vary_pressures, vary_positions=True)
-    x = own.encode(design, pressures)
-    return (own, x) if own.feasible(x) else None

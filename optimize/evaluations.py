@@ -146,12 +146,20 @@ class Evaluations:
         results: list[tuple[float, Shape]] = []
         while len(results) < len(points):
             batch = points[len(results) : len(results) + self._room()]
-            self.require_time(self._pace.get((number, len(batch), cheap is None), 0.0))
+            self.require_time(self._expected(number, len(batch), cheap is None))
             begin = self.elapsed
             results += self._evaluate_batch(number, batch, cheap)
             self._pace[number, len(batch), cheap is None] = self.elapsed - begin
             self._on_progress(self)
         return results
+
+    def _expected(self, number: int, size: int, own: bool) -> float:
+        """s that a batch of a size is thought to take: as the smallest that was no smaller, else as the largest
+        that was smaller; 0 before any."""
+        known = {n: seconds for (stage, n, cheap), seconds in self._pace.items() if (stage, cheap) == (number, own)}
+        above = [known[n] for n in sorted(known) if n >= size]
+        below = [known[n] for n in sorted(known) if n < size]
+        return (above or below[-1:] or [0.0])[0]
 
     def jacobians(self, number: int) -> Jacobians | None:
         """What derivatives a search of the stage of this number may ask for; None: it takes differences."""
@@ -227,7 +235,7 @@ class Evaluations:
         label = stage.name if cheap is None else stage.name + SLOPES
         values = self._record(label, batch, [objective.value(shape) for shape in shapes])
         for value, shape, (space, x), (start, _) in zip(values, shapes, points, batch, strict=True):
-            if cheap is None and self._noting and space.feasible(x):
+            if cheap is None and self._noting and space.keeps(x, shape):
                 self._note(Best(start, x.copy(), value, number), shape)
         return list(zip(values, shapes, strict=True))
 

@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from fabdesign.muscle import Muscle
 from fabdesign.search_terms import Price
+from optimize.channels import Layout, by_muscle, start_of, with_shared_channels
 from optimize.design_space import DesignSpace
 from optimize.evaluations import Evaluations, Stop
 from optimize.local_search import LocalSearch
@@ -25,9 +24,6 @@ ROUNDS = 5  # of a smaller layout on the coarse model,
 FINE_ROUNDS = 4  # and on the full one
 CLOSE = 0.1  # of the cloth's longer side: so near, in the mean of their ends, two muscles do the same
 HOPEFUL = 1.5  # times what is allowed: a layout on the coarse model is tried on the full one up to there
-SHARED = 0.05  # of the pressure range, within which two muscles may share a channel in every pose
-
-Layout = tuple[list[Muscle], NDArray[np.float64]]  # and (poses, muscles) Pa
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,13 +46,12 @@ def fewer_muscles(evaluations: Evaluations, *, least: int, price: Price) -> Fewe
     """
     space, x = evaluations.best_point()
     best, last = evaluations.best, len(evaluations.stages) - 1
-    design, pressures = space.decode(x)
-    value, count = np.inf if best is None else best.value, len(design.muscles)
+    value, count = np.inf if best is None else best.value, len(space.design.muscles)
     found = Fewer((space, x), value, value, count, "no smaller layout is near enough")
     if best is None or not evaluations.stages[best.stage].values_as(evaluations.stages[last]):
         return replace(found, ended="the search ended before the full model", cut=True)
     begun, lowest, highest = len(evaluations.starts), least, count
-    layout: Layout = ([*design.muscles], pressures[:, [muscle.channel for muscle in design.muscles]])
+    layout = by_muscle((space, x))
     try:
         with evaluations.aside():
             while lowest < highest:
@@ -68,8 +63,7 @@ def fewer_muscles(evaluations: Evaluations, *, least: int, price: Price) -> Fewe
                     continue
                 highest = size
                 found = replace(found, start=(smaller.space, smaller.x), value=smaller.value, ended="")
-                reduced, own = smaller.space.decode(smaller.x)
-                layout = [*reduced.muscles], own
+                layout = by_muscle((smaller.space, smaller.x))
             return _with_shared_channels(evaluations, found, price)
     except Stop as stop:
         return replace(found, ended=found.ended and str(stop), cut=True)
@@ -82,7 +76,7 @@ def _thinned(evaluations: Evaluations, layout: Layout, space: DesignSpace, size:
     stage, local = len(evaluations.stages) - 2, None
     while len(layout[0]) > size:
         choices = [*_drops(layout), *_merges(layout, space)]
-        candidates = [(choice, start) for choice in choices if (start := _start(choice, space))]
+        candidates = [(choice, start) for choice in choices if (start := start_of(choice, space))]
         if not candidates:
             return None
         searches = _searches(evaluations, stage, [start for _, start in candidates])
@@ -137,7 +131,7 @@ def _merges(layout: Layout, space: DesignSpace) -> list[Layout]:
     """Pairs on one face that lie close become one between them, with the higher pressures."""
     muscles, pressures = layout
     size = max(space.design.fabric.width, space.design.fabric.height)
-    merged = []
+    merged: list[Layout] = []
     for i, j in combinations(range(len(muscles)), 2):
         a, b = muscles[i], muscles[j]
         if (a.side, a.type, len(a.path)) != (b.side, b.type, len(b.path)):
@@ -154,31 +148,3 @@ def _merges(layout: Layout, space: DesignSpace) -> list[Layout]:
         own[:, i] = np.maximum(pressures[:, i], pressures[:, j])
         merged.append((kept, own))
     return merged
-
-
-def _start(layout: Layout, space: DesignSpace) -> Start | None:
-    muscles = tuple(replace(muscle, channel=channel) for channel, muscle in enumerate(layout[0]))
-    own = replace(space, design=replace(space.design, muscles=muscles), start_pressures=layout[1], vary_positions=True)
-    x = own.encode(own.design, layout[1])
-    return (own, x) if own.feasible(x) else None
-
-
-def with_shared_channels(start: Start) -> Start:
-    """The same layout with muscles on one channel whose pressures agree in every pose, at their mean."""
-    space, x = start
-    design, pressures = space.decode(x)
-    low, high = space.limits.pressure
-    own = pressures[:, [muscle.channel for muscle in design.muscles]]
-    groups: list[list[int]] = []
-    for k in range(own.shape[1]):
-        alike = (g for g in groups if np.all(np.abs(own[:, k] - own[:, g[0]]) <= SHARED * (high - low)))
-        group = next(alike, None)
-        if group is None:
-            groups.append([k])
-        else:
-            group.append(k)
-    channel_of = {k: channel for channel, group in enumerate(groups) for k in group}
-    muscles = tuple(replace(muscle, channel=channel_of[k]) for k, muscle in enumerate(design.muscles))
-    shared = np.stack([own[:, group].mean(axis=1) for group in groups], axis=1)
-    found = replace(space, design=replace(design, muscles=muscles), start_pressures=shared)
-    return found, found.encode(found.design, shared)

@@ -42,7 +42,7 @@ class LocalSearch:
 
     def enter(self, space: DesignSpace, x: Vector, value: float, shape: Shape) -> "LocalSearch":
         """The search that goes on from here in another space or on another forward model."""
-        if space.feasible(x):
+        if space.keeps(x, shape):
             return LocalSearch(self.start, space, x, value, max(self.radius, ENTRY_RADIUS), shape=shape)
         return LocalSearch(self.start, space, x, np.inf, 1.0, shape=shape)  # it may go anywhere
 
@@ -102,7 +102,7 @@ class LocalSearch:
             return
         assert self.model is not None
         promised = self.value - objective.value(self.model.at(xs[0]))
-        values = [value for value, _ in results]
+        values = [value if self._kept(x, shape) else np.inf for x, (value, shape) in zip(xs, results, strict=True)]
         best = int(np.argmin(values))
         gain = self.value - values[best]
         if gain > 0:
@@ -122,6 +122,10 @@ class LocalSearch:
             self.learn([results[shortest][1]])
             self.radius = min(self.radius, self._length(xs[0])) / 2
             self.done = promised < LEAST_GAIN or self.radius < LEAST_RADIUS
+
+    def _kept(self, x: Vector, shape: Shape) -> bool:
+        """Where the shape has a limit too, which the model does not foresee for sure."""
+        return self.space.limits.contraction is None or self.space.keeps(x, shape)
 
     def learn(self, shapes: list[Shape]) -> None:
         """Let the model go through the shapes at the last that were learned, unless they diverged."""

@@ -7,18 +7,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.design import Design
+from optimize.contraction import largest_contraction
 from optimize.geometry import bend_radius, segment_clearance
 
 Array = NDArray[np.float64]
 
+ATMOSPHERE = 101_325.0  # Pa
+
 
 @dataclass(frozen=True)
 class Limits:
-    """What every proposal respects. Lengths in m, pressures in Pa."""
+    """What every proposal respects. Lengths in m, pressures in Pa. None: no limit."""
 
     pressure: tuple[float, float] = (0.0, 400e3)
     spacing: float = 0.006  # between muscles on one face
     edge: float = 0.005  # from a muscle's corner points to the cloth's edge
+    contraction: float | None = None  # 1 - l / l0, of any interval between fixed points
+    channels: int | None = None  # of pressure
+    air: float | None = None  # m^3 at atmospheric pressure that fill all muscles in a pose (`free_air`)
 
 
 class Margins:
@@ -62,10 +68,14 @@ class Margins:
             second += [q for _, q in own]
         return first, second, groups
 
+    def lengths(self, corners: Array) -> Array:
+        """(..., muscles) m on the flat cloth."""
+        legs = np.linalg.norm(np.diff(corners, axis=-2), axis=-1)
+        return np.stack([legs[..., a : b - 1].sum(axis=-1) for a, b in self._corners], axis=-1)
+
     def at(self, corners: Array) -> Array:
         """(..., k) m, of layouts whose muscles' corners, one after another, are (..., corners, 2) m."""
-        legs = np.linalg.norm(np.diff(corners, axis=-2), axis=-1)
-        lengths = np.stack([legs[..., a : b - 1].sum(axis=-1) for a, b in self._corners], axis=-1)
+        lengths = self.lengths(corners)
         parts = [lengths - self._shortest, self._stock - lengths[..., self._stocked]]
         parts += [(bend_radius(corners[..., a:b, :]) - least)[..., None] for a, b, least in self._bent]
         if self._groups:
@@ -75,10 +85,22 @@ class Margins:
         return np.concatenate(parts, axis=-1)
 
 
-def constraint_margins(design: Design, pressures: Array, limits: Limits) -> dict[str, float]:
-    """The least margin of every limit by name: m, and Pa for `pressure`. Negative: violated.
+def free_air(design: Design, lengths: Array, pressures: Array) -> Array:
+    """(..., poses) m^3 at atmospheric pressure that pressures (..., poses, channels) Pa take beside what is in muscles
+    of lengths (..., muscles) m anyway: of cylinders of the outer diameter, which a muscle that swells exceeds."""
+    areas = np.array([np.pi / 4 * design.muscle_types[muscle.type].outer_diameter ** 2 for muscle in design.muscles])
+    own = pressures[..., [muscle.channel for muscle in design.muscles]]
+    return np.asarray((own * (areas * lengths)[..., None, :]).sum(axis=-1) / ATMOSPHERE)
 
-    `spacing` is absent where no face has two muscles, `min_bend_radius` and `stock_length` where no type states one.
+
+def constraint_margins(
+    design: Design, pressures: Array, limits: Limits, shape: Array | None = None
+) -> dict[str, float]:
+    """The least margin of every limit by name: m; Pa for `pressure`, m^3 for `air`, none for `contraction` and
+    `channels`. Negative: violated. shape: (poses, 2 n n, 3) m, by which `contraction` goes.
+
+    `spacing` is absent where no face has two muscles, `min_bend_radius` and `stock_length` where no type states one,
+    the last three where there is no limit.
     """
     fabric = design.fabric
     corners = np.concatenate([np.array(muscle.path) for muscle in design.muscles])
@@ -88,4 +110,10 @@ def constraint_margins(design: Design, pressures: Array, limits: Limits) -> dict
         least[name] = min(margin, least.get(name, np.inf))
     least["inside_cloth"] = float(np.min([corners, np.array([fabric.width, fabric.height]) - corners]))
     least["pressure"] = float(min(np.min(pressures) - limits.pressure[0], limits.pressure[1] - np.max(pressures)))
+    if limits.contraction is not None and shape is not None:
+        least["contraction"] = limits.contraction - largest_contraction(design, shape)
+    if limits.channels is not None:
+        least["channels"] = float(limits.channels - design.channels)
+    if limits.air is not None:
+        least["air"] = float(np.min(limits.air - free_air(design, margins.lengths(corners), pressures)))
     return least

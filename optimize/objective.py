@@ -1,6 +1,6 @@
 """How far a batch of designs comes from the target: forward model in, one number a design out."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Literal
@@ -11,18 +11,20 @@ from scipy.interpolate import make_interp_spline
 from scipy.spatial import KDTree
 
 from fabdesign.design import Design
-from fabdesign.distances import chamfer
 from fabdesign.forward import SIDE, Case, ForwardModel
 from fabdesign.free_placement import RigidMotion, onto
-from fabdesign.metrics import distance_to_faces, surface_rms
+from fabdesign.metrics import chamfer_to, distance_to_faces, shares_at, surface_rms
 from fabdesign.pressure import PressureProgram
+from fabdesign.regions import Weighting
 from fabdesign.sheet import Face
-from fabdesign.surface import CAP, Surface, capped_rms, half_of
+from fabdesign.surface import CAP, Surface, half_of
 from fabdesign.wishes import Landmarks
 from optimize.design_space import DesignSpace, Vector
 
 Measure = Literal["chamfer", "surface_rms"]
 Shape = NDArray[np.float64]  # (poses, 2 n, 3) m: one design under each pose's pressures
+# m, of distances and their shares; and its slope by each
+Norm = Callable[[NDArray[np.float64], NDArray[np.float64]], tuple[float, NDArray[np.float64]]]
 LATE = 1.0  # s after rest, from which on a motion's frame is taken to be near the shape at rest
 THIN = 2  # a step is chosen on every second point of target and model: cheaper, the same step
 SURFACE_THIN = 6  # the same for surface RMS, of the target alone: triangles cost more, and blur less, than points
@@ -38,6 +40,7 @@ class Target:
     face: Face = "both"  # that the points lie on
     landmarks: Landmarks | None = None  # in place of the points: their mean distance
     free: bool = False  # it may stand anywhere: distances are of the shape moved onto it
+    weighting: Weighting | None = None  # how much each place of the cloth counts
 
     def motion(self, pose: NDArray[np.float64]) -> RigidMotion:
         """That brings a shape (2 n, 3) m onto it where it is free."""
@@ -103,15 +106,15 @@ class Objective:
         if target.free:
             pose = target.motion(pose).of(pose)
         if self.measure == "surface_rms":
-            return surface_rms(target.points, pose, target.face)
+            return surface_rms(target.points, pose, target.face, target.weighting)
         if target.markers:
-            return distance_to_faces(target.points, pose, target.face)
-        return chamfer(target.points, half_of(pose, target.face))
+            return distance_to_faces(target.points, pose, target.face, target.weighting)
+        return chamfer_to(pose, target.face, target.weighting).of(target.points)
 
     @property
     def thin(self) -> int:
         """Stride through a shape's points that `gradient` can do with."""
-        whole = any(target.markers or target.landmarks is not None for target in self.targets)
+        whole = any(t.markers or t.landmarks is not None or t.weighting is not None for t in self.targets)
         return THIN if self.measure == "chamfer" and not whole else 1
 
     def gradient(self, shape: Shape) -> tuple[float, Shape]:
@@ -131,10 +134,10 @@ class Objective:
 
     def _gradient_there(self, target: Target, pose: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
         if self.measure == "surface_rms":
-            return _surface_gradient(target.points[::SURFACE_THIN], pose, target.face)
+            return _faces_gradient(target.points[::SURFACE_THIN], pose, target, _capped_rms)
         if target.markers:
-            return _markers_gradient(target.points, pose, target.face)
-        return _chamfer_gradient(_tree(target), pose, target.face)
+            return _faces_gradient(target.points, pose, target, _mean)
+        return _chamfer_gradient(_tree(target), pose, target.face, target.weighting)
 
 
 @lru_cache(maxsize=64)
@@ -142,40 +145,44 @@ def _tree(target: Target) -> KDTree:
     return KDTree(target.points[::THIN])
 
 
-def _chamfer_gradient(target: KDTree, every: NDArray[np.float64], face: Face) -> tuple[float, NDArray[np.float64]]:
+def _chamfer_gradient(
+    target: KDTree, every: NDArray[np.float64], face: Face, weighting: Weighting | None
+) -> tuple[float, NDArray[np.float64]]:
     measured, model = np.asarray(target.data), half_of(every, face)
+    weights = np.ones(len(model)) if weighting is None else half_of(weighting.of_points(len(every)), face)
     to_target, nearest_target = target.query(model)
     to_model, nearest_model = KDTree(model, balanced_tree=False).query(measured)
-    slope = (model - measured[nearest_target]) / (np.maximum(to_target, 1e-12) * len(model))[:, None]
-    pull = (model[nearest_model] - measured) / (np.maximum(to_model, 1e-12) * len(measured))[:, None]
+    own, at_nearest = weights / weights.sum(), weights[nearest_model] / weights[nearest_model].sum()
+    slope = (model - measured[nearest_target]) * (own / np.maximum(to_target, 1e-12))[:, None]
+    pull = (model[nearest_model] - measured) * (at_nearest / np.maximum(to_model, 1e-12))[:, None]
     for axis in range(3):
         slope[:, axis] += np.bincount(nearest_model, pull[:, axis], len(model))
     slopes = np.zeros_like(every)
     half_of(slopes, face)[:] = slope
-    return float(to_target.mean() + to_model.mean()), slopes
+    return float(own @ to_target + at_nearest @ to_model), slopes
 
 
-def _surface_gradient(
-    measured: NDArray[np.float64], model: NDArray[np.float64], face: Face
+def _faces_gradient(
+    measured: NDArray[np.float64], model: NDArray[np.float64], target: Target, norm: Norm
 ) -> tuple[float, NDArray[np.float64]]:
-    surface = Surface.of_faces(model, face=face)
+    """Of a norm of the distances of measured points to the faces."""
+    surface = Surface.of_faces(model, face=target.face)
     near = surface.nearest(measured)
-    value = capped_rms(near.distance)
+    value, slope = norm(near.distance, shares_at(surface, near, target.weighting))
     corners = surface.triangles[near.triangle]  # (n, 3)
-    pull = np.einsum("nk,nkd->nd", near.weights, model[corners]) - measured
-    pull[near.distance >= CAP] = 0.0  # strays beyond it have no slope
-    return value, _on_corners(corners, near.weights, pull / (len(measured) * max(value, 1e-12)), len(model))
+    away = np.einsum("nk,nkd->nd", near.weights, model[corners]) - measured
+    pull = (slope / np.maximum(near.distance, 1e-12))[:, None] * away
+    return value, _on_corners(corners, near.weights, pull, len(model))
 
 
-def _markers_gradient(
-    measured: NDArray[np.float64], model: NDArray[np.float64], face: Face
-) -> tuple[float, NDArray[np.float64]]:
-    surface = Surface.of_faces(model, face=face)
-    near = surface.nearest(measured)
-    corners = surface.triangles[near.triangle]  # (n, 3)
-    pull = np.einsum("nk,nkd->nd", near.weights, model[corners]) - measured
-    pull /= (len(measured) * np.maximum(near.distance, 1e-12))[:, None]
-    return float(near.distance.mean()), _on_corners(corners, near.weights, pull, len(model))
+def _capped_rms(distance: NDArray[np.float64], shares: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    value = float(np.sqrt(shares @ np.square(np.minimum(distance, CAP))))
+    within = np.where(distance < CAP, distance, 0.0)  # strays beyond it have no slope
+    return value, shares * within / max(value, 1e-12)
+
+
+def _mean(distance: NDArray[np.float64], shares: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    return float(shares @ distance), shares
 
 
 def _on_corners(

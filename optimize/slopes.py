@@ -27,6 +27,7 @@ class Slopes(NamedTuple):
 
     shape: Shape  # (poses, 2 n, 3) m, at rest
     by_variable: NDArray[np.float64]  # (n, poses, 2 n, 3) m; 0 where a derivative is not there
+    by_further: NDArray[np.float64]  # (columns, poses, 2 n, 3) m per unit of further columns; NaN where that diverged
 
 
 def jacobians_for(forward: ForwardModel, objective: Objective) -> Jacobians | None:
@@ -37,13 +38,18 @@ def jacobians_for(forward: ForwardModel, objective: Objective) -> Jacobians | No
     return found
 
 
-def slopes_of(jacobians: Jacobians, objective: Objective, points: Sequence[tuple[DesignSpace, Vector]]) -> list[Slopes]:
-    """Of every point, whatever their layouts; a batch for each pose."""
+def slopes_of(
+    jacobians: Jacobians,
+    objective: Objective,
+    points: Sequence[tuple[DesignSpace, Vector]],
+    further: Sequence[Column] = (),
+) -> list[Slopes]:
+    """Of every point, whatever their layouts, by its variables and by further columns; a batch for each pose."""
     decoded = [space.decode(x) for space, x in points]
     corners = sorted({corner for space, _ in points for corner in _corners(space)})
     channels = max(space.start_pressures.shape[1] * space.vary_pressures for space, _ in points)
     span = max(np.ptp(space.limits.pressure) for space, _ in points)
-    columns = [*map(_of_corner, corners), *(_of_channel(k, PRESSURE_STEP * span) for k in range(channels))]
+    columns = [*map(_of_corner, corners), *(_of_channel(k, PRESSURE_STEP * span) for k in range(channels)), *further]
     place = {corner: k for k, corner in enumerate(corners)}
     found = [jacobians(objective.cases(pose, decoded), columns) for pose in range(len(objective.targets))]
     results = []
@@ -51,9 +57,11 @@ def slopes_of(jacobians: Jacobians, objective: Objective, points: Sequence[tuple
         own = [place[corner] for corner in _corners(space)]
         shape = np.array([refined(np.asarray(pose[i].points, float)) for pose in found])
         by_variable = np.zeros((len(x), *shape.shape))
+        by_further = np.zeros((len(further), *shape.shape))
         at = space.position_count
         for pose, jacobian in enumerate(one[i] for one in found):
             changes = np.array([refined(change) for change in jacobian.changes]).reshape(len(columns), -1, 3)
+            by_further[:, pose] = changes[len(columns) - len(further) :]
             by_variable[: space.position_count, pose] = changes[own] * space.units[: space.position_count, None, None]
             if space.vary_pressures:
                 many = space.start_pressures.shape[1]
@@ -62,15 +70,24 @@ def slopes_of(jacobians: Jacobians, objective: Objective, points: Sequence[tuple
                 )
                 at += many
         by_variable[~np.isfinite(by_variable).all(axis=(1, 2, 3))] = 0.0
-        results.append(Slopes(shape, by_variable))
+        results.append(Slopes(shape, by_variable, by_further))
     return results
 
 
-def by_columns(jacobians: Jacobians, cases: Sequence[Case], columns: Sequence[Column]) -> Slopes:
-    """Of one design, a case a pose: by each column per unit, in place of a variable; NaN where that diverged."""
+class ByColumns(NamedTuple):
+    """Of one design, a case a pose. exact: whether every column is a definite tangent's in every pose."""
+
+    shape: Shape  # (poses, 2 n, 3) m, at rest
+    changes: NDArray[np.float64]  # (columns, poses, 2 n, 3) m per unit; NaN where that diverged
+    exact: bool
+
+
+def by_columns(jacobians: Jacobians, cases: Sequence[Case], columns: Sequence[Column]) -> ByColumns:
+    """How the shapes of one design, a case a pose, change with columns."""
     found = [jacobians([case], columns)[0] for case in cases]
     shape = np.array([refined(np.asarray(one.points, float)) for one in found])
-    return Slopes(shape, np.stack([np.array([refined(change) for change in one.changes]) for one in found], axis=1))
+    changes = np.stack([np.array([refined(change) for change in one.changes]) for one in found], axis=1)
+    return ByColumns(shape, changes, all(bool(one.exact.all()) for one in found))
 
 
 def _corners(space: DesignSpace) -> list[Corner]:

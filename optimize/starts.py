@@ -14,6 +14,7 @@ from fabdesign.catalogue import LAYOUTS, build
 from fabdesign.design import Design
 from fabdesign.errors import InputError
 from fabdesign.muscle import Muscle
+from optimize.channels import start_of
 from optimize.design_space import DesignSpace, Vector
 from optimize.margins import Limits
 
@@ -159,10 +160,8 @@ def _start(
 def _start_with(
     design: Design, limits: Limits, muscles: tuple[Muscle, ...], pressures: NDArray[np.float64]
 ) -> Start | None:
-    """None where they break a limit."""
-    space = DesignSpace(replace(design, muscles=muscles), limits, pressures, vary_positions=True)
-    x = space.encode(space.design, pressures)
-    return (space, x) if space.feasible(x) else None
+    """None where they break a limit. pressures (poses, muscles) Pa."""
+    return start_of((muscles, pressures), DesignSpace(replace(design, muscles=muscles), limits, pressures))
 
 
 def _parallel(design: Design, limits: Limits, count: int, rng: Generator) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ import nlopt
 import numpy as np
 from numpy.typing import NDArray
 
+from optimize.contraction import LinearContraction
 from optimize.design_space import DesignSpace, Vector
 from optimize.objective import Objective, Shape
 
@@ -44,8 +45,9 @@ def best_step(model: LinearShape, objective: Objective, space: DesignSpace, radi
     reach = radius * space.reach
     lower, upper = np.maximum(0.0, model.centre - reach), np.minimum(1.0, model.centre + reach)
     thin = LinearShape(model.centre, model.shape[:, :: objective.thin], model.slopes[:, :, :: objective.thin])
+    contraction = _contraction(model, space)
     best_x, best_value = model.centre, np.inf
-    if space.feasible(model.centre):
+    if space.keeps(model.centre, model.shape):
         best_value = objective.gradient(thin.shape)[0]
 
     def value(x: Vector, gradient: Vector) -> float:
@@ -53,24 +55,28 @@ def best_step(model: LinearShape, objective: Objective, space: DesignSpace, radi
         found, slope = objective.gradient(thin.at(x))
         if gradient.size:
             gradient[:] = np.tensordot(thin.slopes, slope, axes=3)
-        if found < best_value and space.feasible(x):
+        if found < best_value and space.feasible(x) and (contraction is None or contraction.at(x)[0].min() >= 0):
             best_x, best_value = x.copy(), found
         return found
 
     def violations(result: Vector, x: Vector, gradient: NDArray[np.float64]) -> None:
         margins = space.margins(x)
-        result[:] = -margins
+        result[: len(margins)] = -margins
         if gradient.size:
             gradient[:] = 0.0
-            moving = space.position_count
-            moved = x + MARGIN_STEP * np.eye(moving, len(x))
-            gradient[:, :moving] = -(space.margins(moved) - margins).T / MARGIN_STEP
+            moved = x + MARGIN_STEP * np.eye(space.limited, len(x))
+            gradient[: len(margins), : space.limited] = -(space.margins(moved) - margins).T / MARGIN_STEP
+        if contraction is not None:
+            left, slopes = contraction.at(x)
+            result[len(margins) :] = -left
+            if gradient.size:
+                gradient[len(margins) :] = -slopes
 
     solver = nlopt.opt(nlopt.LD_SLSQP, len(model.centre))
     solver.set_lower_bounds(lower)
     solver.set_upper_bounds(upper)
     solver.set_min_objective(value)
-    count = len(space.margins(model.centre))
+    count = len(space.margins(model.centre)) + (contraction.count if contraction else 0)
     if count:
         solver.add_inequality_mconstraint(violations, np.full(count, 1e-7))
     solver.set_ftol_abs(LEAST_GAIN)
@@ -79,3 +85,11 @@ def best_step(model: LinearShape, objective: Objective, space: DesignSpace, radi
     with suppress(nlopt.RoundoffLimited, RuntimeError):  # the best point is kept here, whatever ends NLopt
         solver.optimize(np.clip(model.centre, lower, upper))
     return best_x
+
+
+def _contraction(model: LinearShape, space: DesignSpace) -> LinearContraction | None:
+    """None where it has no limit."""
+    if space.limits.contraction is None:
+        return None
+    design = space.decode(model.centre)[0]
+    return LinearContraction(design, space.limits.contraction, model.centre, model.shape, model.slopes)

@@ -5,13 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from fabdesign.muscle import Muscle
+from optimize.channels import Layout, by_muscle, start_of
 from optimize.design_space import DesignSpace, Limits, Vector
 from optimize.starts import Side, Start
 
-Layout = tuple[list[Muscle], NDArray[np.float64]]  # and (poses, muscles) Pa
 TRIES = 40  # of a variation before it is left out
 SHIFT = 0.15  # of the cloth: a line's end moves by as much, as a standard deviation
 SLIGHT = 0.05  # the same where all lines move
@@ -21,31 +20,21 @@ def variations(best: Start, *, counts: range, sides: Sequence[Side], number: int
     """Up to `number` layouts that differ from `best` by a move or two: a muscle added, left out, on the other face,
     drawn anew, or its ends or pressure moved; all lines shifted or moved a little. All keep the limits.
 
-    A muscle that shares its channel gets one of its own.
+    A muscle that shares its channel gets one of its own, as far as the limits have channels.
     """
-    space, x = best
-    design, pressures = space.decode(x)
+    space, _ = best
     rng = np.random.default_rng(seed)
     found: list[Start] = []
     for _ in range(number):
         for _ in range(TRIES):
-            layout: Layout = ([*design.muscles], pressures[:, [m.channel for m in design.muscles]].copy())
+            layout = by_muscle(best)
             for _ in range(int(rng.integers(1, 3))):
                 layout = _moved(layout, space, counts, sides, rng)
-            start = _start(layout, space)
+            start = start_of(layout, space)
             if start is not None:
                 found.append(start)
                 break
     return found
-
-
-def _start(layout: Layout, space: DesignSpace) -> Start | None:
-    muscles = tuple(replace(muscle, channel=channel) for channel, muscle in enumerate(layout[0]))
-    own = DesignSpace(
-        replace(space.design, muscles=muscles), space.limits, layout[1], space.vary_pressures, vary_positions=True
-    )
-    x = own.encode(own.design, layout[1])
-    return (own, x) if own.feasible(x) else None
 
 
 def _moved(layout: Layout, space: DesignSpace, counts: range, sides: Sequence[Side], rng: Generator) -> Layout:

@@ -9,13 +9,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fabdesign.column import Column
 from fabdesign.jacobian import Jacobians
 from optimize.design_space import DesignSpace, Vector
 from optimize.objective import Objective, Shape
-from optimize.slopes import by_columns, slopes_of
+from optimize.slopes import slopes_of
 from optimize.step import LinearShape, best_step
 
 RADIUS = 0.1  # reaches within which the variables adjust: farther the shape is not linear
@@ -48,29 +47,22 @@ def what_helps(
     """m that the same step comes to without any change, and what each change, and each wider space of the same design
     by its name, would; the nearest first."""
     space, x = point
-    [slopes] = slopes_of(jacobians, objective, [point])
+    columns = {own.column.name: own.column for own in changes}
+    [slopes] = slopes_of(jacobians, objective, [point], [*columns.values()])
+    of_column = dict(zip(columns, slopes.by_further, strict=True))
 
     def reached(shape: Shape, own: DesignSpace) -> float:
+        if not np.isfinite(shape).all():
+            return float("nan")
         design, pressures = space.decode(x)
         centre = own.encode(design, pressures)
         by_variable = slopes.by_variable * (own.units / space.units)[:, None, None, None]
         model = LinearShape(centre, shape, by_variable)
         return objective.value(model.at(best_step(model, objective, own, RADIUS)))
 
-    moved = _moved(jacobians, objective, point, changes)
-    found = [Nearer(own.what, reached(slopes.shape + shift, space)) for own, shift in zip(changes, moved, strict=True)]
+    shifted = [slopes.shape + own.by * of_column[own.column.name] for own in changes]
+    found = [Nearer(own.what, reached(shape, space)) for own, shape in zip(changes, shifted, strict=True)]
     found += [Nearer(what, reached(slopes.shape, own)) for what, own in wider.items()]
     return reached(slopes.shape, space), sorted(
         (own for own in found if np.isfinite(own.value)), key=lambda own: own.value
     )
-
-
-def _moved(
-    jacobians: Jacobians, objective: Objective, point: tuple[DesignSpace, Vector], changes: Sequence[Change]
-) -> NDArray[np.float64]:
-    """(changes, poses, 2 n, 3) m."""
-    space, x = point
-    columns = {own.column.name: own.column for own in changes}
-    cases = [case for pose in range(len(objective.targets)) for case in objective.cases(pose, [space.decode(x)])]
-    slopes = by_columns(jacobians, cases, [*columns.values()]).by_variable
-    return np.array([own.by * slopes[[*columns].index(own.column.name)] for own in changes])

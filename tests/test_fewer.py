@@ -17,9 +17,10 @@ from fabdesign.pressure_file import constant_program
 from fabdesign.search_terms import Price
 from fabdesign.study_file import MuscleChoice, Study, TargetFile, read_study
 from optimize.additions import pulling, with_idle
+from optimize.channels import with_shared_channels
 from optimize.design_space import DesignSpace, Limits
 from optimize.evaluations import Evaluations, Stage
-from optimize.fewer import Fewer, fewer_muscles, with_shared_channels
+from optimize.fewer import Fewer, fewer_muscles
 from optimize.history import History
 from optimize.objective import Objective, Target
 from optimize.starts import Start

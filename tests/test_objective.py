@@ -40,11 +40,12 @@ def test_several_targets_count_alike(space: DesignSpace) -> None:
     assert both == pytest.approx((Objective([near]).value(shape) + Objective([far]).value(shape)) / 2)
 
 
-@pytest.mark.parametrize("measure", ["chamfer", "surface_rms"])
-def test_gradient_is_the_derivative(space: DesignSpace, measure: Measure) -> None:
+@pytest.mark.parametrize(("measure", "markers"), [("chamfer", False), ("surface_rms", False), ("chamfer", True)])
+def test_gradient_is_the_derivative(space: DesignSpace, measure: Measure, markers: bool) -> None:
     rng = np.random.default_rng(5)
     shape = shape_of(space)
-    objective = Objective([Target(shape[0] + rng.normal(0, 2e-3, shape[0].shape))], measure=measure)
+    cloud = shape[0] + rng.normal(0, 2e-3, shape[0].shape)
+    objective = Objective([Target(cloud[:: 17 if markers else 1], markers=markers)], measure=measure)
     _, slope = objective.gradient(shape)
     direction = np.stack([np.sin(20 * shape[..., 1]), np.cos(15 * shape[..., 0]), np.ones(shape.shape[:2])], axis=-1)
     h = 1e-7

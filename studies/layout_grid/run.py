@@ -18,8 +18,10 @@ from studies.layout_grid.report import write_report
 from studies.layout_grid.result import CellResult, GridResult
 from studies.layout_grid.turns import (
     FIRST,
+    FIRST_FOLLOWED,
     FOLLOWED,
     FURTHER,
+    PAGE,
     WORTH_A_TURN,
     CellTurns,
     best_beneath,
@@ -53,8 +55,8 @@ def run_layouts(
 
     A cell begins at what the cells that it includes have found, so that more muscles and a second face are no worse.
     Every cell has a turn, with an even share of 60 % of the seconds (of the study, or `seconds`); the rest goes to
-    those that gain by it, while any does, and to the motions that lead to the results on the front. All of that is
-    within the seconds, but for the last batch and the page.
+    those that gain by it, while any does, and to the motions that lead to the results on the front. Nothing begins
+    that is not thought to end within the seconds.
 
     The same study goes on in its folder: finished cells are not searched again, the one that was under way goes on,
     and with more seconds those that gain do. Ctrl-C ends with what is there. A cell for which no layout keeps the
@@ -97,6 +99,7 @@ class _Grid:
         self._turns = {name: CellTurns(**row) for name, row in state.get("cells", {}).items()}
         self._began = time.monotonic() - state.get("spent", 0.0)
         self._end = 0.0  # s that a turn took beyond its search
+        self._longest = 0.0  # s that it took to follow the motions to a result
 
     def searched(self) -> GridResult:
         for cell in self._cells:
@@ -116,19 +119,28 @@ class _Grid:
 
     def _followed(self, result: GridResult) -> GridResult:
         """With the motions that lead to what is on the front, the nearest first, while there is time for another."""
-        longest = 0.0
         while ahead := [f for f in reversed(result.front) if f.result is not None and f.result.way is None]:
             begin = time.monotonic()
-            if self._spent + longest > self._study.search.limits.seconds:
+            if self._spent + self._to_follow > self._limit:
                 return result
             own = self._turns[ahead[0].cell.name]
             followed = self._run(
                 ahead[0].cell, own, first_starts(ahead[0].cell.study) if own.drawn else [], follow=True
             )
             self._found[self._found.index(ahead[0])] = CellResult(ahead[0].cell, followed, "")
-            longest = max(longest, time.monotonic() - begin)
+            self._longest = max(self._longest, time.monotonic() - begin)
             result = self._result()
         return result
+
+    @property
+    def _limit(self) -> float:
+        """s for all but the page."""
+        return self._study.search.limits.seconds - PAGE * len(self._cells)
+
+    @property
+    def _to_follow(self) -> float:
+        """s that it is thought to take to follow the motions to one result."""
+        return self._longest or FIRST_FOLLOWED * self._end
 
     @property
     def _spent(self) -> float:
@@ -139,8 +151,9 @@ class _Grid:
 
     def _time_for_another(self) -> float:
         """s of search in another turn, 0 where there is no time."""
-        seconds = (1 - FOLLOWED) * self._study.search.limits.seconds
-        left, turn = seconds - self._spent - self._end, max(FURTHER * seconds, WORTH_A_TURN * self._end)
+        seconds = self._study.search.limits.seconds
+        until = self._limit - max(FOLLOWED * seconds, self._to_follow)
+        left, turn = until - self._spent - self._end, max(FURTHER * seconds, WORTH_A_TURN * self._end)
         return min(turn, left) if left > WORTH_A_TURN * self._end and left > 0.01 * seconds else 0.0
 
     def _first_turn(self, cell: Cell) -> None:

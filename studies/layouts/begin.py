@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from fabdesign.effort import MUSCLES
 from fabdesign.errors import InputError
 from fabdesign.study_file import Study
 from optimize.additions import pulling, with_idle
+from optimize.channels import by_muscle, start_of
 from optimize.design_space import DesignSpace, Limits, Vector
 from optimize.search import Fresh
 from optimize.starts import Start, catalogue_starts, layout_starts, pressure_starts, thinned_starts
@@ -21,7 +23,8 @@ THINNED_STARTS = 72  # of the design's own muscles, where it has more than the l
 
 
 def limits_of(study: Study) -> Limits:
-    return Limits(study.limits.pressure, study.limits.spacing, study.limits.edge)
+    own = study.limits
+    return Limits(own.pressure, own.spacing, own.edge, own.contraction, own.channels, own.air)
 
 
 def own_start(study: Study, limits: Limits) -> tuple[DesignSpace, Vector]:
@@ -54,6 +57,8 @@ def earlier_starts(study: Study, limits: Limits) -> list[Start]:
         raise InputError(
             f"{earlier.file}: has {len(design.muscles)} muscles; expected {study.muscles.least} to {study.muscles.most}"
         )
+    if design.channels > (limits.channels or MUSCLES):
+        raise InputError(f"{earlier.file}: has {design.channels} channels; expected at most {limits.channels}")
     if unknown := {muscle.type for muscle in design.muscles} - set(design.muscle_types):
         raise InputError(
             f"{earlier.file}: has muscles of type {', '.join(sorted(unknown))}; the study's design has none"
@@ -76,7 +81,7 @@ def first_starts(study: Study) -> list[Start]:
     )
     sides = {muscle.side for muscle in design.muscles}
     if len(design.muscles) in choice.counts and sides <= set(choice.sides):
-        drawn.insert(0, (space, own))
+        drawn = [*_on_fewer_channels((space, own)), *drawn]
     elif len(design.muscles) > choice.most and sides <= set(choice.sides):
         given = space.start_pressures
         drawn += thinned_starts(design, limits, given, choice.most, number=THINNED_STARTS, seed=study.seed)
@@ -84,6 +89,14 @@ def first_starts(study: Study) -> list[Start]:
     if not drawn:
         raise InputError(f"{study.name}: no layout of {choice.least} muscles keeps the limits; expected wider ones")
     return drawn
+
+
+def _on_fewer_channels(start: Start) -> list[Start]:
+    """It alone, with shared channels where it has more than its limits; none where that breaks another limit."""
+    if start[0].design.channels <= (start[0].limits.channels or MUSCLES):
+        return [start]
+    shared = start_of(by_muscle(start), start[0])
+    return [] if shared is None else [shared]
 
 
 def fresh_starts(study: Study) -> Fresh | None:

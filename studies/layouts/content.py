@@ -35,6 +35,8 @@ def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, st
             content[f"{name}.wishes"] = target.landmarks.key
         if target.free:
             content[f"{name}.free"] = True
+        if target.weighting is not None:
+            content[f"{name}.regions"] = repr(target.weighting.regions)
         if target.face != "both":
             content[f"{name}.face"] = target.face
     return {name: shortened(str(value)) for name, value in content.items() if name not in _RAISED}

@@ -17,6 +17,7 @@ LEAST_GAP = 1e-3  # m over the floor from which a target counts as out of reach,
 GAP = 0.25  # and at least this share of the floor
 AT_LIMIT = 0.01  # of the pressure range
 TOUCHING = 2e-4  # m of a limit's margin
+TOUCHING_SHARE = 2e-3  # of contraction, and of the air
 
 
 @dataclass(frozen=True)
@@ -102,4 +103,10 @@ def _held_by(
             for name in ("spacing", "stock_length", "min_bend_radius")
             if margins.get(name, np.inf) < TOUCHING
         ]
+    if margins.get("contraction", np.inf) < TOUCHING_SHARE:
+        held.append("contraction at its limit")
+    if study.limits.air is not None and margins.get("air", np.inf) < TOUCHING_SHARE * study.limits.air:
+        held.append("air at its limit")
+    if study.muscles is not None and study.limits.channels == design.channels < len(design.muscles):
+        held.append("the one channel used" if design.channels == 1 else f"all {design.channels} channels used")
     return held

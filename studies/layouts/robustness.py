@@ -1,8 +1,8 @@
 """Whether a shape survives the sewing: the error of copies whose muscles, pressures and cloth differ as built ones do
 (studies/layouts/scatter.py).
 
-The shape's derivatives give the error of any number of copies without another simulation; a batch of true copies
-confirms it.
+The shape's derivatives give the error of any number of copies without another simulation, where they hold; a batch of
+true copies confirms it. Near a fold they do not: there copies stand in their place.
 """
 
 from collections.abc import Sequence
@@ -19,28 +19,34 @@ from fabdesign.study_file import Study
 from optimize.objective import Objective, Shape
 from optimize.starts import Start
 from optimize.step import LinearShape
-from studies.layouts.scatter import Scatter, linear
+from studies.layouts.scatter import Linear, Scatter, linear
 
 Array = NDArray[np.float64]
 
 LINEAR_COPIES = 128  # of a layout, by derivatives; a power of two
+PROBES = 8  # true copies on the coarse model by which derivatives are checked; so many cost no more than one
+NEAR_FOLD = 24  # true copies on the coarse model in place of derivatives
+HOLDS = 1.5  # factor by which the mean error of copies and that by derivatives may differ
 OFF = 0.003  # m that a muscle lies off its place when the most delicate one is looked for
 YIELD_OVER = 0.25  # of the nominal value, within which a copy counts where the study states no tolerance
 APART = 0.005  # m RMS, and
 BRANCH = 0.5  # of its own way from the nominal shape, by which a copy misses what the derivatives say: another branch
+FAR = 3.0  # times the median copy's way, the same where derivatives do not hold
 
 
 @dataclass(frozen=True, eq=False)
 class Robustness:
-    """Of one layout, in m of the searched measure. The first two by derivatives, the others of `copies` true copies.
+    """Of one layout, in m of the searched measure. `copies` are true ones.
 
-    yielded: share within `tolerance`. elsewhere: copies of another stable shape, or diverged. band: (2 n,) m that the
-    points of the first pose move by, standard deviation. delicate: the muscle, from 1, and the value with it 3 mm off.
+    expected_linear, yield_linear: by derivatives; holds: whether these agree with the copies. yielded: share within
+    `tolerance`. elsewhere: copies of another stable shape, or diverged. band: (2 n,) m that the points of the first
+    pose move by, standard deviation. delicate: the muscle, from 0, and the value with it 3 mm off.
     """
 
     nominal: float
     expected_linear: float
     yield_linear: float
+    holds: bool
     tolerance: float
     expected: float
     yielded: float
@@ -59,9 +65,25 @@ def first_order(
     scatter: Scatter, model: LinearShape, objective: Objective, tolerance: float, *, seed: int
 ) -> tuple[float, float]:
     """Expected value [m] and yield, by derivatives."""
+    return _mean_and_yield([objective.value(model.at(z)) for z in _normals(scatter, seed)], tolerance)
+
+
+def _normals(scatter: Scatter, seed: int) -> Array:
+    """(LINEAR_COPIES, size), even from the first few on."""
     sequence = qmc.Sobol(scatter.size, rng=np.random.default_rng(seed)).random(LINEAR_COPIES)
-    values = np.array([objective.value(model.at(z)) for z in norm.ppf(sequence)])
-    return float(values.mean()), float((values <= tolerance).mean())
+    return np.asarray(norm.ppf(sequence))
+
+
+def _mean_and_yield(values: Sequence[float], tolerance: float) -> tuple[float, float]:
+    """m; infinite where a copy diverged."""
+    found = np.where(np.isfinite(values), values, np.inf)
+    return float(found.mean()), float((found <= tolerance).mean())
+
+
+def _holds(linear_values: Sequence[float], values: Sequence[float]) -> bool:
+    """Whether derivatives say of copies what these show, in the mean."""
+    one, other = (float(np.mean(own)) for own in (linear_values, values))
+    return bool(one < HOLDS * other and other < HOLDS * one)  # NaN compares false
 
 
 def tolerance_of(robust: Robust, nominal: float) -> float:
@@ -70,18 +92,32 @@ def tolerance_of(robust: Robust, nominal: float) -> float:
 
 
 def most_robust(study: Study, robust: Robust, points: Sequence[Start], objective: Objective, coarse: Predictor) -> int:
-    """Number of the layout that the study would choose of several near ones, by derivatives on the coarse model."""
+    """Number of the layout that the study would choose of several near ones, on the coarse model: by derivatives, or
+    by true copies where these do not hold."""
     scored, tolerance = [], None
     for k, (space, x) in enumerate(points):
         scatter = Scatter(study, robust, *space.decode(x))
-        model = linear(scatter, objective, coarse)
-        if not np.isfinite(model.shape).all():
+        found = linear(scatter, objective, coarse)
+        if not np.isfinite(found.model.shape).all():
             continue
         if tolerance is None:
-            tolerance = tolerance_of(robust, objective.value(model.shape))
-        expected, share = first_order(scatter, model, objective, tolerance, seed=study.seed)
+            tolerance = tolerance_of(robust, objective.value(found.model.shape))
+        expected, share = _expected(scatter, found, objective, coarse, tolerance, seed=study.seed)
         scored.append(((-share, expected) if robust.choose == "yield" else (expected, -share), k))
     return min(scored)[1] if scored else 0
+
+
+def _expected(
+    scatter: Scatter, found: Linear, objective: Objective, coarse: Predictor, tolerance: float, *, seed: int
+) -> tuple[float, float]:
+    """Expected value [m] and yield: by derivatives while a few copies agree with them, else by more copies."""
+    zs, values = _normals(scatter, seed), []
+    if found.definite:
+        values = [objective.value(shape) for shape in scatter.shapes(objective, coarse, [*zs[:PROBES]])]
+        if _holds([objective.value(found.model.at(z)) for z in zs[:PROBES]], values):
+            return first_order(scatter, found.model, objective, tolerance, seed=seed)
+    more = scatter.shapes(objective, coarse, [*zs[len(values) : NEAR_FOLD]])
+    return _mean_and_yield([*values, *(objective.value(shape) for shape in more)], tolerance)
 
 
 def robustness_of(
@@ -96,43 +132,54 @@ def robustness_of(
 ) -> Robustness:
     """nominal: m, of the search's nearest result, which the tolerance is counted from where the study states none."""
     scatter, tolerance = Scatter(study, robust, *result), tolerance_of(robust, nominal)
-    model = linear(scatter, objective, coarse)
+    model, definite = linear(scatter, objective, coarse)
     expected, share = first_order(scatter, model, objective, tolerance, seed=study.seed)
     zs = np.random.default_rng(study.seed + 1).standard_normal((robust.copies, scatter.size))
     centre, *shapes = scatter.shapes(objective, fine, [np.zeros(scatter.size), *zs])
     values = np.array([objective.value(shape) for shape in shapes])
     sound = [shape for shape in shapes if np.isfinite(shape).all()]
     moved = np.array([shape[0] - centre[0] for shape in sound]) if sound else np.zeros((1, *centre[0].shape))
+    holds = definite and _holds([objective.value(model.at(z)) for z in zs], values.tolist())
     return Robustness(
         nominal=objective.value(centre),
         expected_linear=expected,
         yield_linear=share,
+        holds=holds,
         tolerance=tolerance,
         expected=float(np.mean(values[np.isfinite(values)])) if sound else float("inf"),
         yielded=float(np.mean(values <= tolerance)),
         worst=float(np.max(np.where(np.isfinite(values), values, np.inf))),
-        elsewhere=sum(_elsewhere(shape, centre, model, z) for shape, z in zip(shapes, zs, strict=True)),
+        elsewhere=_elsewhere(centre, shapes, [model.at(z) - model.shape for z in zs] if holds else None),
         shapes=tuple(sound),
         band=np.sqrt(np.square(moved).sum(axis=2).mean(axis=0)),
-        delicate=_most_delicate(scatter, model, objective, len(result[0].muscles)),
+        delicate=_most_delicate(scatter, model if holds else None, objective, coarse, len(result[0].muscles)),
     )
 
 
-def _elsewhere(shape: Shape, centre: Shape, model: LinearShape, z: Array) -> bool:
-    way = shape - centre
-    missed, length = _rms(way - (model.at(z) - model.shape)), _rms(way)
-    return not missed <= max(APART, BRANCH * length)
+def _elsewhere(centre: Shape, shapes: Sequence[Shape], ways: Sequence[Shape] | None) -> int:
+    """How many are of another branch than `centre`. ways: that derivatives say; None: go by the median copy's."""
+    lengths = np.array([_rms(shape - centre) for shape in shapes])
+    if ways is None:
+        found = lengths[np.isfinite(lengths)]
+        return int(sum(~(lengths <= max(APART, FAR * np.median(found) if len(found) else 0.0))))
+    missed = np.array([_rms(shape - centre - way) for shape, way in zip(shapes, ways, strict=True)])
+    return int(sum(~(missed <= np.maximum(APART, BRANCH * lengths))))
 
 
 def _rms(difference: Shape) -> float:
     return float(np.sqrt(np.square(difference).sum(axis=-1).mean()))
 
 
-def _most_delicate(scatter: Scatter, model: LinearShape, objective: Objective, muscles: int) -> tuple[int, float]:
-    """By derivatives: of every muscle the worst of four directions."""
+def _most_delicate(
+    scatter: Scatter, model: LinearShape | None, objective: Objective, coarse: Predictor, muscles: int
+) -> tuple[int, float]:
+    """Of every muscle the worst of four directions; by derivatives, or without a model by shapes on the coarse one."""
     ways = ((1, 0), (-1, 0), (0, 1), (0, -1))
-    worst = [max(objective.value(model.at(scatter.shifted(k, way, OFF))) for way in ways) for k in range(muscles)]
-    return int(np.argmax(worst)) + 1, float(np.max(worst))
+    zs = [scatter.shifted(k, way, OFF) for k in range(muscles) for way in ways]
+    shapes = scatter.shapes(objective, coarse, zs) if model is None else [model.at(z) for z in zs]
+    values = np.array([objective.value(shape) for shape in shapes]).reshape(muscles, len(ways))
+    worst = np.where(np.isfinite(values), values, np.inf).max(axis=1)
+    return int(np.argmax(worst)), float(np.max(worst))
 
 
 def as_json(found: Robustness, robust: Robust) -> dict[str, object]:
@@ -149,7 +196,11 @@ def as_json(found: Robustness, robust: Robust) -> dict[str, object]:
         "tolerance_mm": mm(found.tolerance),
         "copies": found.copies,
         "elsewhere": found.elsewhere,
-        "first_order": {"expected_mm": mm(found.expected_linear), "yield": found.yield_linear},
+        "first_order": {
+            "expected_mm": mm(found.expected_linear),
+            "yield": found.yield_linear,
+            "holds": found.holds,
+        },
         "band_mm": {"mean": mm(float(found.band.mean())), "largest": mm(float(found.band.max()))},
         "delicate": {"muscle": found.delicate[0], "off_mm": 1e3 * OFF, "value_mm": mm(found.delicate[1])},
         "chosen_for": robust.choose,
@@ -164,9 +215,14 @@ def said(found: Robustness) -> list[str]:
         f"expected {1e3 * found.expected:.2f} mm, worst {1e3 * found.worst:.2f}, nominal {1e3 * found.nominal:.2f}.",
         f"Points move by {1e3 * found.band.mean():.1f} mm in the mean, {1e3 * found.band.max():.1f} mm where most "
         "(standard deviation).",
-        f"Muscle {found.delicate[0]} is the most delicate: {1e3 * OFF:.0f} mm off its place it makes "
-        f"{1e3 * found.delicate[1]:.2f} mm.",
+        f"Muscle {found.delicate[0] + 1} (number {found.delicate[0]} in the drawing and in files, which count from 0) "
+        f"is the most delicate: {1e3 * OFF:.0f} mm off its place it makes {1e3 * found.delicate[1]:.2f} mm.",
     ]
+    if not found.holds:
+        lines.append(
+            f"Derivatives do not hold here, as near a fold: they say {1e3 * found.expected_linear:.2f} mm. "
+            "Copies stand in their place."
+        )
     if found.elsewhere:
         lines.append(f"{found.elsewhere} of them come to another stable shape, or to none: the layout is near a fold.")
     return lines

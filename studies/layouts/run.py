@@ -267,7 +267,7 @@ def _result(
         shape = way.shape
     errors = target_errors(targets, shape, design, seed=study.seed)
     targets = tuple(target.beside(one) for target, one in zip(targets, shape, strict=True))
-    margins = constraint_margins(design, pressures, limits_of(study))
+    margins = constraint_margins(design, pressures, limits_of(study), shape)
     reach = reach_of(study, design, pressures, shape, errors, margins)
     if reach.out_of_reach and follow:
         size = design.fabric.width, design.fabric.height

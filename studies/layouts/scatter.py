@@ -6,6 +6,7 @@ and every muscle's gain, and what the model's joint covariance leaves open.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,16 +145,24 @@ def _pulling(name: str, share: Array) -> Column:
     return Column(name, STANDARD, 0.2, 1.0, moved)
 
 
-def linear(scatter: Scatter, objective: Objective, forward: Predictor) -> LinearShape:
+class Linear(NamedTuple):
+    """definite: whether the tangent is, as it is on one branch; differences stand in where it is not."""
+
+    model: LinearShape
+    definite: bool
+
+
+def linear(scatter: Scatter, objective: Objective, forward: Predictor) -> Linear:
     """The shape of copies in their standard normals, about none: by derivatives of shapes at rest where the forward
     model offers them, else by differences of one standard deviation, in one batch. What diverges has no slope."""
     at_rest = all(target.time is None for target in objective.targets)
     jacobians = replace(forward, model=Model()).faces_jacobian if at_rest else None
+    definite = True
     if jacobians is None:
         nominal, *ahead = scatter.shapes(objective, forward, [np.zeros(scatter.size), *np.eye(scatter.size)])
         slopes = np.array([shape - nominal for shape in ahead])
     else:
         cases = [scatter.case(objective, pose) for pose in range(len(objective.targets))]
-        nominal, slopes = by_columns(jacobians, cases, scatter.columns)
+        nominal, slopes, definite = by_columns(jacobians, cases, scatter.columns)
     slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0
-    return LinearShape(np.zeros(scatter.size), nominal, slopes)
+    return Linear(LinearShape(np.zeros(scatter.size), nominal, slopes), definite)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from fabdesign.design import Design
 from fabdesign.metrics import DRAWS, Errors, landmark_errors, trial_errors
 from fabdesign.placement import placement_of
+from fabdesign.regions import Weighting
 from fabdesign.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
 from fabdesign.sheet import Face
 from fabdesign.study_file import TargetFile
@@ -37,11 +38,12 @@ class LoadedTarget:
     weight: float = 1.0  # among the poses of a study
     landmarks: Landmarks | None = None  # of wishes, whose goals the points are
     free: bool = False  # it may stand anywhere
+    weighting: Weighting | None = None  # how much each place of the cloth counts
 
     @property
     def sought(self) -> Target:
         """What a search comes close to."""
-        return Target(self.points, self.time, self.markers, self.face, self.landmarks, self.free)
+        return Target(self.points, self.time, self.markers, self.face, self.landmarks, self.free, self.weighting)
 
     def beside(self, shape: NDArray[np.float64]) -> "LoadedTarget":
         """A free one where it lies nearest to a shape (2 n, 3) m, with how it was moved; any other as it is."""
@@ -83,12 +85,24 @@ def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedT
         parts.append("mean distance of its points to the cloth, one way, in place of Chamfer")
     if target.face != "both":
         parts.append(f"of the {target.face} face")
+    if target.weighting is not None:
+        parts.append(f"counts {target.weighting.said}")
     if frame.trial:
         parts.append(_set_description(path))
     noise = _noise(placed, design.fabric.thickness)
     said = ", ".join(filter(None, parts))
     markers = placed.markers or target.distances == "one way"
-    return LoadedTarget(placed.points, frame.time, said, noise, markers, target.face, target.weight, free=target.free)
+    return LoadedTarget(
+        placed.points,
+        frame.time,
+        said,
+        noise,
+        markers,
+        target.face,
+        target.weight,
+        free=target.free,
+        weighting=target.weighting,
+    )
 
 
 def target_errors(
@@ -123,6 +137,7 @@ def _errors(target: LoadedTarget, shape: NDArray[np.float64], *, seed: int, draw
         draws=draws,
         markers=target.markers,
         face=target.face,
+        weighting=target.weighting,
     )
 
 

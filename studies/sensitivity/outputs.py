@@ -7,13 +7,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.distances import chamfer
 from fabdesign.fabric import Fabric
 from fabdesign.forward import SIDE
-from fabdesign.metrics import distance_to_faces
+from fabdesign.metrics import chamfer_to, distance_to_faces
 from fabdesign.sensitivity_file import Output
 from fabdesign.shape_output import ShapeOutput, read_shape_output
-from fabdesign.surface import half_of
 from studies.layouts.target import LoadedTarget
 
 Array = NDArray[np.float64]
@@ -99,8 +97,8 @@ def _distance(target: LoadedTarget, points: NDArray[np.float32]) -> float:
         return target.landmarks.mean(points)
     target = target.beside(np.asarray(points, float))
     if target.markers:
-        return distance_to_faces(target.points, points, target.face)
-    return chamfer(target.points, half_of(points, target.face))
+        return distance_to_faces(target.points, points, target.face, target.weighting)
+    return chamfer_to(points, target.face, target.weighting).of(target.points)
 
 
 def tip(points: NDArray[np.floating], fabric: Fabric) -> Array:

@@ -249,6 +249,8 @@ def _content(study: SensitivityStudy, target: Array | None) -> dict[str, str]:
         content[f"functions.{name}"] = _text_of(function)
     if target is not None:
         content["target.points"] = hashlib.sha256(target.tobytes()).hexdigest()
+    if study.target is not None and study.target.weighting is not None:
+        content["target.regions"] = repr(study.target.weighting.regions)
     return {name: shortened(str(value)) for name, value in content.items()}
 
 
