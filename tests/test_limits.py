@@ -19,6 +19,7 @@ from optimize.contraction import Intervals, LinearContraction, largest_contracti
 from optimize.design_space import DesignSpace
 from optimize.margins import Limits, constraint_margins
 from optimize.starts import layout_starts
+from studies.layouts.content import study_content
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth
 from tests.sheets import rolled_sheet
@@ -136,3 +137,12 @@ def test_bad_limits_are_refused(tmp_path: Path, line: str, message: str) -> None
     (tmp_path / "s.toml").write_text(f"{head}[limits]\n{line}\n")
     with pytest.raises(InputError, match=message):
         read_study(tmp_path / "s.toml")
+
+
+def test_a_limit_that_is_absent_is_no_part_of_a_study() -> None:
+    # else a search begun before there were such limits would be another one
+    study = Study("lim", DESIGN, ())
+    names = {"limits.contraction", "limits.channels", "limits.air"}
+    assert not names & study_content(study, []).keys()
+    limited = replace(study, limits=replace(study.limits, contraction=0.2, channels=2, air=1e-3))
+    assert names <= study_content(limited, []).keys()

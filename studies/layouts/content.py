@@ -12,6 +12,7 @@ from studies.layouts.target import LoadedTarget
 
 _RAISED = ("limits.seconds", "limits.evaluations")  # without another result up to there
 _NO_MATTER = ("name", "targets", "outputs")  # the targets' points count, not their files
+_ABSENT = ("limits.contraction", "limits.channels", "limits.air")  # where there is no such limit
 _LONGEST = 200  # characters that are kept of a value; of longer ones their hash
 
 
@@ -21,6 +22,7 @@ def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, st
     for field in fields(study):
         if field.name not in _NO_MATTER:
             content |= flat(getattr(study, field.name), field.name)
+    content = {name: value for name, value in content.items() if name not in _ABSENT or value is not None}
     content["limits.pressure"] = [pressure / 1e3 for pressure in study.limits.pressure]
     if study.start_pressures is not None:
         content["start_pressures"] = (study.start_pressures / 1e3).tolist()
