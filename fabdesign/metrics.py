@@ -4,8 +4,9 @@ With `fabdesign.splits`, the only place where these are computed. Chamfer: unsqu
 summed. Everything in m; people are shown mm.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import astuple, dataclass, fields
+from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -51,7 +52,7 @@ def surface_rms(measured: Floats, model: Floats, face: Face = "both", weighting:
 
     Each distance, to the nearest triangle, is capped at 10 mm. weighting: how much the places count that they go to.
     """
-    return _rms(*_distances(Surface.of_faces(model, face=face), measured, weighting, within=CAP))
+    return _rms(Surface.of_faces(model, face=face), measured, weighting)
 
 
 def distance_to_faces(markers: Floats, model: Floats, face: Face = "both", weighting: Weighting | None = None) -> float:
@@ -60,8 +61,7 @@ def distance_to_faces(markers: Floats, model: Floats, face: Face = "both", weigh
 
     In place of Chamfer: most of the model has no marker near it.
     """
-    off, shares = _distances(Surface.of_faces(model, face=face), markers, weighting)
-    return float(off @ shares)
+    return _mean(Surface.of_faces(model, face=face), weighting, markers)
 
 
 def chamfer_to(model: Floats, face: Face = "both", weighting: Weighting | None = None) -> ChamferTo:
@@ -80,6 +80,18 @@ def _distances(
     return near.distance, shares_at(surface, near, weighting)
 
 
+def _rms(surface: Surface, points: Floats, weighting: Weighting | None) -> float:
+    """Capped, m."""
+    off, shares = _distances(surface, points, weighting, within=CAP)
+    return capped_rms(off, shares=shares)
+
+
+def _mean(surface: Surface, weighting: Weighting | None, points: Floats) -> float:
+    """m, uncapped."""
+    off, shares = _distances(surface, points, weighting)
+    return float(off @ shares)
+
+
 def shares_at(surface: Surface, near: Nearest, weighting: Weighting | None) -> NDArray[np.float64]:
     """(n,) of the places nearest to points on a surface of a cloth, in a mean over the points; they sum to 1."""
     if weighting is None:
@@ -87,11 +99,6 @@ def shares_at(surface: Surface, near: Nearest, weighting: Weighting | None) -> N
     own = weighting.of_points(len(surface.vertices))[surface.triangles[near.triangle]]
     weights = np.einsum("nk,nk->n", near.weights, own)
     return np.asarray(weights / weights.sum())
-
-
-def _rms(off: NDArray[np.float64], shares: NDArray[np.float64]) -> float:
-    """Capped, m."""
-    return float(np.sqrt(shares @ np.square(np.minimum(off, CAP))))
 
 
 def chamfer_floor(model: Floats, count: int, noise: SensorNoise, *, seed: int = 0) -> float:
@@ -176,21 +183,13 @@ def _by_frame(
     distances, floors = [], []
     for cloud, model, repeats in zip(measured, predicted, per_frame, strict=True):
         surface = Surface.of_faces(model, face=face)
-        to_model = _to(surface, weighting) if markers else chamfer_to(model, face, weighting).of
+        to_model = partial(_mean, surface, weighting) if markers else chamfer_to(model, face, weighting).of
         off, shares = _distances(surface, cloud, weighting, within=CAP)
-        distances.append((to_model(cloud), _rms(off, shares), float(shares @ (off > CAP))))
+        distances.append((to_model(cloud), capped_rms(off, shares=shares), float(shares @ (off > CAP))))
         for strays in islice(offsets, repeats):
             drawn = noise.draw(surface, len(cloud), rng, strays)
-            floors.append((to_model(drawn), _rms(*_distances(surface, drawn, weighting, within=CAP))))
+            floors.append((to_model(drawn), _rms(surface, drawn, weighting)))
     return distances, floors
-
-
-def _to(surface: Surface, weighting: Weighting | None) -> Callable[[Floats], float]:
-    def mean(points: Floats) -> float:
-        off, shares = _distances(surface, points, weighting)
-        return float(off @ shares)
-
-    return mean
 
 
 MANY_BEYOND = 0.05  # share of the points from which on a capped figure hides how far off they are

@@ -22,6 +22,11 @@ _KILO = Decimal(1000)  # Pa: `channel_0` without a unit is in kPa
 _CONSTANT = re.compile(r"\s*[-+.\w]+(\s*,\s*[-+.\w]+)*\s*,?\s*")
 
 
+def pressure_file_of(pose: int) -> str:
+    """The file's name in a folder of a design with several poses, which count from 1."""
+    return "pressures.csv" if pose == 1 else f"pressures_{pose}.csv"
+
+
 def read_pressures(spec: str | Path, design: Design) -> PressureProgram:
     """The program that `spec` names (docs/files.md, "Pressures"), checked against the design's channels and limits.
 

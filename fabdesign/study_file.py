@@ -17,7 +17,7 @@ from fabdesign.model import Model
 from fabdesign.model_file import read_model
 from fabdesign.placement import UNITS, Unit
 from fabdesign.pressure import LARGEST, limits
-from fabdesign.pressure_file import read_pressures
+from fabdesign.pressure_file import pressure_file_of, read_pressures
 from fabdesign.regions import Weighting, read_regions
 from fabdesign.search_terms import Price, Robust, read_price, read_robust
 from fabdesign.shape_output import ShapeOutput, read_shape_outputs
@@ -324,6 +324,6 @@ def _earlier(root: Table, path: Path) -> EarlierResult | None:
         raise root.bad("start", "the folder of an earlier result, with design.toml and pressures.csv")
     design = read_design(folder / "design.toml")
     files = [folder / "pressures.csv"]
-    while (further := folder / f"pressures_{len(files) + 1}.csv").is_file():
+    while (further := folder / pressure_file_of(len(files) + 1)).is_file():
         files.append(further)
     return EarlierResult(folder, design, np.array([read_pressures(file, design).pressure[-1] for file in files]))

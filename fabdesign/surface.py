@@ -128,6 +128,7 @@ def face_triangles(rows: int, cols: int) -> Indices:
 CAP = 0.010  # m, of a distance to a surface: strays beyond it do not decide
 
 
-def capped_rms(distance: Array, cap: float = CAP) -> float:
-    """Root mean square [m] of distances capped at `cap` [m], so that strays cannot decide it."""
-    return float(np.sqrt(np.mean(np.square(np.minimum(np.abs(distance), cap)))))
+def capped_rms(distance: Array, cap: float = CAP, *, shares: Array | None = None) -> float:
+    """Root mean square [m] of distances capped at `cap` [m], so that strays cannot decide it. shares: of each in the
+    mean, by default all alike."""
+    return float(np.sqrt(np.average(np.square(np.minimum(np.abs(distance), cap)), weights=shares)))

@@ -141,9 +141,9 @@ class DesignSpace:
     def keeps(self, x: Vector, shape: NDArray[np.float64]) -> bool:
         """Whether it is feasible with the shape (poses, 2 n n, 3) m that it has."""
         most = self.limits.contraction
-        if not self.feasible(x) or most is None:
-            return self.feasible(x)
-        return largest_contraction(self.decode(x)[0], shape) <= most + CONTRACTION_ROUNDING
+        if not self.feasible(x):
+            return False
+        return most is None or largest_contraction(self.decode(x)[0], shape) <= most + CONTRACTION_ROUNDING
 
 
 def _with_corners(muscles: tuple[Muscle, ...], corners: NDArray[np.float64]) -> tuple[Muscle, ...]:

@@ -17,7 +17,7 @@ from fabdesign.metrics import chamfer_to, distance_to_faces, shares_at, surface_
 from fabdesign.pressure import PressureProgram
 from fabdesign.regions import Weighting
 from fabdesign.sheet import Face
-from fabdesign.surface import CAP, Surface, half_of
+from fabdesign.surface import CAP, Surface, capped_rms, half_of
 from fabdesign.wishes import Landmarks
 from optimize.design_space import DesignSpace, Vector
 
@@ -176,7 +176,7 @@ def _faces_gradient(
 
 
 def _capped_rms(distance: NDArray[np.float64], shares: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-    value = float(np.sqrt(shares @ np.square(np.minimum(distance, CAP))))
+    value = capped_rms(distance, shares=shares)
     within = np.where(distance < CAP, distance, 0.0)  # strays beyond it have no slope
     return value, shares * within / max(value, 1e-12)
 

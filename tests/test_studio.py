@@ -25,7 +25,7 @@ from optimize.margins import Limits, constraint_margins
 from studies.check.files import inspect
 from studies.studio import layout as edits
 from studies.studio.autosave import Autosave
-from studies.studio.band import Band, has_band, models_around
+from studies.studio.band import Band, models_around
 from studies.studio.document import Document
 from studies.studio.gate import Gate
 from studies.studio.layout import Layout
@@ -591,7 +591,7 @@ def test_the_band_is_the_covariance_at_the_edge() -> None:
     band = Band.of([shape(one) for one in models_around(model)])
     expected = 1.6449 * np.sqrt(np.einsum("ikd,ij,jkd->kd", slopes, root @ root.T, slopes))
     assert band.half == pytest.approx(expected, rel=1e-5)
-    assert not has_band(Model())
+    assert not models_around(Model())
 
 
 def test_a_band_comes_with_the_exact_shape_and_goes_with_an_edit(begin: Begin) -> None:

@@ -1,6 +1,7 @@
 """Arguments as they come: objects or paths, one or many."""
 
 import os
+import tempfile
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -47,6 +48,16 @@ def computing(cluster: str | None, study: Path | None = None, say: Say = warn) -
         cluster = os.environ.get(VARIABLE) or (read_cluster(study) if study is not None else None)
     with on_cluster(cluster, say=say):
         yield
+
+
+@contextmanager
+def work_folder(out: Path | str | None) -> Iterator[Path]:
+    """A folder to work in: the one that is asked for, or one that goes afterwards."""
+    if out is not None:
+        yield Path(out)
+        return
+    with tempfile.TemporaryDirectory(prefix="fabdesign_") as folder:
+        yield Path(folder) / "work"
 
 
 def simulator(points_per_side: int, **options: Any) -> ForwardModel:

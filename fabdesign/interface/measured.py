@@ -1,6 +1,5 @@
 """What is done with measured sets: calibrate, train, predict, evaluate, find what is missing."""
 
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +20,7 @@ from fabdesign.interface.arguments import (
     simulator,
     unheard,
     warn,
+    work_folder,
 )
 from fabdesign.interface.results import Calibrated, Evaluated, Motion, Traced, Trained
 from fabdesign.model import POINTS_PER_SIDE, Model
@@ -263,7 +263,7 @@ def trace(
         raise InputError(f"{len(sets)} measurement sets; expected one")
     sound, _ = sound_trials(sets[0], skip_bad=False)
     options = Options(TOLERANCE if tolerance is None else tolerance, grid, seed)
-    with _work(out) as folder, computing(cluster):
+    with work_folder(out) as folder, computing(cluster):
         outcome = trace_set(
             sound,
             folder,
@@ -303,13 +303,3 @@ def _folder(out: Path | str | None, made_by: str, force: bool, inputs: Sequence[
         return
     with new_folder(Path(out), made_by=made_by, force=force, inputs=inputs) as unfinished:
         yield unfinished
-
-
-@contextmanager
-def _work(out: Path | str | None) -> Iterator[Path]:
-    """A folder to work in: the one that is asked for, or one that goes afterwards."""
-    if out is not None:
-        yield Path(out)
-        return
-    with tempfile.TemporaryDirectory(prefix="fabdesign_") as folder:
-        yield Path(folder) / "work"

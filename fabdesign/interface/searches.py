@@ -23,6 +23,7 @@ from fabdesign.interface.arguments import (
     study_file,
     unheard,
     warn,
+    work_folder,
 )
 from fabdesign.interface.results import Motion
 from fabdesign.interface.study_results import Layouts, Optimized, Sensitivity
@@ -75,10 +76,10 @@ def optimize(
             varied = {"pressures": pressures, **({} if positions is None else {"positions": positions}), **choice}
             root = {"seed": seed, "variables": varied, "limits": given, **_targets(target, folder, keys), **keys}
             study, where = _search(root, design, one_model(model, say=say)), None
-        with computing(cluster, where, say=say):
+        with work_folder(out) as work, computing(cluster, where, say=say):
             result = run_study(
                 study,
-                Path(out) if out is not None else folder / "work",
+                work,
                 seconds=seconds,
                 force=force,
                 progress=lambda at: progress(_best(at), at.share),
@@ -124,14 +125,15 @@ def layouts(
         else:
             given = {**(limits or {}), **({} if evaluations is None else {"evaluations": evaluations})}
             grid = {"muscles": [*muscles], "sides": [*sides], **({} if types is None else {"types": [*types]})}
-            root = {"name": one_design(design).name, "seed": seed, "grid": grid, "limits": given, "outputs": [*outputs]}
+            own = one_design(design)
+            root = {"name": own.name, "seed": seed, "grid": grid, "limits": given, "outputs": [*outputs]}
             root |= {**_targets(target, folder, keys), **keys}
             table = Table(as_toml(root), "layouts")
-            study, where = layouts_of(table, Path("layouts"), one_design(design), one_model(model, say=say)), None
-        with computing(cluster, where, say=say):
+            study, where = layouts_of(table, Path("layouts"), own, one_model(model, say=say)), None
+        with work_folder(out) as work, computing(cluster, where, say=say):
             result = run_layouts(
                 study,
-                Path(out) if out is not None else folder / "work",
+                work,
                 seconds=seconds,
                 force=force,
                 progress=lambda cell, number, of, at: progress(f"{cell.name} ({number} of {of}): {_best(at)}", None),
@@ -204,10 +206,10 @@ def sensitivity(
             ),
             None,
         )
-    with tempfile.TemporaryDirectory(prefix="fabdesign_") as scratch, computing(cluster, where, say=say):
+    with work_folder(out) as folder, computing(cluster, where, say=say):
         result = run_sensitivity(
             study,
-            Path(out) if out is not None else Path(scratch) / "work",
+            folder,
             seconds=seconds,
             force=force,
             progress=lambda now: progress(str(now), now.done / now.total),

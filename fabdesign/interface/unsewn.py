@@ -1,6 +1,5 @@
 """What is not measured yet: a layout before it is sewn, with intervals, and designs left out in turn."""
 
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from fabdesign.interface.arguments import (
     study_file,
     unheard,
     warn,
+    work_folder,
 )
 from fabdesign.interface.study_results import Unseen
 from fabdesign.table import Table
@@ -78,10 +78,10 @@ def unseen(
             ),
             None,
         )
-    with tempfile.TemporaryDirectory(prefix="fabdesign_") as scratch, computing(cluster, where, say=say):
+    with work_folder(out) as folder, computing(cluster, where, say=say):
         result = run_unseen(
             study,
-            Path(out) if out is not None else Path(scratch) / "work",
+            folder,
             seconds=seconds,
             force=force,
             progress=lambda line: progress(line, None),

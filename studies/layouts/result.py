@@ -14,7 +14,7 @@ from fabdesign.forward import RISE
 from fabdesign.metrics import Errors
 from fabdesign.output import write_text
 from fabdesign.pressure import rising_program
-from fabdesign.pressure_file import SINGLE_ROW_DURATION, constant_program, write_pressures
+from fabdesign.pressure_file import SINGLE_ROW_DURATION, constant_program, pressure_file_of, write_pressures
 from fabdesign.study_file import Study
 from optimize.evaluations import SLOPES
 from optimize.fewer import Fewer
@@ -150,7 +150,7 @@ def write_best(
     s, and result.json, each file whole."""
     write_design(design, out / "design.toml")
     for pose, (row, time) in enumerate(zip(pressures, times, strict=True), start=1):
-        file = "pressures.csv" if pose == 1 else f"pressures_{pose}.csv"
+        file = pressure_file_of(pose)
         program = (
             rising_program(row, rise, rise + SINGLE_ROW_DURATION)
             if time is None

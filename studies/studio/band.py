@@ -20,18 +20,14 @@ def lower_edge(points: NDArray[np.float32]) -> Array:
 
 
 def models_around(model: Model) -> list[Model]:
-    """Two for each column of the covariance's root, one standard deviation to either side, without the corrector.
-    Raises InputError where the model has no joint covariance."""
-    root = joint_root(model)
+    """Two for each column of the covariance's root, one standard deviation to either side, without the corrector; none
+    where the model has no joint covariance."""
+    try:
+        root = joint_root(model)
+    except InputError:
+        return []
     plain = model.without(["corrector"])
     return [drawn(plain, root, sign * unit) for unit in np.eye(len(root)) for sign in (1.0, -1.0)]
-
-
-def has_band(model: Model) -> bool:
-    try:
-        return bool(models_around(model))
-    except InputError:
-        return False
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ class HungView:
         self._faces: list[Any] = []
         self._muscles: list[Any] = []
         self._coloured: Any = None
-        self._before: dict[str, Any] = {}
+        self._beside: dict[str, Any] = {}
         self._clouds: dict[str, Any] = {}
         self._shown: dict[str, tuple[Any, Any]] = {}  # what each cloud was drawn from
         self._edge: Any = None
@@ -118,16 +118,16 @@ class HungView:
     ) -> None:
         """Another shape, seen through: the one before a jump, one without the corrector, or another drawing's. None
         takes it away."""
-        drawn = self._before.get(name)
+        drawn = self._beside.get(name)
         if points is None:
             if drawn is not None:
-                self._before.pop(name).remove()
+                self._beside.pop(name).remove()
             return
         half, side = len(points) // 2, round((len(points) // 2) ** 0.5)
         if drawn is not None and len(drawn.vertices) == half:
             drawn.vertices = points[:half]
             return
         triangles = face_triangles(side, side)[: 2 * (side - 1) ** 2].astype(np.uint32)
-        self._before[name] = self._scene.add_mesh_simple(
+        self._beside[name] = self._scene.add_mesh_simple(
             f"/hung/{name}", points[:half], triangles, color=shade, opacity=0.3, side="double", cast_shadow=False
         )

@@ -1,9 +1,11 @@
 """Which model the cloth follows: the data sheet or a model file, and effects on switches with their parameters."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 from fabdesign.effects.registry import EFFECTS, effect_named
 from fabdesign.model import EffectTerm, Model, Quantity
+from studies.studio.band import models_around
 
 SHOWN = 2.0  # prior deviations off, for an effect that is switched on to be seen
 
@@ -43,6 +45,11 @@ class ModelChoice:
         if own == self.effect_values:
             return base if self.corrected else base.without(["corrector"])
         return replace(base, effects=terms, covariance=None, corrector=None, corrector_hash=None)
+
+    @cached_property
+    def around(self) -> list[Model]:
+        """Those of which a band is made; none where its intervals are not known."""
+        return models_around(self.model)
 
     def switched(self, name: str, on: bool) -> "ModelChoice":
         """An effect on or off; on as the model has it, or by values that show."""

@@ -13,11 +13,11 @@ from fabdesign.forward import RISE
 from fabdesign.mark import read_mark
 from fabdesign.output import new_folder
 from fabdesign.pressure import rising_program
-from fabdesign.pressure_file import write_pressures
+from fabdesign.pressure_file import pressure_file_of, write_pressures
 from optimize.margins import Limits
 from studies.studio.autosave import content_hash
 from studies.studio.layout import Layout
-from studies.studio.searching import pressure_files, study_document
+from studies.studio.searching import study_document
 from studies.studio.target import ShownTarget
 
 SETTLED = 2.0  # s of the motion in pressures.csv after its rise
@@ -74,8 +74,9 @@ class Saving:
             write_design(layout.design, unfinished / "design.toml")
             if layout.pressures:
                 rows = poses or [layout.pressures]
-                for name, pressures in zip(pressure_files(len(rows)), rows, strict=True):
-                    write_pressures(rising_program(np.array(pressures), RISE, RISE + SETTLED), unfinished / name)
+                for pose, pressures in enumerate(rows, start=1):
+                    program = rising_program(np.array(pressures), RISE, RISE + SETTLED)
+                    write_pressures(program, unfinished / pressure_file_of(pose))
             if targets:
                 text = study_document(
                     layout, targets, limits, vary="pressures and positions", seconds=600, model=model, beside=folder

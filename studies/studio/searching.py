@@ -15,7 +15,7 @@ import tomlkit
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
 from fabdesign.output import new_folder
-from fabdesign.pressure_file import read_pressures
+from fabdesign.pressure_file import pressure_file_of, read_pressures
 from fabdesign.study_file import TargetFile
 from optimize.margins import Limits
 from studies.studio.layout import Layout
@@ -142,7 +142,8 @@ class Search:
                 return None
             content = json.loads(text)
             design = read_design(self.result / "design.toml")
-            rows = [read_pressures(self.result / name, design).pressure[-1] for name in pressure_files(self._poses)]
+            files = [self.result / pressure_file_of(pose) for pose in range(1, self._poses + 1)]
+            rows = [read_pressures(file, design).pressure[-1] for file in files]
         except (OSError, ValueError):  # it is being replaced at this moment
             return None
         self._seen = text
@@ -176,11 +177,6 @@ class Search:
             return None
         lines = [line for line in self._process.stderr.read().splitlines() if line.strip()]
         return lines[-1] if lines else f"the search ended with code {self._process.returncode}"
-
-
-def pressure_files(poses: int) -> list[str]:
-    """Names, as `optimize` writes them."""
-    return ["pressures.csv", *(f"pressures_{pose}.csv" for pose in range(2, poses + 1))]
 
 
 def next_folder(beside: Path) -> Path:

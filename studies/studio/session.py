@@ -17,7 +17,7 @@ from fabdesign.pressure_file import read_pressures
 from fabdesign.trial import Trial
 from studies.predict import frame_times
 from studies.studio.autosave import Autosave, Watched
-from studies.studio.band import Band, has_band, models_around
+from studies.studio.band import Band
 from studies.studio.document import Document
 from studies.studio.exporting import export_motion, require_kind
 from studies.studio.layout import Layout, Point, move_corner, move_muscle
@@ -280,7 +280,7 @@ class Session:
             self.view.show_results()
         if self.bands:
             self._around = []
-            for one in models_around(self.choice.model):
+            for one in self.choice.around:
                 ask = Ask.at_rest(self._asked, "nearby", shape.layout.design, shape.layout.pressures, one)
                 self._live.also(ask, self._band_arrived)
 
@@ -289,7 +289,7 @@ class Session:
         if answer.number != self._asked or answer.points is None:
             return
         self._around.append(answer.points)
-        if len(self._around) == len(models_around(self.choice.model)):
+        if len(self._around) == len(self.choice.around):
             self.band = Band.of(self._around)
             self.view.show_band()
 
@@ -434,7 +434,7 @@ class Session:
     @property
     def bands(self) -> bool:
         """Whether the model's intervals make a band around exact shapes at rest."""
-        return has_band(self.choice.model) and (self.target is None or self.target.loaded.time is None)
+        return bool(self.choice.around) and (self.target is None or self.target.loaded.time is None)
 
     def other(self) -> tuple[Layout, Seen] | None:
         """The drawing that is shown beside: the own one beside a result, the last result beside the own one."""

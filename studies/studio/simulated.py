@@ -1,7 +1,7 @@
 """A simulator whose last answer is at hand, so that what a corrector starts from need not be computed twice."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ class KeptSimulator:
 
     simulator: Any
     _shapes: list[NDArray[np.float32]] | None = None
-    _motion: tuple[Array, NDArray[np.float32]] | None = field(default=None)
+    _motion: tuple[Array, NDArray[np.float32]] | None = None
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         if self._shapes is None:
