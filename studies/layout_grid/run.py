@@ -119,7 +119,7 @@ class _Grid:
 
     def _followed(self, result: GridResult) -> GridResult:
         """With the motions that lead to what is on the front, the nearest first, while there is time for another."""
-        while ahead := [f for f in reversed(result.front) if f.result is not None and f.result.way is None]:
+        while ahead := [f for f in reversed(result.front) if f.result is not None and f.result.loading_path is None]:
             begin = time.monotonic()
             if self._spent + self._to_follow > self._limit:
                 return result
