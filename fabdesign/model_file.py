@@ -91,7 +91,7 @@ def _parameter_items(parameter: Parameter) -> dict[str, Any]:
     items: dict[str, Any] = {"factor": float(parameter.factor)}
     if parameter.interval90 is not None:
         items["interval90"] = [float(x) for x in parameter.interval90]
-    if not parameter.believable:
+    if not parameter.reliable:
         items["believable"] = False
     if parameter.scope is not None:
         items["scope"] = parameter.scope

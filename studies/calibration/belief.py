@@ -1,4 +1,4 @@
-"""Whether a fit's intervals can be believed: they hold only if the model is right but for its factors."""
+"""Whether a fit's intervals are reliable: they hold only if the model is right but for its factors."""
 
 import numpy as np
 
@@ -22,8 +22,8 @@ def excess(rms: float, noise: SensorNoise) -> float:
     return float(np.sqrt(max(rms**2 - noise_rms(noise) ** 2, 0.0)))
 
 
-def doubts(rms: float, outlying: float, noise: SensorNoise) -> list[str]:
-    """Why the intervals of a fit that leaves `rms` [m] and a share of frames far off are not to be believed."""
+def interval_warnings(rms: float, outlying: float, noise: SensorNoise) -> list[str]:
+    """Why the intervals of a fit that leaves `rms` [m] and a share of frames far off are not reliable."""
     found = []
     if not (left := excess(rms, noise)) <= EXCESS:
         found.append(f"the fit leaves {1e3 * left:.2f} mm over the noise, expected at most {1e3 * EXCESS:g}")

@@ -23,10 +23,10 @@ from optimize.fit.inputs import DEFAULT_ACCURACY, Accuracy
 from optimize.fit.parameters import DECLARED, FitVector
 from studies.bad_data import Tolerance
 from studies.calibration.ambiguities import ambiguities
-from studies.calibration.belief import doubts, excess
+from studies.calibration.belief import excess, interval_warnings
 from studies.calibration.engine_difference import with_engines
 from studies.calibration.fitted_model import fitted_model
-from studies.calibration.trial_checks import DISAGREE, doubtful
+from studies.calibration.trial_checks import DISAGREE, implausible
 from studies.sensitive_stretches import find_used_frames
 from studies.used_frames import UsedFrames
 
@@ -45,14 +45,14 @@ class Calibration:
     noise: SensorNoise
     correlation: np.ndarray  # (p, p), of the unknowns in the order of fit.vector
     statements: tuple[str, ...]  # what these data cannot tell
-    doubts: tuple[str, ...]  # why the intervals are not to be believed
+    warnings: tuple[str, ...]  # why the intervals are not reliable
     skipped: tuple[str, ...]  # bad trials left out, a line each
     used: UsedFrames  # frames that took part: not those of sensitive stretches
 
     def as_json(self) -> dict[str, Any]:
         """What `calibrate --json` prints: factors, mm."""
         parameters = {
-            name: {"factor": p.factor, "interval90": p.interval90 and list(p.interval90), "believable": p.believable}
+            name: {"factor": p.factor, "interval90": p.interval90 and list(p.interval90), "believable": p.reliable}
             for name, p in self.model.parameters.items()
         }
         names = self.fit.vector.names
@@ -75,8 +75,8 @@ class Calibration:
                 a: {b: float(self.correlation[i, j]) for j, b in enumerate(names)} for i, a in enumerate(names)
             },
             "statements": list(self.statements),
-            "believable": not self.doubts,
-            "doubts": list(self.doubts),
+            "believable": not self.warnings,
+            "doubts": list(self.warnings),
             "residual": {"before": 1e3 * self.fit.before, "after": 1e3 * self.fit.after, "unit": "mm"},
             "excess": {"after": 1e3 * excess(self.fit.after, self.noise), "unit": "mm"},
             "noise": {"sigma": 1e3 * self.noise.sigma, "strays": self.noise.strays, "unit": "mm"},
@@ -115,11 +115,11 @@ def calibrate(
     of a frame, by `seed`. `slopes`: see `fit.fit`. coarse: a cheap simulator that finds sensitive stretches
     (studies.sensitive_stretches); they are left out. Without it they are not looked for.
     points_per_side: of `forward`'s grid, noted in the model.
-    skipped: lines on bad trials left out before; skip_bad: leave out those too that `trial_checks.doubtful` finds.
+    skipped: lines on bad trials left out before; skip_bad: leave out those too that `trial_checks.implausible` finds.
     engines: (p,) standard deviations of the unknowns for the difference between `forward` and what made the data, by
     default those of the virtual rig.
     accuracy: of the pressures and the frame's level, whose errors are weighed; None: they are exact.
-    Raises InputError for a doubtful trial and where no trial is left, SimulationError where every motion diverges.
+    Raises InputError for an implausible trial and where no trial is left, SimulationError where every motion diverges.
     """
     sets = [measured] if isinstance(measured, MeasurementSet) else [*measured]
     _require_names(sets)
@@ -145,12 +145,12 @@ def calibrate(
         found = _fit(samples, forward, slopes, vector, accuracy, progress)
     covariance = with_engines(found, engines)
     deviation = np.sqrt(np.diag(covariance))
-    why = doubts(found.after, found.outlying, noise)
+    why = interval_warnings(found.after, found.outlying, noise)
     model = fitted_model(
         found,
         covariance,
         designs=[trial.design for trial in chosen],
-        believable=not why,
+        reliable=not why,
         points_per_side=points_per_side,
         provenance=_provenance(sets, chosen, seed),
     )
@@ -160,7 +160,7 @@ def calibrate(
         noise=noise,
         correlation=covariance / np.outer(deviation, deviation),
         statements=ambiguities(found, covariance),
-        doubts=tuple(why),
+        warnings=tuple(why),
         skipped=tuple(skipped),
         used=used,
     )
@@ -232,7 +232,7 @@ def _doubts(found: Fit, samples: Sequence[Sample], forward: ForwardModel) -> dic
     """A line for each trial that disagrees with the rest as a recording would whose faces or clock are wrong."""
     if not (found.by_trial > DISAGREE).any():
         return {}
-    return doubtful(samples, forward, found.vector, found.x)
+    return implausible(samples, forward, found.vector, found.x)
 
 
 def _require_names(sets: Sequence[MeasurementSet]) -> None:

@@ -19,7 +19,7 @@ def fitted_model(
     covariance: np.ndarray,
     *,
     designs: Sequence[Design],
-    believable: bool,
+    reliable: bool,
     points_per_side: int,
     provenance: Provenance,
 ) -> Model:
@@ -31,7 +31,7 @@ def fitted_model(
         interval = parameter.value(x - QUANTILE * s), parameter.value(x + QUANTILE * s)
         if parameter.is_factor:
             scope = _scope_of(parameter, muscles)
-            parameters[parameter.name] = Parameter(parameter.value(x), interval, believable, scope)
+            parameters[parameter.name] = Parameter(parameter.value(x), interval, reliable, scope)
         else:
             quantities[parameter.name] = Quantity(parameter.value(x), parameter.unit, interval)
     for name, factor in found.vector.factors:

@@ -17,7 +17,7 @@ LATE = 0.1  # s, by which a clock must differ from the other trials'
 TURNED = {"front and back": (1, 1, -1), "front and back, seen from behind": (-1, 1, -1)}
 
 
-def doubtful(samples: Sequence[Sample], forward: ForwardModel, vector: FitVector, x: Array) -> dict[int, str]:
+def implausible(samples: Sequence[Sample], forward: ForwardModel, vector: FitVector, x: Array) -> dict[int, str]:
     """A line on each sample that cannot be what its file says, by index. A lag that all trials share is not the clock's
     fault but an effect; motions that diverge are left out."""
     frames = [evenly(len(s.times), FRAMES) for s in samples]

@@ -173,7 +173,7 @@ def _of_calibration(found: Calibration) -> list[str]:
     lines = [
         f"calibrated on {len(found.model.provenance.fitted)} trials: {left:.2f} mm of excess over the noise remain"
     ]
-    return lines + [f"warning: the intervals are not reliable: {why}" for why in found.doubts]
+    return lines + [f"warning: the intervals are not reliable: {why}" for why in found.warnings]
 
 
 def _trained(

@@ -226,14 +226,14 @@ def model_of(
     points_per_side: int,
     provenance: Provenance,
     known: tuple[EffectTerm, ...],
-    believable: bool,
+    reliable: bool,
 ) -> Model:
     """A fit as a model, with the effects known before and the factors found without effects."""
     model = fitted_model(
         found if found is plain else replace(found, without_effects=plain),
         with_engines(found),
         designs=[s.trial.design for s in samples],
-        believable=believable,
+        reliable=reliable,
         points_per_side=points_per_side,
         provenance=provenance,
     )

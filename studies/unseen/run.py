@@ -97,7 +97,7 @@ def _unsewn(
     return {
         "design": unsewn.design.name,
         "model_points_per_side": unsewn.model.points_per_side,
-        "doubted": [name for name, parameter in unsewn.model.parameters.items() if not parameter.believable],
+        "doubted": [name for name, parameter in unsewn.model.parameters.items() if not parameter.reliable],
         "poses": poses,
         "unknown": list(draws.unknown),
         "corrector": corrector_statement(unsewn.model, unsewn),
