@@ -21,10 +21,10 @@ LEAST_TRIALS = 3  # to calibrate and trace on, beside those held out
 
 @dataclass(frozen=True)
 class VirtualRig:
-    """Measures by `fabdesign rig`. key: what the specimens really are, which only the rig reads. element, step: m and s
-    of its mesh and time steps; None: the rig's own."""
+    """Measures by `fabdesign rig`. truth: the ground truth of the specimens, which only the rig reads. element, step: m
+    and s of its mesh and time steps; None: the rig's own."""
 
-    key: Path | None
+    truth: Path | None
     element: float | None = None
     step: float | None = None
 
@@ -145,13 +145,13 @@ def _source(root: Table, path: Path) -> VirtualRig | Laboratory:
     if rig is not None:
         key = rig.text("key", None)
         found = VirtualRig(
-            key=None if key is None else path.parent / key,
+            truth=None if key is None else path.parent / key,
             element=rig.number("element", None, least=0.002, most=0.05),
             step=rig.number("step", None, least=1e-4, most=0.01),
         )
         rig.finish()
-        if found.key is not None and not found.key.is_file():
-            raise InputError(f"{rig.where}: key {found.key} is not there")
+        if found.truth is not None and not found.truth.is_file():
+            raise InputError(f"{rig.where}: the ground truth {found.truth} is not there")
         return found
     assert laboratory is not None
     paper = laboratory.text("paper", "a4", choices=(*PAPERS, "none"))

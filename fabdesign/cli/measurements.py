@@ -229,7 +229,7 @@ def rig(
             programs,
             more=others,
             out=output,
-            key=key,
+            truth=key,
             recording=recording,
             test_trials=test_trials,
             force=force,

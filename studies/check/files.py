@@ -134,10 +134,10 @@ def _model(path: Path) -> Findings:
 
 
 def _key(path: Path) -> Findings:
-    from studies.rig.key import read_key  # here: the rig needs an extra
+    from studies.rig.ground_truth import read_ground_truth  # here: the rig needs an extra
 
-    key = read_key(path)
-    lines = [line for name, factor in key.parameters.items() for line in beyond(name, factor, FACTOR)]
+    truth = read_ground_truth(path)
+    lines = [line for name, factor in truth.parameters.items() for line in beyond(name, factor, FACTOR)]
     return Findings(warnings=tuple(f"{path}: parameters: {line}" for line in lines))
 
 

@@ -59,7 +59,7 @@ class LoopOutcome:
 
 
 def loop_content(study: LoopStudy, targets: Sequence[LoadedTarget]) -> dict[str, str]:
-    """What the pieces depend on, by field; of a rig's key its hash."""
+    """What the pieces depend on, by field; of a rig's ground truth its hash."""
     content: dict[str, Any] = {"simulator": SIMULATOR}
     for part in fields(study):
         if part.name not in _RAISED and part.name != "source":
@@ -67,7 +67,7 @@ def loop_content(study: LoopStudy, targets: Sequence[LoadedTarget]) -> dict[str,
     source = study.source
     if isinstance(source, VirtualRig):
         content |= {"rig.element": source.element, "rig.step": source.step}
-        content["rig.key"] = None if source.key is None else sha256(source.key)
+        content["rig.key"] = None if source.truth is None else sha256(source.truth)
     else:
         content["laboratory.folder"] = source.folder.resolve()
     named = {name: shortened(str(value)) for name, value in content.items()}

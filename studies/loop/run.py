@@ -73,8 +73,8 @@ def run_loop(
         study = replace(study, search=replace(study.search, limits=limits))
     targets = open_study(study)
     inputs += [target.file for target in study.search.targets]
-    if isinstance(study.source, VirtualRig) and study.source.key is not None:
-        inputs.append(study.source.key)
+    if isinstance(study.source, VirtualRig) and study.source.truth is not None:
+        inputs.append(study.source.truth)
     if isinstance(study.source, Laboratory):
         inputs.append(study.source.folder)
     with work_folder(out, made_by="loop", force=force, inputs=inputs) as work:
@@ -91,7 +91,7 @@ def run_loop(
 
 
 def open_study(study: LoopStudy) -> tuple[LoadedTarget, ...]:
-    """The study's targets. Raises InputError where they, the start, or the rig's key are not sound."""
+    """The study's targets. Raises InputError where they, the start, or the rig's ground truth are not sound."""
     search = study.search
     require_searchable(search, search.name)
     targets = tuple(load_target(target, search.design, seed=search.seed) for target in search.targets)
@@ -101,10 +101,10 @@ def open_study(study: LoopStudy) -> tuple[LoadedTarget, ...]:
             "a shape at rest, or rig_limits without a rate"
         )
     first_starts(search)
-    if isinstance(study.source, VirtualRig) and study.source.key is not None:
-        from studies.rig import read_key
+    if isinstance(study.source, VirtualRig) and study.source.truth is not None:
+        from studies.rig import read_ground_truth
 
-        read_key(study.source.key)
+        read_ground_truth(study.source.truth)
     return targets
 
 

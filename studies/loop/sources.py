@@ -50,7 +50,7 @@ def measured(
 
 
 def _on_rig(source: VirtualRig, asked: Asked, out: Path, progress: Counter) -> MeasurementSet:
-    from studies.rig import Key, read_key, run_rig
+    from studies.rig import GroundTruth, read_ground_truth, run_rig
     from studies.rig.scene import DEFAULT
 
     changed = {name: value for name in ("element", "step") if (value := getattr(source, name)) is not None}
@@ -58,7 +58,7 @@ def _on_rig(source: VirtualRig, asked: Asked, out: Path, progress: Counter) -> M
         asked.design,
         asked.programs,
         out=out,
-        key=Key() if source.key is None else read_key(source.key),
+        truth=GroundTruth() if source.truth is None else read_ground_truth(source.truth),
         test_trials=asked.held_out,
         resolution=replace(DEFAULT, **changed),
         progress=progress,

@@ -1,4 +1,4 @@
-"""Rig keys: `fabdesign.key/1`, what a virtual specimen really is. Never written into a set."""
+"""The ground truth of a virtual specimen: `fabdesign.key/1`. It is never written into a set."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -31,7 +31,7 @@ class EffectSetting:
 
 
 @dataclass(frozen=True)
-class Key:
+class GroundTruth:
     """Seed, true parameter factors (names of fabdesign.forward.PARAMETERS), effects and sensing."""
 
     seed: int = 0
@@ -40,8 +40,8 @@ class Key:
     sensing: Sensing = Sensing()
 
 
-def read_key(path: Path | str) -> Key:
-    """Read a key file. Raises InputError."""
+def read_ground_truth(path: Path | str) -> GroundTruth:
+    """Read a ground truth file. Raises InputError."""
     root = load_toml(Path(path), FORMAT)
     seed = root.integer("seed", 0, least=0)
     factors = {}
@@ -61,7 +61,7 @@ def read_key(path: Path | str) -> Key:
         )
         table.finish()
     root.finish()
-    return Key(seed, factors, effects, sensing)
+    return GroundTruth(seed, factors, effects, sensing)
 
 
 def _factor(table: Table, name: str) -> float:
