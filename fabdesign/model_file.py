@@ -11,7 +11,7 @@ from fabdesign.corrector import central_hash
 from fabdesign.effect_file import effect_items, read_effect, read_interval, read_scope
 from fabdesign.effort import COARSEST, FINEST
 from fabdesign.errors import InputError
-from fabdesign.forward import FACTORS, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
+from fabdesign.forward import FACTOR_RANGE, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
 from fabdesign.model import POINTS_PER_SIDE, Covariance, Model, Parameter, Provenance
 from fabdesign.output import write_text
 from fabdesign.table import Table, load_toml, nearest
@@ -99,7 +99,7 @@ def _parameter_items(parameter: Parameter) -> dict[str, Any]:
 
 
 def _parameter(table: Table) -> Parameter:
-    factor = table.number("factor", least=FACTORS[0], most=FACTORS[1])
+    factor = table.number("factor", least=FACTOR_RANGE[0], most=FACTOR_RANGE[1])
     interval = read_interval(table, "interval90") if "interval90" in table else None
     parameter = Parameter(factor, interval, table.flag("believable", True), read_scope(table))
     table.finish()

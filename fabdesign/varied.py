@@ -8,7 +8,7 @@ import numpy as np
 from fabdesign.design import Design
 from fabdesign.effects.registry import check_values, effect_named
 from fabdesign.errors import InputError
-from fabdesign.forward import FACTORS, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
+from fabdesign.forward import FACTOR_RANGE, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
 from fabdesign.model import Model
 from fabdesign.pressure import limits
 from fabdesign.table import Table, nearest
@@ -102,7 +102,7 @@ def _meaning(name: str, where: str, design: Design, model: Model) -> _Meaning:
     if plain in PARAMETERS and (plain == name or (plain in OF_MUSCLES and kind_of_muscle in design.muscle_types)):
         if hiding := [own for own in model.factors if plain == name and own.endswith(f".{name}")]:
             raise InputError(f"{where}: the model has {', '.join(hiding)}; expected that name")
-        return "factor", (name,), "", FACTORS, _interval(model, name)
+        return "factor", (name,), "", FACTOR_RANGE, _interval(model, name)
     raise InputError(f"{where}: unknown parameter {name}; expected {_FORMS}{nearest(name, PARAMETERS)}")
 
 

@@ -25,7 +25,7 @@ STIFFENED = 300.0  # 1/s^2 times the mass that the preconditioner adds, without 
 
 
 @dataclass(frozen=True, eq=False)
-class Lane:
+class LaneColumns:
     """A case that lies at rest in a lane, and which of the columns are solved there."""
 
     case: Case
@@ -41,11 +41,11 @@ class Solved:
     changes: dict[int, NDArray[np.float32]]  # (n, n, 3) m per unit, by column; those that were not solved are absent
 
 
-def share_out(cases: Sequence[Case], columns: Sequence[Sequence[int]]) -> list[tuple[int, Lane]]:
+def share_out(cases: Sequence[Case], columns: Sequence[Sequence[int]]) -> list[tuple[int, LaneColumns]]:
     """Lanes for the cases' `columns`, each with its case's index: where there are spare lanes a case takes several,
     each with some of its columns."""
     copies = max(1, min(LANES // max(len(cases), 1), *map(len, columns)) if columns else 1)
-    return [(i, Lane(case, tuple(columns[i][k::copies]))) for i, case in enumerate(cases) for k in range(copies)]
+    return [(i, LaneColumns(case, tuple(columns[i][k::copies]))) for i, case in enumerate(cases) for k in range(copies)]
 
 
 def together(lanes: Sequence[Solved]) -> Solved:
@@ -55,7 +55,7 @@ def together(lanes: Sequence[Solved]) -> Solved:
 
 
 def solve_at_rest(
-    batch: Batch, lanes: Sequence[Lane], columns: Sequence[Column], pressure: Callable[[Case], Array]
+    batch: Batch, lanes: Sequence[LaneColumns], columns: Sequence[Column], pressure: Callable[[Case], Array]
 ) -> list[Solved]:
     """Of the lanes of a batch at rest. pressure(case): (channels,) Pa that act there."""
     fields.allocate()

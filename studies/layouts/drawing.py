@@ -10,12 +10,12 @@ from fabdesign.design import Design
 SCALE = 1000.0  # drawing units a metre
 GAP, TOP = 30.0, 26.0
 # colours (RGB) of no pressure, of half and of the highest
-LEAST, MIDDLE, MOST = np.array([198, 219, 239]), np.array([253, 174, 97]), np.array([203, 24, 29])
+LOW, HALF, HIGH = np.array([198, 219, 239]), np.array([253, 174, 97]), np.array([203, 24, 29])
 
 
 def pressure_colour(share: float) -> str:
     """CSS colour of a share of the highest pressure."""
-    low, high, t = (LEAST, MIDDLE, 2 * share) if share < 0.5 else (MIDDLE, MOST, 2 * share - 1)
+    low, high, t = (LOW, HALF, 2 * share) if share < 0.5 else (HALF, HIGH, 2 * share - 1)
     red, green, blue = (low + np.clip(t, 0, 1) * (high - low)).astype(int)
     return f"rgb({red},{green},{blue})"
 

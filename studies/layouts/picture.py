@@ -15,11 +15,11 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from mpl_toolkits.mplot3d import Axes3D
 
 from fabdesign.output import whole_file
-from studies.layouts.drawing import LEAST, MIDDLE, MOST
+from studies.layouts.drawing import HALF, HIGH, LOW
 from studies.layouts.result import StudyResult
 
 SHOWN = 1200  # target points drawn
-COLOURS = LinearSegmentedColormap.from_list("pressure", [tuple(c / 255) for c in (LEAST, MIDDLE, MOST)])
+COLOURS = LinearSegmentedColormap.from_list("pressure", [tuple(c / 255) for c in (LOW, HALF, HIGH)])
 
 
 def save_picture(results: Sequence[tuple[str, StudyResult]], path: Path) -> None:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from fabdesign.errors import InputError
-from fabdesign.forward import FACTORS, PARAMETERS
+from fabdesign.forward import FACTOR_RANGE, PARAMETERS
 from fabdesign.table import Table, load_toml, nearest
 from studies.rig.effects import EFFECTS
 
@@ -67,11 +67,11 @@ def read_ground_truth(path: Path | str) -> GroundTruth:
 def _factor(table: Table, name: str) -> float:
     """NAME = 1.1, or a table with `factor` as in a model file."""
     if not isinstance(table.take(name), dict):
-        return float(table.number(name, least=FACTORS[0], most=FACTORS[1]))
+        return float(table.number(name, least=FACTOR_RANGE[0], most=FACTOR_RANGE[1]))
     inner = table.table(name)
     for key in ("interval90", "believable"):
         inner.take(key, None)
-    factor = float(inner.number("factor", least=FACTORS[0], most=FACTORS[1]))
+    factor = float(inner.number("factor", least=FACTOR_RANGE[0], most=FACTOR_RANGE[1]))
     inner.finish()
     return factor
 

@@ -21,14 +21,14 @@ from studies.benches.output import unit_of
 from studies.tracing.bench_candidates import Shape, Signals, shapes_of, signals_of
 from studies.tracing.bench_law import law
 from studies.tracing.bench_outcome import BenchOutcome, Curve
-from studies.tracing.bench_ranking import Array, Scored, excess_of, gain_interval
+from studies.tracing.bench_ranking import Array, BenchScore, excess_of, gain_interval
 from studies.tracing.bench_report import render_bench
 from studies.tracing.bench_selection import Columns, coefficients_of, select
 from studies.tracing.black_box import WIDTHS, kernel_of, left_out, standardised
 from studies.tracing.verdict import Evidence, decide, explains
 
 TOLERANCE = 0.02  # of the largest output
-LEAST = 3  # records of role fit
+LEAST_RECORDS = 3  # records of role fit
 _ROWS = 400  # of a record
 _BOX_ROWS = 40
 
@@ -49,8 +49,8 @@ def trace_bench(
 def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) -> BenchOutcome:
     """The trace itself; `tolerance` is a share of the largest output."""
     records = [r for r in bench.records if r.role == "fit"]
-    if len(records) < LEAST:
-        raise InputError(f"{bench.file}: {len(records)} records of role fit; expected at least {LEAST}")
+    if len(records) < LEAST_RECORDS:
+        raise InputError(f"{bench.file}: {len(records)} records of role fit; expected at least {LEAST_RECORDS}")
     require_columns(bench, bench.records)
     output = "displacement" if bench.specimen == "actuator" else bench.output
     say(f"{len(records)} records, each predicted from the others by the quasi-static law")
@@ -68,7 +68,7 @@ def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) 
     box = _box_squares(signals, rows, trial, residual)
     columns = Columns(shapes, tables, residual, trial)
     found = select(columns, floor, limit)
-    own, left = Scored(None, box, np.zeros(0)), found.last.excess
+    own, left = BenchScore(None, box, np.zeros(0)), found.last.excess
     evidence = Evidence(
         found.first.excess, left, len(found.added), excess_of(found.grams, own, floor), left,
         gain_interval(found.grams, found.first.none, own, floor, np.random.default_rng(0))[0] > 0,

@@ -15,7 +15,7 @@ from optimize.fit.parameters import FitVector
 
 SECONDS = 3.0  # of a program
 HIGHEST = 300e3  # Pa, where the muscles allow it
-LEAST = 0.3e-3  # m RMS, under which no program tells explanations apart in one trial
+LEAST_DIFFERENCE = 0.3e-3  # m RMS, under which no program tells explanations apart in one trial
 _FRAMES = 16
 _STEP = 0.5  # prior standard deviations, of the differences by the declared parameters
 
@@ -84,7 +84,7 @@ def next_experiment(
         separated = _separated(motions[k * own : (k + 1) * own], len(explanations))
         if separated > gain:
             best, gain = name, separated
-    if gain < max(LEAST, 0.3 * noise):
+    if gain < max(LEAST_DIFFERENCE, 0.3 * noise):
         return None
     program = tried[best]
     return {
