@@ -68,8 +68,8 @@ class Checkpoint:
             if self._seconds is not None and self.spent >= self._seconds:
                 return None
             begun = time.monotonic()
-            found = compute()
-            self._write(file.name, {"found": found, "seconds": time.monotonic() - begun})
+            value = compute()
+            self._write(file.name, {"found": value, "seconds": time.monotonic() - begun})
         return json.loads(file.read_text(encoding="utf-8"))["found"]
 
     def arrays(self, name: str, compute: Callable[[], Arrays]) -> Arrays:
@@ -81,11 +81,11 @@ class Checkpoint:
                     return {key: kept[key] for key in kept.files}
             except (OSError, ValueError, zipfile.BadZipFile):
                 pass  # damaged: it is computed again
-        found = compute()
+        arrays = compute()
         self._work.claim(f"{FOLDER}/{file.name}")
         with whole_file(file) as temporary, temporary.open("wb") as stream:
-            np.savez(stream, **found)  # type: ignore[arg-type]
-        return found
+            np.savez(stream, **arrays)  # type: ignore[arg-type]
+        return arrays
 
     def _write(self, name: str, content: Any) -> None:
         self._work.claim(f"{FOLDER}/{name}")

@@ -25,12 +25,12 @@ def require_apart(goal: Path, inputs: Iterable[Path | str]) -> None:
     """
     where = goal.resolve()
     for given in (*map(Path, inputs), *_read_by_all):
-        for found in _with_named(given):
-            if found == where or (where.is_file() and where.samefile(found)):
+        for read in _with_named(given):
+            if read == where or (where.is_file() and where.samefile(read)):
                 raise InputError(f"{goal}: is an input; expected another place to write to")
-            if where in found.parents:
-                raise InputError(f"{goal}: holds the input {found.relative_to(where)}; expected another folder")
-            if where.is_file() and found in where.parents:
+            if where in read.parents:
+                raise InputError(f"{goal}: holds the input {read.relative_to(where)}; expected another folder")
+            if where.is_file() and read in where.parents:
                 raise InputError(f"{goal}: is part of the input {given}; expected another place to write to")
 
 
@@ -39,19 +39,19 @@ def _with_named(path: Path) -> Iterator[Path]:
     seen: set[Path] = set()
     left = [path]
     while left:
-        found = left.pop()
+        file = left.pop()
         try:
-            found = found.resolve()
-            if found in seen or not (found.is_file() or (found.is_dir() and not seen)):
+            file = file.resolve()
+            if file in seen or not (file.is_file() or (file.is_dir() and not seen)):
                 continue
         except (OSError, ValueError):  # "400,0,200" repeated: no name that a file could have
             continue
-        seen.add(found)
-        yield found
-        if found.is_dir():
-            left += [found / head for head in _HEADS]
-        elif found.suffix == ".toml":
-            left += [found.parent / text for text in _texts(found)]
+        seen.add(file)
+        yield file
+        if file.is_dir():
+            left += [file / head for head in _HEADS]
+        elif file.suffix == ".toml":
+            left += [file.parent / text for text in _texts(file)]
 
 
 def _texts(path: Path) -> Iterator[str]:

@@ -144,15 +144,15 @@ def _source(root: Table, path: Path) -> VirtualRig | Laboratory:
         raise InputError(f"{path}: expected one source of measurements, [rig] or [laboratory]")
     if rig is not None:
         key = rig.text("key", None)
-        found = VirtualRig(
+        source = VirtualRig(
             truth=None if key is None else path.parent / key,
             element=rig.number("element", None, least=0.002, most=0.05),
             step=rig.number("step", None, least=1e-4, most=0.01),
         )
         rig.finish()
-        if found.truth is not None and not found.truth.is_file():
-            raise InputError(f"{rig.where}: the ground truth {found.truth} is not there")
-        return found
+        if source.truth is not None and not source.truth.is_file():
+            raise InputError(f"{rig.where}: the ground truth {source.truth} is not there")
+        return source
     assert laboratory is not None
     paper = laboratory.text("paper", "a4", choices=(*PAPERS, "none"))
     asked = Laboratory(
@@ -167,23 +167,23 @@ def _source(root: Table, path: Path) -> VirtualRig | Laboratory:
 def _trials(root: Table) -> Trials:
     table, default = root.table("trials", None) or Table({}, ""), Trials()
     held_out = table.integer("held_out", default.held_out, least=0)
-    found = Trials(
+    trials = Trials(
         number=table.integer("number", max(default.number, LEAST_TRIALS + held_out), least=0, most=100),
         seconds=table.number("seconds", default.seconds, least=0.2, most=60),
         held_out=held_out,
     )
-    if found.number < LEAST_TRIALS - 1 + held_out:  # a shape's own rise is a trial too
+    if trials.number < LEAST_TRIALS - 1 + held_out:  # a shape's own rise is a trial too
         raise InputError(
-            f"{root.where}: trials: number = {found.number}, held_out = {held_out}; expected {LEAST_TRIALS - 1} more "
+            f"{root.where}: trials: number = {trials.number}, held_out = {held_out}; expected {LEAST_TRIALS - 1} more "
             "than are held out, to calibrate on"
         )
     table.finish()
-    return found
+    return trials
 
 
 def _learning(root: Table) -> Learning:
     table, default = root.table("learning", None) or Table({}, ""), Learning()
-    found = Learning(
+    learning = Learning(
         trace=table.flag("trace", default.trace),
         tolerance=1e-3 * table.number("tolerance", 1e3 * default.tolerance, above=0),
         trace_grid=table.integer("trace_grid", default.trace_grid, least=COARSEST, most=FINEST),
@@ -191,15 +191,15 @@ def _learning(root: Table) -> Learning:
         train_trials=table.integer("train_trials", default.train_trials, least=2),
     )
     table.finish()
-    return found
+    return learning
 
 
 def _stop(root: Table) -> StopRule:
     table, default = root.table("stop", None) or Table({}, ""), StopRule()
-    found = StopRule(
+    rule = StopRule(
         turns=table.integer("turns", default.turns, least=0, most=100),
         excess=1e-3 * table.number("excess", 1e3 * default.excess, least=0),
         gain=table.number("gain", default.gain, least=-10, most=1),
     )
     table.finish()
-    return found
+    return rule

@@ -39,9 +39,9 @@ def fit_markers(
         laid.append((_gap(turned + shift, fabric) + tie, turn * given, shift))
     spacing = float(np.sqrt(fabric.width * fabric.height / len(points)))
     best = min(gap for gap, _, _ in laid)
-    found = [candidate for candidate in own if candidate[0] <= best + _OWN * spacing] or laid
-    least, turn, shift = min(found, key=lambda candidate: candidate[0])
-    near = [(gap, other, placement_of(factor, other, s)) for gap, other, s in found if gap < least + CLEAR]
+    sound = [candidate for candidate in own if candidate[0] <= best + _OWN * spacing] or laid
+    least, turn, shift = min(sound, key=lambda candidate: candidate[0])
+    near = [(gap, other, placement_of(factor, other, s)) for gap, other, s in sound if gap < least + CLEAR]
     over = [p for _, other, p in near if differ(other, OVER * turn) < SAME]
     rivals = [p for _, other, p in near if min(differ(other, turn), differ(other, OVER * turn)) >= SAME]
     return PlacementFit(placement_of(factor, turn, shift), over[0] if over else None, rivals[0] if rivals else None)

@@ -79,19 +79,19 @@ def fit_placement(
     """
     given = Rotation.from_euler("xyz", rotation or np.zeros(3), degrees=True)
     metres = given.apply(factor * points)
-    found = []
+    fits = []
     for turn in right_angles()[: 1 if rotation is not None else None]:
         final, shift = _laid_on_edge(metres, turn, fabric, drawn)
         gap = _strip_gap(final.apply(metres) + shift, fabric)
-        found.append((gap + TIE * turn.magnitude() / (np.pi / 2), final * given, shift))
-    least, turn, shift = min(found, key=lambda candidate: candidate[0])
-    if found[0][0] <= least + _GAIN:
-        least, turn, shift = found[0]
+        fits.append((gap + TIE * turn.magnitude() / (np.pi / 2), final * given, shift))
+    least, turn, shift = min(fits, key=lambda candidate: candidate[0])
+    if fits[0][0] <= least + _GAIN:
+        least, turn, shift = fits[0]
     placement = placement_of(factor, turn, shift)
-    near = [(gap, other, placement_of(factor, other, s)) for gap, other, s in found if gap < least + CLEAR]
+    near = [(gap, other, placement_of(factor, other, s)) for gap, other, s in fits if gap < least + CLEAR]
     over = [p for gap, other, p in near if gap < least + 3 * TIE and differ(other, OVER * turn) < SAME]
     rivals = [p for _, other, p in near if min(differ(other, turn), differ(other, OVER * turn)) >= SAME]
-    kept = turn is found[0][1]
+    kept = turn is fits[0][1]
     return PlacementFit(placement, over[0] if over else None, rivals[0] if rivals and not kept else None)
 
 

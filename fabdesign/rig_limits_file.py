@@ -28,11 +28,11 @@ def read_rig_limits(root: Table, path: Path, *, pressure: float, duration: float
         highest = table.numbers("pressure", count=2)[1]
     else:
         highest = table.number("pressure", pressure / 1e3, above=0)
-    found = RigLimits(
+    limits = RigLimits(
         pressure=1e3 * highest,
         rate=1e3 * table.number("rate", np.inf, above=0),
         duration=table.number("duration", duration, above=0, most=LONGEST),
         channels=table.integer("channels", None, least=1),
     )
     table.finish()
-    return found
+    return limits

@@ -54,8 +54,8 @@ class ShapeOutput:
 def read_shape_output(text: str, fabric: Fabric, where: str) -> ShapeOutput:
     """Raises InputError for what is none of the forms, a place off the cloth, and a place named twice."""
     for kind, form in _FORMS.items():
-        if found := form.fullmatch(text.strip()):
-            return ShapeOutput(text, kind, _places(found.groups(), fabric, f"{where}: {text}"))
+        if matched := form.fullmatch(text.strip()):
+            return ShapeOutput(text, kind, _places(matched.groups(), fabric, f"{where}: {text}"))
     raise InputError(f"{where}: {text}; expected {EXPECTED}")
 
 

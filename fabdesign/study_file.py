@@ -288,7 +288,7 @@ def _limits(root: Table, path: Path, design: Design) -> StudyLimits:
         pressure = (pascals(str(low)), pascals(str(high)))
         if pressure[1] > most:
             raise table.bad("pressure", f"at most {most / 1e3:g} kPa, the muscles' maximum")
-    found = StudyLimits(
+    own = StudyLimits(
         pressure=pressure,
         spacing=table.number("spacing", default.spacing, least=0),
         edge=table.number("edge", default.edge, least=0),
@@ -298,10 +298,10 @@ def _limits(root: Table, path: Path, design: Design) -> StudyLimits:
         seconds=table.number("seconds", default.seconds, above=0),
         evaluations=table.integer("evaluations", default.evaluations, least=1),
     )
-    if 2 * found.edge >= min(design.fabric.width, design.fabric.height):
+    if 2 * own.edge >= min(design.fabric.width, design.fabric.height):
         raise table.bad("edge", "less than half the cloth, in m")
     table.finish()
-    return found
+    return own
 
 
 def read_start_pressures(root: Table, design: Design) -> NDArray[np.float64] | None:

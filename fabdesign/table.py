@@ -167,11 +167,11 @@ class Table:
 def load_toml(path: Path, form: str, *, partial: bool = False) -> Table:
     """The root table of a file whose `format` is `form`; with `partial` (an included file) `format` may be absent."""
     root = Table(parse_toml(path), str(path))
-    found = root.text("format", None)
-    if found is None and not partial:
+    given = root.text("format", None)
+    if given is None and not partial:
         raise InputError(f'{path}: no format line; expected format = "{form}"')
-    if found is not None and found != form:
-        raise InputError(f'{path}: format is "{found}"; this version reads "{form}"')
+    if given is not None and given != form:
+        raise InputError(f'{path}: format is "{given}"; this version reads "{form}"')
     return root
 
 

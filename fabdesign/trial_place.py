@@ -57,16 +57,16 @@ def require_on_cloth(frames: Sequence[Array], time: Array, fabric: Fabric, where
     middle = np.mean([np.median(cloud, axis=0) for cloud in (clouds[:1] if early else clouds)], axis=0)
     leaning = _LEANING if early or fabric.support == "pinned" else _LEANING_CLAMPED
     points = np.concatenate(clouds)
-    found = _fault(points, middle, hung, fabric, leaning)
-    if found is None:
+    fault = _fault(points, middle, hung, fabric, leaning)
+    if fault is None:
         return
     for cause, undone in _CAUSES.items():
         if _hangs_well(undone(points), undone(middle[None])[0], hung, fabric):
-            raise InputError(f"{where}: {found} ({cause})")
+            raise InputError(f"{where}: {fault} ({cause})")
     moved = at_rest(fabric, 5, 5).mean(axis=0) - middle
     if _hangs_well(points + moved, middle + moved, hung, fabric):
-        raise InputError(f"{where}: {found} (does its frame start elsewhere? the middle is {_mm(moved)} mm off)")
-    raise InputError(f"{where}: {found}")
+        raise InputError(f"{where}: {fault} (does its frame start elsewhere? the middle is {_mm(moved)} mm off)")
+    raise InputError(f"{where}: {fault}")
 
 
 def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: float) -> str | None:

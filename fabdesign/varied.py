@@ -108,8 +108,8 @@ def _meaning(name: str, where: str, design: Design, model: Model) -> _Meaning:
 
 def _interval(model: Model, name: str) -> tuple[float, float] | None:
     """Of the model's factor that a case calls `name`."""
-    found = (p.interval90 for n, p in model.parameters.items() if name in Model({n: p}).factors)
-    return next(found, None)
+    intervals = (p.interval90 for n, p in model.parameters.items() if name in Model({n: p}).factors)
+    return next(intervals, None)
 
 
 def _in(unit: str) -> str:

@@ -27,18 +27,18 @@ class ByDesign:
 
     def motions(self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float32]]:
         """As the simulator of each case's design gives them."""
-        found: dict[int, NDArray[np.float32]] = {}
+        by_case: dict[int, NDArray[np.float32]] = {}
         for own, simulator in self._parts(cases):
             motions = simulator.motions([cases[i] for i in own], [times[i] for i in own])
-            found |= dict(zip(own, motions, strict=True))
-        return [found[i] for i in range(len(cases))]
+            by_case |= dict(zip(own, motions, strict=True))
+        return [by_case[i] for i in range(len(cases))]
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         """As the simulator of each case's design gives them."""
-        found: dict[int, NDArray[np.float32]] = {}
+        by_case: dict[int, NDArray[np.float32]] = {}
         for own, simulator in self._parts(cases):
-            found |= dict(zip(own, simulator.equilibria([cases[i] for i in own]), strict=True))
-        return [found[i] for i in range(len(cases))]
+            by_case |= dict(zip(own, simulator.equilibria([cases[i] for i in own]), strict=True))
+        return [by_case[i] for i in range(len(cases))]
 
     def _parts(self, cases: Sequence[Case]) -> list[tuple[list[int], ForwardModel]]:
         calm = [case.design in self.calm for case in cases]

@@ -49,15 +49,15 @@ def write_evaluations(table: EvaluationsTable, path: Path) -> None:
 
 
 def _searches(folder: Path, histories: Sequence[Path]) -> EvaluationsTable:
-    found = []
+    entries = []
     for history in histories:
         part = history.parent.relative_to(folder).as_posix()
-        found += [(part, *row[:5], json.loads(row[5])) for row in _read(history)]
-    most = max((len(row[-1]) for row in found), default=0)
+        entries += [(part, *row[:5], json.loads(row[5])) for row in _read(history)]
+    most = max((len(row[-1]) for row in entries), default=0)
     rows = [
         [part, number, seconds, stage, None if diverged else 1e3 * objective, bool(diverged), *x]
         + [None] * (most - len(x))
-        for part, number, seconds, stage, objective, diverged, x in found
+        for part, number, seconds, stage, objective, diverged, x in entries
     ]
     return EvaluationsTable([*_COLUMNS, *(f"x_{k}" for k in range(most))], rows)
 

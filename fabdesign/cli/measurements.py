@@ -150,7 +150,7 @@ def calibrate(
     from studies.calibration.report import as_text
 
     with described("calibrating") as shown:
-        found = interface.calibrate(
+        calibrated = interface.calibrate(
             sources,
             output,
             fit=None if fit is None else orders_of(fit),
@@ -164,7 +164,7 @@ def calibrate(
             progress=shown,
             say=tell,
         ).found
-    print_result(found.as_json() | {"model": str(output)}, f"{output}: {as_text(found)}", as_json)
+    print_result(calibrated.as_json() | {"model": str(output)}, f"{output}: {as_text(calibrated)}", as_json)
 
 
 def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Path, force: bool, as_json: bool) -> None:

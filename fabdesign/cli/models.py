@@ -62,5 +62,5 @@ def effects(name: str | None, as_json: bool) -> None:
     if name is None:
         print_result({"effects": json_of(EFFECTS)}, as_text(EFFECTS), as_json)
         return
-    found = effect_named(name, "effects")
-    print_result({"effects": json_of({name: found})}, one_as_text(found), as_json)
+    effect = effect_named(name, "effects")
+    print_result({"effects": json_of({name: effect})}, one_as_text(effect), as_json)

@@ -163,7 +163,7 @@ def predict(
     from fabdesign import interface
 
     with described("predicting") as shown:
-        found = interface.predict(
+        prediction = interface.predict(
             model,
             sources,
             output,
@@ -174,7 +174,7 @@ def predict(
             progress=shown,
             say=tell,
         )
-    files = [str(file) for file in found]
+    files = [str(file) for file in prediction]
     print_result({"motions": files}, f"{output}: {len(files)} motions", as_json)
 
 

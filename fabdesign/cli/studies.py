@@ -47,8 +47,8 @@ def demo(output: Path, force: bool, as_json: bool) -> None:
     from studies.layouts.progress import LiveLine
 
     with LiveLine("demo") as line:
-        found = run_demo(output, force=force, progress=lambda name, evaluations: line.show(evaluations), say=line.say)
-    print_result(json_of(found), f"{as_text(found)}\nreport: {output / 'report.html'}", as_json)
+        outcome = run_demo(output, force=force, progress=lambda name, evaluations: line.show(evaluations), say=line.say)
+    print_result(json_of(outcome), f"{as_text(outcome)}\nreport: {output / 'report.html'}", as_json)
 
 
 @commands.command()
@@ -63,13 +63,13 @@ def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_j
     from studies.layouts.run import run_study
 
     with LiveLine(study.stem) as line:
-        found = run_study(study, output, seconds=seconds, force=force, progress=line.show)
-    result = found.as_json()
+        outcome = run_study(study, output, seconds=seconds, force=force, progress=line.show)
+    result = outcome.as_json()
     text = (
         f"{output}: {result['objective_mm']:.3f} mm (Chamfer {result['chamfer']:.3f}, noise floor "
         f"{result['chamfer_floor']:.3f}) after {result['evaluations']} evaluations; {result['stop_reason']}"
     )
-    outputs = [f"{name}: {', '.join(values)}" for name, values in found.outputs.items()]
+    outputs = [f"{name}: {', '.join(values)}" for name, values in outcome.outputs.items()]
     after = [result["fewer"]["said"]] if result["fewer"] else []
     after += result["robust"]["said"] if result["robust"] else []
     said = [*after, *result["reach"]["said"], *result["way"]["said"]]

@@ -50,11 +50,11 @@ def _braid_hysteresis_specimen(specimen: Specimen, values: Values, muscles: NDAr
 def _braid_hysteresis_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
     limit = (values["friction_at_zero"] + values["friction"] / 1e3 * record.pressure).tolist()
     drawn = np.diff(record.contraction, prepend=record.contraction[0]).tolist()
-    force, found = 0.0, []
+    force, forces = 0.0, []
     for most, more in zip(limit, drawn, strict=True):
         force = min(max(force + most / values["slip"] * more, -most), most)
-        found.append(force)
-    return replace(record, friction=record.friction + np.array(found))
+        forces.append(force)
+    return replace(record, friction=record.friction + np.array(forces))
 
 
 BRAID_HYSTERESIS = Effect(

@@ -76,10 +76,10 @@ def register_file(path: Path | str) -> None:
         except Exception as error:
             del sys.modules[name]
             raise InputError(f"{path}: {type(error).__name__}: {error}; expected a file that Python runs") from error
-    found = [value for value in vars(module).values() if isinstance(value, Effect)]
-    if not found:
+    declared = [value for value in vars(module).values() if isinstance(value, Effect)]
+    if not declared:
         raise InputError(f"{path}: declares no effect; expected a fabdesign.effects.Effect at its top level")
-    for effect in found:
+    for effect in declared:
         register(effect, str(path))
     _files[path.stem] = path.read_text(encoding="utf-8")
 

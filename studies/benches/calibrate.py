@@ -111,12 +111,12 @@ def travelling(effects: Sequence[EffectTerm]) -> list[EffectTerm]:
 
 def errors_in_words(calibration: BenchCalibration) -> str:
     """Root mean squares for people: of the fit, of records left out of it, of those of role test."""
-    found = [
+    lines = [
         ("on the fit", calibration.error_fit),
         ("on records left out of it", calibration.error_left_out),
         ("on records of role test", calibration.error_test),
     ]
-    return ", ".join(f"{_shown(error, calibration.unit)} {where}" for where, error in found if error is not None)
+    return ", ".join(f"{_shown(error, calibration.unit)} {where}" for where, error in lines if error is not None)
 
 
 def effects_in_words(calibration: BenchCalibration) -> list[str]:
@@ -181,9 +181,9 @@ def _fit(
     bench: Bench, records: Sequence[BenchRecord], vector: FitVector | None, *, intervals: bool
 ) -> tuple[Law, tuple[EffectTerm, ...]]:
     if bench.specimen == "muscle":
-        found = FittedEffects() if vector is None else fit_effects(partial(rows_of, records), vector)
+        fitted = FittedEffects() if vector is None else fit_effects(partial(rows_of, records), vector)
         options: dict[str, Any] = {} if intervals else {"refits": 0}
-        return BenchMuscle.fit(records, terms=found.terms, **options), found.effects
+        return BenchMuscle.fit(records, terms=fitted.terms, **options), fitted.effects
     if bench.specimen == "strip":
         return StripLaw.fit(records), ()
     if bench.specimen == "cylinder":
@@ -205,8 +205,8 @@ def _predicted(law: Law, record: BenchRecord) -> NDArray[np.float64]:
 def _constants(law: Law) -> dict[str, Quantity]:
     """What a record has to say beyond the quasi-static law."""
     if isinstance(law, BenchMuscle):
-        found = {"viscosity": (law.viscosity, "N s"), "hysteresis": (law.hysteresis, "N")}
-        return {name: Quantity(value, unit) for name, (value, unit) in found.items() if value is not None}
+        constants = {"viscosity": (law.viscosity, "N s"), "hysteresis": (law.hysteresis, "N")}
+        return {name: Quantity(value, unit) for name, (value, unit) in constants.items() if value is not None}
     if isinstance(law, StaticCurve):
         return {"creep_per_decade": Quantity(law.creep_per_decade, "1")}
     if isinstance(law, CylinderLaw):

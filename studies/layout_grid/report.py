@@ -55,10 +55,10 @@ def _shown(result: GridResult) -> list[CellResult]:
     return [*front, *(f for f in result.found if f.result and f not in front)]
 
 
-def _shapes(found: CellResult) -> list[Markup]:
+def _shapes(own: CellResult) -> list[Markup]:
     """A picture a pose."""
-    assert found.result is not None
-    poses = zip(found.result.points, found.result.targets, strict=True)
+    assert own.result is not None
+    poses = zip(own.result.points, own.result.targets, strict=True)
     return [Markup(shape_png(points, target.points)) for points, target in poses]
 
 
@@ -92,15 +92,15 @@ def front_svg(result: GridResult) -> str:
     return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
 
 
-def _nearest(result: GridResult, found: CellResult) -> float:
-    best = result.nearest(found.cell)
+def _nearest(result: GridResult, own: CellResult) -> float:
+    best = result.nearest(own.cell)
     return best.objective if best else float("inf")
 
 
-def _floor(found: CellResult) -> float:
-    assert found.result is not None
-    errors = found.result.errors
-    return errors.chamfer_floor if found.result.study.objective == "chamfer" else errors.surface_floor
+def _floor(own: CellResult) -> float:
+    assert own.result is not None
+    errors = own.result.errors
+    return errors.chamfer_floor if own.result.study.objective == "chamfer" else errors.surface_floor
 
 
 def as_text(result: GridResult) -> str:

@@ -101,11 +101,11 @@ class GridResult:
             "seed": self.study.search.seed,
         }
 
-    def _cell(self, found: CellResult, on_front: bool) -> dict[str, Any]:
-        cell, best = found.cell, self.nearest(found.cell)
+    def _cell(self, one: CellResult, on_front: bool) -> dict[str, Any]:
+        cell, best = one.cell, self.nearest(one.cell)
         entry: dict[str, Any] = {"name": cell.name, "muscles": cell.muscles, "type": cell.type, "sides": cell.sides}
-        if found.result is None:
-            entry["why_not"] = found.why
+        if one.result is None:
+            entry["why_not"] = one.why
         if best is None or best.result is None:
             return entry
         result = best.result.as_json()
@@ -113,8 +113,8 @@ class GridResult:
         entry |= {k: result[k] for k in keys} | {"outputs": result["outputs"]}
         entry |= {"of": best.cell.name, "sides_used": best.sides_used, "muscles_used": len(best.pulling)}
         entry |= {"said": [*self.statements(cell), *best.result.reach.sentences], "front": on_front}
-        if found.result is not None:
-            own = found.result.as_json()
+        if one.result is not None:
+            own = one.result.as_json()
             entry |= {"searched_mm": own["objective_mm"], "stop_reason": own["stop_reason"]}
             entry |= {"evaluations": own["evaluations"], "wall_s": own["wall_s"]}
         return entry

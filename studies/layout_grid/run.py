@@ -177,10 +177,10 @@ class _Grid:
         except SimulationError as error:
             self._found.append(CellResult(cell, None, str(error)))
             return
-        found = CellResult(cell, result, "")
-        self._found.append(found)
+        searched = CellResult(cell, result, "")
+        self._found.append(searched)
         if not own.turns and not result.interrupted:
-            own.turns, own.value, own.gained = 1, found.objective, recent_gain(found)
+            own.turns, own.value, own.gained = 1, searched.objective, recent_gain(searched)
         self._keep()
 
     def _further_turn(self, chosen: CellResult, seconds: float) -> None:
@@ -193,10 +193,10 @@ class _Grid:
             own.seeds, own.drawn, own.seconds, own.beneath = as_rows(seeds), False, 0.0, beneath
         own.seconds += seconds
         result = self._run(cell, own, first_starts(cell.study) if own.drawn else [], anew=anew)
-        found = CellResult(cell, result, "")
-        self._found[self._found.index(chosen)] = found
+        searched = CellResult(cell, result, "")
+        self._found[self._found.index(chosen)] = searched
         own.turns += 1
-        own.gained, own.value = max(0.0, own.value - found.objective), found.objective
+        own.gained, own.value = max(0.0, own.value - searched.objective), searched.objective
         self._keep()
 
     def _run(

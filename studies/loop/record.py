@@ -49,9 +49,9 @@ class LoopOutcome:
         return min(measured, key=lambda turn: (turn.device or {})["excess"], default=None)
 
     def as_json(self) -> dict[str, Any]:
-        found = {name.name: getattr(self, name.name) for name in fields(self) if name.name != "turns"}
+        values = {name.name: getattr(self, name.name) for name in fields(self) if name.name != "turns"}
         best = self.best
-        return found | {
+        return values | {
             "unit": "mm",
             "best": None if best is None else best.name,
             "turns": [turn.as_json() for turn in self.turns],

@@ -136,8 +136,8 @@ def _turns(loop: _Loop) -> LoopOutcome:
     for number in range(study.stop.turns + 1):
         name = turn_name(number)
         kept, choice = _chosen(loop, number, model, earlier)
-        found = _measured(loop, number, choice)
-        if found is None:
+        measured = _measured(loop, number, choice)
+        if measured is None:
             assert isinstance(study.source, Laboratory)
             return replace(
                 outcome,
@@ -145,9 +145,9 @@ def _turns(loop: _Loop) -> LoopOutcome:
                 waiting_for=str(study.source.folder / name),
                 asked=str(loop.work.folder / name / ASKED),
             )
-        sets.append(found)
-        outcome = replace(outcome, synthetic=outcome.synthetic or "synthetic" in found.description)
-        device = _measured_errors(loop, number, choice, found)
+        sets.append(measured)
+        outcome = replace(outcome, synthetic=outcome.synthetic or "synthetic" in measured.description)
+        device = _measured_errors(loop, number, choice, measured)
         reason = stop_reason(
             study.stop, [*(1e-3 * t.device["excess"] for t in turns if t.device), 1e-3 * device["excess"]]
         )
@@ -200,17 +200,17 @@ def _measured(loop: _Loop, number: int, choice: Choice) -> MeasurementSet | None
     return read_set(loop.work.folder / name / MEASURED)
 
 
-def _measured_errors(loop: _Loop, number: int, choice: Choice, found: MeasurementSet) -> dict[str, Any]:
+def _measured_errors(loop: _Loop, number: int, choice: Choice, measured: MeasurementSet) -> dict[str, Any]:
     loop.say(number, "evaluating the shape on the device", 0.6)
     kept: dict[str, Any] = loop.checkpoint.get(
-        f"{turn_name(number)}_device", lambda: judge(loop.study, choice, found, loop.targets, loop.work)
+        f"{turn_name(number)}_device", lambda: judge(loop.study, choice, measured, loop.targets, loop.work)
     )
     return kept
 
 
 def _learned(loop: _Loop, number: int, sets: Sequence[MeasurementSet], model: Model | None) -> dict[str, Any]:
     def teach() -> dict[str, Any]:
-        found = learn(
+        learned = learn(
             loop.study,
             sets,
             model or Model(points_per_side=loop.study.points_per_side),
@@ -219,7 +219,7 @@ def _learned(loop: _Loop, number: int, sets: Sequence[MeasurementSet], model: Mo
             loop.simulators,
             say=lambda line: loop.say(number, line, 0.7),
         )
-        return asdict(found)
+        return asdict(learned)
 
     kept: dict[str, Any] = loop.checkpoint.get(f"{turn_name(number)}_model", teach)
     return kept

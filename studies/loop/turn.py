@@ -143,8 +143,8 @@ def judge(
 def as_millimetres(errors: Errors) -> dict[str, float]:
     """The errors in mm, `beyond` as a share, with the `excess`."""
     names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
-    found = {name: 1e3 * float(getattr(errors, name)) for name in names}
-    return found | {"surface_beyond": float(errors.beyond), "excess": 1e3 * errors.excess}
+    values = {name: 1e3 * float(getattr(errors, name)) for name in names}
+    return values | {"surface_beyond": float(errors.beyond), "excess": 1e3 * errors.excess}
 
 
 def of_millimetres(kept: dict[str, float]) -> Errors:

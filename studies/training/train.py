@@ -196,7 +196,7 @@ def _tested(
     def times(chosen: Chosen) -> NDArray[np.float64]:
         return chosen.trial.times
 
-    found: dict[str, HeldOutErrors] = {}
+    errors: dict[str, HeldOutErrors] = {}
     for name in sorted({chosen.trial.design_name for chosen in held}):
         own = [chosen for chosen in held if chosen.trial.design_name == name]
         noise = noise_of([chosen.trial for chosen in own])
@@ -220,8 +220,8 @@ def _tested(
             continue
         means = [mean_errors(each) for each in (before, after)]
         trust = corrector.trust(own[0].trial.design)
-        found[name] = HeldOutErrors(len(before), trust, means[0], means[1], _closed(*means))
-    return found
+        errors[name] = HeldOutErrors(len(before), trust, means[0], means[1], _closed(*means))
+    return errors
 
 
 def unordered_errors(
@@ -233,8 +233,8 @@ def unordered_errors(
 
 
 def _closed(before: Errors, after: Errors) -> Closed:
-    found = closed(before, after)
-    return found if np.isfinite(after.surface_rms) else replace(found, surface=None)
+    share = closed(before, after)
+    return share if np.isfinite(after.surface_rms) else replace(share, surface=None)
 
 
 def _provenance(
@@ -249,7 +249,7 @@ def _provenance(
     origin = base.provenance
     return replace(
         origin,
-        sets=tuple(dict.fromkeys([*origin.sets, *(found.name for found in sets)])),
+        sets=tuple(dict.fromkeys([*origin.sets, *(measured.name for measured in sets)])),
         fitted=tuple(dict.fromkeys([*origin.fitted, *(chosen.name for chosen in learned)])),
         held_out=tuple(chosen.name for chosen in held if chosen.name not in origin.fitted),
         versions=dict(origin.versions)

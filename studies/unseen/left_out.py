@@ -44,7 +44,7 @@ def left_out(
     if not others or not own:
         raise InputError(f"{measured.name}: without {name}, no trial is left to {'judge' if others else 'fit'}")
     tests = tuple(replace(own[i], role="test") for i in evenly(len(own), trials))
-    found = calibrate(
+    calibration = calibrate(
         replace(measured, trials=others),
         forward,
         coarse=coarse,
@@ -53,7 +53,7 @@ def left_out(
         seed=seed,
         progress=lambda line, share: progress(f"without {name}: {line}"),
     )
-    model = replace(found.model, without_effects={})  # before is the data sheet
+    model = replace(calibration.model, without_effects={})  # before is the data sheet
 
     def judge(model: Model, what: str) -> SetEvaluation:
         return evaluate_sets(
@@ -69,12 +69,12 @@ def left_out(
     _overlay(*_shown(tests, measured, evaluation), model, forward, picture)
     said = evaluation.as_json()["designs"][name] | evaluation.used.as_json()
     if model.effects:
-        said["without_effects"] = judge(found.model.before, ", factors alone").as_json()["designs"][name]["after"]
-    told = found.as_json()
+        said["without_effects"] = judge(calibration.model.before, ", factors alone").as_json()["designs"][name]["after"]
+    told = calibration.as_json()
     return said | {
         "factors": {k: {key: p[key] for key in ("factor", "interval90")} for k, p in told["parameters"].items()},
         "effects": told["effects"],
-        "fitted": len(found.model.provenance.fitted),
+        "fitted": len(calibration.model.provenance.fitted),
         "fit_unjudged": told["unjudged"],
         "doubts": told["doubts"],
     }

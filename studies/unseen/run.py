@@ -115,7 +115,7 @@ def _left_out(
 ) -> dict[str, Any]:
     measured = study.measured
     assert measured is not None
-    found = {}
+    results = {}
     for name in sorted(measured.designs):
         picture = f"left_out_{name}.png"
         work.claim(picture)
@@ -134,8 +134,8 @@ def _left_out(
                 progress=progress,
             )
 
-        found[name] = checkpoint.get(f"left_out_{name}", compute)
-    return found
+        results[name] = checkpoint.get(f"left_out_{name}", compute)
+    return results
 
 
 def _content(study: UnseenStudy) -> dict[str, str]:

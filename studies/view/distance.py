@@ -44,8 +44,8 @@ class Distance:
     def as_json(self) -> dict[str, object]:
         """mm; null: not known."""
         names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
-        found = {name: 1e3 * getattr(self.whole, name) for name in names}
-        values = {name: value if np.isfinite(value) else None for name, value in found.items()}
+        told = {name: 1e3 * getattr(self.whole, name) for name in names}
+        values = {name: value if np.isfinite(value) else None for name, value in told.items()}
         return {"from": self.reference, "of": self.when or "still shapes", "unit": "mm", **values}
 
 
@@ -65,11 +65,11 @@ def errors_in_words(errors: Errors) -> str:
 def distances(items: Sequence[Item]) -> list[Distance | None]:
     """Of every panel to the first one, of a prediction to what it predicts; None of what others are compared with."""
     by_title = {item.title: item for item in items}
-    found: list[Distance | None] = []
+    own: list[Distance | None] = []
     for item in items:
         reference = by_title.get(item.predicts, items[0])
-        found.append(None if reference is item else _distance(reference, item))
-    return found
+        own.append(None if reference is item else _distance(reference, item))
+    return own
 
 
 def _distance(reference: Item, item: Item) -> Distance:
