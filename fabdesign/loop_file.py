@@ -13,6 +13,7 @@ from fabdesign.pages import PAPERS
 from fabdesign.rig_limits_file import RigLimits, read_rig_limits
 from fabdesign.study_file import FORMAT, Study, read_search, require_kind, require_searchable
 from fabdesign.table import Table, load_toml
+from fabdesign.units import from_mm, in_kpa, in_mm
 
 HOLD = 2.0  # s, for which the pressures of a shape at rest are held on the device
 TRACE_GRID = 21  # points a side: a trace asks for hundreds of motions
@@ -112,7 +113,7 @@ def _within(search: Study, rig: RigLimits, path: Path) -> Study:
     high = min(high, rig.pressure)
     if low >= high:
         raise InputError(
-            f"{path}: limits: pressure from {low / 1e3:g} kPa; expected less than the rig's {high / 1e3:g} kPa"
+            f"{path}: limits: pressure from {in_kpa(low):g} kPa; expected less than the rig's {in_kpa(high):g} kPa"
         )
     limits = replace(search.limits, pressure=(low, high))
     return replace(search, limits=limits, rise=max(search.rise, high / rig.rate))
@@ -185,7 +186,7 @@ def _learning(root: Table) -> Learning:
     table, default = root.table("learning", None) or Table({}, ""), Learning()
     learning = Learning(
         trace=table.flag("trace", default.trace),
-        tolerance=1e-3 * table.number("tolerance", 1e3 * default.tolerance, above=0),
+        tolerance=from_mm(table.number("tolerance", in_mm(default.tolerance), above=0)),
         trace_grid=table.integer("trace_grid", default.trace_grid, least=COARSEST, most=FINEST),
         train=table.text("train", None, choices=("field", "paper")),
         train_trials=table.integer("train_trials", default.train_trials, least=2),
@@ -198,7 +199,7 @@ def _stop(root: Table) -> StopRule:
     table, default = root.table("stop", None) or Table({}, ""), StopRule()
     rule = StopRule(
         turns=table.integer("turns", default.turns, least=0, most=100),
-        excess=1e-3 * table.number("excess", 1e3 * default.excess, least=0),
+        excess=from_mm(table.number("excess", in_mm(default.excess), least=0)),
         gain=table.number("gain", default.gain, least=-10, most=1),
     )
     table.finish()

@@ -12,6 +12,7 @@ from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.mid_surface import at_places, mid_surface
 from fabdesign.table import Table
+from fabdesign.units import in_mm
 
 _POINT = r"[\w\s-]*\(\s*([-+.\deE]+)\s*,\s*([-+.\deE]+)\s*\)"
 _FORMS = {
@@ -42,7 +43,7 @@ class ShapeOutput:
     def of(self, points: NDArray[np.floating[Any]]) -> float:
         """In its unit, of points (2 n n, 3) m: places on the mid-surface, in the world's frame, y = 0 at the upper
         edge of the flat cloth."""
-        at = 1e3 * at_places(mid_surface(points), self.places)
+        at = in_mm(at_places(mid_surface(points), self.places))
         if self.kind in ("x", "height", "z"):
             return float(at[0, ("x", "height", "z").index(self.kind)])
         if self.kind == "distance":

@@ -23,6 +23,7 @@ from fabdesign.search_terms import Price, Robust, read_price, read_robust
 from fabdesign.shape_output import ShapeOutput, read_shape_outputs
 from fabdesign.sheet import Face
 from fabdesign.table import Table, load_toml, pascals
+from fabdesign.units import in_kpa
 from fabdesign.wishes import Wish, read_wishes
 
 FORMAT = "fabdesign.study/1"
@@ -287,7 +288,7 @@ def _limits(root: Table, path: Path, design: Design) -> StudyLimits:
             raise table.bad("pressure", "[lowest, highest] in kPa, from 0")
         pressure = (pascals(str(low)), pascals(str(high)))
         if pressure[1] > most:
-            raise table.bad("pressure", f"at most {most / 1e3:g} kPa, the muscles' maximum")
+            raise table.bad("pressure", f"at most {in_kpa(most):g} kPa, the muscles' maximum")
     own = StudyLimits(
         pressure=pressure,
         spacing=table.number("spacing", default.spacing, least=0),

@@ -12,6 +12,7 @@ from fabdesign.forward import FACTOR_RANGE, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
 from fabdesign.model import Model
 from fabdesign.pressure import limits
 from fabdesign.table import Table, nearest
+from fabdesign.units import in_kpa
 
 Kind = Literal["pressure", "position", "factor", "effect"]
 _AXES = {"u": 0, "v": 1}
@@ -81,7 +82,7 @@ def _meaning(name: str, where: str, design: Design, model: Model) -> _Meaning:
         channel = int(rest[0])
         if channel >= design.channels:
             raise InputError(f"{where}: design {design.name} has channels 0 to {design.channels - 1}")
-        return "pressure", (channel,), "kPa", (0.0, float(limits(design)[channel]) / 1e3), None
+        return "pressure", (channel,), "kPa", (0.0, in_kpa(float(limits(design)[channel]))), None
     if first == "position" and len(rest) in (2, 3) and rest[-1] in _AXES and all(r.isdecimal() for r in rest[:-1]):
         muscle, corner = int(rest[0]), int(rest[1]) if len(rest) == 3 else -1
         if muscle >= len(design.muscles) or corner >= len(design.muscles[muscle].path):

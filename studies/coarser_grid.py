@@ -10,6 +10,7 @@ from fabdesign.design import Design
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.trial import Trial
+from fabdesign.units import in_mm
 from studies.forward_model import forward_model
 
 NEAR = 1e-4  # m RMS over the points and frames of a motion, under which the coarser grid is as good
@@ -76,7 +77,7 @@ def enough_points(
         tell(
             f"grid: {POINTS_PER_SIDE if off < NEAR else model.points_per_side} points a side for {trial.design_name}; "
             f"with {POINTS_PER_SIDE} instead of the model's {model.points_per_side}, {trial.name} moves by "
-            f"{1e3 * off:.2f} mm RMS, {'under' if off < NEAR else 'not under'} {1e3 * NEAR:g}"
+            f"{in_mm(off):.2f} mm RMS, {'under' if off < NEAR else 'not under'} {in_mm(NEAR):g}"
         )
     return ByDesign(fine, coarse, calm) if calm else fine
 

@@ -19,6 +19,7 @@ from fabdesign.model import Model
 from fabdesign.predictor import Predictor
 from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.units import in_mm
 from studies.forward_model import forward_model
 from studies.sensitive_stretches import find_used_frames
 from studies.used_frames import Flags, UsedFrames
@@ -240,19 +241,19 @@ def _summarise(
 
 def _as_json(design: DesignResult) -> dict[str, Any]:
     def millimetres(table: Mapping[str, Statistics]) -> dict[str, dict[str, float]]:
-        distances = {name: {key: 1e3 * x for key, x in asdict(table[name]).items()} for name in ERRORS}
+        distances = {name: {key: in_mm(x) for key, x in asdict(table[name]).items()} for name in ERRORS}
         return distances | {"surface_beyond": asdict(table["beyond"])}
 
     def errors(values: Errors) -> dict[str, float | None]:
         if np.isnan(values.chamfer):
             return dict.fromkeys((*ERRORS, "surface_beyond"))
-        return {name: 1e3 * getattr(values, name) for name in ERRORS} | {"surface_beyond": values.beyond}
+        return {name: in_mm(getattr(values, name)) for name in ERRORS} | {"surface_beyond": values.beyond}
 
     return {
         "before": millimetres(design.before),
         "after": millimetres(design.after),
         "closed": asdict(design.closed) | {"value": design.closed.value},
-        "noise": {"sigma_mm": 1e3 * design.noise.sigma, "strays": design.noise.strays},
+        "noise": {"sigma_mm": in_mm(design.noise.sigma), "strays": design.noise.strays},
         "histogram": {error: histogram(design, error) for error in ("chamfer", "surface_rms")},
         "source": design.source,
         "trials": {
@@ -266,7 +267,7 @@ def _as_json(design: DesignResult) -> dict[str, Any]:
 def _values(design: DesignResult, error: str) -> tuple[np.ndarray, np.ndarray]:
     """(trials,) mm before and after, of those that did not diverge."""
     pairs = np.array([(getattr(r.before, error), getattr(r.after, error)) for r in design.trials])
-    pairs = 1e3 * pairs[np.isfinite(pairs).all(axis=1)]
+    pairs = in_mm(pairs[np.isfinite(pairs).all(axis=1)])
     return pairs[:, 0], pairs[:, 1]
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from fabdesign.csv_table import write_rows
 from fabdesign.errors import InputError
+from fabdesign.units import in_mm
 
 HISTORY, SAMPLES = "history.sqlite", "samples.csv"
 OBJECTIVE = "objective_mm"
@@ -55,7 +56,7 @@ def _searches(folder: Path, histories: Sequence[Path]) -> EvaluationsTable:
         entries += [(part, *row[:5], json.loads(row[5])) for row in _read(history)]
     most = max((len(row[-1]) for row in entries), default=0)
     rows = [
-        [part, number, seconds, stage, None if diverged else 1e3 * objective, bool(diverged), *x]
+        [part, number, seconds, stage, None if diverged else in_mm(objective), bool(diverged), *x]
         + [None] * (most - len(x))
         for part, number, seconds, stage, objective, diverged, x in entries
     ]

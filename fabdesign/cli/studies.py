@@ -9,6 +9,7 @@ import click
 from fabdesign.cli.console import FILE, SECONDS, cluster_option, commands, force_option, json_option, print_result
 from fabdesign.cli.models import effects_option
 from fabdesign.cli.progress import described
+from fabdesign.units import in_mm
 
 Command = Callable[..., None]
 
@@ -127,7 +128,7 @@ def _layouts(study: Path, output: Path, *, seconds: float | None, force: bool, a
     with LiveLine(study.stem) as line:
 
         def show(cell: Cell, number: int, total: int, evaluations: Evaluations) -> None:
-            best = "none yet" if evaluations.best is None else f"{1e3 * evaluations.best.value:.3f} mm"
+            best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.3f} mm"
             line.say(f"{cell.name}, {number} of {total}: best {best}, {evaluations.elapsed:.0f} s in this cell")
 
         result = run_layouts(study, output, seconds=seconds, force=force, progress=show)

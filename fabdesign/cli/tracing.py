@@ -17,6 +17,7 @@ from fabdesign.cli.console import (
 )
 from fabdesign.cli.models import effects_option
 from fabdesign.inputs import is_bench
+from fabdesign.units import from_mm
 
 
 @commands.command()
@@ -60,7 +61,7 @@ def trace(
             source,
             output,
             model=model,
-            tolerance=None if tolerance is None else tolerance / 1e3,
+            tolerance=None if tolerance is None else from_mm(tolerance),
             grid=grid,
             seed=seed,
             force=force,

@@ -23,6 +23,7 @@ from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.pressure_file import constant_program, read_pressures
 from fabdesign.study_file import read_cluster
 from fabdesign.trial import MeasurementSet
+from fabdesign.units import from_kpa
 from fabdesign.usable_model import usable_model
 
 DesignLike = Design | Path | str
@@ -121,7 +122,7 @@ def one_program(pressures: Pressures, design: Design) -> PressureProgram:
     if isinstance(pressures, Path | str):
         return read_pressures(pressures, design)
     if not isinstance(pressures, PressureProgram):
-        pressures = constant_program(1e3 * np.asarray(pressures, dtype=float))
+        pressures = constant_program(from_kpa(np.asarray(pressures, dtype=float)))
     require_pressures(pressures, design, f"pressures of {design.name}")
     return pressures
 

@@ -23,6 +23,7 @@ from fabdesign.interface.arguments import (
 from fabdesign.interface.results import Motion, Sweep
 from fabdesign.model import Model
 from fabdesign.pressure import PressureProgram
+from fabdesign.units import in_kpa
 
 FRAME_RATE = 60.0  # Hz, as `fabdesign simulate` has it
 _AT_ONCE = 64  # what the simulator takes side by side
@@ -156,7 +157,7 @@ def sweep(
             progress(f"interrupted, with {len(rows)} of {len(given)} rows", len(rows) / len(given))
     values = dict(zip(outputs, np.array(rows).reshape(-1, len(outputs)).T, strict=True))
     done = given[: len(rows)]
-    last = [program.pressure[-1] / 1e3 for _, program in done]
+    last = [in_kpa(program.pressure[-1]) for _, program in done]
     return Sweep(tuple(design for design, _ in done), tuple(last), values, len(rows) == len(given))
 
 

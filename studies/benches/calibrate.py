@@ -20,6 +20,7 @@ from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.model import EffectTerm, Quantity
 from fabdesign.output import write_text
+from fabdesign.units import in_kpa, in_mm
 from optimize.fit.parameters import FitVector
 from studies.benches.actuator import StaticCurve, hold_of
 from studies.benches.cylinder import CylinderLaw
@@ -134,7 +135,7 @@ def effects_in_words(calibration: BenchCalibration) -> list[str]:
 
 
 def _shown(error: float, unit: str) -> str:
-    value, unit = (1e3 * error, "mm") if unit == "m" else (error, unit)
+    value, unit = (in_mm(error), "mm") if unit == "m" else (error, unit)
     return f"{value:.3g} {unit} RMS" if value >= LEAST_SHOWN else f"under {LEAST_SHOWN} {unit} RMS"
 
 
@@ -225,7 +226,7 @@ def _bench_law(bench: Bench, law: Law) -> BenchLaw:
         columns = {"coefficient_n": law.coefficients, "low90_n": low, "high90_n": high}
         return BenchLaw("cylinder", bench.output, columns, law.terms, law.form, law.presliding)
     if isinstance(law, StaticCurve):
-        return BenchLaw("actuator", bench.output, {"pressure_kpa": law.pressure / 1e3, "displacement_m": law.level})
+        return BenchLaw("actuator", bench.output, {"pressure_kpa": in_kpa(law.pressure), "displacement_m": law.level})
     assert isinstance(law, StripLaw)
     strain, _ = law.samples()
     low, high = law.interval90(1 + strain)

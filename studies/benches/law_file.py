@@ -14,6 +14,7 @@ from fabdesign.design_file import DesignPart, read_part
 from fabdesign.errors import InputError
 from fabdesign.muscle_law import law_of
 from fabdesign.table import parse_toml
+from fabdesign.units import from_kpa
 from studies.benches.actuator import StaticCurve, hold_of
 from studies.benches.cylinder import terms_of
 from studies.benches.muscle import BenchMuscle
@@ -46,7 +47,7 @@ def _of_law(law: BenchLaw) -> Predict:
     if law.specimen == "strip":
         return _of_strip(law.columns["strain"], law.columns["force_n"])
     if law.specimen == "actuator":
-        curve = StaticCurve(1e3 * law.columns["pressure_kpa"], law.columns["displacement_m"], ())
+        curve = StaticCurve(from_kpa(law.columns["pressure_kpa"]), law.columns["displacement_m"], ())
         return lambda record: _twice(np.atleast_1d(curve.displacement(hold_of(record).pressure)))
     coefficients, presliding = law.columns["coefficient_n"], law.presliding or 1.0
     still = np.array(["s" not in term for term in law.terms])

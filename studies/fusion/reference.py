@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.recording import Sensor
+from fabdesign.units import in_mm
 from studies.fusion.cleaning import clean, point_cloud
 
 Array = NDArray[np.float64]
@@ -72,7 +73,8 @@ def register_to_rest(sensor: Sensor, cloud: Array, fabric: Fabric) -> Pose:
     distance, angle = off(matrix, sensor.camera_to_world)
     if distance > OFF_NOMINAL[0] or angle > OFF_NOMINAL[1]:
         raise InputError(
-            f"reference: sensor {sensor.name} lies {1e3 * distance:.0f} mm and {angle:.1f} degrees off its nominal pose"
+            f"reference: sensor {sensor.name} lies {in_mm(distance):.0f} mm and {angle:.1f} degrees off its nominal "
+            "pose"
         )
     return Pose(matrix, solved.jac.T @ solved.jac)
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from fabdesign.layouts_file import Cell, LayoutsStudy
+from fabdesign.units import in_mm
 from studies.layouts.result import StudyResult
 
 PULLS = 0.05  # of the pressure range, over its lowest, from which on a muscle does something
@@ -76,10 +77,10 @@ class GridResult:
             return []
         statements, count = [], f"{cell.muscles} muscles" if cell.muscles > 1 else "1 muscle"
         if best is not own:
-            came = f"its own search came to {1e3 * own.objective:.2f} mm" if own.result else own.why
+            came = f"its own search came to {in_mm(own.objective):.2f} mm" if own.result else own.why
             statements.append(
                 f"{count} {WORDS[cell.sides]} did not help: {best.cell.muscles} {WORDS[best.cell.sides]} are nearer, "
-                f"at {1e3 * best.objective:.2f} mm; {came}."
+                f"at {in_mm(best.objective):.2f} mm; {came}."
             )
         idle = len(best.result.design.muscles) - len(best.pulling) if best.result else 0
         if idle:

@@ -16,6 +16,7 @@ from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.model_file import read_model, write_model
 from fabdesign.output import WorkFolder
 from fabdesign.trial import MeasurementSet
+from fabdesign.units import in_mm
 from optimize.fit.parameters import fit_vector
 from studies.calibration.calibrate import Calibration, calibrate
 from studies.calibration.fitted_model import muscle_scope
@@ -234,7 +235,7 @@ def _held_out(
     except InputError:
         return None
     return {
-        state: 1e3 * fmean(_means(design, state).excess for design in errors.values()) for state in ("before", "after")
+        state: in_mm(fmean(_means(design, state).excess for design in errors.values())) for state in ("before", "after")
     }
 
 

@@ -7,6 +7,7 @@ from typing import Any
 from fabdesign import SIMULATOR
 from fabdesign.checkpoint import sha256
 from fabdesign.loop_file import LoopStudy, StopRule, VirtualRig
+from fabdesign.units import in_mm
 from studies.layouts.content import flat, shortened, study_content
 from studies.layouts.target import LoadedTarget
 
@@ -78,12 +79,12 @@ def stop_reason(rule: StopRule, excess: Sequence[float]) -> str | None:
     """In a sentence, of the excess [m] on the device after each turn, the first design's first; None: it goes on."""
     *before, now = excess
     if now <= rule.excess:
-        return f"near enough: {1e3 * now:.2f} mm over the noise floor on the device, within {1e3 * rule.excess:g} mm"
+        return f"near enough: {in_mm(now):.2f} mm over the noise floor on the device, within {in_mm(rule.excess):g} mm"
     if len(before) >= rule.turns:
         return f"turns used: {rule.turns}"
     if before and now > (1 - rule.gain) * min(before):
         return (
-            f"no further gain: {1e3 * now:.2f} mm over the noise floor on the device, {1e3 * min(before):.2f} before; "
-            f"a turn that gains less than {rule.gain:.0%} is the last"
+            f"no further gain: {in_mm(now):.2f} mm over the noise floor on the device, {in_mm(min(before)):.2f} "
+            f"before; a turn that gains less than {rule.gain:.0%} is the last"
         )
     return None

@@ -16,6 +16,7 @@ from fabdesign.model import Model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.study_file import require_searchable
 from fabdesign.trial import MeasurementSet
+from fabdesign.units import from_mm, in_mm
 from optimize.evaluations import Evaluations
 from studies.layouts.begin import first_starts
 from studies.layouts.target import LoadedTarget, load_target
@@ -149,7 +150,7 @@ def _turns(loop: _Loop) -> LoopOutcome:
         outcome = replace(outcome, synthetic=outcome.synthetic or "synthetic" in measured.description)
         device = _measured_errors(loop, number, choice, measured)
         reason = stop_reason(
-            study.stop, [*(1e-3 * t.device["excess"] for t in turns if t.device), 1e-3 * device["excess"]]
+            study.stop, [*(from_mm(t.device["excess"]) for t in turns if t.device), from_mm(device["excess"])]
         )
         if reason is not None:
             turns.append(Turn(number, name, kept, device))
@@ -168,7 +169,7 @@ def _chosen(loop: _Loop, number: int, model: Model | None, earlier: Choice | Non
     folder = loop.work.folder / name / SEARCH
 
     def told(evaluations: Evaluations) -> None:
-        best = "none yet" if evaluations.best is None else f"{1e3 * evaluations.best.value:.2f} mm"
+        best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.2f} mm"
         loop.say(number, f"choosing a design: best {best}", 0.3 * evaluations.share)
 
     loop.work.claim(f"{name}/shapes.npz")

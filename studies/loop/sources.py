@@ -17,6 +17,7 @@ from fabdesign.output import WorkFolder, write_text
 from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import write_pressures
 from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.units import in_kpa
 from studies.loop.programs import Asked
 
 MEASURED = "measured"  # the folder of a turn's set
@@ -142,7 +143,7 @@ def _require_asked(measured: MeasurementSet, asked: Asked, place: Path) -> None:
         off = _apart(by_order[order], program)
         if off > AGREE:
             raise InputError(
-                f"{place}: order {order} ran other pressures than {order:03d}.csv, {off / 1e3:.0f} kPa RMS off; "
+                f"{place}: order {order} ran other pressures than {order:03d}.csv, {in_kpa(off):.0f} kPa RMS off; "
                 "expected what was asked for"
             )
     if extra := sorted(set(by_order) - set(range(len(asked.programs)))):

@@ -13,6 +13,7 @@ from fabdesign.model import Model
 from fabdesign.model_sampling import drawn, joint_root
 from fabdesign.pressure_file import constant_program
 from fabdesign.sensitivity_file import SensitivityStudy
+from fabdesign.units import from_kpa
 from fabdesign.varied import moved_paths
 
 Array = NDArray[np.float64]
@@ -70,7 +71,7 @@ class Inputs:
         pressures = study.pressures.copy()
         for v, x in own.items():
             if v.kind == "pressure":
-                pressures[int(v.key[0])] = 1e3 * x
+                pressures[int(v.key[0])] = from_kpa(x)
         factors = {str(v.key[0]): float(x) for v, x in own.items() if v.kind == "factor"}
         terms = model.terms
         for v, x in own.items():

@@ -19,6 +19,7 @@ from fabdesign import __version__
 from fabdesign.csv_table import write_rows
 from fabdesign.output import write_text
 from fabdesign.sensitivity_file import SensitivityStudy
+from fabdesign.units import in_kpa
 from studies.sensitivity.result import SensitivityResult
 
 FIRST, TOTAL, SIGMA = "#2166ac", "#92c5de", "#b2182b"
@@ -110,7 +111,7 @@ def render(result: SensitivityResult) -> str:
 def _held(study: SensitivityStudy) -> str:
     """The pressures that do not vary, kPa."""
     varied = {v.name for v in study.varied}
-    pressures = enumerate(study.pressures / 1e3)
+    pressures = enumerate(in_kpa(study.pressures))
     return ", ".join(f"pressure.{k} {kpa:g}" for k, kpa in pressures if f"pressure.{k}" not in varied)
 
 

@@ -26,6 +26,7 @@ from fabdesign.model_file import write_model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.predictor import Predictor
 from fabdesign.trial import MeasurementSet
+from fabdesign.units import in_mm
 from studies.evaluate import ERRORS, noise_of
 from studies.training.data import Chosen, Progress, choose, simulated
 from studies.used_frames import UsedFrames
@@ -61,7 +62,7 @@ class TrainingResult:
         """What `train --json` prints: mm."""
 
         def millimetres(errors: Errors) -> dict[str, float]:
-            values = {name: 1e3 * getattr(errors, name) for name in ERRORS}
+            values = {name: in_mm(getattr(errors, name)) for name in ERRORS}
             return {name: value for name, value in values.items() if np.isfinite(value)}
 
         return {

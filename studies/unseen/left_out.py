@@ -12,6 +12,7 @@ from fabdesign.forward import Case, ForwardModel
 from fabdesign.model import Model
 from fabdesign.output import whole_file
 from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.units import in_mm
 from optimize.fit.clouds import evenly
 from optimize.fit.parameters import fit_vector
 from studies.calibration.calibrate import calibrate
@@ -101,8 +102,8 @@ def _overlay(trial: Trial, k: int, model: Model, forward: ForwardModel, path: Pa
         motion = predictor.motions([Case(trial.design, trial.program, order=trial.order)], [trial.times])[0]
         for view, (axis, label) in enumerate(((2, "z"), (0, "x"))):
             panel = axes[2 * column + view]
-            panel.plot(1e3 * motion[k][:, axis], 1e3 * motion[k][:, 1], ".", color="#92c5de", markersize=2)
-            panel.plot(1e3 * clouds[k][::2, axis], 1e3 * clouds[k][::2, 1], ".", color="#1c2430", markersize=1)
+            panel.plot(in_mm(motion[k][:, axis]), in_mm(motion[k][:, 1]), ".", color="#92c5de", markersize=2)
+            panel.plot(in_mm(clouds[k][::2, axis]), in_mm(clouds[k][::2, 1]), ".", color="#1c2430", markersize=1)
             panel.set(title=f"{said}, {'side' if axis == 2 else 'front'}", xlabel=f"{label}, mm", aspect="equal")
     axes[0].set_ylabel("y, mm")
     figure.suptitle(f"{trial.design_name} {trial.name}, {trial.times[k]:.2f} s: measured (dark) over model")

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from fabdesign import __version__
 from fabdesign.output import write_text
+from fabdesign.units import in_mm
 
 
 def write_report(result: dict[str, Any], out: Path, *, pictures: Path) -> None:
@@ -83,7 +84,7 @@ def without_lines(result: dict[str, Any]) -> dict[str, Any]:
 
 def _band_svg(pose: dict[str, Any]) -> str:
     """The cloth's middle line from the side: of every drawn model, and their mean."""
-    lines = 1e3 * np.array(pose["middle"])
+    lines = in_mm(np.array(pose["middle"]))
     figure = Figure(figsize=(4.2, 4.2), layout="constrained")
     axes = figure.subplots()
     for line in lines:
