@@ -118,3 +118,8 @@ def _bare(column: str) -> tuple[str, int]:
     """A column's name without its unit, and the power of ten that takes its values to SI."""
     bare, _, unit = column.rpartition("_")
     return (bare, _UNITS[unit]) if bare and unit in _UNITS else (column, 0)
+
+
+def is_bench(source: Path) -> bool:
+    """Whether it is a bench's folder, or its bench.toml."""
+    return source.name == "bench.toml" or (source / "bench.toml").is_file()

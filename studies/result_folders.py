@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fabdesign.errors import InputError
-from fabdesign.mark import MARK, read_mark
+from fabdesign.output import MARK, read_mark
 
 RESULTS = ("result.json", "trace.json", "evaluation.json", "loop.json", "fusion.json")
 # what says most about a result, of each that has it

@@ -5,6 +5,7 @@ from typing import Literal
 
 import click
 
+from fabdesign.bench_file import is_bench
 from fabdesign.cli.console import (
     FILE,
     GRID,
@@ -20,7 +21,6 @@ from fabdesign.cli.console import (
 from fabdesign.cli.models import effects_option
 from fabdesign.cli.progress import counted, described
 from fabdesign.errors import InputError
-from fabdesign.inputs import is_bench
 
 
 @commands.command()

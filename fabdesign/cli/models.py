@@ -11,7 +11,7 @@ from fabdesign.model import PARTS, Model
 
 def _register(context: click.Context, parameter: click.Parameter, files: tuple[Path, ...]) -> tuple[Path, ...]:
     from fabdesign.effects import register_file
-    from fabdesign.inputs import always_input
+    from fabdesign.output import always_input
 
     for file in files:
         register_file(file)

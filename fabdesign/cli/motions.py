@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from fabdesign.bench_file import is_bench
 from fabdesign.cli.console import (
     FILE,
     FINITE,
@@ -25,7 +26,6 @@ from fabdesign.cli.console import (
 from fabdesign.cli.models import effects_option, load_model, parts_of, without_option
 from fabdesign.cli.progress import described
 from fabdesign.errors import InputError
-from fabdesign.inputs import is_bench
 
 
 @commands.command()

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from fabdesign.bench_file import is_bench
 from fabdesign.cli.console import (
     FILE,
     GRID,
@@ -16,7 +17,6 @@ from fabdesign.cli.console import (
     tell,
 )
 from fabdesign.cli.models import effects_option
-from fabdesign.inputs import is_bench
 from fabdesign.units import from_mm
 
 

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from fabdesign.bench_file import is_bench
 from fabdesign.cluster import VARIABLE, current, on_cluster
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
-from fabdesign.inputs import is_bench
 from fabdesign.measurement_set import read_set
 from fabdesign.model import Model
 from fabdesign.pressure import PressureProgram, require_pressures

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from fabdesign import muscle_law
 from fabdesign.design import Design
-from fabdesign.output import whole_file
+from fabdesign.output import sweep, whole_file
 from fabdesign.pressure import PressureProgram
-from fabdesign.scratch import sweep
 from fabdesign.user_cache import user_cache
 from studies.rig.effects import EFFECTS
 from studies.rig.effects.sensing import OF_CLOUDS

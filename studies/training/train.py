@@ -19,11 +19,10 @@ from fabdesign.corrector import Trust, central_hash
 from fabdesign.distances import chamfer
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
-from fabdesign.mark import MARK, others_in, own_files
 from fabdesign.metrics import Closed, Errors, closed, mean_errors, trial_errors
 from fabdesign.model import Model
 from fabdesign.model_file import write_model
-from fabdesign.output import WorkFolder, work_folder, write_text
+from fabdesign.output import MARK, WorkFolder, others_in, own_files, work_folder, write_text
 from fabdesign.predictor import Predictor
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import in_mm
