@@ -1,11 +1,13 @@
 """Work that is kept as it is done: the same call goes on where it stood, and never from work on other content.
 
 What a result depends on (hashes of files, designs, options, the version of the algorithm, which its author raises) is
-its content, by field. A folder's pieces are of one content.
+its content, by field. A folder's pieces are of one content. `user_cache`: the folder of results that depend on nothing
+but what their name hashes.
 """
 
 import hashlib
 import json
+import os
 import time
 import zipfile
 from collections.abc import Callable, Mapping
@@ -115,3 +117,9 @@ def differences(known: Mapping[str, str], content: Mapping[str, str]) -> str:
 def sha256(path: Path) -> str:
     """Of a file's bytes."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def user_cache(kind: str) -> Path:
+    """The folder of one kind of result: in FABDESIGN_CACHE, else in the user's cache folder. It need not be there."""
+    base = os.environ.get("FABDESIGN_CACHE") or os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "fabdesign" / kind

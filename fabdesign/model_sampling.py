@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.labels import labels_of
-from fabdesign.effects.registry import effect_named
+from fabdesign.effects.registry import effect_named, labels_of
 from fabdesign.errors import InputError
 from fabdesign.forward import FACTOR_RANGE
 from fabdesign.model import Model

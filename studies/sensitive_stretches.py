@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign import SIMULATOR
+from fabdesign.checkpoint import user_cache
 from fabdesign.design import Design
 from fabdesign.errors import InputError
 from fabdesign.forward import PARAMETERS, Case, ForwardModel, Term
 from fabdesign.output import write_text
 from fabdesign.trial import MeasurementSet, Trial
-from fabdesign.user_cache import user_cache
 from optimize.fit.parameters import PRIOR
 from studies.used_frames import Array, Flags, Stretch, UsedFrames, used_mask
 

@@ -35,7 +35,7 @@ def parts_of(without: str | None) -> list[str]:
 
 def load_model(path: Path | None, without: str | None = None) -> Model | None:
     """The model of a file, less the parts named; what was left out, and whether it is stale, goes to standard error."""
-    from fabdesign.usable_model import usable_model
+    from fabdesign.model_file import usable_model
 
     if path is None:
         if without is not None:

@@ -73,8 +73,7 @@ def table(folder: Path, output: Path, force: bool, as_json: bool) -> None:
     A NAME.db, of a search alone, is a study store that Optuna's dashboard opens: optuna-dashboard sqlite:///NAME.db
     """
     from fabdesign.output import new_file
-    from studies.evaluations_table import read_evaluations, write_evaluations
-    from studies.optuna_store import write_optuna_store
+    from studies.evaluations_table import read_evaluations, write_evaluations, write_optuna_store
 
     kind = output.suffix.lower()
     if kind not in (".csv", ".parquet", ".db"):

@@ -6,6 +6,7 @@ import importlib.util
 import shutil
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from fabdesign.effects.pneumatics import DEAD_TIME, FILLING_LAG, LINE_LOSS, SUPP
 from fabdesign.effects.sensing import REGISTRATION_BIAS, SCALE_ERROR, TIME_OFFSET
 from fabdesign.errors import InputError
 from fabdesign.table import nearest
+from fabdesign.term import Term
 
 GROUP = "fabdesign.effects"  # entry points of installed packages, each an Effect
 
@@ -134,3 +136,14 @@ def force_of(effect: Effect) -> Any:
         return effect.force
     module, name = effect.force.split(":")
     return getattr(importlib.import_module(module), name)
+
+
+def labels_of(terms: Sequence[Term]) -> tuple[str, ...]:
+    """Of each term: its effect's name; of several of one effect "NAME:VALUE,..." by its chosen parameters."""
+    names = [term.name for term in terms]
+    return tuple(term.name if names.count(term.name) == 1 else f"{term.name}:{_chosen(term)}" for term in terms)
+
+
+def _chosen(term: Term) -> str:
+    effect = EFFECTS[term.name]
+    return ",".join(f"{effect.values(term.values)[name]:g}" for name in effect.chosen)

@@ -19,12 +19,12 @@ from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
 from fabdesign.measurement_set import read_set
 from fabdesign.model import Model
+from fabdesign.model_file import usable_model
 from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.pressure_file import constant_program, read_pressures
 from fabdesign.study_file import read_cluster
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import from_kpa
-from fabdesign.usable_model import usable_model
 
 DesignLike = Design | Path | str
 ModelLike = Model | Path | str

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects import Effect
-from fabdesign.effects.labels import labels_of
-from fabdesign.effects.registry import EFFECTS, check_values, effect_named
+from fabdesign.effects.registry import EFFECTS, check_values, effect_named, labels_of
 from fabdesign.errors import InputError
 from fabdesign.forward import FACTOR_RANGE, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS, Case, Term
 from fabdesign.table import nearest

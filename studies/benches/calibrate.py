@@ -26,8 +26,7 @@ from studies.benches.actuator import StaticCurve, hold_of
 from studies.benches.cylinder import CylinderLaw
 from studies.benches.muscle import BenchMuscle
 from studies.benches.muscle_effects import FittedEffects, bench_vector, fit_effects
-from studies.benches.needs import SIZES, require_columns, require_sizes
-from studies.benches.output import measured, unit_of
+from studies.benches.records import SIZES, measured, require_columns, require_sizes, unit_of
 from studies.benches.rows import rows_of
 from studies.benches.strip import StripLaw
 

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign import muscle_law
+from fabdesign.checkpoint import user_cache
 from fabdesign.design import Design
 from fabdesign.output import sweep, whole_file
 from fabdesign.pressure import PressureProgram
-from fabdesign.user_cache import user_cache
 from studies.rig.effects import EFFECTS
 from studies.rig.effects.sensing import OF_CLOUDS
 from studies.rig.ground_truth import GroundTruth

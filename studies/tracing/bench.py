@@ -16,8 +16,7 @@ from fabdesign.model import EffectTerm, Model, Provenance, Quantity
 from fabdesign.model_file import write_model
 from fabdesign.output import new_folder, write_text
 from optimize.fit.clouds import Indices, evenly
-from studies.benches.needs import require_columns
-from studies.benches.output import unit_of
+from studies.benches.records import require_columns, unit_of
 from studies.tracing.bench_candidates import Shape, Signals, shapes_of, signals_of
 from studies.tracing.bench_law import law
 from studies.tracing.bench_outcome import BenchOutcome, Curve
