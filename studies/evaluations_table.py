@@ -95,8 +95,8 @@ def _number(cell: str) -> float | int | None:
 def write_optuna_store(table: EvaluationsTable, path: Path, name: str) -> None:
     """Write a SQLite file, for `optuna-dashboard sqlite:///search.db`.
 
-    A search of one design is a study of the folder's name; a grid of layouts has a study a cell. What a layout varies is
-    x_0 and so on, 0 to 1 within its bounds. name: of a study that is the only one. Raises InputError for what has no
+    A search of one design is a study of the folder's name; a grid of layouts has a study a cell. What a layout varies
+    is x_0 and so on, 0 to 1 within its bounds. name: of a study that is the only one. Raises InputError for what has no
     objective.
     """
     if OBJECTIVE not in table.columns:
