@@ -1,2 +1,2 @@
-"""Specimens on a bench: laws of muscles, strips, cylinders and actuators, fitted to records and evaluated. Belongs here: a
-law that needs no cloth."""
+"""Specimens on a bench: laws of muscles, strips, cylinders and actuators, fitted to records and evaluated. Belongs
+here: a law that needs no cloth."""
