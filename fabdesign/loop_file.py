@@ -182,13 +182,16 @@ def _trials(root: Table) -> Trials:
     return trials
 
 
+TRAINED: tuple[Literal["field", "paper"], ...] = ("field", "paper")
+
+
 def _learning(root: Table) -> Learning:
     table, default = root.table("learning", None) or Table({}, ""), Learning()
     learning = Learning(
         trace=table.flag("trace", default.trace),
         tolerance=from_mm(table.number("tolerance", in_mm(default.tolerance), above=0)),
         trace_grid=table.integer("trace_grid", default.trace_grid, least=COARSEST, most=FINEST),
-        train=table.text("train", None, choices=("field", "paper")),
+        train=table.text("train", None, choices=TRAINED),
         train_trials=table.integer("train_trials", default.train_trials, least=2),
     )
     table.finish()

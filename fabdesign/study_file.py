@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -268,9 +268,8 @@ def _choice(variables: Table) -> MuscleChoice | None:
     if table is None:
         return None
     least = table.integer("min", 1, least=1, most=MUSCLES)
-    choice = MuscleChoice(
-        least, table.integer("max", least=least, most=MUSCLES), table.texts("sides", ("front", "back"))
-    )
+    sides = cast(tuple[Side, ...], table.texts("sides", ("front", "back")))  # checked below
+    choice = MuscleChoice(least, table.integer("max", least=least, most=MUSCLES), sides)
     if not choice.sides or not set(choice.sides) <= {"front", "back"}:
         raise table.bad("sides", '"front", "back" or both')
     table.finish()
