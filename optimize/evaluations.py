@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from fabdesign.forward import ForwardModel
+from fabdesign.jacobian import Jacobians
 from optimize.design_space import DesignSpace, Vector
 from optimize.history import Entry, History
 from optimize.objective import Objective, Shape
-from optimize.slopes import Jacobians, Slopes, jacobians_for, slopes_of
+from optimize.slopes import Slopes, jacobians_for, slopes_of
 
 Point = tuple[int, Vector]  # the number of the start, for its space, and the vector
 

@@ -9,7 +9,8 @@ from fabdesign.errors import InputError
 from fabdesign.study_file import Study
 from optimize.additions import pulling, with_idle
 from optimize.channels import by_muscle, start_of
-from optimize.design_space import DesignSpace, Limits, Vector
+from optimize.design_space import DesignSpace, Vector
+from optimize.margins import Limits
 from optimize.search import FurtherStarts
 from optimize.starts import Start, catalogue_starts, layout_starts, pressure_starts, thinned_starts
 from optimize.variations import variations

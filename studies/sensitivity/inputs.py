@@ -94,7 +94,7 @@ def _with(terms: tuple[Term, ...], name: str, parameter: str, value: float) -> t
     return tuple(replace(t, values={**t.values, parameter: value}) if t.name == name else t for t in terms)
 
 
-def _moved(design: Design, shifts: dict) -> Design:
+def _moved(design: Design, shifts: dict[tuple[str | int, ...], float]) -> Design:
     if not shifts:
         return design
     paths = moved_paths(design, shifts)
