@@ -73,12 +73,12 @@ def solve_at_rest(
         own = [lane.columns[first : first + fields.SLOTS] for lane in lanes]
         slots = max(map(len, own))
         _put_right_sides(batch, [[columns[c] for c in some] for some in own], host)
-        found = _solve(batch, host, False, slots)
+        iterations = _solve(batch, host, False, slots)
         shapes = np.empty((batch.blocks, slots, LANES, batch.nu * batch.nv, 3), np.float32)
         read_columns(*batch.grid, slots, shapes)
         by_lane = shapes.swapaxes(1, 2).reshape(len(lanes), slots, *middle.shape[1:])
         for i, some in enumerate(own):
-            changes[i] |= {c: by_lane[i, k] for k, c in enumerate(some) if found[i, k] == SOLVED}
+            changes[i] |= {c: by_lane[i, k] for k, c in enumerate(some) if iterations[i, k] == SOLVED}
     return [Solved(middle[i], bool(settled[i]), changes[i]) for i in range(len(lanes))]
 
 
@@ -88,9 +88,9 @@ def _solve(batch: Batch, host: Explicit, settles: bool, turns: int) -> NDArray[n
         *batch.grid, batch.points, batch.support, batch.smoothing, int(settles), turns, ITERATIONS, TOLERANCE,
         STIFFENED, host.pressure,
     )  # fmt: skip
-    found = np.empty((batch.blocks, turns, LANES), np.int32)
-    read_found(batch.blocks, turns, found)
-    return found.swapaxes(1, 2).reshape(-1, turns)
+    iterations = np.empty((batch.blocks, turns, LANES), np.int32)
+    read_found(batch.blocks, turns, iterations)
+    return iterations.swapaxes(1, 2).reshape(-1, turns)
 
 
 def _positions(batch: Batch, plane: int) -> NDArray[np.float32]:

@@ -1,6 +1,7 @@
 """A calibration in plain words: the table, and what else there is to say of the fit."""
 
 from fabdesign.model import Parameter
+from fabdesign.units import in_mm
 from studies.calibration.calibrate import Calibration
 
 _ENGINES = (
@@ -17,7 +18,7 @@ def as_text(calibration: Calibration) -> str:
         *rows,
         *(f"  {line}" for line in _effects(calibration)),
         *(f"warning: the intervals are NOT reliable: {why}" for why in calibration.warnings),
-        f"residual {1e3 * fit.before:.2f} -> {1e3 * fit.after:.2f} mm RMS; sensor noise {1e3 * noise.sigma:.2f} mm, "
+        f"residual {in_mm(fit.before):.2f} -> {in_mm(fit.after):.2f} mm RMS; sensor noise {in_mm(noise.sigma):.2f} mm, "
         f"{100 * noise.strays:.1f} % strays; {fit.iterations} iterations",
         *calibration.statements,
     ]

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.design import Design
+from fabdesign.units import in_kpa
 
 SCALE = 1000.0  # drawing units a metre
 GAP, TOP = 30.0, 26.0
@@ -40,7 +41,7 @@ def layout_svg(design: Design, pressures: NDArray[np.float64], highest: float) -
 def _muscle(number: int, path: NDArray[np.float64], pressure: float, highest: float) -> list[str]:
     points = " ".join(f"{u:.1f},{v:.1f}" for u, v in path)
     u, v = path[0] + (path[-1] - path[0]) * (0.3 + 0.4 * (number % 2))
-    text = f"{number}: {pressure / 1e3:.0f}"
+    text = f"{number}: {in_kpa(pressure):.0f}"
     half = 3.4 * len(text)
     return [
         f'<polyline points="{points}" class="muscle" stroke="{pressure_colour(pressure / highest)}"/>',

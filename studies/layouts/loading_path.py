@@ -128,7 +128,7 @@ def loading_paths(
             cases += [Case(design, program, order=objective.order) for program in programs]
             times += [np.array([program.duration]) for program in programs]
     ends = iter([refined(np.asarray(motion[-1], dtype=float)) for motion in forward.motions(cases, times)])
-    found = []
+    paths = []
     for plan, shape, still in zip(plans, shapes, at_rest, strict=True):
         ended = [np.array([next(ends) for _ in programs]) for _, programs in plan]
         near = max(LEAST_CHANGE, OTHER_BRANCH * _apart(shape, still))
@@ -137,8 +137,8 @@ def loading_paths(
             Copy(name, objective.value(end), not _apart(end, other) <= near)
             for (name, _), end, other in zip(plan, ended, own, strict=True)
         ]
-        found.append(LoadingPath(copies[0], tuple(copies[1:]), ended[0]))
-    return found
+        paths.append(LoadingPath(copies[0], tuple(copies[1:]), ended[0]))
+    return paths
 
 
 def _plans(

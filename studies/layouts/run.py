@@ -14,6 +14,7 @@ from fabdesign.forward import HOLD, RISE, ForwardModel
 from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.study_file import Study, read_study, require_searchable
+from fabdesign.units import in_mm
 from optimize.design_space import DesignSpace
 from optimize.evaluations import FINALISTS, NEAR, Evaluations, Stage
 from optimize.fewer import Fewer
@@ -211,7 +212,7 @@ def _keeping_best(
             design, pressures = space.decode(x)
             stage = evaluations.stages[evaluations.best.stage]
             unfinished = {
-                "objective_mm": 1e3 * evaluations.best.value,
+                "objective_mm": in_mm(evaluations.best.value),
                 "evaluations": evaluations.history.evaluations,
                 "wall_s": evaluations.elapsed,
                 "muscles": [asdict(muscle) for muscle in design.muscles],

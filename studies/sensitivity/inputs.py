@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,7 +95,7 @@ def _with(terms: tuple[Term, ...], name: str, parameter: str, value: float) -> t
     return tuple(replace(t, values={**t.values, parameter: value}) if t.name == name else t for t in terms)
 
 
-def _moved(design: Design, shifts: dict[tuple[str | int, ...], float]) -> Design:
+def _moved(design: Design, shifts: dict[Any, float]) -> Design:
     if not shifts:
         return design
     paths = moved_paths(design, shifts)
