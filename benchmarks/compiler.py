@@ -42,8 +42,9 @@ ROWS = (
 )
 
 
-def worker(row: Row, out: Path) -> dict[str, object]:
-    """CPU seconds from the start of Python to a first frame and of a motion in a batch; the motions go to `out`."""
+def worker(row: Row, out: Path) -> dict[str, float]:
+    """CPU seconds from the start of Python to a first frame, of a motion and of a shape at rest, each in a batch; the
+    motions go to `out`."""
     from benchmarks.sim.cases import TIMES, reference
     from sim import Simulator
     from sim.kernels import vector_width
@@ -58,8 +59,12 @@ def worker(row: Row, out: Path) -> dict[str, object]:
     first = time.process_time()
     motions = simulator.motions(cases, [TIMES[:FRAMES]] * COUNT)
     batch = (time.process_time() - first) / COUNT
+    simulator.equilibria(cases[:1])  # its kernels are compiled or loaded
+    begin = time.process_time()
+    simulator.equilibria(cases)
+    shape = (time.process_time() - begin) / COUNT
     np.save(out, np.array(motions))
-    return {"first": first, "batch": batch}
+    return {"first": first, "batch": batch, "shape": shape}
 
 
 def measure(row: Row, folder: Path) -> dict[str, float]:
@@ -81,11 +86,17 @@ def table(repeats: int) -> list[str]:
         cold = [measure(row, folder)["first"] for row in ROWS]
         warm = [[measure(row, folder) for row in ROWS] for _ in range(repeats)]
         motions = [np.load(folder / f"{k}.npy") for k in range(len(ROWS))]
-    lines = ["| | first frame, cold, s | warm, s | a motion, s | apart, mm |", "|---|---|---|---|---|"]
+    lines = ["| | first frame, cold, s | warm, s | a motion, s | a shape, s | apart, mm |", "|---|---|---|---|---|---|"]
     for k, row in enumerate(ROWS):
-        first, batch = (Figure("", [run[k][name] for run in warm], "") for name in ("first", "batch"))
+        first, batch, shape = (Figure("", [run[k][name] for run in warm], "") for name in ("first", "batch", "shape"))
         apart = 1e3 * np.abs(motions[k] - motions[0]).max()
-        cells = f"{cold[k]:.1f}", spread(first), spread(batch), "same bits" if apart == 0 else f"{apart:.2g}"
+        cells = (
+            f"{cold[k]:.1f}",
+            spread(first),
+            spread(batch),
+            spread(shape),
+            "same bits" if apart == 0 else f"{apart:.2g}",
+        )
         lines.append(f"| {row.name} | {' | '.join(cells)} |")
     return lines
 

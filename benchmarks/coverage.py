@@ -38,7 +38,7 @@ from studies.calibration.engine_difference import FILE, data_share, engine_diffe
 from studies.calibration.fitted_model import QUANTILE
 from studies.evaluate import noise_of
 from studies.rig import run_rig
-from studies.rig.key import Key
+from studies.rig.ground_truth import GroundTruth
 from studies.rig.run import end_with_parent
 
 LAYOUTS = (("basic", 4), ("side", 4), ("cross", 2), ("vertical", 3))
@@ -58,7 +58,7 @@ def make(seed: int, folder: Path) -> dict[str, float]:
     programs = [
         PressureProgram(np.array([0.0, 0.5, 1.0]), rng.uniform(0, 400e3, (3, design.channels)), 1.5) for _ in range(5)
     ]
-    run_rig(design, programs, out=folder, key=Key(seed, factors), test_trials=1)
+    run_rig(design, programs, out=folder, truth=GroundTruth(seed, factors), test_trials=1)
     return factors
 
 

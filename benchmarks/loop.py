@@ -99,7 +99,7 @@ def study_of(case: LoopCase, number: int, folder: Path) -> LoopStudy:
         )
         program = rising_program(1e3 * np.array(case.pressures, dtype=float), RISE, RISE + HOLD)
         run_rig(
-            case.design, [program], out=folder / "target_set", key=key, force=True,
+            case.design, [program], out=folder / "target_set", truth=key, force=True,
             resolution=Resolution(element=ELEMENT, step=STEP),
         )  # fmt: skip
         frames = read_set(folder / "target_set").trials[0].load().frames[-8:]

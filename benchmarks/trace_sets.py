@@ -19,7 +19,7 @@ from fabdesign.pressure import PressureProgram
 from optimize.fit.parameters import PRIOR
 from studies.rig import EffectSetting, run_rig
 from studies.rig.effects.variants import OF
-from studies.rig.key import Key
+from studies.rig.ground_truth import GroundTruth
 
 SECONDS = 1.5
 HIGHEST = 350e3  # Pa
@@ -96,9 +96,9 @@ def make(rig: Rig, folder: Path, *, workers: int | None = None) -> None:
     """Measure it on the virtual rig, into `folder`."""
     effects = tuple(EffectSetting(name, values) for name, values in rig.effects.items())
     rng = np.random.default_rng([rig.seed, 1])
-    key = Key(rig.seed, rig.factors, effects)
+    truth = GroundTruth(rig.seed, rig.factors, effects)
     told = programs(rig.design.channels, rng)
-    run_rig(rig.design, told, out=folder, key=key, test_trials=1, workers=workers, force=True)
+    run_rig(rig.design, told, out=folder, truth=truth, test_trials=1, workers=workers, force=True)
 
 
 def programs(channels: int, rng: np.random.Generator) -> list[PressureProgram]:

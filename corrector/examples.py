@@ -85,7 +85,11 @@ class Examples:
 
     @staticmethod
     def of(
-        case: Case, layout: MuscleFields, times: NDArray[np.float64], motion: NDArray[np.floating], clouds: Sequence
+        case: Case,
+        layout: MuscleFields,
+        times: NDArray[np.float64],
+        motion: NDArray[np.floating],
+        clouds: Sequence[NDArray[np.floating]],
     ) -> "Examples":
         """One trial's frames at `times` (T,) s. motion: (U, 2 side^2, 3) m at `with_history(times, HISTORY)`; clouds:
         T of (n, 3) m."""

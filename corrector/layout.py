@@ -32,14 +32,14 @@ class Interval:
 
 def intervals_of(design: Design) -> list[Interval]:
     """All intervals, muscle by muscle."""
-    found = []
+    intervals = []
     for m, muscle in enumerate(design.muscles):
         done = 0.0
         for a, b in pairwise(muscle.fixed_points()):
             length = float(np.linalg.norm(b - a))
-            found.append(Interval(m, a, b, (done + length / 2) / muscle.length))
+            intervals.append(Interval(m, a, b, (done + length / 2) / muscle.length))
             done += length
-    return found
+    return intervals
 
 
 def deposits(design: Design, nodes: int = NODES) -> Array:
@@ -50,11 +50,11 @@ def deposits(design: Design, nodes: int = NODES) -> Array:
     nodes under it. What is spread so keeps its direction and side: a layout is an arrangement of the same pieces.
     """
     fabric = design.fabric
-    found = intervals_of(design)
-    result = np.zeros((2, len(found), 3, nodes, nodes))
+    intervals = intervals_of(design)
+    result = np.zeros((2, len(intervals), 3, nodes, nodes))
     spacing = np.array([fabric.width, fabric.height]) / (nodes - 1)
     shares = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-    for i, interval in enumerate(found):
+    for i, interval in enumerate(intervals):
         direction = (interval.end - interval.start) / interval.length
         tensor = np.array([direction[0] ** 2, direction[1] ** 2, direction[0] * direction[1]])
         amount = interval.length / _SAMPLES / spacing.prod() / _DENSITY

@@ -39,8 +39,8 @@ def read_weights(path: Path) -> tuple[dict[str, NDArray[np.float32]], dict[str, 
     except (OSError, SafetensorError, ValueError) as error:
         raise InputError(f"{path}: no weights of a corrector can be read ({error})") from None
     if not isinstance(about, dict) or about.get("format") != FORMAT:
-        found = about.get("format") if isinstance(about, dict) else None
-        raise InputError(f"{path}: format {found}; expected {FORMAT}")
+        given = about.get("format") if isinstance(about, dict) else None
+        raise InputError(f"{path}: format {given}; expected {FORMAT}")
     for name, array in weights.items():
         if not np.isfinite(array).all():
             raise InputError(f"{path}: {name} holds values that are not finite")

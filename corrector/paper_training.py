@@ -160,7 +160,7 @@ def _codes(
 ) -> list[tuple[Tensor, Tensor]]:
     """Of each trial (T, code) of its simulated and of its measured frames."""
     rng = np.random.default_rng(plan.seed)
-    found = []
+    codes = []
     with torch.no_grad():
         for trial in trials:
             both = []
@@ -168,8 +168,8 @@ def _codes(
                 clouds = np.stack([drawn(np.asarray(c), plan.points, rng) for c in getattr(trial, name)])
                 pieces = torch.from_numpy(to_unit(clouds)).to(device).split(16)
                 both.append(torch.cat([parts[name].encode(piece) for piece in pieces]))
-            found.append((both[0], both[1]))
-    return found
+            codes.append((both[0], both[1]))
+    return codes
 
 
 def _sequences(simulated: Tensor, measured: Tensor, learned: NDArray[np.bool_]) -> list[tuple[Tensor, Tensor]]:

@@ -2,10 +2,11 @@
 
 from decimal import Decimal
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from fabdesign.bench import Array, Bench, BenchRecord
+from fabdesign.bench import Array, Bench, BenchRecord, Specimen
 from fabdesign.errors import InputError
 from fabdesign.headings import DIMENSIONS, Heading
 from fabdesign.lab_table import LabTable, TableColumn
@@ -13,7 +14,7 @@ from fabdesign.measured_units import require_measured_pressures
 from fabdesign.table import Table, load_toml
 
 FORMAT = "fabdesign.bench/1"
-SPECIMENS = ("muscle", "strip", "cylinder", "actuator")
+SPECIMENS: tuple[Specimen, ...] = ("muscle", "strip", "cylinder", "actuator")
 _UNITS = {"kpa": 3, "s": 0, "m": 0, "n": 0}  # suffix of a column -> power of ten to SI
 
 
@@ -48,7 +49,7 @@ def read_bench(path: Path | str) -> Bench:
 
 def _record(table: Table, path: Path, needed: tuple[str, ...]) -> BenchRecord:
     file = path.parent / table.text("file")
-    role = table.text("role", "fit", choices=("fit", "test"))
+    role: Literal["fit", "test"] = table.text("role", "fit", choices=("fit", "test"))
     labels = _numbers(table)
     table.finish()
     return BenchRecord(file.stem, read_record(file, needed), labels, role)
@@ -118,3 +119,8 @@ def _bare(column: str) -> tuple[str, int]:
     """A column's name without its unit, and the power of ten that takes its values to SI."""
     bare, _, unit = column.rpartition("_")
     return (bare, _UNITS[unit]) if bare and unit in _UNITS else (column, 0)
+
+
+def is_bench(source: Path) -> bool:
+    """Whether it is a bench's folder, or its bench.toml."""
+    return source.name == "bench.toml" or (source / "bench.toml").is_file()

@@ -17,7 +17,7 @@ from fabdesign.table import load_toml
 
 FORMAT = "fabdesign.bench-law/1"
 # columns of the table by specimen; the first rises, or names a term
-TABLES: Mapping[str, tuple[str, ...]] = {
+TABLES: Mapping[Specimen, tuple[str, ...]] = {
     "strip": ("strain", "force_n", "low90_n", "high90_n"),
     "cylinder": ("term", "coefficient_n", "low90_n", "high90_n"),
     "actuator": ("pressure_kpa", "displacement_m"),
@@ -73,7 +73,7 @@ def write_bench_law(law: BenchLaw, path: Path, table: Path, *, comment: str = ""
     write_text(path, tomlkit.dumps(document))
 
 
-def read_law_table(file: Path, specimen: str) -> tuple[tuple[str, ...], dict[str, NDArray[np.float64]]]:
+def read_law_table(file: Path, specimen: Specimen) -> tuple[tuple[str, ...], dict[str, NDArray[np.float64]]]:
     """A cylinder's terms (none of others) and the columns of numbers. Raises InputError."""
     header, rows = read_rows(file)
     if tuple(header) != TABLES[specimen]:

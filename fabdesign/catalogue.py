@@ -16,6 +16,7 @@ from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.muscle import Muscle, MuscleType
 from fabdesign.table import nearest
+from fabdesign.units import in_mm
 
 Path = tuple[tuple[float, float], ...]
 
@@ -136,6 +137,6 @@ def _require_room(layout: str, muscles: tuple[Muscle, ...], diameter: float) -> 
             starts = max(abs(a.path[0][0] - b.path[0][0]), abs(a.path[0][1] - b.path[0][1]))
             if a.side == b.side and starts < diameter - _ROUNDING:
                 raise InputError(
-                    f"layout {layout}: {len(muscles)} muscles lie {starts * 1e3:.3f} mm apart; "
-                    f"expected at least their diameter, {diameter * 1e3:.3f} mm: fewer of them or a wider cloth"
+                    f"layout {layout}: {len(muscles)} muscles lie {in_mm(starts):.3f} mm apart; "
+                    f"expected at least their diameter, {in_mm(diameter):.3f} mm: fewer of them or a wider cloth"
                 )

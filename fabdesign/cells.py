@@ -252,14 +252,14 @@ def _search(
     coarse = edge * _TOGETHER if widest > 0 else edge
     wide = (shape * edge / coarse).astype(np.int32) + np.int32(1)
     first, asked = _sort(points, pending, low, coarse, wide)
-    at, best, found = np.empty((3, _GROUP)), np.empty(_GROUP), np.empty(_GROUP, dtype=np.int64)
+    at, best, nearest = np.empty((3, _GROUP)), np.empty(_GROUP), np.empty(_GROUP, dtype=np.int64)
     lower, upper = np.empty(3), np.empty(3)
     apart, which = np.empty(len(order)), np.empty(len(order), dtype=np.int64)
     for cell in range(len(first) - 1):
         for group in range(first[cell], first[cell + 1], _GROUP):
             own = asked[group : min(group + _GROUP, first[cell + 1])]
             lanes = np.uint64((len(own) + _ABREAST - 1) // _ABREAST * _ABREAST)
-            best[:], found[:] = -1.0, -1  # of lanes that no point fills: nothing is nearer
+            best[:], nearest[:] = -1.0, -1  # of lanes that no point fills: nothing is nearer
             lower[:], upper[:] = np.inf, -np.inf
             for j in range(len(own)):
                 i = own[j]
@@ -279,11 +279,11 @@ def _search(
             while _most(best) > done and way <= farthest:
                 reach = min(way, _most(best))
                 count = _around(boxes, low, edge, widest, shape, start, lower, upper, done, reach, apart, which)
-                _ask(bodies, which, count, lanes, at[0], at[1], at[2], best, found)
+                _ask(bodies, which, count, lanes, at[0], at[1], at[2], best, nearest)
                 done, way = reach, 2 * way
             for j in range(len(own)):
-                if found[j] >= 0:
-                    squared[own[j]], item[own[j]] = best[j], order[found[j]]
+                if nearest[j] >= 0:
+                    squared[own[j]], item[own[j]] = best[j], order[nearest[j]]
                 if best[j] >= 0 and np.sqrt(best[j]) * _ROUNDED_UP > done:
                     left[unsure] = own[j]
                     unsure += 1
@@ -355,7 +355,7 @@ def _ask(
     y: Array,
     z: Array,
     best: Array,
-    found: Indices,
+    nearest: Indices,
 ) -> None:
     """Note for points (lanes,) in x, y, z which of the items `which` (count,) is nearer than the best so far, m^2.
 
@@ -371,7 +371,7 @@ def _ask(
                 q = p0 * p0 + p1 * p1 + p2 * p2
                 nearer = q < best[j]
                 best[j] = q if nearer else best[j]
-                found[j] = k if nearer else found[j]
+                nearest[j] = k if nearer else nearest[j]
         return
     for i in range(count):
         k = which[i]
@@ -399,7 +399,7 @@ def _ask(
             q = h * h + (0.0 if inside else beside)
             nearer = q < best[j]
             best[j] = q if nearer else best[j]
-            found[j] = k if nearer else found[j]
+            nearest[j] = k if nearer else nearest[j]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -1,11 +1,13 @@
 """Work that is kept as it is done: the same call goes on where it stood, and never from work on other content.
 
 What a result depends on (hashes of files, designs, options, the version of the algorithm, which its author raises) is
-its content, by field. A folder's pieces are of one content.
+its content, by field. A folder's pieces are of one content. `user_cache`: the folder of results that depend on nothing
+but what their name hashes.
 """
 
 import hashlib
 import json
+import os
 import time
 import zipfile
 from collections.abc import Callable, Mapping
@@ -68,8 +70,8 @@ class Checkpoint:
             if self._seconds is not None and self.spent >= self._seconds:
                 return None
             begun = time.monotonic()
-            found = compute()
-            self._write(file.name, {"found": found, "seconds": time.monotonic() - begun})
+            value = compute()
+            self._write(file.name, {"found": value, "seconds": time.monotonic() - begun})
         return json.loads(file.read_text(encoding="utf-8"))["found"]
 
     def arrays(self, name: str, compute: Callable[[], Arrays]) -> Arrays:
@@ -81,11 +83,11 @@ class Checkpoint:
                     return {key: kept[key] for key in kept.files}
             except (OSError, ValueError, zipfile.BadZipFile):
                 pass  # damaged: it is computed again
-        found = compute()
+        arrays = compute()
         self._work.claim(f"{FOLDER}/{file.name}")
         with whole_file(file) as temporary, temporary.open("wb") as stream:
-            np.savez(stream, **found)  # type: ignore[arg-type]
-        return found
+            np.savez(stream, **arrays)  # type: ignore[arg-type]
+        return arrays
 
     def _write(self, name: str, content: Any) -> None:
         self._work.claim(f"{FOLDER}/{name}")
@@ -115,3 +117,9 @@ def differences(known: Mapping[str, str], content: Mapping[str, str]) -> str:
 def sha256(path: Path) -> str:
     """Of a file's bytes."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def user_cache(kind: str) -> Path:
+    """The folder of one kind of result: in FABDESIGN_CACHE, else in the user's cache folder. It need not be there."""
+    base = os.environ.get("FABDESIGN_CACHE") or os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "fabdesign" / kind

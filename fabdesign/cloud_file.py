@@ -98,42 +98,42 @@ def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
     suffix = path.suffix.lower()
     none = np.zeros((0, 3), dtype=np.intp)
     if suffix == ".npz":
-        found = _npz(path, frame)
+        geometry = _npz(path, frame)
     elif suffix == ".npy":
-        found = Geometry(read_npy(path), none)
+        geometry = Geometry(read_npy(path), none)
     elif suffix == ".ply":
         ply = read_ply(path)
-        found = Geometry(ply.points, ply.triangles)
+        geometry = Geometry(ply.points, ply.triangles)
     elif suffix == ".pcd":
-        found = Geometry(read_pcd(path), none)
+        geometry = Geometry(read_pcd(path), none)
     elif suffix == ".pts":
-        found = Geometry(read_pts(path), none)
+        geometry = Geometry(read_pts(path), none)
     elif suffix == ".stl":
         corners = read_stl(path).reshape(-1, 3)
         if not len(corners):
             raise InputError(f"{path}: has no triangles; expected a mesh")
-        found = Geometry(corners, np.arange(len(corners)).reshape(-1, 3))
+        geometry = Geometry(corners, np.arange(len(corners)).reshape(-1, 3))
     elif suffix == ".obj":
-        found = Geometry(*read_obj(path))
+        geometry = Geometry(*read_obj(path))
     elif suffix == ".c3d":
         markers = read_c3d(path)
         index = _frame(frame, len(markers.frames), path)
-        found = Geometry(markers.frames[index], none, frame=index, unit=markers.unit)
+        geometry = Geometry(markers.frames[index], none, frame=index, unit=markers.unit)
     elif suffix in TEXTS:
         text = read_xyz(path)
-        found = Geometry(text.points, none, unit=text.unit)
+        geometry = Geometry(text.points, none, unit=text.unit)
     elif suffix in OTHER_MESHES:
-        found = _foreign_mesh(path)
+        geometry = _foreign_mesh(path)
     else:
         raise InputError(f"{path}: is of no kind that is read; expected a cloud or mesh ({', '.join(KINDS)})")
-    if found.is_mesh:
-        require_cloud(found.points, str(path), size=np.inf)
-        return _with_area(found, path)
-    if found.trial:
-        return found
-    points, left_out = sound_points(found.points, str(path), unit_known=False)
-    left_out.tell(len(found.points), str(path))
-    return replace(found, points=points)
+    if geometry.is_mesh:
+        require_cloud(geometry.points, str(path), size=np.inf)
+        return _with_area(geometry, path)
+    if geometry.trial:
+        return geometry
+    points, left_out = sound_points(geometry.points, str(path), unit_known=False)
+    left_out.tell(len(geometry.points), str(path))
+    return replace(geometry, points=points)
 
 
 def read_cloud(

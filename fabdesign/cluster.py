@@ -114,14 +114,14 @@ class Cluster:
         here = this_worker()
         try:
             self.client.run_on_scheduler(_set_limits)
-            found: dict[str, WorkerInfo] = self.client.run(this_worker)
+            workers: dict[str, WorkerInfo] = self.client.run(this_worker)
         except (ModuleNotFoundError, AttributeError) as error:
             raise InputError(f"{self.address}: {error}; expected the fabdesign of this machine on every one") from None
-        for name, worker in found.items():
+        for name, worker in workers.items():
             _require_alike(worker.versions, here.versions, f"{self.address}: worker {name}")
-        if others := sorted({w.processor for w in found.values()} - {here.processor}):
+        if others := sorted({w.processor for w in workers.values()} - {here.processor}):
             self.say(f"{self.address}: workers with other processors ({', '.join(others)}): last bits may differ")
-        if not found:
+        if not workers:
             self.say(f"{self.address}: no workers yet; waiting for them")
 
     @property

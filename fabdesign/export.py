@@ -14,6 +14,7 @@ from fabdesign.output import Inputs, new_folder, whole_file, write_text
 from fabdesign.pages import PAPERS
 from fabdesign.pdf import write_pages
 from fabdesign.template import whole_template
+from fabdesign.units import in_mm
 
 
 def write_svg(drawing: Drawing, path: Path, *, title: str) -> None:
@@ -74,19 +75,19 @@ def write_dxf(design: Design, path: Path, *, seam_allowance: float) -> None:
     for layer, colour in (("CUT", 3), ("CLOTH", 7), ("FRONT", 5), ("BACK", 1)):
         drawing.layers.add(layer, color=colour)
     space = drawing.modelspace()
-    width, height = design.fabric.width * 1e3, design.fabric.height * 1e3
-    for layer, out in (("CUT", seam_allowance * 1e3), ("CLOTH", 0.0)):
+    width, height = in_mm(design.fabric.width), in_mm(design.fabric.height)
+    for layer, out in (("CUT", in_mm(seam_allowance)), ("CLOTH", 0.0)):
         right, bottom = width + out, -height - out
         corners = [(-out, out), (right, out), (right, bottom), (-out, bottom)]
         space.add_lwpolyline(corners, close=True, dxfattribs={"layer": layer})
     for number, muscle in enumerate(design.muscles):
         face = {"layer": muscle.side.upper()}
-        space.add_lwpolyline([(u * 1e3, -v * 1e3) for u, v in muscle.path], dxfattribs=face)
+        space.add_lwpolyline([(in_mm(u), -in_mm(v)) for u, v in muscle.path], dxfattribs=face)
         for u, v in muscle.fixed_points():
-            space.add_circle((u * 1e3, -v * 1e3), radius=1.2, dxfattribs=face)
+            space.add_circle((in_mm(u), -in_mm(v)), radius=1.2, dxfattribs=face)
         u, v = muscle.path[0]
         label = space.add_text(f"{number} (channel {muscle.channel})", height=2.5, dxfattribs=face)
-        label.set_placement((u * 1e3, -v * 1e3 + 2))
+        label.set_placement((in_mm(u), -in_mm(v) + 2))
     with whole_file(path) as unfinished:
         drawing.saveas(unfinished)
 
@@ -107,10 +108,10 @@ def write_cut_list(design: Design, path: Path, *, tail_length: float | None = No
         cut = muscle.length + 2 * tail
         if kind.stock_length is not None and cut > kind.stock_length:
             raise InputError(
-                f"design {design.name}: muscle {number} needs {cut * 1e3:.1f} mm; "
-                f"expected at most its stock, {kind.stock_length * 1e3:g} mm of {kind.name}"
+                f"design {design.name}: muscle {number} needs {in_mm(cut):.1f} mm; "
+                f"expected at most its stock, {in_mm(kind.stock_length):g} mm of {kind.name}"
             )
-        lengths = (f"{value * 1e3:.1f}" for value in (muscle.length, tail, cut))
+        lengths = (f"{in_mm(value):.1f}" for value in (muscle.length, tail, cut))
         rows.append((number, muscle.type, muscle.side, muscle.channel, *lengths, len(muscle.fixed_points())))
     write_rows(path, COLUMNS, rows)
 

@@ -12,7 +12,7 @@ from fabdesign.pressure import PressureProgram
 from fabdesign.term import MUSCLE_TYPES, Term
 
 __all__ = [
-    "FACTORS",
+    "FACTOR_RANGE",
     "HOLD",
     "MUSCLE_TYPES",
     "OF_MUSCLES",
@@ -27,7 +27,7 @@ __all__ = [
 SIDE = 41  # points a side of each face
 PARAMETERS = ("membrane", "shear", "bending", "areal_density", "damping", "muscle_gain", "axis_offset")
 OF_MUSCLES = ("muscle_gain", "axis_offset")  # those that belong to a muscle type
-FACTORS = 0.001, 1000.0  # what a factor on a declared value may be: beyond, the declared value is another thing's
+FACTOR_RANGE = 0.001, 1000.0  # what a factor on a declared value may be: beyond, the declared value is another thing's
 
 
 @dataclass(frozen=True)

@@ -43,19 +43,19 @@ def onto(shape: Floats, target: Floats, *, one_way: bool = False) -> RigidMotion
     model = np.asarray(shape[:: max(1, len(shape) // SOME)], float)
     measured = np.asarray(target[:: max(1, len(target) // SOME)], float)
     tree = KDTree(measured)
-    found = RigidMotion(np.eye(3), np.zeros(3) if one_way else measured.mean(axis=0) - model.mean(axis=0))
-    at = found.of(model)
+    motion = RigidMotion(np.eye(3), np.zeros(3) if one_way else measured.mean(axis=0) - model.mean(axis=0))
+    at = motion.of(model)
     for _ in range(ROUNDS):
         mine = KDTree(at).query(measured)[1]
         sources, goals = [model[mine]], [measured]
         if not one_way:
             sources.append(model)
             goals.append(measured[tree.query(at)[1]])
-        found = _between(np.concatenate(sources), np.concatenate(goals))
-        before, at = at, found.of(model)
+        motion = _between(np.concatenate(sources), np.concatenate(goals))
+        before, at = at, motion.of(model)
         if np.sqrt(np.square(at - before).sum(axis=1).mean()) < STILL:
             break
-    return found
+    return motion
 
 
 def _between(points: Array, goals: Array) -> RigidMotion:

@@ -71,8 +71,8 @@ class Heading:
     @property
     def quantity(self) -> str | None:
         """What it measures, by its name and, of a name of several, its unit: `pressure`, `channel_0`, ..."""
-        if found := _CHANNEL.fullmatch(self.name):
-            return f"channel_{int(found[1])}"
+        if matched := _CHANNEL.fullmatch(self.name):
+            return f"channel_{int(matched[1])}"
         unit = self.unit
         fitting = (q for q, words in WORDS.items() if self.name in words)
         return next((q for q in fitting if unit is None or unit.dimension == DIMENSIONS[q]), None)
@@ -95,12 +95,12 @@ def parse_heading(text: str) -> Heading:
     text = text.strip().strip('"').strip()
     if text.lower().endswith("_n_per_m"):
         return Heading(text, _plain(text[: -len("_n_per_m")]), "n_per_m")
-    if found := _BRACKETED.match(text):
-        return Heading(text, _plain(found[1]), found[2].strip() or "-")
+    if matched := _BRACKETED.match(text):
+        return Heading(text, _plain(matched[1]), matched[2].strip() or "-")
     for pattern in (_SLASHED, _LAST_WORD):
-        found = pattern.match(text)
-        if found and not found[2].isdecimal() and unit_of(found[2]) is not None:
-            return Heading(text, _plain(_IN.sub("", found[1])), found[2])
+        matched = pattern.match(text)
+        if matched and not matched[2].isdecimal() and unit_of(matched[2]) is not None:
+            return Heading(text, _plain(_IN.sub("", matched[1])), matched[2])
     return Heading(text, _plain(text), None)
 
 

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 
 from fabdesign.fabric import Fabric
 from fabdesign.forward import SIDE
+from fabdesign.units import in_mm
 
 Array = NDArray[np.float64]
 
@@ -94,4 +95,4 @@ def degrees_between(a: Array, b: Array) -> float:
 
 
 def _length(metres: float) -> str:
-    return f"{metres:.4g} m" if metres >= 1 else f"{1e3 * metres:.3g} mm"
+    return f"{metres:.4g} m" if metres >= 1 else f"{in_mm(metres):.3g} mm"

@@ -13,6 +13,7 @@ from fabdesign.pages import PAPERS
 from fabdesign.rig_limits_file import RigLimits, read_rig_limits
 from fabdesign.study_file import FORMAT, Study, read_search, require_kind, require_searchable
 from fabdesign.table import Table, load_toml
+from fabdesign.units import from_mm, in_kpa, in_mm
 
 HOLD = 2.0  # s, for which the pressures of a shape at rest are held on the device
 TRACE_GRID = 21  # points a side: a trace asks for hundreds of motions
@@ -21,10 +22,10 @@ LEAST_TRIALS = 3  # to calibrate and trace on, beside those held out
 
 @dataclass(frozen=True)
 class VirtualRig:
-    """Measures by `fabdesign rig`. key: what the specimens really are, which only the rig reads. element, step: m and s
-    of its mesh and time steps; None: the rig's own."""
+    """Measures by `fabdesign rig`. truth: the ground truth of the specimens, which only the rig reads. element, step: m
+    and s of its mesh and time steps; None: the rig's own."""
 
-    key: Path | None
+    truth: Path | None
     element: float | None = None
     step: float | None = None
 
@@ -112,7 +113,7 @@ def _within(search: Study, rig: RigLimits, path: Path) -> Study:
     high = min(high, rig.pressure)
     if low >= high:
         raise InputError(
-            f"{path}: limits: pressure from {low / 1e3:g} kPa; expected less than the rig's {high / 1e3:g} kPa"
+            f"{path}: limits: pressure from {in_kpa(low):g} kPa; expected less than the rig's {in_kpa(high):g} kPa"
         )
     limits = replace(search.limits, pressure=(low, high))
     return replace(search, limits=limits, rise=max(search.rise, high / rig.rate))
@@ -144,15 +145,15 @@ def _source(root: Table, path: Path) -> VirtualRig | Laboratory:
         raise InputError(f"{path}: expected one source of measurements, [rig] or [laboratory]")
     if rig is not None:
         key = rig.text("key", None)
-        found = VirtualRig(
-            key=None if key is None else path.parent / key,
+        source = VirtualRig(
+            truth=None if key is None else path.parent / key,
             element=rig.number("element", None, least=0.002, most=0.05),
             step=rig.number("step", None, least=1e-4, most=0.01),
         )
         rig.finish()
-        if found.key is not None and not found.key.is_file():
-            raise InputError(f"{rig.where}: key {found.key} is not there")
-        return found
+        if source.truth is not None and not source.truth.is_file():
+            raise InputError(f"{rig.where}: the ground truth {source.truth} is not there")
+        return source
     assert laboratory is not None
     paper = laboratory.text("paper", "a4", choices=(*PAPERS, "none"))
     asked = Laboratory(
@@ -167,39 +168,42 @@ def _source(root: Table, path: Path) -> VirtualRig | Laboratory:
 def _trials(root: Table) -> Trials:
     table, default = root.table("trials", None) or Table({}, ""), Trials()
     held_out = table.integer("held_out", default.held_out, least=0)
-    found = Trials(
+    trials = Trials(
         number=table.integer("number", max(default.number, LEAST_TRIALS + held_out), least=0, most=100),
         seconds=table.number("seconds", default.seconds, least=0.2, most=60),
         held_out=held_out,
     )
-    if found.number < LEAST_TRIALS - 1 + held_out:  # a shape's own rise is a trial too
+    if trials.number < LEAST_TRIALS - 1 + held_out:  # a shape's own rise is a trial too
         raise InputError(
-            f"{root.where}: trials: number = {found.number}, held_out = {held_out}; expected {LEAST_TRIALS - 1} more "
+            f"{root.where}: trials: number = {trials.number}, held_out = {held_out}; expected {LEAST_TRIALS - 1} more "
             "than are held out, to calibrate on"
         )
     table.finish()
-    return found
+    return trials
+
+
+TRAINED: tuple[Literal["field", "paper"], ...] = ("field", "paper")
 
 
 def _learning(root: Table) -> Learning:
     table, default = root.table("learning", None) or Table({}, ""), Learning()
-    found = Learning(
+    learning = Learning(
         trace=table.flag("trace", default.trace),
-        tolerance=1e-3 * table.number("tolerance", 1e3 * default.tolerance, above=0),
+        tolerance=from_mm(table.number("tolerance", in_mm(default.tolerance), above=0)),
         trace_grid=table.integer("trace_grid", default.trace_grid, least=COARSEST, most=FINEST),
-        train=table.text("train", None, choices=("field", "paper")),
+        train=table.text("train", None, choices=TRAINED),
         train_trials=table.integer("train_trials", default.train_trials, least=2),
     )
     table.finish()
-    return found
+    return learning
 
 
 def _stop(root: Table) -> StopRule:
     table, default = root.table("stop", None) or Table({}, ""), StopRule()
-    found = StopRule(
+    rule = StopRule(
         turns=table.integer("turns", default.turns, least=0, most=100),
-        excess=1e-3 * table.number("excess", 1e3 * default.excess, least=0),
+        excess=from_mm(table.number("excess", in_mm(default.excess), least=0)),
         gain=table.number("gain", default.gain, least=-10, most=1),
     )
     table.finish()
-    return found
+    return rule

@@ -18,6 +18,7 @@ from fabdesign.regions import Weighting
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.sheet import Face
 from fabdesign.surface import CAP, Nearest, Surface, capped_rms, half_of
+from fabdesign.units import in_mm
 from fabdesign.wishes import Landmarks
 
 Floats = NDArray[np.floating[Any]]
@@ -197,7 +198,7 @@ MANY_BEYOND = 0.05  # share of the points from which on a capped figure hides ho
 
 def told_beyond(share: float) -> str:
     """In words: how many points lie beyond the cap, and what that means where they are many."""
-    said = f"{share:.1%} of the points lie more than {1e3 * CAP:g} mm off"
+    said = f"{share:.1%} of the points lie more than {in_mm(CAP):g} mm off"
     return said + ("; the surface RMS is capped there, so the real error is larger" if share >= MANY_BEYOND else "")
 
 

@@ -20,7 +20,7 @@ class Parameter:
 
     factor: float
     interval90: tuple[float, float] | None = None  # None: not known
-    believable: bool = True  # False: fitted by a model that left too much for its intervals to hold
+    reliable: bool = True  # False: fitted by a model that left too much for its intervals to hold
     scope: str | None = None  # what it belongs to: "fabric", "muscle_types.NAME", "rig"; None: as the format says
 
 

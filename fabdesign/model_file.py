@@ -1,6 +1,7 @@
 """Model files: `fabdesign.model/1`."""
 
 import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,8 @@ from fabdesign.corrector import central_hash
 from fabdesign.effect_file import effect_items, read_effect, read_interval, read_scope
 from fabdesign.effort import COARSEST, FINEST
 from fabdesign.errors import InputError
-from fabdesign.forward import FACTORS, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
-from fabdesign.model import POINTS_PER_SIDE, Covariance, Model, Parameter, Provenance
+from fabdesign.forward import FACTOR_RANGE, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
+from fabdesign.model import PARTS, POINTS_PER_SIDE, Covariance, Model, Parameter, Provenance
 from fabdesign.output import write_text
 from fabdesign.table import Table, load_toml, nearest
 
@@ -91,7 +92,7 @@ def _parameter_items(parameter: Parameter) -> dict[str, Any]:
     items: dict[str, Any] = {"factor": float(parameter.factor)}
     if parameter.interval90 is not None:
         items["interval90"] = [float(x) for x in parameter.interval90]
-    if not parameter.believable:
+    if not parameter.reliable:
         items["believable"] = False
     if parameter.scope is not None:
         items["scope"] = parameter.scope
@@ -99,7 +100,7 @@ def _parameter_items(parameter: Parameter) -> dict[str, Any]:
 
 
 def _parameter(table: Table) -> Parameter:
-    factor = table.number("factor", least=FACTORS[0], most=FACTORS[1])
+    factor = table.number("factor", least=FACTOR_RANGE[0], most=FACTOR_RANGE[1])
     interval = read_interval(table, "interval90") if "interval90" in table else None
     parameter = Parameter(factor, interval, table.flag("believable", True), read_scope(table))
     table.finish()
@@ -152,3 +153,29 @@ def _provenance(table: Table) -> Provenance:
 def _texts(table: Table, key: str) -> dict[str, str]:
     inner = table.table(key, None)
     return {} if inner is None else {name: inner.text(name) for name in inner.names()}
+
+
+def usable_model(
+    model: Model | Path | str, without: Sequence[str] = (), *, say: Callable[[str], None] = lambda line: None
+) -> Model:
+    """The model, or that of a file, less the parts named (fabdesign.model.PARTS).
+
+    `say` hears a line where it was made by another version of the simulator, and on what was left out. Raises
+    InputError.
+    """
+    name = "model" if isinstance(model, Model) else str(model)
+    read = model if isinstance(model, Model) else read_model(model)
+    if read.stale is not None:
+        say(f"{name}: {read.stale}")
+    if not without:
+        return read
+    parts: list[Any] = [part.strip() for part in without]
+    for part in parts:
+        if part not in PARTS:
+            raise InputError(f"--without {part}: expected one of {', '.join(PARTS)}{nearest(part, PARTS)}")
+    less = read.without(parts)
+    gone = [*(e.name for e in read.effects if e not in less.effects)]
+    gone += [parameter for parameter in read.parameters if parameter not in less.parameters]
+    gone += ["corrector"] if read.corrector is not None and less.corrector is None else []
+    say(f"{name}: without {', '.join(parts)}: {', '.join(gone) or 'nothing'} left out")
+    return less

@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects.labels import labels_of
-from fabdesign.effects.registry import effect_named
+from fabdesign.effects.registry import effect_named, labels_of
 from fabdesign.errors import InputError
-from fabdesign.forward import FACTORS
+from fabdesign.forward import FACTOR_RANGE
 from fabdesign.model import Model
 
 Array = NDArray[np.float64]
@@ -59,7 +58,7 @@ def covered(model: Model) -> set[str]:
 def _centre(model: Model, name: str) -> tuple[float, bool, tuple[float, float]]:
     """Value, whether its logarithm is what is normal, and bounds."""
     if name in model.parameters:
-        return model.parameters[name].factor, True, FACTORS
+        return model.parameters[name].factor, True, FACTOR_RANGE
     effect, _, key = name.rpartition(".")
     for label, term in zip(labels_of(model.terms), model.effects, strict=True):
         if label == effect and key in term.parameters:

@@ -50,8 +50,8 @@ def write_motion(
     (m, 3) int32 over them, and, where given, `cloth_size` (2,) m and the arrays of the muscles (docs/files.md)."""
     arrays: dict[str, Any] = {} if size is None else {"cloth_size": np.array(size, np.float64)}
     if muscles is not None:
-        found = {name: getattr(muscles, field) for field, name in _OF_MUSCLES.items()}
-        arrays |= {name: array for name, array in found.items() if array is not None}
+        states = {name: getattr(muscles, field) for field, name in _OF_MUSCLES.items()}
+        arrays |= {name: array for name, array in states.items() if array is not None}
     with path.open("wb") as stream:
         np.savez_compressed(
             stream,
@@ -115,12 +115,12 @@ def _size(arrays: NpzArrays, path: Path) -> tuple[float, float] | None:
 def _muscles(arrays: NpzArrays, path: Path, frames: int) -> LacedMuscles | None:
     if "muscle_points" not in arrays:
         return None
-    found = {
+    states = {
         field: arrays.get(name)
         for field, name in _OF_MUSCLES.items()
         if name in arrays or field not in _KNOWN_OF_SIMULATOR
     }
-    count, points = len(found["sides"]), found["points"]
+    count, points = len(states["sides"]), states["points"]
     most = points.shape[1] if points.ndim == 3 else 0
     shapes = {
         "points": (frames, most, 3),
@@ -129,16 +129,16 @@ def _muscles(arrays: NpzArrays, path: Path, frames: int) -> LacedMuscles | None:
         "diameters": (count,),
         **dict.fromkeys(_KNOWN_OF_SIMULATOR, (frames, most - count)),
     }
-    for field, array in found.items():
+    for field, array in states.items():
         kinds = "iu" if field in ("begins", "sides") else "fiu"
         if array.shape != shapes[field] or array.dtype.kind not in kinds or not np.isfinite(array).all():
             raise InputError(
                 f"{path}: {_OF_MUSCLES[field]} is {array.shape} {array.dtype}; expected {shapes[field]}, finite"
             )
-    begins = found["begins"]
+    begins = states["begins"]
     if begins[0] != 0 or begins[-1] != most or (np.diff(begins) < 2).any():
         raise InputError(f"{path}: muscle_begins is {begins.tolist()}; expected 0, ..., {most}, two points a muscle")
-    return LacedMuscles(**found)
+    return LacedMuscles(**states)
 
 
 SUFFIXES = (".ply", ".obj")

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from fabdesign.bspline import design_matrix, weights
 from fabdesign.errors import InputError
 from fabdesign.least_squares import least_squares_with_inequalities
+from fabdesign.units import in_kpa
 
 if TYPE_CHECKING:
     from fabdesign.muscle import BenchTable
@@ -133,7 +134,7 @@ def _check(p: Array, eps: Array, force: Array) -> None:
     if not (np.isfinite(p).all() and np.isfinite(eps).all() and np.isfinite(force).all()):
         raise InputError("bench table: holds a value that is not finite; expected finite numbers")
     if (p < 0).any():
-        raise InputError(f"bench table: pressure {p.min() / 1e3:g} kPa; expected gauge pressures of at least 0")
+        raise InputError(f"bench table: pressure {in_kpa(p.min()):g} kPa; expected gauge pressures of at least 0")
     pressures, contractions = len(np.unique(p)), len(np.unique(eps))
     if pressures < 2 or contractions < 2 or len(p) < 4:
         raise InputError(

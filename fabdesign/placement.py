@@ -1,4 +1,5 @@
-"""How a target's file lies in the world: unit, turn and shift, given or found on the hanging cloth."""
+"""How a target's file lies in the world: unit, turn and shift, given or found on the hanging cloth. A few markers need
+not show the edge, so that for them one-way distances decide."""
 
 import warnings
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from fabdesign.fabric import Fabric
+from fabdesign.hung_cloth import misplaced
 
 Array = NDArray[np.float64]
 Unit = Literal["m", "cm", "mm", "in"]
@@ -27,6 +29,9 @@ TIE = 1e-4  # what a quarter turn must gain: between front and back the lesser t
 _ROUNDS = 4
 OVER = Rotation.from_euler("y", 180, degrees=True)  # changes front and back
 SAME = np.radians(20)  # turns that differ by less find the same edge
+MARKERS = 200  # points; a cloud of fewer is markers: what lies between them is not measured
+_OWN = 0.25  # of the markers' spacing, that another origin must gain over the file's own
+_UPPER = 0.25  # of the markers, that show how deep the edge lies
 
 
 @dataclass(frozen=True)
@@ -79,19 +84,19 @@ def fit_placement(
     """
     given = Rotation.from_euler("xyz", rotation or np.zeros(3), degrees=True)
     metres = given.apply(factor * points)
-    found = []
+    fits = []
     for turn in right_angles()[: 1 if rotation is not None else None]:
         final, shift = _laid_on_edge(metres, turn, fabric, drawn)
         gap = _strip_gap(final.apply(metres) + shift, fabric)
-        found.append((gap + TIE * turn.magnitude() / (np.pi / 2), final * given, shift))
-    least, turn, shift = min(found, key=lambda candidate: candidate[0])
-    if found[0][0] <= least + _GAIN:
-        least, turn, shift = found[0]
+        fits.append((gap + TIE * turn.magnitude() / (np.pi / 2), final * given, shift))
+    least, turn, shift = min(fits, key=lambda candidate: candidate[0])
+    if fits[0][0] <= least + _GAIN:
+        least, turn, shift = fits[0]
     placement = placement_of(factor, turn, shift)
-    near = [(gap, other, placement_of(factor, other, s)) for gap, other, s in found if gap < least + CLEAR]
+    near = [(gap, other, placement_of(factor, other, s)) for gap, other, s in fits if gap < least + CLEAR]
     over = [p for gap, other, p in near if gap < least + 3 * TIE and differ(other, OVER * turn) < SAME]
     rivals = [p for _, other, p in near if min(differ(other, turn), differ(other, OVER * turn)) >= SAME]
-    kept = turn is found[0][1]
+    kept = turn is fits[0][1]
     return PlacementFit(placement, over[0] if over else None, rivals[0] if rivals and not kept else None)
 
 
@@ -166,3 +171,44 @@ def _strip_gap(points: Array, fabric: Fabric) -> float:
     nearest = np.stack([near[:, 0].clip(-half, half), near[:, 1].clip(-deep, 0), 0 * near[:, 2]], axis=1)
     to_strip = np.linalg.norm(near - nearest, axis=1).mean()
     return float(cKDTree(points).query(strip)[0].mean() + to_strip)
+
+
+def fit_markers(
+    points: Array, fabric: Fabric, *, factor: float = 1.0, rotation: tuple[float, float, float] | None = None
+) -> PlacementFit:
+    """The placement of points (n, 3), in the file's unit, by the mean distance from them to the hanging cloth.
+
+    rotation: degrees, where it is known; else the 24 ways to exchange axes are tried, the least turn first.
+    """
+    given = Rotation.from_euler("xyz", rotation or np.zeros(3), degrees=True)
+    metres = given.apply(factor * points)
+    own, laid = [], []
+    for turn in right_angles()[: 1 if rotation is not None else None]:
+        turned = turn.apply(metres)
+        tie = TIE * float(turn.magnitude()) / (np.pi / 2)
+        if misplaced(turned, fabric) is None:
+            own.append((_gap(turned, fabric) + tie, turn * given, np.zeros(3)))
+        shift = _below_the_edge(turned, fabric)
+        laid.append((_gap(turned + shift, fabric) + tie, turn * given, shift))
+    spacing = float(np.sqrt(fabric.width * fabric.height / len(points)))
+    best = min(gap for gap, _, _ in laid)
+    sound = [candidate for candidate in own if candidate[0] <= best + _OWN * spacing] or laid
+    least, turn, shift = min(sound, key=lambda candidate: candidate[0])
+    near = [(gap, other, placement_of(factor, other, s)) for gap, other, s in sound if gap < least + CLEAR]
+    over = [p for _, other, p in near if differ(other, OVER * turn) < SAME]
+    rivals = [p for _, other, p in near if min(differ(other, turn), differ(other, OVER * turn)) >= SAME]
+    return PlacementFit(placement_of(factor, turn, shift), over[0] if over else None, rivals[0] if rivals else None)
+
+
+def _below_the_edge(points: Array, fabric: Fabric) -> Array:
+    """The shift that lays the markers' middle below the edge's, the uppermost as far below it as spread evenly."""
+    upper = points[points[:, 1] >= np.quantile(points[:, 1], 1 - _UPPER)]
+    across = (points[:, 0].min() + points[:, 0].max()) / 2
+    return -np.array([across, points[:, 1].max() + fabric.height / (len(points) + 1), np.median(upper[:, 2])])
+
+
+def _gap(points: Array, fabric: Fabric) -> float:
+    """m: mean distance from the markers to the cloth as it hangs without pressure, flat."""
+    half = fabric.width / 2
+    x, y = points[:, 0].clip(-half, half), points[:, 1].clip(-fabric.height, 0)
+    return float(np.linalg.norm(points - np.stack([x, y, 0 * x], axis=1), axis=1).mean())

@@ -254,9 +254,9 @@ class _BinaryBody:
         if count < 0 or stop > len(self._body):
             row += max(len(self._body) - self._at, 0) // kind.itemsize if kind.itemsize and row == 0 else 0
             _refuse(self._path, f"ends after {row} of {element.count} {element.name} rows")
-        found = np.frombuffer(self._body, kind, count, self._at)
+        values = np.frombuffer(self._body, kind, count, self._at)
         self._at = stop
-        return found
+        return values
 
     def finish(self) -> None:
         if self._at != len(self._body):

@@ -54,8 +54,8 @@ class Predictor:
             return sheets(self.simulator, own, shown)
         shown = [seen_at(case, t) for case, t in zip(own, shown, strict=True)]
         once = _once(own, shown)
-        found = sheets(self.simulator, [own[i] for i in once.values()], [shown[i] for i in once.values()])
-        by_key = dict(zip(once, found, strict=True))
+        moved = sheets(self.simulator, [own[i] for i in once.values()], [shown[i] for i in once.values()])
+        by_key = dict(zip(once, moved, strict=True))
         return [_seen(case, by_key[_key(case, t)]) for case, t in zip(own, shown, strict=True)]
 
     def _corrected(self, cases: Sequence[Case], times: Sequence[Array]) -> list[NDArray[np.float32]]:
@@ -118,10 +118,10 @@ def _held(program: PressureProgram, duration: float) -> PressureProgram:
 
 def _once(cases: Sequence[Case], times: Sequence[Array]) -> dict[tuple[Any, ...], int]:
     """The first of the cases that differ in what sensors add alone: they are one motion."""
-    found: dict[tuple[Any, ...], int] = {}
+    first: dict[tuple[Any, ...], int] = {}
     for i, (case, t) in enumerate(zip(cases, times, strict=True)):
-        found.setdefault(_key(case, t), i)
-    return found
+        first.setdefault(_key(case, t), i)
+    return first
 
 
 def _key(case: Case, times: Array) -> tuple[Any, ...]:

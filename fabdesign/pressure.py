@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.errors import InputError
+from fabdesign.units import in_kpa
 
 RISE_STEPS = 60
 LARGEST = 1e6  # Pa, for a muscle type that states no maximum
@@ -80,10 +81,10 @@ def require_pressures(program: PressureProgram, design: Design, where: str) -> N
     for channel, most in enumerate(limits(design)):
         values = program.pressure[:, channel]
         if np.isnan(values).any() or (values < 0).any():
-            worst = "NaN" if np.isnan(values).any() else f"{values.min() / 1e3:g} kPa"
+            worst = "NaN" if np.isnan(values).any() else f"{in_kpa(values.min()):g} kPa"
             raise InputError(f"{where}: channel {channel} has pressure {worst}; expected kPa from 0")
         if (values > most).any():
             raise InputError(
-                f"{where}: channel {channel} has pressure {values.max() / 1e3:g} kPa; "
-                f"expected at most {most / 1e3:g} kPa, the muscle's maximum"
+                f"{where}: channel {channel} has pressure {in_kpa(values.max()):g} kPa; "
+                f"expected at most {in_kpa(most):g} kPa, the muscle's maximum"
             )

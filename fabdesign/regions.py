@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.table import Table
+from fabdesign.units import in_mm
 
 Array = NDArray[np.float64]
 ON_EDGE = 1e-9  # m from a region's edge: so near is inside
@@ -96,4 +97,4 @@ def _inside(places: Array, corners: Array) -> NDArray[np.bool_]:
 def _where(region: Region) -> str:
     (left, upper), (right, lower) = np.min(region.corners, axis=0), np.max(region.corners, axis=0)
     kind = "the box" if len(region.corners) == 4 else "a polygon within"
-    return f"{kind} u {1e3 * left:.0f} to {1e3 * right:.0f}, v {1e3 * upper:.0f} to {1e3 * lower:.0f} mm"
+    return f"{kind} u {in_mm(left):.0f} to {in_mm(right):.0f}, v {in_mm(upper):.0f} to {in_mm(lower):.0f} mm"

@@ -7,6 +7,7 @@ import numpy as np
 
 from fabdesign.effort import LONGEST
 from fabdesign.table import Table
+from fabdesign.units import from_kpa, in_kpa
 
 
 @dataclass(frozen=True)
@@ -27,12 +28,12 @@ def read_rig_limits(root: Table, path: Path, *, pressure: float, duration: float
     if isinstance(given, list):  # [lowest, highest], as in [limits]
         highest = table.numbers("pressure", count=2)[1]
     else:
-        highest = table.number("pressure", pressure / 1e3, above=0)
-    found = RigLimits(
-        pressure=1e3 * highest,
-        rate=1e3 * table.number("rate", np.inf, above=0),
+        highest = table.number("pressure", in_kpa(pressure), above=0)
+    limits = RigLimits(
+        pressure=from_kpa(highest),
+        rate=from_kpa(table.number("rate", np.inf, above=0)),
         duration=table.number("duration", duration, above=0, most=LONGEST),
         channels=table.integer("channels", None, least=1),
     )
     table.finish()
-    return found
+    return limits

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from fabdesign.table import Table
+from fabdesign.units import from_mm
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,8 @@ def read_price(root: Table) -> Price:
     if table is None:
         return Price()
     price = Price(
-        muscle=1e-3 * table.number("muscle", 0.0, least=0),
-        channel=1e-3 * table.number("channel", 0.0, least=0),
+        muscle=from_mm(table.number("muscle", 0.0, least=0)),
+        channel=from_mm(table.number("channel", 0.0, least=0)),
         tolerance=table.number("tolerance", Price().tolerance, least=0, most=1),
     )
     table.finish()
@@ -58,7 +59,7 @@ def read_robust(root: Table) -> Robust | None:
     if table is None:
         return None
     default = Robust()
-    tolerance = 1e-3 * table.number("tolerance", above=0) if "tolerance" in table else None
+    tolerance = from_mm(table.number("tolerance", above=0)) if "tolerance" in table else None
     robust = Robust(
         placement=table.number("placement", default.placement, above=0, most=0.1),
         pressure=table.number("pressure", default.pressure, least=0, most=0.5),

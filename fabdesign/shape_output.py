@@ -12,6 +12,7 @@ from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.mid_surface import at_places, mid_surface
 from fabdesign.table import Table
+from fabdesign.units import in_mm
 
 _POINT = r"[\w\s-]*\(\s*([-+.\deE]+)\s*,\s*([-+.\deE]+)\s*\)"
 _FORMS = {
@@ -42,7 +43,7 @@ class ShapeOutput:
     def of(self, points: NDArray[np.floating[Any]]) -> float:
         """In its unit, of points (2 n n, 3) m: places on the mid-surface, in the world's frame, y = 0 at the upper
         edge of the flat cloth."""
-        at = 1e3 * at_places(mid_surface(points), self.places)
+        at = in_mm(at_places(mid_surface(points), self.places))
         if self.kind in ("x", "height", "z"):
             return float(at[0, ("x", "height", "z").index(self.kind)])
         if self.kind == "distance":
@@ -54,8 +55,8 @@ class ShapeOutput:
 def read_shape_output(text: str, fabric: Fabric, where: str) -> ShapeOutput:
     """Raises InputError for what is none of the forms, a place off the cloth, and a place named twice."""
     for kind, form in _FORMS.items():
-        if found := form.fullmatch(text.strip()):
-            return ShapeOutput(text, kind, _places(found.groups(), fabric, f"{where}: {text}"))
+        if matched := form.fullmatch(text.strip()):
+            return ShapeOutput(text, kind, _places(matched.groups(), fabric, f"{where}: {text}"))
     raise InputError(f"{where}: {text}; expected {EXPECTED}")
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from fabdesign.search_terms import Price, Robust, read_price, read_robust
 from fabdesign.shape_output import ShapeOutput, read_shape_outputs
 from fabdesign.sheet import Face
 from fabdesign.table import Table, load_toml, pascals
+from fabdesign.units import in_kpa
 from fabdesign.wishes import Wish, read_wishes
 
 FORMAT = "fabdesign.study/1"
@@ -267,9 +268,8 @@ def _choice(variables: Table) -> MuscleChoice | None:
     if table is None:
         return None
     least = table.integer("min", 1, least=1, most=MUSCLES)
-    choice = MuscleChoice(
-        least, table.integer("max", least=least, most=MUSCLES), table.texts("sides", ("front", "back"))
-    )
+    sides = cast(tuple[Side, ...], table.texts("sides", ("front", "back")))  # checked below
+    choice = MuscleChoice(least, table.integer("max", least=least, most=MUSCLES), sides)
     if not choice.sides or not set(choice.sides) <= {"front", "back"}:
         raise table.bad("sides", '"front", "back" or both')
     table.finish()
@@ -287,8 +287,8 @@ def _limits(root: Table, path: Path, design: Design) -> StudyLimits:
             raise table.bad("pressure", "[lowest, highest] in kPa, from 0")
         pressure = (pascals(str(low)), pascals(str(high)))
         if pressure[1] > most:
-            raise table.bad("pressure", f"at most {most / 1e3:g} kPa, the muscles' maximum")
-    found = StudyLimits(
+            raise table.bad("pressure", f"at most {in_kpa(most):g} kPa, the muscles' maximum")
+    own = StudyLimits(
         pressure=pressure,
         spacing=table.number("spacing", default.spacing, least=0),
         edge=table.number("edge", default.edge, least=0),
@@ -298,10 +298,10 @@ def _limits(root: Table, path: Path, design: Design) -> StudyLimits:
         seconds=table.number("seconds", default.seconds, above=0),
         evaluations=table.integer("evaluations", default.evaluations, least=1),
     )
-    if 2 * found.edge >= min(design.fabric.width, design.fabric.height):
+    if 2 * own.edge >= min(design.fabric.width, design.fabric.height):
         raise table.bad("edge", "less than half the cloth, in m")
     table.finish()
-    return found
+    return own
 
 
 def read_start_pressures(root: Table, design: Design) -> NDArray[np.float64] | None:

@@ -6,12 +6,14 @@ from decimal import Decimal
 from difflib import get_close_matches
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeVar, overload
 
 from fabdesign.bounded_file import decode, read_bytes
 from fabdesign.errors import InputError
 
 _REQUIRED: Any = object()
+Default = TypeVar("Default")
+Choice = TypeVar("Choice", bound=str)
 LARGEST_TEXT = 50_000_000  # bytes: a table of some million rows
 LARGEST_TOML = 2_000_000
 
@@ -48,6 +50,20 @@ class Table:
         """The error for a value that is not what was expected."""
         return InputError(f"{self.where}: {key} = {_shown(self._values.get(key))}; expected {expected}")
 
+    @overload
+    def number(
+        self, key: str, *, above: float | None = ..., least: float | None = ..., most: float | None = ...
+    ) -> float: ...
+    @overload
+    def number(
+        self,
+        key: str,
+        default: Default,
+        *,
+        above: float | None = ...,
+        least: float | None = ...,
+        most: float | None = ...,
+    ) -> float | Default: ...
     def number(
         self,
         key: str,
@@ -73,11 +89,21 @@ class Table:
             raise self.bad(key, _range("a number", above, least, most))
         return number
 
+    @overload
+    def kilopascals(self, key: str, *, above: float | None = ...) -> float: ...
+    @overload
+    def kilopascals(self, key: str, default: Default, *, above: float | None = ...) -> float | Default: ...
     def kilopascals(self, key: str, default: Any = _REQUIRED, *, above: float | None = None) -> Any:
         """A pressure in Pa from a value in kPa, scaled in decimal so that what was written is what is read."""
         kpa = self.number(key, default, above=above)
         return pascals(self._values[key]) if key in self._values else kpa
 
+    @overload
+    def integer(self, key: str, *, least: int | None = ..., most: int | None = ...) -> int: ...
+    @overload
+    def integer(
+        self, key: str, default: Default, *, least: int | None = ..., most: int | None = ...
+    ) -> int | Default: ...
     def integer(self, key: str, default: Any = _REQUIRED, *, least: int | None = None, most: int | None = None) -> Any:
         value = self.take(key, default)
         if key not in self._values:
@@ -87,12 +113,24 @@ class Table:
             raise self.bad(key, _range("a whole number", None, least, most))
         return value
 
+    @overload
+    def flag(self, key: str) -> bool: ...
+    @overload
+    def flag(self, key: str, default: Default) -> bool | Default: ...
     def flag(self, key: str, default: Any = _REQUIRED) -> Any:
         value = self.take(key, default)
         if key in self._values and not isinstance(value, bool):
             raise self.bad(key, "true or false")
         return value
 
+    @overload
+    def text(self, key: str) -> str: ...
+    @overload
+    def text(self, key: str, default: Default) -> str | Default: ...
+    @overload
+    def text(self, key: str, *, choices: Sequence[Choice]) -> Choice: ...
+    @overload
+    def text(self, key: str, default: Default, *, choices: Sequence[Choice]) -> Choice | Default: ...
     def text(self, key: str, default: Any = _REQUIRED, *, choices: Sequence[str] = ()) -> Any:
         value = self.take(key, default)
         if key not in self._values:
@@ -103,6 +141,10 @@ class Table:
             raise self.bad(key, "one of " + ", ".join(choices) + nearest(value, choices))
         return value
 
+    @overload
+    def texts(self, key: str) -> tuple[str, ...]: ...
+    @overload
+    def texts(self, key: str, default: Default) -> tuple[str, ...] | Default: ...
     def texts(self, key: str, default: Any = _REQUIRED) -> Any:
         """A tuple of texts."""
         value = self.take(key, default)
@@ -112,6 +154,12 @@ class Table:
             raise self.bad(key, "a list of texts")
         return tuple(value)
 
+    @overload
+    def numbers(self, key: str, default: Default, *, count: Literal[3]) -> tuple[float, float, float] | Default: ...
+    @overload
+    def numbers(self, key: str, *, count: int | None = ...) -> tuple[float, ...]: ...
+    @overload
+    def numbers(self, key: str, default: Default, *, count: int | None = ...) -> tuple[float, ...] | Default: ...
     def numbers(self, key: str, default: Any = _REQUIRED, *, count: int | None = None) -> Any:
         """A tuple of `count` finite floats (any number of them without `count`)."""
         value = self.take(key, default)
@@ -122,6 +170,10 @@ class Table:
             raise self.bad(key, f"a list of {count} numbers" if count is not None else "a list of numbers")
         return parsed
 
+    @overload
+    def pair(self, key: str, *, above: float) -> tuple[float, float]: ...
+    @overload
+    def pair(self, key: str, default: Default, *, above: float) -> tuple[float, float] | Default: ...
     def pair(self, key: str, default: Any = _REQUIRED, *, above: float) -> Any:
         """Two floats > `above`: [across, down], or one number for both."""
         value = self.take(key, default)
@@ -133,14 +185,18 @@ class Table:
             raise self.bad(key, f"a number above {above:g}, or two of them [across, down]")
         return parsed
 
-    def points(self, key: str) -> Any:
+    def points(self, key: str) -> tuple[tuple[float, float], ...]:
         """A tuple of (u, v) pairs of finite floats."""
         value = self.take(key)
         parsed = [_numbers(item, 2) for item in value] if isinstance(value, list) else [None]
         if not parsed or any(item is None for item in parsed):
             raise self.bad(key, "a list of [u, v] points in m")
-        return tuple(parsed)
+        return tuple((item[0], item[1]) for item in parsed if item is not None)
 
+    @overload
+    def table(self, key: str) -> "Table": ...
+    @overload
+    def table(self, key: str, default: Default) -> "Table | Default": ...
     def table(self, key: str, default: Any = _REQUIRED) -> Any:
         value = self.take(key, default)
         if key not in self._values:
@@ -167,11 +223,11 @@ class Table:
 def load_toml(path: Path, form: str, *, partial: bool = False) -> Table:
     """The root table of a file whose `format` is `form`; with `partial` (an included file) `format` may be absent."""
     root = Table(parse_toml(path), str(path))
-    found = root.text("format", None)
-    if found is None and not partial:
+    given = root.text("format", None)
+    if given is None and not partial:
         raise InputError(f'{path}: no format line; expected format = "{form}"')
-    if found is not None and found != form:
-        raise InputError(f'{path}: format is "{found}"; this version reads "{form}"')
+    if given is not None and given != form:
+        raise InputError(f'{path}: format is "{given}"; this version reads "{form}"')
     return root
 
 

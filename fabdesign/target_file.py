@@ -10,9 +10,8 @@ from fabdesign.cloud_file import POINTS, Geometry, read_geometry
 from fabdesign.errors import InputError, note
 from fabdesign.fabric import Fabric
 from fabdesign.hung_cloth import misplaced
-from fabdesign.marker_placement import MARKERS, fit_markers
 from fabdesign.measured_points import sound_points
-from fabdesign.placement import UNITS, Placement, PlacementFit, Unit, fit_placement
+from fabdesign.placement import MARKERS, UNITS, Placement, PlacementFit, Unit, fit_markers, fit_placement
 from fabdesign.study_file import TargetFile
 
 MOST = 10_000  # points that are compared: more cost time and say nothing new

@@ -5,6 +5,7 @@ from math import atan2, cos, degrees, dist, radians, sin
 from fabdesign.design import Design
 from fabdesign.drawing import Circle, Drawing, Line, Point, Shape, Words, cross, holding, scale_bar
 from fabdesign.muscle import Muscle
+from fabdesign.units import in_mm
 
 _MARGIN = 15.0  # mm around the cloth that is cut
 _HEAD = 12.0  # mm above it, for the title
@@ -21,12 +22,12 @@ def face_drawing(design: Design, side: str, *, seam_allowance: float) -> Drawing
     It shows the cloth's outline and hung edge, the line to cut along `seam_allowance` [m] outside it, and each
     muscle's line with its fixed points, number and channel.
     """
-    width, height = design.fabric.width * 1e3, design.fabric.height * 1e3
-    shapes = [*_outlines(width, height, seam_allowance * 1e3), *_hung(design, side)]
+    width, height = in_mm(design.fabric.width), in_mm(design.fabric.height)
+    shapes = [*_outlines(width, height, in_mm(seam_allowance)), *_hung(design, side)]
     for number, muscle in enumerate(design.muscles):
         if muscle.side == side:
             shapes += _muscle(muscle, number, design.fabric.width)
-    around = max(seam_allowance * 1e3, 5.0)
+    around = max(in_mm(seam_allowance), 5.0)
     return Drawing(tuple(shapes), (-around, -around, width + around, height + around))
 
 
@@ -48,8 +49,8 @@ def whole_template(design: Design, side: str, *, seam_allowance: float) -> Drawi
 def what_it_shows(design: Design, side: str, seam_allowance: float) -> str:
     """In words: which way the face is seen, the cloth's size and its seam allowance."""
     seen = "as seen from behind (mirrored)" if side == "back" else "as seen from the front"
-    cloth = f"cloth {design.fabric.width * 1e3:g} x {design.fabric.height * 1e3:g} mm"
-    return f"{seen}; {cloth}, seam allowance {seam_allowance * 1e3:g} mm"
+    cloth = f"cloth {in_mm(design.fabric.width):g} x {in_mm(design.fabric.height):g} mm"
+    return f"{seen}; {cloth}, seam allowance {in_mm(seam_allowance):g} mm"
 
 
 def _outlines(width: float, height: float, allowance: float) -> list[Shape]:
@@ -70,12 +71,12 @@ def _corners(around: float, width: float, height: float) -> tuple[Point, ...]:
 def _seen(point: tuple[float, float], side: str, width: float) -> Point:
     """(u, v) m on the cloth as (right, down) mm on the page."""
     u, v = point
-    return (width - u if side == "back" else u) * 1e3, v * 1e3
+    return in_mm(width - u if side == "back" else u), in_mm(v)
 
 
 def _hung(design: Design, side: str) -> list[Shape]:
     fabric = design.fabric
-    width, height = fabric.width * 1e3, fabric.height * 1e3
+    width, height = in_mm(fabric.width), in_mm(fabric.height)
     if isinstance(fabric.hung, tuple):
         shapes: list[Shape] = []
         for x, y in (_seen(point, side, fabric.width) for point in fabric.hung):
@@ -104,7 +105,7 @@ def _muscle(muscle: Muscle, number: int, width: float) -> list[Shape]:
         shapes += [Circle(place, 1.2, 0.3, colour), *cross(place, 1.2, 0.2, colour)]
     text = f"{number} (channel {muscle.channel})"
     shapes.append(_label(corners[0], corners[1], text, colour))
-    if muscle.length * 1e3 >= _TWO_LABELS:  # so that a page that shows its end alone says whose it is
+    if in_mm(muscle.length) >= _TWO_LABELS:  # so that a page that shows its end alone says whose it is
         shapes.append(_label(corners[-1], corners[-2], text, colour))
     return shapes
 

@@ -15,6 +15,7 @@ from fabdesign.measured_units import require_measured_pressures, require_seconds
 from fabdesign.npz_file import NpzArrays, open_npz
 from fabdesign.output import whole_file
 from fabdesign.pressure import PressureProgram
+from fabdesign.units import from_kpa, in_kpa
 
 Floats = NDArray[np.float64]
 
@@ -86,7 +87,7 @@ def write_trial(data: TrialData, path: Path, *, scale: float = 1e-4) -> None:
         np.savez_compressed(
             stream,
             time=data.time.astype(np.float64),
-            pressure=(data.pressure / 1e3).astype(np.float32),
+            pressure=in_kpa(data.pressure).astype(np.float32),
             points=units.astype(np.int16),
             scale=np.float64(scale),
             offsets=np.cumsum([0, *(len(frame) for frame in data.frames)], dtype=np.int64),
@@ -106,7 +107,7 @@ def _time_and_pressure(arrays: NpzArrays, path: Path) -> tuple[Floats, Floats]:
     if kilopascal.ndim != 2 or len(kilopascal) != len(time) or kilopascal.dtype.kind not in "fiu":
         raise InputError(f"{path}: pressure is {_shape(kilopascal)}; expected ({len(time)}, channels) float32, kPa")
     # a tenth of a pascal, a thousandth of the regulator's step: takes off what float32 adds
-    pressure = np.round(kilopascal.astype(np.float64) * 1e3, 1)
+    pressure = np.round(from_kpa(kilopascal.astype(np.float64)), 1)
     require_measured_pressures(pressure, str(path))
     return seconds, pressure
 

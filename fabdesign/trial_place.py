@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.hung_cloth import at_rest, degrees_between, held_places
+from fabdesign.units import from_mm, in_mm
 
 Array = NDArray[np.float64]
 
@@ -36,10 +37,10 @@ _CAUSES: Mapping[str, Callable[[Array], Array]] = {
     "are x and y exchanged?": lambda p: p[:, [1, 0, 2]],
     "are x and y exchanged, with x to the left?": lambda p: p[:, [1, 0, 2]] * [1, -1, 1],
     "are x and z exchanged?": lambda p: p[:, [2, 1, 0]],
-    "are they in millimetres?": lambda p: p * 1e-3,
+    "are they in millimetres?": from_mm,
     "are they in inches?": lambda p: p * 0.0254,
     "are they in centimetres?": lambda p: p * 1e-2,
-    "were millimetres taken to metres twice?": lambda p: p * 1e3,
+    "were millimetres taken to metres twice?": in_mm,
 }
 
 
@@ -57,16 +58,16 @@ def require_on_cloth(frames: Sequence[Array], time: Array, fabric: Fabric, where
     middle = np.mean([np.median(cloud, axis=0) for cloud in (clouds[:1] if early else clouds)], axis=0)
     leaning = _LEANING if early or fabric.support == "pinned" else _LEANING_CLAMPED
     points = np.concatenate(clouds)
-    found = _fault(points, middle, hung, fabric, leaning)
-    if found is None:
+    fault = _fault(points, middle, hung, fabric, leaning)
+    if fault is None:
         return
     for cause, undone in _CAUSES.items():
         if _hangs_well(undone(points), undone(middle[None])[0], hung, fabric):
-            raise InputError(f"{where}: {found} ({cause})")
+            raise InputError(f"{where}: {fault} ({cause})")
     moved = at_rest(fabric, 5, 5).mean(axis=0) - middle
     if _hangs_well(points + moved, middle + moved, hung, fabric):
-        raise InputError(f"{where}: {found} (does its frame start elsewhere? the middle is {_mm(moved)} mm off)")
-    raise InputError(f"{where}: {found}")
+        raise InputError(f"{where}: {fault} (does its frame start elsewhere? the middle is {_mm(moved)} mm off)")
+    raise InputError(f"{where}: {fault}")
 
 
 def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: float) -> str | None:
@@ -77,17 +78,19 @@ def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: f
     span = float(np.ptp(np.quantile(points, [0.02, 0.98], axis=0), axis=0).max())
     held = float(np.linalg.norm(np.ptp(hung, axis=0)))
     if span < _SPANNED * held:
-        return f"the points span {1e3 * span:.3g} mm; expected a cloth held along {1e3 * held:.0f} mm"
+        return f"the points span {in_mm(span):.3g} mm; expected a cloth held along {in_mm(held):.0f} mm"
     to_edge = cKDTree(hung)
     farthest = float(to_edge.query(flat)[0].max())
     reached = float(np.quantile(to_edge.query(points)[0], 0.9))
     if reached > _REACH * farthest:
-        return f"points lie {1e3 * reached:.0f} mm from where the cloth is held; expected {1e3 * farthest:.0f} at most"
+        return (
+            f"points lie {in_mm(reached):.0f} mm from where the cloth is held; expected {in_mm(farthest):.0f} at most"
+        )
     sparse = 2 * np.sqrt(fabric.width * fabric.height / len(points))  # of points drawn by chance, the widest gaps
     near = cKDTree(points, balanced_tree=False, compact_nodes=False)  # built twice as fast, for few questions
     gap = float(np.quantile(near.query(hung)[0], 0.75))
     if gap > max(_HELD * short, sparse):
-        return f"no point within {1e3 * gap:.0f} mm of where the cloth is held; expected some along all of it"
+        return f"no point within {in_mm(gap):.0f} mm of where the cloth is held; expected some along all of it"
     gravity = np.array(fabric.gravity)
     hangs, lies = middle - hung.mean(axis=0), flat.mean(axis=0) - hung.mean(axis=0)
     if degrees_between(lies, gravity) > _ALONG:
@@ -108,4 +111,4 @@ def _hangs_well(points: Array, middle: Array, hung: Array, fabric: Fabric) -> bo
 
 
 def _mm(vector: Array) -> str:
-    return f"{1e3 * float(np.linalg.norm(vector)):.0f}"
+    return f"{in_mm(float(np.linalg.norm(vector))):.0f}"

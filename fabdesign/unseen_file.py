@@ -94,7 +94,8 @@ def unseen_of(
     rig = read_rig_limits(root, path, pressure=HIGHEST)
     unsewn = None if design is None or model is None else _unsewn(root, path, rig, design, model)
     table = root.table("measured", None)
-    folder, trials, free = None, 12, ()
+    free: tuple[str, ...] = ()
+    folder, trials = None, 12
     if table is not None:
         if measured is None:
             folder = path.parent / table.text("set")

@@ -8,10 +8,11 @@ import numpy as np
 from fabdesign.design import Design
 from fabdesign.effects.registry import check_values, effect_named
 from fabdesign.errors import InputError
-from fabdesign.forward import FACTORS, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
+from fabdesign.forward import FACTOR_RANGE, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
 from fabdesign.model import Model
 from fabdesign.pressure import limits
 from fabdesign.table import Table, nearest
+from fabdesign.units import in_kpa
 
 Kind = Literal["pressure", "position", "factor", "effect"]
 _AXES = {"u": 0, "v": 1}
@@ -81,7 +82,7 @@ def _meaning(name: str, where: str, design: Design, model: Model) -> _Meaning:
         channel = int(rest[0])
         if channel >= design.channels:
             raise InputError(f"{where}: design {design.name} has channels 0 to {design.channels - 1}")
-        return "pressure", (channel,), "kPa", (0.0, float(limits(design)[channel]) / 1e3), None
+        return "pressure", (channel,), "kPa", (0.0, in_kpa(float(limits(design)[channel]))), None
     if first == "position" and len(rest) in (2, 3) and rest[-1] in _AXES and all(r.isdecimal() for r in rest[:-1]):
         muscle, corner = int(rest[0]), int(rest[1]) if len(rest) == 3 else -1
         if muscle >= len(design.muscles) or corner >= len(design.muscles[muscle].path):
@@ -102,14 +103,14 @@ def _meaning(name: str, where: str, design: Design, model: Model) -> _Meaning:
     if plain in PARAMETERS and (plain == name or (plain in OF_MUSCLES and kind_of_muscle in design.muscle_types)):
         if hiding := [own for own in model.factors if plain == name and own.endswith(f".{name}")]:
             raise InputError(f"{where}: the model has {', '.join(hiding)}; expected that name")
-        return "factor", (name,), "", FACTORS, _interval(model, name)
+        return "factor", (name,), "", FACTOR_RANGE, _interval(model, name)
     raise InputError(f"{where}: unknown parameter {name}; expected {_FORMS}{nearest(name, PARAMETERS)}")
 
 
 def _interval(model: Model, name: str) -> tuple[float, float] | None:
     """Of the model's factor that a case calls `name`."""
-    found = (p.interval90 for n, p in model.parameters.items() if name in Model({n: p}).factors)
-    return next(found, None)
+    intervals = (p.interval90 for n, p in model.parameters.items() if name in Model({n: p}).factors)
+    return next(intervals, None)
 
 
 def _in(unit: str) -> str:

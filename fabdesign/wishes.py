@@ -14,6 +14,7 @@ from fabdesign.fabric import Fabric
 from fabdesign.hung_cloth import held_places, on_flat_cloth
 from fabdesign.mid_surface import at_places, cells_of, mid_surface
 from fabdesign.table import Table
+from fabdesign.units import in_mm
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.floating[Any]]
@@ -63,11 +64,11 @@ def _wish(table: Table, fabric: Fabric) -> Wish:
         if world in table:
             value = table.number(world)
             goals[:, axis], given[axis] = value, True
-            said.append(f"{world} = {1e3 * value:g} mm")
+            said.append(f"{world} = {in_mm(value):g} mm")
         elif beside in table:
             value = table.number(beside)
             goals[:, axis], given[axis] = flat[:, axis] + value, True
-            said.append(f"{1e3 * value:g} mm {beside}")
+            said.append(f"{in_mm(value):g} mm {beside}")
     if not any(given):
         raise InputError(f"{table.where}: no goal; expected some of {', '.join((*WORLD, *FROM_FLAT))}, in m")
     weight = table.number("weight", 1.0, above=0)
@@ -90,7 +91,7 @@ def _tube(table: Table, fabric: Fabric) -> Wish:
     places = np.stack([u, v], axis=-1).reshape(-1, 2)
     turned = np.degrees(fabric.height / radius)
     face = "front" if sign > 0 else "back"
-    said = f"a tube of radius {1e3 * radius:g} mm, {turned:.0f} degrees of it, towards the {face}"
+    said = f"a tube of radius {in_mm(radius):g} mm, {turned:.0f} degrees of it, towards the {face}"
     return Wish(said, _tuples(places), _tuples(goals.reshape(-1, 3)), (True, True, True))
 
 
@@ -120,8 +121,8 @@ def _require_reachable(wish: Wish, fabric: Fabric, where: str) -> None:
         worst = int(np.argmax(away - _STRETCH * reach))
         if away[worst] > _STRETCH * reach[worst] + 1e-6:
             raise InputError(
-                f"{where}: place ({place[0]:g}, {place[1]:g}) is to lie {1e3 * away[worst]:.0f} mm from a held place; "
-                f"expected at most {1e3 * reach[worst]:.0f} mm, as on the flat cloth"
+                f"{where}: place ({place[0]:g}, {place[1]:g}) is to lie {in_mm(away[worst]):.0f} mm from a held place; "
+                f"expected at most {in_mm(reach[worst]):.0f} mm, as on the flat cloth"
             )
 
 

@@ -75,10 +75,10 @@ class LinearContraction:
     def at(self, x: Array) -> tuple[Array, Array]:
         """(count,) margins, negative where violated, and their slopes (count, n)."""
         chords = self._chords + np.tensordot(x - self._centre, self._slopes, axes=1)
-        found = self._intervals.contraction(chords)  # (poses, k)
+        contracted = self._intervals.contraction(chords)  # (poses, k)
         lengths = np.maximum(np.linalg.norm(chords, axis=-1), 1e-12)
         margins, slopes = [], []
-        for pose, row in enumerate(found):
+        for pose, row in enumerate(contracted):
             for muscle in self._muscles:
                 own = np.flatnonzero(self._intervals.muscle == muscle)
                 k = int(own[np.argmax(row[own])])

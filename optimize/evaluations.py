@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from fabdesign.forward import ForwardModel
+from fabdesign.jacobian import Jacobians
 from optimize.design_space import DesignSpace, Vector
 from optimize.history import Entry, History
 from optimize.objective import Objective, Shape
-from optimize.slopes import Jacobians, Slopes, jacobians_for, slopes_of
+from optimize.slopes import Slopes, jacobians_for, slopes_of
 
 Point = tuple[int, Vector]  # the number of the start, for its space, and the vector
 
@@ -27,7 +28,7 @@ PENALTY = 1.0  # m, for a diverged design, or twice the worst seen: worse than a
 class Stage:
     """The best `keep` of what came before go on for up to `rounds` rounds each, on this forward model.
 
-    No round begins after the share `until` of the seconds that were left when the campaign began, so that a slow
+    No round begins after the share `until` of the seconds that were left when the restart began, so that a slow
     machine gets to the last stage too.
     slopes: a cheaper model of the same shape that derivatives are asked of, or finite differences taken on where it
     offers none; `forward` itself by default. at_rest: late frames are valued by shapes at rest.
@@ -91,7 +92,7 @@ class Evaluations:
         self.best: Best | None = None
         self.best_shape: Shape | None = None  # of the best, where it was evaluated in this session
         self.rivals: dict[int, Best] = {}  # of each start, the nearest on the last stage's model, while that near
-        self.campaign_began = 0.0  # s of search, when the campaign under way began
+        self.restart_began = 0.0  # s of search, when the restart under way began
         self.stage = "start"  # under way
         self.told = ""  # for people, once there is something to tell
         self.objective, self._at_rest = objective, objective.at_rest
@@ -135,7 +136,7 @@ class Evaluations:
 
     def may_begin(self, number: int) -> bool:
         """Whether there is time for another round of the stage of this number."""
-        until, began = self.stages[number].until, self.campaign_began
+        until, began = self.stages[number].until, self.restart_began
         return until == 1.0 or self.elapsed < began + until * (self.seconds - began)
 
     def evaluate(

@@ -119,9 +119,9 @@ class Objective:
 
     def gradient(self, shape: Shape) -> tuple[float, Shape]:
         """Value [m] against the thinned targets, and its derivative by each coordinate (nearest neighbours held)."""
-        found = [self._gradient(t, pose) for t, pose in zip(self.targets, shape, strict=True)]
-        slopes = np.array([slope for _, slope in found])
-        return float(self.shares @ [value for value, _ in found]), self.shares[:, None, None] * slopes
+        gradients = [self._gradient(t, pose) for t, pose in zip(self.targets, shape, strict=True)]
+        slopes = np.array([slope for _, slope in gradients])
+        return float(self.shares @ [value for value, _ in gradients]), self.shares[:, None, None] * slopes
 
     def _gradient(self, target: Target, pose: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
         if target.landmarks is not None:

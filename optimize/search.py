@@ -1,5 +1,6 @@
-"""The search: campaigns, each of which screens many starts, follows the best side by side, and finishes the best of
-those on the full model. Campaigns go on from fresh starts until those agree, or the target is reached, or the time is.
+"""The search is a multistart. Each restart, the first included, screens many starts, follows the best side by side, and
+finishes the best of those on the full model. It ends where searches from new starts agree, the target is reached, or
+the time is used.
 
 Every forward evaluation is part of a batch: the screening, the derivatives of all searches, and the trial steps of all
 searches; where the forward model has no derivatives, finite differences with those. A round of a search is a linear
@@ -20,16 +21,16 @@ from optimize.local_search import LocalSearch
 from optimize.objective import Shape
 
 INTERRUPTED = "interrupted; the same command goes on from here"
-NOTHING_NEW = "ended: no search promises a further gain, and there are no fresh starts"
+NOTHING_NEW = "ended: no search promises a further gain, and there are no further starts"
 AGREE = 3  # searches from different starts that end as near as the best one does, itself included
 ALIKE = 0.01  # of the best value, by which such ends may differ
-IDLE = 3  # campaigns that came no nearer than NO_GAIN of the best value: a further one is not worth its time
+IDLE = 3  # restarts that came no nearer than NO_GAIN of the best value: a further one is not worth its time
 NO_GAIN = 0.005
 AT_ONCE = 8  # designs that take a simulator no longer than one: so many trials a round, shared by the searches
 
 Start = tuple[DesignSpace, Vector]
-# of campaign k = 1, 2, ... and the best so far: starts, and whether they owe nothing to the best
-Fresh = Callable[[int, Start], tuple[Sequence[Start], bool]]
+# of restart k = 1, 2, ... and the best so far: starts, and whether they owe nothing to the best
+FurtherStarts = Callable[[int, Start], tuple[Sequence[Start], bool]]
 
 
 @dataclass
@@ -38,36 +39,36 @@ class _Progress:
 
     stage: int = 0
     searches: list[LocalSearch] = field(default_factory=list)
-    first: int = 0  # of the starts, that the campaign under way began with
+    first: int = 0  # of the starts, that the restart under way began with
     independent: bool = True  # whether these owe nothing to what was best
-    bests: list[list[Any]] = field(default_factory=list)  # of the campaigns after the first: what was best before each
-    ends: list[float] = field(default_factory=list)  # m, of searches from fresh starts on the last stage
+    bests: list[list[Any]] = field(default_factory=list)  # of the restarts after the first: what was best before each
+    ends: list[float] = field(default_factory=list)  # m, of searches from new starts on the last stage
     reason: str = ""  # why it ended
 
 
 def search(
-    evaluations: Evaluations, *, fresh: Fresh | None = None, floor: Callable[[Shape], float] | None = None
+    evaluations: Evaluations, *, further: FurtherStarts | None = None, floor: Callable[[Shape], float] | None = None
 ) -> str:
-    """Run campaigns over the stages of `evaluations`, whose `best` is the result whatever ends it; why it ended, as a
+    """Run restarts over the stages of `evaluations`, whose `best` is the result whatever ends it; why it ended, as a
     sentence.
 
-    The first campaign takes the starts of `evaluations`, `fresh` gives those of further ones; without it there is one.
+    The first restart takes the starts of `evaluations`. `further` gives those of later ones; without it there is one.
     Only searches from starts that owe nothing to the best can agree with it. floor: m, what points of a shape itself
     would have as value. The same search on the same history goes on after the last round that was
     finished, and ends where it would have ended.
     """
     try:
-        at = _load(evaluations, fresh)
+        at = _load(evaluations, further)
         if reason := evaluations.ended():
             return reason
         if evaluations.history.load() is None:
             _save(evaluations, at)  # so that an end within the screening is kept too
         while not at.reason:
-            _campaign(evaluations, at, floor)
+            _run_restart(evaluations, at, floor)
             if at.independent:
                 at.ends += [s.value for s in at.searches]
             at.reason = _reason_to_end(evaluations, at, floor)
-            if not at.reason and not _begin(evaluations, at, fresh):
+            if not at.reason and not _begin(evaluations, at, further):
                 at.reason = NOTHING_NEW
             _save(evaluations, at)
         return at.reason
@@ -80,7 +81,7 @@ def search(
 
 
 def _reason_to_end(evaluations: Evaluations, at: _Progress, floor: Callable[[Shape], float] | None) -> str:
-    """After a campaign; empty while there is none."""
+    """After a restart; empty while there is none."""
     best = evaluations.best
     if best is None:
         return ""
@@ -103,7 +104,7 @@ def _at_floor(evaluations: Evaluations, at: _Progress, floor: Callable[[Shape], 
     return nearest.value <= (1 + ALIKE) * floor(nearest.shape)
 
 
-def _campaign(evaluations: Evaluations, at: _Progress, floor: Callable[[Shape], float] | None) -> None:
+def _run_restart(evaluations: Evaluations, at: _Progress, floor: Callable[[Shape], float] | None) -> None:
     """From where it stands through all stages; no round follows one that has come to the floor on the last."""
     for number in range(at.stage, len(evaluations.stages)):
         if number > at.stage or not at.searches:
@@ -119,22 +120,22 @@ def _campaign(evaluations: Evaluations, at: _Progress, floor: Callable[[Shape], 
                 return
 
 
-def _begin(evaluations: Evaluations, at: _Progress, fresh: Fresh | None) -> bool:
-    """The next campaign, if it has starts."""
+def _begin(evaluations: Evaluations, at: _Progress, further: FurtherStarts | None) -> bool:
+    """The next restart, if it has starts."""
     best = evaluations.best
-    if fresh is None or best is None:
+    if further is None or best is None:
         return False
     at.bests.append([best.start, best.x.tolist(), best.value, best.stage])
     at.stage, at.searches = 0, []
-    evaluations.campaign_began = evaluations.elapsed
-    _add_starts(evaluations, at, fresh)
+    evaluations.restart_began = evaluations.elapsed
+    _add_starts(evaluations, at, further)
     return len(evaluations.starts) > at.first
 
 
-def _add_starts(evaluations: Evaluations, at: _Progress, fresh: Fresh) -> None:
-    """Those of the last campaign of `at`."""
+def _add_starts(evaluations: Evaluations, at: _Progress, further: FurtherStarts) -> None:
+    """Those of the last restart of `at`."""
     start, x, _, stage = at.bests[-1]
-    new, at.independent = fresh(len(at.bests), (evaluations.space(start, stage), np.array(x)))
+    new, at.independent = further(len(at.bests), (evaluations.space(start, stage), np.array(x)))
     at.first = len(evaluations.starts)
     evaluations.starts += new
 
@@ -274,23 +275,23 @@ def _save(evaluations: Evaluations, at: _Progress) -> None:
         "searches": rows,
         "bests": at.bests,
         "ends": at.ends,
-        "began": evaluations.campaign_began,
+        "began": evaluations.restart_began,
         "reason": at.reason,
     }
     evaluations.history.save(state, evaluations.elapsed)
 
 
-def _load(evaluations: Evaluations, fresh: Fresh | None) -> _Progress:
+def _load(evaluations: Evaluations, further: FurtherStarts | None) -> _Progress:
     state: Any = evaluations.history.load()
     at = _Progress()
     if state is None:
         return at
-    if fresh is not None:
+    if further is not None:
         for best in state["bests"]:
             at.bests.append(best)
-            _add_starts(evaluations, at, fresh)
+            _add_starts(evaluations, at, further)
     at.stage, at.ends, at.reason = state["stage"], state["ends"], state["reason"]
-    evaluations.campaign_began = state["began"]
+    evaluations.restart_began = state["began"]
     if state["best"] is not None:
         evaluations.best = Best.of_row(state["best"])
     for row in state.get("rivals", []):

@@ -106,14 +106,14 @@ def _even(design: Design, limits: Limits, poses: int, count: int, sides: Sequenc
     """Upright and level lines."""
     kind = next(iter(design.muscle_types))
     gaps = (np.arange(count) + 0.5) / count - 0.5
-    found = [
+    starts = [
         _start(design, limits, _part(lines, *part), [kind] * count, [side] * count, pressures)
         for side in sides
         for lines in (_lines(design, limits, gaps, angle) for angle in (0.0, np.pi / 2))
         for part in PARTS
         for pressures in (np.full((poses, count), level) for level in (limits.pressure[1], np.mean(limits.pressure)))
     ]
-    return [start for start in found if start is not None]
+    return [start for start in starts if start is not None]
 
 
 def _draw(

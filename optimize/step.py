@@ -52,12 +52,12 @@ def best_step(model: LinearShape, objective: Objective, space: DesignSpace, radi
 
     def value(x: Vector, gradient: Vector) -> float:
         nonlocal best_x, best_value
-        found, slope = objective.gradient(thin.at(x))
+        reached, slope = objective.gradient(thin.at(x))
         if gradient.size:
             gradient[:] = np.tensordot(thin.slopes, slope, axes=3)
-        if found < best_value and space.feasible(x) and (contraction is None or contraction.at(x)[0].min() >= 0):
-            best_x, best_value = x.copy(), found
-        return found
+        if reached < best_value and space.feasible(x) and (contraction is None or contraction.at(x)[0].min() >= 0):
+            best_x, best_value = x.copy(), reached
+        return reached
 
     def violations(result: Vector, x: Vector, gradient: NDArray[np.float64]) -> None:
         margins = space.margins(x)

@@ -8,7 +8,8 @@ from numpy.random import Generator
 
 from fabdesign.muscle import Muscle
 from optimize.channels import Layout, by_muscle, start_of
-from optimize.design_space import DesignSpace, Limits, Vector
+from optimize.design_space import DesignSpace, Vector
+from optimize.margins import Limits
 from optimize.starts import Side, Start
 
 TRIES = 40  # of a variation before it is left out

@@ -52,8 +52,8 @@ class OnCluster:
             for part in parts
         ]
         results: list[Any] = [None] * len(cases)
-        for part, found in zip(parts, self.cluster.map(_answer, tasks, _named), strict=True):
-            for i, result in zip(part, found, strict=True):
+        for part, answers in zip(parts, self.cluster.map(_answer, tasks, _named), strict=True):
+            for i, result in zip(part, answers, strict=True):
                 results[i] = result
         return results
 
@@ -76,8 +76,8 @@ def _answer(task: _Task) -> list[Any]:
     """On a worker."""
     model, method, cases, further = task
     asked = getattr(model, method)
-    found: list[Any] = asked(cases) if further is None else asked(cases, further)
-    return found
+    answers: list[Any] = asked(cases) if further is None else asked(cases, further)
+    return answers
 
 
 def _named(task: _Task) -> str:

@@ -215,8 +215,8 @@ class Simulator:
         """The same of both faces' points, as `equilibria` gives them."""
         if (cluster := current()) is not None:
             return OnCluster(self, cluster).ask("faces_jacobian", cases, columns=columns)
-        found = self.shape_jacobian(cases, columns)
-        return [faces_changes(one, case.design.fabric.thickness) for case, one in zip(cases, found, strict=True)]
+        jacobians = self.shape_jacobian(cases, columns)
+        return [faces_changes(one, case.design.fabric.thickness) for case, one in zip(cases, jacobians, strict=True)]
 
     def motion_jacobian(
         self, cases: Sequence[Case], times: Sequence[Array], columns: Sequence[Column]

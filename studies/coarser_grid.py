@@ -10,6 +10,7 @@ from fabdesign.design import Design
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.trial import Trial
+from fabdesign.units import in_mm
 from studies.forward_model import forward_model
 
 NEAR = 1e-4  # m RMS over the points and frames of a motion, under which the coarser grid is as good
@@ -27,18 +28,18 @@ class ByDesign:
 
     def motions(self, cases: Sequence[Case], times: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float32]]:
         """As the simulator of each case's design gives them."""
-        found: dict[int, NDArray[np.float32]] = {}
+        by_case: dict[int, NDArray[np.float32]] = {}
         for own, simulator in self._parts(cases):
             motions = simulator.motions([cases[i] for i in own], [times[i] for i in own])
-            found |= dict(zip(own, motions, strict=True))
-        return [found[i] for i in range(len(cases))]
+            by_case |= dict(zip(own, motions, strict=True))
+        return [by_case[i] for i in range(len(cases))]
 
     def equilibria(self, cases: Sequence[Case]) -> list[NDArray[np.float32]]:
         """As the simulator of each case's design gives them."""
-        found: dict[int, NDArray[np.float32]] = {}
+        by_case: dict[int, NDArray[np.float32]] = {}
         for own, simulator in self._parts(cases):
-            found |= dict(zip(own, simulator.equilibria([cases[i] for i in own]), strict=True))
-        return [found[i] for i in range(len(cases))]
+            by_case |= dict(zip(own, simulator.equilibria([cases[i] for i in own]), strict=True))
+        return [by_case[i] for i in range(len(cases))]
 
     def _parts(self, cases: Sequence[Case]) -> list[tuple[list[int], ForwardModel]]:
         calm = [case.design in self.calm for case in cases]
@@ -76,7 +77,7 @@ def enough_points(
         tell(
             f"grid: {POINTS_PER_SIDE if off < NEAR else model.points_per_side} points a side for {trial.design_name}; "
             f"with {POINTS_PER_SIDE} instead of the model's {model.points_per_side}, {trial.name} moves by "
-            f"{1e3 * off:.2f} mm RMS, {'under' if off < NEAR else 'not under'} {1e3 * NEAR:g}"
+            f"{in_mm(off):.2f} mm RMS, {'under' if off < NEAR else 'not under'} {in_mm(NEAR):g}"
         )
     return ByDesign(fine, coarse, calm) if calm else fine
 

@@ -19,6 +19,7 @@ from fabdesign.model import Model
 from fabdesign.predictor import Predictor
 from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.units import in_mm
 from studies.forward_model import forward_model
 from studies.sensitive_stretches import find_used_frames
 from studies.used_frames import Flags, UsedFrames
@@ -133,14 +134,14 @@ class _Job:
 
 
 def _jobs(sets: Sequence[MeasurementSet], roles: Sequence[str]) -> list[_Job]:
-    shared = Counter(name for found in sets for name in {trial.design_name for trial in found.trials})
+    shared = Counter(name for measured in sets for name in {trial.design_name for trial in measured.trials})
     jobs = []
-    for found in sets:
+    for measured in sets:
         for role in roles:
-            for name in sorted({trial.design_name for trial in found.trials}):
-                trials = [t for t in found.trials if t.design_name == name and t.role == role]
+            for name in sorted({trial.design_name for trial in measured.trials}):
+                trials = [t for t in measured.trials if t.design_name == name and t.role == role]
                 if trials:
-                    jobs.append(_Job(found, role, name if shared[name] == 1 else f"{found.name}/{name}", trials))
+                    jobs.append(_Job(measured, role, name if shared[name] == 1 else f"{measured.name}/{name}", trials))
     return jobs
 
 
@@ -151,8 +152,8 @@ def _noises(jobs: Sequence[_Job], threads: ThreadPoolExecutor) -> list["Future[S
     for job in jobs:
         keys.append((id(job.found), job.trials[0].design.fabric.thickness))
         alike.setdefault(keys[-1], []).extend(job.trials)
-    found = {key: threads.submit(estimate_noise, _spread(trials), key[1]) for key, trials in alike.items()}
-    return [found[key] for key in keys]
+    noises = {key: threads.submit(estimate_noise, _spread(trials), key[1]) for key, trials in alike.items()}
+    return [noises[key] for key in keys]
 
 
 def _evaluated(
@@ -214,43 +215,45 @@ def _motions(trials: Sequence[Trial], *predictors: Predictor) -> list[list[Any]]
     cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
     plain = [predictor for predictor in predictors if predictor.corrector is None]
     together = Predictor(predictors[0].simulator, sensing=True)
-    found = together.motions([predictor.case(case) for predictor in plain for case in cases], times * len(plain))
-    batches_of = iter(found[k : k + len(trials)] for k in range(0, len(found), len(trials)))
+    motions = together.motions([predictor.case(case) for predictor in plain for case in cases], times * len(plain))
+    batches_of = iter(motions[k : k + len(trials)] for k in range(0, len(motions), len(trials)))
     return [next(batches_of) if p.corrector is None else p.motions(cases, times) for p in predictors]
 
 
-def _summarise(title: str, found: MeasurementSet, noise: SensorNoise, results: Sequence[TrialResult]) -> DesignResult:
+def _summarise(
+    title: str, measured: MeasurementSet, noise: SensorNoise, results: Sequence[TrialResult]
+) -> DesignResult:
     # a trial on which either diverges is left out of both, so that the two compare
     sound = [r for r in results if np.isfinite(r.before.chamfer) and np.isfinite(r.after.chamfer)]
     if not sound and not any(r.used for r in results):
         names = ", ".join(r.trial for r in results)
         raise InputError(
-            f"{found.name}: {names} of {title}: every frame is sensitive, small changes of the inputs lead to another "
-            "shape; expected trials whose pressures decide to which side the cloth bends"
+            f"{measured.name}: {names} of {title}: every frame is sensitive, small changes of the inputs lead to "
+            "another shape; expected trials whose pressures decide to which side the cloth bends"
         )
     if not sound:
-        raise SimulationError(f"{found.name}: every motion of {title} diverged")
+        raise SimulationError(f"{measured.name}: every motion of {title} diverged")
     before, after = statistics([r.before for r in sound]), statistics([r.after for r in sound])
     means = [Errors(**{name: table[name].mean for name in ERRORS}) for table in (before, after)]
-    source = f"{found.name}: {found.description}" if found.description else found.name
+    source = f"{measured.name}: {measured.description}" if measured.description else measured.name
     return DesignResult(source, noise, tuple(results), before, after, closed(*means))
 
 
 def _as_json(design: DesignResult) -> dict[str, Any]:
     def millimetres(table: Mapping[str, Statistics]) -> dict[str, dict[str, float]]:
-        distances = {name: {key: 1e3 * x for key, x in asdict(table[name]).items()} for name in ERRORS}
+        distances = {name: {key: in_mm(x) for key, x in asdict(table[name]).items()} for name in ERRORS}
         return distances | {"surface_beyond": asdict(table["beyond"])}
 
     def errors(values: Errors) -> dict[str, float | None]:
         if np.isnan(values.chamfer):
             return dict.fromkeys((*ERRORS, "surface_beyond"))
-        return {name: 1e3 * getattr(values, name) for name in ERRORS} | {"surface_beyond": values.beyond}
+        return {name: in_mm(getattr(values, name)) for name in ERRORS} | {"surface_beyond": values.beyond}
 
     return {
         "before": millimetres(design.before),
         "after": millimetres(design.after),
         "closed": asdict(design.closed) | {"value": design.closed.value},
-        "noise": {"sigma_mm": 1e3 * design.noise.sigma, "strays": design.noise.strays},
+        "noise": {"sigma_mm": in_mm(design.noise.sigma), "strays": design.noise.strays},
         "histogram": {error: histogram(design, error) for error in ("chamfer", "surface_rms")},
         "source": design.source,
         "trials": {
@@ -264,7 +267,7 @@ def _as_json(design: DesignResult) -> dict[str, Any]:
 def _values(design: DesignResult, error: str) -> tuple[np.ndarray, np.ndarray]:
     """(trials,) mm before and after, of those that did not diverge."""
     pairs = np.array([(getattr(r.before, error), getattr(r.after, error)) for r in design.trials])
-    pairs = 1e3 * pairs[np.isfinite(pairs).all(axis=1)]
+    pairs = in_mm(pairs[np.isfinite(pairs).all(axis=1)])
     return pairs[:, 0], pairs[:, 1]
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from fabdesign.csv_table import write_rows
 from fabdesign.metrics import Statistics, told_beyond
 from fabdesign.output import new_folder
+from fabdesign.units import in_mm
 from studies.evaluate import ERRORS, SetEvaluation, histogram
 
 
@@ -39,13 +40,13 @@ def tables_markdown(evaluation: SetEvaluation) -> str:
                 mark = " *" if error == "surface_rms" else ""
                 sound = len(design.trials) - len(design.diverged) - len(design.without_frames)
                 parts.append(
-                    f"| {name} | {len(design.trials)} | {error} | {1e3 * design.after[floor].mean:.2f} "
+                    f"| {name} | {len(design.trials)} | {error} | {in_mm(design.after[floor].mean):.2f} "
                     f"| {_shown(design.before[error], sound)} | {_shown(design.after[error], sound)} "
                     f"| {_closed(share)}{mark} |"
                 )
         parts.append("")
         parts += [
-            f"{name}: {design.source}; noise {1e3 * design.noise.sigma:.2f} mm an axis, "
+            f"{name}: {design.source}; noise {in_mm(design.noise.sigma):.2f} mm an axis, "
             + f"{design.noise.strays:.1%} strays"
             + (f"; diverged and left out: {', '.join(design.diverged)}" if design.diverged else "")
             + (f"; no frame used: {', '.join(design.without_frames)}" if design.without_frames else "")
@@ -65,7 +66,7 @@ def _closed(share: float | None) -> str:
 
 
 def _shown(values: Statistics, trials: int) -> str:
-    mean, most, least, std = (1e3 * x for x in (values.mean, values.max, values.min, values.std))
+    mean, most, least, std = (in_mm(x) for x in (values.mean, values.max, values.min, values.std))
     if trials == 1:
         return f"{mean:.2f}"
     return f"{mean:.2f} ({least:.2f} to {most:.2f}, {std:.2f})"
@@ -79,7 +80,7 @@ def _write_trials(evaluation: SetEvaluation, path: Path) -> None:
     for table in (evaluation.designs, evaluation.others):
         for name, design in table.items():
             for r in design.trials:
-                numbers = [f"{1e3 * getattr(errors, error):.6g}" for errors in (r.before, r.after) for error in ERRORS]
+                numbers = [f"{in_mm(getattr(errors, error)):.6g}" for errors in (r.before, r.after) for error in ERRORS]
                 beyond = [f"{errors.beyond:.6g}" for errors in (r.before, r.after)]
                 beyond.append(f"{r.used:.6g}")
                 rows.append([r.set_name, name, r.trial, r.order, r.role, *numbers, *beyond])
@@ -98,7 +99,7 @@ def _write_histogram(evaluation: SetEvaluation, path: Path) -> None:
             shown = histogram(design, error)
             for state, colour in (("before", "tab:gray"), ("after", "tab:blue")):
                 axis.stairs(shown[state], shown["edges"], fill=True, alpha=0.6, color=colour, label=state)
-            axis.axvline(1e3 * design.after[floor].mean, color="black", linestyle="--", label="floor")
+            axis.axvline(in_mm(design.after[floor].mean), color="black", linestyle="--", label="floor")
             axis.set(xlabel=f"{error} [mm]", ylabel="trials", title=f"{name}, {kind} trials")
             axis.legend(fontsize="small")
     figure.suptitle("; ".join(sorted({design.source for *_, design in panels})), fontsize="small")

@@ -1,15 +1,18 @@
-"""Every evaluation of a search or sweep as one table, read from its folder."""
+"""Every evaluation of a search or sweep as one table, read from its folder, and as a store of Optuna studies, which its
+dashboard opens. Only this file knows Optuna, the extra `optuna`."""
 
 import csv
 import json
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from fabdesign.csv_table import write_rows
 from fabdesign.errors import InputError
+from fabdesign.units import in_mm
 
 HISTORY, SAMPLES = "history.sqlite", "samples.csv"
 OBJECTIVE = "objective_mm"
@@ -49,15 +52,15 @@ def write_evaluations(table: EvaluationsTable, path: Path) -> None:
 
 
 def _searches(folder: Path, histories: Sequence[Path]) -> EvaluationsTable:
-    found = []
+    entries = []
     for history in histories:
         part = history.parent.relative_to(folder).as_posix()
-        found += [(part, *row[:5], json.loads(row[5])) for row in _read(history)]
-    most = max((len(row[-1]) for row in found), default=0)
+        entries += [(part, *row[:5], json.loads(row[5])) for row in _read(history)]
+    most = max((len(row[-1]) for row in entries), default=0)
     rows = [
-        [part, number, seconds, stage, None if diverged else 1e3 * objective, bool(diverged), *x]
+        [part, number, seconds, stage, None if diverged else in_mm(objective), bool(diverged), *x]
         + [None] * (most - len(x))
-        for part, number, seconds, stage, objective, diverged, x in found
+        for part, number, seconds, stage, objective, diverged, x in entries
     ]
     return EvaluationsTable([*_COLUMNS, *(f"x_{k}" for k in range(most))], rows)
 
@@ -87,3 +90,41 @@ def _samples(path: Path) -> EvaluationsTable:
 
 def _number(cell: str) -> float | int | None:
     return None if not cell else int(cell) if cell.isdecimal() else float(cell)
+
+
+def write_optuna_store(table: EvaluationsTable, path: Path, name: str) -> None:
+    """Write a SQLite file, for `optuna-dashboard sqlite:///search.db`.
+
+    A search of one design is a study of the folder's name; a grid of layouts has a study a cell. What a layout varies
+    is x_0 and so on, 0 to 1 within its bounds. name: of a study that is the only one. Raises InputError for what has no
+    objective.
+    """
+    if OBJECTIVE not in table.columns:
+        raise InputError(f"{name}: has no {OBJECTIVE}; expected the folder of a search for an Optuna store")
+    import optuna
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    storage = optuna.storages.RDBStorage(f"sqlite:///{path}")
+    try:
+        rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+        for part, own in groupby(rows, key=lambda row: row["part"]):
+            study = optuna.create_study(storage=storage, study_name=name if part == "." else part, direction="minimize")
+            study.set_user_attr("objective", OBJECTIVE)
+            study.add_trials([*_trials(own)])
+    finally:
+        storage.engine.dispose()
+
+
+def _trials(rows: Iterator[dict[str, Any]]) -> Iterator[Any]:
+    """One that diverged is a failed trial, without a value."""
+    import optuna
+
+    for row in rows:
+        x = {key: value for key, value in row.items() if key.startswith("x_") and value is not None}
+        yield optuna.trial.create_trial(
+            state=optuna.trial.TrialState.FAIL if row["diverged"] else optuna.trial.TrialState.COMPLETE,
+            value=row[OBJECTIVE],
+            params=x,
+            distributions=dict.fromkeys(x, optuna.distributions.FloatDistribution(0.0, 1.0)),
+            user_attrs={key: row[key] for key in ("evaluation", "seconds", "stage")},
+        )

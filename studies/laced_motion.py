@@ -47,11 +47,11 @@ def laced_motions(
     kept = WithMuscleStates(forward) if knows_muscles(forward) else None
     predictor = forward_model(kept or forward, model, sensing=sensing)
     motions = predictor.motions(cases, times)
-    found = []
+    laced = []
     for k, (case, at, points) in enumerate(zip(cases, times, motions, strict=True)):
         seen = seen_at(predictor.case(case), at) if sensing else at
-        found.append(_motion(case, at, points, kept.last[k] if kept else None, seen))
-    return found
+        laced.append(_motion(case, at, points, kept.last[k] if kept else None, seen))
+    return laced
 
 
 def laced_rests(forward: ForwardModel, model: Model | None, cases: Sequence[Case]) -> list[MotionData]:

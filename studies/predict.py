@@ -123,8 +123,8 @@ def trials_of(source: MeasurementSet | Path, design: Design | None) -> tuple[str
         return source.stem, (Trial(source, design.name, design, order=0, role="fit"),)
     if design is not None:
         raise InputError(f"{source}: a set names its own designs; expected no --design")
-    found = read_set(source)
-    return found.name, found.trials
+    measured = read_set(source)
+    return measured.name, measured.trials
 
 
 def folders_of(sources: Sequence[tuple[str, tuple[Trial, ...]]]) -> dict[str, tuple[Trial, ...]]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fabdesign.errors import InputError
-from fabdesign.mark import MARK, read_mark
+from fabdesign.output import MARK, read_mark
 
 RESULTS = ("result.json", "trace.json", "evaluation.json", "loop.json", "fusion.json")
 # what says most about a result, of each that has it
@@ -30,8 +30,8 @@ class ResultFolder:
 
     @property
     def headline(self) -> dict[str, Any]:
-        found = self.figures
-        return {name: found[name] for name in HEADLINES if name in found}
+        figures = self.figures
+        return {name: figures[name] for name in HEADLINES if name in figures}
 
 
 def read_folder(path: Path) -> ResultFolder:
@@ -54,16 +54,16 @@ def read_folder(path: Path) -> ResultFolder:
 def folders_below(paths: Sequence[Path]) -> list[ResultFolder]:
     """Those of `paths` and of what lies in them, folders in a result's folder not. Raises InputError for a path that is
     no folder."""
-    found = []
+    folders = []
     for path in paths:
         if not path.is_dir():
             raise InputError(f"{path}: no such folder")
         for top, inner, files in os.walk(path):
             inner.sort()
             if MARK in files and read_mark(Path(top)) is not None:
-                found.append(read_folder(Path(top)))
+                folders.append(read_folder(Path(top)))
                 inner.clear()
-    return found
+    return folders
 
 
 def compared(folders: Sequence[ResultFolder]) -> dict[str, list[Any]]:

@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign import SIMULATOR
+from fabdesign.checkpoint import user_cache
 from fabdesign.design import Design
 from fabdesign.errors import InputError
 from fabdesign.forward import PARAMETERS, Case, ForwardModel, Term
 from fabdesign.output import write_text
 from fabdesign.trial import MeasurementSet, Trial
-from fabdesign.user_cache import user_cache
 from optimize.fit.parameters import PRIOR
 from studies.used_frames import Array, Flags, Stretch, UsedFrames, used_mask
 
@@ -89,11 +89,11 @@ def _spans(trials: Sequence[Trial], forward: ForwardModel, progress: Progress) -
     spans = [None if file is None else _read(file) for file in files]
     missing = [k for k, own in enumerate(spans) if own is None]
     searched = _search([trials[k] for k in missing], forward, progress)
-    for k, found in zip(missing, searched, strict=True):
-        spans[k] = found
+    for k, stretches in zip(missing, searched, strict=True):
+        spans[k] = stretches
         if (file := files[k]) is not None:
             with suppress(InputError):  # a folder that cannot be written: it is searched again
-                write_text(file, json.dumps(found) + "\n")
+                write_text(file, json.dumps(stretches) + "\n")
     return [own or [] for own in spans]
 
 

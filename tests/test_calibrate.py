@@ -23,7 +23,7 @@ from optimize.fit.parameters import DECLARED, PRIOR
 from optimize.fit.problem import Evaluation, Linearisation
 from sim.motion import faces
 from studies.bad_data import sound_trials
-from studies.calibration.belief import doubts, noise_rms
+from studies.calibration.belief import interval_warnings, noise_rms
 from studies.calibration.calibrate import calibrate
 from studies.calibration.engine_difference import engine_difference
 from studies.calibration.report import as_text
@@ -257,7 +257,7 @@ def test_early_frames_lead_past_false_minima_of_late_ones(tmp_path, monkeypatch)
     monkeypatch.setattr("optimize.fit.descent.horizons", lambda samples: [1.4])
     at_once = calibrate(measured, Swinger(), engines=ONE_ENGINE, accuracy=None)
     assert abs(np.log(at_once.model.factors["damping"] / 1.3)) > 0.05
-    assert at_once.doubts and not found.doubts
+    assert at_once.warnings and not found.warnings
     assert at_once.fit.after > 1.3 * found.fit.after
 
 
@@ -332,7 +332,7 @@ def test_trials_that_agree_are_not_simulated_again_for_their_clocks(measured):
     ],
 )
 def test_intervals_are_believed_where_the_fit_leaves_the_noise(rms, outlying, expected):
-    assert doubts(rms, outlying, SensorNoise(0.0006, 0.0, 0.05)) == expected
+    assert interval_warnings(rms, outlying, SensorNoise(0.0006, 0.0, 0.05)) == expected
 
 
 def test_noise_of_points_drawn_with_strays_is_what_it_is_taken_for():
@@ -346,11 +346,11 @@ def test_noise_of_points_drawn_with_strays_is_what_it_is_taken_for():
 def test_a_lag_that_the_model_lacks_marks_the_intervals(tmp_path):
     measured = write(tmp_path / "set", [100, 150, 250, 300, 200], forward=Curler(lag=0.9))
     found = calibrate(measured, Curler(), engines=ONE_ENGINE)
-    assert found.doubts
+    assert found.warnings
     assert not found.as_json()["believable"]
     assert "not reliable" in as_text(found) and "NOT reliable: the fit leaves" in as_text(found)
     write_model(found.model, tmp_path / "model.toml")
-    assert not any(p.believable for p in read_model(tmp_path / "model.toml").parameters.values())
+    assert not any(p.reliable for p in read_model(tmp_path / "model.toml").parameters.values())
 
 
 def test_a_diverging_trial_is_left_out_from_there_on(tmp_path):
@@ -361,7 +361,7 @@ def test_a_diverging_trial_is_left_out_from_there_on(tmp_path):
     lost = np.mean(TIMES >= 0.7 - 1e-9) / 3  # of one trial of three
     assert found.fit.outlying == found.as_json()["outlying"] == pytest.approx(lost)
     assert f"NOT reliable: {lost:.0%} of the frames fitted are far off" in as_text(found)
-    assert not any(p.believable for p in found.model.parameters.values())
+    assert not any(p.reliable for p in found.model.parameters.values())
     alone = dataclasses.replace(measured, trials=measured.trials[2:3])
     with pytest.raises(SimulationError, match="every motion"):
         calibrate(alone, Lost())

@@ -20,7 +20,7 @@ from fabdesign.study_file import read_cluster
 from fabdesign.varied import Varied
 from sim import Simulator
 from sim.on_cluster import OnCluster, batches
-from studies.rig import Key
+from studies.rig import GroundTruth
 from studies.rig.run import _shapes
 from studies.rig.scene import DEFAULT
 from studies.rig.specimen import TrialTask
@@ -113,7 +113,7 @@ def test_rig_trials_are_tasks(monkeypatch: pytest.MonkeyPatch) -> None:
             yield from (f"{function.__name__} of {name(task)}" for task in tasks)  # type: ignore[attr-defined]
 
     monkeypatch.setattr("studies.rig.run.current", Elsewhere)
-    task = TrialTask(build("cross"), constant_program([0.0, 0.0]), np.zeros(1), 3, Key(), DEFAULT)
+    task = TrialTask(build("cross"), constant_program([0.0, 0.0]), np.zeros(1), 3, GroundTruth(), DEFAULT)
     assert [*_shapes([task], 1)] == ["control_points of trial 3 of cross"]
 
 

@@ -93,7 +93,7 @@ LEARNED = (
 )
 UNSEEN = build("vertical", muscles=3, fabric=FABRIC, name="three")
 TIMES = np.array([0.1, 0.3])
-LEAST = np.full(3, 0.05)
+LEAST_NORM = np.full(3, 0.05)
 
 
 def measure(folder: Path, designs: Sequence[Design] = LEARNED, *, trials: int = 6, times: np.ndarray = TIMES) -> Path:
@@ -199,11 +199,12 @@ def test_ridge_finds_the_amounts() -> None:
         heights = rng.standard_normal((5, 3, 40)).astype(np.float16)
         goal = np.einsum("tkn,k->tn", heights.astype(float), truth) + 0.1 * rng.standard_normal((5, 40))
         found.append(Examples(heights, goal.astype(np.float32), np.full((5, 40), 1 / 40, dtype=np.float32)))
-    assert np.abs(coefficients_of(found, 1e-6, LEAST) - truth).max() < 0.02
-    shrunk = coefficients_of(found, 10.0, LEAST)
+    assert np.abs(coefficients_of(found, 1e-6, LEAST_NORM) - truth).max() < 0.02
+    shrunk = coefficients_of(found, 10.0, LEAST_NORM)
     assert np.abs(shrunk).max() < 0.2
-    assert coefficients_of(found, 1e-6, LEAST, np.array([True, False, True]))[1] == 0
-    assert np.abs(coefficients_of(found, 0.1, 1e3 * LEAST)).max() < 0.01  # as if a unit one made 50 times the error
+    assert coefficients_of(found, 1e-6, LEAST_NORM, np.array([True, False, True]))[1] == 0
+    imitated = coefficients_of(found, 0.1, 1e3 * LEAST_NORM)  # as if a unit one made 50 times the error
+    assert np.abs(imitated).max() < 0.01
     assert found[0].errors(truth).mean() < 0.12 < 1 < found[0].errors().mean()
 
 

@@ -21,7 +21,7 @@ from fabdesign.recording import Recording, read_recording
 from studies.fusion.frames import FusionReport
 from studies.fusion.fuse import fuse, fuse_all
 from studies.fusion.reference import off
-from studies.rig import Key, run_rig
+from studies.rig import GroundTruth, run_rig
 from studies.rig.scene import Resolution
 
 DESIGN = build("basic")
@@ -36,7 +36,12 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("FABDESIGN_CACHE", str(folder / "cache"))
         run_rig(
-            DESIGN, [program], out=folder / "set", key=Key(seed=5), recording=folder / "recording", resolution=coarse
+            DESIGN,
+            [program],
+            out=folder / "set",
+            truth=GroundTruth(seed=5),
+            recording=folder / "recording",
+            resolution=coarse,
         )
     return folder / "recording"
 

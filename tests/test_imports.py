@@ -1,6 +1,7 @@
 """Imports go one way, and heavy libraries stay in their places."""
 
 import ast
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -47,6 +48,17 @@ def test_heavy_libraries_stay_in_one_package(library: str, package: str) -> None
 
 def test_nlopt_is_imported_by_one_file() -> None:
     assert len([file for file in FILES if "nlopt" in imports(file)]) <= 1
+
+
+def test_each_room_says_what_belongs_there() -> None:
+    rooms = {file.parent for file in FILES}
+    silent = [room for room in rooms if not ast.get_docstring(ast.parse((room / "__init__.py").read_text("utf-8")))]
+    assert silent == []
+
+
+def test_output_has_one_door() -> None:
+    inner = [f for f in FILES if re.search(r"\bfabdesign\.output\.\w", f.read_text(encoding="utf-8"))]
+    assert {file.parent for file in inner} == {ROOT / "fabdesign" / "output"}
 
 
 def test_distributed_is_imported_by_one_file() -> None:

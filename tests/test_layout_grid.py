@@ -122,7 +122,7 @@ def test_a_grid_keeps_its_seconds(timed: GridResult) -> None:
     result = timed
     assert len(result.found) == result.total == 4
     assert 0.5 * SECONDS < result.wall_s < 1.05 * SECONDS
-    assert all(f.result and f.result.way is None for f in result.found if f not in result.front)
+    assert all(f.result and f.result.loading_path is None for f in result.found if f not in result.front)
 
 
 def test_more_muscles_and_a_second_face_are_never_worse(timed: GridResult) -> None:

@@ -322,7 +322,7 @@ def test_a_reduced_loop_on_the_rig(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     write_design(design, tmp_path / "start.toml")
     program = rising_program(HIDDEN, 0.3, 0.9)
     coarse = Resolution(element=0.04, step=1 / 240)
-    run_rig(design, [program], out=tmp_path / "hidden", key=tmp_path / "key.toml", resolution=coarse)
+    run_rig(design, [program], out=tmp_path / "hidden", truth=tmp_path / "key.toml", resolution=coarse)
     np.savetxt(tmp_path / "target.xyz", np.concatenate(read_set(tmp_path / "hidden").trials[0].load().frames[-6:]))
     rig = f'[rig]\nkey = "key.toml"\nelement = 0.04\nstep = {1 / 240}\n'
     text = (

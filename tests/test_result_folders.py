@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from fabdesign.catalogue import build
 from fabdesign.cli.console import commands
 from fabdesign.errors import InputError
-from fabdesign.mark import write_mark
+from fabdesign.output import write_mark
 from fabdesign.sensitivity_file import SensitivityStudy
 from fabdesign.varied import Varied
 from optimize.history import Entry, History

@@ -25,7 +25,7 @@ from fabdesign.muscle import Muscle
 from fabdesign.muscle_law import MuscleLaw
 from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import constant_program
-from studies.rig import EffectSetting, Key, Sensing, read_key, run_rig
+from studies.rig import EffectSetting, GroundTruth, Sensing, read_ground_truth, run_rig
 from studies.rig.cameras import faces
 from studies.rig.effects import EFFECTS, LISTED
 from studies.rig.motion import equilibrium, run
@@ -150,7 +150,7 @@ def test_time_error_through_jumps_of_pressure() -> None:
     times = np.arange(1, 13) / 60
 
     def motion(rate: int) -> Array:
-        return control_points(TrialTask(DUO, program, times, 0, Key(), Resolution(element=0.04, step=1 / rate)))
+        return control_points(TrialTask(DUO, program, times, 0, GroundTruth(), Resolution(element=0.04, step=1 / rate)))
 
     limit = motion(7680)
     errors = [np.sqrt(np.square(motion(rate) - limit).mean()) for rate in (480, 960, 1920)]
@@ -161,7 +161,7 @@ def motion_of(settings: tuple[EffectSetting, ...]) -> Array:
     """(T, n, 3) m seen of a short motion of three muscles."""
     times = np.arange(1, 13) / 24
     program = constant_program(np.array([3e5, 1e5, 2e5]), 0.5)
-    task = TrialTask(DUO, program, times, 2, Key(seed=1, effects=settings), COARSE)
+    task = TrialTask(DUO, program, times, 2, GroundTruth(seed=1, effects=settings), COARSE)
     scene = prepare(task)
     uv = np.stack(np.meshgrid(np.linspace(0, 0.2, 9), np.linspace(0, 0.2, 9)), axis=-1).reshape(-1, 2)
     seen = [faces(scene, x, uv, np.ones(len(uv))) for x in control_points(task)]
@@ -215,14 +215,14 @@ def test_dead_time_shifts_and_droop_counts_open_channels() -> None:
 
 
 def test_a_set_holds_points_with_the_stated_noise_and_not_the_key(tmp_path: Path) -> None:
-    key = Key(
+    truth = GroundTruth(
         seed=3,
         parameters={"bending": 1.1},
         effects=(EffectSetting("frame_tilt", {"about_x": 0.5}),),
         sensing=Sensing(frame_rate=10.0, points=4000, noise=0.001, strays=0.0),
     )
     program = constant_program(np.zeros(3), 0.3)
-    run_rig(DUO, [program, program], out=tmp_path / "set", key=key, test_trials=1, resolution=COARSE, workers=1)
+    run_rig(DUO, [program, program], out=tmp_path / "set", truth=truth, test_trials=1, resolution=COARSE, workers=1)
     measured = read_set(tmp_path / "set")
     assert [t.role for t in measured.trials] == ["fit", "test"]
     data = measured.trials[0].load()
@@ -311,7 +311,7 @@ def test_a_bad_key_is_refused_in_one_line(tmp_path: Path, text: str, says: str) 
     file = tmp_path / "key.toml"
     file.write_text(f'format = "fabdesign.key/1"\n{text}\n')
     with pytest.raises(InputError) as refused:
-        read_key(file)
+        read_ground_truth(file)
     assert says in str(refused.value)
     assert "\n" not in str(refused.value)
 
@@ -321,7 +321,7 @@ def test_it_measures_what_the_synthetic_rig_measured(data: Path) -> None:
     measured = next(t for t in read_set(data / "rig_c").trials if t.name == "002")
     clouds = measured.load()
     hold = np.flatnonzero((clouds.time > 1.37) & (clouds.time < 2.16))[::6]
-    task = TrialTask(measured.design, measured.program, clouds.time[hold], 0, Key(), Resolution(element=0.02))
+    task = TrialTask(measured.design, measured.program, clouds.time[hold], 0, GroundTruth(), Resolution(element=0.02))
     scene = prepare(task)
     u, v = np.meshgrid(np.linspace(0, 0.2, 41), np.linspace(0, 0.2, 81))
     uv = np.stack([u.ravel(), v.ravel()], axis=1)

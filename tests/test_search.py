@@ -56,8 +56,8 @@ def within(
     )
 
 
-def drawn_anew(campaign: int, best: Start) -> tuple[Sequence[Start], bool]:
-    return pressure_starts(SPACE, 7, seed=1 + campaign)[1:], True
+def drawn_anew(restart: int, best: Start) -> tuple[Sequence[Start], bool]:
+    return pressure_starts(SPACE, 7, seed=1 + restart)[1:], True
 
 
 def found_pressures(searched: Evaluations) -> np.ndarray:
@@ -71,7 +71,7 @@ def test_pressures_are_recovered_from_a_noisy_cloud(measure: Measure, share: int
     objective = Objective([Target(target.points[::share], target.time)], measure=measure)
     with History(":memory:", "a") as history:
         searched = within(history, objective=objective)
-        reason = search(searched, fresh=drawn_anew)
+        reason = search(searched, further=drawn_anew)
     # 0.6 mm of noise on 420 points and more leaves some 0.05 mm of shape undecided: a few kPa
     np.testing.assert_allclose(found_pressures(searched), TRUTH, atol=8e3)
     assert reason.startswith("converged")

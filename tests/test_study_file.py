@@ -31,7 +31,7 @@ edge = 0.002
 seconds = 12
 evaluations = 500
 """
-LEAST = 'kind = "optimize"\ndesign = "vertical.toml"\n[target]\nfile = "target.ply"\n'
+SHORTEST = 'kind = "optimize"\ndesign = "vertical.toml"\n[target]\nfile = "target.ply"\n'
 
 
 @pytest.fixture
@@ -59,38 +59,38 @@ def test_every_key_is_read(folder: Path) -> None:
 
 
 def test_defaults(folder: Path) -> None:
-    read = read_study(study(folder, LEAST))
+    read = read_study(study(folder, SHORTEST))
     assert (read.pressures, read.positions, read.muscles, read.objective) == (True, False, None, "chamfer")
     assert read.limits == StudyLimits()
     assert read.targets[0].frame == -1
-    assert read_study(study(folder, LEAST + "[variables]\nmuscles = { max = 4 }")).positions
+    assert read_study(study(folder, SHORTEST + "[variables]\nmuscles = { max = 4 }")).positions
 
 
 def test_several_targets_share_a_layout(folder: Path) -> None:
-    text = LEAST.replace("[target]", "[[targets]]") + '[[targets]]\nfile = "target.ply"\n'
+    text = SHORTEST.replace("[target]", "[[targets]]") + '[[targets]]\nfile = "target.ply"\n'
     assert len(read_study(study(folder, text)).targets) == 2
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (LEAST.replace("vertical.toml", "none.toml"), "none.toml: no such file"),
-        (LEAST.replace("target.ply", "none.ply"), "file .*none.ply is not there"),
-        (LEAST.replace("optimize", "optimise"), 'kind = "optimise"; expected one of optimize'),
-        (LEAST.replace("optimize", "sensitivity"), 'kind = "sensitivity"; expected "optimize"'),
-        ('format = "fabdesign.study/2"\n' + LEAST, 'format is "fabdesign.study/2"'),
+        (SHORTEST.replace("vertical.toml", "none.toml"), "none.toml: no such file"),
+        (SHORTEST.replace("target.ply", "none.ply"), "file .*none.ply is not there"),
+        (SHORTEST.replace("optimize", "optimise"), 'kind = "optimise"; expected one of optimize'),
+        (SHORTEST.replace("optimize", "sensitivity"), 'kind = "sensitivity"; expected "optimize"'),
+        ('format = "fabdesign.study/2"\n' + SHORTEST, 'format is "fabdesign.study/2"'),
         ('kind = "optimize"\ndesign = "vertical.toml"\n', r"expected one \[target\]"),
-        (LEAST + '[[targets]]\nfile = "target.ply"\n', r"expected one \[target\]"),
-        (LEAST + "[variables]\npresures = true\n", "unknown key presures .did you mean pressures"),
-        (LEAST + "[variables]\npressures = false\n", "nothing may change"),
-        (LEAST + "[variables]\npressures = false\nmuscles = { max = 3 }\n", "muscles without pressures"),
-        (LEAST + "[variables]\nmuscles = { min = 3, max = 2 }\n", "max = 2"),
-        (LEAST + '[variables]\nmuscles = { max = 2, sides = ["left"] }\n', "sides"),
-        (LEAST + "[limits]\npressure = [0, 1200]\n", "at most 1000 kPa"),
-        (LEAST + "[limits]\npressure = [300, 200]\n", "lowest, highest"),
-        (LEAST + "[limits]\nseconds = 0\n", "seconds"),
-        (LEAST + "[limits]\nedge = 0.1\n", "less than half the cloth"),
-        ("start_pressures = [1, 2]\n" + LEAST, "3 pressures in kPa"),
+        (SHORTEST + '[[targets]]\nfile = "target.ply"\n', r"expected one \[target\]"),
+        (SHORTEST + "[variables]\npresures = true\n", "unknown key presures .did you mean pressures"),
+        (SHORTEST + "[variables]\npressures = false\n", "nothing may change"),
+        (SHORTEST + "[variables]\npressures = false\nmuscles = { max = 3 }\n", "muscles without pressures"),
+        (SHORTEST + "[variables]\nmuscles = { min = 3, max = 2 }\n", "max = 2"),
+        (SHORTEST + '[variables]\nmuscles = { max = 2, sides = ["left"] }\n', "sides"),
+        (SHORTEST + "[limits]\npressure = [0, 1200]\n", "at most 1000 kPa"),
+        (SHORTEST + "[limits]\npressure = [300, 200]\n", "lowest, highest"),
+        (SHORTEST + "[limits]\nseconds = 0\n", "seconds"),
+        (SHORTEST + "[limits]\nedge = 0.1\n", "less than half the cloth"),
+        ("start_pressures = [1, 2]\n" + SHORTEST, "3 pressures in kPa"),
     ],
 )
 def test_each_mistake_is_one_line(folder: Path, text: str, message: str) -> None:
@@ -102,7 +102,7 @@ def test_each_mistake_is_one_line(folder: Path, text: str, message: str) -> None
 def test_a_design_without_muscles_is_refused_where_muscles_are_not_searched(folder: Path) -> None:
     bare = build("vertical")
     write_design(type(bare)("bare", bare.fabric, bare.muscle_types, ()), folder / "bare.toml")
-    text = LEAST.replace("vertical", "bare")
+    text = SHORTEST.replace("vertical", "bare")
     with pytest.raises(InputError, match="bare has no muscles"):
         read_study(study(folder, text))
     assert read_study(study(folder, text + "[variables]\nmuscles = { max = 2 }\n")).muscles == MuscleChoice(1, 2)

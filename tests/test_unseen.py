@@ -128,7 +128,7 @@ def test_shapes_have_intervals_and_the_best_measurement_is_said(folder: Path) ->
 
 def test_a_model_that_is_not_to_be_believed_or_of_another_grid_is_said_to_be(folder: Path) -> None:
     model = read_model(folder / "m.toml")
-    parameters = dict(model.parameters) | {"bending": Parameter(1.2, believable=False)}
+    parameters = dict(model.parameters) | {"bending": Parameter(1.2, reliable=False)}
     write_model(replace(model, parameters=parameters, points_per_side=61), folder / "n.toml")
     (folder / "s.toml").write_text(STUDY.replace("m.toml", "n.toml") + "samples = 8\n")
     study = read_unseen(folder / "s.toml")

@@ -55,7 +55,7 @@ def check(files: tuple[Path, ...], as_json: bool) -> None:
     """
     from studies.check import inspect
 
-    found = {str(file): inspect(file) for file in files}
+    findings = {str(file): inspect(file) for file in files}
     if as_json:
         listed = {
             name: {
@@ -64,10 +64,10 @@ def check(files: tuple[Path, ...], as_json: bool) -> None:
                 "warnings": [*of.warnings],
                 "notes": [*of.notes],
             }
-            for name, of in found.items()
+            for name, of in findings.items()
         }
         click.echo(json.dumps({"files": listed}))
-    for name, of in found.items():
+    for name, of in findings.items():
         for line in of.problems:
             click.echo(f"fabdesign: {line}", err=True)
         for line in () if of.problems else of.warnings:  # what is not sound is mended first
@@ -76,7 +76,7 @@ def check(files: tuple[Path, ...], as_json: bool) -> None:
             click.echo(f"note: {line}", err=True)
         if not of.problems and not as_json:
             click.echo(f"{name}: sound" + _counted(of.warnings))
-    if any(of.problems for of in found.values()):
+    if any(of.problems for of in findings.values()):
         sys.exit(2)
 
 

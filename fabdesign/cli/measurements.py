@@ -5,6 +5,7 @@ from typing import Literal
 
 import click
 
+from fabdesign.bench_file import is_bench
 from fabdesign.cli.console import (
     FILE,
     GRID,
@@ -20,7 +21,6 @@ from fabdesign.cli.console import (
 from fabdesign.cli.models import effects_option
 from fabdesign.cli.progress import counted, described
 from fabdesign.errors import InputError
-from fabdesign.inputs import is_bench
 
 
 @commands.command()
@@ -150,7 +150,7 @@ def calibrate(
     from studies.calibration.report import as_text
 
     with described("calibrating") as shown:
-        found = interface.calibrate(
+        calibrated = interface.calibrate(
             sources,
             output,
             fit=None if fit is None else orders_of(fit),
@@ -164,7 +164,7 @@ def calibrate(
             progress=shown,
             say=tell,
         ).found
-    print_result(found.as_json() | {"model": str(output)}, f"{output}: {as_text(found)}", as_json)
+    print_result(calibrated.as_json() | {"model": str(output)}, f"{output}: {as_text(calibrated)}", as_json)
 
 
 def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Path, force: bool, as_json: bool) -> None:
@@ -229,7 +229,7 @@ def rig(
             programs,
             more=others,
             out=output,
-            key=key,
+            truth=key,
             recording=recording,
             test_trials=test_trials,
             force=force,

@@ -11,7 +11,7 @@ from fabdesign.model import PARTS, Model
 
 def _register(context: click.Context, parameter: click.Parameter, files: tuple[Path, ...]) -> tuple[Path, ...]:
     from fabdesign.effects import register_file
-    from fabdesign.inputs import always_input
+    from fabdesign.output import always_input
 
     for file in files:
         register_file(file)
@@ -35,7 +35,7 @@ def parts_of(without: str | None) -> list[str]:
 
 def load_model(path: Path | None, without: str | None = None) -> Model | None:
     """The model of a file, less the parts named; what was left out, and whether it is stale, goes to standard error."""
-    from fabdesign.usable_model import usable_model
+    from fabdesign.model_file import usable_model
 
     if path is None:
         if without is not None:
@@ -62,5 +62,5 @@ def effects(name: str | None, as_json: bool) -> None:
     if name is None:
         print_result({"effects": json_of(EFFECTS)}, as_text(EFFECTS), as_json)
         return
-    found = effect_named(name, "effects")
-    print_result({"effects": json_of({name: found})}, one_as_text(found), as_json)
+    effect = effect_named(name, "effects")
+    print_result({"effects": json_of({name: effect})}, one_as_text(effect), as_json)

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from fabdesign.bench_file import is_bench
 from fabdesign.cli.console import (
     FILE,
     FINITE,
@@ -25,7 +26,6 @@ from fabdesign.cli.console import (
 from fabdesign.cli.models import effects_option, load_model, parts_of, without_option
 from fabdesign.cli.progress import described
 from fabdesign.errors import InputError
-from fabdesign.inputs import is_bench
 
 
 @commands.command()
@@ -163,7 +163,7 @@ def predict(
     from fabdesign import interface
 
     with described("predicting") as shown:
-        found = interface.predict(
+        prediction = interface.predict(
             model,
             sources,
             output,
@@ -174,7 +174,7 @@ def predict(
             progress=shown,
             say=tell,
         )
-    files = [str(file) for file in found]
+    files = [str(file) for file in prediction]
     print_result({"motions": files}, f"{output}: {len(files)} motions", as_json)
 
 

@@ -21,9 +21,9 @@ def list_results(folders: tuple[Path, ...], as_json: bool) -> None:
     """List the results in FOLDERS and below, by default here, a line each."""
     from studies.result_folders import folders_below
 
-    found = folders_below(folders or (Path(),))
-    lines = [f"{folder.path}: {folder.made_by}{_headline_in_words(folder.headline)}" for folder in found]
-    results = [{"folder": str(one.path), "made_by": one.made_by, **one.headline} for one in found]
+    below = folders_below(folders or (Path(),))
+    lines = [f"{folder.path}: {folder.made_by}{_headline_in_words(folder.headline)}" for folder in below]
+    results = [{"folder": str(one.path), "made_by": one.made_by, **one.headline} for one in below]
     print_result({"results": results}, "\n".join(lines) or "no results", as_json)
 
 
@@ -34,10 +34,13 @@ def show(folder: Path, as_json: bool) -> None:
     """Show every value of a result."""
     from studies.result_folders import read_folder
 
-    found = read_folder(folder)
-    lines = [f"{found.path}: {found.made_by}", *(f"  {name}: {_cell(value)}" for name, value in found.figures.items())]
-    content = {"folder": str(found.path), "made_by": found.made_by, "result": dict(found.result)}
-    print_result(content, "\n".join(lines if found.result else [*lines, "  no result yet"]), as_json)
+    result = read_folder(folder)
+    lines = [
+        f"{result.path}: {result.made_by}",
+        *(f"  {name}: {_cell(value)}" for name, value in result.figures.items()),
+    ]
+    content = {"folder": str(result.path), "made_by": result.made_by, "result": dict(result.result)}
+    print_result(content, "\n".join(lines if result.result else [*lines, "  no result yet"]), as_json)
 
 
 @studies_group.command()
@@ -70,8 +73,7 @@ def table(folder: Path, output: Path, force: bool, as_json: bool) -> None:
     A NAME.db, of a search alone, is a study store that Optuna's dashboard opens: optuna-dashboard sqlite:///NAME.db
     """
     from fabdesign.output import new_file
-    from studies.evaluations_table import read_evaluations, write_evaluations
-    from studies.optuna_store import write_optuna_store
+    from studies.evaluations_table import read_evaluations, write_evaluations, write_optuna_store
 
     kind = output.suffix.lower()
     if kind not in (".csv", ".parquet", ".db"):
@@ -82,13 +84,13 @@ def table(folder: Path, output: Path, force: bool, as_json: bool) -> None:
     if kind == ".db":
         import optuna  # noqa: F401 the same
     with new_file(output, force=force) as unfinished:
-        found = read_evaluations(folder)
+        evaluations = read_evaluations(folder)
         if kind == ".db":
-            write_optuna_store(found, unfinished, folder.resolve().name)
+            write_optuna_store(evaluations, unfinished, folder.resolve().name)
         else:
-            write_evaluations(found, unfinished)
-    result = {"file": str(output), "rows": len(found.rows), "columns": list(found.columns)}
-    print_result(result, f"{output}: {len(found.rows)} rows, {len(found.columns)} columns", as_json)
+            write_evaluations(evaluations, unfinished)
+    result = {"file": str(output), "rows": len(evaluations.rows), "columns": list(evaluations.columns)}
+    print_result(result, f"{output}: {len(evaluations.rows)} rows, {len(evaluations.columns)} columns", as_json)
 
 
 def _headline_in_words(figures: dict[str, Any]) -> str:

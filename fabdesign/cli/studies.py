@@ -9,6 +9,7 @@ import click
 from fabdesign.cli.console import FILE, SECONDS, cluster_option, commands, force_option, json_option, print_result
 from fabdesign.cli.models import effects_option
 from fabdesign.cli.progress import described
+from fabdesign.units import in_mm
 
 Command = Callable[..., None]
 
@@ -47,8 +48,8 @@ def demo(output: Path, force: bool, as_json: bool) -> None:
     from studies.layouts.progress import LiveLine
 
     with LiveLine("demo") as line:
-        found = run_demo(output, force=force, progress=lambda name, evaluations: line.show(evaluations), say=line.say)
-    print_result(json_of(found), f"{as_text(found)}\nreport: {output / 'report.html'}", as_json)
+        outcome = run_demo(output, force=force, progress=lambda name, evaluations: line.show(evaluations), say=line.say)
+    print_result(json_of(outcome), f"{as_text(outcome)}\nreport: {output / 'report.html'}", as_json)
 
 
 @commands.command()
@@ -63,13 +64,13 @@ def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_j
     from studies.layouts.run import run_study
 
     with LiveLine(study.stem) as line:
-        found = run_study(study, output, seconds=seconds, force=force, progress=line.show)
-    result = found.as_json()
+        outcome = run_study(study, output, seconds=seconds, force=force, progress=line.show)
+    result = outcome.as_json()
     text = (
         f"{output}: {result['objective_mm']:.3f} mm (Chamfer {result['chamfer']:.3f}, noise floor "
         f"{result['chamfer_floor']:.3f}) after {result['evaluations']} evaluations; {result['stop_reason']}"
     )
-    outputs = [f"{name}: {', '.join(values)}" for name, values in found.outputs.items()]
+    outputs = [f"{name}: {', '.join(values)}" for name, values in outcome.outputs.items()]
     after = [result["fewer"]["said"]] if result["fewer"] else []
     after += result["robust"]["said"] if result["robust"] else []
     said = [*after, *result["reach"]["said"], *result["way"]["said"]]
@@ -127,7 +128,7 @@ def _layouts(study: Path, output: Path, *, seconds: float | None, force: bool, a
     with LiveLine(study.stem) as line:
 
         def show(cell: Cell, number: int, total: int, evaluations: Evaluations) -> None:
-            best = "none yet" if evaluations.best is None else f"{1e3 * evaluations.best.value:.3f} mm"
+            best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.3f} mm"
             line.say(f"{cell.name}, {number} of {total}: best {best}, {evaluations.elapsed:.0f} s in this cell")
 
         result = run_layouts(study, output, seconds=seconds, force=force, progress=show)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from fabdesign.bench_file import is_bench
 from fabdesign.cli.console import (
     FILE,
     GRID,
@@ -16,7 +17,7 @@ from fabdesign.cli.console import (
     tell,
 )
 from fabdesign.cli.models import effects_option
-from fabdesign.inputs import is_bench
+from fabdesign.units import from_mm
 
 
 @commands.command()
@@ -52,15 +53,15 @@ def trace(
         _trace_bench(source, tolerance, output, force, as_json)
         return
     from fabdesign import interface
-    from studies.tracing.live import LiveLine
+    from studies.tracing.live import TraceLine
     from studies.tracing.words import as_text
 
-    with LiveLine(f"trace {source.name}") as line:
+    with TraceLine(f"trace {source.name}") as line:
         outcome = interface.trace(
             source,
             output,
             model=model,
-            tolerance=None if tolerance is None else tolerance / 1e3,
+            tolerance=None if tolerance is None else from_mm(tolerance),
             grid=grid,
             seed=seed,
             force=force,
@@ -73,9 +74,9 @@ def trace(
 def _trace_bench(source: Path, tolerance: float | None, output: Path, force: bool, as_json: bool) -> None:
     from studies.tracing.bench import TOLERANCE, trace_bench
     from studies.tracing.bench_report import as_text
-    from studies.tracing.live import LiveLine
+    from studies.tracing.live import TraceLine
 
     share = TOLERANCE if tolerance is None else tolerance / 100
-    with LiveLine(f"trace {source.name}") as line:
+    with TraceLine(f"trace {source.name}") as line:
         outcome = trace_bench(source, output, tolerance=share, force=force, say=line.show)
     print_result(outcome.as_json(), f"{output}: {as_text(outcome)}", as_json)

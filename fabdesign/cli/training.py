@@ -76,6 +76,6 @@ def train(
             say=tell,
         )
     weights, skipped = str(output.with_suffix(".safetensors")), [*trained.skipped]
-    found = trained.found.as_json() | {"model": str(output), "weights": weights, "skipped": skipped}
+    told = trained.found.as_json() | {"model": str(output), "weights": weights, "skipped": skipped}
     text = [f"{output}: {as_text(trained.found)}", *(f"skipped: {line}" for line in skipped)]
-    print_result(found, "\n".join(text), as_json)
+    print_result(told, "\n".join(text), as_json)

@@ -90,8 +90,8 @@ def view(
         items = items_of(files, trial=trial, design=design, model=fitted, forward=forward)
         more = writer(kind, times, places)(items, unfinished)
     panels = [{"title": item.title, "frames": len(item.frames)} for item in items]
-    for panel, found in zip(panels, more, strict=bool(more)):
-        panel |= found
+    for panel, distance in zip(panels, more, strict=bool(more)):
+        panel |= distance
     said = ", ".join(f"{panel['title']} ({panel['frames']} frames)" for panel in panels)
     print_result({"file": str(output), "panels": panels}, f"{output}: {said}", as_json)
 

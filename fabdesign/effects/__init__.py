@@ -1,4 +1,5 @@
-"""Effects: what a quasi-static model of cloth and muscles lacks, declared (docs/effects.md)."""
+"""Effects: what a quasi-static model of cloth and muscles lacks, declared (docs/effects.md). Belongs here: a
+declaration, what acts before and after the kernels; forces with memory are in `sim.effects`."""
 
 from fabdesign.effects.bench import MuscleRecord
 from fabdesign.effects.declaration import Effect, EffectParameter

@@ -17,8 +17,8 @@ def terms_of(case: Case) -> tuple[Term, ...]:
     """What acts in a case: what its design's benches found, then its own. An effect of the case replaces the design's
     of the same name and scope; one without a scope those of any."""
     own = {(term.name, term.scope) for term in case.effects}
-    found = (t for t in case.design.effects if not {(t.name, t.scope), (t.name, None)} & own)
-    return (*found, *case.effects)
+    declared = (t for t in case.design.effects if not {(t.name, t.scope), (t.name, None)} & own)
+    return (*declared, *case.effects)
 
 
 def active(case: Case) -> Iterator[tuple[Effect, dict[str, float], Term]]:

@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 from fabdesign.effects.bench import MuscleRecord
 from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
 from fabdesign.effects.specimen import Specimen
+from fabdesign.units import from_kpa
 
 
 # Threshold pressure: a muscle's bladder must be blown up before pressure contracts the braid.
 def _threshold_pressure_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
-    threshold, width = 1e3 * values["threshold"], 1e3 * values["width"]
+    threshold, width = from_kpa(values["threshold"]), from_kpa(values["width"])
     # so a threshold of nothing leaves the pressure as it is; from 2 (4) widths on the width is right to 4 (0.1) %
     narrowed = width * np.tanh(threshold / width)
     return specimen.with_muscles(muscles, threshold_pressure=threshold, threshold_width=narrowed)
@@ -41,7 +42,7 @@ THRESHOLD_PRESSURE = Effect(
 def _braid_hysteresis_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
     return specimen.with_muscles(
         muscles,
-        friction_per_pressure=values["friction"] / 1e3,
+        friction_per_pressure=values["friction"] / 1e3,  # N/Pa
         friction_at_zero=values["friction_at_zero"],
         friction_slip=values["slip"],
     )
@@ -50,11 +51,11 @@ def _braid_hysteresis_specimen(specimen: Specimen, values: Values, muscles: NDAr
 def _braid_hysteresis_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
     limit = (values["friction_at_zero"] + values["friction"] / 1e3 * record.pressure).tolist()
     drawn = np.diff(record.contraction, prepend=record.contraction[0]).tolist()
-    force, found = 0.0, []
+    force, forces = 0.0, []
     for most, more in zip(limit, drawn, strict=True):
         force = min(max(force + most / values["slip"] * more, -most), most)
-        found.append(force)
-    return replace(record, friction=record.friction + np.array(found))
+        forces.append(force)
+    return replace(record, friction=record.friction + np.array(forces))
 
 
 BRAID_HYSTERESIS = Effect(

@@ -43,11 +43,11 @@ def _filling_lag_pressure(acting: ActingPressure, values: Values) -> ActingPress
 def _filling_lag_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
     """A row's pressure is set until the next row."""
     told, steps = record.pressure.tolist(), np.diff(record.time).tolist()
-    p, found = told[0], [told[0]]
+    p, pressures = told[0], [told[0]]
     for goal, step in zip(told, steps, strict=False):
         p = goal + (p - goal) * float(np.exp(-step / max(values["fill" if goal > p else "empty"], SHORTEST)))
-        found.append(p)
-    return replace(record, pressure=np.array(found))
+        pressures.append(p)
+    return replace(record, pressure=np.array(pressures))
 
 
 FILLING_LAG = Effect(

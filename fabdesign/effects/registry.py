@@ -6,6 +6,7 @@ import importlib.util
 import shutil
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from fabdesign.effects.pneumatics import DEAD_TIME, FILLING_LAG, LINE_LOSS, SUPP
 from fabdesign.effects.sensing import REGISTRATION_BIAS, SCALE_ERROR, TIME_OFFSET
 from fabdesign.errors import InputError
 from fabdesign.table import nearest
+from fabdesign.term import Term
 
 GROUP = "fabdesign.effects"  # entry points of installed packages, each an Effect
 
@@ -76,10 +78,10 @@ def register_file(path: Path | str) -> None:
         except Exception as error:
             del sys.modules[name]
             raise InputError(f"{path}: {type(error).__name__}: {error}; expected a file that Python runs") from error
-    found = [value for value in vars(module).values() if isinstance(value, Effect)]
-    if not found:
+    declared = [value for value in vars(module).values() if isinstance(value, Effect)]
+    if not declared:
         raise InputError(f"{path}: declares no effect; expected a fabdesign.effects.Effect at its top level")
-    for effect in found:
+    for effect in declared:
         register(effect, str(path))
     _files[path.stem] = path.read_text(encoding="utf-8")
 
@@ -134,3 +136,14 @@ def force_of(effect: Effect) -> Any:
         return effect.force
     module, name = effect.force.split(":")
     return getattr(importlib.import_module(module), name)
+
+
+def labels_of(terms: Sequence[Term]) -> tuple[str, ...]:
+    """Of each term: its effect's name; of several of one effect "NAME:VALUE,..." by its chosen parameters."""
+    names = [term.name for term in terms]
+    return tuple(term.name if names.count(term.name) == 1 else f"{term.name}:{_chosen(term)}" for term in terms)
+
+
+def _chosen(term: Term) -> str:
+    effect = EFFECTS[term.name]
+    return ",".join(f"{effect.values(term.values)[name]:g}" for name in effect.chosen)

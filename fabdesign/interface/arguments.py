@@ -11,19 +11,20 @@ from typing import Any
 
 import numpy as np
 
+from fabdesign.bench_file import is_bench
 from fabdesign.cluster import VARIABLE, current, on_cluster
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
-from fabdesign.inputs import is_bench
 from fabdesign.measurement_set import read_set
 from fabdesign.model import Model
+from fabdesign.model_file import usable_model
 from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.pressure_file import constant_program, read_pressures
 from fabdesign.study_file import read_cluster
 from fabdesign.trial import MeasurementSet
-from fabdesign.usable_model import usable_model
+from fabdesign.units import from_kpa
 
 DesignLike = Design | Path | str
 ModelLike = Model | Path | str
@@ -121,7 +122,7 @@ def one_program(pressures: Pressures, design: Design) -> PressureProgram:
     if isinstance(pressures, Path | str):
         return read_pressures(pressures, design)
     if not isinstance(pressures, PressureProgram):
-        pressures = constant_program(1e3 * np.asarray(pressures, dtype=float))
+        pressures = constant_program(from_kpa(np.asarray(pressures, dtype=float)))
     require_pressures(pressures, design, f"pressures of {design.name}")
     return pressures
 

@@ -60,9 +60,9 @@ def calibrate(
     from studies.calibration.fitted_model import muscle_scope
     from studies.sensitive_stretches import GRID as COARSE
 
-    checked = [sound_trials(found, skip_bad=skip_bad) for found in all_sets(measured)]
+    checked = [sound_trials(read, skip_bad=skip_bad) for read in all_sets(measured)]
     base = one_model(model, say=say) or Model()
-    designs = [design for found, _ in checked for design in found.designs.values()]
+    designs = [design for read, _ in checked for design in read.designs.values()]
     vector = fit_vector(
         free,
         fix,
@@ -73,7 +73,7 @@ def calibrate(
         size=(designs[0].fabric.width, designs[0].fabric.height),
     )
     with _file(out, force, paths_of(measured, model)) as unfinished, computing(cluster):
-        found = calibrate_sets(
+        calibration = calibrate_sets(
             [sound for sound, _ in checked],
             simulator(grid),
             slopes=simulator(min(grid, POINTS_PER_SIDE)),
@@ -87,8 +87,8 @@ def calibrate(
             progress=progress,
         )
         if unfinished is not None:
-            write_model(found.model, unfinished)
-    return Calibrated(found)
+            write_model(calibration.model, unfinished)
+    return Calibrated(calibration)
 
 
 def evaluate(
@@ -119,10 +119,10 @@ def evaluate(
 
     fitted = _model(model, without, say)
     roles: tuple[Role, ...] = ("test", "fit") if all_trials else ("test",)
-    checked = [sound_trials(found, skip_bad=skip_bad, roles=roles) for found in all_sets(measured)]
+    checked = [sound_trials(read, skip_bad=skip_bad, roles=roles) for read in all_sets(measured)]
     sets = [sound for sound, _ in checked]
     with _folder(out, "evaluate", force, paths_of(measured, model)) as unfinished, computing(cluster):
-        trials = [trial for found in sets for trial in found.trials]
+        trials = [trial for read in sets for trial in read.trials]
         forward = simulator(grid) if grid else enough_points(fitted, trials, simulator, tell=say)
         evaluation = evaluate_sets(
             fitted,
@@ -215,7 +215,7 @@ def train(
     from studies.training.train import train as train_on
 
     base, out = one_model(model, say=say), Path(out)
-    checked = [sound_trials(found, skip_bad=skip_bad) for found in all_sets(measured)]
+    checked = [sound_trials(read, skip_bad=skip_bad) for read in all_sets(measured)]
     beside = out.with_suffix(".safetensors").name
     places = new_files(out, companions=[beside], force=force, inputs=paths_of(measured, model))
     with places as unfinished, computing(cluster):
@@ -277,10 +277,10 @@ def trace(
 
 
 def _model(model: ModelLike, without: Sequence[str], say: Say) -> Model:
-    found = one_model(model, without, say)
-    if found is None:
+    fitted = one_model(model, without, say)
+    if fitted is None:
         raise InputError("model: None; expected a model or its file")
-    return found
+    return fitted
 
 
 def _name(folder: str, trial: Trial) -> str:

@@ -23,6 +23,7 @@ from fabdesign.interface.arguments import (
 from fabdesign.interface.results import Motion, Sweep
 from fabdesign.model import Model
 from fabdesign.pressure import PressureProgram
+from fabdesign.units import in_kpa
 
 FRAME_RATE = 60.0  # Hz, as `fabdesign simulate` has it
 _AT_ONCE = 64  # what the simulator takes side by side
@@ -62,12 +63,12 @@ def simulate(
     times = [frame_times(p, duration=duration, frame_rate=frame_rate, points_per_side=side) for _, p in given]
     with computing(cluster):
         forward = simulator(side, self_contact=self_contact)
-        found: list[Motion] = []
+        results: list[Motion] = []
         for part in _parts(given, progress, "simulated"):
             cases = [Case(*pair, order=order) for pair in given[part]]
             motions = require_motions(forward, cases, times[part], model=fitted)
-            found += [Motion(each.time, each.points) for each in motions]
-    return found[0] if lone else found
+            results += [Motion(each.time, each.points) for each in motions]
+    return results[0] if lone else results
 
 
 def equilibrium(
@@ -103,11 +104,11 @@ def equilibrium(
         forward = simulator(
             grid or (fitted or Model()).points_per_side, self_contact=self_contact, rise=rise, hold=hold
         )
-        found: list[Motion] = []
+        results: list[Motion] = []
         for part in _parts(given, progress, "simulated"):
             cases = [Case(*pair, order=order) for pair in given[part]]
-            found += [Motion(each.time, each.points) for each in require_shapes(forward, cases, model=fitted)]
-    return found[0] if lone else found
+            results += [Motion(each.time, each.points) for each in require_shapes(forward, cases, model=fitted)]
+    return results[0] if lone else results
 
 
 def sweep(
@@ -150,13 +151,13 @@ def sweep(
         forward = forward_model(bare, fitted)
         try:
             for part in _parts(given, progress, "swept"):
-                found = _shapes(forward, [Case(*pair, order=order) for pair in given[part]], at)
-                rows += [[_value(function, motion) for function in outputs.values()] for motion in found]
+                shapes = _shapes(forward, [Case(*pair, order=order) for pair in given[part]], at)
+                rows += [[_value(function, motion) for function in outputs.values()] for motion in shapes]
         except KeyboardInterrupt:
             progress(f"interrupted, with {len(rows)} of {len(given)} rows", len(rows) / len(given))
     values = dict(zip(outputs, np.array(rows).reshape(-1, len(outputs)).T, strict=True))
     done = given[: len(rows)]
-    last = [program.pressure[-1] / 1e3 for _, program in done]
+    last = [in_kpa(program.pressure[-1]) for _, program in done]
     return Sweep(tuple(design for design, _ in done), tuple(last), values, len(rows) == len(given))
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.design import Design
 from fabdesign.errors import InputError
 from fabdesign.model import Model
+from fabdesign.units import in_mm
 
 if TYPE_CHECKING:
     import pandas
@@ -186,7 +187,7 @@ class Evaluated(Tabled):
         columns["judged"] = [trial.used for _, trial in rows]
         for when in ("before", "after"):
             for error in ("chamfer", "chamfer_floor", "surface_rms", "surface_floor"):
-                columns[f"{error}_{when}"] = [1e3 * getattr(getattr(trial, when), error) for _, trial in rows]
+                columns[f"{error}_{when}"] = [in_mm(getattr(getattr(trial, when), error)) for _, trial in rows]
         return columns
 
 

@@ -28,6 +28,7 @@ from fabdesign.interface.arguments import (
 from fabdesign.interface.results import Motion
 from fabdesign.interface.study_results import Layouts, Optimized, Sensitivity
 from fabdesign.table import Table
+from fabdesign.units import in_mm
 
 Target = ArrayLike | Path | str  # (n, 3) m, or a cloud, mesh or trial
 
@@ -260,5 +261,5 @@ def _of_motion(function: Callable[[Motion], float]) -> Callable[[NDArray[np.floa
 
 
 def _best(evaluations: Any) -> str:
-    best = "none yet" if evaluations.best is None else f"{1e3 * evaluations.best.value:.3f} mm"
+    best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.3f} mm"
     return f"best {best} after {evaluations.history.evaluations} evaluations"

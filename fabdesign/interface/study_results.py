@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from fabdesign.design import Design
 from fabdesign.errors import InputError
 from fabdesign.interface.results import Motion, Tabled
+from fabdesign.units import in_kpa, in_mm
 
 if TYPE_CHECKING:
     from studies.layout_grid.result import GridResult
@@ -30,7 +31,7 @@ class Optimized(Tabled):
     @property
     def pressures(self) -> NDArray[np.float64]:
         """(poses, channels) kPa."""
-        return self.found.pressures / 1e3
+        return in_kpa(self.found.pressures)
 
     @property
     def shapes(self) -> list[Motion]:
@@ -48,7 +49,7 @@ class Optimized(Tabled):
         history = self.found.history
         return {
             "evaluation": [*range(1, len(history) + 1)],
-            "objective_mm": [1e3 * entry.objective for entry in history],
+            "objective_mm": [in_mm(entry.objective) for entry in history],
             "diverged": [entry.diverged for entry in history],
         }
 

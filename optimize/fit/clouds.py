@@ -94,9 +94,9 @@ def _match_one(s: int, sample: Sample, motion: Motion) -> list[tuple[Array | Ind
     return parts
 
 
-def frames_of(found: Match, rows: NDArray[np.bool_] | slice = slice(None)) -> tuple[Indices, list[Indices]]:
+def frames_of(match: Match, rows: NDArray[np.bool_] | slice = slice(None)) -> tuple[Indices, list[Indices]]:
     """Of the points `rows`, counted among themselves: the frame of each, and the points of each frame."""
-    _, frame = np.unique(found.sample[rows] * 100_000 + found.frame[rows], return_inverse=True)
+    _, frame = np.unique(match.sample[rows] * 100_000 + match.frame[rows], return_inverse=True)
     return frame, np.split(np.argsort(frame, kind="stable"), np.cumsum(np.bincount(frame))[:-1])
 
 
@@ -112,11 +112,11 @@ class Nodes:
     weighted: Array  # (N, 4, 3): minus the normal, by bilinear weight
 
 
-def nodes_of(found: Match, side: int, face: int = SIDE) -> Nodes:
+def nodes_of(match: Match, side: int, face: int = SIDE) -> Nodes:
     """side: nodes a side of the grid that the derivatives are made on; face: points a side of the faces matched."""
-    place = found.vertex % (face * face)
+    place = match.vertex % (face * face)
     across, down = (
-        np.einsum("nc,nc->n", found.weights, k.astype(np.float64)) * (side - 1) / (face - 1)
+        np.einsum("nc,nc->n", match.weights, k.astype(np.float64)) * (side - 1) / (face - 1)
         for k in (place % face, place // face)
     )
     column, row = (np.clip(at.astype(np.intp), 0, side - 2) for at in (across, down))
@@ -124,21 +124,21 @@ def nodes_of(found: Match, side: int, face: int = SIDE) -> Nodes:
     first = row * side + column
     node = np.stack([first, first + 1, first + side, first + side + 1], axis=1)
     weights = np.stack([(1 - a) * (1 - b), a * (1 - b), (1 - a) * b, a * b], axis=1)
-    return Nodes(node, -weights[:, :, None] * found.normal[:, None, :])
+    return Nodes(node, -weights[:, :, None] * match.normal[:, None, :])
 
 
-def derivatives(found: Match, nodes: Nodes, changes: Sequence[Motion]) -> Array:
+def derivatives(match: Match, nodes: Nodes, changes: Sequence[Motion]) -> Array:
     """(N, k) m: change of each residual. changes: (k, F, n, n, 3) m a sample, of the mid-surface.
 
     To first order the distance changes by the motion of the matched place along the normal: where the nearest place
     slides to does not matter, as it is the nearest. NaN where a change is not known.
     """
-    result = np.empty((len(found.residual), len(changes[0])))
+    result = np.empty((len(match.residual), len(changes[0])))
 
     def fill(s: int, change: Motion) -> None:
-        rows = np.flatnonzero(found.sample == s)
+        rows = np.flatnonzero(match.sample == s)
         flat = change.reshape(*change.shape[:2], -1, 3)
-        frame, node, weighted = found.frame[rows, None], nodes.node[rows], nodes.weighted[rows]
+        frame, node, weighted = match.frame[rows, None], nodes.node[rows], nodes.weighted[rows]
         for k, moved in enumerate(flat):
             result[rows, k] = np.einsum("ncd,ncd->n", weighted, moved[frame, node])
 

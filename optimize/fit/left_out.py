@@ -129,11 +129,11 @@ class LeftOut:
         return float(_taken(table.sum(axis=0)[None], floor)[0]), (float(low), float(high))
 
 
-def not_strays(found: Match) -> NDArray[np.bool_]:
+def not_strays(match: Match) -> NDArray[np.bool_]:
     """(N,) points that are there and not much farther off than the others of their frame."""
-    size = np.abs(found.residual)
+    size = np.abs(match.residual)
     kept = np.isfinite(size)
-    for points in frames_of(found)[1]:
+    for points in frames_of(match)[1]:
         own = size[points]
         if np.isfinite(own).all():
             kept[points] = own <= STRAY * max(1.4826 * float(np.median(own)), 1e-4)

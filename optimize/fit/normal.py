@@ -263,19 +263,19 @@ def _scale(residual: Array) -> float:
     return max(1.4826 * float(np.median(np.abs(residual))), _SMALLEST_SCALE)
 
 
-def _frame_weights(found: Match, sound: NDArray[np.bool_], residual: Array, most: float) -> Array:
+def _frame_weights(match: Match, sound: NDArray[np.bool_], residual: Array, most: float) -> Array:
     """Of each point, by its frame: less where the median residual is over `most` times the usual one."""
-    frame, groups = frames_of(found, sound)
+    frame, groups = frames_of(match, sound)
     size = np.abs(residual)
     medians = np.array([np.median(size[points]) for points in groups])
     far = medians / (most * max(float(np.median(medians)), _SMALLEST_SCALE))
     return np.asarray(np.square(1 / np.maximum(1.0, far))[frame])
 
 
-def clusters(samples: Sequence[Sample], found: Match) -> Indices:
+def clusters(samples: Sequence[Sample], match: Match) -> Indices:
     """Trial and block of time of each point."""
-    result = np.empty(len(found.sample), dtype=np.intp)
+    result = np.empty(len(match.sample), dtype=np.intp)
     for s, sample in enumerate(samples):
-        rows = found.sample == s
-        result[rows] = s * 10_000 + (sample.times[found.frame[rows]] / BLOCK - 1e-6).astype(int)
+        rows = match.sample == s
+        result[rows] = s * 10_000 + (sample.times[match.frame[rows]] / BLOCK - 1e-6).astype(int)
     return result

@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects import Effect
-from fabdesign.effects.labels import labels_of
-from fabdesign.effects.registry import EFFECTS, check_values, effect_named
+from fabdesign.effects.registry import EFFECTS, check_values, effect_named, labels_of
 from fabdesign.errors import InputError
-from fabdesign.forward import FACTORS, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS, Case, Term
+from fabdesign.forward import FACTOR_RANGE, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS, Case, Term
 from fabdesign.table import nearest
 from fabdesign.trial import Trial
 
@@ -37,7 +36,7 @@ class FitParameter:
     centre: float = 1.0  # value at x = 0
     transform: Literal["linear", "log"] = "log"
     unit: str = "1"
-    bounds: tuple[float, float] = FACTORS  # of the value
+    bounds: tuple[float, float] = FACTOR_RANGE  # of the value
     start: float = 0.0  # x at which a fit begins
 
     def value(self, x: float) -> float:

@@ -42,8 +42,8 @@ def node_means(specimen: Specimen, name: str, n: int) -> Array:
     if value is None:
         return np.zeros(n * n)
     u, v = (_points_within(size, n) for size in (fabric.width, fabric.height))
-    found = value(*np.meshgrid(u.ravel(), v.ravel()))
-    return np.asarray(found.reshape(n, v.shape[1], n, u.shape[1]).mean(axis=(1, 3)).ravel())
+    values = value(*np.meshgrid(u.ravel(), v.ravel()))
+    return np.asarray(values.reshape(n, v.shape[1], n, u.shape[1]).mean(axis=(1, 3)).ravel())
 
 
 def _points_within(size: float, n: int) -> Array:

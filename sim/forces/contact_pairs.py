@@ -87,20 +87,20 @@ def find(x: Array, sheet: ContactSheet, cutoff: float, before: ContactPairs) -> 
     side = np.where(np.einsum("kc,kc->k", r, np.cross(b, a)) < 0, -1.0, 1.0)
     left = np.flatnonzero(beside & (distance < cutoff))
     left = left[np.lexsort((distance[left], node[left]))]
-    found = ContactPairs.none(n * n)
+    pairs = ContactPairs.none(n * n)
     for layer in range(LAYERS):
         nodes, first = np.unique(node[left], return_index=True)
         chosen = left[first]
-        found.row[nodes, layer], found.column[nodes, layer] = row[chosen], column[chosen]
-        found.xi[nodes, layer], found.eta[nodes, layer] = xi[chosen], eta[chosen]
-        found.side[nodes, layer], found.distance[nodes, layer] = side[chosen], distance[chosen]
+        pairs.row[nodes, layer], pairs.column[nodes, layer] = row[chosen], column[chosen]
+        pairs.xi[nodes, layer], pairs.eta[nodes, layer] = xi[chosen], eta[chosen]
+        pairs.side[nodes, layer], pairs.distance[nodes, layer] = side[chosen], distance[chosen]
         for then in range(LAYERS):
             kept = before.side[nodes, then]
             same = _close(row[chosen] - before.row[nodes, then], column[chosen] - before.column[nodes, then], sheet)
-            found.side[nodes, layer] = np.where(same & (kept != 0), kept, found.side[nodes, layer])
+            pairs.side[nodes, layer] = np.where(same & (kept != 0), kept, pairs.side[nodes, layer])
         i = node[left]
-        left = left[~_close(row[left] - found.row[i, layer], column[left] - found.column[i, layer], sheet)]
-    return found
+        left = left[~_close(row[left] - pairs.row[i, layer], column[left] - pairs.column[i, layer], sheet)]
+    return pairs
 
 
 def _candidates(x: Array, sheet: ContactSheet, cutoff: float) -> tuple[Ints, Ints, Ints]:

@@ -113,8 +113,8 @@ def symbol_values(library: Path, names: tuple[str, ...]) -> dict[str, int]:
             place, value = known["name"].copy(), known["value"].copy()
             del known  # a view would keep the file open
             for name in names:
-                found = data.find(b"\0" + name.encode() + b"\0", begin, end) + 1
-                rows = np.flatnonzero(place == found - begin) if found else ()
+                place_of = data.find(b"\0" + name.encode() + b"\0", begin, end) + 1
+                rows = np.flatnonzero(place == place_of - begin) if place_of else ()
                 if len(rows):
                     values[name] = int(value[rows[0]])
     return values

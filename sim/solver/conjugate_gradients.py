@@ -13,7 +13,7 @@ from sim.solver.muscles import solve
 
 RZ, BETA, ALPHA = 4, 5, 7  # slots of F.reduce
 ACTIVE, UNCONVERGED, REEVALUATES = 6, 8, 9  # 1 where a lane moves, will still move after, and looks again first
-LEAST = 1e-6  # step length: what hangs at single nodes, or is folded, is stiffer by far than in the preconditioner
+SHORTEST_STEP = 1e-6  # what hangs at single nodes, or is folded, is stiffer by far than in the preconditioner
 SHORT = 0.1  # step length below which the residual is evaluated anew; else snapping cloths run away
 DIVERGED = 1e4  # m^2, a squared update that no lane comes back from; others do not wait for it, nor for a NaN
 
@@ -51,7 +51,7 @@ def step_length(b, nu, nv, edge):
     while lane < LANES:
         alpha = ti.f32(1.0)
         if F.reduce[b, 2][lane] > 0:
-            alpha = ti.min(2.0, ti.max(LEAST, F.reduce[b, 1][lane] / F.reduce[b, 2][lane]))
+            alpha = ti.min(2.0, ti.max(SHORTEST_STEP, F.reduce[b, 1][lane] / F.reduce[b, 2][lane]))
         short = edge and alpha < SHORT and F.reduce[b, ACTIVE][lane] > 0
         if F.reduce[b, REEVALUATES][lane] > 0:  # with p = 0: r becomes f
             alpha = 1.0

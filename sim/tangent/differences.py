@@ -28,9 +28,9 @@ def differences(
 ) -> dict[tuple[int, int], Shapes]:
     """By (case, column) of `pairs`: over as much to both sides as the column's `far` says, in one batch."""
     moves = [move(cases[i], columns[c], columns[c].far) for i, c in pairs]
-    found = outcome([i for i, _ in pairs for _ in range(2)], [side for own in moves for side in own.sides])
+    shapes = outcome([i for i, _ in pairs for _ in range(2)], [side for own in moves for side in own.sides])
     return {
-        pair: (found[2 * k + 1].astype(float) - found[2 * k]) / own.width
+        pair: (shapes[2 * k + 1].astype(float) - shapes[2 * k]) / own.width
         for k, (pair, own) in enumerate(zip(pairs, moves, strict=True))
     }
 

@@ -64,7 +64,7 @@ class LaidCase:
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class LaneChange:
     """What one evaluation puts in: values by name, pressures, and the weight of each lane's forces."""
 
     values: Mapping[str, NDArray]
@@ -91,11 +91,11 @@ class Explicit:
         """Of the lanes as they are."""
         return {name: side_by_side([self._own[id(case)].values[name] for case in self.lanes]) for name in names}
 
-    def changes(self, moves: Sequence[Move | None]) -> list[Change]:
+    def changes(self, moves: Sequence[Move | None]) -> list[LaneChange]:
         """For one move a lane, None where there is none: to one side, then to the other."""
         return [self._change(moves, side) for side in range(2)]
 
-    def _change(self, moves: Sequence[Move | None], side: int) -> Change:
+    def _change(self, moves: Sequence[Move | None], side: int) -> LaneChange:
         values, pressures, weights = [], [], []
         for case, own in zip(self.lanes, moves, strict=True):
             moved = case if own is None else own.sides[side]
@@ -106,7 +106,7 @@ class Explicit:
         base = [self._own[id(case)].values for case in self.lanes]
         changed = [name for name in base[0] if any(v[name] is not b[name] for v, b in zip(values, base, strict=True))]
         weight = np.array(weights, np.float32).reshape(-1, LANES)
-        return Change(
+        return LaneChange(
             {name: side_by_side([v[name] for v in values]) for name in changed}, self._side_by_side(pressures), weight
         )
 

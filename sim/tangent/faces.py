@@ -9,11 +9,11 @@ from sim.tangent.differences import Jacobian
 FAR = 1e-5  # m that a node is moved at most: normals turn by 1e-3 on grids of 5 mm, and the rest is of second order
 
 
-def faces_changes(found: Jacobian, thickness: float) -> FacesJacobian:
+def faces_changes(jacobian: Jacobian, thickness: float) -> FacesJacobian:
     """Of one shape, (n, n, 3) m: central differences of the faces in float64."""
-    middle, changes = found.middle.astype(float), found.changes.astype(float)
+    middle, changes = jacobian.middle.astype(float), jacobian.changes.astype(float)
     [points] = faces(middle[None], thickness)
     largest = np.abs(changes).max(axis=(1, 2, 3), initial=0.0)
     by = FAR / np.where(largest > 0, largest, 1.0)[:, None, None, None]
     ahead, behind = (faces(middle + sign * by * changes, thickness) for sign in (1, -1))
-    return FacesJacobian(points, (ahead - behind) / (2 * by[:, 0]), found.exact)
+    return FacesJacobian(points, (ahead - behind) / (2 * by[:, 0]), jacobian.exact)

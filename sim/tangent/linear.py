@@ -13,7 +13,7 @@ from sim.tangent.muscles import muscle_tangent
 
 SOLVED, UNSOLVED, INDEFINITE = range(3)  # what came of a column
 RZ, ACTIVE = 4, 6  # slots of F.reduce
-LEAST = 1e-30
+TINY = 1e-30
 
 
 @ti.func
@@ -56,7 +56,7 @@ def conjugate_gradients(b, nu, nv, npt, support, slot, iterations, tolerance):
             small = F.reduce[b, 1][lane] <= tolerance * tolerance * F.reduce[b, 2][lane]
             beta = ti.f32(0.0)
             if i > 0:
-                beta = rz / ti.max(F.reduce[b, RZ][lane], LEAST)
+                beta = rz / ti.max(F.reduce[b, RZ][lane], TINY)
             F.reduce[b, 1][lane] = beta
             F.reduce[b, RZ][lane] = rz
             if F.reduce[b, ACTIVE][lane] > 0:

@@ -25,7 +25,7 @@ STIFFENED = 300.0  # 1/s^2 times the mass that the preconditioner adds, without 
 
 
 @dataclass(frozen=True, eq=False)
-class Lane:
+class LaneColumns:
     """A case that lies at rest in a lane, and which of the columns are solved there."""
 
     case: Case
@@ -41,11 +41,11 @@ class Solved:
     changes: dict[int, NDArray[np.float32]]  # (n, n, 3) m per unit, by column; those that were not solved are absent
 
 
-def share_out(cases: Sequence[Case], columns: Sequence[Sequence[int]]) -> list[tuple[int, Lane]]:
+def share_out(cases: Sequence[Case], columns: Sequence[Sequence[int]]) -> list[tuple[int, LaneColumns]]:
     """Lanes for the cases' `columns`, each with its case's index: where there are spare lanes a case takes several,
     each with some of its columns."""
     copies = max(1, min(LANES // max(len(cases), 1), *map(len, columns)) if columns else 1)
-    return [(i, Lane(case, tuple(columns[i][k::copies]))) for i, case in enumerate(cases) for k in range(copies)]
+    return [(i, LaneColumns(case, tuple(columns[i][k::copies]))) for i, case in enumerate(cases) for k in range(copies)]
 
 
 def together(lanes: Sequence[Solved]) -> Solved:
@@ -55,7 +55,7 @@ def together(lanes: Sequence[Solved]) -> Solved:
 
 
 def solve_at_rest(
-    batch: Batch, lanes: Sequence[Lane], columns: Sequence[Column], pressure: Callable[[Case], Array]
+    batch: Batch, lanes: Sequence[LaneColumns], columns: Sequence[Column], pressure: Callable[[Case], Array]
 ) -> list[Solved]:
     """Of the lanes of a batch at rest. pressure(case): (channels,) Pa that act there."""
     fields.allocate()
@@ -73,12 +73,12 @@ def solve_at_rest(
         own = [lane.columns[first : first + fields.SLOTS] for lane in lanes]
         slots = max(map(len, own))
         _put_right_sides(batch, [[columns[c] for c in some] for some in own], host)
-        found = _solve(batch, host, False, slots)
+        iterations = _solve(batch, host, False, slots)
         shapes = np.empty((batch.blocks, slots, LANES, batch.nu * batch.nv, 3), np.float32)
         read_columns(*batch.grid, slots, shapes)
         by_lane = shapes.swapaxes(1, 2).reshape(len(lanes), slots, *middle.shape[1:])
         for i, some in enumerate(own):
-            changes[i] |= {c: by_lane[i, k] for k, c in enumerate(some) if found[i, k] == SOLVED}
+            changes[i] |= {c: by_lane[i, k] for k, c in enumerate(some) if iterations[i, k] == SOLVED}
     return [Solved(middle[i], bool(settled[i]), changes[i]) for i in range(len(lanes))]
 
 
@@ -88,9 +88,9 @@ def _solve(batch: Batch, host: Explicit, settles: bool, turns: int) -> NDArray[n
         *batch.grid, batch.points, batch.support, batch.smoothing, int(settles), turns, ITERATIONS, TOLERANCE,
         STIFFENED, host.pressure,
     )  # fmt: skip
-    found = np.empty((batch.blocks, turns, LANES), np.int32)
-    read_found(batch.blocks, turns, found)
-    return found.swapaxes(1, 2).reshape(-1, turns)
+    iterations = np.empty((batch.blocks, turns, LANES), np.int32)
+    read_found(batch.blocks, turns, iterations)
+    return iterations.swapaxes(1, 2).reshape(-1, turns)
 
 
 def _positions(batch: Batch, plane: int) -> NDArray[np.float32]:

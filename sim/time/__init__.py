@@ -1,1 +1,2 @@
-"""Time integration: schemes, steps, schedules, and which case rides in which lane."""
+"""Time integration: schemes, steps, schedules, and which case rides in which lane. Belongs here: when and by which rule
+a motion goes on; forces do not."""

@@ -64,9 +64,9 @@ def step_edges(ticks: int, jumps: Sequence[int], *, tick: float, calm: int) -> N
     while edges[-1] < ticks:
         k = edges[-1]
         edges.append(k + next(c for c in counts if longest[k : k + c].min() >= c))
-    found = np.array(edges)
-    found.flags.writeable = False
-    return found
+    kept = np.array(edges)
+    kept.flags.writeable = False
+    return kept
 
 
 def jumps_of(program: PressureProgram, tick: float, *, released: bool = False) -> Jumps:

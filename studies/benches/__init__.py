@@ -1,1 +1,2 @@
-"""Laws and constants of specimens on a bench."""
+"""Specimens on a bench: laws of muscles, strips, cylinders and actuators, fitted to records and evaluated. Belongs
+here: a law that needs no cloth."""

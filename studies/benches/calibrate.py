@@ -20,13 +20,13 @@ from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.model import EffectTerm, Quantity
 from fabdesign.output import write_text
+from fabdesign.units import in_kpa, in_mm
 from optimize.fit.parameters import FitVector
 from studies.benches.actuator import StaticCurve, hold_of
 from studies.benches.cylinder import CylinderLaw
 from studies.benches.muscle import BenchMuscle
 from studies.benches.muscle_effects import FittedEffects, bench_vector, fit_effects
-from studies.benches.needs import SIZES, require_columns, require_sizes
-from studies.benches.output import measured, unit_of
+from studies.benches.records import SIZES, measured, require_columns, require_sizes, unit_of
 from studies.benches.rows import rows_of
 from studies.benches.strip import StripLaw
 
@@ -111,12 +111,12 @@ def travelling(effects: Sequence[EffectTerm]) -> list[EffectTerm]:
 
 def errors_in_words(calibration: BenchCalibration) -> str:
     """Root mean squares for people: of the fit, of records left out of it, of those of role test."""
-    found = [
+    lines = [
         ("on the fit", calibration.error_fit),
         ("on records left out of it", calibration.error_left_out),
         ("on records of role test", calibration.error_test),
     ]
-    return ", ".join(f"{_shown(error, calibration.unit)} {where}" for where, error in found if error is not None)
+    return ", ".join(f"{_shown(error, calibration.unit)} {where}" for where, error in lines if error is not None)
 
 
 def effects_in_words(calibration: BenchCalibration) -> list[str]:
@@ -134,7 +134,7 @@ def effects_in_words(calibration: BenchCalibration) -> list[str]:
 
 
 def _shown(error: float, unit: str) -> str:
-    value, unit = (1e3 * error, "mm") if unit == "m" else (error, unit)
+    value, unit = (in_mm(error), "mm") if unit == "m" else (error, unit)
     return f"{value:.3g} {unit} RMS" if value >= LEAST_SHOWN else f"under {LEAST_SHOWN} {unit} RMS"
 
 
@@ -181,9 +181,9 @@ def _fit(
     bench: Bench, records: Sequence[BenchRecord], vector: FitVector | None, *, intervals: bool
 ) -> tuple[Law, tuple[EffectTerm, ...]]:
     if bench.specimen == "muscle":
-        found = FittedEffects() if vector is None else fit_effects(partial(rows_of, records), vector)
+        fitted = FittedEffects() if vector is None else fit_effects(partial(rows_of, records), vector)
         options: dict[str, Any] = {} if intervals else {"refits": 0}
-        return BenchMuscle.fit(records, terms=found.terms, **options), found.effects
+        return BenchMuscle.fit(records, terms=fitted.terms, **options), fitted.effects
     if bench.specimen == "strip":
         return StripLaw.fit(records), ()
     if bench.specimen == "cylinder":
@@ -205,8 +205,8 @@ def _predicted(law: Law, record: BenchRecord) -> NDArray[np.float64]:
 def _constants(law: Law) -> dict[str, Quantity]:
     """What a record has to say beyond the quasi-static law."""
     if isinstance(law, BenchMuscle):
-        found = {"viscosity": (law.viscosity, "N s"), "hysteresis": (law.hysteresis, "N")}
-        return {name: Quantity(value, unit) for name, (value, unit) in found.items() if value is not None}
+        constants = {"viscosity": (law.viscosity, "N s"), "hysteresis": (law.hysteresis, "N")}
+        return {name: Quantity(value, unit) for name, (value, unit) in constants.items() if value is not None}
     if isinstance(law, StaticCurve):
         return {"creep_per_decade": Quantity(law.creep_per_decade, "1")}
     if isinstance(law, CylinderLaw):
@@ -225,7 +225,7 @@ def _bench_law(bench: Bench, law: Law) -> BenchLaw:
         columns = {"coefficient_n": law.coefficients, "low90_n": low, "high90_n": high}
         return BenchLaw("cylinder", bench.output, columns, law.terms, law.form, law.presliding)
     if isinstance(law, StaticCurve):
-        return BenchLaw("actuator", bench.output, {"pressure_kpa": law.pressure / 1e3, "displacement_m": law.level})
+        return BenchLaw("actuator", bench.output, {"pressure_kpa": in_kpa(law.pressure), "displacement_m": law.level})
     assert isinstance(law, StripLaw)
     strain, _ = law.samples()
     low, high = law.interval90(1 + strain)

@@ -64,11 +64,11 @@ def fit_effects(rows_of: Callable[[tuple[Term, ...]], Rows], vector: FitVector) 
         def residual(x: Array, noise: float = noise) -> Array:
             return np.concatenate([left(x) / noise, x / vector.prior])
 
-        found = least_squares(
+        fitted = least_squares(
             residual, np.clip(x, low, high), bounds=(low, high), x_scale=vector.prior, diff_step=_STEP, max_nfev=25
         )
-        x = found.x
-    deviation = np.sqrt(np.diag(_covariance(found.jac, found.fun, plain.block)))
+        x = fitted.x
+    deviation = np.sqrt(np.diag(_covariance(fitted.jac, fitted.fun, plain.block)))
     terms = vector.terms_at(x)
     quantities = {
         p.name: Quantity(p.value(v), p.unit, (p.value(v - _QUANTILE * s), p.value(v + _QUANTILE * s)))
@@ -120,5 +120,5 @@ class _Spans:
         columns = columns[:, np.abs(columns).max(axis=0) > 0]
         ridge = _RIDGE * np.sqrt(len(p)) * np.eye(columns.shape[1])
         goal = rows.force + rows.friction
-        found = np.linalg.lstsq(np.vstack([columns, ridge]), np.r_[goal, np.zeros(len(ridge))], rcond=None)[0]
-        return np.asarray(goal - columns @ found)
+        steps = np.linalg.lstsq(np.vstack([columns, ridge]), np.r_[goal, np.zeros(len(ridge))], rcond=None)[0]
+        return np.asarray(goal - columns @ steps)

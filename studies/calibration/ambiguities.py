@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from fabdesign.units import in_mm
 from optimize.fit.descent import Fit
 from optimize.fit.parameters import FitParameter
 
@@ -46,7 +47,7 @@ def _combination(fit: Fit, direction: np.ndarray, named: np.ndarray) -> str:
     moves = ", ".join(
         _moved(fit.vector.parameters[k], direction[k]) for k in sorted(named, key=lambda k: -abs(direction[k]))
     )
-    seen = 1e3 * float(np.sqrt(max(direction @ fit.sensitivity @ direction, 0.0)))
+    seen = in_mm(float(np.sqrt(max(direction @ fit.sensitivity @ direction, 0.0))))
     return f"together, {moves}: moves the surface by {seen:.2f} mm RMS only; these data cannot tell"
 
 

@@ -1,9 +1,10 @@
-"""Whether a fit's intervals can be believed: they hold only if the model is right but for its factors."""
+"""Whether a fit's intervals are reliable: they hold only if the model is right but for its factors."""
 
 import numpy as np
 
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.surface import CAP
+from fabdesign.units import in_mm
 
 EXCESS = 0.0005  # m over the noise that a right model may leave
 OUTLYING = 0.03  # share of frames far off from which on it is said
@@ -22,11 +23,11 @@ def excess(rms: float, noise: SensorNoise) -> float:
     return float(np.sqrt(max(rms**2 - noise_rms(noise) ** 2, 0.0)))
 
 
-def doubts(rms: float, outlying: float, noise: SensorNoise) -> list[str]:
-    """Why the intervals of a fit that leaves `rms` [m] and a share of frames far off are not to be believed."""
-    found = []
+def interval_warnings(rms: float, outlying: float, noise: SensorNoise) -> list[str]:
+    """Why the intervals of a fit that leaves `rms` [m] and a share of frames far off are not reliable."""
+    warnings = []
     if not (left := excess(rms, noise)) <= EXCESS:
-        found.append(f"the fit leaves {1e3 * left:.2f} mm over the noise, expected at most {1e3 * EXCESS:g}")
+        warnings.append(f"the fit leaves {in_mm(left):.2f} mm over the noise, expected at most {in_mm(EXCESS):g}")
     if outlying >= OUTLYING:
-        found.append(f"{outlying:.0%} of the frames fitted are far off, expected under {OUTLYING:.0%}")
-    return found
+        warnings.append(f"{outlying:.0%} of the frames fitted are far off, expected under {OUTLYING:.0%}")
+    return warnings

@@ -17,16 +17,17 @@ from fabdesign.predictor import Predictor
 from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.splits import fit_trials
 from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.units import in_mm
 from optimize.fit.clouds import Sample, evenly, sample_trial
 from optimize.fit.descent import Fit, Progress, fit, parts
 from optimize.fit.inputs import DEFAULT_ACCURACY, Accuracy
 from optimize.fit.parameters import DECLARED, FitVector
 from studies.bad_data import Tolerance
 from studies.calibration.ambiguities import ambiguities
-from studies.calibration.belief import doubts, excess
+from studies.calibration.belief import excess, interval_warnings
 from studies.calibration.engine_difference import with_engines
 from studies.calibration.fitted_model import fitted_model
-from studies.calibration.trial_checks import DISAGREE, doubtful
+from studies.calibration.trial_checks import DISAGREE, implausible
 from studies.sensitive_stretches import find_used_frames
 from studies.used_frames import UsedFrames
 
@@ -45,14 +46,14 @@ class Calibration:
     noise: SensorNoise
     correlation: np.ndarray  # (p, p), of the unknowns in the order of fit.vector
     statements: tuple[str, ...]  # what these data cannot tell
-    doubts: tuple[str, ...]  # why the intervals are not to be believed
+    warnings: tuple[str, ...]  # why the intervals are not reliable
     skipped: tuple[str, ...]  # bad trials left out, a line each
     used: UsedFrames  # frames that took part: not those of sensitive stretches
 
     def as_json(self) -> dict[str, Any]:
         """What `calibrate --json` prints: factors, mm."""
         parameters = {
-            name: {"factor": p.factor, "interval90": p.interval90 and list(p.interval90), "believable": p.believable}
+            name: {"factor": p.factor, "interval90": p.interval90 and list(p.interval90), "believable": p.reliable}
             for name, p in self.model.parameters.items()
         }
         names = self.fit.vector.names
@@ -75,11 +76,11 @@ class Calibration:
                 a: {b: float(self.correlation[i, j]) for j, b in enumerate(names)} for i, a in enumerate(names)
             },
             "statements": list(self.statements),
-            "believable": not self.doubts,
-            "doubts": list(self.doubts),
-            "residual": {"before": 1e3 * self.fit.before, "after": 1e3 * self.fit.after, "unit": "mm"},
-            "excess": {"after": 1e3 * excess(self.fit.after, self.noise), "unit": "mm"},
-            "noise": {"sigma": 1e3 * self.noise.sigma, "strays": self.noise.strays, "unit": "mm"},
+            "believable": not self.warnings,
+            "doubts": list(self.warnings),
+            "residual": {"before": in_mm(self.fit.before), "after": in_mm(self.fit.after), "unit": "mm"},
+            "excess": {"after": in_mm(excess(self.fit.after, self.noise)), "unit": "mm"},
+            "noise": {"sigma": in_mm(self.noise.sigma), "strays": self.noise.strays, "unit": "mm"},
             "fitted": list(self.model.provenance.fitted),
             "held_out": list(self.model.provenance.held_out),
             "outlying": self.fit.outlying,
@@ -115,11 +116,11 @@ def calibrate(
     of a frame, by `seed`. `slopes`: see `fit.fit`. coarse: a cheap simulator that finds sensitive stretches
     (studies.sensitive_stretches); they are left out. Without it they are not looked for.
     points_per_side: of `forward`'s grid, noted in the model.
-    skipped: lines on bad trials left out before; skip_bad: leave out those too that `trial_checks.doubtful` finds.
+    skipped: lines on bad trials left out before; skip_bad: leave out those too that `trial_checks.implausible` finds.
     engines: (p,) standard deviations of the unknowns for the difference between `forward` and what made the data, by
     default those of the virtual rig.
     accuracy: of the pressures and the frame's level, whose errors are weighed; None: they are exact.
-    Raises InputError for a doubtful trial and where no trial is left, SimulationError where every motion diverges.
+    Raises InputError for an implausible trial and where no trial is left, SimulationError where every motion diverges.
     """
     sets = [measured] if isinstance(measured, MeasurementSet) else [*measured]
     _require_names(sets)
@@ -133,7 +134,7 @@ def calibrate(
     forward = Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
     found = _fit(samples, forward, slopes, vector, accuracy, progress)
-    if lines := _doubts(found, samples, forward):
+    if lines := _implausible(found, samples, forward):
         tolerance = Tolerance(skip_bad, [*skipped])
         for line in lines.values():
             tolerance.note(InputError(line))
@@ -145,12 +146,12 @@ def calibrate(
         found = _fit(samples, forward, slopes, vector, accuracy, progress)
     covariance = with_engines(found, engines)
     deviation = np.sqrt(np.diag(covariance))
-    why = doubts(found.after, found.outlying, noise)
+    why = interval_warnings(found.after, found.outlying, noise)
     model = fitted_model(
         found,
         covariance,
         designs=[trial.design for trial in chosen],
-        believable=not why,
+        reliable=not why,
         points_per_side=points_per_side,
         provenance=_provenance(sets, chosen, seed),
     )
@@ -160,7 +161,7 @@ def calibrate(
         noise=noise,
         correlation=covariance / np.outer(deviation, deviation),
         statements=ambiguities(found, covariance),
-        doubts=tuple(why),
+        warnings=tuple(why),
         skipped=tuple(skipped),
         used=used,
     )
@@ -177,8 +178,8 @@ def _used(
     """Frames of the trials' samples that are used, and the trials that have any."""
     kept = []
     for trial, sample in zip(trials, samples, strict=True):
-        found = next(found for found in sets if any(t.file == trial.file for t in found.trials))
-        frames = np.flatnonzero(used.at(found, trial, sample.times))
+        measured = next(measured for measured in sets if any(t.file == trial.file for t in measured.trials))
+        frames = np.flatnonzero(used.at(measured, trial, sample.times))
         if len(frames):
             clouds = tuple(sample.clouds[k] for k in frames)
             kept.append((trial, replace(sample, times=sample.times[frames], clouds=clouds)))
@@ -211,8 +212,8 @@ def _fit(
         accuracy=accuracy,
         progress=lambda line, share: early(f"no effects, {line}", share),
     )
-    found = fit(samples, forward, slopes=slopes, vector=vector, accuracy=accuracy, progress=late)
-    return replace(found, before=first.before, without_effects=first)
+    fitted = fit(samples, forward, slopes=slopes, vector=vector, accuracy=accuracy, progress=late)
+    return replace(fitted, before=first.before, without_effects=first)
 
 
 def _drawn(trials: Sequence[Trial], seed: int) -> tuple[list[Sample], SensorNoise]:
@@ -228,16 +229,16 @@ def _drawn(trials: Sequence[Trial], seed: int) -> tuple[list[Sample], SensorNois
     return samples, estimate_noise(at_rest, trials[0].design.fabric.thickness)
 
 
-def _doubts(found: Fit, samples: Sequence[Sample], forward: ForwardModel) -> dict[int, str]:
+def _implausible(fit: Fit, samples: Sequence[Sample], forward: ForwardModel) -> dict[int, str]:
     """A line for each trial that disagrees with the rest as a recording would whose faces or clock are wrong."""
-    if not (found.by_trial > DISAGREE).any():
+    if not (fit.by_trial > DISAGREE).any():
         return {}
-    return doubtful(samples, forward, found.vector, found.x)
+    return implausible(samples, forward, fit.vector, fit.x)
 
 
 def _require_names(sets: Sequence[MeasurementSet]) -> None:
     """Raise InputError where two sets have one name: trials are told apart as SET/TRIAL."""
-    names = [found.name for found in sets]
+    names = [measured.name for measured in sets]
     for name in names:
         if names.count(name) > 1:
             raise InputError(
@@ -247,16 +248,18 @@ def _require_names(sets: Sequence[MeasurementSet]) -> None:
 
 def _provenance(sets: Sequence[MeasurementSet], fitted: Sequence[Trial], seed: int) -> Provenance:
     """Every trial that was not fitted counts as held out. Hashes are of the files fitted, before anything else."""
-    named = [(f"{found.name}/{trial.name}", found, trial) for found in sets for trial in found.trials]
+    named = [(f"{measured.name}/{trial.name}", measured, trial) for measured in sets for trial in measured.trials]
     files = {trial.file for trial in fitted}
     return Provenance(
-        sets=tuple(found.name for found in sets),
+        sets=tuple(measured.name for measured in sets),
         fitted=tuple(name for name, _, trial in named if trial.file in files),
         held_out=tuple(name for name, _, trial in named if trial.file not in files),
         versions={"python": platform.python_version(), "fabdesign": __version__, "simulator": SIMULATOR}
         | {name: importlib.metadata.version(name) for name in ("numpy", "scipy", "taichi")},
         hashes={
-            f"{found.name}/{trial.file.name}": sha256(trial.file) for _, found, trial in named if trial.file in files
+            f"{measured.name}/{trial.file.name}": sha256(trial.file)
+            for _, measured, trial in named
+            if trial.file in files
         },
         seed=seed,
     )

@@ -35,9 +35,9 @@ def data_share(deviation: Array, vector: FitVector = DECLARED) -> Array:
     return np.clip(1 - np.square(deviation / vector.prior), 0.0, 1.0)
 
 
-def with_engines(found: Fit, engines: Array | None = None) -> Array:
+def with_engines(fit: Fit, engines: Array | None = None) -> Array:
     """(p, p) covariance of a fit, wider by the engines' difference as far as the data, not the data sheet, decide.
     engines: (p,) standard deviations of the unknowns, by default those of the virtual rig."""
-    own = engine_difference(found.vector) if engines is None else engines
-    share = data_share(np.sqrt(np.diag(found.covariance)), found.vector)
-    return np.asarray(found.covariance + np.diag(np.square(share * own)))
+    own = engine_difference(fit.vector) if engines is None else engines
+    share = data_share(np.sqrt(np.diag(fit.covariance)), fit.vector)
+    return np.asarray(fit.covariance + np.diag(np.square(share * own)))

@@ -15,11 +15,11 @@ QUANTILE = 1.645  # two-sided 90 %
 
 
 def fitted_model(
-    found: Fit,
+    fit: Fit,
     covariance: np.ndarray,
     *,
     designs: Sequence[Design],
-    believable: bool,
+    reliable: bool,
     points_per_side: int,
     provenance: Provenance,
 ) -> Model:
@@ -27,17 +27,17 @@ def fitted_model(
     deviation = np.sqrt(np.diag(covariance))
     muscles = muscle_scope(designs)
     parameters, quantities = {}, {}
-    for parameter, x, s in zip(found.vector.parameters, found.x, deviation, strict=True):
+    for parameter, x, s in zip(fit.vector.parameters, fit.x, deviation, strict=True):
         interval = parameter.value(x - QUANTILE * s), parameter.value(x + QUANTILE * s)
         if parameter.is_factor:
             scope = _scope_of(parameter, muscles)
-            parameters[parameter.name] = Parameter(parameter.value(x), interval, believable, scope)
+            parameters[parameter.name] = Parameter(parameter.value(x), interval, reliable, scope)
         else:
             quantities[parameter.name] = Quantity(parameter.value(x), parameter.unit, interval)
-    for name, factor in found.vector.factors:
+    for name, factor in fit.vector.factors:
         parameters.setdefault(name, Parameter(factor))
     effects = []
-    for label, term in zip(found.vector.labels, found.vector.terms_at(found.x), strict=True):
+    for label, term in zip(fit.vector.labels, fit.vector.terms_at(fit.x), strict=True):
         declared = EFFECTS[term.name]
         values = {
             key: quantities.get(f"{label}.{key}", Quantity(value, declared.parameters[key].unit))
@@ -50,14 +50,14 @@ def fitted_model(
         tuple(effects),
         points_per_side=points_per_side,
         provenance=provenance,
-        without_effects=None if found.without_effects is None else _plain(found.without_effects),
-        covariance=Covariance(found.vector.names, covariance),
+        without_effects=None if fit.without_effects is None else _plain(fit.without_effects),
+        covariance=Covariance(fit.vector.names, covariance),
     )
 
 
-def _plain(found: Fit) -> dict[str, Parameter]:
-    values = {p.name: Parameter(p.value(x)) for p, x in zip(found.vector.parameters, found.x, strict=True)}
-    return values | {name: Parameter(factor) for name, factor in found.vector.factors if name not in values}
+def _plain(fit: Fit) -> dict[str, Parameter]:
+    values = {p.name: Parameter(p.value(x)) for p, x in zip(fit.vector.parameters, fit.x, strict=True)}
+    return values | {name: Parameter(factor) for name, factor in fit.vector.factors if name not in values}
 
 
 def muscle_scope(designs: Sequence[Design]) -> str | None:

@@ -1,6 +1,7 @@
 """A calibration in plain words: the table, and what else there is to say of the fit."""
 
 from fabdesign.model import Parameter
+from fabdesign.units import in_mm
 from studies.calibration.calibrate import Calibration
 
 _ENGINES = (
@@ -16,8 +17,8 @@ def as_text(calibration: Calibration) -> str:
         f"factors on the declared values, for a grid of {calibration.model.points_per_side} points a side:",
         *rows,
         *(f"  {line}" for line in _effects(calibration)),
-        *(f"warning: the intervals are NOT reliable: {why}" for why in calibration.doubts),
-        f"residual {1e3 * fit.before:.2f} -> {1e3 * fit.after:.2f} mm RMS; sensor noise {1e3 * noise.sigma:.2f} mm, "
+        *(f"warning: the intervals are NOT reliable: {why}" for why in calibration.warnings),
+        f"residual {in_mm(fit.before):.2f} -> {in_mm(fit.after):.2f} mm RMS; sensor noise {in_mm(noise.sigma):.2f} mm, "
         f"{100 * noise.strays:.1f} % strays; {fit.iterations} iterations",
         *calibration.statements,
     ]
@@ -25,7 +26,7 @@ def as_text(calibration: Calibration) -> str:
         lines.append(calibration.used.in_words)
     if not fit.converged:
         lines.append("not converged: the last step was still large")
-    if calibration.doubts:
+    if calibration.warnings:
         lines.append("a likely cause: an effect that the model lacks, or a cloth that snaps (then try a finer --grid)")
     else:
         lines.append(_ENGINES)
@@ -47,4 +48,4 @@ def _interval(parameter: Parameter) -> str:
     if parameter.interval90 is None:
         return "interval unknown"
     low, high = parameter.interval90
-    return f"90 % {low:.3f} to {high:.3f}" + ("" if parameter.believable else ", not reliable")
+    return f"90 % {low:.3f} to {high:.3f}" + ("" if parameter.reliable else ", not reliable")

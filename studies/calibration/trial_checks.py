@@ -6,6 +6,7 @@ import numpy as np
 
 from fabdesign.forward import ForwardModel
 from fabdesign.metrics import surface_rms
+from fabdesign.units import in_mm
 from optimize.fit.clouds import Array, Motion, Sample, evenly
 from optimize.fit.parameters import FitVector
 
@@ -17,7 +18,7 @@ LATE = 0.1  # s, by which a clock must differ from the other trials'
 TURNED = {"front and back": (1, 1, -1), "front and back, seen from behind": (-1, 1, -1)}
 
 
-def doubtful(samples: Sequence[Sample], forward: ForwardModel, vector: FitVector, x: Array) -> dict[int, str]:
+def implausible(samples: Sequence[Sample], forward: ForwardModel, vector: FitVector, x: Array) -> dict[int, str]:
     """A line on each sample that cannot be what its file says, by index. A lag that all trials share is not the clock's
     fault but an effect; motions that diverge are left out."""
     frames = [evenly(len(s.times), FRAMES) for s in samples]
@@ -38,7 +39,7 @@ def doubtful(samples: Sequence[Sample], forward: ForwardModel, vector: FitVector
             turned = _rms([cloud * signs for cloud in clouds], shapes[len(LAGS) // 2])
             if turned < BETTER * now:
                 lines[k] = (
-                    f"{sample.trial.file}: {1e3 * now:.1f} mm RMS off the fitted motion, {1e3 * turned:.1f} with "
+                    f"{sample.trial.file}: {in_mm(now):.1f} mm RMS off the fitted motion, {in_mm(turned):.1f} with "
                     f"{name} exchanged; expected the front at +z (or did a symmetric cloth buckle to the other side?)"
                 )
                 break
@@ -57,8 +58,8 @@ def _late(samples: Sequence[Sample], errors: Array, known: dict[int, str]) -> di
         if now > DISAGREE and then < BETTER * now and abs(LAGS[lag] - LAGS[usual]) >= LATE - 1e-9:
             lines[k] = (
                 f"{samples[k].trial.file}: agrees with the fitted motion {abs(LAGS[lag] - LAGS[usual]):.2f} s "
-                f"{'later' if lag > usual else 'earlier'} than the other trials do ({1e3 * then:.1f} instead of "
-                f"{1e3 * now:.1f} mm RMS); its clock differs"
+                f"{'later' if lag > usual else 'earlier'} than the other trials do ({in_mm(then):.1f} instead of "
+                f"{in_mm(now):.1f} mm RMS); its clock differs"
             )
     return lines
 

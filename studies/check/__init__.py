@@ -1,4 +1,5 @@
-"""Is what a person hands to the commands sound, and plausible?"""
+"""Is what a person hands to the commands sound, and plausible? Belongs here: a check that a command would make later,
+and ranges of the usual."""
 
 from studies.check.files import inspect
 from studies.check.findings import Findings

@@ -9,6 +9,7 @@ from fabdesign.design import Design
 from fabdesign.design_file import DesignPart
 from fabdesign.fabric import Fabric
 from fabdesign.muscle import BenchTable, MuscleType
+from fabdesign.units import in_kpa, in_mm
 from optimize.geometry import bend_radius, clearance
 from studies.check.findings import Findings
 from studies.check.ranges import BLOCKED, FABRIC, FREE_CONTRACTION, GRAVITY, MUSCLE_TYPE, beyond
@@ -32,17 +33,17 @@ def design_findings(design: Design, where: str) -> Findings:
         kind, called = design.muscle_types[muscle.type], f"muscles[{number}]"
         needed = muscle.length + 2 * (kind.tail_length or 0.0)
         if kind.stock_length is not None and needed > kind.stock_length + _ROUNDING:
-            tails = f" with tails of {1e3 * kind.tail_length:g} mm" if kind.tail_length else ""
+            tails = f" with tails of {in_mm(kind.tail_length):g} mm" if kind.tail_length else ""
             problems.append(
-                f"{called} needs {1e3 * needed:.1f} mm{tails}; expected at most stock_length, "
-                f"{1e3 * kind.stock_length:g} mm of {kind.name}"
+                f"{called} needs {in_mm(needed):.1f} mm{tails}; expected at most stock_length, "
+                f"{in_mm(kind.stock_length):g} mm of {kind.name}"
             )
         if kind.min_bend_radius is not None and len(muscle.path) > 2:
             radius = bend_radius(np.array(muscle.path))
             if radius < kind.min_bend_radius - _ROUNDING:
                 problems.append(
-                    f"{called} has a corner that no arc of more than {1e3 * radius:.1f} mm rounds; "
-                    f"expected min_bend_radius, {1e3 * kind.min_bend_radius:g} mm of {kind.name}"
+                    f"{called} has a corner that no arc of more than {in_mm(radius):.1f} mm rounds; "
+                    f"expected min_bend_radius, {in_mm(kind.min_bend_radius):g} mm of {kind.name}"
                 )
         longest = max(float(np.linalg.norm(np.subtract(b, a))) for a, b in pairwise(muscle.path))
         if longest < 2 * muscle.fixed_point_pitch - _ROUNDING:
@@ -77,10 +78,10 @@ def spacing(design: Design, least: float) -> tuple[list[str], list[str]]:
         if gap < 0:
             close.append(f"{both} cross on the {a.side}; optimize keeps muscles of one face apart")
         elif gap < wide - _ROUNDING:
-            expected = f"expected their diameter, {1e3 * wide:g} mm, or more"
-            overlapping.append(f"{both} lie {1e3 * gap:.3g} mm apart on the {a.side}; {expected}")
+            expected = f"expected their diameter, {in_mm(wide):g} mm, or more"
+            overlapping.append(f"{both} lie {in_mm(gap):.3g} mm apart on the {a.side}; {expected}")
         elif gap < least - _ROUNDING:
-            close.append(f"{both} lie {1e3 * gap:.3g} mm apart on the {a.side}; optimize keeps {1e3 * least:g} mm")
+            close.append(f"{both} lie {in_mm(gap):.3g} mm apart on the {a.side}; optimize keeps {in_mm(least):g} mm")
     return _first(overlapping), _first(close)
 
 
@@ -108,8 +109,8 @@ def _types(types: Mapping[str, MuscleType]) -> Iterator[str]:
         highest = max(kind.bench.pressure)
         if kind.max_pressure is not None and kind.max_pressure > 1.05 * highest:
             yield (
-                f"muscle_types.{name}: max_pressure = {kind.max_pressure / 1e3:g} kPa, but its bench ends at "
-                f"{highest / 1e3:g}; beyond it the law is a guess"
+                f"muscle_types.{name}: max_pressure = {in_kpa(kind.max_pressure):g} kPa, but its bench ends at "
+                f"{in_kpa(highest):g}; beyond it the law is a guess"
             )
 
 
@@ -121,7 +122,7 @@ def bench_table_lines(bench: BenchTable, diameter: float | None = None) -> Itera
     if len(pulls):
         yield from beyond("contraction that still pulls", float(pulls.max()), FREE_CONTRACTION)
     else:
-        yield f"no tension at {pressure.max() / 1e3:g} kPa; expected positive force_n where the muscle pulls"
+        yield f"no tension at {in_kpa(pressure.max()):g} kPa; expected positive force_n where the muscle pulls"
     if len(np.unique(contraction[most])) > 1 and np.polyfit(contraction[most], force[most], 1)[0] >= 0:
         yield "force rises with contraction; expected it to fall (is contraction negative where the muscle shortens?)"
     if diameter is not None and len(pulls):

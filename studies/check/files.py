@@ -46,8 +46,8 @@ def inspect(path: Path) -> Findings:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", InputNote)
-        found = _inspect(path)
-    return found + Findings(notes=tuple(str(each.message) for each in caught))
+        findings = _inspect(path)
+    return findings + Findings(notes=tuple(str(each.message) for each in caught))
 
 
 def _inspect(path: Path) -> Findings:
@@ -72,9 +72,9 @@ def _folder(path: Path) -> Findings:
     main = next((path / name for name in _FOLDERS if (path / name).is_file()), None)
     if main is None:
         raise InputError(f"{path}: a folder without {', '.join(_FOLDERS)}")
-    found = _BY_FORMAT[_format(main)](main)
-    pressures = sorted(path.glob("pressures*.csv")) if main.name == "design.toml" and not found.problems else []
-    return found + failures(partial(read_pressures, file, read_design(main)) for file in pressures)
+    findings = _BY_FORMAT[_format(main)](main)
+    pressures = sorted(path.glob("pressures*.csv")) if main.name == "design.toml" and not findings.problems else []
+    return findings + failures(partial(read_pressures, file, read_design(main)) for file in pressures)
 
 
 def _format(path: Path) -> str:
@@ -96,13 +96,13 @@ def _design(path: Path) -> Findings:
 
 def _set(path: Path) -> Findings:
     measured = read_set(path)
-    found = Findings()
+    findings = Findings()
     for name, design in measured.designs.items():
-        found += design_findings(design, f"{path}: designs.{name}")
-    found += failures(trial.load for trial in measured.trials)
+        findings += design_findings(design, f"{path}: designs.{name}")
+    findings += failures(trial.load for trial in measured.trials)
     for trial in measured.trials:
         try:
-            found += _programs(trial.program, str(trial.file), measured_at=trial.times)
+            findings += _programs(trial.program, str(trial.file), measured_at=trial.times)
             interval = float(np.median(np.diff(trial.times))) if len(trial.times) > 1 else 0.0
         except InputError:
             continue  # `load` has said so
@@ -110,8 +110,8 @@ def _set(path: Path) -> Findings:
             line = (
                 f"{trial.file}: a frame every {interval:.3g} s; set.toml says frame_rate = {measured.frame_rate:g} Hz"
             )
-            found += Findings(warnings=(line,))
-    return found
+            findings += Findings(warnings=(line,))
+    return findings
 
 
 def _recording(path: Path) -> Findings:
@@ -134,10 +134,10 @@ def _model(path: Path) -> Findings:
 
 
 def _key(path: Path) -> Findings:
-    from studies.rig.key import read_key  # here: the rig needs an extra
+    from studies.rig.ground_truth import read_ground_truth  # here: the rig needs an extra
 
-    key = read_key(path)
-    lines = [line for name, factor in key.parameters.items() for line in beyond(name, factor, FACTOR)]
+    truth = read_ground_truth(path)
+    lines = [line for name, factor in truth.parameters.items() for line in beyond(name, factor, FACTOR)]
     return Findings(warnings=tuple(f"{path}: parameters: {line}" for line in lines))
 
 

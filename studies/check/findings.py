@@ -26,10 +26,10 @@ class Findings:
 
 def failures(reads: Iterable[Callable[[], object]]) -> Findings:
     """The lines of those that raise InputError."""
-    found = []
+    messages = []
     for read in reads:
         try:
             read()
         except InputError as error:
-            found.append(str(error))
-    return Findings(tuple(found))
+            messages.append(str(error))
+    return Findings(tuple(messages))

@@ -13,7 +13,7 @@ from fabdesign.study_file import read_kind, read_study
 from fabdesign.table import nearest, parse_toml
 from fabdesign.unseen_file import FREE, read_unseen
 from optimize.fit.parameters import fit_vector
-from studies.benches.needs import SIZES, require_columns, require_sizes
+from studies.benches.records import SIZES, require_columns, require_sizes
 from studies.check.design import design_findings, spacing
 from studies.check.findings import Findings, failures
 from studies.layouts.target import load_target
@@ -24,27 +24,27 @@ def study_findings(path: Path) -> Findings:
     kind = read_kind(path)
     if kind == "sensitivity":
         sweep = read_sensitivity(path)
-        found = design_findings(sweep.design, f"{path}: design")
+        findings = design_findings(sweep.design, f"{path}: design")
         targets = [sweep.target] if sweep.target else []
-        return found + failures(partial(load_target, target, sweep.design, seed=sweep.seed) for target in targets)
+        return findings + failures(partial(load_target, target, sweep.design, seed=sweep.seed) for target in targets)
     if kind == "unseen":
         unseen = read_unseen(path)
-        found = failures([partial(fit_vector, unseen.free, where=f"{path}: {FREE}")])
-        return found + design_findings(unseen.unsewn.design, f"{path}: design") if unseen.unsewn else found
+        findings = failures([partial(fit_vector, unseen.free, where=f"{path}: {FREE}")])
+        return findings + design_findings(unseen.unsewn.design, f"{path}: design") if unseen.unsewn else findings
     if kind == "loop":
         from studies.loop.run import open_study  # here: its report needs what a page is drawn with
 
         loop = read_loop(path)
         return design_findings(loop.search.design, f"{path}: design") + failures([partial(open_study, loop)])
     study = read_layouts(path).search if kind == "layouts" else read_study(path)
-    found = design_findings(study.design, f"{path}: design")
-    found += failures(partial(load_target, target, study.design, seed=study.seed) for target in study.targets)
+    findings = design_findings(study.design, f"{path}: design")
+    findings += failures(partial(load_target, target, study.design, seed=study.seed) for target in study.targets)
     least = study.limits.spacing
     _, close = spacing(study.design, least)
     if study.muscles is None and study.positions:
         lines = [f"{path}: {line}: the search starts outside its limits" for line in close]
-        found += Findings(warnings=tuple(lines))
-    return found
+        findings += Findings(warnings=tuple(lines))
+    return findings
 
 
 _TEXTS = ("format", "name", "specimen", "output", "description", "source")
@@ -54,8 +54,8 @@ _CONSTANTS = {"muscle": SIZES, "strip": ("width", "direction")}  # that a law's 
 def bench_findings(path: Path) -> Findings:
     """Of a bench and all its records. Raises InputError for what reading refuses."""
     bench = read_bench(path)
-    found = failures([partial(require_columns, bench, bench.records), partial(require_sizes, bench)])
-    return found + Findings(warnings=tuple(f"{path}: {line}" for line in _unread(path, bench)))
+    findings = failures([partial(require_columns, bench, bench.records), partial(require_sizes, bench)])
+    return findings + Findings(warnings=tuple(f"{path}: {line}" for line in _unread(path, bench)))
 
 
 def _unread(path: Path, bench: Bench) -> Iterator[str]:

@@ -19,6 +19,7 @@ from fabdesign.model_file import read_model
 from fabdesign.predictor import Predictor
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.units import in_mm
 from studies.evaluate import noise_of
 from studies.forward_model import forward_model
 from studies.sensitive_stretches import GRID, find_used_frames
@@ -59,7 +60,7 @@ class ShippedErrors:
             "unjudged_share": self.share_left_out,
             "effects": [effect.name for effect in self.shipped.effects],
             "models": [
-                {"name": name, **{key: 1e3 * getattr(errors, key) for key in names}, "closed": share}
+                {"name": name, **{key: in_mm(getattr(errors, key)) for key in names}, "closed": share}
                 for name, errors, share in self.rows()
             ],
         }
@@ -113,8 +114,8 @@ def as_text(shipped: ShippedErrors) -> str:
     for name, e, share in shipped.rows():
         told = "" if share is None else f"{share:.0%}"
         lines.append(
-            f"{name:16}{1e3 * e.chamfer:9.2f}{1e3 * e.chamfer_floor:8.2f}{1e3 * e.surface_rms:13.2f}"
-            f"{1e3 * e.surface_floor:8.2f}{told:>9}"
+            f"{name:16}{in_mm(e.chamfer):9.2f}{in_mm(e.chamfer_floor):8.2f}{in_mm(e.surface_rms):13.2f}"
+            f"{in_mm(e.surface_floor):8.2f}{told:>9}"
         )
     return "\n".join([*lines, shipped.effects_in_words])
 
@@ -128,6 +129,6 @@ def as_html(shipped: ShippedErrors) -> str:
         rows=shipped.rows(),
         made_by=MADE_BY,
         model=MODEL,
-        mm=lambda metres: f"{1e3 * metres:.2f}",
+        mm=lambda metres: f"{in_mm(metres):.2f}",
         percent=lambda share: "" if share is None else f"{share:.0%}",
     )

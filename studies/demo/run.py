@@ -110,8 +110,8 @@ def demo_studies(target: Path) -> list[Study]:
 def as_json(demo: Demo) -> dict[str, Any]:
     """What `demo --json` prints; distances in mm."""
     keys = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor", "surface_beyond", "evaluations", "wall_s")
-    found = [(result.study.name, result.as_json()) for result in demo.runs]
-    runs = [{"name": name, **{key: values[key] for key in keys}} for name, values in found]
+    searches = [(result.study.name, result.as_json()) for result in demo.runs]
+    runs = [{"name": name, **{key: values[key] for key in keys}} for name, values in searches]
     return {"runs": runs, "measured_set": None if demo.shipped is None else demo.shipped.as_json()}
 
 

@@ -1,1 +1,2 @@
-"""Depth sensors' clouds become a measurement set."""
+"""Depth sensors' clouds become a measurement set: cleaning, registration, faces, frames. Belongs here: what Open3D
+does."""

@@ -16,8 +16,8 @@ LEAST_OVERLAP = 60  # points
 
 def disagreement(views: Sequence[SensorView], poses: Sequence[Array], sides: Sequence[str], thickness: float) -> float:
     """Median distance [m] between the sensors of one frame; points without a partner count as far."""
-    found = [_gap(a, b, poses, sides, thickness) for a, b in combinations(views, 2)]
-    return float(np.median(found)) if found else 0.0
+    gaps = [_gap(a, b, poses, sides, thickness) for a, b in combinations(views, 2)]
+    return float(np.median(gaps)) if gaps else 0.0
 
 
 def swapped_pair(
@@ -47,14 +47,14 @@ def late_sensor(
     for camera in cameras:
         cost = {}
         for lag in (-2, -1, 0, 1, 2):
-            found = [
+            late = [
                 _gap(view, by_place[frame + lag, other], poses, sides, thickness)
                 for (frame, mine), view in by_place.items()
                 if mine == camera
                 for other in cameras
                 if other != camera and (frame + lag, other) in by_place
             ]
-            cost[lag] = float(np.mean(found)) if found else np.inf
+            cost[lag] = float(np.mean(late)) if late else np.inf
         lag = min(cost, key=lambda k: cost[k])
         gain = cost[lag] / cost[0] if cost[0] > 0 else 1.0
         if lag and gain < BETTER and (best is None or gain < best[0]):

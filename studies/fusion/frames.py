@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.errors import InputError
 from fabdesign.measurement_set import TrialData
 from fabdesign.recording import Recording
+from fabdesign.units import in_mm
 
 if TYPE_CHECKING:
     from studies.fusion.input import Anchored
@@ -104,7 +105,7 @@ class Fusion:
             residual = float(np.sqrt(squares.mean())) if len(squares) else float("nan")
             pose = self._poses[camera].tolist()
             counts = len(squares), self._dropped[camera]
-            sensors.append(SensorReport(sensor.name, pose, 1e3 * moved, turned, 1e3 * residual, *counts))
+            sensors.append(SensorReport(sensor.name, pose, in_mm(moved), turned, in_mm(residual), *counts))
         by_frame = None
         if self._per_frame:
             names = [s.name for s in self._anchored.sensors]
@@ -113,8 +114,8 @@ class Fusion:
             self._recording.name,
             len(self.frames),
             tuple(sensors),
-            1e3 * float(np.median(self._thickness)),
-            1e3 * self._recording.design.fabric.thickness,
+            in_mm(float(np.median(self._thickness))),
+            in_mm(self._recording.design.fabric.thickness),
             skipped,
             wall,
             by_frame,

@@ -55,11 +55,11 @@ def gaps(one: SensorView, other: SensorView, poses: Sequence[Array], sides: Sequ
     to_world = poses[other.camera]
     seen = (points - to_world[:3, 3]) @ to_world[:3, :3]
     distance, nearest = other.cloud.tree.query(seen, distance_upper_bound=REACH + abs(expected))
-    found = np.isfinite(distance)
-    points, nearest = points[found], nearest[found]
+    near = np.isfinite(distance)
+    points, nearest = points[near], nearest[near]
     planes = other.cloud.points[nearest] @ to_world[:3, :3].T + to_world[:3, 3]
     normal = other.cloud.normals[nearest] @ to_world[:3, :3].T
-    agree = np.einsum("ni,ni->n", normals[found], normal) * (1.0 if same else -1.0) > FACING
+    agree = np.einsum("ni,ni->n", normals[near], normal) * (1.0 if same else -1.0) > FACING
     between = points - planes
     along = np.einsum("ni,ni->n", between, normal)
     aside = np.linalg.norm(between - along[:, None] * normal, axis=1)

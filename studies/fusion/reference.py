@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.recording import Sensor
+from fabdesign.units import in_mm
 from studies.fusion.cleaning import clean, point_cloud
 
 Array = NDArray[np.float64]
@@ -67,14 +68,15 @@ def register_to_rest(sensor: Sensor, cloud: Array, fabric: Fabric) -> Pose:
         inner = cloud[(_beyond(world, fabric) < -0.004) & (np.abs(world[:, 2] - z) < 0.006)]
         if len(inner) < 50:
             raise InputError(f"reference: sensor {sensor.name} does not see the cloth at rest where its pose says")
-        found = least_squares(residuals, np.zeros(6), x_scale=1e-3, args=(matrix, inner, noise))
-        matrix = moved(matrix, found.x)
+        solved = least_squares(residuals, np.zeros(6), x_scale=1e-3, args=(matrix, inner, noise))
+        matrix = moved(matrix, solved.x)
     distance, angle = off(matrix, sensor.camera_to_world)
     if distance > OFF_NOMINAL[0] or angle > OFF_NOMINAL[1]:
         raise InputError(
-            f"reference: sensor {sensor.name} lies {1e3 * distance:.0f} mm and {angle:.1f} degrees off its nominal pose"
+            f"reference: sensor {sensor.name} lies {in_mm(distance):.0f} mm and {angle:.1f} degrees off its nominal "
+            "pose"
         )
-    return Pose(matrix, found.jac.T @ found.jac)
+    return Pose(matrix, solved.jac.T @ solved.jac)
 
 
 def _coarse(sensor: Sensor, cloud: Array, fabric: Fabric, z: float) -> Array:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from fabdesign import __version__
 from fabdesign.output import write_text
+from fabdesign.units import in_mm
 from studies.layout_grid.result import WORDS, CellResult, GridResult
 from studies.layouts.drawing import layout_svg
 from studies.layouts.shape_picture import shape_png
@@ -55,10 +56,10 @@ def _shown(result: GridResult) -> list[CellResult]:
     return [*front, *(f for f in result.found if f.result and f not in front)]
 
 
-def _shapes(found: CellResult) -> list[Markup]:
+def _shapes(own: CellResult) -> list[Markup]:
     """A picture a pose."""
-    assert found.result is not None
-    poses = zip(found.result.points, found.result.targets, strict=True)
+    assert own.result is not None
+    poses = zip(own.result.points, own.result.targets, strict=True)
     return [Markup(shape_png(points, target.points)) for points, target in poses]
 
 
@@ -73,17 +74,17 @@ def front_svg(result: GridResult) -> str:
             own = [f for f in sound if (f.cell.type, f.cell.sides) == (type_, sides)]
             if own:
                 counts = [f.cell.muscles for f in own]
-                reached = [1e3 * min(f.objective, _nearest(result, f)) for f in own]
+                reached = [in_mm(min(f.objective, _nearest(result, f))) for f in own]
                 label = f"{type_}, {sides}"
                 axes.plot(counts, reached, MARKS[sides], color=f"C{k}", linestyle=":", linewidth=0.8, label=label)
                 worse = [f for f in own if f.objective > _nearest(result, f)]
-                at = [f.cell.muscles for f in worse], [1e3 * f.objective for f in worse]
+                at = [f.cell.muscles for f in worse], [in_mm(f.objective) for f in worse]
                 axes.plot(*at, MARKS[sides], color=f"C{k}", fillstyle="none")
     front = result.front
     most = max(f.cell.muscles for f in sound)
-    steps = [*(f.cell.muscles for f in front), most], [*(1e3 * f.objective for f in front), 1e3 * front[-1].objective]
+    steps = [*(f.cell.muscles for f in front), most], [*(in_mm(f.objective) for f in front), in_mm(front[-1].objective)]
     axes.step(*steps, where="post", color="#1c2430", linewidth=1.5, label="best with as many or fewer")
-    axes.axhline(1e3 * _floor(front[-1]), color="#5a6675", linestyle="--", label="floor")
+    axes.axhline(in_mm(_floor(front[-1])), color="#5a6675", linestyle="--", label="floor")
     axes.set(xlabel="muscles", ylabel=f"{result.study.search.objective.replace('_', ' ')}, mm", ylim=(0, None))
     axes.set_xticks(np.unique([f.cell.muscles for f in sound]))
     axes.legend(fontsize="small")
@@ -92,21 +93,21 @@ def front_svg(result: GridResult) -> str:
     return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
 
 
-def _nearest(result: GridResult, found: CellResult) -> float:
-    best = result.nearest(found.cell)
+def _nearest(result: GridResult, own: CellResult) -> float:
+    best = result.nearest(own.cell)
     return best.objective if best else float("inf")
 
 
-def _floor(found: CellResult) -> float:
-    assert found.result is not None
-    errors = found.result.errors
-    return errors.chamfer_floor if found.result.study.objective == "chamfer" else errors.surface_floor
+def _floor(own: CellResult) -> float:
+    assert own.result is not None
+    errors = own.result.errors
+    return errors.chamfer_floor if own.result.study.objective == "chamfer" else errors.surface_floor
 
 
 def as_text(result: GridResult) -> str:
     """For people: the front, a line a cell."""
     lines = [
-        f"{f.cell.muscles} muscles, {f.cell.type}, {f.cell.sides}: {1e3 * f.objective:.3f} mm" for f in result.front
+        f"{f.cell.muscles} muscles, {f.cell.type}, {f.cell.sides}: {in_mm(f.objective):.3f} mm" for f in result.front
     ]
     lines += [
         f"{f.cell.name}: {name}: {', '.join(values)}"

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from fabdesign.layouts_file import Cell, LayoutsStudy
+from fabdesign.units import in_mm
 from studies.layouts.result import StudyResult
 
 PULLS = 0.05  # of the pressure range, over its lowest, from which on a muscle does something
@@ -76,10 +77,10 @@ class GridResult:
             return []
         statements, count = [], f"{cell.muscles} muscles" if cell.muscles > 1 else "1 muscle"
         if best is not own:
-            came = f"its own search came to {1e3 * own.objective:.2f} mm" if own.result else own.why
+            came = f"its own search came to {in_mm(own.objective):.2f} mm" if own.result else own.why
             statements.append(
                 f"{count} {WORDS[cell.sides]} did not help: {best.cell.muscles} {WORDS[best.cell.sides]} are nearer, "
-                f"at {1e3 * best.objective:.2f} mm; {came}."
+                f"at {in_mm(best.objective):.2f} mm; {came}."
             )
         idle = len(best.result.design.muscles) - len(best.pulling) if best.result else 0
         if idle:
@@ -101,11 +102,11 @@ class GridResult:
             "seed": self.study.search.seed,
         }
 
-    def _cell(self, found: CellResult, on_front: bool) -> dict[str, Any]:
-        cell, best = found.cell, self.nearest(found.cell)
+    def _cell(self, one: CellResult, on_front: bool) -> dict[str, Any]:
+        cell, best = one.cell, self.nearest(one.cell)
         entry: dict[str, Any] = {"name": cell.name, "muscles": cell.muscles, "type": cell.type, "sides": cell.sides}
-        if found.result is None:
-            entry["why_not"] = found.why
+        if one.result is None:
+            entry["why_not"] = one.why
         if best is None or best.result is None:
             return entry
         result = best.result.as_json()
@@ -113,8 +114,8 @@ class GridResult:
         entry |= {k: result[k] for k in keys} | {"outputs": result["outputs"]}
         entry |= {"of": best.cell.name, "sides_used": best.sides_used, "muscles_used": len(best.pulling)}
         entry |= {"said": [*self.statements(cell), *best.result.reach.sentences], "front": on_front}
-        if found.result is not None:
-            own = found.result.as_json()
+        if one.result is not None:
+            own = one.result.as_json()
             entry |= {"searched_mm": own["objective_mm"], "stop_reason": own["stop_reason"]}
             entry |= {"evaluations": own["evaluations"], "wall_s": own["wall_s"]}
         return entry

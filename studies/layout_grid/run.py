@@ -119,7 +119,7 @@ class _Grid:
 
     def _followed(self, result: GridResult) -> GridResult:
         """With the motions that lead to what is on the front, the nearest first, while there is time for another."""
-        while ahead := [f for f in reversed(result.front) if f.result is not None and f.result.way is None]:
+        while ahead := [f for f in reversed(result.front) if f.result is not None and f.result.loading_path is None]:
             begin = time.monotonic()
             if self._spent + self._to_follow > self._limit:
                 return result
@@ -177,10 +177,10 @@ class _Grid:
         except SimulationError as error:
             self._found.append(CellResult(cell, None, str(error)))
             return
-        found = CellResult(cell, result, "")
-        self._found.append(found)
+        searched = CellResult(cell, result, "")
+        self._found.append(searched)
         if not own.turns and not result.interrupted:
-            own.turns, own.value, own.gained = 1, found.objective, recent_gain(found)
+            own.turns, own.value, own.gained = 1, searched.objective, recent_gain(searched)
         self._keep()
 
     def _further_turn(self, chosen: CellResult, seconds: float) -> None:
@@ -193,10 +193,10 @@ class _Grid:
             own.seeds, own.drawn, own.seconds, own.beneath = as_rows(seeds), False, 0.0, beneath
         own.seconds += seconds
         result = self._run(cell, own, first_starts(cell.study) if own.drawn else [], anew=anew)
-        found = CellResult(cell, result, "")
-        self._found[self._found.index(chosen)] = found
+        searched = CellResult(cell, result, "")
+        self._found[self._found.index(chosen)] = searched
         own.turns += 1
-        own.gained, own.value = max(0.0, own.value - found.objective), found.objective
+        own.gained, own.value = max(0.0, own.value - searched.objective), searched.objective
         self._keep()
 
     def _run(

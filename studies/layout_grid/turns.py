@@ -48,14 +48,14 @@ def best_beneath(cell: Cell, result: GridResult) -> float:
     return min((f.objective for f in result.found if f.cell is not cell and cell.includes(f.cell)), default=np.inf)
 
 
-def recent_gain(found: CellResult) -> float:
+def recent_gain(own: CellResult) -> float:
     """m that the full model's best fell by in the latter half of the search; all of it where it came only then."""
-    assert found.result is not None
-    entries = [entry for entry in found.result.history if not entry.diverged]
+    assert own.result is not None
+    entries = [entry for entry in own.result.history if not entry.diverged]
     last = [(e.seconds, e.objective) for e in entries if e.stage == "full model"]
     if not last:
-        return found.objective
-    half = found.result.wall_s / 2
+        return own.objective
+    half = own.result.wall_s / 2
     before = [value for seconds, value in last if seconds <= half] or [last[0][1]]
     return max(0.0, min(before) - min(value for _, value in last))
 
@@ -84,12 +84,12 @@ def next_turn(result: GridResult, turns: dict[str, CellTurns], seconds: float) -
 CANDIDATES = 12  # of further muscles, drawn for each neighbour's layout: idle, and again at a share of the pressure
 
 
-def seeds_of(cell: Cell, found: Sequence[CellResult]) -> list[Start]:
+def seeds_of(cell: Cell, results: Sequence[CellResult]) -> list[Start]:
     """Of the cells that this one includes, nearest first: their layouts, and with idle muscles up to the cell's number.
 
     Where a layout without a change has the cell's number of muscles already, it is a seed as it is.
     """
-    beneath = [f for f in found if f.result is not None and f.cell is not cell and cell.includes(f.cell)]
+    beneath = [f for f in results if f.result is not None and f.cell is not cell and cell.includes(f.cell)]
     seeds: list[Start] = []
     for k, neighbour in enumerate(_nearest(beneath)):
         result = neighbour.result

@@ -9,14 +9,15 @@ from fabdesign.errors import InputError
 from fabdesign.study_file import Study
 from optimize.additions import pulling, with_idle
 from optimize.channels import by_muscle, start_of
-from optimize.design_space import DesignSpace, Limits, Vector
-from optimize.search import Fresh
+from optimize.design_space import DesignSpace, Vector
+from optimize.margins import Limits
+from optimize.search import FurtherStarts
 from optimize.starts import Start, catalogue_starts, layout_starts, pressure_starts, thinned_starts
 from optimize.variations import variations
 
 PRESSURE_STARTS = 31  # screened before pressures are searched
 LAYOUT_STARTS = 64  # drawn and screened before layouts are searched; a multiple of what the simulator takes at once
-VARIATIONS = 24  # of the best, screened by every other campaign,
+VARIATIONS = 24  # of the best, screened by every other restart,
 ADDITIONS = 16  # and as many places of a muscle more, each with
 PULL = 0.4  # of the pressure range: past the threshold of a braided muscle, so that a pull shows
 THINNED_STARTS = 72  # of the design's own muscles, where it has more than the layout may
@@ -99,8 +100,8 @@ def _on_fewer_channels(start: Start) -> list[Start]:
     return [] if shared is None else [shared]
 
 
-def fresh_starts(study: Study) -> Fresh | None:
-    """Starts of further campaigns; none where nothing can be drawn anew."""
+def further_starts(study: Study) -> FurtherStarts | None:
+    """Starts of further restarts; none where nothing can be drawn anew."""
     limits, poses, choice = limits_of(study), len(study.targets), study.muscles
     if choice is not None:
 
@@ -112,9 +113,9 @@ def fresh_starts(study: Study) -> Fresh | None:
             more = with_idle(best, count=count + 1, sides=choice.sides, number=ADDITIONS, seed=seed)
             return pulling(more, count, PULL)
 
-        def layouts(campaign: int, best: Start) -> tuple[list[Start], bool]:
-            seed, counts, sides = study.seed + 1000 * campaign, choice.counts, choice.sides
-            if campaign % 2:
+        def layouts(restart: int, best: Start) -> tuple[list[Start], bool]:
+            seed, counts, sides = study.seed + 1000 * restart, choice.counts, choice.sides
+            if restart % 2:
                 return [
                     *variations(best, counts=counts, sides=sides, number=VARIATIONS, seed=seed),
                     *added(best, seed),
@@ -129,7 +130,7 @@ def fresh_starts(study: Study) -> Fresh | None:
         return None
     space, _ = own_start(study, limits)
 
-    def pressures(campaign: int, best: Start) -> tuple[list[Start], bool]:
-        return pressure_starts(space, PRESSURE_STARTS, study.seed + 1000 * campaign)[1:], True
+    def pressures(restart: int, best: Start) -> tuple[list[Start], bool]:
+        return pressure_starts(space, PRESSURE_STARTS, study.seed + 1000 * restart)[1:], True
 
     return pressures

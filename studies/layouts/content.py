@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fabdesign.study_file import Study
+from fabdesign.units import in_kpa
 from studies.layouts.target import LoadedTarget
 
 _RAISED = ("limits.seconds", "limits.evaluations")  # without another result up to there
@@ -23,9 +24,9 @@ def study_content(study: Study, targets: Sequence[LoadedTarget]) -> dict[str, st
         if field.name not in _NO_MATTER:
             content |= flat(getattr(study, field.name), field.name)
     content = {name: value for name, value in content.items() if name not in _ABSENT or value is not None}
-    content["limits.pressure"] = [pressure / 1e3 for pressure in study.limits.pressure]
+    content["limits.pressure"] = [in_kpa(pressure) for pressure in study.limits.pressure]
     if study.start_pressures is not None:
-        content["start_pressures"] = (study.start_pressures / 1e3).tolist()
+        content["start_pressures"] = in_kpa(study.start_pressures).tolist()
     for number, target in enumerate(targets, start=1):
         name = "target" if len(targets) == 1 else f"target {number}"
         content[f"{name}.time"] = target.time

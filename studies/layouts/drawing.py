@@ -6,16 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.design import Design
+from fabdesign.units import in_kpa
 
 SCALE = 1000.0  # drawing units a metre
 GAP, TOP = 30.0, 26.0
 # colours (RGB) of no pressure, of half and of the highest
-LEAST, MIDDLE, MOST = np.array([198, 219, 239]), np.array([253, 174, 97]), np.array([203, 24, 29])
+LOW, HALF, HIGH = np.array([198, 219, 239]), np.array([253, 174, 97]), np.array([203, 24, 29])
 
 
 def pressure_colour(share: float) -> str:
     """CSS colour of a share of the highest pressure."""
-    low, high, t = (LEAST, MIDDLE, 2 * share) if share < 0.5 else (MIDDLE, MOST, 2 * share - 1)
+    low, high, t = (LOW, HALF, 2 * share) if share < 0.5 else (HALF, HIGH, 2 * share - 1)
     red, green, blue = (low + np.clip(t, 0, 1) * (high - low)).astype(int)
     return f"rgb({red},{green},{blue})"
 
@@ -40,7 +41,7 @@ def layout_svg(design: Design, pressures: NDArray[np.float64], highest: float) -
 def _muscle(number: int, path: NDArray[np.float64], pressure: float, highest: float) -> list[str]:
     points = " ".join(f"{u:.1f},{v:.1f}" for u, v in path)
     u, v = path[0] + (path[-1] - path[0]) * (0.3 + 0.4 * (number % 2))
-    text = f"{number}: {pressure / 1e3:.0f}"
+    text = f"{number}: {in_kpa(pressure):.0f}"
     half = 3.4 * len(text)
     return [
         f'<polyline points="{points}" class="muscle" stroke="{pressure_colour(pressure / highest)}"/>',

@@ -9,6 +9,7 @@ from fabdesign.distances import nearest_distances
 from fabdesign.mid_surface import at_places, two_faces
 from fabdesign.muscle import Muscle
 from fabdesign.surface import face_triangles
+from fabdesign.units import in_kpa, in_mm
 from studies.layouts.result import StudyResult
 
 SHOWN = 2000  # target points drawn: enough to see the shape through
@@ -22,7 +23,7 @@ FRONT, BACK, TARGET = "#b2182b", "#2166ac", "#222222"
 def scene_figure(result: StudyResult, pose: int) -> dict[str, Any]:
     """Target cloud over the result's faces, coloured by their distance to the cloud, with the muscles on them."""
     points, target = result.points[pose], result.targets[pose].points
-    far = 1e3 * nearest_distances(points, target)
+    far = in_mm(nearest_distances(points, target))
     top = max(float(np.ceil(10 * far.max()) / 10), 0.1)
     traces = [
         points_trace(target[:: max(1, len(target) // SHOWN)], "target", TARGET),
@@ -51,7 +52,7 @@ def scene_figure(result: StudyResult, pose: int) -> dict[str, Any]:
         },
     ]
     for number, muscle in enumerate(result.design.muscles):
-        pressure = result.pressures[pose][muscle.channel] / 1e3
+        pressure = in_kpa(result.pressures[pose][muscle.channel])
         traces.append(
             {
                 "type": "scatter3d",
@@ -89,7 +90,7 @@ def convergence_figure(result: StudyResult) -> dict[str, Any]:
     entries = result.history
     if not entries:
         return {"data": [], "layout": {}}
-    values = 1e3 * np.array([entry.objective for entry in entries])
+    values = in_mm(np.array([entry.objective for entry in entries]))
     numbers = np.arange(1, len(entries) + 1)
     shown = np.array([not entry.diverged for entry in entries])
     stages = list(dict.fromkeys(entry.stage for entry in entries))
@@ -107,7 +108,7 @@ def convergence_figure(result: StudyResult) -> dict[str, Any]:
         best = np.minimum.accumulate(values[own])
         traces.append({"mode": "lines", "name": stage, "x": numbers[own].tolist(), "y": _rounded(best, 3)})
     chamfer = result.study.objective == "chamfer"
-    floor = 1e3 * (result.errors.chamfer_floor if chamfer else result.errors.surface_floor)
+    floor = in_mm(result.errors.chamfer_floor if chamfer else result.errors.surface_floor)
     traces.append(
         {
             "mode": "lines",

@@ -26,7 +26,7 @@ BY = 0.2  # of a declared value
 WIDER = 0.1  # of the pressure range
 WORTH = 0.02  # of the objective, under which a change is not worth a word
 SAID = 3
-FACTORS = {
+CHANGED_FACTORS = {
     "membrane": "membrane stiffness",
     "shear": "shear stiffness",
     "bending": "bending stiffness",
@@ -92,7 +92,7 @@ def helps_of(study: Study, point: Start, objective: Objective, forward: ForwardM
         return None
     changes = [
         Change(f"{BY:.0%} {'more' if sign > 0 else 'less'} {what}", factor(name), sign * BY)
-        for name, what in FACTORS.items()
+        for name, what in CHANGED_FACTORS.items()
         for sign in (1, -1)
     ]
     before, found = what_helps(jacobians, objective, point, changes, _wider(study, point[0]))

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import matplotlib
 
+from fabdesign.units import in_kpa, in_mm
+
 matplotlib.use("Agg")
 
 import numpy as np
@@ -15,11 +17,11 @@ from matplotlib.colors import LinearSegmentedColormap, Normalize
 from mpl_toolkits.mplot3d import Axes3D
 
 from fabdesign.output import whole_file
-from studies.layouts.drawing import LEAST, MIDDLE, MOST
+from studies.layouts.drawing import HALF, HIGH, LOW
 from studies.layouts.result import StudyResult
 
 SHOWN = 1200  # target points drawn
-COLOURS = LinearSegmentedColormap.from_list("pressure", [tuple(c / 255) for c in (LEAST, MIDDLE, MOST)])
+COLOURS = LinearSegmentedColormap.from_list("pressure", [tuple(c / 255) for c in (LOW, HALF, HIGH)])
 
 
 def save_picture(results: Sequence[tuple[str, StudyResult]], path: Path) -> None:
@@ -31,7 +33,7 @@ def save_picture(results: Sequence[tuple[str, StudyResult]], path: Path) -> None
         flat = [figure.add_subplot(grid[row, column]) for column in (1, 2)]
         for axes, side in zip(flat, ("front", "back"), strict=True):
             _draw_face(axes, side, result)
-        highest = result.study.limits.pressure[1] / 1e3
+        highest = in_kpa(result.study.limits.pressure[1])
         figure.colorbar(ScalarMappable(Normalize(0, highest), COLOURS), ax=flat, label="kPa", shrink=0.7)
     with whole_file(path) as temporary:
         figure.savefig(temporary, dpi=90, format="png")
@@ -41,14 +43,14 @@ def save_picture(results: Sequence[tuple[str, StudyResult]], path: Path) -> None
 def _draw_scene(axes: Axes3D, title: str, result: StudyResult) -> None:
     points, target = result.points[0], result.targets[0].points
     side = round(np.sqrt(len(points) / 2))
-    middle = points.reshape(2, side, side, 3).mean(axis=0) * 1e3
-    shown = target[:: max(1, len(target) // SHOWN)] * 1e3
+    middle = in_mm(points.reshape(2, side, side, 3).mean(axis=0))
+    shown = in_mm(target[:: max(1, len(target) // SHOWN)])
     axes.plot_surface(*np.moveaxis(middle, -1, 0), color="#8fb3d9", alpha=0.75, linewidth=0)
     axes.scatter(*shown.T, s=1.2, c="#222222", depthshade=False)
     axes.set(xlabel="x, mm", ylabel="y, mm", zlabel="z, mm")
     errors = result.errors
     axes.set_title(
-        f"{title}\nChamfer {1e3 * errors.chamfer:.2f} mm, floor {1e3 * errors.chamfer_floor:.2f}", fontsize=11
+        f"{title}\nChamfer {in_mm(errors.chamfer):.2f} mm, floor {in_mm(errors.chamfer_floor):.2f}", fontsize=11
     )
     axes.view_init(elev=18, azim=30, vertical_axis="y")
     axes.set_aspect("equal")
@@ -61,13 +63,13 @@ def _draw_face(axes: Axes, side: str, result: StudyResult) -> None:
         if muscle.side != side:
             continue
         pressure = result.pressures[0][muscle.channel]
-        path = np.array(muscle.path) * 1e3
+        path = in_mm(np.array(muscle.path))
         axes.plot(*path.T, color=COLOURS(pressure / highest), linewidth=5, solid_capstyle="round")
         place = path[0] + (path[-1] - path[0]) * (0.3 + 0.4 * (number % 2))
         box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.85}
-        axes.text(place[0], place[1], f"{pressure / 1e3:.0f}", ha="center", va="center", fontsize=9, bbox=box)
+        axes.text(place[0], place[1], f"{in_kpa(pressure):.0f}", ha="center", va="center", fontsize=9, bbox=box)
     axes.axhline(0, color="black", linewidth=4)
-    axes.set(xlim=(0, 1e3 * fabric.width), ylim=(1e3 * fabric.height, 0), xlabel="u, mm", ylabel="v, mm")
+    axes.set(xlim=(0, in_mm(fabric.width)), ylim=(in_mm(fabric.height), 0), xlabel="u, mm", ylabel="v, mm")
     axes.set_title("front" if side == "front" else "back, seen through the cloth", fontsize=10)
     axes.set_aspect("equal")
     axes.set_facecolor("#f5f6f8")

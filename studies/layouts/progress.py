@@ -8,6 +8,7 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
+from fabdesign.units import in_mm
 from optimize.evaluations import Evaluations
 from optimize.objective import Shape
 
@@ -26,7 +27,7 @@ def saying_a_tenth(
             least = floor(shape)
             over = f", {best.value / least:.2f} times the noise floor" if least > 0 else ""
             evaluations.told = (
-                f"after a tenth of its time {1e3 * best.value:.2f} mm{over}, in stage {evaluations.stage}"
+                f"after a tenth of its time {in_mm(best.value):.2f} mm{over}, in stage {evaluations.stage}"
             )
         progress(evaluations)
 
@@ -49,7 +50,7 @@ class LiveLine:
         if evaluations.told != self._told:
             self._told = evaluations.told
             self._console.print(f"{self._title}: {self._told}", highlight=False, soft_wrap=True)
-        best = "none yet" if evaluations.best is None else f"{1e3 * evaluations.best.value:.3f} mm"
+        best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.3f} mm"
         done = f"{evaluations.history.evaluations} evaluations, {evaluations.elapsed:.0f} s"
         left = f"{max(0.0, evaluations.seconds - evaluations.elapsed):.0f} s left at most"
         self.say(f"{evaluations.stage}: best {best}, {done}", share=evaluations.share, left=left)

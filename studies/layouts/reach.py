@@ -11,6 +11,7 @@ from fabdesign.design import Design
 from fabdesign.metrics import Errors
 from fabdesign.self_intersection import pierced
 from fabdesign.study_file import Study
+from fabdesign.units import in_kpa, in_mm
 from studies.layouts.out_of_reach import Helps, Missed, missed_said
 
 LEAST_GAP = 1e-3  # m over the floor from which a target counts as out of reach,
@@ -42,23 +43,23 @@ class Reach:
         said = []
         if self.out_of_reach:
             held = ", ".join(self.held_by) or "no limit: another kind of layout, or a longer search, may come nearer"
-            said.append(f"Out of reach: {1e3 * self.gap:.1f} mm over the floor. What holds it back: {held}.")
+            said.append(f"Out of reach: {in_mm(self.gap):.1f} mm over the floor. What holds it back: {held}.")
             said += missed_said(self.missed) + (self.helps.sentences if self.helps else [])
         for pose, place in enumerate(self.crossing, start=1):
             if place is not None:
                 of = f" of pose {pose}" if len(self.crossing) > 1 else ""
-                where = f"around u {1e3 * place[0]:.0f}, v {1e3 * place[1]:.0f} mm"
+                where = f"around u {in_mm(place[0]):.0f}, v {in_mm(place[1]):.0f} mm"
                 said.append(f"No real cloth takes this shape{of}: it passes through itself {where}.")
         return said
 
     def as_json(self) -> dict[str, Any]:
         """What `reach` in result.json holds: mm; u and v in m."""
         return {
-            "gap_mm": 1e3 * self.gap,
+            "gap_mm": in_mm(self.gap),
             "out_of_reach": self.out_of_reach,
             "held_by": list(self.held_by),
             "passes_through_itself": self.passes_through_itself,
-            "missed": [{"u": m.place[0], "v": m.place[1], "off_mm": 1e3 * m.off} for m in self.missed],
+            "missed": [{"u": m.place[0], "v": m.place[1], "off_mm": in_mm(m.off)} for m in self.missed],
             "helps": self.helps.as_json() if self.helps else None,
             "said": self.sentences,
         }
@@ -94,7 +95,7 @@ def _held_by(
     held = []
     if study.pressures and at_most:
         count = "all muscles" if at_most == acting.shape[1] else f"{at_most} of {acting.shape[1]} muscles"
-        held.append(f"{count} at {high / 1e3:g} kPa")
+        held.append(f"{count} at {in_kpa(high):g} kPa")
     if study.muscles is not None and len(design.muscles) == study.muscles.most:
         held.append("the one muscle used" if study.muscles.most == 1 else f"all {study.muscles.most} muscles used")
     if study.positions:

@@ -21,11 +21,11 @@ from optimize.fewer import Fewer
 from optimize.history import Entry
 from optimize.search import INTERRUPTED
 from studies.layouts.after import fewer_said
+from studies.layouts.loading_path import LoadingPath
 from studies.layouts.reach import Reach
 from studies.layouts.robustness import Robustness
 from studies.layouts.robustness import as_json as robust_json
 from studies.layouts.target import LoadedTarget, pose_errors
-from studies.layouts.way import Way
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class StudyResult:
     wall_s: float  # of the search, earlier sessions included
     stop_reason: str
     reach: Reach
-    way: Way | None  # None where the motion to the result was not followed
+    loading_path: LoadingPath | None  # None where the motion to the result was not followed
     robust: Robustness | None = None  # where the study asks for it
     fewer: Fewer | None = None  # what leaving muscles out came to, where their number may vary
 
@@ -119,7 +119,7 @@ class StudyResult:
             "poses": self._poses(),
             "outputs": self._outputs(),
             "reach": self.reach.as_json(),
-            "way": self.way.as_json() if self.way else None,
+            "way": self.loading_path.as_json() if self.loading_path else None,
             "after_a_tenth_mm": self.after_a_tenth and 1e3 * self.after_a_tenth,
             "robust": self._robust(),
             "fewer": self.fewer and self._fewer(self.fewer),

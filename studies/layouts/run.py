@@ -14,6 +14,7 @@ from fabdesign.forward import HOLD, RISE, ForwardModel
 from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.study_file import Study, read_study, require_searchable
+from fabdesign.units import in_mm
 from optimize.design_space import DesignSpace
 from optimize.evaluations import FINALISTS, NEAR, Evaluations, Stage
 from optimize.fewer import Fewer
@@ -25,8 +26,9 @@ from optimize.starts import Start
 from studies.forward_model import forward_model
 from studies.layouts.after import NEAR as NEAR_ENOUGH
 from studies.layouts.after import POOL, points_of, search_seconds, shrunk
-from studies.layouts.begin import first_starts, fresh_starts, limits_of
+from studies.layouts.begin import first_starts, further_starts, limits_of
 from studies.layouts.content import study_content
+from studies.layouts.loading_path import loading_paths
 from studies.layouts.out_of_reach import helps_of, missed_at
 from studies.layouts.progress import saying_a_tenth
 from studies.layouts.reach import reach_of
@@ -34,7 +36,6 @@ from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult, pressures_kpa, write_best
 from studies.layouts.robustness import most_robust, robustness_of
 from studies.layouts.target import LoadedTarget, load_target, target_errors
-from studies.layouts.way import ways
 
 HISTORY = "history.sqlite"
 COARSE = 21  # points a side, of the simulator on which a search begins
@@ -123,7 +124,7 @@ def _search_in(
             on_progress=_keeping_best(work, targets, study.rise, saying_a_tenth(floor, progress)),
             near=NEAR_ENOUGH if study.robust else NEAR,
         )
-        stop_reason, fewer = search(evaluations, fresh=fresh_starts(study), floor=floor), None
+        stop_reason, fewer = search(evaluations, further=further_starts(study), floor=floor), None
         try:
             fewer = None if stop_reason == INTERRUPTED else shrunk(study, evaluations)
         except KeyboardInterrupt:
@@ -211,7 +212,7 @@ def _keeping_best(
             design, pressures = space.decode(x)
             stage = evaluations.stages[evaluations.best.stage]
             unfinished = {
-                "objective_mm": 1e3 * evaluations.best.value,
+                "objective_mm": in_mm(evaluations.best.value),
                 "evaluations": evaluations.history.evaluations,
                 "wall_s": evaluations.elapsed,
                 "muscles": [asdict(muscle) for muscle in design.muscles],
@@ -246,7 +247,7 @@ def _result(
     follow: bool = True,
     fewer: Fewer | None = None,
 ) -> StudyResult:
-    """Of `points`, by default what is as near as the best, the first that does not hang on the way to it, else the
+    """Of `points`, by default what is as near as the best, the first whose loading path is not sensitive, else the
     first: where its motion leads, valued once more on the full model, and the resting cloth beside it."""
     objective = evaluations.objective
     points = [*points] or evaluations.finalists()
@@ -259,12 +260,12 @@ def _result(
     shapes, rests = every[: len(points)], every[len(points) :]
     if not (np.all(np.isfinite(shapes[0])) and np.all(np.isfinite(rests[0]))):
         raise SimulationError(f"{study.name}: the best design diverges on the full model; {stop_reason}")
-    found_ways = ways(objective, forward, found, shapes, rests, rise=study.rise) if follow else []
-    chosen = next((k for k, one in enumerate(found_ways) if not one.hangs), 0)
+    paths = loading_paths(objective, forward, found, shapes, rests, rise=study.rise) if follow else []
+    chosen = next((k for k, one in enumerate(paths) if not one.sensitive), 0)
     (design, pressures), shape, rest = found[chosen], shapes[chosen], rests[chosen]
-    way = found_ways[chosen] if follow else None
-    if way is not None and not way.reached and np.all(np.isfinite(way.shape)):
-        shape = way.shape
+    path = paths[chosen] if follow else None
+    if path is not None and not path.reached and np.all(np.isfinite(path.shape)):
+        shape = path.shape
     errors = target_errors(targets, shape, design, seed=study.seed)
     targets = tuple(target.beside(one) for target, one in zip(targets, shape, strict=True))
     margins = constraint_margins(design, pressures, limits_of(study), shape)
@@ -287,6 +288,6 @@ def _result(
         wall_s=evaluations.elapsed,
         stop_reason=stop_reason,
         reach=reach,
-        way=way,
+        loading_path=path,
         fewer=fewer,
     )

@@ -11,6 +11,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
 from fabdesign.surface import face_triangles
+from fabdesign.units import in_mm
 
 Array = NDArray[np.float64]
 SHOWN = 900  # points of the target drawn
@@ -55,16 +56,16 @@ def _from_an_angle(axes: Any, middle: Array, target: Array, low: Array, high: Ar
 
 def _from_the_side(axes: Any, middle: Array, others: Sequence[Array], target: Array, low: Array, high: Array) -> None:
     """The columns of the cloth, z to the right and y upwards, in mm."""
-    axes.plot(1e3 * target[:, 2], 1e3 * target[:, 1], ".", markersize=2.5, color=TARGET, label="target")
+    axes.plot(in_mm(target[:, 2]), in_mm(target[:, 1]), ".", markersize=2.5, color=TARGET, label="target")
     columns = np.linspace(0, len(middle) - 1, 9).round().astype(int)
     for other in others:
         for k in columns[::4]:
-            axes.plot(1e3 * other[:, k, 2], 1e3 * other[:, k, 1], "-", color="#7a8694", linewidth=0.6)
+            axes.plot(in_mm(other[:, k, 2]), in_mm(other[:, k, 1]), "-", color="#7a8694", linewidth=0.6)
     if others:
         axes.plot([], [], "-", color="#9aa5b1", label="copies with scatter, three columns")
     for k in columns:
-        axes.plot(1e3 * middle[:, k, 2], 1e3 * middle[:, k, 1], "-", color="#2f5f8f", linewidth=1.0)
+        axes.plot(in_mm(middle[:, k, 2]), in_mm(middle[:, k, 1]), "-", color="#2f5f8f", linewidth=1.0)
     axes.plot([], [], "-", color="#2f5f8f", label="cloth, nine columns")
-    axes.set(xlim=(1e3 * low[2], 1e3 * high[2]), ylim=(1e3 * low[1], 1e3 * high[1]))
+    axes.set(xlim=(in_mm(low[2]), in_mm(high[2])), ylim=(in_mm(low[1]), in_mm(high[1])))
     axes.set(xlabel="z, mm (from the side)", ylabel="y, mm", aspect="equal")
     axes.legend(fontsize="small", frameon=False, loc="lower left", bbox_to_anchor=(0, 1))

@@ -1,1 +1,2 @@
-"""The loop: choose a design, measure it, calibrate, trace, train, choose again (docs/loop.md)."""
+"""The loop: choose a design, measure it, calibrate, trace, train, choose again (docs/loop.md). Belongs here: turns and
+what is kept of them; each step is another study."""

@@ -16,6 +16,7 @@ from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.model_file import read_model, write_model
 from fabdesign.output import WorkFolder
 from fabdesign.trial import MeasurementSet
+from fabdesign.units import in_mm
 from optimize.fit.parameters import fit_vector
 from studies.calibration.calibrate import Calibration, calibrate
 from studies.calibration.fitted_model import muscle_scope
@@ -48,8 +49,8 @@ def together(sets: Sequence[MeasurementSet]) -> MeasurementSet:
         return sets[0]
     return MeasurementSet(
         name=f"{sets[0].name} to {sets[-1].name}",
-        designs={name: design for found in sets for name, design in found.designs.items()},
-        trials=tuple(trial for found in sets for trial in found.trials),
+        designs={name: design for one in sets for name, design in one.designs.items()},
+        trials=tuple(trial for one in sets for trial in one.trials),
         description=sets[0].description,
         frame_rate=sets[0].frame_rate,
     )
@@ -71,11 +72,11 @@ def learn(
     measured, known, said = together(sets), known.without(["corrector"]), []
     traced, model, started = None, None, known
     if study.learning.trace:
-        traced, found, lines = _traced(study, measured, known, work.folder / name / TRACE, simulators, say)
+        traced, learned, lines = _traced(study, measured, known, work.folder / name / TRACE, simulators, say)
         said += lines
-        if found is not None:
-            started = replace(known, effects=found.effects)
-            model = found if study.learning.trace_grid == study.points_per_side else None
+        if learned is not None:
+            started = replace(known, effects=learned.effects)
+            model = learned if study.learning.trace_grid == study.points_per_side else None
     if model is None:
         calibration = _calibrated(study, sets, started, simulators, say)
         said += _of_calibration(calibration)
@@ -138,13 +139,13 @@ def _traced(
         return None, None, [f"not traced: {error}"]
     result = outcome.as_json()
     added = [effect["name"] for effect in result["effects"]]
-    found = {
+    learned = {
         "verdict": result["verdict"],
         "effects": added,
         "indistinguishable": result["indistinguishable"],
         "excess": {name: value for name, value in result["excess"].items() if name != "unit"},
     }
-    return found, outcome.model, [f"trace: {verdict_in_words(outcome)}"]
+    return learned, outcome.model, [f"trace: {verdict_in_words(outcome)}"]
 
 
 def _calibrated(
@@ -154,7 +155,7 @@ def _calibrated(
     vector = fit_vector(
         [effect.name for effect in start.effects],
         terms=start.terms,
-        scope=muscle_scope([design for found in sets for design in found.designs.values()]),
+        scope=muscle_scope([design for measured in sets for design in measured.designs.values()]),
     )
     return calibrate(
         sets,
@@ -168,12 +169,10 @@ def _calibrated(
     )
 
 
-def _of_calibration(found: Calibration) -> list[str]:
-    left = found.as_json()["excess"]["after"]
-    lines = [
-        f"calibrated on {len(found.model.provenance.fitted)} trials: {left:.2f} mm of excess over the noise remain"
-    ]
-    return lines + [f"warning: the intervals are not reliable: {why}" for why in found.doubts]
+def _of_calibration(calibration: Calibration) -> list[str]:
+    left = calibration.as_json()["excess"]["after"]
+    lines = [f"calibrated on {len(calibration.model.provenance.fitted)} trials: {left:.2f} mm over the noise remain"]
+    return lines + [f"warning: the intervals are not reliable: {why}" for why in calibration.warnings]
 
 
 def _trained(
@@ -230,13 +229,13 @@ def _held_out(
     where no frame of such trials is used."""
     grid = study.points_per_side
     try:
-        found = evaluate_sets(
+        errors = evaluate_sets(
             model, sets, simulators(grid), coarse=simulators(min(grid, GRID)), seed=study.search.seed
         ).designs
     except InputError:
         return None
     return {
-        state: 1e3 * fmean(_means(design, state).excess for design in found.values()) for state in ("before", "after")
+        state: in_mm(fmean(_means(design, state).excess for design in errors.values())) for state in ("before", "after")
     }
 
 

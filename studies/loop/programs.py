@@ -54,7 +54,7 @@ def _informative(study: LoopStudy, design: Design, own: Array, rng: np.random.Ge
     any others. Channels differ, so that no trial is near a bifurcation."""
     highest = np.minimum(limits(design), study.highest)
     seconds = study.trials.seconds
-    found = []
+    chosen = []
     for number in range(study.trials.number):
         if number % 2 == 0:
             most = np.minimum(own * rng.uniform(*NEAR, len(own)), highest)
@@ -72,8 +72,8 @@ def _informative(study: LoopStudy, design: Design, own: Array, rng: np.random.Ge
             shares = rng.uniform(0.0, 1.0, (3, len(own)))
             times = seconds * np.arange(3) / 3
         rows = 100.0 * np.round(shares * most / 100.0)  # of a regulator that resolves 0.1 kPa
-        found.append(PressureProgram(times, rows, seconds))
-    return found
+        chosen.append(PressureProgram(times, rows, seconds))
+    return chosen
 
 
 def within_rate(program: PressureProgram, rate: float) -> PressureProgram:

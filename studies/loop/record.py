@@ -7,6 +7,7 @@ from typing import Any
 from fabdesign import SIMULATOR
 from fabdesign.checkpoint import sha256
 from fabdesign.loop_file import LoopStudy, StopRule, VirtualRig
+from fabdesign.units import in_mm
 from studies.layouts.content import flat, shortened, study_content
 from studies.layouts.target import LoadedTarget
 
@@ -49,9 +50,9 @@ class LoopOutcome:
         return min(measured, key=lambda turn: (turn.device or {})["excess"], default=None)
 
     def as_json(self) -> dict[str, Any]:
-        found = {name.name: getattr(self, name.name) for name in fields(self) if name.name != "turns"}
+        values = {name.name: getattr(self, name.name) for name in fields(self) if name.name != "turns"}
         best = self.best
-        return found | {
+        return values | {
             "unit": "mm",
             "best": None if best is None else best.name,
             "turns": [turn.as_json() for turn in self.turns],
@@ -59,7 +60,7 @@ class LoopOutcome:
 
 
 def loop_content(study: LoopStudy, targets: Sequence[LoadedTarget]) -> dict[str, str]:
-    """What the pieces depend on, by field; of a rig's key its hash."""
+    """What the pieces depend on, by field; of a rig's ground truth its hash."""
     content: dict[str, Any] = {"simulator": SIMULATOR}
     for part in fields(study):
         if part.name not in _RAISED and part.name != "source":
@@ -67,7 +68,7 @@ def loop_content(study: LoopStudy, targets: Sequence[LoadedTarget]) -> dict[str,
     source = study.source
     if isinstance(source, VirtualRig):
         content |= {"rig.element": source.element, "rig.step": source.step}
-        content["rig.key"] = None if source.key is None else sha256(source.key)
+        content["rig.key"] = None if source.truth is None else sha256(source.truth)
     else:
         content["laboratory.folder"] = source.folder.resolve()
     named = {name: shortened(str(value)) for name, value in content.items()}
@@ -78,12 +79,12 @@ def stop_reason(rule: StopRule, excess: Sequence[float]) -> str | None:
     """In a sentence, of the excess [m] on the device after each turn, the first design's first; None: it goes on."""
     *before, now = excess
     if now <= rule.excess:
-        return f"near enough: {1e3 * now:.2f} mm over the noise floor on the device, within {1e3 * rule.excess:g} mm"
+        return f"near enough: {in_mm(now):.2f} mm over the noise floor on the device, within {in_mm(rule.excess):g} mm"
     if len(before) >= rule.turns:
         return f"turns used: {rule.turns}"
     if before and now > (1 - rule.gain) * min(before):
         return (
-            f"no further gain: {1e3 * now:.2f} mm over the noise floor on the device, {1e3 * min(before):.2f} before; "
-            f"a turn that gains less than {rule.gain:.0%} is the last"
+            f"no further gain: {in_mm(now):.2f} mm over the noise floor on the device, {in_mm(min(before)):.2f} "
+            f"before; a turn that gains less than {rule.gain:.0%} is the last"
         )
     return None

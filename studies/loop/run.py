@@ -16,6 +16,7 @@ from fabdesign.model import Model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.study_file import require_searchable
 from fabdesign.trial import MeasurementSet
+from fabdesign.units import from_mm, in_mm
 from optimize.evaluations import Evaluations
 from studies.layouts.begin import first_starts
 from studies.layouts.target import LoadedTarget, load_target
@@ -73,8 +74,8 @@ def run_loop(
         study = replace(study, search=replace(study.search, limits=limits))
     targets = open_study(study)
     inputs += [target.file for target in study.search.targets]
-    if isinstance(study.source, VirtualRig) and study.source.key is not None:
-        inputs.append(study.source.key)
+    if isinstance(study.source, VirtualRig) and study.source.truth is not None:
+        inputs.append(study.source.truth)
     if isinstance(study.source, Laboratory):
         inputs.append(study.source.folder)
     with work_folder(out, made_by="loop", force=force, inputs=inputs) as work:
@@ -91,7 +92,7 @@ def run_loop(
 
 
 def open_study(study: LoopStudy) -> tuple[LoadedTarget, ...]:
-    """The study's targets. Raises InputError where they, the start, or the rig's key are not sound."""
+    """The study's targets. Raises InputError where they, the start, or the rig's ground truth are not sound."""
     search = study.search
     require_searchable(search, search.name)
     targets = tuple(load_target(target, search.design, seed=search.seed) for target in search.targets)
@@ -101,10 +102,10 @@ def open_study(study: LoopStudy) -> tuple[LoadedTarget, ...]:
             "a shape at rest, or rig_limits without a rate"
         )
     first_starts(search)
-    if isinstance(study.source, VirtualRig) and study.source.key is not None:
-        from studies.rig import read_key
+    if isinstance(study.source, VirtualRig) and study.source.truth is not None:
+        from studies.rig import read_ground_truth
 
-        read_key(study.source.key)
+        read_ground_truth(study.source.truth)
     return targets
 
 
@@ -136,8 +137,8 @@ def _turns(loop: _Loop) -> LoopOutcome:
     for number in range(study.stop.turns + 1):
         name = turn_name(number)
         kept, choice = _chosen(loop, number, model, earlier)
-        found = _measured(loop, number, choice)
-        if found is None:
+        measured = _measured(loop, number, choice)
+        if measured is None:
             assert isinstance(study.source, Laboratory)
             return replace(
                 outcome,
@@ -145,11 +146,11 @@ def _turns(loop: _Loop) -> LoopOutcome:
                 waiting_for=str(study.source.folder / name),
                 asked=str(loop.work.folder / name / ASKED),
             )
-        sets.append(found)
-        outcome = replace(outcome, synthetic=outcome.synthetic or "synthetic" in found.description)
-        device = _measured_errors(loop, number, choice, found)
+        sets.append(measured)
+        outcome = replace(outcome, synthetic=outcome.synthetic or "synthetic" in measured.description)
+        device = _measured_errors(loop, number, choice, measured)
         reason = stop_reason(
-            study.stop, [*(1e-3 * t.device["excess"] for t in turns if t.device), 1e-3 * device["excess"]]
+            study.stop, [*(from_mm(t.device["excess"]) for t in turns if t.device), from_mm(device["excess"])]
         )
         if reason is not None:
             turns.append(Turn(number, name, kept, device))
@@ -168,7 +169,7 @@ def _chosen(loop: _Loop, number: int, model: Model | None, earlier: Choice | Non
     folder = loop.work.folder / name / SEARCH
 
     def told(evaluations: Evaluations) -> None:
-        best = "none yet" if evaluations.best is None else f"{1e3 * evaluations.best.value:.2f} mm"
+        best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.2f} mm"
         loop.say(number, f"choosing a design: best {best}", 0.3 * evaluations.share)
 
     loop.work.claim(f"{name}/shapes.npz")
@@ -200,17 +201,17 @@ def _measured(loop: _Loop, number: int, choice: Choice) -> MeasurementSet | None
     return read_set(loop.work.folder / name / MEASURED)
 
 
-def _measured_errors(loop: _Loop, number: int, choice: Choice, found: MeasurementSet) -> dict[str, Any]:
+def _measured_errors(loop: _Loop, number: int, choice: Choice, measured: MeasurementSet) -> dict[str, Any]:
     loop.say(number, "evaluating the shape on the device", 0.6)
     kept: dict[str, Any] = loop.checkpoint.get(
-        f"{turn_name(number)}_device", lambda: judge(loop.study, choice, found, loop.targets, loop.work)
+        f"{turn_name(number)}_device", lambda: judge(loop.study, choice, measured, loop.targets, loop.work)
     )
     return kept
 
 
 def _learned(loop: _Loop, number: int, sets: Sequence[MeasurementSet], model: Model | None) -> dict[str, Any]:
     def teach() -> dict[str, Any]:
-        found = learn(
+        learned = learn(
             loop.study,
             sets,
             model or Model(points_per_side=loop.study.points_per_side),
@@ -219,7 +220,7 @@ def _learned(loop: _Loop, number: int, sets: Sequence[MeasurementSet], model: Mo
             loop.simulators,
             say=lambda line: loop.say(number, line, 0.7),
         )
-        return asdict(found)
+        return asdict(learned)
 
     kept: dict[str, Any] = loop.checkpoint.get(f"{turn_name(number)}_model", teach)
     return kept

@@ -17,6 +17,7 @@ from fabdesign.output import WorkFolder, write_text
 from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import write_pressures
 from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.units import in_kpa
 from studies.loop.programs import Asked
 
 MEASURED = "measured"  # the folder of a turn's set
@@ -36,21 +37,21 @@ def measured(
     folder = work.folder / name / MEASURED
     if isinstance(study.source, VirtualRig):
         with tempfile.TemporaryDirectory() as temporary:
-            found = _on_rig(study.source, asked, Path(temporary) / "set", progress)
-            _keep(found, asked, name, folder)
+            result = _on_rig(study.source, asked, Path(temporary) / "set", progress)
+            _keep(result, asked, name, folder)
         return read_set(folder)
     place = study.source.folder / name
     if not (place / "set.toml").is_file():
         ask(study.source, asked, work, name)
         return None
-    found = read_set(place)
-    _require_asked(found, asked, place)
-    _keep(found, asked, name, folder)
+    result = read_set(place)
+    _require_asked(result, asked, place)
+    _keep(result, asked, name, folder)
     return read_set(folder)
 
 
 def _on_rig(source: VirtualRig, asked: Asked, out: Path, progress: Counter) -> MeasurementSet:
-    from studies.rig import Key, read_key, run_rig
+    from studies.rig import GroundTruth, read_ground_truth, run_rig
     from studies.rig.scene import DEFAULT
 
     changed = {name: value for name in ("element", "step") if (value := getattr(source, name)) is not None}
@@ -58,7 +59,7 @@ def _on_rig(source: VirtualRig, asked: Asked, out: Path, progress: Counter) -> M
         asked.design,
         asked.programs,
         out=out,
-        key=Key() if source.key is None else read_key(source.key),
+        truth=GroundTruth() if source.truth is None else read_ground_truth(source.truth),
         test_trials=asked.held_out,
         resolution=replace(DEFAULT, **changed),
         progress=progress,
@@ -66,9 +67,9 @@ def _on_rig(source: VirtualRig, asked: Asked, out: Path, progress: Counter) -> M
     return read_set(out)
 
 
-def _keep(found: MeasurementSet, asked: Asked, name: str, folder: Path) -> None:
+def _keep(measured: MeasurementSet, asked: Asked, name: str, folder: Path) -> None:
     """The set with its trials' names and roles as the loop has them."""
-    trials = sorted(found.trials, key=lambda trial: trial.order)
+    trials = sorted(measured.trials, key=lambda trial: trial.order)
     write_set(
         folder,
         {name: trials[0].design},
@@ -83,8 +84,8 @@ def _keep(found: MeasurementSet, asked: Asked, name: str, folder: Path) -> None:
             for trial in trials
         ),
         name=name,
-        description=found.description,
-        frame_rate=found.frame_rate,
+        description=measured.description,
+        frame_rate=measured.frame_rate,
         made_by="loop",
         force=True,  # what a killed run left
     )
@@ -126,23 +127,23 @@ def _request(source: Laboratory, asked: Asked, name: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _require_asked(found: MeasurementSet, asked: Asked, place: Path) -> None:
+def _require_asked(measured: MeasurementSet, asked: Asked, place: Path) -> None:
     """Raise InputError unless the set has the design and the trials that were asked for."""
     by_order: dict[int, Trial] = {}
-    for trial in found.trials:
-        if trial.order in by_order or trial.design_name != found.trials[0].design_name:
+    for trial in measured.trials:
+        if trial.order in by_order or trial.design_name != measured.trials[0].design_name:
             raise InputError(f"{place}: several trials of order {trial.order} or several designs; expected one design")
         by_order[trial.order] = trial
-    if len(found.designs) != 1:
-        raise InputError(f"{place}: {len(found.designs)} designs; expected the one that was asked for")
-    _require_same(found.trials[0].design, asked.design, place)
+    if len(measured.designs) != 1:
+        raise InputError(f"{place}: {len(measured.designs)} designs; expected the one that was asked for")
+    _require_same(measured.trials[0].design, asked.design, place)
     for order, program in enumerate(asked.programs):
         if order not in by_order:
             raise InputError(f"{place}: no trial of order {order}; expected {order:03d}.csv as it was asked for")
         off = _apart(by_order[order], program)
         if off > AGREE:
             raise InputError(
-                f"{place}: order {order} ran other pressures than {order:03d}.csv, {off / 1e3:.0f} kPa RMS off; "
+                f"{place}: order {order} ran other pressures than {order:03d}.csv, {in_kpa(off):.0f} kPa RMS off; "
                 "expected what was asked for"
             )
     if extra := sorted(set(by_order) - set(range(len(asked.programs)))):

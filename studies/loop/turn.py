@@ -18,6 +18,7 @@ from fabdesign.output import WorkFolder, whole_file
 from fabdesign.pressure_file import read_pressures
 from fabdesign.study_file import EarlierResult
 from fabdesign.trial import MeasurementSet
+from fabdesign.units import from_mm, in_mm
 from optimize.evaluations import Evaluations
 from studies.layouts.run import COARSE, run_study
 from studies.layouts.target import LoadedTarget, target_errors
@@ -137,19 +138,19 @@ def judge(
     work.claim(name)
     with whole_file(work.folder / name) as file, file.open("wb") as stream:
         np.savez(stream, believed=choice.shapes.astype(np.float32), device=shapes.astype(np.float32))
-    return as_millimetres(errors) | {"from_believed": 1e3 * float(apart)}
+    return as_millimetres(errors) | {"from_believed": in_mm(float(apart))}
 
 
 def as_millimetres(errors: Errors) -> dict[str, float]:
     """The errors in mm, `beyond` as a share, with the `excess`."""
     names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
-    found = {name: 1e3 * float(getattr(errors, name)) for name in names}
-    return found | {"surface_beyond": float(errors.beyond), "excess": 1e3 * errors.excess}
+    values = {name: in_mm(float(getattr(errors, name))) for name in names}
+    return values | {"surface_beyond": float(errors.beyond), "excess": in_mm(errors.excess)}
 
 
 def of_millimetres(kept: dict[str, float]) -> Errors:
     names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
-    return Errors(**{name: 1e-3 * kept[name] for name in names}, beyond=kept["surface_beyond"])
+    return Errors(**{name: from_mm(kept[name]) for name in names}, beyond=kept["surface_beyond"])
 
 
 def _fine(study: LoopStudy, model: Model | None) -> int:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from fabdesign.output import write_text
 from fabdesign.recording import Sensor, write_recording
-from studies.rig.key import Sensing
+from studies.rig.ground_truth import Sensing
 from studies.rig.motion import equilibrium
 from studies.rig.scene import Scene
 from studies.rig.specimen import TrialTask, control_points, prepare
@@ -66,7 +66,7 @@ def record(task: TrialTask, folder: Path, truth_file: Path) -> None:
     """Write the task's motion as FRAMES frames seen by the four cameras into `folder`, its name that of the recording,
     and their true poses to `truth_file`."""
     scene = prepare(task)
-    rng = np.random.default_rng([task.key.seed, task.order, 2])
+    rng = np.random.default_rng([task.truth.seed, task.order, 2])
     nominal = [Sensor(name, _look(x * POSITION[0], z * POSITION[2])) for name, (x, z) in CAMERAS.items()]
     truth = [Sensor(s.name, _disturb(s.camera_to_world, rng)) for s in nominal]
     shown = np.unique(np.linspace(0, len(task.times) - 1, FRAMES).round().astype(int))

@@ -24,7 +24,7 @@ from fabdesign.pressure_file import read_pressures
 from fabdesign.trial import Role
 from fabdesign.trial_file import TrialData, program_of
 from studies.rig.cameras import measure
-from studies.rig.key import Key, read_key
+from studies.rig.ground_truth import GroundTruth, read_ground_truth
 from studies.rig.scene import DEFAULT, Resolution, control_counts
 from studies.rig.specimen import TrialTask, control_points, prepare
 
@@ -42,7 +42,7 @@ def run_rig(
     *,
     more: Sequence[tuple[Given, Sequence[Program]]] = (),
     out: Path | str,
-    key: Path | str | Key | None = None,
+    truth: Path | str | GroundTruth | None = None,
     recording: Path | str | None = None,
     test_trials: int = 0,
     resolution: Resolution = DEFAULT,
@@ -59,9 +59,9 @@ def run_rig(
     studies.rig.solver.RigDiverged where a motion has no solution.
     """
     session = [(design, pressures), *more]
-    inputs = [g for g in (key, *(x for d, ps in session for x in (d, *ps))) if isinstance(g, Path | str)]
+    inputs = [g for g in (truth, *(x for d, ps in session for x in (d, *ps))) if isinstance(g, Path | str)]
     out, recording = Path(out), None if recording is None else Path(recording)
-    key = key if isinstance(key, Key) else Key() if key is None else read_key(key)
+    truth = truth if isinstance(truth, GroundTruth) else GroundTruth() if truth is None else read_ground_truth(truth)
     read = [_read(*part, test_trials) for part in session]
     designs = _by_name([design for design, _ in read])
     roles: list[Role] = []
@@ -69,7 +69,7 @@ def run_rig(
         last = len(programs) - test_trials
         roles += ["test" if k >= last else "fit" for k in range(len(programs))]
     pairs = [(design, program) for design, programs in read for program in programs]
-    tasks = [_task(*pair, order, key, resolution) for order, pair in enumerate(pairs)]
+    tasks = [_task(*pair, order, truth, resolution) for order, pair in enumerate(pairs)]
     workers = min(workers or os.cpu_count() or 1, require_room(tasks, resolution))
 
     def trials() -> Generator[NewTrial, None, None]:
@@ -78,7 +78,7 @@ def run_rig(
                 yield NewTrial(f"{task.order:03d}", task.design.name, task.order, role, _sense(task, shapes))
                 progress(task.order + 1, len(tasks))
 
-    name, rate = out.resolve().name, key.sensing.frame_rate
+    name, rate = out.resolve().name, truth.sensing.frame_rate
     with (  # opened before anything is computed
         new_folder(out, made_by="rig", force=force, inputs=inputs) as unfinished,
         _recording_places(recording, out, force, inputs) as recorded,
@@ -130,21 +130,23 @@ def _recording_places(
         yield clouds, truth
 
 
-def _task(design: Design, program: PressureProgram, order: int, key: Key, resolution: Resolution) -> TrialTask:
+def _task(
+    design: Design, program: PressureProgram, order: int, truth: GroundTruth, resolution: Resolution
+) -> TrialTask:
     """The trial's frames, and the program as the trial's file will state it: a set point a frame interval."""
     require_pressures(program, design, f"program {order}")
-    rate = key.sensing.frame_rate
+    rate = truth.sensing.frame_rate
     if program.duration > LONGEST:
         raise InputError(f"program {order}: lasts {program.duration:g} s; expected at most {LONGEST:g} s")
     times = np.arange(1, max(1, round(program.duration * rate)) + 1) / rate
     rows = program.at(times - 1e-6)
-    return TrialTask(design, program_of(times, rows), times, order, key, resolution)
+    return TrialTask(design, program_of(times, rows), times, order, truth, resolution)
 
 
 def _sense(task: TrialTask, shapes: Array) -> TrialData:
     scene = prepare(task)
-    rng = np.random.default_rng([task.key.seed, task.order, 1])
-    clouds = tuple(measure(scene, x, task.key.sensing, rng) for x in shapes)
+    rng = np.random.default_rng([task.truth.seed, task.order, 1])
+    clouds = tuple(measure(scene, x, task.truth.sensing, rng) for x in shapes)
     return TrialData(task.times, task.program.at(task.times - 1e-6), clouds)
 
 
@@ -207,7 +209,7 @@ def trial_bytes(task: TrialTask, resolution: Resolution) -> float:
     blocks, within, reach = control_counts(task.design, resolution)
     controls, frames = blocks * within, len(task.times)
     steps = float(task.times[-1]) / resolution.step
-    kept = frames * (_FRAME * controls + _POINT * task.key.sensing.points)
+    kept = frames * (_FRAME * controls + _POINT * task.truth.sensing.points)
     return steps * controls * _STEP + controls * within * reach * _CONTROL + kept
 
 
@@ -220,8 +222,8 @@ def require_room(tasks: Sequence[TrialTask], resolution: Resolution) -> int:
             cloth = task.design.fabric
             raise InputError(
                 f"program {task.order}: {task.times[-1]:g} s of a cloth of {cloth.width:g} by {cloth.height:g} m, "
-                f"{len(task.times)} frames of {task.key.sensing.points} points, take {needed / 1e9:.2g} GB on the rig; "
-                f"expected at most {MEMORY / 1e9:g} GB"
+                f"{len(task.times)} frames of {task.truth.sensing.points} points, take {needed / 1e9:.2g} GB on the "
+                f"rig; expected at most {MEMORY / 1e9:g} GB"
             )
         most = max(most, needed)
     return max(1, int(2 * MEMORY / most))

@@ -1,4 +1,4 @@
-"""One specimen's motion: a design, its true key and a pressure program give the cloth's shape at every frame."""
+"""One specimen's motion: a design, its ground truth and a pressure program give the cloth's shape at every frame."""
 
 import hashlib
 from dataclasses import dataclass
@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign import muscle_law
+from fabdesign.checkpoint import user_cache
 from fabdesign.design import Design
-from fabdesign.output import whole_file
+from fabdesign.output import sweep, whole_file
 from fabdesign.pressure import PressureProgram
-from fabdesign.scratch import sweep
-from fabdesign.user_cache import user_cache
 from studies.rig.effects import EFFECTS
 from studies.rig.effects.sensing import OF_CLOUDS
-from studies.rig.key import Key
+from studies.rig.ground_truth import GroundTruth
 from studies.rig.motion import run
 from studies.rig.scene import DEFAULT, Resolution, Scene, build_scene
 from studies.rig.solver import RigDiverged
@@ -32,20 +31,20 @@ class TrialTask:
     program: PressureProgram
     times: Array  # (T,) s, the frames
     order: int
-    key: Key
+    truth: GroundTruth
     resolution: Resolution = DEFAULT
 
 
 def prepare(task: TrialTask, resolution: Resolution | None = None) -> Scene:
-    """The scene with the key's factors and effects in it."""
+    """The scene with the ground truth's factors and effects in it."""
     scene = build_scene(
         task.design,
-        task.key.parameters,
+        task.truth.parameters,
         resolution or task.resolution,
         max_pressure=float(task.program.pressure.max(initial=0.0)),
-        seed=1000 * task.key.seed + task.order,
+        seed=1000 * task.truth.seed + task.order,
     )
-    for setting in task.key.effects:
+    for setting in task.truth.effects:
         effect = EFFECTS[setting.name]
         values = {name: default for name, (default, _) in effect.parameters.items()}
         effect.apply(scene, task.order, values | dict(setting.parameters))
@@ -89,9 +88,9 @@ def _run(task: TrialTask) -> Array:
 def _digest(task: TrialTask) -> str:
     """Hash of everything that a motion depends on, the code of its mechanics included."""
     h = hashlib.sha256()
-    for part in (task.design, task.order, task.key.seed, sorted(task.key.parameters.items()), task.resolution):
+    for part in (task.design, task.order, task.truth.seed, sorted(task.truth.parameters.items()), task.resolution):
         h.update(repr(part).encode())
-    for effect in task.key.effects:
+    for effect in task.truth.effects:
         if effect.name in OF_CLOUDS:
             continue
         h.update(repr((effect.name, sorted(effect.parameters.items()))).encode())

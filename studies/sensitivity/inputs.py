@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,7 @@ from fabdesign.model import Model
 from fabdesign.model_sampling import drawn, joint_root
 from fabdesign.pressure_file import constant_program
 from fabdesign.sensitivity_file import SensitivityStudy
+from fabdesign.units import from_kpa
 from fabdesign.varied import moved_paths
 
 Array = NDArray[np.float64]
@@ -70,7 +72,7 @@ class Inputs:
         pressures = study.pressures.copy()
         for v, x in own.items():
             if v.kind == "pressure":
-                pressures[int(v.key[0])] = 1e3 * x
+                pressures[int(v.key[0])] = from_kpa(x)
         factors = {str(v.key[0]): float(x) for v, x in own.items() if v.kind == "factor"}
         terms = model.terms
         for v, x in own.items():
@@ -93,7 +95,7 @@ def _with(terms: tuple[Term, ...], name: str, parameter: str, value: float) -> t
     return tuple(replace(t, values={**t.values, parameter: value}) if t.name == name else t for t in terms)
 
 
-def _moved(design: Design, shifts: dict) -> Design:
+def _moved(design: Design, shifts: dict[Any, float]) -> Design:
     if not shifts:
         return design
     paths = moved_paths(design, shifts)

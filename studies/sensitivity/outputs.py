@@ -12,6 +12,7 @@ from fabdesign.forward import SIDE
 from fabdesign.metrics import chamfer_to, distance_to_faces
 from fabdesign.sensitivity_file import Output
 from fabdesign.shape_output import ShapeOutput, read_shape_output
+from fabdesign.units import in_mm
 from studies.layouts.target import LoadedTarget
 
 Array = NDArray[np.float64]
@@ -77,12 +78,12 @@ class Outputs:
                 elif name in self._in_words:
                     values.append(self._in_words[name].of(points))
                 elif name == "tip":
-                    values += (1e3 * (tip(points, self.fabric) - tip(self.rest, self.fabric))).tolist()
+                    values += (in_mm(tip(points, self.fabric) - tip(self.rest, self.fabric))).tolist()
                 elif name == "mean_curvature":
                     values.append(mean_curvature(points))
                 elif name == "chamfer":
                     assert self.target is not None
-                    values.append(1e3 * _distance(self.target, points))
+                    values.append(in_mm(_distance(self.target, points)))
                 else:
                     assert tension is not None
                     values.append(float(tension[k].max(initial=0.0)))

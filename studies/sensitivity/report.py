@@ -19,6 +19,7 @@ from fabdesign import __version__
 from fabdesign.csv_table import write_rows
 from fabdesign.output import write_text
 from fabdesign.sensitivity_file import SensitivityStudy
+from fabdesign.units import in_kpa
 from studies.sensitivity.result import SensitivityResult
 
 FIRST, TOTAL, SIGMA = "#2166ac", "#92c5de", "#b2182b"
@@ -26,7 +27,7 @@ FIRST, TOTAL, SIGMA = "#2166ac", "#92c5de", "#b2182b"
 
 def bars_svg(result: SensitivityResult, column: int) -> str:
     """Of one output: Sobol indices and Morris' mu* with their 90 % intervals, the largest on top."""
-    panels = [draw for draw, found in ((_sobol, result.indices[column]), (_morris, result.screenings[column])) if found]
+    panels = [draw for draw, own in ((_sobol, result.indices[column]), (_morris, result.screenings[column])) if own]
     names = max(len(result.inputs.names), len(result.inputs.groups))
     figure = Figure(figsize=(5.4 * len(panels), 1.1 + 0.32 * names), layout="constrained")
     for draw, axes in zip(panels, np.atleast_1d(figure.subplots(1, len(panels))), strict=True):
@@ -37,13 +38,13 @@ def bars_svg(result: SensitivityResult, column: int) -> str:
 
 
 def _sobol(axes: Axes, result: SensitivityResult, column: int) -> None:
-    found = result.indices[column]
-    assert found is not None
-    names, order = [*result.inputs.groups], np.argsort(found.total)
+    indices = result.indices[column]
+    assert indices is not None
+    names, order = [*result.inputs.groups], np.argsort(indices.total)
     place = np.arange(len(order))
     for shift, values, interval, colour, label in (
-        (0.2, found.total, found.total90, TOTAL, "total"),
-        (-0.2, found.first, found.first90, FIRST, "first order"),
+        (0.2, indices.total, indices.total90, TOTAL, "total"),
+        (-0.2, indices.first, indices.first90, FIRST, "first order"),
     ):
         axes.barh(place + shift, values[order], 0.4, xerr=_reach(values, interval)[:, order], color=colour, label=label)
     axes.set_yticks(place, [names[i] for i in order])
@@ -53,13 +54,13 @@ def _sobol(axes: Axes, result: SensitivityResult, column: int) -> None:
 
 
 def _morris(axes: Axes, result: SensitivityResult, column: int) -> None:
-    found = result.screenings[column]
-    assert found is not None
-    order = np.argsort(found.mu_star)
+    screening = result.screenings[column]
+    assert screening is not None
+    order = np.argsort(screening.mu_star)
     place = np.arange(len(order))
-    reach = _reach(found.mu_star, found.mu_star90)[:, order]
-    axes.barh(place, found.mu_star[order], 0.6, xerr=reach, color=TOTAL, label="mu*: mean absolute effect")
-    axes.plot(found.sigma[order], place, "D", color=SIGMA, markersize=4, label="sigma: not additive, not linear")
+    reach = _reach(screening.mu_star, screening.mu_star90)[:, order]
+    axes.barh(place, screening.mu_star[order], 0.6, xerr=reach, color=TOTAL, label="mu*: mean absolute effect")
+    axes.plot(screening.sigma[order], place, "D", color=SIGMA, markersize=4, label="sigma: not additive, not linear")
     axes.set_yticks(place, [result.inputs.names[i] for i in order])
     axes.set(xlabel=f"over the whole range, {result.columns[column].unit}", title="Morris screening")
     axes.legend(fontsize="small", loc="lower right")
@@ -82,10 +83,10 @@ def write_report(result: SensitivityResult, out: Path) -> None:
 
 
 def _rows(result: SensitivityResult) -> Iterator[list[Any]]:
-    for method, found in result.computed.items():
-        for row, outputs in enumerate(found.outputs):
+    for method, samples in result.computed.items():
+        for row, outputs in enumerate(samples.outputs):
             for k, numbers in enumerate(outputs):
-                values = [f"{x:.9g}" for x in found.values[row, k]]
+                values = [f"{x:.9g}" for x in samples.values[row, k]]
                 yield [method, row, k, *values, *("" if x != x else f"{x:.9g}" for x in numbers)]
 
 
@@ -110,7 +111,7 @@ def render(result: SensitivityResult) -> str:
 def _held(study: SensitivityStudy) -> str:
     """The pressures that do not vary, kPa."""
     varied = {v.name for v in study.varied}
-    pressures = enumerate(study.pressures / 1e3)
+    pressures = enumerate(in_kpa(study.pressures))
     return ", ".join(f"pressure.{k} {kpa:g}" for k, kpa in pressures if f"pressure.{k}" not in varied)
 
 

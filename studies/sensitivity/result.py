@@ -61,39 +61,39 @@ class SensitivityResult:
     indices: list[Indices | None] = field(init=False)
 
     def __post_init__(self) -> None:
-        for method, found in self.computed.items():
-            if found.sound.sum() < FEWEST[method]:
-                rows = f"{found.sound.sum()} of {len(found.cube)} {ROWS[method]} are whole"
-                why = f"{found.failed} samples failed" if found.failed else "the time was too short"
+        for method, samples in self.computed.items():
+            if samples.sound.sum() < FEWEST[method]:
+                rows = f"{samples.sound.sum()} of {len(samples.cube)} {ROWS[method]} are whole"
+                why = f"{samples.failed} samples failed" if samples.failed else "the time was too short"
                 raise SimulationError(f"{self.study.name}: {rows}, {why}; expected at least {FEWEST[method]}")
         object.__setattr__(self, "screenings", [self._screening(k) for k in range(len(self.columns))])
         object.__setattr__(self, "indices", [self._indices(k) for k in range(len(self.columns))])
 
     def _screening(self, column: int) -> Screening | None:
-        found = self.computed.get("morris")
-        if found is None:
+        samples = self.computed.get("morris")
+        if samples is None:
             return None
-        outputs = found.outputs[found.sound][..., column]
+        outputs = samples.outputs[samples.sound][..., column]
         if outputs.std() < self.columns[column].least:
             return None
-        return screening(found.cube[: len(found.outputs)][found.sound], outputs, seed=self.study.seed)
+        return screening(samples.cube[: len(samples.outputs)][samples.sound], outputs, seed=self.study.seed)
 
     def _indices(self, column: int) -> Indices | None:
-        found = self.computed.get("sobol")
-        if found is None:
+        samples = self.computed.get("sobol")
+        if samples is None:
             return None
-        outputs = found.outputs[found.sound][..., column]
+        outputs = samples.outputs[samples.sound][..., column]
         if outputs[:, :2].std() < self.columns[column].least:
             return None
         return indices(outputs, seed=self.study.seed)
 
     @property
     def samples(self) -> int:
-        return sum(found.outputs.shape[0] * found.outputs.shape[1] for found in self.computed.values())
+        return sum(part.outputs.shape[0] * part.outputs.shape[1] for part in self.computed.values())
 
     @property
     def failed(self) -> int:
-        return sum(found.failed for found in self.computed.values())
+        return sum(part.failed for part in self.computed.values())
 
     @property
     def snapping(self) -> int:
@@ -139,8 +139,8 @@ class SensitivityResult:
 
     def spread(self, column: int) -> dict[str, float]:
         """Mean, standard deviation and 90 % interval of an output over independent samples."""
-        found = self.computed.get("sobol") or self.computed["morris"]
-        sound = found.outputs[found.sound][..., column]
+        samples = self.computed.get("sobol") or self.computed["morris"]
+        sound = samples.outputs[samples.sound][..., column]
         values = sound[:, :2] if "sobol" in self.computed else sound[:, 0]
         low, high = np.percentile(values, INTERVAL)
         return {"mean": float(values.mean()), "std": float(values.std()), "low90": float(low), "high90": float(high)}

@@ -120,17 +120,17 @@ class _Sweep:
         in_time = True
         for part, cube in parts.items():
             values = self.inputs.values(cube.reshape(-1, cube.shape[-1]), screened=part == "morris")
-            found = self._all(part, values, self._outputs_of, cases=1) if in_time else self._store.samples(part)
-            in_time = in_time and len(found) >= len(values)
+            samples = self._all(part, values, self._outputs_of, cases=1) if in_time else self._store.samples(part)
+            in_time = in_time and len(samples) >= len(values)
             shape = cube.shape[:2]
             computed[part] = Computed(
-                cube, values.reshape(cube.shape), _filled(found, shape, len(self.outputs.columns))
+                cube, values.reshape(cube.shape), _filled(samples, shape, len(self.outputs.columns))
             )
         snapping = f"snapping of {[*parts][-1]}"
         moves = self._all(snapping, checked, self._moves_of, cases=3) if in_time else self._store.samples(snapping)
         wall, cpu = self._store.spent
         if self._interrupted:  # a part of which nothing is there says nothing; the others do
-            computed = {part: found for part, found in computed.items() if len(found.outputs)}
+            computed = {part: samples for part, samples in computed.items() if len(samples.outputs)}
         if not computed:
             raise KeyboardInterrupt
         return SensitivityResult(
@@ -157,8 +157,8 @@ class _Sweep:
         self, part: str, values: Array, compute: Callable[[Array], list[Array]], *, cases: int
     ) -> dict[int, Array]:
         """What the store has of a part, with what is missing computed, as long as there is time."""
-        found = self._store.samples(part)
-        missing = [k for k in range(len(values)) if k not in found]
+        done = self._store.samples(part)
+        missing = [k for k in range(len(values)) if k not in done]
         self._done += cases * (len(values) - len(missing))
         self._say(part)
         at_once = max(1, machines(BATCH) // cases)
@@ -175,11 +175,11 @@ class _Sweep:
                 self._interrupted = True
                 break
             self._store.add(part, numbers, new, wall=time.monotonic() - wall, cpu=time.process_time() - cpu)
-            found |= dict(zip(numbers, new, strict=True))
+            done |= dict(zip(numbers, new, strict=True))
             self._done += cases * len(numbers)
             self._computed += cases * len(numbers)
             self._say(part)
-        return {k: v for k, v in found.items() if k < len(values)}
+        return {k: v for k, v in done.items() if k < len(values)}
 
     def _say(self, part: str) -> None:
         pace = (time.monotonic() - self._begun) / self._computed if self._computed else None
@@ -219,11 +219,11 @@ def duration(seconds: float) -> str:
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
-def _filled(found: dict[int, Array], shape: tuple[int, ...], columns: int) -> Array:
+def _filled(outputs: dict[int, Array], shape: tuple[int, ...], columns: int) -> Array:
     """(whole rows, samples a row, columns): the rows before the first of which a sample is not there."""
     rows, each = shape
-    whole = next((k for k in range(rows * each) if k not in found), rows * each) // each
-    return np.array([found[k] for k in range(whole * each)]).reshape(whole, each, columns)
+    whole = next((k for k in range(rows * each) if k not in outputs), rows * each) // each
+    return np.array([outputs[k] for k in range(whole * each)]).reshape(whole, each, columns)
 
 
 def _store(work: WorkFolder, content: dict[str, str]) -> Store:

@@ -9,6 +9,7 @@ from fabdesign.design import Design
 from fabdesign.muscle import Muscle
 from fabdesign.pressure import LARGEST
 from fabdesign.pressure import limits as pressure_limits
+from fabdesign.units import in_kpa, in_mm
 from optimize.geometry import bend_radius, clearance
 from optimize.margins import Limits, constraint_margins
 from studies.studio.layout import Layout
@@ -38,10 +39,10 @@ def _of_one(design: Design, index: int, muscle: Muscle, limits: Limits) -> list[
     alone = replace(design, muscles=(muscle,))
     margins = constraint_margins(alone, np.full(1, limits.pressure[0]), limits)
     kind, who = design.muscle_types[muscle.type], (index,)
-    length = f"{1e3 * muscle.length:.1f} mm long"
+    length = f"{in_mm(muscle.length):.1f} mm long"
     found = []
     if (free := margins["inside_cloth"]) < limits.edge - _ROUNDING:
-        message = f"lies {1e3 * free:.1f} mm from the edge; expected {1e3 * limits.edge:g} mm"
+        message = f"lies {in_mm(free):.1f} mm from the edge; expected {in_mm(limits.edge):g} mm"
         found.append(Broken("edge", f"muscle {index} {message}", who))
     if margins["shortest"] < -_ROUNDING:
         message = (
@@ -50,11 +51,11 @@ def _of_one(design: Design, index: int, muscle: Muscle, limits: Limits) -> list[
         found.append(Broken("shortest", f"muscle {index} {message}", who))
     if margins.get("stock_length", 0.0) < -_ROUNDING:
         most = (kind.stock_length or 0.0) - 2 * (kind.tail_length or 0.0)
-        message = f"is {length}; expected at most {1e3 * most:.0f} mm, the stock of {kind.name} less its tails"
+        message = f"is {length}; expected at most {in_mm(most):.0f} mm, the stock of {kind.name} less its tails"
         found.append(Broken("stock_length", f"muscle {index} {message}", who))
     if margins.get("min_bend_radius", 0.0) < -_ROUNDING and kind.min_bend_radius is not None:
-        radius = 1e3 * bend_radius(np.array(muscle.path))
-        message = f"has a corner of {radius:.1f} mm radius; expected {1e3 * kind.min_bend_radius:g} mm of {kind.name}"
+        radius = in_mm(bend_radius(np.array(muscle.path)))
+        message = f"has a corner of {radius:.1f} mm radius; expected {in_mm(kind.min_bend_radius):g} mm of {kind.name}"
         found.append(Broken("min_bend_radius", f"muscle {index} {message}", who))
     return found
 
@@ -72,7 +73,7 @@ def _of_pairs(design: Design, limits: Limits) -> list[Broken]:
         if gap < 0:
             found.append(Broken("crossing", f"muscles {i} and {j} cross on the {side}; expected them apart", (i, j)))
         elif gap < limits.spacing - _ROUNDING:
-            message = f"lie {1e3 * gap:.1f} mm apart on the {side}; expected {1e3 * limits.spacing:g} mm"
+            message = f"lie {in_mm(gap):.1f} mm apart on the {side}; expected {in_mm(limits.spacing):g} mm"
             found.append(Broken("spacing", f"muscles {i} and {j} {message}", (i, j)))
     return found
 
@@ -92,6 +93,8 @@ def _of_pressures(layout: Layout, limits: Limits) -> list[Broken]:
         if most >= LARGEST or most > limits.pressure[1]:
             most, why = limits.pressure[1], "the highest that is searched"
         if pressure > most + 1e-6 or pressure < limits.pressure[0] - 1e-6:
-            message = f"{pressure / 1e3:g} kPa; expected {limits.pressure[0] / 1e3:g} to {most / 1e3:g} kPa, {why}"
+            message = (
+                f"{in_kpa(pressure):g} kPa; expected {in_kpa(limits.pressure[0]):g} to {in_kpa(most):g} kPa, {why}"
+            )
             found.append(Broken("pressure", f"channel {channel} has {message}", channel=channel))
     return found

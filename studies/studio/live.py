@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.model import Model
-from studies.layouts.way import ELSEWHERE, LEAST
+from studies.layouts.loading_path import LEAST_CHANGE, OTHER_BRANCH
 from studies.studio.layout import Layout
 from studies.studio.solver import Answer, Ask, Correction
 
@@ -131,8 +131,8 @@ class Live:
 class JumpDetector:
     """Tells a jump to another stable shape from a motion that keeps pace with what is dragged.
 
-    A followed shape has jumped where it moved by more than LEAST, and SNAP times as far as the last changes of its size
-    moved it. The exact shape is another one than the followed where they lie apart as the search tells branches.
+    A followed shape has jumped where it moved by more than LEAST_CHANGE, and SNAP times as far as the last changes of
+    its size moved it. The exact shape is another one than the followed where they lie as far apart as branches do.
     """
 
     def __init__(self) -> None:
@@ -151,12 +151,12 @@ class JumpDetector:
         self._off = max(self._off, moved)
         change = size_of_change(last[0], layout)
         if exact and change == 0:
-            return (moved, last[1]) if moved > max(LEAST, ELSEWHERE * self._off) else (None, None)
+            return (moved, last[1]) if moved > max(LEAST_CHANGE, OTHER_BRANCH * self._off) else (None, None)
         if change == 0:
             return None, None
         usual = float(np.median(self._rates)) if self._rates else np.inf
         self._rates = [*self._rates[-8:], moved / change]
-        return (moved, last[1]) if moved > max(LEAST, SNAP * usual * change) else (None, None)
+        return (moved, last[1]) if moved > max(LEAST_CHANGE, SNAP * usual * change) else (None, None)
 
 
 def size_of_change(a: Layout, b: Layout) -> float:

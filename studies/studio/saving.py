@@ -10,8 +10,7 @@ from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
 from fabdesign.export import export_design
 from fabdesign.forward import RISE
-from fabdesign.mark import read_mark
-from fabdesign.output import new_folder
+from fabdesign.output import new_folder, read_mark
 from fabdesign.pressure import rising_program
 from fabdesign.pressure_file import pressure_file_of, write_pressures
 from optimize.margins import Limits

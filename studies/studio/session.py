@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from fabdesign.errors import InputError
 from fabdesign.forward import RISE
-from fabdesign.mark import read_mark
+from fabdesign.output import read_mark
 from fabdesign.pressure import PressureProgram, require_pressures, rising_program
 from fabdesign.pressure_file import read_pressures
 from fabdesign.trial import Trial

@@ -16,19 +16,18 @@ from fabdesign.model import EffectTerm, Model, Provenance, Quantity
 from fabdesign.model_file import write_model
 from fabdesign.output import new_folder, write_text
 from optimize.fit.clouds import Indices, evenly
-from studies.benches.needs import require_columns
-from studies.benches.output import unit_of
+from studies.benches.records import require_columns, unit_of
 from studies.tracing.bench_candidates import Shape, Signals, shapes_of, signals_of
 from studies.tracing.bench_law import law
 from studies.tracing.bench_outcome import BenchOutcome, Curve
-from studies.tracing.bench_ranking import Array, Scored, excess_of, gain_interval
+from studies.tracing.bench_ranking import Array, BenchScore, excess_of, gain_interval
 from studies.tracing.bench_report import render_bench
 from studies.tracing.bench_selection import Columns, coefficients_of, select
 from studies.tracing.black_box import WIDTHS, kernel_of, left_out, standardised
 from studies.tracing.verdict import Evidence, decide, explains
 
 TOLERANCE = 0.02  # of the largest output
-LEAST = 3  # records of role fit
+LEAST_RECORDS = 3  # records of role fit
 _ROWS = 400  # of a record
 _BOX_ROWS = 40
 
@@ -49,8 +48,8 @@ def trace_bench(
 def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) -> BenchOutcome:
     """The trace itself; `tolerance` is a share of the largest output."""
     records = [r for r in bench.records if r.role == "fit"]
-    if len(records) < LEAST:
-        raise InputError(f"{bench.file}: {len(records)} records of role fit; expected at least {LEAST}")
+    if len(records) < LEAST_RECORDS:
+        raise InputError(f"{bench.file}: {len(records)} records of role fit; expected at least {LEAST_RECORDS}")
     require_columns(bench, bench.records)
     output = "displacement" if bench.specimen == "actuator" else bench.output
     say(f"{len(records)} records, each predicted from the others by the quasi-static law")
@@ -67,14 +66,14 @@ def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) 
     say(f"ranking {len({s.effect for s in shapes})} candidates on {len(records)} records")
     box = _box_squares(signals, rows, trial, residual)
     columns = Columns(shapes, tables, residual, trial)
-    found = select(columns, floor, limit)
-    own, left = Scored(None, box, np.zeros(0)), found.last.excess
+    selected = select(columns, floor, limit)
+    own, left = BenchScore(None, box, np.zeros(0)), selected.last.excess
     evidence = Evidence(
-        found.first.excess, left, len(found.added), excess_of(found.grams, own, floor), left,
-        gain_interval(found.grams, found.first.none, own, floor, np.random.default_rng(0))[0] > 0,
+        selected.first.excess, left, len(selected.added), excess_of(selected.grams, own, floor), left,
+        gain_interval(selected.grams, selected.first.none, own, floor, np.random.default_rng(0))[0] > 0,
     )  # fmt: skip
-    coefficients, deviation = coefficients_of(found.base, residual, trial)
-    after = residual + found.base @ coefficients
+    coefficients, deviation = coefficients_of(selected.base, residual, trial)
+    after = residual + selected.base @ coefficients
     return BenchOutcome(
         bench=bench,
         unit=unit_of(bench.specimen),
@@ -82,13 +81,13 @@ def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) 
         evidence=evidence,
         tolerance=limit,
         floor=floor,
-        first=found.first,
-        found=_effects(columns, found.added, coefficients, deviation),
-        shares={} if explains(evidence) is None else found.gains,
-        indistinguishable=found.alike,
-        refused=found.refused,
+        first=selected.first,
+        found=_effects(columns, selected.added, coefficients, deviation),
+        shares={} if explains(evidence) is None else selected.gains,
+        indistinguishable=selected.alike,
+        refused=selected.refused,
         fit=(_rms(residual), _rms(after)),
-        test=_tested(bench, output, [shapes[k] for k in found.added], coefficients),
+        test=_tested(bench, output, [shapes[k] for k in selected.added], coefficients),
         curves=_curves(records, bench, rows, measured, residual, after, trial),
     )
 
@@ -117,16 +116,16 @@ def _table(shape: Shape, signals: Sequence[Signals], rows: Sequence[Indices]) ->
 
 
 def _effects(columns: Columns, added: Sequence[int], coefficients: Array, deviation: Array) -> tuple[EffectTerm, ...]:
-    found, first = [], 0
+    terms, first = [], 0
     for shape, names in ((columns.shapes[k], [*columns.tables[k]]) for k in added):
         quantities = {
             name: Quantity(float(c), shape.units[name], (float(c - 1.645 * s), float(c + 1.645 * s)))
             for name, c, s in zip(names, coefficients[first:], deviation[first:], strict=False)
         }
         quantities |= {name: Quantity(float(v), shape.units[name]) for name, v in shape.values.items()}
-        found.append(EffectTerm(shape.effect, quantities))
+        terms.append(EffectTerm(shape.effect, quantities))
         first += len(names)
-    return tuple(found)
+    return tuple(terms)
 
 
 def _floor(measured: Sequence[Array]) -> float:
@@ -164,14 +163,14 @@ def _curves(
     after: Array,
     trial: Indices,
 ) -> tuple[Curve, ...]:
-    found: list[Curve] = []
+    curves: list[Curve] = []
     for k, record in enumerate(records):
         own = trial == k
         name = next((n for n in ("time", *bench.input) if n in record.columns), None)
         place = record.columns[name][rows[k]] if name else np.arange(own.sum(), dtype=float)
         y = measured[k][rows[k]]
-        found.append((record.name, place, y, y + residual[own], y + after[own]))
-    return tuple(found)
+        curves.append((record.name, place, y, y + residual[own], y + after[own]))
+    return tuple(curves)
 
 
 def _model(outcome: BenchOutcome) -> Model:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fabdesign.bench import BenchRecord, Specimen
+from fabdesign.units import in_kpa
 from studies.benches.cylinder import friction_state
 from studies.tracing.bench_ranking import Array
 
@@ -43,38 +44,38 @@ class Shape:
 
 def signals_of(record: BenchRecord, law: Array, number: int) -> Signals:
     path = next((sign * record.columns[name] for name, sign in PATHS.items() if name in record.columns), None)
-    pressure = next((record.columns[name] / 1e3 for name in PRESSURES if name in record.columns), None)
+    pressure = next((in_kpa(record.columns[name]) for name in PRESSURES if name in record.columns), None)
     return Signals(law, path, pressure, record.columns.get("time"), number)
 
 
 def shapes_of(specimen: Specimen, signals: list[Signals], unit: str) -> list[Shape]:
     """Those that make sense on the specimen and that its records can show."""
     has = {name: all(getattr(s, name) is not None for s in signals) for name in ("path", "pressure", "time")}
-    found: list[Shape] = []
+    shapes: list[Shape] = []
     force = specimen != "actuator"
     if force and has["path"] and has["pressure"]:
         reach = float(np.median([np.ptp(s.path) for s in signals if s.path is not None]))
         slips = [share * reach for share in (0.005, 0.02, 0.06)]
         along = "m" if specimen == "cylinder" else "1"
         units = {"friction": f"{unit}/kPa", "friction_at_zero": unit, "slip": along}
-        found += [Shape("braid_hysteresis", {"slip": s}, units, _friction(s)) for s in slips]
+        shapes += [Shape("braid_hysteresis", {"slip": s}, units, _friction(s)) for s in slips]
     if has["time"]:
         late = {"delay": "s"}
         if force and has["path"] and specimen != "strip":
             rate = {"contracting": f"{unit} s", "lengthening": f"{unit} s"}
-            found.append(Shape("muscle_viscosity", {}, rate, _viscosity))
+            shapes.append(Shape("muscle_viscosity", {}, rate, _viscosity))
         if specimen == "actuator":
-            found += [Shape("filling_lag", {"time": t}, {"share": "1", "time": "s"}, _slow(t)) for t in FAST]
-            found += [Shape("dead_time", {}, late, _delay)]
+            shapes += [Shape("filling_lag", {"time": t}, {"share": "1", "time": "s"}, _slow(t)) for t in FAST]
+            shapes += [Shape("dead_time", {}, late, _delay)]
         else:
-            found += [Shape("time_offset", {}, {"offset": "s"}, _offset)]
+            shapes += [Shape("time_offset", {}, {"offset": "s"}, _offset)]
         slow, sign = ("stress_relaxation", -1.0) if specimen == "strip" else ("muscle_creep", 1.0)
-        found += [Shape(slow, {"time": t}, {"share": "1", "time": "s"}, _slow(t, sign)) for t in SLOW]
+        shapes += [Shape(slow, {"time": t}, {"share": "1", "time": "s"}, _slow(t, sign)) for t in SLOW]
     if len(signals) > 2:
-        found += [
+        shapes += [
             Shape("stroke_softening", {"trials": n}, {"loss": "1", "trials": "1"}, _softening(n)) for n in (1.0, 3.0)
         ]
-    return found
+    return shapes
 
 
 def _friction(slip: float) -> Callable[[Signals], Mapping[str, Array]]:

@@ -54,7 +54,7 @@ class Grams:
 
 
 @dataclass(frozen=True, eq=False)
-class Scored:
+class BenchScore:
     """A candidate cross-validated. squares: (units,) m^2, sums over each unit's points when it is held out."""
 
     variant: Variant | None  # None: nothing is added
@@ -62,15 +62,15 @@ class Scored:
     coefficients: Array  # of its columns, fitted to all trials
 
 
-def cross_validate(grams: Grams, variant: Variant | None) -> Scored:
+def cross_validate(grams: Grams, variant: Variant | None) -> BenchScore:
     """Every fold predicted from the others, the declared parameters fitted along."""
     squares, everywhere = _left_out(grams, variant, np.ones((1, len(grams.points))))
-    return Scored(variant, squares[0], everywhere[0, grams.parameters :])
+    return BenchScore(variant, squares[0], everywhere[0, grams.parameters :])
 
 
 def _left_out(grams: Grams, variant: Variant | None, signs: Array) -> tuple[Array, Array]:
-    """(s, units) squares as in Scored, and (s, k) steps fitted to all trials, where the residual of each unit is turned
-    by its sign in each row of `signs` (s, units)."""
+    """(s, units) squares as in BenchScore, and (s, k) steps fitted to all trials, where the residual of each unit is
+    turned by its sign in each row of `signs` (s, units)."""
     columns = [*range(grams.parameters), *((grams.parameters + c for c in variant.columns) if variant else ())]
     precision, centre = grams.precision, grams.x
     if variant is not None:
@@ -104,12 +104,12 @@ def _solve(a: Array, g: Array, grams: Grams, used: NDArray[np.bool_], precision:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class BenchCandidate:
     """An effect at its best variant. held_out: m RMS when trials are left out in turn; gain: m of excess that it takes
     from that of `none`; interval90 of the gain by resampling trials."""
 
     effect: str
-    best: Scored
+    best: BenchScore
     held_out: float
     gain: float
     interval90: tuple[float, float]
@@ -117,13 +117,13 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Ranking:
-    none: Scored
+    none: BenchScore
     none_held_out: float  # m RMS
-    candidates: tuple[Candidate, ...]  # best first
+    candidates: tuple[BenchCandidate, ...]  # best first
     chance: float  # m of gain that the best of all candidates reaches where there is none, in 99 of 100 cases
     excess: float  # m, held out, without any
 
-    def certain(self, candidate: Candidate) -> bool:
+    def certain(self, candidate: BenchCandidate) -> bool:
         """Whether it gains what chance does not."""
         return candidate.gain > self.chance and candidate.interval90[0] > 0
 
@@ -138,7 +138,7 @@ def rank(grams: Grams, variants: Sequence[Variant], floor: float, *, seed: int =
         own = [scored[id(v)] for v in variants if v.effect == effect]
         best = min(own, key=lambda s: s.squares.sum())
         candidates.append(
-            Candidate(
+            BenchCandidate(
                 effect,
                 best,
                 held_out(grams, best),
@@ -156,12 +156,12 @@ def rank(grams: Grams, variants: Sequence[Variant], floor: float, *, seed: int =
     )
 
 
-def held_out(grams: Grams, scored: Scored) -> float:
+def held_out(grams: Grams, scored: BenchScore) -> float:
     """m RMS."""
     return float(np.sqrt(scored.squares.sum() / grams.points.sum()))
 
 
-def excess_of(grams: Grams, scored: Scored, floor: float) -> float:
+def excess_of(grams: Grams, scored: BenchScore, floor: float) -> float:
     return float(excess_over(scored.squares.sum() / grams.points.sum(), floor))
 
 
@@ -171,7 +171,7 @@ def excess_over(mean_square: Array | float, floor: float) -> Array:
 
 
 def gain_interval(
-    grams: Grams, worse: Scored, better: Scored, floor: float, rng: np.random.Generator
+    grams: Grams, worse: BenchScore, better: BenchScore, floor: float, rng: np.random.Generator
 ) -> tuple[float, float]:
     """90 %, m of excess, resampling folds."""
     folds = np.unique(grams.fold)

@@ -6,6 +6,7 @@ from typing import Any
 
 from plotly.offline import get_plotlyjs
 
+from fabdesign.units import in_mm
 from studies.tracing.bench_outcome import BenchOutcome
 from studies.tracing.words import effect_in_words
 
@@ -65,7 +66,7 @@ def as_text(outcome: BenchOutcome) -> str:
 
 
 def _shown(value: float, unit: str) -> str:
-    return f"{1e3 * value:.3g} mm" if unit == "m" else f"{value:.3g} {unit}"
+    return f"{in_mm(value):.3g} mm" if unit == "m" else f"{value:.3g} {unit}"
 
 
 def render_bench(outcome: BenchOutcome) -> str:

@@ -10,7 +10,7 @@ from optimize.fit.clouds import Indices
 from studies.tracing.bench_candidates import Shape
 from studies.tracing.bench_ranking import (
     Array,
-    Candidate,
+    BenchCandidate,
     Grams,
     Ranking,
     Variant,
@@ -82,10 +82,10 @@ def select(columns: Columns, floor: float, limit: float) -> Selected:
 
 def _worth(
     columns: Columns, base: Array, ranking: Ranking, variants: Sequence[Variant], left: Sequence[int]
-) -> tuple[list[tuple[Candidate, int]], tuple[str, ...]]:
+) -> tuple[list[tuple[BenchCandidate, int]], tuple[str, ...]]:
     """Candidates that gain enough for certain with the places of their shapes, and the names of those that do so only
     with a sign that they cannot have."""
-    found: list[tuple[Candidate, int]] = []
+    worth: list[tuple[BenchCandidate, int]] = []
     refused: list[str] = []
     for candidate in ranking.candidates:
         if not ranking.certain(candidate) or candidate.gain <= _WORTH * ranking.excess:
@@ -95,10 +95,10 @@ def _worth(
         beside = np.column_stack([base, columns.table(place)])
         fitted = coefficients_of(beside, columns.residual, columns.trial)
         if _right_sign(columns.shapes[place], [*columns.tables[place]], *fitted):
-            found.append((candidate, place))
+            worth.append((candidate, place))
         else:
             refused.append(candidate.effect)
-    return found, tuple(refused)
+    return worth, tuple(refused)
 
 
 def coefficients_of(base: Array, residual: Array, trial: Indices) -> tuple[Array, Array]:

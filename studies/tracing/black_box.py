@@ -136,9 +136,9 @@ def left_out(
     wanted = shapes[train]
     inner = [np.flatnonzero(fold[train] == f) for f in np.unique(fold[train])]
     least = [float(np.square(wanted[:, band]).sum()) for band in bands]
-    found = np.zeros((int((fold == out).sum()), shapes.shape[1]))
+    predicted = np.zeros((int((fold == out).sum()), shapes.shape[1]))
     if len(inner) < 2:
-        return found
+        return predicted
     for kernel in kernels:
         own, other = kernel[np.ix_(train, train)], kernel[np.ix_(fold == out, train)]
         for ridge in RIDGES:
@@ -149,8 +149,8 @@ def left_out(
             for k, band in enumerate(bands):
                 if error[band].sum() < least[k]:
                     least[k] = float(error[band].sum())
-                    found[:, band] = other @ weights[:, band]
-    return found
+                    predicted[:, band] = other @ weights[:, band]
+    return predicted
 
 
 def kernel_of(features: Array, width: float) -> Array:

@@ -38,14 +38,14 @@ def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], tuple[st
         first += len(part)
     added = np.arange(count, first)
     none = wide.scored(added)
-    found = [_chosen(wide, none, added, label, selection) for label in chosen.vector.labels]
-    found += [_other(wide, none, added, places[label], label, selection) for label in others]
+    candidates = [_chosen(wide, none, added, label, selection) for label in chosen.vector.labels]
+    candidates += [_other(wide, none, added, places[label], label, selection) for label in others]
     excess = none.excess(selection.floor)
-    found += [
+    candidates += [
         Candidate(label_effect(label), 0.0, (0.0, most), excess, False, {}) for label, most in selection.nothing.items()
     ]
     best: dict[str, Candidate] = {}
-    for candidate in sorted(found, key=lambda c: c.gain):
+    for candidate in sorted(candidates, key=lambda c: c.gain):
         best[candidate.name] = candidate
     ranked = sorted(best.values(), key=lambda c: (-c.chosen, -c.gain))
     return tuple(ranked), _alike(wide, selection, places)
@@ -77,13 +77,15 @@ def _detectable(wide: LeftOut, off: np.ndarray, part: np.ndarray, label: str) ->
     free = np.setdiff1d(np.arange(len(wide.x)), off)
     covariance = np.linalg.inv(wide.information[np.ix_(free, free)])
     effect = EFFECTS[label_effect(label)]
-    found = {}
+    smallest = {}
     for key, k in zip(effect.strengths, part, strict=False):
         place = int(np.searchsorted(free, k))
         size = float(np.sqrt(2 * NEEDED * covariance[place, place]))
         parameter = effect.parameters[key]
-        found[key] = parameter.centre * float(np.exp(size)) if parameter.transform == "log" else parameter.centre + size
-    return found
+        smallest[key] = (
+            parameter.centre * float(np.exp(size)) if parameter.transform == "log" else parameter.centre + size
+        )
+    return smallest
 
 
 def _alike(wide: LeftOut, selection: Selection, places: dict[str, np.ndarray]) -> tuple[str, ...]:

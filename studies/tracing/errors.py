@@ -57,14 +57,14 @@ def errors_of_trials(
     motions = forward.motions(
         [place.vector.case(t, place.x) for place in (before, after) for t in chosen], [*whens, *whens]
     )
-    found = []
+    errors = []
     for k, (trial, frames) in enumerate(zip(chosen, times, strict=True)):
         all_frames = trial.load().frames
         clouds = [all_frames[int(f)] for f in frames]
         pair = [trial_errors(clouds, m, noise, seed=trial.order) for m in (motions[k], motions[len(chosen) + k])]
-        found.append(TrialError(trial.name, trial.design.name, trial.role, pair[0], pair[1]))
+        errors.append(TrialError(trial.name, trial.design.name, trial.role, pair[0], pair[1]))
         progress(k + 1, len(chosen))
-    return found
+    return errors
 
 
 def mean_of(errors: Sequence[TrialError], role: str, which: str, error: str = "surface_rms") -> float | None:

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from fabdesign.design import Design
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.pressure import PressureProgram, limits
+from fabdesign.units import in_kpa, in_mm
 from optimize.fit.clouds import Array
 from optimize.fit.parameters import FitVector
 
 SECONDS = 3.0  # of a program
 HIGHEST = 300e3  # Pa, where the muscles allow it
-LEAST = 0.3e-3  # m RMS, under which no program tells explanations apart in one trial
+LEAST_DIFFERENCE = 0.3e-3  # m RMS, under which no program tells explanations apart in one trial
 _FRAMES = 16
 _STEP = 0.5  # prior standard deviations, of the differences by the declared parameters
 
@@ -35,22 +36,24 @@ def programs(design: Design, *, highest: float = HIGHEST, seconds: float = SECON
     on = {(m.channel, m.side) for m in design.muscles}
     faces = {s: np.array([(c, s) in on for c in range(design.channels)]) for s in ("front", "back")}
     groups = {f"the {side}": where for side, where in faces.items() if where.any()}
-    found: dict[str, PressureProgram] = {}
+    candidates: dict[str, PressureProgram] = {}
     for said, where in groups.items():
         p = np.where(where, most, 0.0)
-        found[f"step of {said}, held"] = _rows([0.0], [p], seconds)
-        found[f"step of {said} on and off"] = _rows([0.0, seconds / 2], [p, 0 * p], seconds)
+        candidates[f"step of {said}, held"] = _rows([0.0], [p], seconds)
+        candidates[f"step of {said} on and off"] = _rows([0.0, seconds / 2], [p, 0 * p], seconds)
         stairs = np.array([1, 2, 3, 2, 1, 0]) / 3
-        found[f"staircase of {said}, up and down"] = _rows(np.arange(6) * seconds / 6, stairs[:, None] * p, seconds)
+        candidates[f"staircase of {said}, up and down"] = _rows(
+            np.arange(6) * seconds / 6, stairs[:, None] * p, seconds
+        )
         times = np.arange(60) * seconds / 60
-        found[f"slow ramp of {said}, up and down"] = _rows(
+        candidates[f"slow ramp of {said}, up and down"] = _rows(
             times, (1 - np.abs(times / seconds * 2 - 1))[:, None] * p, seconds
         )
     alone = np.diag(most)
-    found["each channel alone in turn"] = _rows(np.arange(len(most)) * seconds / len(most), alone, seconds)
+    candidates["each channel alone in turn"] = _rows(np.arange(len(most)) * seconds / len(most), alone, seconds)
     both = np.tril(np.ones((len(most), len(most)))) * most * 0.7
-    found["one channel more at a time"] = _rows(np.arange(len(most)) * seconds / len(most), both, seconds)
-    return found
+    candidates["one channel more at a time"] = _rows(np.arange(len(most)) * seconds / len(most), both, seconds)
+    return candidates
 
 
 def _rows(times: Any, pressures: Any, seconds: float) -> PressureProgram:
@@ -84,7 +87,7 @@ def next_experiment(
         separated = _separated(motions[k * own : (k + 1) * own], len(explanations))
         if separated > gain:
             best, gain = name, separated
-    if gain < max(LEAST, 0.3 * noise):
+    if gain < max(LEAST_DIFFERENCE, 0.3 * noise):
         return None
     program = tried[best]
     return {
@@ -93,10 +96,10 @@ def next_experiment(
             "design": design.name,
             "duration_s": program.duration,
             "time_s": program.time.tolist(),
-            "pressure_kpa": (program.pressure / 1e3).round(3).tolist(),
+            "pressure_kpa": in_kpa(program.pressure).round(3).tolist(),
         },
         "separates": [e.name for e in explanations],
-        "expected_gain": 1e3 * gain,
+        "expected_gain": in_mm(gain),
     }
 
 

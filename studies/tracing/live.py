@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.status import Status
 
 
-class LiveLine:
+class TraceLine:
     """A context that shows what a trace is at, and for how long it has been."""
 
     def __init__(self, title: str) -> None:

@@ -14,6 +14,7 @@ from fabdesign.effects import EFFECTS
 from fabdesign.forward import ForwardModel
 from fabdesign.model import EffectTerm, Model, Provenance
 from fabdesign.trial import Trial
+from fabdesign.units import in_mm
 from optimize.fit.clouds import Sample, frames_of
 from optimize.fit.descent import Fit
 from optimize.fit.inputs import Accuracy
@@ -66,8 +67,8 @@ class Outcome:
         """Those that the verdict stands by, the one whose absence costs most first."""
         if self.verdict != "effect":
             return ()
-        found = {effect.name: effect for effect in self.model.effects}
-        return tuple(found[label_effect(label)] for label in self.selection.labels)
+        by_name = {effect.name: effect for effect in self.model.effects}
+        return tuple(by_name[label_effect(label)] for label in self.selection.labels)
 
     @property
     def indistinguishable(self) -> tuple[str, ...]:
@@ -112,7 +113,7 @@ class Outcome:
             "other_layouts": {
                 name: {
                     "trials": len(own),
-                    **{which: 1e3 * float(mean_of(own, "test", which) or 0.0) for which in ("before", "after")},
+                    **{which: in_mm(float(mean_of(own, "test", which) or 0.0)) for which in ("before", "after")},
                 }
                 for name, own in other_layouts(self.errors).items()
             },
@@ -131,10 +132,10 @@ class Outcome:
             "next_experiment": self.next_experiment,
             "excess": {
                 "unit": "mm",
-                "before": 1e3 * self.evidence.before,
-                "after": 1e3 * self.evidence.after,
-                "black_box": 1e3 * self.evidence.box_before,
-                "fitted": None if self.evidence.fitted is None else 1e3 * self.evidence.fitted,
+                "before": in_mm(self.evidence.before),
+                "after": in_mm(self.evidence.after),
+                "black_box": in_mm(self.evidence.box_before),
+                "fitted": None if self.evidence.fitted is None else in_mm(self.evidence.fitted),
             },
             "detectable": {c.name: c.detectable for c in self.candidates if not c.chosen},
             "said": self.said,
@@ -166,8 +167,8 @@ class Outcome:
     def floor(self) -> float:
         """m, `surface_floor` of the set."""
         for role in ("test", "fit"):
-            if (found := mean_of(self.errors, role, "after", "surface_floor")) is not None:
-                return found
+            if (measured := mean_of(self.errors, role, "after", "surface_floor")) is not None:
+                return measured
         return self.selection.floor
 
     def _candidates(self) -> list[dict[str, Any]]:
@@ -185,8 +186,8 @@ class Outcome:
             {
                 "name": c.name,
                 "held_out": self._surface(c.excess),
-                "gain": 1e3 * c.gain,
-                "interval90": [1e3 * c.interval90[0], 1e3 * c.interval90[1]],
+                "gain": in_mm(c.gain),
+                "interval90": [in_mm(c.interval90[0]), in_mm(c.interval90[1])],
                 "adequate": bool(c.excess <= self.tolerance),
                 "chosen": c.chosen and self.verdict == "effect",
             }
@@ -196,22 +197,22 @@ class Outcome:
 
     def _surface(self, excess: float) -> float:
         """mm of surface RMS."""
-        return 1e3 * float(np.hypot(excess, self.floor))
+        return in_mm(float(np.hypot(excess, self.floor)))
 
     def _error(self) -> dict[str, Any]:
         def pair(which: str, excess: float) -> dict[str, float | None]:
             fit, test = (mean_of(self.errors, role, which) for role in ("fit", "test"))
             return {
-                "fit": None if fit is None else 1e3 * fit,
-                "held_out": self._surface(excess) if test is None else 1e3 * test,
+                "fit": None if fit is None else in_mm(fit),
+                "held_out": self._surface(excess) if test is None else in_mm(test),
                 "cross_validated": self._surface(excess),
             }
 
         return {
             "metric": "surface_rms",
             "unit": "mm",
-            "noise_floor": 1e3 * self.floor,
-            "tolerance": 1e3 * self.tolerance,
+            "noise_floor": in_mm(self.floor),
+            "tolerance": in_mm(self.tolerance),
             "ceiling": self._surface(self.evidence.box_before),
             "before": pair("before", self.evidence.before),
             "after": pair("after", self.evidence.after if self.verdict == "effect" else self.evidence.before),
@@ -219,21 +220,21 @@ class Outcome:
 
 
 def model_of(
-    found: Fit,
+    fit: Fit,
     plain: Fit,
     samples: Sequence[Sample],
     *,
     points_per_side: int,
     provenance: Provenance,
     known: tuple[EffectTerm, ...],
-    believable: bool,
+    reliable: bool,
 ) -> Model:
     """A fit as a model, with the effects known before and the factors found without effects."""
     model = fitted_model(
-        found if found is plain else replace(found, without_effects=plain),
-        with_engines(found),
+        fit if fit is plain else replace(fit, without_effects=plain),
+        with_engines(fit),
         designs=[s.trial.design for s in samples],
-        believable=believable,
+        reliable=reliable,
         points_per_side=points_per_side,
         provenance=provenance,
     )

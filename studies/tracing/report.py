@@ -12,6 +12,7 @@ from plotly.offline import get_plotlyjs
 from fabdesign.effects import EFFECTS
 from fabdesign.model import Model
 from fabdesign.motion_file import square_triangles
+from fabdesign.units import in_mm
 from studies.tracing.outcome import Outcome
 from studies.tracing.residual import remains
 from studies.tracing.residuals import Residuals
@@ -78,13 +79,13 @@ def _figure(data: list[dict[str, Any]], **layout: Any) -> dict[str, Any]:
 def _candidates(outcome: Outcome) -> dict[str, Any]:
     rows = [*reversed(outcome.candidates)]
     marks = {
-        "type": "scatter", "mode": "markers", "y": [c.name for c in rows], "x": [1e3 * c.gain for c in rows],
+        "type": "scatter", "mode": "markers", "y": [c.name for c in rows], "x": [in_mm(c.gain) for c in rows],
         "marker": {"size": 9, "color": [_BLUE if c.chosen else _GREY for c in rows]},
         "error_x": {"type": "data", "symmetric": False, "thickness": 1.5,
-                    "array": [1e3 * max(c.interval90[1] - c.gain, 0) for c in rows],
-                    "arrayminus": [1e3 * max(c.gain - c.interval90[0], 0) for c in rows]},
+                    "array": [in_mm(max(c.interval90[1] - c.gain, 0)) for c in rows],
+                    "arrayminus": [in_mm(max(c.gain - c.interval90[0], 0)) for c in rows]},
     }  # fmt: skip
-    tolerance = 1e3 * outcome.tolerance
+    tolerance = in_mm(outcome.tolerance)
     line = {"type": "line", "x0": tolerance, "x1": tolerance, "y0": 0, "y1": 1, "yref": "paper",
             "line": {"dash": "dot", "color": _RED}}  # fmt: skip
     axis = {"title": "gain of held-out excess, mm (90 %); dotted: the tolerance"}
@@ -96,8 +97,8 @@ def _cloth(outcome: Outcome, cells: np.ndarray, title: str) -> dict[str, Any]:
     n = len(cells)
     centres = (np.arange(n) + 0.5) / n
     heat = {
-        "type": "heatmap", "z": [[None if np.isnan(v) else 1e3 * v for v in row] for row in cells.tolist()],
-        "x": (1e3 * fabric.width * centres).tolist(), "y": (1e3 * fabric.height * centres).tolist(),
+        "type": "heatmap", "z": [[None if np.isnan(v) else in_mm(v) for v in row] for row in cells.tolist()],
+        "x": (in_mm(fabric.width) * centres).tolist(), "y": (in_mm(fabric.height) * centres).tolist(),
         "colorscale": "Viridis", "zmin": 0, "colorbar": {"title": "mm"},
     }  # fmt: skip
     down = {"title": "v, mm", "autorange": "reversed", "scaleanchor": "x"}
@@ -109,7 +110,7 @@ def _over_time(outcome: Outcome, before: dict[str, Any]) -> dict[str, Any]:
     for which, table, colour in (("before", before, _RED), ("after", outcome.remains.over_time, _BLUE)):
         for k, (name, (times, rms)) in enumerate(table.items()):
             lines.append({
-                "type": "scatter", "mode": "lines", "x": times.tolist(), "y": (1e3 * rms).tolist(), "name": which,
+                "type": "scatter", "mode": "lines", "x": times.tolist(), "y": in_mm(rms).tolist(), "name": which,
                 "legendgroup": which, "showlegend": k == 0, "line": {"color": colour, "width": 1},
                 "hovertemplate": f"{name} {which}: %{{y:.2f}} mm at %{{x:.2f}} s<extra></extra>",
             })  # fmt: skip

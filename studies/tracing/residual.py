@@ -114,7 +114,7 @@ def _left(table: Array, frames: Frames, fold: Indices) -> float:
         left = 0.0
         for out in np.unique(fold):
             a, b = table[fold != out], frames.shapes[fold != out]
-            found = np.linalg.solve(a.T @ a + len(a) * ridge * 0.1 * np.eye(a.shape[1]), a.T @ b)
-            left += float(np.square(frames.shapes[fold == out] - table[fold == out] @ found).sum())
+            steps = np.linalg.solve(a.T @ a + len(a) * ridge * 0.1 * np.eye(a.shape[1]), a.T @ b)
+            left += float(np.square(frames.shapes[fold == out] - table[fold == out] @ steps).sum())
         best = min(best, left)
     return best

@@ -157,7 +157,7 @@ def _trace(
             points_per_side=options.grid or GRID,
             provenance=provenance_of(measured.name, [s.trial for s in samples], tests, hashes, options.seed),
             known=known.effects,
-            believable=verdict != "unexplained",
+            reliable=verdict != "unexplained",
         ),
         next_experiment=experiment,
     )

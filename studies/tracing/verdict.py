@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 Word = Literal["adequate", "effect", "unexplained"]
-LEAST = 0.6  # of the gap, that effects must close to be its cause
+SHARE_OF_A_CAUSE = 0.6  # of the gap, that effects must close to be its cause
 GROSS = 2.0  # times the tolerance: a model that leaves more of the very trials it was fitted to is not adequate
 STRUCTURE = 0.25  # of an excess, that the black box, or one kind of feature, must take to count as structure
 
@@ -41,7 +41,7 @@ def decide(evidence: Evidence, tolerance: float) -> Word:
     if evidence.left > STRUCTURE:  # the nearest of the wrong names
         return "unexplained"
     closed = 1 - evidence.after / evidence.before
-    return "effect" if closed >= LEAST or closed >= 1.2 * box_closed(evidence) else "unexplained"
+    return "effect" if closed >= SHARE_OF_A_CAUSE or closed >= 1.2 * box_closed(evidence) else "unexplained"
 
 
 def box_closed(evidence: Evidence) -> float:

@@ -1,18 +1,19 @@
 """A trace in words."""
 
 from fabdesign.model import EffectTerm, Quantity
+from fabdesign.units import in_mm
 from studies.tracing.outcome import Outcome
 
 
 def verdict_in_words(outcome: Outcome) -> str:
     """The answer in a sentence."""
-    evidence, left = outcome.evidence, 1e3 * outcome.evidence.after
-    before = f"{1e3 * evidence.before:.2f} mm"
+    evidence, left = outcome.evidence, in_mm(outcome.evidence.after)
+    before = f"{in_mm(evidence.before):.2f} mm"
     if outcome.verdict == "adequate":
         if evidence.before <= outcome.tolerance:
             return (
                 f"The model with its declared parameters refitted is adequate: on held-out trials its excess over the "
-                f"noise is {before}, within the tolerance of {1e3 * outcome.tolerance:g} mm."
+                f"noise is {before}, within the tolerance of {in_mm(outcome.tolerance):g} mm."
             )
         return (
             f"The model is adequate as far as these data can say: on held-out trials its excess over the noise is "
@@ -22,13 +23,13 @@ def verdict_in_words(outcome: Outcome) -> str:
         missing = "Something is missing that none of the known effects explains, alone or in combination:"
         if not evidence.box_certain and not evidence.effects:
             return (
-                f"{missing} the refitted model is {1e3 * (evidence.fitted or 0.0):.2f} mm over the noise even on the "
+                f"{missing} the refitted model is {in_mm(evidence.fitted or 0.0):.2f} mm over the noise even on the "
                 "trials that it was fitted to."
             )
         return (
             f"{missing} the excess over the noise is {before} on held-out trials and "
-            f"{1e3 * (evidence.fitted or 0.0):.2f} mm on fitted ones; a flexible baseline leaves "
-            f"{1e3 * evidence.box_before:.2f} mm of it."
+            f"{in_mm(evidence.fitted or 0.0):.2f} mm on fitted ones; a flexible baseline leaves "
+            f"{in_mm(evidence.box_before):.2f} mm of it."
         )
     named = " and ".join(effect_in_words(effect) for effect in outcome.effects)
     sentence = (
@@ -53,12 +54,13 @@ def _value(quantity: Quantity) -> str:
 
 
 def experiment_in_words(outcome: Outcome) -> str | None:
-    found = outcome.next_experiment
-    if found is None:
+    next_one = outcome.next_experiment
+    if next_one is None:
         return None
+    program, explanations = next_one["program"], " and ".join(next_one["separates"])
     return (
-        f"{found['program']['what']} ({found['program']['duration_s']:g} s): there {' and '.join(found['separates'])} "
-        f"are {found['expected_gain']:.1f} mm RMS apart, beyond what the declared parameters could take."
+        f"{program['what']} ({program['duration_s']:g} s): there {explanations} "
+        f"are {next_one['expected_gain']:.1f} mm RMS apart, beyond what the declared parameters could take."
     )
 
 

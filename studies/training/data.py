@@ -51,16 +51,16 @@ def choose(
 
     Raises InputError for a design that no set has, and where nothing or too little is left.
     """
-    known = sorted({trial.design_name for found in sets for trial in found.trials})
+    known = sorted({trial.design_name for measured in sets for trial in measured.trials})
     for name in hold_out:
         if name not in known:
             raise InputError(f"--hold-out {name}: no such design; the sets have {', '.join(known)}")
     learned: list[Chosen] = []
     held: list[Chosen] = []
-    fitting = [[trial for trial in found.trials if trial.role == "fit"] for found in sets]
+    fitting = [[trial for trial in measured.trials if trial.role == "fit"] for measured in sets]
     used = find_used_frames([*zip(sets, fitting, strict=True)], coarse)
-    for k, (found, every) in enumerate(zip(sets, fitting, strict=True)):
-        flags = {trial.name: used.at(found, trial) for trial in every}
+    for k, (measured, every) in enumerate(zip(sets, fitting, strict=True)):
+        flags = {trial.name: used.at(measured, trial) for trial in every}
         fit = [trial for trial in every if flags[trial.name].any()]
         rest = [trial for trial in fit if trial.design_name not in hold_out]
         sides = (rest, [t for t in fit if t.design_name in hold_out])
@@ -69,7 +69,8 @@ def choose(
             sides = (list(parts.fit), [*parts.held_out, *sides[1]])
         for side, trials in zip((learned, held), sides, strict=True):
             side += [
-                Chosen(f"{found.name}/{t.name}", f"{k:02}-{t.name}", t, case_of(t, base), flags[t.name]) for t in trials
+                Chosen(f"{measured.name}/{t.name}", f"{k:02}-{t.name}", t, case_of(t, base), flags[t.name])
+                for t in trials
             ]
     if not learned:
         raise InputError("no trial of role fit is left to learn from; expected at least two")

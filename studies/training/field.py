@@ -114,8 +114,8 @@ def _examples(trials: Sequence[Chosen], forward: ForwardModel, work: WorkFolder,
         trial = chosen.trial
         if id(trial.design) not in layouts:
             layouts[id(trial.design)] = MuscleFields.of(trial.design)
-        found = Examples.of(chosen.case, layouts[id(trial.design)], _times_learned(chosen), motion, _clouds(chosen))
-        found.save(work.folder / f"examples/{chosen.key}.npz")
+        examples = Examples.of(chosen.case, layouts[id(trial.design)], _times_learned(chosen), motion, _clouds(chosen))
+        examples.save(work.folder / f"examples/{chosen.key}.npz")
         progress("matched", len(trials) - len(missing) + k + 1, len(trials))
     return [Examples.load(work.folder / name) for name in files]
 

@@ -1,5 +1,6 @@
 """What a training found, in words."""
 
+from fabdesign.units import in_mm
 from studies.training.train import HeldOutErrors, TrainingResult
 
 
@@ -29,12 +30,12 @@ def _line(name: str, of: HeldOutErrors, *, ordered: bool) -> str:
     trials = f"{of.trials} trial{'s' * (of.trials != 1)} of {name} held out"
     if not ordered:
         return (
-            f"{trials}: Chamfer {1e3 * before.chamfer:.2f} to {1e3 * after.chamfer:.2f} mm (floor "
-            f"{1e3 * before.chamfer_floor:.2f})"
+            f"{trials}: Chamfer {in_mm(before.chamfer):.2f} to {in_mm(after.chamfer):.2f} mm (floor "
+            f"{in_mm(before.chamfer_floor):.2f})"
         )
     share = "" if of.closed.surface is None else f", {of.closed.surface:.0%} of the excess closed"
     far = "" if of.trust.applies else f"; {of.trust.distance:.2f} from what was learned, too far: not corrected"
     return (
-        f"{trials}: surface RMS {1e3 * before.surface_rms:.2f} to {1e3 * after.surface_rms:.2f} mm (floor "
-        f"{1e3 * after.surface_floor:.2f}){share}{far}"
+        f"{trials}: surface RMS {in_mm(before.surface_rms):.2f} to {in_mm(after.surface_rms):.2f} mm (floor "
+        f"{in_mm(after.surface_floor):.2f}){share}{far}"
     )

@@ -19,13 +19,13 @@ from fabdesign.corrector import Trust, central_hash
 from fabdesign.distances import chamfer
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
-from fabdesign.mark import MARK, others_in, own_files
 from fabdesign.metrics import Closed, Errors, closed, mean_errors, trial_errors
 from fabdesign.model import Model
 from fabdesign.model_file import write_model
-from fabdesign.output import WorkFolder, work_folder, write_text
+from fabdesign.output import MARK, WorkFolder, others_in, own_files, work_folder, write_text
 from fabdesign.predictor import Predictor
 from fabdesign.trial import MeasurementSet
+from fabdesign.units import in_mm
 from studies.evaluate import ERRORS, noise_of
 from studies.training.data import Chosen, Progress, choose, simulated
 from studies.used_frames import UsedFrames
@@ -61,7 +61,7 @@ class TrainingResult:
         """What `train --json` prints: mm."""
 
         def millimetres(errors: Errors) -> dict[str, float]:
-            values = {name: 1e3 * getattr(errors, name) for name in ERRORS}
+            values = {name: in_mm(getattr(errors, name)) for name in ERRORS}
             return {name: value for name, value in values.items() if np.isfinite(value)}
 
         return {
@@ -196,7 +196,7 @@ def _tested(
     def times(chosen: Chosen) -> NDArray[np.float64]:
         return chosen.trial.times
 
-    found: dict[str, HeldOutErrors] = {}
+    errors: dict[str, HeldOutErrors] = {}
     for name in sorted({chosen.trial.design_name for chosen in held}):
         own = [chosen for chosen in held if chosen.trial.design_name == name]
         noise = noise_of([chosen.trial for chosen in own])
@@ -220,8 +220,8 @@ def _tested(
             continue
         means = [mean_errors(each) for each in (before, after)]
         trust = corrector.trust(own[0].trial.design)
-        found[name] = HeldOutErrors(len(before), trust, means[0], means[1], _closed(*means))
-    return found
+        errors[name] = HeldOutErrors(len(before), trust, means[0], means[1], _closed(*means))
+    return errors
 
 
 def unordered_errors(
@@ -233,8 +233,8 @@ def unordered_errors(
 
 
 def _closed(before: Errors, after: Errors) -> Closed:
-    found = closed(before, after)
-    return found if np.isfinite(after.surface_rms) else replace(found, surface=None)
+    share = closed(before, after)
+    return share if np.isfinite(after.surface_rms) else replace(share, surface=None)
 
 
 def _provenance(
@@ -249,7 +249,7 @@ def _provenance(
     origin = base.provenance
     return replace(
         origin,
-        sets=tuple(dict.fromkeys([*origin.sets, *(found.name for found in sets)])),
+        sets=tuple(dict.fromkeys([*origin.sets, *(measured.name for measured in sets)])),
         fitted=tuple(dict.fromkeys([*origin.fitted, *(chosen.name for chosen in learned)])),
         held_out=tuple(chosen.name for chosen in held if chosen.name not in origin.fitted),
         versions=dict(origin.versions)

@@ -12,6 +12,7 @@ from fabdesign.forward import Case, ForwardModel
 from fabdesign.model import Model
 from fabdesign.output import whole_file
 from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.units import in_mm
 from optimize.fit.clouds import evenly
 from optimize.fit.parameters import fit_vector
 from studies.calibration.calibrate import calibrate
@@ -44,7 +45,7 @@ def left_out(
     if not others or not own:
         raise InputError(f"{measured.name}: without {name}, no trial is left to {'judge' if others else 'fit'}")
     tests = tuple(replace(own[i], role="test") for i in evenly(len(own), trials))
-    found = calibrate(
+    calibration = calibrate(
         replace(measured, trials=others),
         forward,
         coarse=coarse,
@@ -53,7 +54,7 @@ def left_out(
         seed=seed,
         progress=lambda line, share: progress(f"without {name}: {line}"),
     )
-    model = replace(found.model, without_effects={})  # before is the data sheet
+    model = replace(calibration.model, without_effects={})  # before is the data sheet
 
     def judge(model: Model, what: str) -> SetEvaluation:
         return evaluate_sets(
@@ -69,12 +70,12 @@ def left_out(
     _overlay(*_shown(tests, measured, evaluation), model, forward, picture)
     said = evaluation.as_json()["designs"][name] | evaluation.used.as_json()
     if model.effects:
-        said["without_effects"] = judge(found.model.before, ", factors alone").as_json()["designs"][name]["after"]
-    told = found.as_json()
+        said["without_effects"] = judge(calibration.model.before, ", factors alone").as_json()["designs"][name]["after"]
+    told = calibration.as_json()
     return said | {
         "factors": {k: {key: p[key] for key in ("factor", "interval90")} for k, p in told["parameters"].items()},
         "effects": told["effects"],
-        "fitted": len(found.model.provenance.fitted),
+        "fitted": len(calibration.model.provenance.fitted),
         "fit_unjudged": told["unjudged"],
         "doubts": told["doubts"],
     }
@@ -101,8 +102,8 @@ def _overlay(trial: Trial, k: int, model: Model, forward: ForwardModel, path: Pa
         motion = predictor.motions([Case(trial.design, trial.program, order=trial.order)], [trial.times])[0]
         for view, (axis, label) in enumerate(((2, "z"), (0, "x"))):
             panel = axes[2 * column + view]
-            panel.plot(1e3 * motion[k][:, axis], 1e3 * motion[k][:, 1], ".", color="#92c5de", markersize=2)
-            panel.plot(1e3 * clouds[k][::2, axis], 1e3 * clouds[k][::2, 1], ".", color="#1c2430", markersize=1)
+            panel.plot(in_mm(motion[k][:, axis]), in_mm(motion[k][:, 1]), ".", color="#92c5de", markersize=2)
+            panel.plot(in_mm(clouds[k][::2, axis]), in_mm(clouds[k][::2, 1]), ".", color="#1c2430", markersize=1)
             panel.set(title=f"{said}, {'side' if axis == 2 else 'front'}", xlabel=f"{label}, mm", aspect="equal")
     axes[0].set_ylabel("y, mm")
     figure.suptitle(f"{trial.design_name} {trial.name}, {trial.times[k]:.2f} s: measured (dark) over model")

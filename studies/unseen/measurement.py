@@ -51,12 +51,12 @@ def information(candidates: Sequence[CandidateMeasurement], draws: Draws, forwar
     cases = [draws.case(z, c.program, c.design) for c in candidates for z in zs]
     times = [c.program.duration * (np.arange(FRAMES) + 1) / FRAMES for c in candidates for _ in zs]
     motions = forward.motions(cases, times)
-    found = []
+    matrices = []
     for k in range(0, len(motions), len(zs)):
         a = slopes(motions[k : k + len(zs)])
         points = len(a) / 3 / FRAMES
-        found.append(a.T @ a * (INDEPENDENT / points) / NOISE**2)
-    return found
+        matrices.append(a.T @ a * (INDEPENDENT / points) / NOISE**2)
+    return matrices
 
 
 def spread(b: Array, covariance: Array) -> float:
@@ -73,9 +73,9 @@ def candidates_of(unsewn: Unsewn, rig: RigLimits) -> list[CandidateMeasurement]:
     """Those of the study; else steps, staircases and ramps on the design that the rig can do."""
     if unsewn.candidates:
         return [*unsewn.candidates]
-    found = programs(unsewn.design, highest=rig.pressure, seconds=rig.duration)
+    named = programs(unsewn.design, highest=rig.pressure, seconds=rig.duration)
     return [
-        CandidateMeasurement(name, unsewn.design, p) for name, p in found.items() if fastest(p) <= rig.rate * (1 + 1e-9)
+        CandidateMeasurement(name, unsewn.design, p) for name, p in named.items() if fastest(p) <= rig.rate * (1 + 1e-9)
     ]
 
 

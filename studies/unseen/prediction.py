@@ -9,6 +9,7 @@ from fabdesign.errors import SimulationError
 from fabdesign.forward import ForwardModel
 from fabdesign.model import Model
 from fabdesign.pressure_file import constant_program
+from fabdesign.units import in_kpa, in_mm
 from fabdesign.unseen_file import Unsewn
 from studies.sensitivity.outputs import mean_curvature, tip
 from studies.sensitivity.snapping import moved, snaps, spreads
@@ -43,13 +44,13 @@ def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int,
 def _pose(unsewn: Unsewn, pose: Array, drawn: list[Array], off: list[Array]) -> dict[str, Any]:
     sound = np.array([shape for shape in drawn[1:] if np.isfinite(shape).all()])
     if len(sound) < len(drawn) / 2:
-        raise SimulationError(f"{unsewn.design.name}: most models find no shape at rest under {pose / 1e3} kPa")
+        raise SimulationError(f"{unsewn.design.name}: most models find no shape at rest under {in_kpa(pose)} kPa")
     away = np.sqrt(np.square(sound - sound.mean(axis=0)).sum(axis=-1))  # (models, points)
-    tips = 1e3 * np.array([tip(shape, unsewn.design.fabric) for shape in sound])
+    tips = in_mm(np.array([tip(shape, unsewn.design.fabric) for shape in sound]))
     return {
-        "pressures_kpa": (pose / 1e3).tolist(),
-        "band_mm": 1e3 * float(np.sqrt(np.square(away).mean())),
-        "widest_mm": 1e3 * float(np.sqrt(np.square(away).mean(axis=0)).max()),
+        "pressures_kpa": in_kpa(pose).tolist(),
+        "band_mm": in_mm(float(np.sqrt(np.square(away).mean()))),
+        "widest_mm": in_mm(float(np.sqrt(np.square(away).mean(axis=0)).max())),
         "tip_mm": {axis: _percentiles(tips[:, k]) for k, axis in enumerate("xyz")},
         "outputs": {
             output.text: {"unit": output.unit, "percentiles": _percentiles(np.array([output.of(s) for s in sound]))}

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from fabdesign import __version__
 from fabdesign.output import write_text
+from fabdesign.units import in_mm
 
 
 def write_report(result: dict[str, Any], out: Path, *, pictures: Path) -> None:
@@ -24,15 +25,15 @@ def write_report(result: dict[str, Any], out: Path, *, pictures: Path) -> None:
         files("studies.unseen").joinpath("report.html.j2").read_text(encoding="utf-8")
     )
     left_out = result.get("left_out") or {}
-    left = {name: found for name, found in left_out.items() if found}
+    left = {name: own for name, own in left_out.items() if own}
     page = template.render(
         result=result,
         left=left,
-        not_begun=[name for name, found in left_out.items() if not found],
-        effects={name: _effect_rows(found["effects"]) for name, found in left.items()},
+        not_begun=[name for name, own in left_out.items() if not own],
+        effects={name: _effect_rows(own["effects"]) for name, own in left.items()},
         notes=_notes(result),
         bands=[Markup(_band_svg(pose)) for pose in result.get("poses") or []],
-        histograms={name: Markup(_histogram_svg(found)) for name, found in left.items()},
+        histograms={name: Markup(_histogram_svg(own)) for name, own in left.items()},
         overlays={name: _inline(pictures / f"left_out_{name}.png") for name in left},
         version=__version__,
     )
@@ -83,7 +84,7 @@ def without_lines(result: dict[str, Any]) -> dict[str, Any]:
 
 def _band_svg(pose: dict[str, Any]) -> str:
     """The cloth's middle line from the side: of every drawn model, and their mean."""
-    lines = 1e3 * np.array(pose["middle"])
+    lines = in_mm(np.array(pose["middle"]))
     figure = Figure(figsize=(4.2, 4.2), layout="constrained")
     axes = figure.subplots()
     for line in lines:
@@ -93,10 +94,10 @@ def _band_svg(pose: dict[str, Any]) -> str:
     return _svg(figure)
 
 
-def _histogram_svg(found: dict[str, Any]) -> str:
+def _histogram_svg(sizes: dict[str, Any]) -> str:
     figure = Figure(figsize=(7, 2.4), layout="constrained")
     for axes, error in zip(figure.subplots(1, 2), ("chamfer", "surface_rms"), strict=True):
-        shown = found["histogram"][error]
+        shown = sizes["histogram"][error]
         for state, colour in (("before", "#9aa5b1"), ("after", "#2166ac")):
             axes.stairs(shown[state], shown["edges"], fill=True, alpha=0.6, color=colour, label=state)
         axes.set(xlabel=f"{error.replace('_', ' ')}, mm", ylabel="trials")
@@ -131,11 +132,11 @@ def as_text(result: dict[str, Any]) -> str:
     if result.get("design"):
         lines.append(result["corrector"]["said"])
         lines += _notes(result)
-    found = result.get("measurement")
-    if found and found["candidates"]:
-        name, best = next(iter(found["candidates"].items()))
+    measurement = result.get("measurement")
+    if measurement and measurement["candidates"]:
+        name, best = next(iter(measurement["candidates"].items()))
         lines.append(
-            f"the best measurement: {name}, on {best['design']}; it reduces {found['spread_mm']:.2f} mm RMS "
+            f"the best measurement: {name}, on {best['design']}; it reduces {measurement['spread_mm']:.2f} mm RMS "
             f"to {best['left_mm']:.2f}"
         )
     for name, left in (result.get("left_out") or {}).items():

@@ -11,6 +11,7 @@ from fabdesign import SIMULATOR
 from fabdesign.checkpoint import Checkpoint, sha256
 from fabdesign.forward import ForwardModel
 from fabdesign.output import WorkFolder, work_folder
+from fabdesign.units import in_kpa, in_mm
 from fabdesign.unseen_file import FREE, UnseenStudy, Unsewn, read_unseen
 from optimize.fit.parameters import fit_vector
 from studies.forward_model import forward_model
@@ -82,22 +83,22 @@ def _unsewn(
         left: dict[str, dict[str, Any]] = {}
         for candidate, gained in zip(candidates, information(candidates, draws, forward), strict=True):
             if np.isfinite(gained).all():
-                left[candidate.name] = {"design": candidate.design.name, "left_mm": 1e3 * after(b, gained)}
+                left[candidate.name] = {"design": candidate.design.name, "left_mm": in_mm(after(b, gained))}
         ranked = dict(sorted(left.items(), key=lambda item: item[1]["left_mm"]))
-        now = 1e3 * spread(b, np.eye(len(draws.names)))
+        now = in_mm(spread(b, np.eye(len(draws.names))))
         best = next((c for c in candidates if ranked and c.name == next(iter(ranked))), None)
         program = None if best is None else {
             "time_s": best.program.time.tolist(),
-            "pressure_kpa": (best.program.pressure / 1e3).round(3).tolist(),
+            "pressure_kpa": in_kpa(best.program.pressure).round(3).tolist(),
             "duration_s": best.program.duration,
         }  # fmt: skip
-        shares = {name: 1e3 * spread(b[:, k : k + 1], np.eye(1)) for k, name in enumerate(draws.names)}
+        shares = {name: in_mm(spread(b[:, k : k + 1], np.eye(1))) for k, name in enumerate(draws.names)}
         return {"spread_mm": now, "due_to_mm": shares, "candidates": ranked, "program": program}
 
     return {
         "design": unsewn.design.name,
         "model_points_per_side": unsewn.model.points_per_side,
-        "doubted": [name for name, parameter in unsewn.model.parameters.items() if not parameter.believable],
+        "doubted": [name for name, parameter in unsewn.model.parameters.items() if not parameter.reliable],
         "poses": poses,
         "unknown": list(draws.unknown),
         "corrector": corrector_statement(unsewn.model, unsewn),
@@ -115,7 +116,7 @@ def _left_out(
 ) -> dict[str, Any]:
     measured = study.measured
     assert measured is not None
-    found = {}
+    results = {}
     for name in sorted(measured.designs):
         picture = f"left_out_{name}.png"
         work.claim(picture)
@@ -134,8 +135,8 @@ def _left_out(
                 progress=progress,
             )
 
-        found[name] = checkpoint.get(f"left_out_{name}", compute)
-    return found
+        results[name] = checkpoint.get(f"left_out_{name}", compute)
+    return results
 
 
 def _content(study: UnseenStudy) -> dict[str, str]:

@@ -13,6 +13,7 @@ from fabdesign.metrics import Errors, frame_errors, mean_errors
 from fabdesign.mid_surface import two_faces
 from fabdesign.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
 from fabdesign.surface import Surface
+from fabdesign.units import in_mm
 from studies.view.items import Item
 
 INSTANTS = 40  # of a motion, at most
@@ -44,8 +45,8 @@ class Distance:
     def as_json(self) -> dict[str, object]:
         """mm; null: not known."""
         names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
-        found = {name: 1e3 * getattr(self.whole, name) for name in names}
-        values = {name: value if np.isfinite(value) else None for name, value in found.items()}
+        told = {name: in_mm(getattr(self.whole, name)) for name in names}
+        values = {name: value if np.isfinite(value) else None for name, value in told.items()}
         return {"from": self.reference, "of": self.when or "still shapes", "unit": "mm", **values}
 
 
@@ -54,7 +55,7 @@ def errors_in_words(errors: Errors) -> str:
     floors = np.isfinite(errors.chamfer_floor)
 
     def figure(value: float, floor: float) -> str:
-        return f"{1e3 * value:.2f} mm" + (f" (noise floor {1e3 * floor:.2f})" if floors else "")
+        return f"{in_mm(value):.2f} mm" + (f" (noise floor {in_mm(floor):.2f})" if floors else "")
 
     text = f"Chamfer {figure(errors.chamfer, errors.chamfer_floor)}"
     if np.isfinite(errors.surface_rms):
@@ -65,11 +66,11 @@ def errors_in_words(errors: Errors) -> str:
 def distances(items: Sequence[Item]) -> list[Distance | None]:
     """Of every panel to the first one, of a prediction to what it predicts; None of what others are compared with."""
     by_title = {item.title: item for item in items}
-    found: list[Distance | None] = []
+    own: list[Distance | None] = []
     for item in items:
         reference = by_title.get(item.predicts, items[0])
-        found.append(None if reference is item else _distance(reference, item))
-    return found
+        own.append(None if reference is item else _distance(reference, item))
+    return own
 
 
 def _distance(reference: Item, item: Item) -> Distance:

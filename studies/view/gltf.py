@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pygltflib as gltf
@@ -129,7 +130,7 @@ class _Scene:
     def _vectors(self, array: Floats) -> int:
         return self._accessor(array.astype(np.float32), "VEC3", gltf.ARRAY_BUFFER, limits=True)
 
-    def _accessor(self, array: NDArray, kind: str, target: int | None = None, *, limits: bool = False) -> int:
+    def _accessor(self, array: NDArray[Any], kind: str, target: int | None = None, *, limits: bool = False) -> int:
         """Of an array that is appended to the buffer; its smallest and largest entries where glTF asks for them."""
         offset = len(self._bytes)
         self._bytes += np.ascontiguousarray(array).tobytes()

@@ -91,13 +91,13 @@ def _items(
 ) -> list[Item]:
     if file.is_dir() or file.name == "set.toml":
         measured = read_set(file)
-        found = [t for t in measured.trials if name in (None, t.name)]
-        if not found:
+        chosen = [t for t in measured.trials if name in (None, t.name)]
+        if not chosen:
             known = ", ".join(t.name for t in measured.trials[:5])
             raise InputError(f"{file}: has no trial {name}; expected one of {known}, ...")
         source = "synthetic rig" if "synthetic" in measured.description else "measured"
-        title = f"{measured.name}/{found[0].name} ({found[0].design_name})"
-        return _trial(found[0], title, source, model, forward)
+        title = f"{measured.name}/{chosen[0].name} ({chosen[0].design_name})"
+        return _trial(chosen[0], title, source, model, forward)
     if file.suffix.lower() == ".npz":
         with open_npz(file, "a motion's or a trial's arrays") as arrays:
             is_trial, is_motion = "offsets" in arrays, "time" in arrays

@@ -32,8 +32,8 @@ def save_markers(items: Sequence[Item], path: Path, markers: Mapping[str, tuple[
             raise InputError(f"{item.title}: is a cloud or mesh, without named points; expected motions of a cloth")
         places = [_place(item, name, *markers[name]) for name in names] if markers else [*USUAL.values()]
         for time, points in zip(item.times, item.frames, strict=True):
-            found = at_places(mid_surface(points), places)
-            rows.append([item.title, f"{time:.6f}", *(f"{value:.6f}" for value in found.ravel())])
+            places_at = at_places(mid_surface(points), places)
+            rows.append([item.title, f"{time:.6f}", *(f"{value:.6f}" for value in places_at.ravel())])
     columns = [f"{name}_{axis}_m" for name in names for axis in "xyz"]
     write_rows(path, ["panel", "time_s", *columns], rows)
 

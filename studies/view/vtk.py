@@ -52,8 +52,8 @@ def _shape(item: Item, frame: int) -> meshio.Mesh:
         data["face"] = np.repeat(np.array([1, -1], np.int8), len(points) // 2)
         if item.size is not None:
             names = ("strain_across", "strain_down", "shear_rad")
-            found = strains(mid_surface(points), item.size)
-            data |= {name: np.tile(s.ravel(), 2).astype(np.float32) for name, s in zip(names, found, strict=True)}
+            strain = strains(mid_surface(points), item.size)
+            data |= {name: np.tile(s.ravel(), 2).astype(np.float32) for name, s in zip(names, strain, strict=True)}
     return meshio.Mesh(points, [("triangle", np.asarray(item.triangles))], point_data=data)
 
 

@@ -58,4 +58,4 @@ def _shown(items: Sequence[Item], path: Path, kind: str, times: Sequence[float])
         from studies.view.picture import save_animation
 
         save_animation(items, path, apart)
-    return [{} if found is None else {"distance": found.as_json()} for found in apart]
+    return [{} if distance is None else {"distance": distance.as_json()} for distance in apart]

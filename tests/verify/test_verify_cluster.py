@@ -22,7 +22,7 @@ from fabdesign.cluster import current, on_cluster
 from fabdesign.design_file import write_design
 from fabdesign.errors import SimulationError
 from fabdesign.pressure_file import constant_program
-from studies.rig import Key, run_rig
+from studies.rig import GroundTruth, run_rig
 from studies.rig.scene import Resolution
 from tests.conftest import ROOT
 
@@ -161,7 +161,7 @@ def test_a_search_with_a_worker_killed(address: str, tmp_path: Path) -> None:
 
 def test_rig_trials(address: str, tmp_path: Path) -> None:
     programs = [constant_program([kpa * 1e3, 0.0], 0.1) for kpa in (50, 100)]
-    options: dict[str, Any] = {"key": Key(), "resolution": Resolution(element=0.05)}
+    options: dict[str, Any] = {"truth": GroundTruth(), "resolution": Resolution(element=0.05)}
     design = fabdesign.build("vertical", muscles=2)
     run_rig(design, programs, out=tmp_path / "here", workers=1, **options)
     with on_cluster(address):

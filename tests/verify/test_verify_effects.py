@@ -12,7 +12,7 @@ from sim import Simulator
 
 pytest.importorskip("numba")
 
-from studies.rig import EffectSetting, Key
+from studies.rig import EffectSetting, GroundTruth
 from studies.rig.scene import Resolution
 from studies.rig.specimen import TrialTask, control_points, prepare
 
@@ -50,7 +50,7 @@ ORDER = 4  # in the session
 
 def of_the_rig(*effects):
     """(T, 21, 21, 3) m, mid-surface."""
-    task = TrialTask(DESIGN, PROGRAM, TIMES, ORDER, Key(effects=effects), COARSE)
+    task = TrialTask(DESIGN, PROGRAM, TIMES, ORDER, GroundTruth(effects=effects), COARSE)
     uv, scene = np.stack(np.meshgrid(GRID, GRID), axis=-1).reshape(-1, 2), prepare(task)
     value = scene.patch.matrix(uv)
     points = np.array([value @ x for x in control_points(task)])

@@ -8,7 +8,7 @@ from fabdesign.pressure_file import constant_program
 
 pytest.importorskip("numba")
 
-from studies.rig import Key
+from studies.rig import GroundTruth
 from studies.rig.scene import Resolution
 from studies.rig.specimen import TrialTask, control_points, prepare
 
@@ -20,7 +20,7 @@ def test_default_elements_resolve_crossed_muscles(record):
     uv = 0.2 * np.stack(np.meshgrid(np.linspace(0, 1, 21), np.linspace(0, 1, 21)), axis=-1).reshape(-1, 2)
 
     def out_of_plane(resolution):
-        task = TrialTask(build("cross"), program, times, 0, Key(), resolution)
+        task = TrialTask(build("cross"), program, times, 0, GroundTruth(), resolution)
         unit = prepare(task).patch.matrix(uv)
         return np.stack([(unit @ x)[:, 2] for x in control_points(task)])
 

@@ -5,19 +5,20 @@ from collections.abc import Mapping
 import numpy as np
 
 from fabdesign.errors import InputError
+from fabdesign.units import from_kpa
 from studies.rig.effects.declaration import RigEffect
 from studies.rig.scene import Scene, StepReport
 
 
 def threshold_pressure(scene: Scene, order: int, values: Mapping[str, float]) -> None:
     """p acts as softplus(p - threshold)."""
-    scene.muscle_state.threshold = 1e3 * values["threshold"]
-    scene.muscle_state.threshold_width = 1e3 * values["width"]
+    scene.muscle_state.threshold = from_kpa(values["threshold"])
+    scene.muscle_state.threshold_width = from_kpa(values["width"])
 
 
 def braid_hysteresis(scene: Scene, order: int, values: Mapping[str, float]) -> None:
     """Coulomb friction that grows with pressure: one Maxwell-slip element an interval."""
-    scene.muscle_state.friction_per_pressure = values["friction"] / 1e3
+    scene.muscle_state.friction_per_pressure = values["friction"] / 1e3  # N/Pa
     scene.muscle_state.friction_at_zero = values["friction_at_zero"]
     scene.muscle_state.friction_slip = values["slip"]
 

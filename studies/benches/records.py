@@ -1,10 +1,15 @@
-"""What a specimen's records must hold for `calibrate` to find its law."""
+"""What a specimen's records must hold for `calibrate` to find its law, and what they measure in which unit."""
 
 from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fabdesign.bench import Bench, BenchRecord, Specimen
 from fabdesign.errors import InputError
 from studies.benches import actuator, rows
+from studies.benches.actuator import hold_of
+from studies.benches.rows import FORCES
 
 # of each group of columns, one is needed
 COLUMNS: Mapping[Specimen, tuple[tuple[str, ...], ...]] = {
@@ -34,3 +39,15 @@ def require_sizes(bench: Bench) -> None:
         raise InputError(
             f"{bench.file}: [constants] lack {', '.join(missing)}; expected numbers in SI units, for a muscle type"
         )
+
+
+def unit_of(specimen: Specimen) -> str:
+    """N, of an actuator m."""
+    return "m" if specimen == "actuator" else "N"
+
+
+def measured(specimen: Specimen, record: BenchRecord) -> NDArray[np.float64]:
+    """(n,) N; of an actuator (1,) m, the level held."""
+    if specimen == "actuator":
+        return np.array([hold_of(record).level])
+    return record.columns[next(name for name in FORCES if name in record.columns)]

@@ -13,10 +13,10 @@ from optimize.evaluations import Evaluations, Stage
 from optimize.history import History
 from optimize.objective import Objective, Target
 from studies.layouts.begin import limits_of
+from studies.layouts.loading_path import loading_paths
 from studies.layouts.report import Section, render_report
 from studies.layouts.run import _result
 from studies.layouts.target import LoadedTarget
-from studies.layouts.way import ways
 
 DUO = build("basic", muscles=2)  # one on the front, one on the back
 ALIKE, APART = np.array([[200e3, 200e3]]), np.array([[240e3, 160e3]])
@@ -41,39 +41,39 @@ class Buckler:
         return [self._shape(c, 1.0 if c.program.time[-1] > self.rise else -1.0)[None] for c in cases]
 
 
-def found_ways(forward, target, *results):
+def paths(forward, target, *results):
     cloud = rolled_sheet(target, n=41)
     at_rest = [np.array([rolled_sheet(0.0, n=41)])] * len(results)
     shapes = [np.array([rolled_sheet(4.0 * forward.side, n=41)])] * len(results)
     objective = Objective([Target(cloud)])
-    return ways(objective, forward, [(DUO, pressures) for pressures in results], shapes, at_rest, rise=1.0)
+    return loading_paths(objective, forward, [(DUO, pressures) for pressures in results], shapes, at_rest, rise=1.0)
 
 
-def test_a_front_and_a_back_driven_alike_hang_on_the_way():
-    alike, apart = found_ways(Buckler(), 4.0, ALIKE, APART)
-    assert [copy.name for copy in alike.elsewhere] == ["front 2% down and back up"]
-    assert alike.reached and alike.hangs and alike.motion.value < 1e-6
-    assert alike.worst == alike.elsewhere[0].value > 0.01
+def test_a_front_and_a_back_driven_alike_are_near_a_bifurcation():
+    alike, apart = paths(Buckler(), 4.0, ALIKE, APART)
+    assert [copy.name for copy in alike.on_another_branch] == ["front 2% down and back up"]
+    assert alike.reached and alike.sensitive and alike.motion.value < 1e-6
+    assert alike.worst == alike.on_another_branch[0].value > 0.01
     assert "end at another stable shape, at worst" in alike.sentences[0]
-    assert not apart.hangs and apart.sentences[0].startswith("The rise within 1 s ends at this shape")
+    assert not apart.sensitive and apart.sentences[0].startswith("The rise within 1 s ends at this shape")
     assert len(apart.copies) == 6
 
 
 def test_a_branch_that_the_rise_does_not_reach_is_said_to_be_so():
-    [way] = found_ways(Buckler(-1.0), 4.0, ALIKE)  # the target is on the other side
-    assert "The target lies near a stable shape that the rise within 1 s does not reach" in " ".join(way.sentences)
-    assert "front 2% up and back down ends at" in " ".join(way.sentences)
-    [way] = found_ways(Buckler(rise=5.0), 4.0, ALIKE)  # no motion ends where the search came to
-    assert not way.reached and "No simple rise of the pressures reaches the shape of the search" in way.sentences[0]
-    [way] = found_ways(Buckler(rise=0.5), 4.0, ALIKE)
-    assert "a rise within 0.2 s" in [copy.name for copy in way.elsewhere]
+    [path] = paths(Buckler(-1.0), 4.0, ALIKE)  # the target is on the other side
+    assert "The target lies near a stable shape that the rise within 1 s does not reach" in " ".join(path.sentences)
+    assert "front 2% up and back down ends at" in " ".join(path.sentences)
+    [path] = paths(Buckler(rise=5.0), 4.0, ALIKE)  # no motion ends where the search came to
+    assert not path.reached and "No simple rise of the pressures reaches the shape of the search" in path.sentences[0]
+    [path] = paths(Buckler(rise=0.5), 4.0, ALIKE)
+    assert "a rise within 0.2 s" in [copy.name for copy in path.on_another_branch]
 
 
-def test_a_motion_that_diverges_is_elsewhere():
+def test_a_motion_that_diverges_is_on_another_branch():
     forward = Buckler()
     forward.motions = lambda cases, times: [np.full((1, 3362, 3), np.nan, np.float32) for _ in cases]
-    [way] = found_ways(forward, 4.0, APART)
-    assert way.as_json()["worst_mm"] is None and not way.reached and len(way.elsewhere) == 6
+    [path] = paths(forward, 4.0, APART)
+    assert path.as_json()["worst_mm"] is None and not path.reached and len(path.on_another_branch) == 6
 
 
 def result_of(folder: Path, forward, *pressures):
@@ -89,7 +89,7 @@ def result_of(folder: Path, forward, *pressures):
         return _result(study, (LoadedTarget(cloud, None, "rolled"),), evaluations, forward, "ended")
 
 
-def test_of_designs_equally_near_that_wins_which_does_not_hang_on_the_way(tmp_path: Path) -> None:
+def test_of_designs_equally_near_one_with_a_sure_loading_path_wins(tmp_path: Path) -> None:
     result = result_of(tmp_path, Buckler(), ALIKE, APART)
     np.testing.assert_allclose(result.pressures, APART)
     assert not result.as_json()["way"]["hangs_on_it"]
@@ -98,5 +98,5 @@ def test_of_designs_equally_near_that_wins_which_does_not_hang_on_the_way(tmp_pa
 def test_what_is_reported_is_what_the_motion_reaches(tmp_path: Path) -> None:
     result = result_of(tmp_path, Buckler(rise=5.0), ALIKE)  # at rest in front, where no motion leads
     assert result.as_json()["way"]["reached"] is False
-    assert result.objective == pytest.approx(result.way.motion.value) and result.objective > 0.01
+    assert result.objective == pytest.approx(result.loading_path.motion.value) and result.objective > 0.01
     assert "No simple rise of the pressures reaches" in render_report("duo", [Section("duo", result)])

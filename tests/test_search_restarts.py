@@ -1,4 +1,4 @@
-"""Campaigns: what a search begins with, when it may say that it converged, and what it says of its result."""
+"""Restarts: what a search begins with, when it may say that it converged, and what it says of its result."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -63,23 +63,23 @@ def test_variations_keep_the_limits_and_differ() -> None:
 
 
 def test_variations_of_the_best_cannot_agree_with_it() -> None:
-    def near(campaign: int, best: Start) -> tuple[list[Start], bool]:
-        return pressure_starts(SPACE, 3, seed=campaign)[1:], False
+    def near(restart: int, best: Start) -> tuple[list[Start], bool]:
+        return pressure_starts(SPACE, 3, seed=restart)[1:], False
 
     with History(":memory:", "a") as history:
-        reason = search(within(history, evaluations=400, starts=0), fresh=near)
+        reason = search(within(history, evaluations=400, starts=0), further=near)
     assert reason.startswith("nothing gained: 3 rounds of restarts")
 
 
-def test_a_search_ends_where_fresh_ones_agree() -> None:
+def test_a_search_ends_where_new_starts_agree() -> None:
     with History(":memory:", "a") as history:
         searched = within(history)
-        assert search(searched, fresh=drawn_anew).startswith("converged: 3 searches from different starts")
+        assert search(searched, further=drawn_anew).startswith("converged: 3 searches from different starts")
         full = [entry.objective for entry in history.entries() if entry.stage == "full model"]
     assert searched.best is not None
-    assert searched.best.value == min(full)  # a later campaign's coarse values take nothing away
+    assert searched.best.value == min(full)  # a later restart's coarse values take nothing away
     with History(":memory:", "a") as history:
-        assert search(within(history)).startswith("ended")  # one campaign agrees with nothing
+        assert search(within(history)).startswith("ended")  # one restart agrees with nothing
 
 
 def test_a_search_ends_at_the_floor() -> None:
@@ -93,12 +93,12 @@ def test_a_search_ends_at_the_floor() -> None:
 def test_a_search_killed_in_a_later_campaign_goes_on_to_the_same_end(tmp_path: Path, call: int) -> None:
     with History(tmp_path / "whole.sqlite", "a") as history:
         whole = within(history)
-        reason = search(whole, fresh=drawn_anew)
+        reason = search(whole, further=drawn_anew)
     with History(tmp_path / "cut.sqlite", "a") as history, pytest.raises(SystemExit):
-        search(within(history, forward=Interrupted(call, SystemExit)), fresh=drawn_anew)
+        search(within(history, forward=Interrupted(call, SystemExit)), further=drawn_anew)
     with History(tmp_path / "cut.sqlite", "a") as history:
         resumed = within(history)
-        assert search(resumed, fresh=drawn_anew) == reason
+        assert search(resumed, further=drawn_anew) == reason
     np.testing.assert_array_equal(found_pressures(resumed), found_pressures(whole))
 
 

@@ -1,25 +1,13 @@
-"""Output that is whole or not there, that replaces nothing unasked, and never an input.
-
-A command opens its output before it computes anything:
-
-    with new_file(path, force=force, inputs=[design, pressures]) as unfinished:    # one file
-    with new_files(path, force=force, inputs=[bench]) as unfinished:               # a file, and others beside it
-    with new_folder(path, made_by="rig", force=force, inputs=[design]) as unfinished:
-
-and writes to `unfinished`, which becomes `path` when the block ends well. `work_folder` is for what goes on in its
-folder. `whole_file` and `write_text` replace: they are for a piece of one's own unfinished output.
-"""
+"""Files and folders that are written unfinished and become their goal when all is well."""
 
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from uuid import uuid4
 
 from fabdesign.errors import InputError
-from fabdesign.inputs import require_apart
-from fabdesign.mark import MARK, files_in, others_in, own_files, read_mark, write_mark
-from fabdesign.scratch import PREFIX, Scratch, cannot_write, make_folders, scratch, unmake
+from fabdesign.output.own import MARK, files_in, others_in, own_files, read_mark, require_apart, write_mark
+from fabdesign.output.whole import PREFIX, Scratch, cannot_write, scratch
 
 Inputs = Iterable[Path | str]
 _COMPLETE = "complete"  # in a folder's scratch: the new content is whole, and is being moved to its place
@@ -142,37 +130,6 @@ def work_folder(path: Path | str, *, made_by: str, force: bool = False, inputs: 
         if staged and work.complete:
             _replace_content(held.at, anew, made_by)
         held.release(keep=staged and not work.complete)
-
-
-@contextmanager
-def whole_file(path: Path | str) -> Iterator[Path]:
-    """A temporary path beside `path`; it replaces `path` when the block ends well, and goes when it does not.
-
-    Folders above `path` are made. Raises InputError where nothing can be written.
-    """
-    path = Path(path)
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; expected a file name to write to")
-    made = make_folders(path.parent, path)
-    temporary = path.with_name(f"{PREFIX}-{uuid4().hex}{path.suffix}")
-    try:
-        temporary.touch(exist_ok=False)
-    except OSError as error:
-        unmake(made)
-        raise cannot_write(path, error) from None
-    try:
-        yield temporary
-        temporary.replace(path)
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        unmake(made)
-        raise
-
-
-def write_text(path: Path | str, text: str) -> None:
-    """Write a text file (UTF-8) whole or not at all; it replaces one that is there."""
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
 def _require_free_file(path: Path, goal: Path, force: bool, inputs: Inputs) -> None:

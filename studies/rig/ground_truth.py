@@ -1,11 +1,11 @@
-"""Rig keys: `fabdesign.key/1`, what a virtual specimen really is. Never written into a set."""
+"""The ground truth of a virtual specimen: `fabdesign.key/1`. It is never written into a set."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from fabdesign.errors import InputError
-from fabdesign.forward import FACTORS, PARAMETERS
+from fabdesign.forward import FACTOR_RANGE, PARAMETERS
 from fabdesign.table import Table, load_toml, nearest
 from studies.rig.effects import EFFECTS
 
@@ -31,7 +31,7 @@ class EffectSetting:
 
 
 @dataclass(frozen=True)
-class Key:
+class GroundTruth:
     """Seed, true parameter factors (names of fabdesign.forward.PARAMETERS), effects and sensing."""
 
     seed: int = 0
@@ -40,8 +40,8 @@ class Key:
     sensing: Sensing = Sensing()
 
 
-def read_key(path: Path | str) -> Key:
-    """Read a key file. Raises InputError."""
+def read_ground_truth(path: Path | str) -> GroundTruth:
+    """Read a ground truth file. Raises InputError."""
     root = load_toml(Path(path), FORMAT)
     seed = root.integer("seed", 0, least=0)
     factors = {}
@@ -61,17 +61,17 @@ def read_key(path: Path | str) -> Key:
         )
         table.finish()
     root.finish()
-    return Key(seed, factors, effects, sensing)
+    return GroundTruth(seed, factors, effects, sensing)
 
 
 def _factor(table: Table, name: str) -> float:
     """NAME = 1.1, or a table with `factor` as in a model file."""
     if not isinstance(table.take(name), dict):
-        return float(table.number(name, least=FACTORS[0], most=FACTORS[1]))
+        return float(table.number(name, least=FACTOR_RANGE[0], most=FACTOR_RANGE[1]))
     inner = table.table(name)
     for key in ("interval90", "believable"):
         inner.take(key, None)
-    factor = float(inner.number("factor", least=FACTORS[0], most=FACTORS[1]))
+    factor = float(inner.number("factor", least=FACTOR_RANGE[0], most=FACTOR_RANGE[1]))
     inner.finish()
     return factor
 

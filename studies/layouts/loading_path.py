@@ -1,4 +1,4 @@
-"""The motion that leads to a result, and copies of it: what is really reached, and what hangs on the way there."""
+"""The loading path: the motion from rest to a result, and copies of it with changed inputs. Which shape is reached."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,8 +15,10 @@ from optimize.objective import Objective, Shape, refined
 OFF = 0.02  # that a copy's pressures are off
 RISES = (0.2, 2.0)  # s, of copies
 SETTLE = 3.0  # s after the rise: a swing is over but for a millimetre
-ELSEWHERE = 0.15  # of what a shape lies off the cloth at rest, RMS, from which on two are of different branches,
-LEAST = 5e-3  # m, and at least that
+OTHER_BRANCH = (
+    0.15  # of what a shape lies off the cloth at rest, RMS: from there on two shapes are of different branches,
+)
+LEAST_CHANGE = 5e-3  # m: and they lie at least so far apart
 NEARER = 0.8  # of the value: a copy that comes so much nearer shows where the target lies
 
 Pressures = NDArray[np.float64]  # (poses, channels) Pa
@@ -24,15 +26,16 @@ Pressures = NDArray[np.float64]  # (poses, channels) Pa
 
 @dataclass(frozen=True)
 class Copy:
-    """name: for people. value: m, of the searched measure; NaN where it diverged. elsewhere: of another branch."""
+    """name: for people. value: m, of the searched measure; NaN where it diverged. on_another_branch: it ends at another
+    stable shape than the motion does (of the motion itself: than the shape of the search)."""
 
     name: str
     value: float
-    elsewhere: bool
+    on_another_branch: bool
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class LoadingPath:
     """reached: whether the motion as it should be ends at the shape that was searched for. shape: where it leads."""
 
     motion: Copy
@@ -41,12 +44,12 @@ class Way:
 
     @property
     def reached(self) -> bool:
-        return not self.motion.elsewhere
+        return not self.motion.on_another_branch
 
     @property
-    def elsewhere(self) -> list[Copy]:
+    def on_another_branch(self) -> list[Copy]:
         """Copies that end on another branch than the motion does."""
-        return [copy for copy in self.copies if copy.elsewhere]
+        return [copy for copy in self.copies if copy.on_another_branch]
 
     @property
     def worst(self) -> float:
@@ -55,8 +58,9 @@ class Way:
         return float(np.max(np.where(np.isfinite(values), values, np.inf)))
 
     @property
-    def hangs(self) -> bool:
-        return not self.reached or bool(self.elsewhere)
+    def sensitive(self) -> bool:
+        """Whether small changes of the inputs lead to another stable shape."""
+        return not self.reached or bool(self.on_another_branch)
 
     @property
     def sentences(self) -> list[str]:
@@ -67,13 +71,13 @@ class Way:
                 f"No simple rise of the pressures reaches the shape of the search: {self.motion.name} ends at another "
                 f"stable shape, at {mm} mm. The report shows that shape."
             )
-        if self.elsewhere:
-            names = ", ".join(copy.name for copy in self.elsewhere)
+        if self.on_another_branch:
+            names = ", ".join(copy.name for copy in self.on_another_branch)
             said.append(
                 f"The result is near a bifurcation: {names} end at another stable shape, at worst at {worst} instead "
                 f"of {mm} mm."
             )
-        nearer = [copy for copy in self.elsewhere if copy.value < NEARER * self.motion.value]
+        nearer = [copy for copy in self.on_another_branch if copy.value < NEARER * self.motion.value]
         if nearer:
             best = min(nearer, key=lambda copy: copy.value)
             said.append(
@@ -96,16 +100,16 @@ class Way:
             "nominal_mm": millimetres(self.motion.value),
             "worst_mm": millimetres(self.worst),
             "reached": self.reached,
-            "hangs_on_it": self.hangs,
+            "hangs_on_it": self.sensitive,
             "copies": [
-                {"copy": copy.name, "value_mm": millimetres(copy.value), "elsewhere": copy.elsewhere}
+                {"copy": copy.name, "value_mm": millimetres(copy.value), "elsewhere": copy.on_another_branch}
                 for copy in self.copies
             ],
             "said": self.sentences,
         }
 
 
-def ways(
+def loading_paths(
     objective: Objective,
     forward: ForwardModel,
     results: Sequence[tuple[Design, Pressures]],
@@ -113,8 +117,8 @@ def ways(
     at_rest: Sequence[Shape],
     *,
     rise: float,
-) -> list[Way]:
-    """Of each result, whose shapes the search came to, the way there; all motions in one batch. at_rest: its cloth
+) -> list[LoadingPath]:
+    """The loading path of each result, to the `shapes` of the search; all motions in one batch. at_rest: its cloth
     without pressure. rise: s, of pressures that lead to a shape at rest."""
     plans = [_plans(objective, design, pressures, rise) for design, pressures in results]
     cases: list[Case] = []
@@ -124,17 +128,17 @@ def ways(
             cases += [Case(design, program, order=objective.order) for program in programs]
             times += [np.array([program.duration]) for program in programs]
     ends = iter([refined(np.asarray(motion[-1], dtype=float)) for motion in forward.motions(cases, times)])
-    found = []
+    paths = []
     for plan, shape, still in zip(plans, shapes, at_rest, strict=True):
         ended = [np.array([next(ends) for _ in programs]) for _, programs in plan]
-        near = max(LEAST, ELSEWHERE * _apart(shape, still))
+        near = max(LEAST_CHANGE, OTHER_BRANCH * _apart(shape, still))
         own = [shape, *(ended[:1] if np.isfinite(ended[0]).all() else [shape]) * (len(plan) - 1)]
         copies = [
             Copy(name, objective.value(end), not _apart(end, other) <= near)
             for (name, _), end, other in zip(plan, ended, own, strict=True)
         ]
-        found.append(Way(copies[0], tuple(copies[1:]), ended[0]))
-    return found
+        paths.append(LoadingPath(copies[0], tuple(copies[1:]), ended[0]))
+    return paths
 
 
 def _plans(

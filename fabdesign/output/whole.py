@@ -1,4 +1,5 @@
-"""Hidden folders for unfinished output: locked while their process lives, swept when it was killed."""
+"""A temporary file that becomes the whole one by a rename, and hidden folders for unfinished output: locked while their
+process lives, swept when it was killed."""
 
 import errno
 import os
@@ -9,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
+from uuid import uuid4
 
 from fabdesign.errors import InputError
 
@@ -165,3 +167,34 @@ def unmake(folders: list[Path]) -> None:
 
 def cannot_write(path: Path, error: OSError) -> InputError:
     return InputError(f"{path}: cannot be written ({error.strerror})")
+
+
+@contextmanager
+def whole_file(path: Path | str) -> Iterator[Path]:
+    """A temporary path beside `path`; it replaces `path` when the block ends well, and goes when it does not.
+
+    Folders above `path` are made. Raises InputError where nothing can be written.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; expected a file name to write to")
+    made = make_folders(path.parent, path)
+    temporary = path.with_name(f"{PREFIX}-{uuid4().hex}{path.suffix}")
+    try:
+        temporary.touch(exist_ok=False)
+    except OSError as error:
+        unmake(made)
+        raise cannot_write(path, error) from None
+    try:
+        yield temporary
+        temporary.replace(path)
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        unmake(made)
+        raise
+
+
+def write_text(path: Path | str, text: str) -> None:
+    """Write a text file (UTF-8) whole or not at all; it replaces one that is there."""
+    with whole_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")

@@ -1,0 +1,37 @@
+"""Output that is whole or not there, that replaces nothing unasked, and never an input.
+
+A command opens its output before it computes anything:
+
+    with new_file(path, force=force, inputs=[design, pressures]) as unfinished:    # one file
+    with new_files(path, force=force, inputs=[bench]) as unfinished:               # a file, and others beside it
+    with new_folder(path, made_by="rig", force=force, inputs=[design]) as unfinished:
+
+and writes to `unfinished`, which becomes `path` when the block ends well. `work_folder` is for what goes on in its
+folder. `whole_file` and `write_text` replace: they are for a piece of one's own unfinished output.
+
+Others import from here alone. Inside: `whole.py` (a temporary file, a rename, one lock), `own.py` (the mark of what is
+this program's, and inputs), `unfinished.py` (the functions above). The lock is `flock`, not the package filelock: that
+one leaves its file, and these folders must be gone when the work is done.
+"""
+
+from fabdesign.output.own import MARK, always_input, others_in, own_files, read_mark, write_mark
+from fabdesign.output.unfinished import Inputs, WorkFolder, new_file, new_files, new_folder, work_folder
+from fabdesign.output.whole import sweep, whole_file, write_text
+
+__all__ = [
+    "MARK",
+    "Inputs",
+    "WorkFolder",
+    "always_input",
+    "new_file",
+    "new_files",
+    "new_folder",
+    "others_in",
+    "own_files",
+    "read_mark",
+    "sweep",
+    "whole_file",
+    "work_folder",
+    "write_mark",
+    "write_text",
+]
