@@ -26,7 +26,7 @@ class StatusPanel:
         self._shape.content = _box("shape", f"<b>No shape yet</b><br>{escape(text)}", "#eef2f6")
 
     def show_shape(self) -> None:
-        shape = self._session.shape
+        shape = self._session.shapes.shown
         if shape is None:
             return
         rise = (
@@ -40,7 +40,7 @@ class StatusPanel:
             )
         if shape.correction is not None:
             lines.append(escape(_corrected(shape, shape.correction)))
-        if (comparison := self._session.comparison) is not None:
+        if (comparison := self._session.drawings.comparison) is not None:
             lines += [escape(line) for line in comparison.sentences]
         self._shape.content = _box("shape", "<br>".join(lines), "#fdf0dc" if shape.jump else "#eef2f6")
 
