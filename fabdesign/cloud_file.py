@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fabdesign.bounded_file import LARGEST, read_bytes
 from fabdesign.errors import InputError
+from fabdesign.mcap_file import read_mcap
 from fabdesign.measured_points import require_cloud, sound_points
 from fabdesign.npz_file import open_npz, read_npy
 from fabdesign.obj import read_obj
@@ -63,7 +64,7 @@ def read_c3d(path: Path | str) -> Markers:
 POINTS = 3362  # drawn on a mesh by default: as many as the simulator's faces have
 OTHER_MESHES = (".off", ".glb", ".gltf", ".3mf")  # through trimesh
 TEXTS = (".xyz", ".csv", ".txt", ".tsv", ".asc")  # a point a line
-KINDS = (".ply", ".pcd", ".pts", ".obj", ".stl", ".npy", ".npz", ".c3d", *TEXTS, *OTHER_MESHES)
+KINDS = (".ply", ".pcd", ".pts", ".obj", ".stl", ".npy", ".npz", ".c3d", ".mcap", *TEXTS, *OTHER_MESHES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +89,7 @@ class Geometry:
 
 def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
     """Read a cloud or a mesh: PLY, PCD, PTS, OBJ, STL, XYZ, CSV, an npy (n, 3), an npz with `points` (n, 3), or the
-    given `frame` of a trial's npz or of a C3D; .off, .glb, .gltf and .3mf through trimesh.
+    given `frame` of a trial's npz, a C3D or an MCAP of one topic; .off, .glb, .gltf and .3mf through trimesh.
 
     Of a cloud what a depth sensor adds is left out and said (`fabdesign.measured_points`). Raises InputError, with one
     line, for a file that is not there, damaged, cut short, too large or of another kind, for no points, for a cloud
@@ -119,6 +120,13 @@ def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
         markers = read_c3d(path)
         index = _frame(frame, len(markers.frames), path)
         geometry = Geometry(markers.frames[index], none, frame=index, unit=markers.unit)
+    elif suffix == ".mcap":
+        topics = read_mcap(path)
+        if len(topics) > 1:
+            raise InputError(f"{path}: has clouds on {', '.join(topics)}; expected one topic, or a recording")
+        (clouds,) = topics.values()
+        index = _frame(frame, len(clouds), path)
+        geometry = Geometry(clouds[index], none, frame=index, unit="m")
     elif suffix in TEXTS:
         text = read_xyz(path)
         geometry = Geometry(text.points, none, unit=text.unit)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -13,6 +14,8 @@ from fabdesign.cloud_file import read_cloud
 from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
+from fabdesign.mcap_file import read_mcap
+from fabdesign.measured_points import sound_points
 from fabdesign.measured_units import require_measured_pressures, require_seconds
 from fabdesign.ply import write_ply
 from fabdesign.pressure import PressureProgram, require_pressures
@@ -32,6 +35,7 @@ _SIZE = 4.0  # m; a cloud ten times as far from its camera is in another unit
 class Sensor:
     name: str
     camera_to_world: Array  # (4, 4) m, nominal
+    topic: str | None = None  # of the recording's MCAP, where it has one
 
     @property
     def position(self) -> Array:
@@ -54,9 +58,27 @@ class Recording:
     sensors: tuple[Sensor, ...]
     program: PressureProgram
     convention: Convention = "forward"
+    mcap: Path | None = None  # a file of ROS 2 with the clouds of all sensors, in the place of `frames`
+
+    @cached_property
+    def topics(self) -> Mapping[str, tuple[Array, ...]]:
+        """The clouds of the MCAP: one of each topic for each of `times`. Raises InputError."""
+        assert self.mcap is not None
+        found = read_mcap(self.mcap)
+        for topic in (str(sensor.topic) for sensor in self.sensors):
+            if topic not in found:
+                raise InputError(f"{self.mcap}: no clouds on {topic}; expected one of {', '.join(found)}")
+            if (count := len(found[topic])) != len(self.times):
+                raise InputError(f"{self.mcap}: {count} clouds on {topic}; expected {len(self.times)}, one a time")
+        return found
 
     def frame(self, sensor: Sensor, index: int) -> Array:
         """(n, 3) m, in the camera's own frame, z forward and y down. Raises InputError."""
+        if self.mcap is not None and sensor.topic is not None:
+            what = f"{self.mcap}: {sensor.topic}, frame {index}"
+            cloud, left_out = sound_points(self.topics[sensor.topic][index], what, size=_SIZE)
+            left_out.tell(len(self.topics[sensor.topic][index]), what)
+            return self._ahead(cloud, what)
         number = f"{index:04d}"
         frames = self.folder / "frames"
         return self._cloud((frames / number / sensor.name, frames / sensor.name / number), f"frame {index}", sensor)
@@ -73,19 +95,23 @@ class Recording:
         file = next((f for f in files if f.is_file()), None)
         if file is None:
             raise InputError(f"{what}: sensor {sensor.name} is missing; expected {files[0]} or .npz")
-        cloud = read_cloud(file, size=_SIZE)
+        return self._ahead(read_cloud(file, size=_SIZE), str(file))
+
+    def _ahead(self, cloud: Array, what: str) -> Array:
+        """With z forward and y down; points that lie behind the camera are refused."""
         if self.convention == "backward":
             cloud = cloud * [1.0, -1.0, -1.0]
         if np.median(cloud[:, 2]) <= 0:
             other = "forward" if self.convention == "backward" else "backward"
-            raise InputError(f"{file}: its points lie behind the camera; expected z ahead (convention {other}?)")
+            raise InputError(f"{what}: its points lie behind the camera; expected z ahead (convention {other}?)")
         return cloud
 
 
 def read_recording(path: Path | str, *, convention: Convention = "forward") -> Recording:
     """Read a recording: its folder or its `recording.toml`. Raises InputError.
 
-    Clouds lie in frames/NNNN/SENSOR.ply or frames/SENSOR/NNNN.ply, as PLY or as npz with `points`.
+    Clouds lie in frames/NNNN/SENSOR.ply or frames/SENSOR/NNNN.ply, as PLY or as npz with `points`, or in an MCAP,
+    each sensor's on a topic.
     """
     path = Path(path)
     if path.is_dir():
@@ -101,12 +127,13 @@ def read_recording(path: Path | str, *, convention: Convention = "forward") -> R
     names = [s.name for s in sensors]
     if len(set(names)) < len(names):
         raise InputError(f"{path}: two sensors have one name: {', '.join(names)}")
-    times = _times(root, folder, names)
+    mcap = _mcap(root, folder, sensors)
+    times = _times(root, folder, sensors, mcap)
     root.finish()
     program = read_pressures(folder / "pressure.csv", design)
     require_pressures(program, design, str(folder / "pressure.csv"))
     require_measured_pressures(program.pressure, str(folder / "pressure.csv"))
-    return Recording(folder, name, design, times, sensors, program, convention)
+    return Recording(folder, name, design, times, sensors, program, convention, mcap)
 
 
 def write_recording(
@@ -150,13 +177,24 @@ def _sensor(table: Table) -> Sensor:
     turn = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
     if np.abs(turn @ turn.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(turn) < 0:
         raise table.bad("camera_to_world", "a 4x4 matrix of a turn and a shift, metres")
-    sensor = Sensor(table.text("name"), pose)
+    sensor = Sensor(table.text("name"), pose, table.text("topic", "") or None)
     table.finish()
     return sensor
 
 
-def _times(root: Table, folder: Path, names: Sequence[str]) -> Array:
-    """The frames' times; with a `frame_rate` as many as there are frame folders (or files of the first sensor)."""
+def _mcap(root: Table, folder: Path, sensors: Sequence[Sensor]) -> Path | None:
+    """The file that the clouds lie in, where it is named."""
+    name = root.text("mcap", "")
+    for sensor in sensors:
+        if bool(name) != (sensor.topic is not None):
+            expected = "a topic for each sensor" if name else 'mcap = "FILE", where a sensor has a topic'
+            raise root.bad("mcap", expected)
+    return folder / name if name else None
+
+
+def _times(root: Table, folder: Path, sensors: Sequence[Sensor], mcap: Path | None) -> Array:
+    """The frames' times; with a `frame_rate` as many as there are frame folders (or files or clouds of the first
+    sensor)."""
     if "times" in root:
         times = np.array(root.numbers("times"))
         root.take("frame_rate", None)
@@ -165,8 +203,12 @@ def _times(root: Table, folder: Path, names: Sequence[str]) -> Array:
         require_seconds(times, f"{folder / 'recording.toml'}")
         return times
     rate = root.number("frame_rate", above=0)
+    if mcap is not None:
+        times = np.arange(1, len(read_mcap(mcap).get(str(sensors[0].topic), ())) + 1) / rate
+        require_seconds(times, str(mcap))
+        return times
     frames = folder / "frames"
-    by_sensor = frames / names[0]
+    by_sensor = frames / sensors[0].name
     stems = [p.stem for p in (by_sensor if by_sensor.is_dir() else frames).glob("[0-9]*")]
     numbers = [int(stem) for stem in stems if stem.isdecimal()]
     if not numbers:

@@ -50,7 +50,7 @@ class Page:
         self._number += 1
         self._socket.send(json.dumps({"id": self._number, "method": method, "params": parameters}))
         while True:
-            answer = json.loads(self._socket.recv(timeout=90))
+            answer = json.loads(self._socket.recv(timeout=300))
             if answer.get("id") == self._number:
                 assert "error" not in answer, answer
                 return answer["result"]
@@ -128,8 +128,9 @@ class Page:
                 modifiers=modifiers, commands=["selectAll"] if modifiers else [],
             )  # fmt: skip
 
-    def picture(self, path: Path) -> None:
-        path.write_bytes(base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"]))
+    def shot(self) -> bytes:
+        """What is seen, a PNG."""
+        return base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
 
 
 @contextmanager

@@ -350,6 +350,12 @@ def test_ctrl_c_keeps_what_is_done(asked: Callable[[], list[str]], monkeypatch: 
     table = found.to_table()
     assert table["channel_1_kpa"].iloc[-1] == rows[127, 1] and table["forward"].iloc[0] == found["forward"][0]
     calls.clear()
+    with pytest.warns(UserWarning, match="interrupted, with the first 128 of 150 motions"):
+        shapes = fabdesign.equilibrium("cross.toml", rows)
+    assert len(shapes) == 128 and shapes[1].points.shape == (1, 3362, 3)
+    with pytest.raises(KeyboardInterrupt):  # at once: nothing is done yet
+        fabdesign.equilibrium("cross.toml", rows)
+    calls.clear()
     swept = fabdesign.sensitivity("cross.toml", {"pressure.0": (0, 300)}, method="sobol", samples=64)
     assert not swept.complete and "Interrupted, with " in swept.found.sentences[0]
 

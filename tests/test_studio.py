@@ -26,7 +26,7 @@ from studies.check.files import inspect
 from studies.studio import layout as edits
 from studies.studio.autosave import Autosave
 from studies.studio.band import Band, models_around
-from studies.studio.document import Document
+from studies.studio.document import Document, Drawing
 from studies.studio.gate import Gate
 from studies.studio.layout import Layout
 from studies.studio.limits import broken_limits
@@ -375,7 +375,7 @@ def test_a_file_changed_meanwhile_is_taken_or_said(begin: Begin, tmp_path: Path)
     settle(session, clock)
     assert session.layout == mine
     assert "changed by another program" in shown.said[-1]
-    session.load_again()
+    session.files.load_again()
     assert len(session.layout.design.muscles) == 7
 
 
@@ -383,7 +383,7 @@ def test_what_is_saved_passes_check(begin: Begin, tmp_path: Path) -> None:
     session, _shown, *_ = begin()
     session.edit("move", lambda layout: edits.move_muscle(layout, 0, (0.01, 0.0)))
     session.press(0, 150e3)
-    saved = session.save(tmp_path / "mine")
+    saved = session.files.save(tmp_path / "mine")
     assert saved is not None
     names = {file.relative_to(tmp_path / "mine").as_posix() for file in saved.files}
     assert {"design.toml", "pressures.csv", "template/design_front.svg", "template/design_cut_list.csv"} <= names
@@ -418,38 +418,38 @@ def test_nothing_is_replaced_unasked(begin: Begin, tmp_path: Path) -> None:
 def test_playing_a_programme_asks_for_a_motion(begin: Begin) -> None:
     session, shown, _worker, clock = begin()
     session.press(0, 100e3)
-    session.play_rise()
+    session.playing.rise()
     settle(session, clock)
     assert shown.motions == 1
-    assert session.motion is not None
-    assert len(session.motion.points) == len(session.motion.times) == 61
+    assert session.playing.motion is not None
+    assert len(session.playing.motion.points) == len(session.playing.motion.times) == 61
     session.edit("flip", lambda layout: edits.flip(layout, 0))
-    assert session.motion is None  # it was of another layout
+    assert session.playing.motion is None  # it was of another layout
 
 
 def test_a_motion_is_written_for_other_programs(begin: Begin, tmp_path: Path) -> None:
     session, shown, _worker, clock = begin()
-    session.write_motion(tmp_path / "none.csv")
+    session.playing.write(tmp_path / "none.csv")
     assert "no motion" in shown.said[-1]
     session.press(0, 100e3)
-    session.play_rise()
+    session.playing.rise()
     settle(session, clock)
-    session.write_motion(tmp_path / "motion.docx")
+    session.playing.write(tmp_path / "motion.docx")
     assert "expected a name that ends in .html, .png, .glb" in shown.said[-1]
-    session.write_motion(tmp_path / "motion.csv")
+    session.playing.write(tmp_path / "motion.csv")
     settle(session, clock)
     rows = (tmp_path / "motion.csv").read_text().splitlines()
     assert len(rows) == 1 + 61
     assert rows[0].startswith("panel,time_s,")
-    assert session.motion is not None
+    assert session.playing.motion is not None
     trimesh = pytest.importorskip("trimesh")
     pytest.importorskip("pygltflib")
-    session.write_motion(tmp_path / "motion.glb")
+    session.playing.write(tmp_path / "motion.glb")
     settle(session, clock)
     scene = trimesh.load(tmp_path / "motion.glb")
     points = np.concatenate([mesh.vertices for mesh in scene.geometry.values()])
     assert np.abs(points[:, 0]).max() == pytest.approx(0.1, abs=2e-3)
-    session.write_motion(tmp_path / "motion.csv")
+    session.playing.write(tmp_path / "motion.csv")
     settle(session, clock)
     assert "motion.csv" in shown.said[-1]  # it is there already, and stays
     assert "wrote" not in shown.said[-1]
@@ -460,13 +460,13 @@ def test_a_set_shows_what_was_measured_beside_its_prediction(folder: Path) -> No
     worker, shown, clock = AtOnce(), Shown(), Clock()
     session = Session(opened, worker, clock=clock)
     session.begin(shown)
-    session.show_trial(session.trials[1])
+    session.playing.trial(session.trials[1])
     settle(session, clock)
-    assert session.motion is not None
-    distances = session.motion.distances(1)
+    assert session.playing.motion is not None
+    distances = session.playing.motion.distances(1)
     assert distances is not None
     assert distances.shape == (400,)
-    assert "surface RMS" in session.motion.in_words(1)
+    assert "surface RMS" in session.playing.motion.in_words(1)
     assert worker.asked[-1].sensing
     session.end()
     assert not list((folder / "set").glob(".*.studio"))
@@ -598,12 +598,12 @@ def test_a_band_comes_with_the_exact_shape_and_goes_with_an_edit(begin: Begin) -
     model = Model({"bending": Parameter(1.0)}, covariance=Covariance(("bending",), np.array([[0.01]])))
     session, _, worker, clock = begin(model=model)
     settle(session, clock)
-    assert session.band is not None
+    assert session.shapes.band is not None
     assert [ask.kind for ask in worker.asked] == ["follow", "exact", "nearby", "nearby"]
     session.press(0, 100e3)
-    assert session.band is None
+    assert session.shapes.band is None
     settle(session, clock)
-    assert session.band is not None
+    assert session.shapes.band is not None
 
 
 # target and search
@@ -665,38 +665,40 @@ class Searching:
 
 
 def test_a_result_is_a_drawing_of_its_own(begin: Begin, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studies.studio.session.Search", Searching)
+    monkeypatch.setattr("studies.studio.background.Search", Searching)
     monkeypatch.setattr(Searching, "running", True)
     target = target_at(BASIC.with_pressure(0, 200e3), tmp_path / "bowed.xyz", every=4)
     session, _, _, clock = begin(targets=(target,))
     session.edit("flip", lambda layout: edits.flip(layout, 7))
     settle(session, clock)
     own = session.layout
-    session.start_search("one more muscle", 10)
+    session.search.start("one more muscle", 10)
     better = edits.move_muscle(edits.add_muscle(own.with_pressure(0, 190e3)), 8, (-0.022, 0.0))
     Searching.best_so_far = SearchResult((better,), 3e-3, 12, "searching")
     settle(session, clock, 4.0)
     assert session.layout == better  # it moves in
     assert session.document.layout == own
-    mine, found = session.rows()
+    mine, found = session.drawings.rows()
     assert (mine.muscles, found.muscles, found.highest) == (8, 9, 190e3)
-    assert found.chamfer == session.results[0].comparison.errors.chamfer < mine.chamfer
-    line = one_more_buys(session.results[0], [], mine)
+    assert found.chamfer == session.drawings.results[0].comparison.errors.chamfer < mine.chamfer
+    line = one_more_buys(session.drawings.results[0], [], mine)
     assert f"{1e3 * mine.chamfer - 3:.2f} mm less than {1e3 * mine.chamfer:.2f} mm with 8 (own drawing)" in str(line)
     rival = Result(name="search 2", begun=own, layouts=(own,), objective=3.2e-3)
-    assert "0.20 mm less than 3.20 mm with 8 (search 2)" in str(one_more_buys(session.results[0], [rival], mine))
+    assert "0.20 mm less than 3.20 mm with 8 (search 2)" in str(
+        one_more_buys(session.drawings.results[0], [rival], mine)
+    )
     assert one_more_buys(rival, [], mine) is None
     monkeypatch.setattr(Searching, "running", False)
     settle(session, clock, 4.0)
-    assert not session.searching
-    session.show_result(None)
+    assert not session.search.running
+    session.drawings.show(None)
     settle(session, clock)
     assert session.layout == own
-    assert session.other()[0] == better
-    session.show_result(session.results[0])
+    assert session.drawings.other()[0] == better
+    session.drawings.show(session.drawings.results[0])
     session.press(1, 50e3)  # an edit takes it
     settle(session, clock)
-    assert session.result is None
+    assert session.drawings.shown is None
     assert session.layout == better.with_pressure(1, 50e3)
     session.undo()
     session.undo()
@@ -708,18 +710,26 @@ def test_poses_have_their_own_target_and_pressures(begin: Begin, tmp_path: Path)
     session, _, _, clock = begin(targets=targets)
     session.press(0, 200e3)
     settle(session, clock)
-    first = session.comparison
-    session.show_pose(1)
+    first = session.drawings.comparison
+    session.targets.show_pose(1)
     session.press(0, 0.0)
     session.press(4, 200e3)
     settle(session, clock)
-    assert session.target is targets[1]
-    assert session.comparison.errors.surface_rms == pytest.approx(first.errors.surface_rms, rel=0.5)
-    session.show_pose(0)
+    assert session.targets.shown is targets[1]
+    assert session.drawings.comparison.errors.surface_rms == pytest.approx(first.errors.surface_rms, rel=0.5)
+    session.targets.show_pose(0)
     settle(session, clock)
     assert session.layout.pressures[:5] == (200e3, 0, 0, 0, 0)
-    session.show_pose(1)
-    saved = session.save(tmp_path / "mine")
+    session.targets.show_pose(1)
+    session.undo()
+    settle(session, clock)
+    assert session.targets.pose == 0
+    assert session.drawings.comparison.errors.surface_rms == first.errors.surface_rms  # beside its own target
+    session.redo()
+    assert (session.targets.pose, session.layout.pressures[4]) == (1, 200e3)
+    assert not session.document.drawing.same_content(Drawing(BASIC))
+    assert session.document.drawing.same_content(session.document.drawing.at(0))  # a pose shown is nothing unsaved
+    saved = session.files.save(tmp_path / "mine")
     assert saved is not None
     study = read_study(tmp_path / "mine" / "study.toml")
     assert [target.file.name for target in study.targets] == ["0.xyz", "4.xyz"]
@@ -727,6 +737,9 @@ def test_poses_have_their_own_target_and_pressures(begin: Begin, tmp_path: Path)
         program = read_pressures(tmp_path / "mine" / file, session.layout.design)
         assert program.pressure[-1].tolist() == [200e3 * (k == channel) for k in range(8)], pose
     assert len(open_files([tmp_path / "mine" / "study.toml"], None).targets) == 2
+    session.targets.open(lambda: None)  # this pose is no more
+    assert (session.targets.all, session.targets.pose) == ([targets[0]], 0)
+    assert session.targets.pressures == [(200e3, *(0.0,) * 7)]
 
 
 def test_a_trials_frame_is_compared_with_the_motion_there(begin: Begin, folder: Path) -> None:
@@ -737,7 +750,7 @@ def test_a_trials_frame_is_compared_with_the_motion_there(begin: Begin, folder: 
     exact = next(ask for ask in worker.asked if ask.kind == "exact")
     assert exact.times == [target.loaded.time]
     assert shown.shapes[-1].time == target.loaded.time
-    assert session.comparison is not None
+    assert session.drawings.comparison is not None
 
 
 # the model
@@ -913,8 +926,8 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
                 studio.turn()
                 page.advance(0.02)
 
-        assert session.shape is not None
-        assert session.shape.exact
+        assert session.shapes.shown is not None
+        assert session.shapes.shown.exact
         assert server.scene.get_handle_by_name("/hung/distances") is not None
         session.edit("add", lambda layout: edits.add_corner(edits.add_muscle(layout, 0), 8))
         session.edit("move", lambda layout: edits.move_muscle(layout, 8, (-0.022, 0.0)))
@@ -922,26 +935,26 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         page._show_gizmo(True)
         page._target.place((0.0, 0.0, 5.0), (0.0, 0.001, 0.0))
         run()
-        assert session.target is not None
-        assert session.target.file.rotation == (0.0, 0.0, 5.0)
+        assert session.targets.shown is not None
+        assert session.targets.shown.file.rotation == (0.0, 0.0, 5.0)
         assert server.scene.get_handle_by_name("/flat/corner_8_2") is not None
         assert "muscles 1 and 8" in page._status._limits.content
-        session.play_rise()
+        session.playing.rise()
         run()
-        assert session.motion is not None
+        assert session.playing.motion is not None
         assert page._motion.frame > 0
         session.edit("remove", lambda layout: edits.remove_muscle(layout, 8))
         assert server.scene.get_handle_by_name("/flat/corner_8_2") is None
         run()
         page.show_search("searching", running=True)
         found = Result(name="search 1", begun=session.layout, layouts=(session.layout.with_pressure(1, 9e4),))
-        session.results.append(found)
-        session.show_result(found)
+        session.drawings.results.append(found)
+        session.drawings.show(found)
         run()
         assert server.scene.get_handle_by_name("/hung/other") is not None  # the own drawing beside it
         assert server.scene.get_handle_by_name("/flat/other") is not None
         assert "<td>search 1</td><td>8</td>" in page._results._table.content
-        session.set_beside(False)
+        session.drawings.set_beside(False)
         assert server.scene.get_handle_by_name("/hung/other") is None
         assert "<polyline" in page._profile._plot.content
         session.end()

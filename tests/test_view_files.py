@@ -2,6 +2,7 @@
 
 import json
 import struct
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -193,10 +194,14 @@ def test_markers_are_places_on_the_mid_surface(files: dict[str, Path], tmp_path:
         view(files["motion"], "--marker", "far=9,0", "-o", out, "--force")
 
 
-def test_a_recording_for_rerun_is_written(files: dict[str, Path], tmp_path: Path) -> None:
+def test_a_recording_for_rerun_is_sound(files: dict[str, Path], tmp_path: Path) -> None:
     pytest.importorskip("rerun")
     view(files["motion"], files["trial"], "-o", tmp_path / "m.rrd")
-    assert (tmp_path / "m.rrd").read_bytes()[:3] == b"RRF"
+    verify = [sys.executable, "-m", "rerun", "rrd", "verify", str(tmp_path / "m.rrd")]
+    found = subprocess.run(verify, capture_output=True, text=True, check=False)
+    assert "1 file verified without error" in found.stdout + found.stderr
+    (tmp_path / "m.rrd").write_bytes((tmp_path / "m.rrd").read_bytes()[:1000])
+    assert subprocess.run(verify, capture_output=True, check=False).returncode
 
 
 def test_a_missing_package_is_said_in_one_line_before_work(

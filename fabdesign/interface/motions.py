@@ -19,6 +19,7 @@ from fabdesign.interface.arguments import (
     pairs,
     simulator,
     unheard,
+    warn,
 )
 from fabdesign.interface.results import Motion, Sweep
 from fabdesign.model import Model
@@ -47,7 +48,8 @@ def simulate(
 
     pressures: kPa of every channel, held for 1.5 s; or a program, or a file of one; for several, one for each, or one
     for all. without: parts of the model that are left out. duration: s; by default the pressures'. frame_rate: Hz.
-    order: the motion's place in the specimen's session. grid: points a side, by default the model's or 41. Raises
+    order: the motion's place in the specimen's session. grid: points a side, by default the model's or 41. Ctrl-C ends
+    a batch with the motions that are done, the first ones, and a warning; it is raised where there are none. Raises
     InputError for what does not fit together, SimulationError where a motion diverges.
 
     >>> import fabdesign
@@ -63,11 +65,13 @@ def simulate(
     times = [frame_times(p, duration=duration, frame_rate=frame_rate, points_per_side=side) for _, p in given]
     with computing(cluster):
         forward = simulator(side, self_contact=self_contact)
-        results: list[Motion] = []
-        for part in _parts(given, progress, "simulated"):
+
+        def moved(part: slice) -> list[Motion]:
             cases = [Case(*pair, order=order) for pair in given[part]]
             motions = require_motions(forward, cases, times[part], model=fitted)
-            results += [Motion(each.time, each.points) for each in motions]
+            return [Motion(each.time, each.points) for each in motions]
+
+        results = _until_stopped(given, moved, progress)
     return results[0] if lone else results
 
 
@@ -104,10 +108,12 @@ def equilibrium(
         forward = simulator(
             grid or (fitted or Model()).points_per_side, self_contact=self_contact, rise=rise, hold=hold
         )
-        results: list[Motion] = []
-        for part in _parts(given, progress, "simulated"):
+
+        def rested(part: slice) -> list[Motion]:
             cases = [Case(*pair, order=order) for pair in given[part]]
-            results += [Motion(each.time, each.points) for each in require_shapes(forward, cases, model=fitted)]
+            return [Motion(each.time, each.points) for each in require_shapes(forward, cases, model=fitted)]
+
+        results = _until_stopped(given, rested, progress)
     return results[0] if lone else results
 
 
@@ -159,6 +165,21 @@ def sweep(
     done = given[: len(rows)]
     last = [in_kpa(program.pressure[-1]) for _, program in done]
     return Sweep(tuple(design for design, _ in done), tuple(last), values, len(rows) == len(given))
+
+
+def _until_stopped(
+    given: Sequence[tuple[Design, PressureProgram]], compute: Callable[[slice], list[Motion]], progress: Progress
+) -> list[Motion]:
+    """Motions of batch after batch, up to the end or Ctrl-C; it is raised where nothing is done yet."""
+    found: list[Motion] = []
+    try:
+        for part in _parts(given, progress, "simulated"):
+            found += compute(part)
+    except KeyboardInterrupt:
+        if not found:
+            raise
+        warn(f"interrupted, with the first {len(found)} of {len(given)} motions")
+    return found
 
 
 def _shapes(forward: ForwardModel, cases: Sequence[Case], at: Sequence[float]) -> list[Motion]:

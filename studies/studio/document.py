@@ -1,25 +1,71 @@
-"""The layout that is edited, with what was before and after it."""
+"""What is edited, with what was before and after it."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 from studies.studio.layout import Layout
 
 MOST = 500  # steps back
 
 
+@dataclass(frozen=True)
+class Drawing:
+    """A layout with the pressures of the pose that is shown. others: (channels,) Pa of the poses that were shown
+    before, by their numbers."""
+
+    layout: Layout
+    pose: int = 0
+    others: tuple[tuple[int, tuple[float, ...]], ...] = ()
+
+    def pressures(self, pose: int) -> tuple[float, ...]:
+        """(channels,) Pa; of a pose that was never shown those of the one that is."""
+        design = self.layout.design
+        own = self.layout.pressures if pose == self.pose else dict(self.others).get(pose, self.layout.pressures)
+        return Layout.of(design, own).pressures
+
+    def at(self, pose: int) -> "Drawing":
+        """The same, with another pose shown."""
+        others = {**dict(self.others), self.pose: self.layout.pressures}
+        others.pop(pose, None)
+        return Drawing(Layout.of(self.layout.design, self.pressures(pose)), pose, tuple(sorted(others.items())))
+
+    def without(self, pose: int) -> "Drawing":
+        """The same without a pose: those after it move up, and the one before the last is shown in place of it."""
+        kept = self.at(pose - 1 if pose else 1) if pose == self.pose else self
+        others = tuple((k - (k > pose), p) for k, p in kept.others if k != pose)
+        return replace(kept, pose=kept.pose - (kept.pose > pose), others=others)
+
+    def same_content(self, other: "Drawing") -> bool:
+        """Whether design and pressures of every pose are the same, whichever pose is shown."""
+        poses = {self.pose, other.pose, *dict(self.others), *dict(other.others)}
+        return self.layout.design == other.layout.design and all(
+            self.pressures(pose) == other.pressures(pose) for pose in poses
+        )
+
+
 class Document:
-    """A layout under edit, with undo and redo. A gesture (a drag, a slider's way) is one step, however many layouts it
+    """A drawing under edit, with undo and redo. A gesture (a drag, a slider's way) is one step, however many layouts it
     passes through."""
 
     def __init__(self, layout: Layout) -> None:
-        self._past: list[tuple[str, Layout]] = []  # what was done, and the layout before it
-        self._future: list[tuple[str, Layout]] = []
-        self._gesture: tuple[str, Layout] | None = None  # what is under way, and where it began
-        self.layout = layout
-        self._kept = layout
+        self._past: list[tuple[str, Drawing]] = []  # what was done, and the drawing before it
+        self._future: list[tuple[str, Drawing]] = []
+        self._gesture: tuple[str, Drawing] | None = None  # what is under way, and where it began
+        self.drawing = Drawing(layout)
+        self._kept = self.drawing
+
+    @property
+    def layout(self) -> Layout:
+        return self.drawing.layout
+
+    @property
+    def pose(self) -> int:
+        return self.drawing.pose
 
     @property
     def changed(self) -> bool:
-        """Whether the layout is another than the one last saved or opened."""
-        return self.layout != self._kept
+        """Whether design or pressures are others than those last saved or opened."""
+        return not self.drawing.same_content(self._kept)
 
     @property
     def in_gesture(self) -> bool:
@@ -28,23 +74,45 @@ class Document:
     def do(self, what: str, layout: Layout) -> None:
         """One step."""
         self.end()
-        self._step(what, self.layout, layout)
+        self._step(what, self.drawing, replace(self.drawing, layout=layout))
+
+    def show_pose(self, pose: int) -> None:
+        """One step to another pose of the same design."""
+        self.end()
+        self._step(f"pose {pose}", self.drawing, self.drawing.at(pose))
+
+    def take(self, what: str, layouts: Sequence[Layout]) -> None:
+        """One step to the layouts of another drawing, one for each pose."""
+        self.end()
+        others = tuple((k, layout.pressures) for k, layout in enumerate(layouts) if k != self.pose)
+        shown = layouts[min(self.pose, len(layouts) - 1)]
+        self._step(what, self.drawing, Drawing(shown, self.pose, others))
+
+    def remove_pose(self, pose: int) -> None:
+        """A pose is no more: in no step either."""
+        self.end()
+        self._everywhere(lambda drawing: drawing.without(pose))
+
+    def _everywhere(self, change: Callable[[Drawing], Drawing]) -> None:
+        self.drawing, self._kept = change(self.drawing), change(self._kept)
+        self._past = [(what, change(drawing)) for what, drawing in self._past]
+        self._future = [(what, change(drawing)) for what, drawing in self._future]
 
     def shape(self, what: str, layout: Layout) -> None:
         """A moment of a gesture; another one's end is the beginning of this."""
         if self._gesture is None or self._gesture[0] != what:
             self.end()
-            self._gesture = what, self.layout
-        self.layout = layout
+            self._gesture = what, self.drawing
+        self.drawing = replace(self.drawing, layout=layout)
 
     def end(self) -> None:
         """Let go: the gesture under way, if any, becomes one step."""
         if self._gesture is not None:
             (what, before), self._gesture = self._gesture, None
-            self._step(what, before, self.layout)
+            self._step(what, before, self.drawing)
 
-    def _step(self, what: str, before: Layout, after: Layout) -> None:
-        self.layout = after
+    def _step(self, what: str, before: Drawing, after: Drawing) -> None:
+        self.drawing = after
         if before != after:
             self._past = [*self._past[-MOST + 1 :], (what, before)]
             self._future = []
@@ -58,12 +126,12 @@ class Document:
         self.end()
         return self._move(self._future, self._past)
 
-    def _move(self, source: list[tuple[str, Layout]], goal: list[tuple[str, Layout]]) -> str | None:
+    def _move(self, source: list[tuple[str, Drawing]], goal: list[tuple[str, Drawing]]) -> str | None:
         if not source:
             return None
-        what, layout = source.pop()
-        goal.append((what, self.layout))
-        self.layout = layout
+        what, drawing = source.pop()
+        goal.append((what, self.drawing))
+        self.drawing = drawing
         return what
 
     @property
@@ -72,9 +140,9 @@ class Document:
 
     def offer(self, what: str, layout: Layout) -> None:
         """Put a layout where redo finds it, before all else."""
-        self._future.append((what, layout))
+        self._future.append((what, replace(self.drawing, layout=layout)))
 
     def keep(self) -> None:
-        """The layout as it is now has been saved."""
+        """The drawing as it is now has been saved."""
         self.end()
-        self._kept = self.layout
+        self._kept = self.drawing

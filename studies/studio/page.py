@@ -32,7 +32,7 @@ def eye_of(places: Places) -> tuple[float, float, float]:
 
 
 class Page:
-    """Implements session.View on a viser server. post: runs a function on the session's thread."""
+    """Implements session_view.SessionView on a viser server. post: runs a function on the session's thread."""
 
     def __init__(self, server: Any, session: Session, post: Callable[[Callable[[], None]], None]) -> None:
         self._server, self._session, self._post = server, session, post
@@ -83,7 +83,7 @@ class Page:
             self._flat.draw(
                 session.layout.design, selected=session.selected, broken=broken, row_distance=session.row_distance
             )
-            other = session.other()
+            other = session.drawings.other()
             self._flat.draw_other(None if other is None else other[0].design)
             self._status.show_limits()
             self._pressures.show()
@@ -91,13 +91,13 @@ class Page:
             self._model.show()
             self._files.show()
             self._target.show()
-            if session.motion is None and not self._motion.shows(None):
+            if session.playing.motion is None and not self._motion.shows(None):
                 self._motion.begin()
                 self._hung.draw_cloud("measured", None)
                 self._hung.draw_beside("simulated", None)
 
     def show_shape(self, shape: LiveShape) -> None:
-        if self._session.motion is not None:
+        if self._session.playing.motion is not None:
             return  # a motion is looked at
         with self._server.atomic():
             self._hung.draw(shape.points, shape.layout.design)
@@ -108,14 +108,14 @@ class Page:
             self._profile.show()
 
     def show_comparison(self) -> None:
-        session, shape = self._session, self._session.shape
-        if session.motion is not None:
+        session, shape = self._session, self._session.shapes.shown
+        if session.playing.motion is not None:
             return
         with self._server.atomic():
-            other = session.other()
+            other = session.drawings.other()
             beside = None if other is None or other[1].shape is None else other[1].shape.points
             self._hung.draw_beside("other", beside, _OTHER)
-            target, comparison = session.target, session.comparison
+            target, comparison = session.targets.shown, session.drawings.comparison
             if target is None:
                 self._hung.draw_cloud("target", None)
             elif comparison is None or shape is None:
@@ -128,7 +128,7 @@ class Page:
 
     def show_motion(self) -> None:
         """A motion has come, or another frame of it is to be seen."""
-        motion = self._session.motion
+        motion = self._session.playing.motion
         if motion is None:
             return
         if not self._motion.shows(motion):
@@ -138,7 +138,7 @@ class Page:
         self._draw_frame()
 
     def _draw_frame(self) -> None:
-        motion = self._session.motion
+        motion = self._session.playing.motion
         if motion is None:
             return
         frame = self._motion.frame
@@ -178,7 +178,7 @@ class Page:
         if self._gizmo is not None:
             self._gizmo.remove()
             self._gizmo = None
-        target = self._session.target
+        target = self._session.targets.shown
         if not on or target is None:
             return
         import viser.transforms as transforms

@@ -75,7 +75,7 @@ class Studio:
 
     def _work(self) -> None:
         with contextlib.suppress(queue.Empty):
-            ask = self._due.get(timeout=_SHORT if self.session.waiting else _BEAT)
+            ask = self._due.get(timeout=_SHORT if self.session.shapes.waiting else _BEAT)
             while True:
                 self._do(ask)
                 ask = self._due.get_nowait()

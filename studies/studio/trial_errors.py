@@ -1,5 +1,6 @@
 """How far the chosen model is from every trial of a set: a table that fills itself, one trial after another."""
 
+from collections.abc import Callable
 from typing import Protocol
 
 from fabdesign.errors import InputError
@@ -7,7 +8,6 @@ from fabdesign.metrics import Errors
 from fabdesign.model import Model
 from fabdesign.trial import Trial
 from fabdesign.trial_file import TrialData
-from studies.studio.live import Live
 from studies.studio.model_choice import ModelChoice
 from studies.studio.solver import Answer, Ask
 
@@ -37,8 +37,9 @@ class HasTrials(Protocol):
 class TrialErrors:
     """by_label: errors of the simulated motion, and of the corrected one where a corrector acts."""
 
-    def __init__(self, session: HasTrials, live: Live) -> None:
-        self._session, self._live = session, live
+    def __init__(self, session: HasTrials, ask: Callable[[Ask, Callable[[Answer], None]], None]) -> None:
+        """ask: has the simulator answer, once it can."""
+        self._session, self._ask = session, ask
         self._running = False
         self.by_label: dict[str, tuple[Errors, ...]] = {}
 
@@ -81,7 +82,7 @@ class TrialErrors:
             if self._running:
                 self._next()
 
-        self._live.also(ask, arrived)
+        self._ask(ask, arrived)
 
 
 def ask_of_trial(trial: Trial, model: Model) -> tuple[Trial, TrialData, Ask]:

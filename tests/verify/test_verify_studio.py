@@ -94,6 +94,7 @@ def test_a_search_from_here_ends_beside_the_own_drawing(page_with_target: Page, 
     page.wait(holds("noise floor"), seconds=60)
     page.open_tab("Target")
     page.fill("Seconds", "5")
+    page.run(WATCH_HEAD)
     page.press_button("Search from here")
     page.open_tab("Results")
     page.wait(holds("evaluations; "), seconds=180)
@@ -101,6 +102,7 @@ def test_a_search_from_here_ends_beside_the_own_drawing(page_with_target: Page, 
     page.wait(holds("kept in"), seconds=180)
     page.open_tab("Results")
     texts = "[...document.querySelectorAll('#studio-results tr')].map(row => row.innerText)"
+    assert len(page.run("[...heights]")) == 1  # what is under the hand stays there, whatever the head says
     rows = page.wait(f"(rows => rows.length == 3 && rows)({texts})", seconds=30)
     assert rows[1].startswith("own drawing\t8")
     assert rows[2].startswith("search 1: pressures\t8")
@@ -116,6 +118,13 @@ def test_a_search_from_here_ends_beside_the_own_drawing(page_with_target: Page, 
         for folder in ("basic_studio", "basic_studio_search_1/result")
     )
     assert [float(x) for x in saved] == pytest.approx([float(x) for x in found], abs=0.1)
+
+
+WATCH_HEAD = """(() => {
+  const height = name => document.getElementById('studio-' + name).offsetHeight;
+  window.heights = new Set();
+  setInterval(() => heights.add(['shape', 'scale', 'limits', 'message'].map(height).join()), 20);
+})()"""  # collects the heights of the boxes above the sliders
 
 
 def holds(text: str) -> str:

@@ -10,9 +10,9 @@ from studies.studio.session import Session
 class FilePanel:
     def __init__(self, gui: Any, session: Session, post: Post) -> None:
         self._gui, self._session, self._post = gui, session, post
-        self._folder = gui.add_text("Folder", str(session.folder))
+        self._folder = gui.add_text("Folder", str(session.files.folder))
         on_click(gui.add_button("Save"), post, self._save)
-        on_click(gui.add_button("Load from disk"), post, session.load_again)
+        on_click(gui.add_button("Load from disk"), post, session.files.load_again)
         self._text = gui.add_markdown("")
         self.show()
 
@@ -24,10 +24,10 @@ class FilePanel:
 
     def _save(self) -> None:
         folder = Path(self._folder.value.strip())
-        reason = self._session.would_replace(folder)
+        reason = self._session.files.would_replace(folder)
         if reason is None:
-            self._session.save(folder)
-            put(self._folder, str(self._session.folder))
+            self._session.files.save(folder)
+            put(self._folder, str(self._session.files.folder))
             return
         dialog = self._gui.add_modal("Replace what is there?")
         with dialog:
@@ -37,7 +37,7 @@ class FilePanel:
 
         def replace() -> None:
             dialog.close()
-            self._session.save(folder, replace=True)
+            self._session.files.save(folder, replace=True)
 
         on_click(yes, self._post, replace)
         on_click(no, self._post, dialog.close)

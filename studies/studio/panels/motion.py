@@ -17,14 +17,16 @@ class MotionPanel:
         self.frame, self.playing, self._time = 0, False, 0.0
         self._begun: TrialMotion | None = None
         self._rise = gui.add_button("Play the rise to these pressures")
-        on_click(self._rise, post, session.play_rise)
+        on_click(self._rise, post, session.playing.rise)
         if session.opened.program is not None:
-            on_click(gui.add_button("Play the pressures of the command line"), post, session.play_opened)
+            on_click(gui.add_button("Play the pressures of the command line"), post, session.playing.opened)
         self._file = gui.add_text("Pressures file", "")
-        on_click(gui.add_button("Play the file"), post, lambda: session.play_file(Path(self._file.value.strip())))
+        on_click(gui.add_button("Play the file"), post, lambda: session.playing.file(Path(self._file.value.strip())))
         if session.trials:
             self._trial = gui.add_dropdown("Trial", tuple(session.trials))
-            on_click(gui.add_button("Show measured and predicted"), post, lambda: session.show_trial(self._trial.value))
+            on_click(
+                gui.add_button("Show measured and predicted"), post, lambda: session.playing.trial(self._trial.value)
+            )
             on_click(gui.add_button("Errors of all trials"), post, session.trial_errors.begin)
         self._pause = gui.add_button("Pause", disabled=True)
         on_click(self._pause, post, self._toggle)
@@ -35,7 +37,7 @@ class MotionPanel:
         with gui.add_folder("For other programs", expand_by_default=False):
             self._out = gui.add_text("File", "motion.glb", hint=".glb, .pvd, .rrd, .csv, .html or .png")
             on_click(
-                gui.add_button("Write the motion"), post, lambda: session.write_motion(Path(self._out.value.strip()))
+                gui.add_button("Write the motion"), post, lambda: session.playing.write(Path(self._out.value.strip()))
             )
         self._errors = gui.add_markdown("")
 
@@ -45,7 +47,7 @@ class MotionPanel:
 
     def begin(self) -> None:
         """A motion has come, or has gone."""
-        self._begun = motion = self._session.motion
+        self._begun = motion = self._session.playing.motion
         self._pause.disabled = self._scrub.disabled = motion is None
         self.playing, self.frame, self._time = motion is not None, 0, 0.0
         if motion is not None:
@@ -60,7 +62,7 @@ class MotionPanel:
 
     def advance(self, seconds: float) -> bool:
         """Let it play for so long; whether another frame is due."""
-        motion = self._session.motion
+        motion = self._session.playing.motion
         if motion is None or not self.playing:
             return False
         first, last = float(motion.times[0]), float(motion.times[-1])
@@ -70,7 +72,7 @@ class MotionPanel:
         return moved
 
     def show(self) -> None:
-        motion = self._session.motion
+        motion = self._session.playing.motion
         if motion is not None:
             put(self._scrub, self.frame)
             beside = "" if motion.ghost(self.frame) is None else "; orange: without the corrector"
@@ -81,7 +83,7 @@ class MotionPanel:
         self._pause.label = "Pause" if self.playing else "Play"
 
     def _scrubbed(self, frame: float) -> None:
-        motion = self._session.motion
+        motion = self._session.playing.motion
         if motion is not None:
             self.playing, self._pause.label = False, "Play"
             self.frame = min(int(frame), len(motion.times) - 1)

@@ -17,12 +17,12 @@ class ProfilePanel:
         self._plot = gui.add_html("")
 
     def show(self) -> None:
-        shape = self._session.shape
+        shape = self._session.shapes.shown
         self._plot.content = "" if shape is None else self._drawn()
 
     def _drawn(self) -> str:
         session = self._session
-        shape, band = session.shape, session.band
+        shape, band = session.shapes.shown, session.shapes.band
         assert shape is not None
         edge = lower_edge(shape.points)
         z = edge[:, 2]
@@ -41,7 +41,7 @@ class ProfilePanel:
         if band is not None:
             parts.append(plot.band(z - half, z + half))
             said = f"band: 90 % intervals of the model, at most ±{1e3 * half.max():.2f} mm"
-        elif session.bands:
+        elif session.shapes.bands:
             said = "intervals follow the exact shape"
         if simulated is not None:
             parts.append(plot.line(simulated, "#e08a2b", dashed=True))

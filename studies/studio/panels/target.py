@@ -16,11 +16,11 @@ class TargetPanel:
 
     def __init__(self, gui: Any, session: Session, post: Post, show_gizmo: Callable[[bool], None]) -> None:
         self._session = session
-        given = session.target
+        given = session.targets.shown
         self._pose: Any = None
-        if len(session.targets) > 1:
+        if len(session.targets.all) > 1:
             self._pose = gui.add_dropdown("Pose", _poses(session))
-            on_input(self._pose, post, lambda name: session.show_pose(int(name.partition(":")[0])))
+            on_input(self._pose, post, lambda name: session.targets.show_pose(int(name.partition(":")[0])))
         self._file = gui.add_text("File", "" if given is None else str(given.file.file))
         self._open = gui.add_button_group("Open", ("as given", "fit"))
         self._open.on_click(lambda _: post(partial(self._read, self._open.value)))
@@ -35,21 +35,21 @@ class TargetPanel:
             self._vary = gui.add_dropdown("May change", VARIES)
             self._seconds = gui.add_number("Seconds", 120.0, min=1.0, max=86400.0, step=10.0)
             self._start = gui.add_button("Search from here")
-            on_click(self._start, post, lambda: session.start_search(self._vary.value, self._seconds.value))
+            on_click(self._start, post, lambda: session.search.start(self._vary.value, self._seconds.value))
             self._stop = gui.add_button("Stop, keep the best", disabled=True)
-            on_click(self._stop, post, session.stop_search)
+            on_click(self._stop, post, session.search.stop)
             self._text = gui.add_markdown("")
         self.show()
 
     def show(self) -> None:
-        target = self._session.target
+        target = self._session.targets.shown
         if target is None:
             return
         if self._pose is not None:
             names = _poses(self._session)
             if self._pose.options != names:
                 self._pose.options = names
-            put(self._pose, names[min(self._session.pose, len(names) - 1)])
+            put(self._pose, names[min(self._session.targets.pose, len(names) - 1)])
             put(self._file, str(target.file.file))
         put(self._shift, tuple(round(1e3 * x, 3) for x in target.file.translation))
         put(self._turn, target.file.rotation or (0.0, 0.0, 0.0))
@@ -61,7 +61,7 @@ class TargetPanel:
     def _read(self, place: str) -> None:
         name = self._file.value.strip()
         kind = "fit" if place == "fit" else "given"
-        self._session.set_target(
+        self._session.targets.open(
             lambda: ShownTarget.read(target_file(Path(name), place=kind), self._session.layout.design) if name else None
         )
         self.show()
@@ -71,13 +71,13 @@ class TargetPanel:
 
     def place(self, rotation: tuple[float, ...], translation: tuple[float, ...]) -> None:
         """By hand: rotation in degrees about the fixed axes, translation in m."""
-        target = self._session.target
+        target = self._session.targets.shown
         if target is None:
             return
         file = placed_by_hand(target.file, (*rotation,), (*translation,))  # type: ignore[arg-type]
-        self._session.set_target(lambda: ShownTarget.read(file, self._session.layout.design))
+        self._session.targets.open(lambda: ShownTarget.read(file, self._session.layout.design))
         self.show()
 
 
 def _poses(session: Session) -> tuple[str, ...]:
-    return tuple(f"{number}: {target.file.file.name}" for number, target in enumerate(session.targets)) or ("none",)
+    return tuple(f"{number}: {target.file.file.name}" for number, target in enumerate(session.targets.all)) or ("none",)

@@ -1,0 +1,92 @@
+"""Clouds of an MCAP, a recording of ROS 2: messages sensor_msgs/msg/PointCloud2, through the packages mcap and
+mcap_ros2 (the extra `ros`).
+
+Format: mcap.dev/spec; the message: docs.ros2.org, sensor_msgs/msg/PointCloud2. It holds `height` rows of `width`
+points, a row every `row_step` bytes and a point every `point_step`; `fields` say at which byte of a point a value
+begins, and its type.
+"""
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.bounded_file import read_bytes
+from fabdesign.errors import InputError
+
+Array = NDArray[np.float64]
+LARGEST = 600_000_000  # bytes of the file, and of its points: some hundred clouds of four sensors
+_SCHEMAS = ("sensor_msgs/msg/PointCloud2", "sensor_msgs/PointCloud2")
+_TYPES = {7: "f4", 8: "f8"}  # of a field, that coordinates may have
+
+
+def read_mcap(path: Path | str) -> Mapping[str, tuple[Array, ...]]:
+    """By topic its clouds (n, 3) in m, as ROS has them, in the order in which they were logged.
+
+    Raises InputError for a file that is not there, damaged, cut short, too large, or without such clouds, and where
+    the packages are not there.
+    """
+    path = Path(path)
+    try:
+        from mcap.reader import make_reader
+        from mcap_ros2.decoder import DecoderFactory
+    except ImportError as error:
+        raise InputError(f"{path}: an MCAP needs the package {error.name}; pip install fabdesign[ros]") from None
+    content = read_bytes(path, "an MCAP", largest=LARGEST)
+    found: dict[str, list[Array]] = {}
+    others: set[str] = set()
+    size = 0
+    try:
+        reader = make_reader(io.BytesIO(content), validate_crcs=True, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        if summary is None:
+            raise InputError(f"{path}: has no summary; expected a whole MCAP (`mcap recover` mends one cut short)")
+        names = {channel.schema_id: channel.topic for channel in summary.channels.values()}
+        kinds = {key: schema.name for key, schema in summary.schemas.items()}
+        others = {f"{topic} ({kinds.get(key, 'no schema')})" for key, topic in names.items()}
+        topics = [c.topic for c in summary.channels.values() if kinds.get(c.schema_id) in _SCHEMAS]
+        for _, channel, _, message in reader.iter_decoded_messages(topics=topics) if topics else ():
+            cloud = points_of(message, f"{path}: {channel.topic}")
+            size += cloud.nbytes
+            if size > LARGEST:
+                raise InputError(f"{path}: its clouds have over {LARGEST / 1e6:.0f} MB; expected fewer or smaller ones")
+            found.setdefault(channel.topic, []).append(cloud)
+    except InputError:
+        raise
+    except Exception as error:  # mcap raises whatever its parsers meet
+        raise InputError(f"{path}: cannot be read as an MCAP of ROS 2 ({type(error).__name__})") from None
+    if not found:
+        held = ", ".join(sorted(others)[:5]) or "nothing"
+        raise InputError(f"{path}: holds {held}; expected clouds, {_SCHEMAS[0]}")
+    return {topic: tuple(clouds) for topic, clouds in found.items()}
+
+
+def points_of(message: Any, what: str) -> Array:
+    """(n, 3) of a PointCloud2. Raises InputError, `what` it is of in its message."""
+    fields = {field.name: field for field in message.fields}
+    if not {"x", "y", "z"} <= fields.keys():
+        raise InputError(f"{what}: a cloud has {', '.join(fields) or 'no fields'}; expected x, y and z")
+    order = ">" if message.is_bigendian else "<"
+    types = [_TYPES.get(fields[name].datatype) for name in "xyz"]
+    if None in types:
+        raise InputError(f"{what}: coordinates of type {fields['x'].datatype}; expected FLOAT32 (7) or FLOAT64 (8)")
+    formats = [f"{order}{kind}" for kind in types]
+    offsets = [fields[name].offset for name in "xyz"]
+    ends = [offset + np.dtype(kind).itemsize for offset, kind in zip(offsets, formats, strict=True)]
+    rows, columns = message.height, message.width
+    data = np.frombuffer(bytes(message.data), np.uint8)
+    within = columns * message.point_step <= message.row_step and max(ends) <= message.point_step
+    if not within or len(data) != rows * message.row_step:
+        raise InputError(
+            f"{what}: a cloud of {rows} x {columns} points has {len(data)} bytes; expected {rows} rows of "
+            f"{message.row_step}"
+        )
+    if not rows * columns:
+        return np.zeros((0, 3))
+    kind = np.dtype({"names": ["x", "y", "z"], "formats": formats, "offsets": offsets, "itemsize": message.point_step})
+    packed = data.reshape(rows, message.row_step)[:, : columns * message.point_step]
+    points = np.ascontiguousarray(packed).reshape(-1).view(kind)
+    return np.stack([points[name].astype(np.float64) for name in "xyz"], axis=-1)
