@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.search.parts import Row
+from benchmarks.search.parts import NEAR, Row
 from benchmarks.search.targets import Truth, measured
 from optimize.design_space import DesignSpace, Vector
 from optimize.margins import Limits
@@ -17,7 +17,6 @@ from studies.layouts.run import forward_models
 
 BATCH = 32
 TIMES = 5  # of our seconds, that each has
-NEAR = 1.2  # times the floor
 
 Ask = Callable[[], list[Vector]]
 Tell = Callable[[list[Vector], list[float]], None]
