@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.search.parts import NEAR, Row
+from benchmarks.search.parts import Row
 from benchmarks.search.targets import Truth, measured
 from optimize.design_space import DesignSpace, Vector
 from optimize.margins import Limits
