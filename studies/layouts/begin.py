@@ -12,7 +12,7 @@ from optimize.channels import by_muscle, start_of
 from optimize.design_space import DesignSpace, Limits, Vector
 from optimize.search import Fresh
 from optimize.starts import Start, catalogue_starts, layout_starts, pressure_starts, thinned_starts
-from optimize.variations import variations
+from optimize.variations import variations, with_corners
 
 PRESSURE_STARTS = 31  # screened before pressures are searched
 LAYOUT_STARTS = 64  # drawn and screened before layouts are searched; a multiple of what the simulator takes at once
@@ -115,8 +115,10 @@ def fresh_starts(study: Study) -> Fresh | None:
         def layouts(campaign: int, best: Start) -> tuple[list[Start], bool]:
             seed, counts, sides = study.seed + 1000 * campaign, choice.counts, choice.sides
             if campaign % 2:
+                corners = choice.corners if study.positions else 0
                 return [
-                    *variations(best, counts=counts, sides=sides, number=VARIATIONS, seed=seed),
+                    *variations(best, counts=counts, sides=sides, number=VARIATIONS, seed=seed, corners=corners),
+                    *with_corners(best, corners),
                     *added(best, seed),
                 ], False
             drawn = layout_starts(
