@@ -86,6 +86,7 @@ def test_several_targets_share_a_layout(folder: Path) -> None:
         (LEAST + "[variables]\npressures = false\nmuscles = { max = 3 }\n", "muscles without pressures"),
         (LEAST + "[variables]\nmuscles = { min = 3, max = 2 }\n", "max = 2"),
         (LEAST + '[variables]\nmuscles = { max = 2, sides = ["left"] }\n', "sides"),
+        (LEAST + "[variables]\nmuscles = { max = 2, corners = 9 }\n", "corners"),
         (LEAST + "[limits]\npressure = [0, 1200]\n", "at most 1000 kPa"),
         (LEAST + "[limits]\npressure = [300, 200]\n", "lowest, highest"),
         (LEAST + "[limits]\nseconds = 0\n", "seconds"),
