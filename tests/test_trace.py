@@ -253,7 +253,7 @@ def test_of_several_channels_the_odd_one_stays():
         pass
 
     found = Found()
-    found.x, found.vector, found.covariance = x, vector, 1e-4 * np.eye(len(x))
+    found.minimum, found.vector, found.covariance = x, vector, 1e-4 * np.eye(len(x))
     assert sparse(found, ["dead_time", "odd_muscle:1", "odd_muscle:2"]) == ["dead_time", "odd_muscle:1"]
     own, index = vector.only(["odd_muscle:1"])
     assert own.names[-1] == "odd_muscle.factor" and own.terms_at(x[index])[0].values["channel"] == 1
@@ -324,7 +324,7 @@ def late(tmp_path_factory):
 
 def test_several_effects_are_found_together_and_no_other(late):
     found, _, noise = late
-    labels = needed(found.x, found.covariance, found.vector)
+    labels = needed(found.minimum, found.covariance, found.vector)
     assert labels == ["filling_lag", "supply_droop"]
     terms = {term.name: term.values for term in found.vector.terms_at(found.x)}
     assert terms["supply_droop"]["share"] == pytest.approx(0.15, abs=0.03)

@@ -36,6 +36,7 @@ class Fit:
 
     vector: FitVector
     x: Array  # (p,)
+    minimum: Array  # (p,) of the residuals linearised at x: a slight step from x where the fit converged
     covariance: Array  # (p, p)
     before: float  # m, RMS of the residuals capped at 10 mm, at the data sheet
     after: float  # m, the same at the minimum
@@ -138,10 +139,11 @@ def concluded(
     """The fit that ended at a state."""
     samples, vector, found = problem.samples, problem.vector, state.found
     weight = np.diag(1 / vector.prior**2)
-    _, normal = step_to_minimum(samples, state, weight, 0.0, vector, inputs)
+    step, normal = step_to_minimum(samples, state, weight, 0.0, vector, inputs)
     return Fit(
         vector=vector,
         x=state.x,
+        minimum=vector.inside(state.x + step),
         covariance=_covariance(normal, weight),
         before=before,
         after=capped(found.residual),

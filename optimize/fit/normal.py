@@ -84,15 +84,23 @@ def _bounded_step(hessian: Array, gradient: Array, x: Array, vector: FitVector) 
 
 
 def directions(normal: Normal, vector: FitVector = DECLARED) -> Array:
-    """(p, p), a row each: combinations of unknowns that change the residuals independently, and by as much each.
+    """(p, p), a row each: combinations of the factors that change the residuals independently, and by as much each; and
+    effects' unknowns one by one, as long.
 
     Where all factors nearly cancel, the differences of single ones drown in the noise and the curvature of each; as one
-    difference, long enough, that combination stands out.
+    difference, long enough, that combination stands out. An effect that moves by itself leaves the others' jumps of
+    pressure where they were, so that motions share their time steps, and one of sensing alone needs no motion.
     """
     prior = vector.prior
-    squares, vectors = np.linalg.eigh(normal.sensitivity * np.outer(prior, prior))
-    length = np.clip(_CHANGE / np.sqrt(np.maximum(squares, 1e-30)), _SHORTEST, _LONGEST)
-    return np.asarray((vectors * length * prior[:, None]).T)
+    rows = np.zeros((len(prior), len(prior)))
+    factor = np.array([p.is_factor for p in vector.parameters])
+    for group in (np.flatnonzero(factor), *np.flatnonzero(~factor)[:, None]):
+        if len(group):
+            own = np.ix_(group, group)
+            squares, vectors = np.linalg.eigh(normal.sensitivity[own] * np.outer(prior[group], prior[group]))
+            length = np.clip(_CHANGE / np.sqrt(np.maximum(squares, 1e-30)), _SHORTEST, _LONGEST)
+            rows[own] = (vectors * length * prior[group, None]).T
+    return rows
 
 
 def normal_equations(

@@ -24,7 +24,7 @@ from studies.tracing.kept_fit import kept_fit
 NEEDED = 8.0  # of log likelihood: what costs less to drop is dropped; four standard deviations of one parameter
 EARLY = 1.0  # s, of the horizons before the last: a column costs a motion as long
 KNOWN = 0.35  # of the prior's standard deviation, over which the data say little of an unknown
-_EARLY_CLOSE, _JOINT_CLOSE = 3.0, 1.0  # of log likelihood: where a fit ends that others follow
+_EARLY_CLOSE = 3.0  # of log likelihood: where a fit ends that others follow
 ALIKE = 0.98  # cosine from which on two effects are one answer
 Say = Callable[[str], None]
 Gains = dict[str, tuple[float, tuple[float, float]]]
@@ -103,19 +103,19 @@ def select(task: Task) -> Selection:
         nothing |= gone
         vector, index = vector.only([label for label in vector.labels if label not in gone])
         start = early.x[index]
-    everything = _fit(task, "every effect", vector, start=start, close=_JOINT_CLOSE)
+    everything = _fit(task, "every effect", vector, start=start, near=True)
     plain = _fit(task, "plain", vector.without_effects, everything.inputs)
-    labels = sparse(everything, needed(everything.x, everything.covariance, everything.vector))
-    chosen, small = plain, []
+    labels = sparse(everything, needed(everything.minimum, everything.covariance, everything.vector))
+    chosen, small, known = plain, [], everything
     while labels:
-        vector, x = with_shapes(everything, labels)
-        chosen = _fit(task, " ".join(labels), vector, everything.inputs, x)
-        weak = _weakest(task, chosen)
+        vector, x = with_shapes(known, labels)
+        known = _fit(task, " ".join(labels), vector, everything.inputs, x, near=True)
+        weak = _weakest(task, known)
         if weak is None:
+            chosen = _fit(task, "chosen", vector, everything.inputs, known.minimum)
             break
         small.append(weak)
-        labels = [label for label in labels if label_effect(label) != label_effect(weak)]
-        chosen = plain
+        labels = [label for label in known.vector.labels if label != weak]
     if chosen is not plain and LeftOut.of(plain, task.folds).scored().excess(task.floor) <= task.tolerance:
         small += labels
         chosen = plain
@@ -187,21 +187,22 @@ def conditioned(x: Array, covariance: Array, part: Indices) -> tuple[Array, Arra
 
 def sparse(everything: Fit, labels: Sequence[str]) -> list[str]:
     """Of several places or channels of one effect, the one that costs most to drop: the sparse case."""
-    costs = {label: cost(everything.x, everything.covariance, everything.vector.part(label)) for label in labels}
+    x, covariance = everything.minimum, everything.covariance
+    costs = {label: cost(x, covariance, everything.vector.part(label)) for label in labels}
     best: dict[str, str] = {}
     for label in sorted(labels, key=lambda label: costs[label]):
         best[label_effect(label)] = label
     return [label for label in labels if label in best.values()]
 
 
-def with_shapes(everything: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
-    """The factors and these terms with all of their parameters that are no choice of a whole number, and where the
+def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
+    """The factors and these terms with all of their parameters that are no choice of a whole number, and where a
     joint fit says they are with the others off."""
-    x, covariance = everything.x, everything.covariance
-    gone = [everything.vector.part(label) for label in everything.vector.labels if label not in labels]
+    x, covariance = joint.minimum, joint.covariance
+    gone = [joint.vector.part(label) for label in joint.vector.labels if label not in labels]
     if gone:
         x, _ = conditioned(x, covariance, np.concatenate(gone))
-    vector, index = everything.vector.only(labels)
+    vector, index = joint.vector.only(labels)
     known = dict(zip(vector.names, vector.inside(x[index]), strict=True))
     parameters = [p for p in vector.parameters if p.is_factor]
     for label, term in zip(vector.labels, vector.terms, strict=True):
@@ -223,11 +224,14 @@ def _chosen_only(term: Term) -> Term:
 
 
 def _weakest(task: Task, chosen: Fit) -> str | None:
-    """The effect that trials left out gain least by, if that is not certain or not more than the tolerance."""
+    """The effect that trials left out gain least by, if that is not certain, or not more than the tolerance; or, where
+    another gains more, not more than what all of them leave: the first one's law is then not quite the right one, and
+    small effects take up what it lacks."""
     gains = gains_of(chosen, task.folds, task.floor)
     weakest = min(gains, key=lambda label: gains[label][0])
     gain, (low, _) = gains[weakest]
-    return weakest if gain < task.tolerance or low <= 0 else None
+    left = LeftOut.of(chosen, task.folds).scored().excess(task.floor) if len(gains) > 1 else 0.0
+    return weakest if gain < max(task.tolerance, left) or low <= 0 else None
 
 
 def _fit(
