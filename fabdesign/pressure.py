@@ -56,6 +56,17 @@ def rising_program(
     return PressureProgram(rise * np.arange(RISE_STEPS) / RISE_STEPS, rows, duration)
 
 
+def sequence_program(rows: NDArray[np.float64], rise: float, hold: float) -> PressureProgram:
+    """From 0 to each of `rows` (k, channels) Pa in turn, linearly within `rise` s in RISE_STEPS rows, and `hold` s at
+    each."""
+    share = (np.arange(RISE_STEPS) + 1)[:, None] / RISE_STEPS
+    before = np.concatenate([np.zeros_like(rows[:1]), rows[:-1]])
+    steps = np.concatenate([a + share * (b - a) for a, b in zip(before, rows, strict=True)])
+    begins = np.arange(len(rows))[:, None] * (rise + hold)
+    times = (begins + rise * np.arange(RISE_STEPS) / RISE_STEPS).ravel()
+    return PressureProgram(times, steps, len(rows) * (rise + hold))
+
+
 def limits(design: Design) -> NDArray[np.float64]:
     """(channels,) Pa: the lowest maximum of the muscle types on each channel, 1,000 kPa where none is stated."""
     most = np.full(design.channels, LARGEST)

@@ -30,6 +30,7 @@ FORMAT = "fabdesign.study/1"
 KINDS = ("optimize", "sensitivity", "layouts", "unseen", "loop")
 Side = Literal["front", "back"]
 Measure = Literal["chamfer", "surface_rms"]
+CORNERS = 3  # between a muscle's ends, at most
 HIGHEST = 400e3  # Pa, of the pressures searched where the study does not say
 
 
@@ -60,11 +61,12 @@ class TargetFile:
 
 @dataclass(frozen=True)
 class MuscleChoice:
-    """How many muscles a layout may have, and on which faces."""
+    """How many muscles a layout may have, on which faces, and with how many corners between a muscle's ends."""
 
     least: int
     most: int
     sides: tuple[Side, ...] = ("front", "back")
+    corners: int = 1
 
     @property
     def counts(self) -> range:
@@ -269,7 +271,12 @@ def _choice(variables: Table) -> MuscleChoice | None:
         return None
     least = table.integer("min", 1, least=1, most=MUSCLES)
     sides = cast(tuple[Side, ...], table.texts("sides", ("front", "back")))  # checked below
-    choice = MuscleChoice(least, table.integer("max", least=least, most=MUSCLES), sides)
+    choice = MuscleChoice(
+        least,
+        table.integer("max", least=least, most=MUSCLES),
+        sides,
+        table.integer("corners", MuscleChoice.corners, least=0, most=CORNERS),
+    )
     if not choice.sides or not set(choice.sides) <= {"front", "back"}:
         raise table.bad("sides", '"front", "back" or both')
     table.finish()

@@ -30,8 +30,9 @@ def by_muscle(start: tuple[DesignSpace, Vector]) -> Layout:
     return design.muscles, pressures[:, [muscle.channel for muscle in design.muscles]]
 
 
-def with_shared_channels(start: tuple[DesignSpace, Vector]) -> tuple[DesignSpace, Vector]:
-    """The same layout with muscles on one channel whose pressures agree in every pose, at their mean."""
+def with_shared_channels(start: tuple[DesignSpace, Vector]) -> tuple[DesignSpace, Vector] | None:
+    """The same layout with muscles on one channel whose pressures agree in every pose, at their mean; None where that
+    saves no channel."""
     space = start[0]
     muscles, own = by_muscle(start)
     low, high = space.limits.pressure
@@ -43,7 +44,7 @@ def with_shared_channels(start: tuple[DesignSpace, Vector]) -> tuple[DesignSpace
             groups.append([k])
         else:
             group.append(k)
-    return _on_channels((muscles, own), space, groups)
+    return _on_channels((muscles, own), space, groups) if len(groups) < space.channels else None
 
 
 def _nearest_groups(pressures: Pressures, most: int | None) -> Groups:

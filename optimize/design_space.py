@@ -39,6 +39,10 @@ class DesignSpace:
         return self.position_count + self.start_pressures.size * self.vary_pressures
 
     @property
+    def channels(self) -> int:
+        return self.start_pressures.shape[1]
+
+    @property
     def position_count(self) -> int:
         return 2 * sum(len(m.path) for m in self.design.muscles) * self.vary_positions
 

@@ -91,6 +91,7 @@ class Evaluations:
         self.starts, self.stages, self.history = [*starts], stages, history
         self.best: Best | None = None
         self.best_shape: Shape | None = None  # of the best, where it was evaluated in this session
+        self.by_count: dict[int, float] = {}  # m, the nearest of each number of muscles on the last stage's model
         self.rivals: dict[int, Best] = {}  # of each start, the nearest on the last stage's model, while that near
         self.restart_began = 0.0  # s of search, when the restart under way began
         self.stage = "start"  # under way
@@ -215,6 +216,7 @@ class Evaluations:
         if state is not None and self.best is not None:
             state["best"] = self.best.as_row()
             state["rivals"] = [rival.as_row() for rival in self.rivals.values()]
+            state["by_count"] = [*self.by_count.items()]
             state["ended"] = [reason, self.seconds, self._most]
             self.history.save(state, self.elapsed)
 
@@ -236,7 +238,12 @@ class Evaluations:
         label = stage.name if cheap is None else stage.name + SLOPES
         values = self._record(label, batch, [objective.value(shape) for shape in shapes])
         for value, shape, (space, x), (start, _) in zip(values, shapes, points, batch, strict=True):
-            if cheap is None and self._noting and space.keeps(x, shape):
+            if cheap is not None or not space.keeps(x, shape):
+                continue
+            if stage.values_as(self.stages[-1]):
+                count = len(space.design.muscles)
+                self.by_count[count] = min(value, self.by_count.get(count, np.inf))
+            if self._noting:
                 self._note(Best(start, x.copy(), value, number), shape)
         return list(zip(values, shapes, strict=True))
 
@@ -262,6 +269,16 @@ class Evaluations:
             if self.best is not None:
                 most = (1 + self._near) * self.best.value
                 self.rivals = {start: rival for start, rival in self.rivals.items() if rival.value <= most}
+
+    @property
+    def front(self) -> list[tuple[int, float]]:
+        """Numbers of muscles and the nearest value [m] of each on the last stage's model: those that come nearer than
+        all smaller numbers."""
+        found: list[tuple[int, float]] = []
+        for count, value in sorted(self.by_count.items()):
+            if not found or value < found[-1][1]:
+                found.append((count, value))
+        return found
 
     def _better(self, number: int, value: float) -> bool:
         """Than the best so far; of different forward models a later stage's knows better, whatever it says."""

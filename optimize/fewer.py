@@ -1,5 +1,5 @@
-"""No more muscles than needed: those whose absence costs least are left out, the others take over, while the objective
-stays within a tolerance or a price pays for it.
+"""No more muscles, corners and channels than needed: those whose absence costs least are left out, the others take
+over, while the objective stays within a tolerance or a price pays for it.
 
 The number of muscles is found by bisection. A smaller layout is the greedy choice of muscles: drop one, or
 lay two that do the same into one, whichever costs least. Its pressures and places are then searched on the coarse model
@@ -19,6 +19,7 @@ from optimize.evaluations import Evaluations, Stop
 from optimize.local_search import LocalSearch
 from optimize.search import run_rounds
 from optimize.starts import Start
+from optimize.variations import straightened
 
 ROUNDS = 5  # of a smaller layout on the coarse model,
 FINE_ROUNDS = 4  # and on the full one
@@ -29,7 +30,8 @@ HOPEFUL = 1.5  # times what is allowed: a layout on the coarse model is tried on
 @dataclass(frozen=True, eq=False)
 class Fewer:
     """start: with its value in m on the full model; before, count: of the layout that it comes from. ended: why it is
-    that layout itself, empty where it is another. cut: by a limit, before all was tried."""
+    that layout itself, empty where it is another. cut: by a limit, before all was tried. front: numbers of muscles, and
+    m of the nearest layout of each that came nearer than all smaller numbers; what was tried on the full model."""
 
     start: Start
     value: float
@@ -37,6 +39,7 @@ class Fewer:
     count: int
     ended: str
     cut: bool = False
+    front: tuple[tuple[int, float], ...] = ()
 
 
 def fewer_muscles(evaluations: Evaluations, *, least: int, price: Price) -> Fewer:
@@ -64,7 +67,9 @@ def fewer_muscles(evaluations: Evaluations, *, least: int, price: Price) -> Fewe
                 highest = size
                 found = replace(found, start=(smaller.space, smaller.x), value=smaller.value, ended="")
                 layout = by_muscle((smaller.space, smaller.x))
-            return _with_shared_channels(evaluations, found, price)
+            if evaluations.stages[last].vary_positions:
+                found = _simpler(evaluations, found, straightened(found.start), price)
+            return _simpler(evaluations, found, with_shared_channels(found.start), price)
     except Stop as stop:
         return replace(found, ended=found.ended and str(stop), cut=True)
     finally:
@@ -108,15 +113,15 @@ def _searches(evaluations: Evaluations, stage: int, starts: Sequence[Start]) -> 
     ]
 
 
-def _with_shared_channels(evaluations: Evaluations, found: Fewer, price: Price) -> Fewer:
-    """Muscles whose pressures agree on one channel, where the price of a channel pays for it."""
-    shared = with_shared_channels(found.start)
-    saved = found.start[0].start_pressures.shape[1] - shared[0].start_pressures.shape[1]
-    if price.channel <= 0 or saved <= 0:
+def _simpler(evaluations: Evaluations, found: Fewer, start: Start | None, price: Price) -> Fewer:
+    """A simpler layout of as many muscles where it is near enough, or the price of the channels that it saves pays for
+    it; else what was found."""
+    if start is None:
         return found
+    saved = found.start[0].channels - start[0].channels
+    allowed = max(price.allowed(found.before, 0), found.value + saved * price.channel)
     last = len(evaluations.stages) - 1
-    allowed = found.value + saved * price.channel
-    local = run_rounds(evaluations, last, _searches(evaluations, last, [shared]), FINE_ROUNDS, until=allowed)
+    local = run_rounds(evaluations, last, _searches(evaluations, last, [start]), FINE_ROUNDS, until=allowed)
     if local and local[0].value <= allowed:
         return replace(found, start=(local[0].space, local[0].x), value=local[0].value, ended="")
     return found

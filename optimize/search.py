@@ -272,6 +272,7 @@ def _save(evaluations: Evaluations, at: _Progress) -> None:
         "stage": at.stage,
         "best": best,
         "rivals": [rival.as_row() for rival in evaluations.rivals.values()],
+        "by_count": [*evaluations.by_count.items()],
         "searches": rows,
         "bests": at.bests,
         "ends": at.ends,
@@ -294,6 +295,7 @@ def _load(evaluations: Evaluations, further: FurtherStarts | None) -> _Progress:
     evaluations.restart_began = state["began"]
     if state["best"] is not None:
         evaluations.best = Best.of_row(state["best"])
+    evaluations.by_count = dict(map(tuple, state.get("by_count", [])))
     for row in state.get("rivals", []):
         rival = Best.of_row(row)
         evaluations.rivals[rival.start] = rival

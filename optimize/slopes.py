@@ -47,7 +47,7 @@ def slopes_of(
     """Of every point, whatever their layouts, by its variables and by further columns; a batch for each pose."""
     decoded = [space.decode(x) for space, x in points]
     corners = sorted({corner for space, _ in points for corner in _corners(space)})
-    channels = max(space.start_pressures.shape[1] * space.vary_pressures for space, _ in points)
+    channels = max(space.channels * space.vary_pressures for space, _ in points)
     span = max(np.ptp(space.limits.pressure) for space, _ in points)
     columns = [*map(_of_corner, corners), *(_of_channel(k, PRESSURE_STEP * span) for k in range(channels)), *further]
     place = {corner: k for k, corner in enumerate(corners)}
@@ -64,7 +64,7 @@ def slopes_of(
             by_further[:, pose] = changes[len(columns) - len(further) :]
             by_variable[: space.position_count, pose] = changes[own] * space.units[: space.position_count, None, None]
             if space.vary_pressures:
-                many = space.start_pressures.shape[1]
+                many = space.channels
                 by_variable[at : at + many, pose] = (
                     changes[len(corners) : len(corners) + many] * space.units[at : at + many, None, None]
                 )

@@ -15,11 +15,15 @@ from optimize.starts import Side, Start
 TRIES = 40  # of a variation before it is left out
 SHIFT = 0.15  # of the cloth: a line's end moves by as much, as a standard deviation
 SLIGHT = 0.05  # the same where all lines move
+BEND = 0.1  # of a leg, that its new corner lies off it, as a standard deviation
 
 
-def variations(best: Start, *, counts: range, sides: Sequence[Side], number: int, seed: int) -> list[Start]:
+def variations(
+    best: Start, *, counts: range, sides: Sequence[Side], number: int, seed: int, corners: int = 0
+) -> list[Start]:
     """Up to `number` layouts that differ from `best` by a move or two: a muscle added, left out, on the other face,
-    drawn anew, or its ends or pressure moved; all lines shifted or moved a little. All keep the limits.
+    drawn anew, with a corner more (`corners` between its ends at most) or less, or its ends or pressure moved; all
+    lines shifted or moved a little. All keep the limits.
 
     A muscle that shares its channel gets one of its own, as far as the limits have channels.
     """
@@ -30,7 +34,7 @@ def variations(best: Start, *, counts: range, sides: Sequence[Side], number: int
         for _ in range(TRIES):
             layout = by_muscle(best)
             for _ in range(int(rng.integers(1, 3))):
-                layout = _moved(layout, space, counts, sides, rng)
+                layout = _moved(layout, space, counts, sides, corners, rng)
             start = start_of(layout, space)
             if start is not None:
                 found.append(start)
@@ -38,11 +42,31 @@ def variations(best: Start, *, counts: range, sides: Sequence[Side], number: int
     return found
 
 
-def _moved(layout: Layout, space: DesignSpace, counts: range, sides: Sequence[Side], rng: Generator) -> Layout:
+def with_corners(best: Start, corners: int) -> list[Start]:
+    """The same layout with a corner in the middle of every muscle that has fewer than `corners`, where it lies: for a
+    search by derivatives to move. None where no muscle may have one more."""
+    muscles, pressures = by_muscle(best)
+    bent = [_bent(own, 0.0) if len(own.path) - 2 < corners else own for own in muscles]
+    start = start_of((bent, pressures), best[0]) if bent != [*muscles] else None
+    return [] if start is None else [start]
+
+
+def straightened(start: Start) -> Start | None:
+    """The same layout without corners between the ends; None where there are none, or that breaks a limit."""
+    muscles, pressures = by_muscle(start)
+    straight = [replace(own, path=(own.path[0], own.path[-1])) for own in muscles]
+    return start_of((straight, pressures), start[0]) if straight != [*muscles] else None
+
+
+def _moved(
+    layout: Layout, space: DesignSpace, counts: range, sides: Sequence[Side], corners: int, rng: Generator
+) -> Layout:
     muscles, pressures = [*layout[0]], layout[1].copy()
     k = int(rng.integers(len(muscles)))
     size = np.array([space.design.fabric.width, space.design.fabric.height])
-    move = rng.choice(["add", "drop", "flip", "draw", "ends", "pressure", "shift", "all"])
+    moves = ["add", "drop", "flip", "draw", "ends", "pressure", "shift", "all"]
+    moves += ["bend"] * (corners > 0) + ["straighten"] * (len(muscles[k].path) > 2)
+    move = rng.choice(moves)
     if move == "add" and len(muscles) + 1 in counts:
         muscles.append(
             _with_path(muscles[k], _path(muscles[k]) + SHIFT * size * rng.standard_normal(2), space.limits, size)
@@ -59,6 +83,13 @@ def _moved(layout: Layout, space: DesignSpace, counts: range, sides: Sequence[Si
     elif move == "ends":
         noise = SHIFT * size * rng.standard_normal((len(muscles[k].path), 2))
         muscles[k] = _with_path(muscles[k], _path(muscles[k]) + noise, space.limits, size)
+    elif move == "bend" and len(muscles[k].path) - 2 < corners:
+        bent = _bent(muscles[k], BEND * rng.standard_normal())
+        muscles[k] = _with_path(bent, _path(bent), space.limits, size)
+    elif move == "straighten":
+        path = [*muscles[k].path]
+        del path[int(rng.integers(1, len(path) - 1))]
+        muscles[k] = replace(muscles[k], path=tuple(path))
     elif move == "pressure":
         pressures[:, k] = rng.uniform(*space.limits.pressure, len(pressures))
     elif move == "shift":
@@ -70,6 +101,15 @@ def _moved(layout: Layout, space: DesignSpace, counts: range, sides: Sequence[Si
             for m in muscles
         ]
     return muscles, pressures
+
+
+def _bent(muscle: Muscle, off: float) -> Muscle:
+    """With a corner in the middle of its longest leg, off it by a share of its length."""
+    path = _path(muscle)
+    legs = np.diff(path, axis=0)
+    k = int(np.argmax(np.linalg.norm(legs, axis=1)))
+    u, v = path[k] + legs[k] / 2 + off * np.array([-legs[k, 1], legs[k, 0]])
+    return replace(muscle, path=(*muscle.path[: k + 1], (float(u), float(v)), *muscle.path[k + 1 :]))
 
 
 def _path(muscle: Muscle) -> Vector:

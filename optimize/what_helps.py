@@ -43,12 +43,15 @@ def what_helps(
     point: tuple[DesignSpace, Vector],
     changes: Sequence[Change],
     wider: Mapping[str, DesignSpace],
+    others: Mapping[str, DesignSpace] | None = None,
 ) -> tuple[float, list[Nearer]]:
-    """m that the same step comes to without any change, and what each change, and each wider space of the same design
-    by its name, would; the nearest first."""
+    """m that the same step comes to without any change, and what each change, each wider space of the same design and
+    each other design of as many muscles and corners, by their names, would; the nearest first."""
     space, x = point
     columns = {own.column.name: own.column for own in changes}
-    [slopes] = slopes_of(jacobians, objective, [point], [*columns.values()])
+    others = others or {}
+    places = [(own, own.encode(*space.decode(x))) for own in others.values()]
+    slopes, *of_others = slopes_of(jacobians, objective, [point, *places], [*columns.values()])
     of_column = dict(zip(columns, slopes.by_further, strict=True))
 
     def reached(shape: Shape, own: DesignSpace) -> float:
@@ -63,6 +66,10 @@ def what_helps(
     shifted = [slopes.shape + own.by * of_column[own.column.name] for own in changes]
     found = [Nearer(own.what, reached(shape, space)) for own, shape in zip(changes, shifted, strict=True)]
     found += [Nearer(what, reached(slopes.shape, own)) for what, own in wider.items()]
+    for what, (own, there), of_other in zip(others, places, of_others, strict=True):
+        if np.isfinite(of_other.shape).all():
+            model = LinearShape(there, of_other.shape, of_other.by_variable)
+            found.append(Nearer(what, objective.value(model.at(best_step(model, objective, own, RADIUS)))))
     return reached(slopes.shape, space), sorted(
         (own for own in found if np.isfinite(own.value)), key=lambda own: own.value
     )

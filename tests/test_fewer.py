@@ -24,11 +24,13 @@ from optimize.fewer import Fewer, fewer_muscles
 from optimize.history import History
 from optimize.objective import Objective, Target
 from optimize.starts import Start
+from studies.layouts.after import fewer_said
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth
 
 CLOTH = build("vertical")
 LIMITS = Limits()
+STUDY = Study("s", CLOTH, ())
 
 
 def layout(*places: tuple[float, float], pressures: list[float]) -> Start:
@@ -49,18 +51,20 @@ def cloud_of(start: Start) -> np.ndarray:
     return AnalyticCloth(21).equilibria([Case(design, constant_program(pressures[0]))])[0].astype(float)
 
 
-def leave_out(start: Start, price: Price, least: int = 1) -> Fewer:
+def leave_out(start: Start, price: Price, least: int = 1, target: Start = TWO) -> Fewer:
     coarse, fine = AnalyticCloth(11), AnalyticCloth(21)
     stages = [Stage("layouts", coarse, keep=1, rounds=9, vary_positions=True)]
     stages.append(Stage("full model", fine, keep=1, rounds=9, vary_positions=True, slopes=coarse))
     with History(":memory:", "a") as history:
-        target = Target(np.random.default_rng(1).normal(cloud_of(TWO), 6e-4))
-        evaluations = Evaluations(Objective([target]), [start], stages, history, seconds=600, evaluations=9000)
+        cloud = Target(np.random.default_rng(1).normal(cloud_of(target), 6e-4))
+        evaluations = Evaluations(Objective([cloud]), [start], stages, history, seconds=600, evaluations=9000)
         [(value, _)] = evaluations.evaluate(1, [(0, start[1])])
         found = fewer_muscles(evaluations, least=least, price=price)
         assert evaluations.best is not None
         assert (evaluations.best.start, evaluations.best.value) == (0, value)
         assert len(evaluations.starts) == 1  # what was tried is forgotten
+        values = [value for _, value in evaluations.front]
+        assert values == sorted(values, reverse=True) and evaluations.front[-1][1] <= min(value, found.value)
     return found
 
 
@@ -84,7 +88,9 @@ def test_what_is_needed_stays_unless_a_price_pays_for_it() -> None:
 
 def test_channels_are_shared_where_pressures_agree() -> None:
     start = layout((0.05, 0.15), (0.1, 0.1), (0.15, 0.12), pressures=[300, 100, 310])
-    space, x = with_shared_channels(start)
+    shared = with_shared_channels(start)
+    assert shared is not None and with_shared_channels(TWO) is None
+    space, x = shared
     design, pressures = space.decode(x)
     assert [muscle.channel for muscle in design.muscles] == [0, 1, 0]
     np.testing.assert_allclose(pressures, [[305e3, 100e3]])
@@ -100,6 +106,21 @@ def test_a_muscle_more_is_idle_or_pulls_and_keeps_the_limits() -> None:
         np.testing.assert_allclose(space.decode(pulled)[1], [[320e3, 210e3, 160e3, 160e3]])
     assert len({space.design.muscles for space, _ in more}) == 8
     assert [x.tolist() for _, x in with_idle(TWO, count=2, sides=("front",), number=8, seed=1)] == [TWO[1].tolist()]
+
+
+def test_what_is_not_needed_goes_while_the_muscles_stay() -> None:
+    """A corner that bends nothing, and a channel for a pressure that another one has."""
+    space, x = layout((0.05, 0.15), (0.15, 0.12), pressures=[265, 265])
+    first, second = space.design.muscles
+    bent = replace(first, path=(first.path[0], (0.052, 0.09), first.path[1]))
+    own = replace(space, design=replace(space.design, muscles=(bent, second)))
+    start = own, own.encode(own.design, own.start_pressures)
+    found = leave_out(start, Price(), least=2, target=(space, x))
+    design, pressures = found.start[0].decode(found.start[1])
+    assert [len(muscle.path) for muscle in design.muscles] == [2, 2]
+    assert [muscle.channel for muscle in design.muscles] == [0, 0] and pressures.shape == (1, 1)
+    assert not found.ended and found.value <= 1.03 * found.before
+    assert fewer_said(STUDY, found).startswith("The 2 muscles, straight, on 1 channels do")
 
 
 @pytest.fixture
@@ -119,6 +140,8 @@ def test_a_study_says_how_few_would_do_and_does_not_try_it_twice(study: Study, t
     run_study(study, tmp_path / "out", forward=AnalyticCloth(21))
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert result["fewer"]["muscles"] == len(result["muscles"]) == 2
+    front = result["fewer"]["front"]
+    assert front[-1]["objective_mm"] <= result["fewer"]["before_mm"] and {row["muscles"] for row in front} <= {1, 2, 3}
     assert result["after_a_tenth_mm"] >= result["fewer"]["before_mm"]
     told: list[int] = []
     again = run_study(study, tmp_path / "out", forward=AnalyticCloth(21), progress=lambda _: told.append(1))

@@ -69,6 +69,31 @@ def test_a_branch_that_the_rise_does_not_reach_is_said_to_be_so():
     assert "a rise within 0.2 s" in [copy.name for copy in path.on_another_branch]
 
 
+class Sticking(Buckler):
+    """Stays on the side that it was brought to first."""
+
+    def motions(self, cases, times):
+        self.programs = [case.program for case in cases]
+        first = [next(row for row in case.program.pressure if row.sum() > 0) for case in cases]
+        return [
+            rolled_sheet(np.sign(a - b) * case.program.pressure[-1].sum() / 100e3, n=41).astype(np.float32)[None]
+            for case, (a, b) in zip(cases, first, strict=True)
+        ]
+
+
+def test_poses_are_also_gone_through_one_after_another():
+    pressures = np.array([[240e3, 160e3], [160e3, 240e3]])
+    shapes = np.array([rolled_sheet(turn, n=41) for turn in (4.0, -4.0)])
+    still = np.array([rolled_sheet(0.0, n=41)] * 2)
+    objective, forward = Objective([Target(shape) for shape in shapes]), Sticking()
+    [path] = loading_paths(objective, forward, [(DUO, pressures)], [shapes], [still], rise=1.0)
+    assert path.reached and [copy.name for copy in path.on_another_branch] == ["the poses one after another"]
+    assert forward.programs[-2].duration == 4.0 and forward.programs[-1].duration == 8.0
+    last = forward.programs[-1]
+    np.testing.assert_allclose(last.at(np.array([2.0, 3.9, 6.0])), pressures[[0, 0, 1]])
+    assert 160e3 < last.at(np.array([4.5]))[0, 0] < 240e3
+
+
 def test_a_motion_that_diverges_is_on_another_branch():
     forward = Buckler()
     forward.motions = lambda cases, times: [np.full((1, 3362, 3), np.nan, np.float32) for _ in cases]

@@ -18,7 +18,7 @@ from fabdesign.study_file import Study, StudyLimits, TargetFile
 from optimize.design_space import DesignSpace, Limits
 from optimize.objective import Objective, Target
 from optimize.what_helps import Change, what_helps
-from studies.layouts.out_of_reach import missed_at
+from studies.layouts.out_of_reach import _of_types, missed_at
 from studies.layouts.run import run_study
 from studies.layouts.target import LoadedTarget
 from tests.analytic_cloth import WithJacobian
@@ -57,6 +57,29 @@ def test_what_helps_is_what_a_changed_forward_model_shows() -> None:
     assert by_name["220 kPa"] < 0.7 * before
     assert by_name["bending"] == pytest.approx(before, rel=1e-6)
     assert by_name["gain -0.1"] > before
+
+
+class ByType(Stronger):
+    """Muscles of the type "strong" pull as at a fifth more pressure."""
+
+    def _shape(self, case: Case, share: float) -> NDArray[np.float32]:
+        strong = case.design.muscles[0].type == "strong"
+        return super()._shape(replace(case, factors={"muscle_gain": 1.2 if strong else 1.0}), share)
+
+
+def test_another_type_of_muscle_is_among_what_helps() -> None:
+    kind = next(iter(DESIGN.muscle_types.values()))
+    types = {kind.name: kind, "strong": replace(kind, name="strong")}
+    design = replace(DESIGN, muscle_types=types)
+    space = DesignSpace(design, Limits(pressure=(0.0, 150e3)), np.full((1, 3), 150e3))
+    [(name, own)] = _of_types(space).items()
+    assert name == "muscles of type strong" and {muscle.type for muscle in own.design.muscles} == {"strong"}
+    assert _of_types(replace(space, design=DESIGN)) == {}
+    objective, forward = Objective([Target(cloud([180, 180, 180]))]), ByType(21)
+    before, [found] = what_helps(forward.faces_jacobian, objective, (space, np.ones(3)), [], {}, {name: own})
+    [there] = objective.shapes(forward, [(own, np.ones(3))])
+    assert found.value == pytest.approx(objective.value(there), abs=1e-5)
+    assert found.value < 0.7 * before
 
 
 def test_the_place_that_misses_is_found() -> None:

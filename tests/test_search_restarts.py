@@ -19,7 +19,7 @@ from optimize.design_space import DesignSpace, Limits
 from optimize.history import History
 from optimize.search import search
 from optimize.starts import Start, pressure_starts
-from optimize.variations import variations
+from optimize.variations import straightened, variations, with_corners
 from studies.layouts.begin import first_starts
 from studies.layouts.reach import Reach, reach_of
 from tests.test_search import DESIGN, SPACE, Interrupted, drawn_anew, found_pressures, within
@@ -60,6 +60,28 @@ def test_variations_keep_the_limits_and_differ() -> None:
     assert sum(same) < len(found) / 4
     again = variations((space, x), counts=range(6, 10), sides=("front", "back"), number=40, seed=3)
     assert all(np.array_equal(a[1], b[1]) for a, b in zip(found, again, strict=True))
+
+
+def test_muscles_get_corners_and_lose_them() -> None:
+    space = DesignSpace(build("vertical"), LIMITS, np.full((1, 3), 300e3), vary_positions=True)
+    best = space, space.encode(space.design, space.start_pressures)
+    assert with_corners(best, 0) == [] and straightened(best) is None
+    [(bent, x)] = with_corners(best, 1)
+    design, pressures = bent.decode(x)
+    np.testing.assert_allclose(
+        [m.path[1] for m in design.muscles], [np.mean(m.path, axis=0) for m in space.design.muscles]
+    )
+    np.testing.assert_allclose([m.length for m in design.muscles], [m.length for m in space.design.muscles])
+    np.testing.assert_allclose(pressures, 300e3)
+    assert with_corners((bent, x), 1) == []
+    straight = straightened((bent, x))
+    assert straight is not None
+    np.testing.assert_allclose(straight[1], best[1], atol=1e-9)
+    drawn = variations(best, counts=range(3, 4), sides=("front",), number=40, seed=1, corners=1)
+    assert {len(m.path) for own, _ in drawn for m in own.design.muscles} == {2, 3}
+    assert all(own.feasible(y) for own, y in drawn)
+    few = variations((bent, x), counts=range(3, 4), sides=("front",), number=40, seed=1)
+    assert any(len(m.path) == 2 for own, _ in few for m in own.design.muscles)
 
 
 def test_variations_of_the_best_cannot_agree_with_it() -> None:

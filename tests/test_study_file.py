@@ -86,6 +86,7 @@ def test_several_targets_share_a_layout(folder: Path) -> None:
         (SHORTEST + "[variables]\npressures = false\nmuscles = { max = 3 }\n", "muscles without pressures"),
         (SHORTEST + "[variables]\nmuscles = { min = 3, max = 2 }\n", "max = 2"),
         (SHORTEST + '[variables]\nmuscles = { max = 2, sides = ["left"] }\n', "sides"),
+        (SHORTEST + "[variables]\nmuscles = { max = 2, corners = 9 }\n", "corners"),
         (SHORTEST + "[limits]\npressure = [0, 1200]\n", "at most 1000 kPa"),
         (SHORTEST + "[limits]\npressure = [300, 200]\n", "lowest, highest"),
         (SHORTEST + "[limits]\nseconds = 0\n", "seconds"),

@@ -6,24 +6,36 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.search.targets import Truth, half_tube, measured, truths
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.machine import ROOT
+from benchmarks.search.targets import Truth, copy_on_rig, half_tube, measured, truths
 from fabdesign.catalogue import build
+from fabdesign.distances import chamfer
 from fabdesign.layouts_file import LayoutsStudy
+from fabdesign.model_file import read_model
 from fabdesign.search_terms import Robust
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
+from optimize.evaluations import SLOPES
 from optimize.objective import Objective, Target
 from studies.forward_model import forward_model
 from studies.layout_grid.run import run_layouts
 from studies.layouts.result import StudyResult
 from studies.layouts.robustness import as_json, robustness_of
 from studies.layouts.run import forward_models, run_study
+from studies.layouts.scatter import Scatter
 
 SECONDS = 60.0  # of a search
 CELL = 80.0  # of a cell of the half tube's grid
 SEEDS = (1, 2, 3)  # of that grid
 COUNTS = (2, 4, 6)
-COPIES = 50
+COPIES = 50  # on the simulator,
+RIG_COPIES = 24  # and on the rig, where one takes 1.6 s
+DEMO_MODEL = ROOT / "fabdesign" / "data" / "demo_model.toml"  # trained on rig_a
+EVALUATIONS = 600  # of a search with a model, and of the same one without
 TOLERANCE = 1.25  # times the nominal value, within which a copy counts
+NEAR = 1.2  # times the floor, to which the seconds of searches are compared
 FEW = 4  # targets of the parts that compare two searches
 
 Row = dict[str, Any]
@@ -48,6 +60,7 @@ def cases() -> Iterator[Case]:
     for truth in known[:FEW]:
         yield Case("robust", truth.name, lambda folder, share, truth=truth: robust(truth, folder, share))
         yield Case("poses", truth.name, lambda folder, share, truth=truth: poses(truth, folder, share))
+    yield Case("model", known[0].name, lambda folder, share: with_model(known[0], folder, share))
 
 
 def study_of(truth: Truth, files: list[Path], seconds: float) -> Study:
@@ -64,17 +77,24 @@ def study_of(truth: Truth, files: list[Path], seconds: float) -> Study:
 
 def timed(study: Study, out: Path) -> tuple[StudyResult, Row]:
     """The result of a search, and what is kept of any."""
-    cpu, wall = time.process_time(), time.monotonic()
+    cpu, wall = time.process_time(), time.perf_counter()
     result = run_study(study, out)
     row = {
         "value_mm": 1e3 * result.objective,
         "floor_mm": 1e3 * result.errors.chamfer_floor,
         "muscles": len(result.design.muscles),
         "cpu_s": time.process_time() - cpu,
-        "wall_s": time.monotonic() - wall,
+        "wall_s": time.perf_counter() - wall,
+        "near_s": seconds_to(result, NEAR * result.errors.chamfer_floor),
         "stop_reason": result.stop_reason,
     }
     return result, row
+
+
+def seconds_to(result: StudyResult, value: float) -> float | None:
+    """s of search after which a shape, on any of its models, had a value of so many m."""
+    shapes = (e for e in result.history if not e.diverged and not e.stage.endswith(SLOPES))
+    return next((entry.seconds for entry in shapes if entry.objective <= value), None)
 
 
 def reach(truth: Truth, folder: Path, share: float) -> Row:
@@ -107,6 +127,28 @@ def grid(seed: int, folder: Path, share: float) -> Row:
     }
 
 
+def _on_rig(result: StudyResult, robust: Robust, target: NDArray[np.float64], tolerance: float | None) -> Row:
+    """Copies of a result on the rig, coarser than the target was: Chamfer of two measured clouds, mm.
+
+    tolerance: m; None: a quarter over the layout as it should be."""
+    scatter = Scatter(result.study, robust, result.design, result.pressures)
+    zs = np.random.default_rng(7).standard_normal((RIG_COPIES, scatter.size))
+    values = []
+    for number, z in enumerate([np.zeros(scatter.size), *zs]):
+        design, pressures, _ = scatter.copy(z)
+        cloud = copy_on_rig(design, pressures[0], number)
+        values.append(np.inf if cloud is None else chamfer(cloud, target))
+    nominal, copies = values[0], np.array(values[1:])
+    most = TOLERANCE * nominal if tolerance is None else tolerance
+    return {
+        "nominal_mm": 1e3 * nominal,
+        "expected_mm": 1e3 * float(copies[np.isfinite(copies)].mean()),
+        "yield": float((copies <= most).mean()),
+        "tolerance_mm": 1e3 * most,
+        "copies": len(copies),
+    }
+
+
 def robust(truth: Truth, folder: Path, share: float) -> Row:
     """Copies of the nominal result beside those of the one that is chosen for yield at the same tolerance."""
     study = study_of(truth, [measured(truth, 0, folder)], share * SECONDS)
@@ -124,7 +166,13 @@ def robust(truth: Truth, folder: Path, share: float) -> Row:
         fine,
         nominal=nominal.objective,
     )
-    return {"nominal": as_json(found, asked), "yield": chosen.as_json()["robust"]}
+    on_rig = _on_rig(nominal, asked, nominal.targets[0].points, None)
+    return {
+        "nominal": as_json(found, asked),
+        "yield": chosen.as_json()["robust"],
+        "rig_nominal": on_rig,
+        "rig_yield": _on_rig(chosen, asked, nominal.targets[0].points, 1e-3 * on_rig["tolerance_mm"]),
+    }
 
 
 def poses(truth: Truth, folder: Path, share: float) -> Row:
@@ -136,4 +184,16 @@ def poses(truth: Truth, folder: Path, share: float) -> Row:
         timed(study_of(truth, [file], share * SECONDS), folder / f"pose_{k}")[1]["value_mm"]
         for k, file in enumerate(files)
     ]
+    return row
+
+
+def with_model(truth: Truth, folder: Path, share: float) -> Row:
+    """The same number of evaluations over the simulator of the data sheet, and over a model with effects and a
+    corrector."""
+    study = study_of(truth, [measured(truth, 0, folder)], 1e6)
+    study = replace(study, limits=replace(study.limits, evaluations=round(share * EVALUATIONS)))
+    row: Row = {"evaluations": study.limits.evaluations}
+    for name, model in (("data_sheet", None), ("model", read_model(DEMO_MODEL))):
+        result, found = timed(replace(study, model=model), folder / name)
+        row[name] = found | {"search_s": result.history[-1].seconds, "value_mm": 1e3 * result.objective}
     return row

@@ -1,5 +1,7 @@
 """What follows a search: no more muscles than needed, and a robust layout where it is asked for."""
 
+from dataclasses import replace
+
 from fabdesign.study_file import Study
 from optimize.design_space import DesignSpace, Vector
 from optimize.evaluations import Evaluations
@@ -38,8 +40,10 @@ def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
     known = state.get("fewer")
     if known and known["best"] == best.as_row() and known["seconds"] >= (evaluations.seconds if known["cut"] else 0):
         [start] = of_rows([known["row"]], study.design, limits_of(study))
-        return Fewer(start, known["value"], known["before"], known["count"], known["ended"], known["cut"])
+        front = tuple((count, value) for count, value in known.get("front", []))
+        return Fewer(start, known["value"], known["before"], known["count"], known["ended"], known["cut"], front)
     found = fewer_muscles(evaluations, least=choice.least, price=study.price)
+    found = replace(found, front=tuple(evaluations.front))
     state["fewer"] = {
         "best": best.as_row(),
         "row": as_rows([found.start])[0],
@@ -48,6 +52,7 @@ def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
         "count": found.count,
         "ended": found.ended,
         "cut": found.cut,
+        "front": found.front,
         "seconds": evaluations.seconds,
     }
     evaluations.history.save(state, evaluations.elapsed)
@@ -56,15 +61,27 @@ def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
 
 def fewer_said(study: Study, found: Fewer) -> str:
     """For people."""
-    count = len(found.start[0].design.muscles)
+    space = found.start[0]
+    count = len(space.design.muscles)
     near = f"within {study.price.tolerance:.0%} of it" if not study.price.muscle else "for the price of a muscle"
     if count < found.count:
         mm = f"{1e3 * found.value:.2f} mm instead of {1e3 * found.before:.2f}"
         cut = ", not tried to the end" if found.cut else ""
-        return f"{count} muscles do where the search came to {found.count}: {mm}, {near}{cut}."
+        on = f" on {space.channels} channels" if space.channels < count else ""
+        return f"{count} muscles{on} do where the search came to {found.count}: {mm}, {near}{cut}."
+    if not found.ended:
+        straight = "" if any(len(own.path) > 2 for own in space.design.muscles) else ", straight,"
+        mm = f"{1e3 * found.value:.2f} mm instead of {1e3 * found.before:.2f}"
+        return f"The {count} muscles{straight} on {space.channels} channels do: {mm}, {near}. Fewer muscles do not do."
     if found.cut:
         return f"Whether fewer than {found.count} muscles would do was not tried to the end: {found.ended}."
     return f"Fewer than {found.count} muscles do not do: no smaller layout came {near}."
+
+
+def front_said(found: Fewer) -> str:
+    """For people; empty where there is one number of muscles."""
+    each = ", ".join(f"{count}: {1e3 * value:.2f}" for count, value in found.front)
+    return f"Reached with so many muscles, mm: {each}." if len(found.front) > 1 else ""
 
 
 def points_of(found: Fewer | None) -> list[tuple[DesignSpace, Vector]]:

@@ -13,7 +13,7 @@ from optimize.design_space import DesignSpace, Vector
 from optimize.margins import Limits
 from optimize.search import FurtherStarts
 from optimize.starts import Start, catalogue_starts, layout_starts, pressure_starts, thinned_starts
-from optimize.variations import variations
+from optimize.variations import variations, with_corners
 
 PRESSURE_STARTS = 31  # screened before pressures are searched
 LAYOUT_STARTS = 64  # drawn and screened before layouts are searched; a multiple of what the simulator takes at once
@@ -116,8 +116,10 @@ def further_starts(study: Study) -> FurtherStarts | None:
         def layouts(restart: int, best: Start) -> tuple[list[Start], bool]:
             seed, counts, sides = study.seed + 1000 * restart, choice.counts, choice.sides
             if restart % 2:
+                corners = choice.corners if study.positions else 0
                 return [
-                    *variations(best, counts=counts, sides=sides, number=VARIATIONS, seed=seed),
+                    *variations(best, counts=counts, sides=sides, number=VARIATIONS, seed=seed, corners=corners),
+                    *with_corners(best, corners),
                     *added(best, seed),
                 ], False
             drawn = layout_starts(

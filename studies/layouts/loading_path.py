@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.forward import Case, ForwardModel
-from fabdesign.pressure import PressureProgram, rising_program
+from fabdesign.pressure import PressureProgram, rising_program, sequence_program
 from optimize.objective import Objective, Shape, refined
 
 OFF = 0.02  # that a copy's pressures are off
@@ -158,7 +158,7 @@ def _plans(
         chosen = chosen[:3]
     if at_rest:
         chosen += [(f"a rise within {other:g} s", np.zeros(len(signs)), other) for other in RISES if other != rise]
-    return [
+    plans = [
         (
             name,
             [
@@ -170,6 +170,10 @@ def _plans(
         )
         for name, off, own in chosen
     ]
+    if len(pressures) > 1 and all(target.time is None for target in objective.targets):
+        numbers = range(1, len(pressures) + 1)
+        plans.append(("the poses one after another", [sequence_program(pressures[:k], rise, SETTLE) for k in numbers]))
+    return plans
 
 
 def _signs(design: Design) -> NDArray[np.float64]:

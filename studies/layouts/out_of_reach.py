@@ -95,7 +95,7 @@ def helps_of(study: Study, point: Start, objective: Objective, forward: ForwardM
         for name, what in CHANGED_FACTORS.items()
         for sign in (1, -1)
     ]
-    before, found = what_helps(jacobians, objective, point, changes, _wider(study, point[0]))
+    before, found = what_helps(jacobians, objective, point, changes, _wider(study, point[0]), _of_types(point[0]))
     return Helps(before, tuple(own for own in found if before - own.value > WORTH * before))
 
 
@@ -112,6 +112,17 @@ def _wider(study: Study, space: DesignSpace) -> dict[str, DesignSpace]:
         )
     if space.vary_positions:
         spaces["half the spacing"] = replace(space, limits=replace(limits, spacing=limits.spacing / 2))
+    return spaces
+
+
+def _of_types(space: DesignSpace) -> dict[str, DesignSpace]:
+    """The space with all muscles of one type, of those that the design has besides."""
+    muscles = space.design.muscles
+    spaces = {}
+    for name in space.design.muscle_types:
+        if any(muscle.type != name for muscle in muscles):
+            own = tuple(replace(muscle, type=name) for muscle in muscles)
+            spaces[f"muscles of type {name}"] = replace(space, design=replace(space.design, muscles=own))
     return spaces
 
 

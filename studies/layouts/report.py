@@ -15,7 +15,7 @@ from plotly.offline import get_plotlyjs
 from fabdesign import __version__
 from fabdesign.metrics import MANY_BEYOND, Errors, told_beyond
 from fabdesign.model import Model
-from studies.layouts.after import fewer_said
+from studies.layouts.after import fewer_said, front_said
 from studies.layouts.drawing import layout_svg
 from studies.layouts.figures import convergence_figure, scene_figure
 from studies.layouts.result import StudyResult
@@ -62,8 +62,10 @@ def render_report(title: str, sections: Sequence[Section], *, more: str = "") ->
         failed=lambda result: sum(entry.diverged for entry in result.history),
         layout=_layout,
         fewer_said=fewer_said,
+        front_said=front_said,
         robust_said=robust_said,
         robust_picture=_robust_picture,
+        with_unit=_with_unit,
         place=lambda point: ", ".join(f"{1e3 * x:.0f}" for x in point),
         provenance=_provenance(sections),
         figures=Markup(json.dumps(figures, separators=(",", ":")).replace("</", "<\\/")),
@@ -76,6 +78,13 @@ def _error_cells(errors: Errors, floors: bool = True) -> Markup:
     cells = [f"<td>{1e3 * found:.2f}</td><td>{f'{1e3 * floor:.2f}' if floors else ''}</td>" for found, floor in pairs]
     cells.append(f"<td>{errors.beyond:.1%}</td>")
     return Markup("".join(cells))
+
+
+def _with_unit(limit: str, margin: float) -> str:
+    """A margin as people read it; lengths but for what is named here."""
+    units = {"pressure": (1e-3, "kPa"), "contraction": (1e2, "%"), "channels": (1.0, ""), "air": (1e6, "cm^3")}
+    factor, unit = units.get(limit, (1e3, "mm"))
+    return f"{factor * margin:.0f}" if not unit else f"{factor * margin:.1f} {unit}"
 
 
 def _robust_picture(result: StudyResult) -> Markup:

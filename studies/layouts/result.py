@@ -20,7 +20,7 @@ from optimize.evaluations import SLOPES
 from optimize.fewer import Fewer
 from optimize.history import Entry
 from optimize.search import INTERRUPTED
-from studies.layouts.after import fewer_said
+from studies.layouts.after import fewer_said, front_said
 from studies.layouts.loading_path import LoadingPath
 from studies.layouts.reach import Reach
 from studies.layouts.robustness import Robustness
@@ -99,7 +99,9 @@ class StudyResult:
             "of": found.count,
             "before_mm": 1e3 * found.before,
             "tolerance": self.study.price.tolerance,
-            "said": fewer_said(self.study, found),
+            "channels": found.start[0].channels,
+            "front": [{"muscles": count, "objective_mm": 1e3 * value} for count, value in found.front],
+            "said": " ".join(filter(None, [fewer_said(self.study, found), front_said(found)])),
         }
 
     def as_json(self) -> dict[str, Any]:

@@ -215,8 +215,8 @@ def said(found: Robustness) -> list[str]:
         f"expected {1e3 * found.expected:.2f} mm, worst {1e3 * found.worst:.2f}, nominal {1e3 * found.nominal:.2f}.",
         f"Points move by {1e3 * found.band.mean():.1f} mm in the mean, {1e3 * found.band.max():.1f} mm where most "
         "(standard deviation).",
-        f"Muscle {found.delicate[0] + 1} (number {found.delicate[0]} in the drawing and in files, which count from 0) "
-        f"is the most delicate: {1e3 * OFF:.0f} mm off its place it makes {1e3 * found.delicate[1]:.2f} mm.",
+        f"The most delicate is muscle {found.delicate[0]}: "
+        f"{1e3 * OFF:.0f} mm off its place it makes {1e3 * found.delicate[1]:.2f} mm.",
     ]
     if not found.holds:
         lines.append(

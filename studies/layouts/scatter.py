@@ -71,11 +71,27 @@ class Scatter:
         z[first : first + 2 * self._corners[muscle]] = step / self._robust.placement
         return z
 
+    def copy(self, z: Array) -> tuple[Design, Array, Model]:
+        """One copy: its layout with a channel for each muscle, (poses, muscles) Pa that stand for its pressures and
+        gains, and its model."""
+        places, channels, gains, rest = np.split(z, self._ends[:-1])
+        robust, fabric = self._robust, self._design.fabric
+        shifts = np.split(robust.placement * places.reshape(-1, 2), np.cumsum(self._corners)[:-1])
+        muscles = []
+        for k, (muscle, shift) in enumerate(zip(self._design.muscles, shifts, strict=True)):
+            moved = np.clip(np.array(muscle.path) + shift, 0.0, [fabric.width, fabric.height])
+            muscles.append(replace(muscle, channel=k, path=tuple((float(u), float(v)) for u, v in moved)))
+        own = [muscle.channel for muscle in self._design.muscles]
+        factors = (1 + robust.pressure * channels[own]) * (1 + robust.muscle_gain * gains)
+        pressures = np.maximum(0.0, self._pressures[:, own] * factors)
+        model = drawn(self._model, self._root, rest) if len(rest) else self._model
+        return replace(self._design, muscles=tuple(muscles)), pressures, model
+
     def shapes(self, objective: Objective, forward: Predictor, zs: Sequence[Array]) -> list[Shape]:
         """Of copies, in one batch; a diverged one holds NaN."""
         points, models = [], []
         for z in zs:
-            design, pressures, model = self._copy(z)
+            design, pressures, model = self.copy(z)
             space = DesignSpace(design, limits_of(self._study), pressures, vary_pressures=False)
             points.append((space, np.empty(0)))
             models.append(model)
@@ -83,7 +99,7 @@ class Scatter:
 
     def case(self, objective: Objective, pose: int) -> Case:
         """The layout as it should be, with all that the model adds."""
-        design, pressures, model = self._copy(np.zeros(self.size))
+        design, pressures, model = self.copy(np.zeros(self.size))
         [case] = objective.cases(pose, [(design, pressures)])
         return replace(case, factors=dict(model.factors), effects=model.terms)
 
@@ -107,20 +123,6 @@ class Scatter:
             return replace(case, factors=dict(model.factors), effects=model.terms)
 
         return Column(f"covariance {k}", STANDARD, 0.2, 1.0, moved)
-
-    def _copy(self, z: Array) -> tuple[Design, Array, Model]:
-        places, channels, gains, rest = np.split(z, self._ends[:-1])
-        robust, fabric = self._robust, self._design.fabric
-        shifts = np.split(robust.placement * places.reshape(-1, 2), np.cumsum(self._corners)[:-1])
-        muscles = []
-        for k, (muscle, shift) in enumerate(zip(self._design.muscles, shifts, strict=True)):
-            moved = np.clip(np.array(muscle.path) + shift, 0.0, [fabric.width, fabric.height])
-            muscles.append(replace(muscle, channel=k, path=tuple((float(u), float(v)) for u, v in moved)))
-        own = [muscle.channel for muscle in self._design.muscles]
-        factors = (1 + robust.pressure * channels[own]) * (1 + robust.muscle_gain * gains)
-        pressures = np.maximum(0.0, self._pressures[:, own] * factors)
-        model = drawn(self._model, self._root, rest) if len(rest) else self._model
-        return replace(self._design, muscles=tuple(muscles)), pressures, model
 
 
 def _placed(muscle: int, index: int, along: tuple[float, float], placement: float) -> Column:
