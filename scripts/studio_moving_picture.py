@@ -60,7 +60,12 @@ class Film:
 
     def write(self, path: Path) -> None:
         """With one palette for all frames."""
-        palette = self._frames[len(self._frames) * 2 // 3].quantize(COLOURS)
+        width, height = self._frames[0].size
+        some = self._frames[:: max(1, len(self._frames) // 12)]
+        sheet = Image.new("RGB", (width, height * len(some)))  # with the red of a broken limit, which few frames have
+        for k, frame in enumerate(some):
+            sheet.paste(frame, (0, k * height))
+        palette = sheet.quantize(COLOURS)
         first, *others = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in self._frames]
         first.save(path, save_all=True, append_images=others, duration=FRAME, loop=0, optimize=True)
 
