@@ -96,10 +96,10 @@ def measured(tmp_path_factory):
 
 
 def test_differences_are_taken_along_combinations_that_change_the_shape_by_as_much():
-    """Seven factors that all but cancel: single differences of 0.03 would change the weakest combination by 1 um, less
+    """Seven factors that all but cancel: single differences of 0.03 would change the weakest combination by 2 um, less
     than a solver's noise; as a difference of its own it is as long as the prior allows."""
     weak = np.ones(7) / np.sqrt(7)
-    jacobian = 5e-3 * (np.eye(7) - np.outer(weak, weak)) + 1e-4 * np.outer(weak, weak)  # m
+    jacobian = 5e-3 * (np.eye(7) - np.outer(weak, weak)) + 1.5e-4 * np.outer(weak, weak)  # m
     one = np.ones(1)
     sensitivity = jacobian.T @ jacobian
     normal = Normal(np.zeros(7), np.eye(7), np.zeros((1, 7)), 1.0, False, 6e-4, sensitivity, one, one, one, one)
