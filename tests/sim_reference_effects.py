@@ -22,13 +22,13 @@ class Stress:
 
 
 class ReferenceWithEffects(ReferenceSheet):
-    """creep: (share, time [s]). hysteresis: (friction [N/Pa], friction at zero [N], slip). loss: share of the pressure
-    at a muscle's far end. gains: by channel. drag [N s^2/m^4]. curl: across, down, twist [1/m]. threshold: (threshold,
-    width) [Pa]. viscous: contracting, lengthening [N s]. patch: (u, v, radius [m], factor). relaxation: (share, time
-    [s]). added: (u, v [m], kg)."""
+    """creep: (share, time [s], share of it that the bench law has). hysteresis: (friction [N/Pa], friction at zero [N],
+    slip). loss: share of the pressure at a muscle's far end. gains: by channel. drag [N s^2/m^4]. curl: across, down,
+    twist [1/m]. threshold: (threshold, width) [Pa]. viscous: contracting, lengthening [N s]. patch: (u, v, radius [m],
+    factor). relaxation: (share, time [s]). added: (u, v [m], kg)."""
 
     def __init__(
-        self, design, n, *, creep=(0.0, 1.0), hysteresis=(0.0, 0.0, 1.0), loss=0.0, gains=None, drag=0.0,
+        self, design, n, *, creep=(0.0, 1.0, 0.0), hysteresis=(0.0, 0.0, 1.0), loss=0.0, gains=None, drag=0.0,
         curl=(0.0, 0.0, 0.0), threshold=(0.0, 1.0), viscous=(0.0, 0.0), patch=(0.0, 0.0, 1.0, 1.0),
         relaxation=(0.0, 1.0), added=(0.0, 0.0, 0.0),
     ):  # fmt: skip
@@ -75,13 +75,14 @@ class ReferenceWithEffects(ReferenceSheet):
         return super().viscosities(rate) + np.where(rate > 0, *self.viscous)
 
     def tensions(self, contraction, pressure):
-        seen = contraction - self._lent(contraction)
+        share, _, on_bench = self.creep
+        seen = contraction - self._lent(contraction) + on_bench * share * np.maximum(contraction, 0)
         idle = super().tensions(seen, np.zeros(len(pressure)))
         force = idle + self.gain * (super().tensions(seen, pressure) - idle)
         return force - self._friction(contraction, pressure)
 
     def _lent(self, contraction):
-        share, time = self.creep
+        share, time, _ = self.creep
         return self.lent - np.expm1(-self.ages / time) * (share * np.maximum(contraction, 0) - self.lent)
 
     def _friction(self, contraction, pressure):

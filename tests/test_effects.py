@@ -254,6 +254,17 @@ def test_creep_is_the_standard_linear_solid():
     assert end / ((bare.reshape(2, 41, 41, 3)[:, -1, 20, 1]).mean() + 0.2) == pytest.approx(1 / left, rel=0.01)
 
 
+def test_a_law_from_a_bench_that_held_each_point_has_the_creep_at_rest_and_lacks_it_at_once():
+    # at once K eps = P - k (1 + s) eps, in the end K eps = P - k eps
+    share, case = 0.6, held(puller(), (200,))
+    slow = with_effects(case, Term("muscle_creep", {"share": share, "time": 0.5, "on_bench": 1.0}))
+    early, late, plain = SIMULATOR.run([slow, slow, case], [np.array([0.02]), np.array([5.0]), np.array([0.1])])
+    elastic = plain.contraction[-1, 0]
+    softer = STIFFNESS * elastic / (2 * PULL)  # k / (k + K)
+    assert late.contraction[-1, 0] == pytest.approx(elastic, rel=2e-3)
+    assert early.contraction[-1, 0] == pytest.approx(elastic / (1 + share * softer), rel=0.02)
+
+
 def test_relaxation_is_one_prony_term():
     # K (eps - s z) = P - k eps, tau dz/dt = eps - z: as creep's closed form, with K for k
     share, tau, times = 0.4, 0.1, np.array([0.1, 0.2, 0.4, 0.8])

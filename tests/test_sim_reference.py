@@ -65,7 +65,7 @@ def test_clamped_edge_follows_the_reference():
 
 
 EFFECTS = {
-    "muscle_creep": ({"share": 0.4, "time": 0.02}, {"creep": (0.4, 0.02)}),
+    "muscle_creep": ({"share": 0.6, "time": 0.02, "on_bench": 0.9}, {"creep": (0.6, 0.02, 0.9)}),
     "braid_hysteresis": (
         {"friction": 0.004, "friction_at_zero": 0.1, "slip": 0.004}, {"hysteresis": (4e-6, 0.1, 0.004)},
     ),

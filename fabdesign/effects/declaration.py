@@ -39,7 +39,7 @@ class EffectParameter:
     off: float | None = None
     transform: Literal["linear", "log"] = "linear"
     whole: bool = False  # a number of something, such as a channel: chosen, not fitted
-    tried: tuple[float, ...] = ()  # of a place, shares of the cloth at which a fit of all effects has it: chosen too
+    tried: tuple[float, ...] = ()  # where a fit of all effects has it, of a place as shares of the cloth: chosen too
 
     @property
     def centre(self) -> float:
@@ -89,7 +89,7 @@ class Effect:
         """All combinations of what is chosen: a whole number is a channel of `channels`, a place a share of the cloth's
         `size` [m] along u and v."""
         values = [
-            range(channels) if p.whole else [share * size[name] for share in p.tried]
+            range(channels) if p.whole else [value * size.get(name, 1.0) for value in p.tried]
             for name, p in ((name, self.parameters[name]) for name in self.chosen)
         ]
         return [dict(zip(self.chosen, map(float, combination), strict=True)) for combination in product(*values)]

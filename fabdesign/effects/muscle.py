@@ -82,7 +82,9 @@ BRAID_HYSTERESIS = Effect(
 
 # Muscle creep: part of a muscle's contraction comes slowly, and goes slowly.
 def _muscle_creep_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
-    return specimen.with_muscles(muscles, creep_share=values["share"], creep_time=values["time"])
+    return specimen.with_muscles(
+        muscles, creep_share=values["share"], creep_time=values["time"], creep_on_bench=values["on_bench"]
+    )
 
 
 def _muscle_creep_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
@@ -91,20 +93,29 @@ def _muscle_creep_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
     lent: Array = limit.copy()
     for k, share in enumerate(aged, start=1):
         lent[k] = lent[k - 1] + share * (limit[k] - lent[k - 1])
-    return replace(record, lent=record.lent + lent)
+    return replace(record, lent=record.lent + lent - values["on_bench"] * limit)
 
 
 MUSCLE_CREEP = Effect(
     "muscle_creep",
     site="muscle",
     scope="muscle type",
-    what="a slow contraction z, dz/dt = (share max(eps, 0) - z) / time, that the bench law does not see: F(p, eps - z)",
+    what="a slow contraction z, dz/dt = (share max(eps, 0) - z) / time, of which the bench law has the share on_bench, "
+    "1 where each of its points was held: F(p, eps - z + on_bench share max(eps, 0))",
     signature="slow extra at hold, slow recovery after; as much for slow and fast ramps once held",
     looks_like="a slow leak, or a muscle that warms; log the pressure over a long hold and repeat at once",
     source="standard linear solid; docs/effects.md",
     parameters={
         "share": EffectParameter("1", "of the contraction, in the end", 0.15, (0.0, 0.8), 0.1, off=0.0),
         "time": EffectParameter("s", "time constant", 0.8, (0.02, 100.0), 0.8, transform="log"),
+        "on_bench": EffectParameter(
+            "1",
+            "of the creep that the bench law has: 1 where the bench held each point",
+            0.0,
+            (0.0, 1.0),
+            1.0,
+            tried=(0.5,),
+        ),
     },
     specimen=_muscle_creep_specimen,
     force="sim.effects.muscle_creep:MUSCLE_CREEP",

@@ -1,4 +1,5 @@
-"""Creep of muscles: a slow contraction z, dz/dt = (share max(eps, 0) - z) / time, that the bench law does not see."""
+"""Creep of muscles: a slow contraction z, dz/dt = (share max(eps, 0) - z) / time, that the bench law does not see, less
+the share of it that had crept on the bench already."""
 
 import taichi as ti
 
@@ -15,9 +16,11 @@ def _lent(b, k):
     share = F.point[b, X.creep_share + k]
     aged = 1.0 - ti.exp(-F.scheme[b, AGES] / ti.max(F.point[b, X.creep_time + k], SHORTEST))
     before = F.point[b, X.creep + k]
-    lent = before + aged * (share * ti.max(F.point[b, X.eps + k], 0.0) - before)
-    F.point[b, X.creep_next + k] = lent
-    return lent, aged * share
+    limit = share * ti.max(F.point[b, X.eps + k], 0.0)
+    crept = before + aged * (limit - before)
+    F.point[b, X.creep_next + k] = crept
+    on_bench = F.point[b, X.creep_on_bench + k]
+    return crept - on_bench * limit, (aged - on_bench) * share
 
 
 MUSCLE_CREEP = AddedForce(
@@ -25,6 +28,7 @@ MUSCLE_CREEP = AddedForce(
     planes=(
         Plane("creep_share", "interval", "1", LOADED, "share of the contraction that creeps"),
         Plane("creep_time", "interval", "s", LOADED, "its time constant"),
+        Plane("creep_on_bench", "interval", "1", LOADED, "share of it that the bench law has"),
         Plane("creep", "interval", "1", REMEMBERED, "contraction lent by creep"),
     ),
 )

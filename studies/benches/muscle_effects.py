@@ -6,7 +6,7 @@ Pereyra 1973, doi:10.1137/0710036). Intervals are 90 %, from the sandwich over b
 """
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +44,13 @@ def bench_vector(free: Sequence[str], name: str) -> FitVector:
             )
     if any(parameter.is_factor for parameter in vector.parameters):
         raise InputError(f"--free {', '.join(free)}: a bench gives the law itself; expected effects, no factors")
-    return vector
+    return replace(vector, parameters=tuple(p for p in vector.parameters if not _of_another_bench(p.name)))
+
+
+def _of_another_bench(name: str) -> bool:
+    """Whether a parameter says what a law has from its bench: here law and effect come from the record itself."""
+    effect, _, key = name.partition(".")
+    return bool(EFFECTS[effect].parameters[key].tried)
 
 
 def fit_effects(rows_of: Callable[[tuple[Term, ...]], Rows], vector: FitVector) -> FittedEffects:

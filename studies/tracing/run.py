@@ -35,7 +35,7 @@ from studies.tracing.selection import Selection, Task, label_effect, select
 from studies.tracing.verdict import Evidence, decide
 from studies.used_frames import Stretch, left_out_in_words, share_left_out
 
-ALGORITHM = 4  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
+ALGORITHM = 5  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 TOLERANCE = 0.5e-3  # m of excess
 LEAST_TRIALS = 3  # with different pressures
 GRID = 21  # points a side: within 0.3 mm of a finer one, for a hundredth of a second a column
