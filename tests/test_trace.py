@@ -290,6 +290,8 @@ def test_a_step_ends_where_the_quadratic_model_is_least_within_the_bounds(seed):
         (Evidence(2e-3, 2e-3, 0, 0.5e-3, 0.5e-3, True, fitted=0.9e-3), "unexplained"),
         (Evidence(2e-3, 0.4e-3, 1, 0.8e-3, 0.4e-3, True), "effect"),
         (Evidence(2e-3, 0.7e-3, 1, 0.8e-3, 0.6e-3, True), "effect"),  # beyond the tolerance, but most of it
+        (Evidence(1.62e-3, 0.83e-3, 2, 1.55e-3, 0.83e-3, True), "unexplained"),  # less than half of the gap
+        (Evidence(1.62e-3, 0.75e-3, 2, 1.2e-3, 0.75e-3, True), "effect"),  # more than half, and than the black box
         (Evidence(3e-3, 2.2e-3, 1, 0.8e-3, 0.6e-3, True), "unexplained"),  # the best leaves structure
         (Evidence(6e-3, 2e-3, 1, 2.4e-3, 1.6e-3, True, 0.5), "unexplained"),  # that goes with the cloth's pose
         (Evidence(6e-3, 0.4e-3, 1, 2.4e-3, 0.3e-3, True, 0.5), "effect"),  # within the tolerance, whatever is left

@@ -5,6 +5,7 @@ from typing import Literal
 
 Word = Literal["adequate", "effect", "unexplained"]
 SHARE_OF_A_CAUSE = 0.6  # of the gap, that effects must close to be its cause
+LEAST_SHARE = 0.5  # of it, where that is more than the black box closes: what leaves more than half is not the cause
 GROSS = 2.0  # times the tolerance: a model that leaves more of the very trials it was fitted to is not adequate
 STRUCTURE = 0.25  # of an excess, that the black box, or one kind of feature, must take to count as structure
 
@@ -41,7 +42,8 @@ def decide(evidence: Evidence, tolerance: float) -> Word:
     if evidence.left > STRUCTURE:  # the nearest of the wrong names
         return "unexplained"
     closed = 1 - evidence.after / evidence.before
-    return "effect" if closed >= SHARE_OF_A_CAUSE or closed >= 1.2 * box_closed(evidence) else "unexplained"
+    needed = min(SHARE_OF_A_CAUSE, max(LEAST_SHARE, 1.2 * box_closed(evidence)))
+    return "effect" if closed >= needed else "unexplained"
 
 
 def box_closed(evidence: Evidence) -> float:
