@@ -10,7 +10,7 @@ from sim import Simulator
 from studies.calibration.calibrate import calibrate
 from tests.simulated_set import simulated_set
 
-TRUTH = dict(zip(PARAMETERS, np.exp([0.14, -0.02, -0.16, 0.18, -0.2, -0.05, 0.01]), strict=True))
+TRUTH = dict(zip(PARAMETERS, np.exp([0.14, -0.02, -0.16, 0.06, -0.2, -0.05, 0.01]), strict=True))
 TIMES = np.arange(1, 31) / 30  # s
 
 
