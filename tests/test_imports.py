@@ -40,6 +40,26 @@ def test_packages_import_one_way(file: Path) -> None:
     assert imports(file) & set(PACKAGES) <= ALLOWED[package]
 
 
+def test_what_no_type_check_sees_imports_what_is_there() -> None:
+    """Benchmarks, scripts and examples: modules of this project by their file, names by a word in it."""
+    missing = []
+    for file in (
+        file for room in ("benchmarks", "scripts", "examples") for file in sorted((ROOT / room).rglob("*.py"))
+    ):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.ImportFrom) or not node.module:
+                continue
+            place = ROOT.joinpath(*node.module.split("."))
+            if not (ROOT / node.module.split(".")[0]).is_dir():
+                continue
+            source = place.with_suffix(".py") if place.with_suffix(".py").is_file() else place / "__init__.py"
+            text = source.read_text(encoding="utf-8") if source.is_file() else ""
+            for name in (alias.name for alias in node.names):
+                known = (place / f"{name}.py").is_file() or (place / name).is_dir() or re.search(rf"\b{name}\b", text)
+                missing += [] if known else [f"{file.name}: {node.module}.{name}"]
+    assert missing == []
+
+
 @pytest.mark.parametrize(("library", "package"), [("taichi", "sim"), ("torch", "corrector"), ("nlopt", "optimize")])
 def test_heavy_libraries_stay_in_one_package(library: str, package: str) -> None:
     users = {file.relative_to(ROOT).parts[0] for file in FILES if library in imports(file)}

@@ -13,7 +13,7 @@ from fabdesign.pressure import rising_program
 from optimize.margins import Limits
 from optimize.starts import layout_starts
 from studies.rig.cameras import measure
-from studies.rig.key import Key, Sensing
+from studies.rig.ground_truth import GroundTruth, Sensing
 from studies.rig.scene import Resolution
 from studies.rig.solver import RigDiverged
 from studies.rig.specimen import TrialTask, control_points, prepare
@@ -92,7 +92,7 @@ def measured(truth: Truth, pose: int, folder: Path) -> Path:
 def copy_on_rig(design: Design, pressures: NDArray[np.float64], number: int) -> NDArray[np.float64] | None:
     """(POINTS, 3) m of a copy under (channels,) Pa, coarser and sooner than a target; None where it has no solution."""
     program, times = rising_program(pressures, COPY_RISE, COPY_END), np.array([COPY_END])
-    task = TrialTask(design, program, times, 0, Key(), COPIES)
+    task = TrialTask(design, program, times, 0, GroundTruth(), COPIES)
     try:
         shape = control_points(task)[-1]
     except RigDiverged:
