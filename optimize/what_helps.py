@@ -48,28 +48,29 @@ def what_helps(
     """m that the same step comes to without any change, and what each change, each wider space of the same design and
     each other design of as many muscles and corners, by their names, would; the nearest first."""
     space, x = point
+    layout = space.decode(x)
     columns = {own.column.name: own.column for own in changes}
     others = others or {}
-    places = [(own, own.encode(*space.decode(x))) for own in others.values()]
+    places = [(own, own.encode(*layout)) for own in others.values()]
     slopes, *of_others = slopes_of(jacobians, objective, [point, *places], [*columns.values()])
     of_column = dict(zip(columns, slopes.by_further, strict=True))
 
-    def reached(shape: Shape, own: DesignSpace) -> float:
-        if not np.isfinite(shape).all():
+    def stepped(own: DesignSpace, model: LinearShape) -> float:
+        if not np.isfinite(model.shape).all():
             return float("nan")
-        design, pressures = space.decode(x)
-        centre = own.encode(design, pressures)
-        by_variable = slopes.by_variable * (own.units / space.units)[:, None, None, None]
-        model = LinearShape(centre, shape, by_variable)
         return objective.value(model.at(best_step(model, objective, own, RADIUS)))
+
+    def reached(shape: Shape, own: DesignSpace) -> float:
+        by_variable = slopes.by_variable * (own.units / space.units)[:, None, None, None]
+        return stepped(own, LinearShape(own.encode(*layout), shape, by_variable))
 
     shifted = [slopes.shape + own.by * of_column[own.column.name] for own in changes]
     found = [Nearer(own.what, reached(shape, space)) for own, shape in zip(changes, shifted, strict=True)]
     found += [Nearer(what, reached(slopes.shape, own)) for what, own in wider.items()]
-    for what, (own, there), of_other in zip(others, places, of_others, strict=True):
-        if np.isfinite(of_other.shape).all():
-            model = LinearShape(there, of_other.shape, of_other.by_variable)
-            found.append(Nearer(what, objective.value(model.at(best_step(model, objective, own, RADIUS)))))
+    found += [
+        Nearer(what, stepped(own, LinearShape(there, of_other.shape, of_other.by_variable)))
+        for what, (own, there), of_other in zip(others, places, of_others, strict=True)
+    ]
     return reached(slopes.shape, space), sorted(
         (own for own in found if np.isfinite(own.value)), key=lambda own: own.value
     )

@@ -40,11 +40,15 @@ def baselines(truth: Truth, folder: Path, ours: float, near: float) -> Row:
         begin, best, reached, count = time.monotonic(), np.inf, None, 0
         while time.monotonic() - begin < TIMES * ours and reached is None:
             xs = ask()
-            shapes = iter(objective.shapes(coarse, [(space, x) for x in xs if space.feasible(x)]))
-            values = [objective.value(next(shapes)) if space.feasible(x) else _violation(space, x) for x in xs]
+            kept = [space.feasible(x) for x in xs]
+            shapes = iter(objective.shapes(coarse, [(space, x) for x, keeps in zip(xs, kept, strict=True) if keeps]))
+            values = [
+                objective.value(next(shapes)) if keeps else _violation(space, x)
+                for x, keeps in zip(xs, kept, strict=True)
+            ]
             values = [value if np.isfinite(value) else PENALTY for value in values]
             tell(xs, values)
-            count += sum(map(space.feasible, xs))
+            count += sum(kept)
             best = min(best, *values)
             reached = time.monotonic() - begin if best <= near else None
         row[name] = {"seconds": reached, "best_mm": 1e3 * best, "evaluations": count}

@@ -15,10 +15,8 @@ from optimize.objective import Objective, Shape, refined
 OFF = 0.02  # that a copy's pressures are off
 RISES = (0.2, 2.0)  # s, of copies
 SETTLE = 3.0  # s after the rise: a swing is over but for a millimetre
-OTHER_BRANCH = (
-    0.15  # of what a shape lies off the cloth at rest, RMS: from there on two shapes are of different branches,
-)
-LEAST_CHANGE = 5e-3  # m: and they lie at least so far apart
+OTHER_BRANCH = 0.15  # of what a shape lies off the cloth at rest, RMS: farther apart two are of different branches,
+LEAST_CHANGE = 5e-3  # m, and at least that
 NEARER = 0.8  # of the value: a copy that comes so much nearer shows where the target lies
 
 Pressures = NDArray[np.float64]  # (poses, channels) Pa

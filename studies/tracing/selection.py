@@ -74,14 +74,13 @@ class Selection:
     @cached_property
     def gains(self) -> Gains:
         """Of each effect chosen."""
-        return gains_of(self.chosen, self.folds, self.floor)
+        return gains_of(self.chosen.vector, LeftOut.of(self.chosen, self.folds), self.floor)
 
 
-def gains_of(found: Fit, folds: Sequence[int], floor: float) -> Gains:
+def gains_of(vector: FitVector, left: LeftOut, floor: float) -> Gains:
     """By each effect of a fit: m of excess, in quadrature, that trials left out gain by it, and 90 %."""
-    left = LeftOut.of(found, folds)
     own = left.scored()
-    return {label: left.gain(left.scored(found.vector.part(label)), own, floor) for label in found.vector.labels}
+    return {label: left.gain(left.scored(vector.part(label)), own, floor) for label in vector.labels}
 
 
 def select(task: Task) -> Selection:
@@ -227,10 +226,11 @@ def _weakest(task: Task, chosen: Fit) -> str | None:
     """The effect that trials left out gain least by, if that is not certain, or not more than the tolerance; or, where
     another gains more, not more than what all of them leave: the first one's law is then not quite the right one, and
     small effects take up what it lacks."""
-    gains = gains_of(chosen, task.folds, task.floor)
+    trials = LeftOut.of(chosen, task.folds)
+    gains = gains_of(chosen.vector, trials, task.floor)
     weakest = min(gains, key=lambda label: gains[label][0])
     gain, (low, _) = gains[weakest]
-    left = LeftOut.of(chosen, task.folds).scored().excess(task.floor) if len(gains) > 1 else 0.0
+    left = trials.scored().excess(task.floor) if len(gains) > 1 else 0.0
     return weakest if gain < max(task.tolerance, left) or low <= 0 else None
 
 
