@@ -1,22 +1,18 @@
 """The folder of a grid: numbers and a page with the front as picture and table."""
 
-import io
 import json
-import re
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from fabdesign import __version__
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
 from studies.layout_grid.result import WORDS, CellResult, GridResult
 from studies.layouts.drawing import layout_svg
 from studies.layouts.shape_picture import shape_png
+from studies.report import html_of, svg_of
 
 MARKS = {"front": ">", "back": "<", "both": "D"}
 
@@ -29,11 +25,9 @@ def write_report(result: GridResult, out: Path) -> None:
 
 def render(result: GridResult) -> str:
     """HTML; links to the searches' own pages, else self-contained."""
-    template = Environment(autoescape=True).from_string(
-        files("studies.layout_grid").joinpath("report.html.j2").read_text(encoding="utf-8")
-    )
     search = result.study.search
-    return template.render(
+    return html_of(
+        "layout_grid/report.html.j2",
         result=result,
         name=search.name,
         targets=next(f.result.targets for f in result.found if f.result),
@@ -46,7 +40,6 @@ def render(result: GridResult) -> str:
         shapes=[_shapes(f) for f in _shown(result)],
         shown=_shown(result),
         layout=lambda f: Markup(layout_svg(f.result.design, f.result.pressures[0], search.limits.pressure[1])),
-        version=__version__,
     )
 
 
@@ -88,9 +81,7 @@ def front_svg(result: GridResult) -> str:
     axes.set(xlabel="muscles", ylabel=f"{result.study.search.objective.replace('_', ' ')}, mm", ylim=(0, None))
     axes.set_xticks(np.unique([f.cell.muscles for f in sound]))
     axes.legend(fontsize="small")
-    text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
+    return svg_of(figure)
 
 
 def _nearest(result: GridResult, own: CellResult) -> float:

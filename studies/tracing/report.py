@@ -1,18 +1,14 @@
 """The page that says what a trace found: self-contained, for any browser, without a network."""
 
-import json
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from fabdesign.effects import EFFECTS
 from fabdesign.model import Model
 from fabdesign.motion_file import square_triangles
 from fabdesign.units import in_mm
+from studies.report import html_of
 from studies.tracing.outcome import Outcome
 from studies.tracing.residual import remains
 from studies.tracing.residuals import Residuals
@@ -39,13 +35,11 @@ def render_report(outcome: Outcome) -> str:
     }
     if outcome.next_experiment is not None:
         figures["program"] = _program(outcome)
-    template = Environment(autoescape=True).from_string(
-        files("studies.tracing").joinpath("report.html.j2").read_text(encoding="utf-8")
-    )
-    result = outcome.as_json()
-    return template.render(
+    return html_of(
+        "tracing/report.html.j2",
+        figures=figures,
         outcome=outcome,
-        result=result,
+        result=outcome.as_json(),
         verdict=verdict_in_words(outcome),
         experiment=experiment_in_words(outcome),
         why=WHY,
@@ -55,8 +49,6 @@ def render_report(outcome: Outcome) -> str:
         parameters=_parameter_rows(outcome.model),
         signature={name: EFFECTS[name].signature for name in EFFECTS},
         units={e.name: {n: "" if p.unit == "1" else p.unit for n, p in e.parameters.items()} for e in EFFECTS.values()},
-        figures=Markup(json.dumps(figures, separators=(",", ":")).replace("</", "<\\/")),
-        plotly=Markup(get_plotlyjs()),
     )
 
 

@@ -1,32 +1,25 @@
 """The folder of a study of what is not measured yet: numbers and a page."""
 
-import base64
-import io
 import json
-import re
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from fabdesign import __version__
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
+from studies.report import html_of, png_address, svg_of
 
 
 def write_report(result: dict[str, Any], out: Path, *, pictures: Path) -> None:
     """Write `result.json` and `report.html` into `out`; `pictures` holds the overlays."""
     write_text(out / "result.json", json.dumps(without_lines(result), indent=2) + "\n")
-    template = Environment(autoescape=True).from_string(
-        files("studies.unseen").joinpath("report.html.j2").read_text(encoding="utf-8")
-    )
     left_out = result.get("left_out") or {}
     left = {name: own for name, own in left_out.items() if own}
-    page = template.render(
+    page = html_of(
+        "unseen/report.html.j2",
         result=result,
         left=left,
         not_begun=[name for name, own in left_out.items() if not own],
@@ -34,8 +27,7 @@ def write_report(result: dict[str, Any], out: Path, *, pictures: Path) -> None:
         notes=_notes(result),
         bands=[Markup(_band_svg(pose)) for pose in result.get("poses") or []],
         histograms={name: Markup(_histogram_svg(own)) for name, own in left.items()},
-        overlays={name: _inline(pictures / f"left_out_{name}.png") for name in left},
-        version=__version__,
+        overlays={name: png_address((pictures / f"left_out_{name}.png").read_bytes()) for name in left},
     )
     write_text(out / "report.html", page)
 
@@ -91,7 +83,7 @@ def _band_svg(pose: dict[str, Any]) -> str:
         axes.plot(line[:, 0], line[:, 1], color="#92c5de", linewidth=0.6)
     axes.plot(*lines.mean(axis=0).T, color="#1c2430", linewidth=1.4)
     axes.set(xlabel="z, mm (front)", ylabel="y, mm", aspect="equal")
-    return _svg(figure)
+    return svg_of(figure)
 
 
 def _histogram_svg(sizes: dict[str, Any]) -> str:
@@ -102,17 +94,7 @@ def _histogram_svg(sizes: dict[str, Any]) -> str:
             axes.stairs(shown[state], shown["edges"], fill=True, alpha=0.6, color=colour, label=state)
         axes.set(xlabel=f"{error.replace('_', ' ')}, mm", ylabel="trials")
         axes.legend(fontsize="small")
-    return _svg(figure)
-
-
-def _svg(figure: Figure) -> str:
-    text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
-
-
-def _inline(picture: Path) -> str:
-    return "data:image/png;base64," + base64.b64encode(picture.read_bytes()).decode()
+    return svg_of(figure)
 
 
 def as_text(result: dict[str, Any]) -> str:

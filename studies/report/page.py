@@ -1,0 +1,48 @@
+"""A page from a template of `studies`: values in SI, shown in mm and kPa by the filters `mm` and `kpa`."""
+
+import json
+from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib.metadata import version
+from typing import Any
+
+from jinja2 import Environment, PackageLoader
+from markupsafe import Markup
+
+from fabdesign import __version__
+from fabdesign.units import in_kpa, in_mm
+
+
+def html_of(template: str, *, figures: Mapping[str, Any] | None = None, **values: Any) -> str:
+    """HTML of `template`, a path in `studies` as "layouts/report.html.j2", with `values` by name.
+
+    figures: Plotly's figures by the id of the element that they are drawn in; without one the page holds no Plotly.
+    """
+    plotly = ""
+    if figures:
+        from plotly.offline import get_plotlyjs
+
+        plotly = get_plotlyjs()
+    return (
+        _environment()
+        .get_template(template)
+        .render(**values, figures=Markup(_in_script(figures or {})), plotly=Markup(plotly), version=__version__)
+    )
+
+
+def package_versions(packages: Sequence[str]) -> str:
+    """What made a result: "fabdesign 1.0, numpy 2.1"."""
+    return ", ".join([f"fabdesign {__version__}", *(f"{name} {version(name)}" for name in packages)])
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(autoescape=True, loader=PackageLoader("studies", ""))
+    environment.filters["mm"] = lambda metres, digits=2: f"{in_mm(metres):.{digits}f}"
+    environment.filters["kpa"] = lambda pascals, digits=0: f"{in_kpa(pascals):.{digits}f}"
+    return environment
+
+
+def _in_script(content: Any) -> str:
+    """JSON that may stand in a script element."""
+    return json.dumps(content, separators=(",", ":")).replace("</", "<\\/")
