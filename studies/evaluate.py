@@ -244,10 +244,10 @@ def _as_json(design: DesignResult) -> dict[str, Any]:
         distances = {name: {key: in_mm(x) for key, x in asdict(table[name]).items()} for name in ERRORS}
         return distances | {"surface_beyond": asdict(table["beyond"])}
 
-    def errors(values: Errors) -> dict[str, float | None]:
+    def errors(values: Errors) -> Mapping[str, float | None]:
         if np.isnan(values.chamfer):
             return dict.fromkeys((*ERRORS, "surface_beyond"))
-        return {name: in_mm(getattr(values, name)) for name in ERRORS} | {"surface_beyond": values.beyond}
+        return values.millimetres() | {"surface_beyond": values.beyond}
 
     return {
         "before": millimetres(design.before),

@@ -1,6 +1,5 @@
 """What the commands share: the group, options, how they print, and where their batches are computed."""
 
-import json
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +12,7 @@ import click
 from fabdesign import __version__
 from fabdesign.effort import COARSEST, FINEST
 from fabdesign.errors import InputNote
+from fabdesign.json_file import json_text
 from fabdesign.model import Model
 
 
@@ -49,7 +49,7 @@ def commands() -> None:
 
 
 def print_result(result: dict[str, Any], text: str, as_json: bool) -> None:
-    click.echo(json.dumps(result) if as_json else text)
+    click.echo(json_text(result) if as_json else text)
 
 
 def tell(line: str) -> None:

@@ -1,6 +1,5 @@
 """Motions of a design: simulate, predict what was measured, and say how far off that is."""
 
-import json
 import os
 from contextlib import ExitStack
 from pathlib import Path
@@ -26,6 +25,7 @@ from fabdesign.cli.console import (
 from fabdesign.cli.models import effects_option, load_model, parts_of, without_option
 from fabdesign.cli.progress import described
 from fabdesign.errors import InputError
+from fabdesign.json_file import write_json
 
 
 @commands.command()
@@ -241,6 +241,6 @@ def _evaluate_bench(
     evaluation = evaluate_bench(sources[0], law, all_records=all_records)
     if output is not None:
         with new_folder(output, made_by="evaluate", force=force, inputs=[*sources, law]) as files:
-            write_text(files / "evaluation.json", json.dumps(evaluation.as_json(), indent=1) + "\n")
+            write_json(files / "evaluation.json", evaluation.as_json())
             write_text(files / "evaluation.md", evaluation.as_markdown() + "\n")
     print_result(evaluation.as_json(), evaluation.as_markdown(), as_json)

@@ -53,16 +53,12 @@ class ShippedErrors:
 
     def as_json(self) -> dict[str, Any]:
         """mm."""
-        names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
         return {
             "set": self.measured.name,
             "trials": len(self.measured.trials),
             "unjudged_share": self.share_left_out,
             "effects": [effect.name for effect in self.shipped.effects],
-            "models": [
-                {"name": name, **{key: in_mm(getattr(errors, key)) for key in names}, "closed": share}
-                for name, errors, share in self.rows()
-            ],
+            "models": [{"name": name, **errors.millimetres(), "closed": share} for name, errors, share in self.rows()],
         }
 
 

@@ -1,12 +1,12 @@
 """The folder of a grid: numbers and a page with the front as picture and table."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from fabdesign.json_file import write_json
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
 from studies.layout_grid.result import WORDS, CellResult, GridResult
@@ -19,7 +19,7 @@ MARKS = {"front": ">", "back": "<", "both": "D"}
 
 def write_report(result: GridResult, out: Path) -> None:
     """Write `result.json` and `report.html` into the folder `out`."""
-    write_text(out / "result.json", json.dumps(result.as_json(), indent=2) + "\n")
+    write_json(out / "result.json", result.as_json())
     write_text(out / "report.html", render(result))
 
 

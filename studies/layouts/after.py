@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from fabdesign.study_file import Study
+from fabdesign.units import in_mm
 from optimize.design_space import DesignSpace, Vector
 from optimize.evaluations import Evaluations
 from optimize.fewer import Fewer, fewer_muscles
@@ -65,13 +66,13 @@ def fewer_said(study: Study, found: Fewer) -> str:
     count = len(space.design.muscles)
     near = f"within {study.price.tolerance:.0%} of it" if not study.price.muscle else "for the price of a muscle"
     if count < found.count:
-        mm = f"{1e3 * found.value:.2f} mm instead of {1e3 * found.before:.2f}"
+        mm = f"{in_mm(found.value):.2f} mm instead of {in_mm(found.before):.2f}"
         cut = ", not tried to the end" if found.cut else ""
         on = f" on {space.channels} channels" if space.channels < count else ""
         return f"{count} muscles{on} do where the search came to {found.count}: {mm}, {near}{cut}."
     if not found.ended:
         straight = "" if any(len(own.path) > 2 for own in space.design.muscles) else ", straight,"
-        mm = f"{1e3 * found.value:.2f} mm instead of {1e3 * found.before:.2f}"
+        mm = f"{in_mm(found.value):.2f} mm instead of {in_mm(found.before):.2f}"
         return f"The {count} muscles{straight} on {space.channels} channels do: {mm}, {near}. Fewer muscles do not do."
     if found.cut:
         return f"Whether fewer than {found.count} muscles would do was not tried to the end: {found.ended}."
@@ -80,7 +81,7 @@ def fewer_said(study: Study, found: Fewer) -> str:
 
 def front_said(found: Fewer) -> str:
     """For people; empty where there is one number of muscles."""
-    each = ", ".join(f"{count}: {1e3 * value:.2f}" for count, value in found.front)
+    each = ", ".join(f"{count}: {in_mm(value):.2f}" for count, value in found.front)
     return f"Reached with so many muscles, mm: {each}." if len(found.front) > 1 else ""
 
 

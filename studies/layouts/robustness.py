@@ -16,6 +16,7 @@ from fabdesign.design import Design
 from fabdesign.predictor import Predictor
 from fabdesign.search_terms import Robust
 from fabdesign.study_file import Study
+from fabdesign.units import in_mm
 from optimize.objective import Objective, Shape
 from optimize.starts import Start
 from optimize.step import LinearShape
@@ -186,7 +187,7 @@ def as_json(found: Robustness, robust: Robust) -> dict[str, object]:
     """What `robust` in result.json holds: mm, null where copies diverged."""
 
     def mm(value: float) -> float | None:
-        return 1e3 * value if np.isfinite(value) else None
+        return in_mm(value) if np.isfinite(value) else None
 
     return {
         "nominal_mm": mm(found.nominal),
@@ -202,7 +203,7 @@ def as_json(found: Robustness, robust: Robust) -> dict[str, object]:
             "holds": found.holds,
         },
         "band_mm": {"mean": mm(float(found.band.mean())), "largest": mm(float(found.band.max()))},
-        "delicate": {"muscle": found.delicate[0], "off_mm": 1e3 * OFF, "value_mm": mm(found.delicate[1])},
+        "delicate": {"muscle": found.delicate[0], "off_mm": in_mm(OFF), "value_mm": mm(found.delicate[1])},
         "chosen_for": robust.choose,
         "said": said(found),
     }
@@ -211,16 +212,16 @@ def as_json(found: Robustness, robust: Robust) -> dict[str, object]:
 def said(found: Robustness) -> list[str]:
     """Sentences for people."""
     lines = [
-        f"Of {found.copies} copies with scatter {found.yielded:.0%} are within {1e3 * found.tolerance:.2f} mm; "
-        f"expected {1e3 * found.expected:.2f} mm, worst {1e3 * found.worst:.2f}, nominal {1e3 * found.nominal:.2f}.",
-        f"Points move by {1e3 * found.band.mean():.1f} mm in the mean, {1e3 * found.band.max():.1f} mm where most "
+        f"Of {found.copies} copies with scatter {found.yielded:.0%} are within {in_mm(found.tolerance):.2f} mm; "
+        f"expected {in_mm(found.expected):.2f} mm, worst {in_mm(found.worst):.2f}, nominal {in_mm(found.nominal):.2f}.",
+        f"Points move by {in_mm(found.band.mean()):.1f} mm in the mean, {in_mm(found.band.max()):.1f} mm where most "
         "(standard deviation).",
         f"The most delicate is muscle {found.delicate[0]}: "
-        f"{1e3 * OFF:.0f} mm off its place it makes {1e3 * found.delicate[1]:.2f} mm.",
+        f"{in_mm(OFF):.0f} mm off its place it makes {in_mm(found.delicate[1]):.2f} mm.",
     ]
     if not found.holds:
         lines.append(
-            f"Derivatives do not hold here, as near a fold: they say {1e3 * found.expected_linear:.2f} mm. "
+            f"Derivatives do not hold here, as near a fold: they say {in_mm(found.expected_linear):.2f} mm. "
             "Copies stand in their place."
         )
     if found.elsewhere:

@@ -1,6 +1,5 @@
 """`fabdesign loop STUDY`: from a target and a start design to one that was measured, turn by turn."""
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -10,10 +9,11 @@ from fabdesign.checkpoint import Checkpoint
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
+from fabdesign.json_file import write_json
 from fabdesign.loop_file import Laboratory, LoopStudy, VirtualRig, read_loop
 from fabdesign.measurement_set import read_set
 from fabdesign.model import Model
-from fabdesign.output import WorkFolder, work_folder, write_text
+from fabdesign.output import WorkFolder, work_folder
 from fabdesign.study_file import require_searchable
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import from_mm, in_mm
@@ -86,7 +86,7 @@ def run_loop(
         if work.anew and outcome.waiting_for is not None:
             work.complete = False
         with work.adding() as files:
-            write_text(files / "result.json", json.dumps(outcome.as_json(), indent=1) + "\n")
+            write_json(files / "result.json", outcome.as_json())
             write_report(outcome, study, targets, work.folder, files)
     return outcome
 

@@ -1,6 +1,5 @@
 """The folder of a sweep: numbers, samples and a page."""
 
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fabdesign.csv_table import write_rows
+from fabdesign.json_file import write_json
 from fabdesign.output import write_text
 from fabdesign.sensitivity_file import SensitivityStudy
 from fabdesign.units import in_kpa
@@ -69,7 +69,7 @@ PACKAGES = ("taichi", "numpy", "scipy")
 
 def write_report(result: SensitivityResult, out: Path) -> None:
     """Write `result.json`, `samples.csv` and `report.html` into the folder `out`."""
-    write_text(out / "result.json", json.dumps(result.as_json(), indent=2) + "\n")
+    write_json(out / "result.json", result.as_json())
     header = [*result.inputs.names, *(f"{c.name} [{c.unit}]" for c in result.columns)]
     write_rows(out / "samples.csv", ["method", "row", "sample", *header], _rows(result))
     write_text(out / "report.html", render(result))

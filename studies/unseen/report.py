@@ -1,6 +1,5 @@
 """The folder of a study of what is not measured yet: numbers and a page."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +7,7 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
+from fabdesign.json_file import write_json
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
 from studies.report import html_of, png_address, svg_of
@@ -15,7 +15,7 @@ from studies.report import html_of, png_address, svg_of
 
 def write_report(result: dict[str, Any], out: Path, *, pictures: Path) -> None:
     """Write `result.json` and `report.html` into `out`; `pictures` holds the overlays."""
-    write_text(out / "result.json", json.dumps(without_lines(result), indent=2) + "\n")
+    write_json(out / "result.json", without_lines(result))
     left_out = result.get("left_out") or {}
     left = {name: own for name, own in left_out.items() if own}
     page = html_of(
