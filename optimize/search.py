@@ -194,8 +194,8 @@ def _round(evaluations: Evaluations, number: int, searches: list[LocalSearch]) -
         trials.append(xs)
         ahead = xs and local.rounds < stage.rounds - 1 and not known and stage.slopes is None
         wanted.append(xs + (local.differences(xs[0]) if ahead else []))
-    for local, xs, found in zip(searches, trials, _evaluate_all(evaluations, number, searches, wanted), strict=True):
-        local.accept(objective, xs, found[: len(xs)], [shape for _, shape in found[len(xs) :]])
+    for local, xs, values in zip(searches, trials, _evaluate_all(evaluations, number, searches, wanted), strict=True):
+        local.accept(objective, xs, values[: len(xs)], [shape for _, shape in values[len(xs) :]])
         local.done = local.done or local.rounds >= stage.rounds
 
 
@@ -230,13 +230,13 @@ def _find_slopes(evaluations: Evaluations, number: int, searches: list[LocalSear
     else:
         cheap = evaluations.stages[number].slopes
         wanted = [s.lacks(known=cheap is None) for s in searches]
-        for local, found in zip(searches, _evaluate_all(evaluations, number, searches, wanted, cheap), strict=True):
-            local.linearise([shape for _, shape in found])
+        for local, values in zip(searches, _evaluate_all(evaluations, number, searches, wanted, cheap), strict=True):
+            local.linearise([shape for _, shape in values])
     taught = [s for s in searches if s.learned]  # after a checkpoint
-    for local, found in zip(
+    for local, values in zip(
         taught, _evaluate_all(evaluations, number, taught, [s.learned for s in taught]), strict=True
     ):
-        local.learn([shape for _, shape in found])
+        local.learn([shape for _, shape in values])
 
 
 def _evaluate_all(
@@ -253,8 +253,8 @@ def _evaluate_all(
 
 
 def _save(evaluations: Evaluations, at: _Progress) -> None:
-    found = evaluations.best
-    best = None if found is None else found.as_row()
+    best_entry = evaluations.best
+    best = None if best_entry is None else best_entry.as_row()
     rows = [
         [
             s.start,

@@ -104,11 +104,11 @@ def evaluate_sets(
     jobs = _jobs(sets, ("test", "fit") if all_trials else ("test",))
     if not jobs:
         raise InputError(f"{', '.join(s.name for s in sets)}: no trial of role test; --all takes the others too")
-    used = find_used_frames([(s, [t for job in jobs if job.found is s for t in job.trials]) for s in sets], coarse)
+    used = find_used_frames([(s, [t for job in jobs if job.measured is s for t in job.trials]) for s in sets], coarse)
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         noises = _noises(jobs, threads)
         tasks = [
-            (partial(_errors, noise, seed, partial(used.at, job.found), job.found.name), trial)
+            (partial(_errors, noise, seed, partial(used.at, job.measured), job.measured.name), trial)
             for job, noise in zip(jobs, noises, strict=True)
             for trial in job.trials
         ]
@@ -119,7 +119,7 @@ def evaluate_sets(
     tables: dict[str, dict[str, DesignResult]] = {"test": {}, "fit": {}}
     for job, noise in zip(jobs, noises, strict=True):
         own, results = results[: len(job.trials)], results[len(job.trials) :]
-        tables[job.role][job.title] = _summarise(job.title, job.found, noise.result(), own)
+        tables[job.role][job.title] = _summarise(job.title, job.measured, noise.result(), own)
     return SetEvaluation(tables["test"], tables["fit"], used)
 
 
@@ -127,7 +127,7 @@ def evaluate_sets(
 class _Job:
     """The trials of one design and role of a set: a row of a table."""
 
-    found: MeasurementSet
+    measured: MeasurementSet
     role: str
     title: str
     trials: Sequence[Trial]
@@ -150,7 +150,7 @@ def _noises(jobs: Sequence[_Job], threads: ThreadPoolExecutor) -> list["Future[S
     alike: dict[tuple[int, float], list[Trial]] = {}
     keys = []
     for job in jobs:
-        keys.append((id(job.found), job.trials[0].design.fabric.thickness))
+        keys.append((id(job.measured), job.trials[0].design.fabric.thickness))
         alike.setdefault(keys[-1], []).extend(job.trials)
     noises = {key: threads.submit(estimate_noise, _spread(trials), key[1]) for key, trials in alike.items()}
     return [noises[key] for key in keys]

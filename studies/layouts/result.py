@@ -82,24 +82,24 @@ class StudyResult:
         """Of several poses, the errors of each."""
         if len(self.targets) == 1:
             return []
-        found = pose_errors(self.targets, self.points, seed=self.study.seed)
+        each = pose_errors(self.targets, self.points, seed=self.study.seed)
         return [
-            errors.millimetres() | {"weight": target.weight} for errors, target in zip(found, self.targets, strict=True)
+            errors.millimetres() | {"weight": target.weight} for errors, target in zip(each, self.targets, strict=True)
         ]
 
     def _robust(self) -> dict[str, Any] | None:
         asked = self.study.robust
         return None if self.robust is None or asked is None else robust_json(self.robust, asked)
 
-    def _fewer(self, found: Fewer) -> dict[str, Any]:
+    def _fewer(self, fewer: Fewer) -> dict[str, Any]:
         return {
-            "muscles": len(found.start[0].design.muscles),
-            "of": found.count,
-            "before_mm": in_mm(found.before),
+            "muscles": len(fewer.start[0].design.muscles),
+            "of": fewer.count,
+            "before_mm": in_mm(fewer.before),
             "tolerance": self.study.price.tolerance,
-            "channels": found.start[0].channels,
-            "front": [{"muscles": count, "objective_mm": in_mm(value)} for count, value in found.front],
-            "said": " ".join(filter(None, [fewer_said(self.study, found), front_said(found)])),
+            "channels": fewer.start[0].channels,
+            "front": [{"muscles": count, "objective_mm": in_mm(value)} for count, value in fewer.front],
+            "said": " ".join(filter(None, [fewer_said(self.study, fewer), front_said(fewer)])),
         }
 
     def as_json(self) -> dict[str, Any]:
