@@ -105,7 +105,7 @@ def unseen_of(
             raise InputError(f"{table.where}: one design; expected two or more, to leave each out in turn")
         table.finish()
     if unsewn is None and measured is None:
-        raise InputError(f"{path}: nothing to judge; expected a design with a model, a [measured] set, or both")
+        raise InputError(f"{path}: nothing to compute; expected a design with a model, a [measured] set, or both")
     cut = root.table("limits", None) or Table({}, "")
     study = UnseenStudy(
         name=root.text("name", path.stem),

@@ -12,6 +12,7 @@ from fabdesign.cli.console import (
     FILE,
     FINITE,
     SEED,
+    NumberRange,
     cluster_option,
     commands,
     force_option,
@@ -30,7 +31,7 @@ from fabdesign.json_file import write_json
 
 @commands.command()
 @click.argument("design", type=FILE)
-@click.option("--pressures", help='kPa: a CSV, a trial\'s npz, or one constant row such as "400,0,200".')
+@click.option("--pressures", help='Pressures in kPa: a CSV, a trial\'s npz, or one constant row such as "400,0,200".')
 @click.option("--model", type=FILE, help="A model file; by default the data sheet.")
 @without_option
 @effects_option
@@ -42,16 +43,16 @@ from fabdesign.json_file import write_json
     help="Place of the motion in the session; 0 is a rested specimen.",
 )
 @click.option("--duration", type=FINITE, help="Duration of the motion, s; by default that of the pressures.")
-@click.option("--frame-rate", type=FINITE, default=60.0, show_default=True, help="Hz.")
+@click.option("--frame-rate", type=FINITE, default=60.0, show_default=True, help="Frames a second, Hz.")
 @click.option("--equilibrium", is_flag=True, help="One frame: the shape at rest under the last pressures.")
 @click.option(
     "--rise",
-    type=click.FloatRange(0.01, 60),
+    type=NumberRange(0.01, 60),
     help="With --equilibrium: time in which the pressures rise, s; by default 1.",
 )
 @click.option(
     "--hold",
-    type=click.FloatRange(0, 3600),
+    type=NumberRange(0, 3600),
     help="With --equilibrium: time for which they then hold, s; by default 10.",
 )
 @click.option(
@@ -203,8 +204,9 @@ def evaluate(
 ) -> None:
     """Print the error of a model on measured SETS, in mm.
 
-    The error is that before and after calibration. A bench (a folder with bench.toml) is taken too, alone; the model is
-    then the file that calibrate wrote.
+    "Before" is the model without effects and corrector, or the data sheet. "After" is the whole model. Trials of role
+    test are evaluated: nothing was fitted to them. A bench (a folder with bench.toml) is taken too, alone; its model
+    is the file that calibrate wrote.
     """
     if any(is_bench(source) for source in sets):
         _evaluate_bench(sets, model, all_trials, output, force, as_json)

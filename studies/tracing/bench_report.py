@@ -43,7 +43,7 @@ def as_text(outcome: BenchOutcome) -> str:
         gain, low, high = (_shown(v, outcome.unit) for v in (c.gain, *c.interval90))
         sign = ", only with a sign that it cannot have" if c.effect in outcome.refused else ""
         lines.append(f"  {c.effect:<18} gains {gain} (90 % {low} to {high}){sign}")
-    lines.append(f"black box leaves {_shown(outcome.evidence.box_before, outcome.unit)}")
+    lines.append(f"the flexible baseline leaves {_shown(outcome.evidence.box_before, outcome.unit)}")
     return "\n".join(lines)
 
 
@@ -54,7 +54,7 @@ def _shown(value: float, unit: str) -> str:
 def render_bench(outcome: BenchOutcome) -> str:
     """HTML, self-contained."""
     error = outcome.as_json()["error"]
-    bars = {"noise": error["noise_floor"], "black box": error["ceiling"], "after": error["after"]["held_out"],
+    bars = {"noise": error["noise_floor"], "flexible baseline": error["ceiling"], "after": error["after"]["held_out"],
             "before": error["before"]["held_out"]}  # fmt: skip
     names = [c.effect + (" (wrong sign)" if c.effect in outcome.refused else "") for c in outcome.first.candidates]
     figures: dict[str, Any] = {
