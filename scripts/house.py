@@ -90,6 +90,7 @@ def chain_of(frame: FrameType | None) -> list[str]:
 
 def longest_chain(arguments: list[str]) -> list[str]:
     """Run the command and return its longest chain to a Taichi kernel."""
+    from click import Abort
     from taichi.lang.kernel_impl import Kernel
 
     from fabdesign.cli import commands
@@ -105,7 +106,7 @@ def longest_chain(arguments: list[str]) -> list[str]:
         return call(kernel, *args, **kwargs)
 
     Kernel.__call__ = watched
-    with suppress(KeyboardInterrupt):
+    with suppress(Abort):
         commands(arguments, standalone_mode=False)
     return longest
 
