@@ -5,6 +5,7 @@ python scripts/house.py chain calibrate SET -o M.toml    # runs that command for
 """
 
 import ast
+import re
 import sys
 import time
 from collections import Counter
@@ -15,6 +16,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = "fabdesign", "sim", "corrector", "optimize", "studies"
+THOUSAND = re.compile(r"\b1e-?3 [*/]|[*/] 1e-?3\b")
 SECONDS = 45.0  # of the processor that a command gets: by then it has asked for everything that it asks for
 
 
@@ -70,6 +72,12 @@ def figures() -> dict[str, int]:
         "imported by one other alone": sum(len(users[module_of(file)]) == 1 for file in lines),
         "class names that stand for several classes": sum(count > 1 for count in classes.values()),
         "variables named found": names["found"],
+        "lines with a factor of a thousand, units.py aside": sum(
+            bool(THOUSAND.search(line))
+            for file in parsed
+            if file.name != "units.py"
+            for line in file.read_text(encoding="utf-8").splitlines()
+        ),
         "dict[str, Any]": sum(ast.unparse(tree).count("dict[str, Any]") for tree, _ in parsed.values()),
         "lines of README.md": len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()),
     }
