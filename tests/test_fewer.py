@@ -15,7 +15,8 @@ from fabdesign.forward import Case
 from fabdesign.muscle import Muscle
 from fabdesign.pressure_file import constant_program
 from fabdesign.search_terms import Price
-from fabdesign.study_file import MuscleChoice, Study, TargetFile, read_study
+from fabdesign.study_file import MuscleChoice, Study, read_study
+from fabdesign.study_targets import TargetFile
 from optimize.additions import pulling, with_idle
 from optimize.channels import with_shared_channels
 from optimize.design_space import DesignSpace, Limits
