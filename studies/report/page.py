@@ -1,16 +1,23 @@
-"""A page from a template of `studies`: values in SI, shown in mm and kPa by the filters `mm` and `kpa`."""
+"""A page from a template of `studies`, with values in SI that the filters `mm` and `kpa` show, and pictures as text
+that stands in a page."""
 
+import base64
+import io
 import json
+import re
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
 
 from fabdesign import __version__
 from fabdesign.units import in_kpa, in_mm
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def html_of(template: str, *, figures: Mapping[str, Any] | None = None, **values: Any) -> str:
@@ -33,6 +40,18 @@ def html_of(template: str, *, figures: Mapping[str, Any] | None = None, **values
 def package_versions(packages: Sequence[str]) -> str:
     """What made a result: "fabdesign 1.0, numpy 2.1"."""
     return ", ".join([f"fabdesign {__version__}", *(f"{name} {version(name)}" for name in packages)])
+
+
+def svg_of(figure: "Figure") -> str:
+    """An SVG element; the same figure gives the same text."""
+    text = io.StringIO()
+    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
+    return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
+
+
+def png_address(png: bytes) -> str:
+    """A PNG as an address that an image element takes."""
+    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
 @cache
