@@ -3,7 +3,6 @@
 import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from markupsafe import Markup
 
@@ -15,7 +14,7 @@ from studies.layouts.figures import convergence_figure, scene_figure
 from studies.layouts.result import StudyResult
 from studies.layouts.robustness import said as robust_said
 from studies.layouts.shape_picture import shape_png
-from studies.report import html_of, package_versions
+from studies.report import PlotlyFigure, html_of, package_versions
 
 PACKAGES = ("taichi", "nlopt", "numpy", "scipy")
 
@@ -31,7 +30,7 @@ class Section:
 def render_report(title: str, sections: Sequence[Section], *, more: str = "") -> str:
     """HTML of one or several studies of the same targets: errors, 3D overlay, layout, convergence, provenance; `more`
     is HTML that comes before the last."""
-    figures: dict[str, Any] = {}
+    figures: dict[str, PlotlyFigure] = {}
     for s, section in enumerate(sections):
         for pose in range(len(section.result.targets)):
             figures[f"scene-{s}-{pose}"] = scene_figure(section.result, pose)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -15,7 +14,7 @@ from studies.layouts.drawing import layout_svg
 from studies.layouts.figures import LEGEND, SHOWN, TARGET, faces_trace, points_trace, scene_layout
 from studies.layouts.target import LoadedTarget
 from studies.loop.record import LoopOutcome, Turn
-from studies.report import html_of
+from studies.report import PlotlyFigure, html_of
 
 PREDICTED, DEVICE = "#92c5de", "#b2182b"
 _BAR, _GAP, _WIDE = 16, 26, 420  # of a drawing unit
@@ -98,7 +97,7 @@ def _layout(turn: Turn, study: LoopStudy, folder: Path) -> str:
     return layout_svg(design, pressures, study.search.limits.pressure[1])
 
 
-def _scene(turn: Turn, targets: Sequence[LoadedTarget], folder: Path) -> dict[str, Any]:
+def _scene(turn: Turn, targets: Sequence[LoadedTarget], folder: Path) -> PlotlyFigure:
     """Of the first pose: the target, the measured cloth, and the shape that the search predicted."""
     with np.load(folder / turn.name / "shapes.npz") as arrays:
         shapes = {name: np.asarray(arrays[name][0], dtype=float) for name in ("device", "believed")}

@@ -4,6 +4,6 @@ it, and pictures that stand in a page. A report is one file for any browser, wit
 Belongs here: what two reports need. What one study shows stands in its room: `report.py`, and `report.html.j2`, which
 begins with `{% extends "report/base.html.j2" %}`."""
 
-from studies.report.page import html_of, package_versions, png_address, svg_of
+from studies.report.page import PlotlyFigure, Trace, html_of, package_versions, png_address, svg_of
 
-__all__ = ["html_of", "package_versions", "png_address", "svg_of"]
+__all__ = ["PlotlyFigure", "Trace", "html_of", "package_versions", "png_address", "svg_of"]

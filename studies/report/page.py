@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from functools import cache
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from jinja2 import Environment, PackageLoader
 from markupsafe import Markup
@@ -19,8 +19,17 @@ from fabdesign.units import in_kpa, in_mm
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+Trace = dict[str, Any]  # as Plotly takes it: type, mode, x, y and so on
 
-def html_of(template: str, *, figures: Mapping[str, Any] | None = None, **values: Any) -> str:
+
+class PlotlyFigure(TypedDict):
+    """Traces, and what they are drawn in."""
+
+    data: Sequence[Trace]
+    layout: dict[str, Any]
+
+
+def html_of(template: str, *, figures: Mapping[str, PlotlyFigure] | None = None, **values: Any) -> str:
     """HTML of `template`, a path in `studies` as "layouts/report.html.j2", with `values` by name.
 
     figures: Plotly's figures by the id of the element that they are drawn in; without one the page holds no Plotly.

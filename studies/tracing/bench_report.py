@@ -1,9 +1,7 @@
 """The page and the words of a bench's trace."""
 
-from typing import Any
-
 from fabdesign.units import in_mm
-from studies.report import html_of
+from studies.report import PlotlyFigure, html_of
 from studies.tracing.bench_outcome import BenchOutcome
 from studies.tracing.words import effect_in_words
 
@@ -57,7 +55,7 @@ def render_bench(outcome: BenchOutcome) -> str:
     bars = {"noise": error["noise_floor"], "flexible baseline": error["ceiling"], "after": error["after"]["held_out"],
             "before": error["before"]["held_out"]}  # fmt: skip
     names = [c.effect + (" (wrong sign)" if c.effect in outcome.refused else "") for c in outcome.first.candidates]
-    figures: dict[str, Any] = {
+    figures: dict[str, PlotlyFigure] = {
         "bars": {
             "data": [{"type": "bar", "orientation": "h", "y": [*bars], "x": [*bars.values()]}],
             "layout": {"xaxis": {"title": f"RMS of records left out, {outcome.unit}"}},
