@@ -1,7 +1,7 @@
 """What the commands share: the group, options, how they print, and where their batches are computed."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
@@ -62,7 +62,7 @@ def commands() -> None:
     """
 
 
-def print_result(result: dict[str, Any], text: str, as_json: bool) -> None:
+def print_result(result: Mapping[str, Any], text: str, as_json: bool) -> None:
     click.echo(json_text(result) if as_json else text)
 
 

@@ -11,9 +11,10 @@ from fabdesign.json_file import write_json
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
 from studies.report import html_of, png_address, svg_of
+from studies.unseen.result import Pose, UnseenResult
 
 
-def write_report(result: dict[str, Any], out: Path, *, pictures: Path) -> None:
+def write_report(result: UnseenResult, out: Path, *, pictures: Path) -> None:
     """Write `result.json` and `report.html` into `out`; `pictures` holds the overlays."""
     write_json(out / "result.json", without_lines(result))
     left_out = result.get("left_out") or {}
@@ -46,7 +47,7 @@ def _effect_rows(effects: list[dict[str, Any]]) -> list[tuple[str, str, str, str
     ]
 
 
-def _notes(result: dict[str, Any]) -> list[str]:
+def _notes(result: UnseenResult) -> list[str]:
     """What must be said beside the shapes' intervals."""
     if not result.get("design"):
         return []
@@ -66,15 +67,17 @@ def _notes(result: dict[str, Any]) -> list[str]:
     return notes
 
 
-def without_lines(result: dict[str, Any]) -> dict[str, Any]:
+def without_lines(result: UnseenResult) -> UnseenResult:
     """The result without the middle lines, which are for the picture."""
-    if not result.get("poses"):
-        return result
-    poses = [{key: value for key, value in pose.items() if key != "middle"} for pose in result["poses"]]
-    return {**result, "poses": poses}
+    shown = result.copy()
+    if poses := result.get("poses"):
+        shown["poses"] = poses = [pose.copy() for pose in poses]
+        for pose in poses:
+            pose.pop("middle", None)
+    return shown
 
 
-def _band_svg(pose: dict[str, Any]) -> str:
+def _band_svg(pose: Pose) -> str:
     """The cloth's middle line from the side: of every drawn model, and their mean."""
     lines = in_mm(np.array(pose["middle"]))
     figure = Figure(figsize=(4.2, 4.2), layout="constrained")
@@ -97,7 +100,7 @@ def _histogram_svg(sizes: dict[str, Any]) -> str:
     return svg_of(figure)
 
 
-def as_text(result: dict[str, Any]) -> str:
+def as_text(result: UnseenResult) -> str:
     """For people."""
     lines = []
     for pose in result.get("poses") or []:
