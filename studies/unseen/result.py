@@ -28,7 +28,7 @@ class Pose(TypedDict):
     middle: NotRequired[list[list[list[float]]]]
 
 
-class Program(TypedDict):
+class ProposedProgram(TypedDict):
     """Set points of a pressure program."""
 
     time_s: list[float]
@@ -50,7 +50,7 @@ class Measurement(TypedDict):
     spread_mm: float
     due_to_mm: dict[str, float]
     candidates: dict[str, CandidateResult]
-    program: Program | None
+    program: ProposedProgram | None
 
 
 class CorrectorStatement(TypedDict):

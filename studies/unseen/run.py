@@ -22,7 +22,7 @@ from studies.unseen.left_out import left_out
 from studies.unseen.measurement import after, candidates_of, information, pose_slopes, spread
 from studies.unseen.prediction import corrector_statement, predicted
 from studies.unseen.report import write_report
-from studies.unseen.result import CandidateResult, Measurement, Pose, Program, UnseenResult
+from studies.unseen.result import CandidateResult, Measurement, Pose, ProposedProgram, UnseenResult
 
 ALGORITHM = 1  # of what a study's folder keeps: raised where it is no longer what this code would compute
 
@@ -95,7 +95,7 @@ def _add_unsewn(
         ranked = dict(sorted(left.items(), key=lambda item: item[1]["left_mm"]))
         now = in_mm(spread(b, np.eye(len(draws.names))))
         best = next((c for c in candidates if ranked and c.name == next(iter(ranked))), None)
-        program: Program | None = None if best is None else {
+        program: ProposedProgram | None = None if best is None else {
             "time_s": best.program.time.tolist(),
             "pressure_kpa": in_kpa(best.program.pressure).round(3).tolist(),
             "duration_s": best.program.duration,
