@@ -30,9 +30,9 @@ def render(result: GridResult) -> str:
         "layout_grid/report.html.j2",
         result=result,
         name=search.name,
-        targets=next(f.result.targets for f in result.found if f.result),
+        targets=next(f.result.targets for f in result.cells if f.result),
         front=result.front,
-        rows=[(f, result.nearest(f.cell), result.statements(f.cell)) for f in result.found],
+        rows=[(f, result.nearest(f.cell), result.statements(f.cell)) for f in result.cells],
         words=WORDS,
         measure="Chamfer distance" if search.objective == "chamfer" else "surface RMS",
         points_per_side=search.model.points_per_side if search.model else 41,
@@ -46,7 +46,7 @@ def render(result: GridResult) -> str:
 def _shown(result: GridResult) -> list[CellResult]:
     """Cells with a shape, those of the front first."""
     front = result.front
-    return [*front, *(f for f in result.found if f.result and f not in front)]
+    return [*front, *(f for f in result.cells if f.result and f not in front)]
 
 
 def _shapes(own: CellResult) -> list[Markup]:
@@ -61,7 +61,7 @@ def front_svg(result: GridResult) -> str:
     dashed."""
     figure = Figure(figsize=(7.5, 4.2), layout="constrained")
     axes = figure.subplots()
-    sound = [f for f in result.found if f.result]
+    sound = [f for f in result.cells if f.result]
     for k, type_ in enumerate(result.study.types):
         for sides in result.study.sides:
             own = [f for f in sound if (f.cell.type, f.cell.sides) == (type_, sides)]
@@ -106,8 +106,8 @@ def as_text(result: GridResult) -> str:
         if f.result
         for name, values in f.result.outputs.items()
     ]
-    lines += [f"{f.cell.name}: {f.why}" for f in result.found if f.result is None]
-    lines += [sentence for f in result.found if f.result for sentence in result.statements(f.cell)]
+    lines += [f"{f.cell.name}: {f.why}" for f in result.cells if f.result is None]
+    lines += [sentence for f in result.cells if f.result for sentence in result.statements(f.cell)]
     if result.interrupted:
         lines.append("interrupted; the same command goes on from here")
     return "\n".join(lines)

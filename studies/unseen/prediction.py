@@ -12,13 +12,13 @@ from fabdesign.unseen_file import Unsewn
 from studies.sensitivity.outputs import mean_curvature, tip
 from studies.sensitivity.snapping import moved, snaps, spreads
 from studies.unseen.draws import Draws
-from studies.unseen.result import CorrectorStatement, Percentiles, Pose
+from studies.unseen.result import CorrectorStatement, Percentiles, PoseResult
 
 Array = NDArray[np.float64]
 _PERCENTILES = 5.0, 50.0, 95.0
 
 
-def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int, seed: int) -> list[Pose]:
+def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int, seed: int) -> list[PoseResult]:
     """Of each pose: the shape's band, tip, mean curvature and the study's outputs over drawn models, and whether it
     snaps. mm, 1/m, degrees, kPa.
 
@@ -40,7 +40,7 @@ def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int,
     ]
 
 
-def _pose(unsewn: Unsewn, pose: Array, drawn: list[Array], off: list[Array]) -> Pose:
+def _pose(unsewn: Unsewn, pose: Array, drawn: list[Array], off: list[Array]) -> PoseResult:
     sound = np.array([shape for shape in drawn[1:] if np.isfinite(shape).all()])
     if len(sound) < len(drawn) / 2:
         raise SimulationError(f"{unsewn.design.name}: most models find no shape at rest under {in_kpa(pose)} kPa")

@@ -11,7 +11,7 @@ from fabdesign.json_file import write_json
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
 from studies.report import html_of, png_address, svg_of
-from studies.unseen.result import Pose, UnseenResult
+from studies.unseen.result import PoseResult, UnseenResult
 
 
 def write_report(result: UnseenResult, out: Path, *, pictures: Path) -> None:
@@ -77,7 +77,7 @@ def without_lines(result: UnseenResult) -> UnseenResult:
     return shown
 
 
-def _band_svg(pose: Pose) -> str:
+def _band_svg(pose: PoseResult) -> str:
     """The cloth's middle line from the side: of every drawn model, and their mean."""
     lines = in_mm(np.array(pose["middle"]))
     figure = Figure(figsize=(4.2, 4.2), layout="constrained")

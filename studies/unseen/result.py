@@ -12,7 +12,7 @@ class OutputPercentiles(TypedDict):
     percentiles: Percentiles
 
 
-class Pose(TypedDict):
+class PoseResult(TypedDict):
     """Shapes at rest under one row of pressures. band: RMS that a drawn model's shape lies from the mean shape; widest:
     where that is most. snaps: near a bifurcation. middle: m, each model's z and y down the middle line, for the picture
     alone. failed: models that found no shape at rest."""
@@ -72,7 +72,7 @@ class UnseenResult(TypedDict):
     design: NotRequired[str]
     model_points_per_side: NotRequired[int]
     doubted: NotRequired[list[str]]
-    poses: NotRequired[list[Pose] | None]
+    poses: NotRequired[list[PoseResult] | None]
     unknown: NotRequired[list[str]]
     corrector: NotRequired[CorrectorStatement]
     measurement: NotRequired[Measurement | None]

@@ -22,7 +22,7 @@ from studies.unseen.left_out import left_out
 from studies.unseen.measurement import after, candidates_of, information, pose_slopes, spread
 from studies.unseen.prediction import corrector_statement, predicted
 from studies.unseen.report import write_report
-from studies.unseen.result import CandidateResult, Measurement, Pose, ProposedProgram, UnseenResult
+from studies.unseen.result import CandidateResult, Measurement, PoseResult, ProposedProgram, UnseenResult
 
 ALGORITHM = 1  # of what a study's folder keeps: raised where it is no longer what this code would compute
 
@@ -80,7 +80,7 @@ def _add_unsewn(
     bare = replace(unsewn.model, parameters={}, effects=())  # a case brings all of it
     forward = replace(forward_model(simulator, unsewn.model), model=bare)
     progress(f"shapes of {study.samples} models, {len(unsewn.poses)} poses")
-    poses: list[Pose] | None = checkpoint.get(
+    poses: list[PoseResult] | None = checkpoint.get(
         "poses", lambda: predicted(unsewn, draws, forward, study.samples, study.seed)
     )
 
