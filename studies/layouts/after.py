@@ -69,20 +69,23 @@ def fewer_said(study: Study, fewer: Fewer) -> str:
         mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
         cut = ", not tried to the end" if fewer.cut else ""
         on = f" on {space.channels} channels" if space.channels < count else ""
-        return f"{count} muscles{on} do where the search came to {fewer.count}: {mm}, {near}{cut}."
+        return f"{count} muscles{on} are enough, where the search came to {fewer.count}: {mm}, {near}{cut}."
     if not fewer.ended:
         straight = "" if any(len(own.path) > 2 for own in space.design.muscles) else ", straight,"
         mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
-        return f"The {count} muscles{straight} on {space.channels} channels do: {mm}, {near}. Fewer muscles do not do."
+        return (
+            f"The {count} muscles{straight} are enough on {space.channels} channels: {mm}, {near}. Fewer muscles are "
+            "not enough."
+        )
     if fewer.cut:
-        return f"Whether fewer than {fewer.count} muscles would do was not tried to the end: {fewer.ended}."
-    return f"Fewer than {fewer.count} muscles do not do: no smaller layout came {near}."
+        return f"Layouts of fewer than {fewer.count} muscles were not tried to the end: {fewer.ended}."
+    return f"Fewer than {fewer.count} muscles are not enough: no smaller layout came {near}."
 
 
 def front_said(fewer: Fewer) -> str:
     """For people; empty where there is one number of muscles."""
     each = ", ".join(f"{count}: {in_mm(value):.2f}" for count, value in fewer.front)
-    return f"Reached with so many muscles, mm: {each}." if len(fewer.front) > 1 else ""
+    return f"Reached, in mm, by number of muscles: {each}." if len(fewer.front) > 1 else ""
 
 
 def points_of(fewer: Fewer | None) -> list[tuple[DesignSpace, Vector]]:

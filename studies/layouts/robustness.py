@@ -213,20 +213,20 @@ def said(robustness: Robustness) -> list[str]:
     """Sentences for people."""
     band, (muscle, value) = robustness.band, robustness.delicate
     lines = [
-        f"Of {robustness.copies} copies with scatter {robustness.yielded:.0%} are within "
-        f"{in_mm(robustness.tolerance):.2f} mm; expected {in_mm(robustness.expected):.2f} mm, worst "
-        f"{in_mm(robustness.worst):.2f}, nominal {in_mm(robustness.nominal):.2f}.",
-        f"Points move by {in_mm(band.mean()):.1f} mm in the mean, {in_mm(band.max()):.1f} mm where most "
-        "(standard deviation).",
-        f"The most delicate is muscle {muscle}: {in_mm(OFF):.0f} mm off its place it makes {in_mm(value):.2f} mm.",
+        f"{robustness.copies} copies with the scatter of building were simulated. {robustness.yielded:.0%} of them are "
+        f"within {in_mm(robustness.tolerance):.2f} mm of the target. Mean {in_mm(robustness.expected):.2f} mm, worst "
+        f"{in_mm(robustness.worst):.2f} mm; without scatter {in_mm(robustness.nominal):.2f} mm.",
+        f"The standard deviation of a point's place is {in_mm(band.mean()):.1f} mm in the mean and "
+        f"{in_mm(band.max()):.1f} mm at most.",
+        f"Muscle {muscle} matters most: {in_mm(OFF):.0f} mm off its place it gives {in_mm(value):.2f} mm.",
     ]
     if not robustness.holds:
         lines.append(
-            f"Derivatives do not hold here, as near a fold: they say {in_mm(robustness.expected_linear):.2f} mm. "
-            "Copies stand in their place."
+            f"The derivatives are not valid here, as near a fold: they give {in_mm(robustness.expected_linear):.2f} "
+            "mm. Copies stand in their place."
         )
     if robustness.elsewhere:
         lines.append(
-            f"{robustness.elsewhere} of them come to another stable shape, or to none: the layout is near a fold."
+            f"{robustness.elsewhere} copies come to another stable shape, or to none: the layout is near a fold."
         )
     return lines
