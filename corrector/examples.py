@@ -19,6 +19,7 @@ from fabdesign.corrector import with_history
 from fabdesign.forward import Case
 from fabdesign.output import whole_file
 from fabdesign.surface import Surface, face_triangles
+from fabdesign.units import in_mm
 
 Floats = NDArray[np.floating[Any]]
 
@@ -98,13 +99,13 @@ class Examples:
         middle = middle_of(motion[where[0]], round((motion.shape[1] // 2) ** 0.5)).astype(np.float32)
         basis = Basis.of(fields_of(case, layout, times, motion[where]))
         frames = LocalFrames.of(middle, fabric.width, fabric.height, FINE)
-        heights = 1e3 * heights_of(basis, frames, fabric, weight_over_stiffness(case))
+        heights = in_mm(heights_of(basis, frames, fabric, weight_over_stiffness(case)))
         pairs = [offsets(frame, cloud, fabric.thickness) for frame, cloud in zip(middle, clouds, strict=True)]
         goal, count = (np.array(x).reshape(len(times), -1) for x in zip(*pairs, strict=True))
         weight = np.minimum(count, _MOST)
         weight /= np.maximum(weight.sum(axis=1, keepdims=True), 1)
         flat = heights.reshape(*heights.shape[:2], -1)
-        goal = np.clip(1e3 * goal, -_FAR, _FAR)
+        goal = np.clip(in_mm(goal), -_FAR, _FAR)
         return Examples(flat.astype(np.float16), goal.astype(np.float32), weight.astype(np.float32))
 
     def errors(self, coefficients: Floats | None = None) -> NDArray[np.float64]:

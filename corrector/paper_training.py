@@ -12,9 +12,10 @@ from torch import Tensor, nn
 
 from corrector.paper import FRAMES, LENGTH, OUTPUT_POINTS, Autoencoder, NextCode, chamfer_squared, drawn, to_unit
 from fabdesign.output import whole_file
+from fabdesign.units import in_mm
 
 Floats = NDArray[Any]
-_MM2 = (1e3 * LENGTH) ** 2  # mm^2 in the square of the network's unit
+_MM2 = in_mm(LENGTH) ** 2  # mm^2 in the square of the network's unit
 _VALIDATED = 0.1  # share that early stopping looks at
 
 

@@ -7,7 +7,7 @@ from fabdesign.errors import InputError
 from fabdesign.lab_table import LabTable
 from fabdesign.measured_units import require_measured_pressures
 from fabdesign.muscle import BenchTable
-from fabdesign.table import kilopascals
+from fabdesign.units import kilopascals
 
 COLUMNS = ["pressure_kpa", "contraction", "force_n"]
 

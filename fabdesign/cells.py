@@ -9,24 +9,24 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Ints = NDArray[np.int32]
-Indices = NDArray[np.intp]
-Place = int | np.int64 | np.uint64  # unsigned where it counts up, which compiles to less
+from fabdesign.cell_items import (
+    Array,
+    Indices,
+    Ints,
+    bodies_of,
+    boxes_of,
+    centres_of,
+    corner_and_edges,
+    sorted_into_cells,
+)
+from fabdesign.cell_search import edge_weights, search_cells
 
-_ROUNDED_UP = 1 + 1e-12  # distances that must not be too short
 _PER_CELL = 12.0  # items in an occupied cell, were they all on one flat sheet
 _CELLS = 8  # at most, for each item
-_COARSER = 3.0  # times as long are the cells that points are looked for in that are far from everything
-_GROUP = 32  # points that are asked together, at most
-_ABREAST = 8  # points that the vector units take at once
 _TOGETHER = 1.4  # cells' edges: in cells so long lie points that are asked together about triangles
-_SHORT = 0.3  # of a cell's edge, the first way
-_WIDE = 3.5  # cells' edges, the farthest way
-_SLIM = 1e-9  # of its longest edge: a triangle less high is one in length only
+_COARSER = 3.0  # times as long are the cells that points are looked for in that are far from everything
 
 
 class NearestItem(NamedTuple):
@@ -60,28 +60,29 @@ class Cells:
         squared, item = np.full(len(at), within**2), np.full(len(at), -1, dtype=np.intp)
         pending, cells = np.arange(len(at)), self
         while len(pending):
-            pending = _search(at, pending, *cells._grid, squared, item)
+            first, asked = cells._asked(at, pending)
+            pending = search_cells(at, first, asked, *cells._grid, squared, item)
             cells = cells._next
         squared[item < 0] = np.inf
         return NearestItem(squared, item)
 
     def weights(self, points: NDArray[Any], item: Indices) -> Array:
         """(n, 2) of the two edges of each point's triangle at its place nearest to the point (n, 3) m."""
-        return _weights(np.ascontiguousarray(points, dtype=np.float64), item, self.items)
+        return edge_weights(np.ascontiguousarray(points, dtype=np.float64), item, self.items)
 
     @staticmethod
     def of_triangles(vertices: Array, triangles: Indices) -> "Cells":
         """Of a mesh: vertices (m, 3) m, and the corners of each triangle (t, 3)."""
-        return Cells(_corner_and_edges(vertices, triangles))
+        return Cells(corner_and_edges(vertices, triangles))
 
     @cached_property
     def _centred(self) -> tuple[Array, Array, Array, float]:
-        return _centres(self.items)
+        return centres_of(self.items)
 
     @cached_property
     def _grid(self) -> tuple[Array, float, float, Ints, Ints, Indices, Array, Array]:
-        """What `_search` takes: least corner, cells' edge, how far items reach from their centres, how many cells each
-        way, first place of each cell's items in their order, that order, and `_bodies` and `_boxes` in it."""
+        """What `search_cells` takes: least corner, cells' edge, how far items reach from their centres, how many cells
+        each way, first place of each cell's items in their order, that order, and `bodies_of` and `boxes_of` in it."""
         centres, low, size, widest = self._centred
         long = np.sort(size)[::-1]
         suits = np.sqrt(_PER_CELL * long[0] * max(long[1], 1e-3 * long[0]) / len(centres))
@@ -90,354 +91,18 @@ class Cells:
             edge *= 1.25
         edge *= self.coarser
         shape = (np.floor(size / edge) + 1).astype(np.int32)
-        start, order = _sort(centres, np.arange(len(centres)), low, edge, shape)
-        bodies, boxes = _bodies(self.items, order), _boxes(self.items, order)
+        start, order = sorted_into_cells(centres, np.arange(len(centres)), low, edge, shape)
+        bodies, boxes = bodies_of(self.items, order), boxes_of(self.items, order)
         return low, edge, widest, shape, start, order, bodies, boxes
+
+    def _asked(self, points: Array, pending: Indices) -> tuple[Ints, Indices]:
+        """The pending points in cells of their own: those of one cell are asked together."""
+        low, edge, widest, shape, *_ = self._grid
+        long = edge * _TOGETHER if widest > 0 else edge
+        wide = (shape * edge / long).astype(np.int32) + np.int32(1)
+        first, asked = sorted_into_cells(points, pending, low, long, wide)
+        return first, asked
 
     @cached_property
     def _next(self) -> "Cells":
         return Cells(self.items, self.coarser * _COARSER)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _corner_and_edges(vertices: Array, triangles: Indices) -> Array:
-    items = np.empty((len(triangles), 9))
-    for k in range(len(triangles)):
-        for a in range(3):
-            corner = vertices[triangles[k, 0], a]
-            items[k, a] = corner
-            items[k, a + 3] = vertices[triangles[k, 1], a] - corner
-            items[k, a + 6] = vertices[triangles[k, 2], a] - corner
-    return items
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _bodies(items: Array, order: Indices) -> Array:
-    """Points (m, 3) in that order; triangles (m, 18), each as `_ask` takes it: a corner, the axes of a frame
-    there (along an edge, across it in the plane, the normal), the edge's length, the third corner in that frame, its
-    squared distance and that of the edge's end, inverted, and how far it lies from that end along the edge."""
-    if items.shape[1] == 3:
-        return items[order]
-    bodies = np.empty((len(items), 18))
-    b, c, n = np.empty(3), np.empty(3), np.empty(3)
-    for k in range(len(order)):
-        i = order[k]
-        bb = cc = bc = 0.0
-        for a in range(3):
-            b[a], c[a] = items[i, a + 3], items[i, a + 6]
-            bb, cc, bc = bb + b[a] * b[a], cc + c[a] * c[a], bc + b[a] * c[a]
-        # the longest edge lies along: a sliver has a direction, and where it has no normal any will do
-        bodies[k, 0], bodies[k, 1], bodies[k, 2] = items[i, 0], items[i, 1], items[i, 2]
-        across = bb + cc - 2 * bc
-        if cc > bb and cc >= across:
-            b, c = c, b
-            bb, cc = cc, bb
-        elif across > bb:
-            for a in range(3):
-                bodies[k, a] += b[a]
-                b[a], c[a] = c[a] - b[a], -b[a]
-            bb, cc, bc = across, bb, bb - bc
-        long = np.sqrt(bb)
-        scale = 1 / long if long > 0 else 0.0
-        x = bc * scale
-        for a in range(3):
-            b[a] *= scale
-            c[a] -= x * b[a]
-        if long == 0:
-            b[0] = 1.0
-        y = np.sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2])
-        if y > _SLIM * long:
-            c /= y
-        else:
-            y = 0.0
-            least = np.argmin(np.abs(b))
-            for a in range(3):
-                c[a] = (1.0 if a == least else 0.0) - b[least] * b[a]
-            c /= np.sqrt(c[0] * c[0] + c[1] * c[1] + c[2] * c[2])
-        n[0], n[1], n[2] = b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]
-        for a in range(3):
-            bodies[k, 3 + a], bodies[k, 6 + a], bodies[k, 9 + a] = b[a], c[a], n[a]
-        there, beyond = x * x + y * y, (x - long) * (x - long) + y * y
-        bodies[k, 12], bodies[k, 13], bodies[k, 14] = long, x, y
-        bodies[k, 15], bodies[k, 16] = 1 / there if there > 0 else 0.0, 1 / beyond if beyond > 0 else 0.0
-        bodies[k, 17] = x - long
-    return bodies
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _reach(bb: float, cc: float, bc: float) -> float:
-    """How far a triangle with edges b and c (by their products) reaches from its centre (b + c) / 3."""
-    squared = max(bb + cc + 2 * bc, max(4 * bb + cc, bb + 4 * cc) - 4 * bc)
-    return np.sqrt(max(squared, 0.0)) / 3 * _ROUNDED_UP
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _centres(items: Array) -> tuple[Array, Array, Array, float]:
-    """(m, 3) centres, least corner (3,) and size (3,) of their box, and how far an item reaches from its centre."""
-    count, width = items.shape
-    centres, widest = np.empty((count, 3)), 0.0
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for i in range(count):
-        for a in range(3):
-            centres[i, a] = items[i, a] if width == 3 else items[i, a] + (items[i, a + 3] + items[i, a + 6]) / 3
-            low[a], high[a] = min(low[a], centres[i, a]), max(high[a], centres[i, a])
-        if width == 9:
-            bb = cc = bc = 0.0
-            for a in range(3):
-                b, c = items[i, a + 3], items[i, a + 6]
-                bb, cc, bc = bb + b * b, cc + c * c, bc + b * c
-            widest = max(widest, _reach(bb, cc, bc))
-    return centres, low, high - low, widest
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _sort(points: Array, some: Indices, low: Array, edge: float, shape: Ints) -> tuple[Ints, Indices]:
-    """(cells + 1,) first place of each cell's points in the order, and that order of those points (some,), cell by
-    cell; a point outside counts to the cell at the border."""
-    cell = np.empty(len(some), dtype=np.int32)
-    start = np.zeros(shape[0] * shape[1] * shape[2] + 1, dtype=np.int32)
-    for k in range(len(some)):
-        c = 0
-        for a in range(3):
-            place = (points[some[k], a] - low[a]) / edge
-            c = c * shape[a] + (int(min(max(place, 0.0), shape[a] - 1.0)) if place == place else 0)
-        cell[k] = c
-        start[c + 1] += 1
-    for c in range(1, len(start)):
-        start[c] += start[c - 1]
-    order, place = np.empty(len(some), dtype=np.intp), start[:-1].copy()
-    for k in range(len(some)):
-        order[place[cell[k]]] = some[k]
-        place[cell[k]] += 1
-    return start, order
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _boxes(items: Array, order: Indices) -> Array:
-    """(6, m) least and largest coordinates of each item in that order."""
-    boxes = np.empty((6, len(order)))
-    for k in range(len(order)):
-        for a in range(3):
-            p = items[order[k], a]
-            least = most = 0.0
-            if items.shape[1] == 9:
-                b, c = items[order[k], a + 3], items[order[k], a + 6]
-                least, most = min(b, c, 0.0), max(b, c, 0.0)
-            boxes[a, k], boxes[a + 3, k] = p + least, p + most
-    return boxes
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _search(
-    points: Array,
-    pending: Indices,
-    low: Array,
-    edge: float,
-    widest: float,
-    shape: Ints,
-    start: Ints,
-    order: Indices,
-    bodies: Array,
-    boxes: Array,
-    squared: Array,
-    item: Indices,
-) -> Indices:
-    """Nearest items of the pending points; those left that have nothing near and may have something far off.
-
-    Points near each other are asked together about the items around their box: first those that come within a short way
-    of it, then, as long as one may be nearer to any of them than what it has, those within twice the way.
-    """
-    left, unsure, several = np.empty_like(pending), 0, len(start) > 2
-    farthest = _WIDE * edge if several else np.inf
-    coarse = edge * _TOGETHER if widest > 0 else edge
-    wide = (shape * edge / coarse).astype(np.int32) + np.int32(1)
-    first, asked = _sort(points, pending, low, coarse, wide)
-    at, best, nearest = np.empty((3, _GROUP)), np.empty(_GROUP), np.empty(_GROUP, dtype=np.int64)
-    lower, upper = np.empty(3), np.empty(3)
-    apart, which = np.empty(len(order)), np.empty(len(order), dtype=np.int64)
-    for cell in range(len(first) - 1):
-        for group in range(first[cell], first[cell + 1], _GROUP):
-            own = asked[group : min(group + _GROUP, first[cell + 1])]
-            lanes = np.uint64((len(own) + _ABREAST - 1) // _ABREAST * _ABREAST)
-            best[:], nearest[:] = -1.0, -1  # of lanes that no point fills: nothing is nearer
-            lower[:], upper[:] = np.inf, -np.inf
-            for j in range(len(own)):
-                i = own[j]
-                off = _off_cells(points[i], low, edge, shape) - widest
-                nowhere = not np.isfinite(points[i, 0] + points[i, 1] + points[i, 2])
-                if nowhere or off > np.sqrt(squared[i]) * _ROUNDED_UP:  # or farther than what is looked for
-                    continue
-                if off > farthest:
-                    left[unsure] = i
-                    unsure += 1
-                    continue
-                best[j] = squared[i]
-                for a in range(3):
-                    at[a, j] = points[i, a]
-                    lower[a], upper[a] = min(lower[a], points[i, a]), max(upper[a], points[i, a])
-            done, way = -1.0, _SHORT * edge if several else np.inf
-            while _most(best) > done and way <= farthest:
-                reach = min(way, _most(best))
-                count = _around(boxes, low, edge, widest, shape, start, lower, upper, done, reach, apart, which)
-                _ask(bodies, which, count, lanes, at[0], at[1], at[2], best, nearest)
-                done, way = reach, 2 * way
-            for j in range(len(own)):
-                if nearest[j] >= 0:
-                    squared[own[j]], item[own[j]] = best[j], order[nearest[j]]
-                if best[j] >= 0 and np.sqrt(best[j]) * _ROUNDED_UP > done:
-                    left[unsure] = own[j]
-                    unsure += 1
-    return left[:unsure]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _off_cells(point: Array, low: Array, edge: float, shape: Ints) -> float:
-    """How far a point lies from all cells."""
-    squared = 0.0
-    for a in range(3):
-        squared += max(low[a] - point[a], point[a] - low[a] - edge * shape[a], 0.0) ** 2
-    return np.sqrt(squared)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _most(best: Array) -> float:
-    """The longest distance of squared ones, rounded up; negative where all are."""
-    most = best.max()
-    return np.sqrt(most) * _ROUNDED_UP if most >= 0 else -1.0
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _around(
-    boxes: Array,
-    low: Array,
-    edge: float,
-    widest: float,
-    shape: Ints,
-    start: Ints,
-    lower: Array,
-    upper: Array,
-    done: float,
-    reach: float,
-    apart: Array,
-    which: Indices,
-) -> int:
-    """Put into `which` the items whose boxes lie farther from the box from `lower` to `upper` than `done`, and within
-    `reach`, m; how many there are. apart: (m,) room. Its loop has no branches, for the vector units."""
-    begin, end, count = np.empty(3, dtype=np.int64), np.empty(3, dtype=np.int64), 0
-    for a in range(3):
-        least, most = lower[a] - low[a] - reach - widest, upper[a] - low[a] + reach + widest
-        begin[a] = int(min(max(np.floor(least / edge), 0.0), shape[a] - 1.0))
-        end[a] = int(min(max(np.floor(most / edge), 0.0), shape[a] - 1.0)) + 1
-    l0, l1, l2, u0, u1, u2 = lower[0], lower[1], lower[2], upper[0], upper[1], upper[2]
-    past, near = done * abs(done), reach * reach
-    for u in range(begin[0], end[0]):
-        for v in range(begin[1], end[1]):
-            column = (u * shape[1] + v) * shape[2]
-            some, others = np.uint64(start[column + begin[2]]), np.uint64(start[column + end[2]])
-            for k in range(some, others):
-                d0 = max(boxes[0, k] - u0, l0 - boxes[3, k], 0.0)
-                d1 = max(boxes[1, k] - u1, l1 - boxes[4, k], 0.0)
-                d2 = max(boxes[2, k] - u2, l2 - boxes[5, k], 0.0)
-                apart[k] = d0 * d0 + d1 * d1 + d2 * d2
-            for k in range(some, others):
-                which[count] = k
-                count += (apart[k] > past) & (apart[k] <= near)
-    return count
-
-
-@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
-def _ask(
-    bodies: Array,
-    which: Indices,
-    count: int,
-    lanes: Place,
-    x: Array,
-    y: Array,
-    z: Array,
-    best: Array,
-    nearest: Indices,
-) -> None:
-    """Note for points (lanes,) in x, y, z which of the items `which` (count,) is nearer than the best so far, m^2.
-
-    To a triangle in its own frame (u, v, height): the height, and beside it, outside, the way to the nearest edge. The
-    inner loops have no branches, for the vector units.
-    """
-    if bodies.shape[1] == 3:
-        for i in range(count):
-            k = which[i]
-            a0, a1, a2 = bodies[k, 0], bodies[k, 1], bodies[k, 2]
-            for j in range(lanes):
-                p0, p1, p2 = x[j] - a0, y[j] - a1, z[j] - a2
-                q = p0 * p0 + p1 * p1 + p2 * p2
-                nearer = q < best[j]
-                best[j] = q if nearer else best[j]
-                nearest[j] = k if nearer else nearest[j]
-        return
-    for i in range(count):
-        k = which[i]
-        a0, a1, a2 = bodies[k, 0], bodies[k, 1], bodies[k, 2]
-        b0, b1, b2 = bodies[k, 3], bodies[k, 4], bodies[k, 5]
-        c0, c1, c2 = bodies[k, 6], bodies[k, 7], bodies[k, 8]
-        n0, n1, n2 = bodies[k, 9], bodies[k, 10], bodies[k, 11]
-        length, c_u, c_v = bodies[k, 12], bodies[k, 13], bodies[k, 14]
-        from_start, from_end, g_u = bodies[k, 15], bodies[k, 16], bodies[k, 17]
-        for j in range(lanes):
-            p0, p1, p2 = x[j] - a0, y[j] - a1, z[j] - a2
-            u = p0 * b0 + p1 * b1 + p2 * b2
-            v = p0 * c0 + p1 * c1 + p2 * c2
-            h = p0 * n0 + p1 * n1 + p2 * n2
-            w = u - length
-            t = max(min(u, length), 0.0)
-            beside = (u - t) * (u - t) + v * v
-            t = max(min((u * c_u + v * c_v) * from_start, 1.0), 0.0)
-            d, e = u - t * c_u, v - t * c_v
-            beside = min(beside, d * d + e * e)
-            t = max(min((w * g_u + v * c_v) * from_end, 1.0), 0.0)
-            d, e = w - t * g_u, v - t * c_v
-            beside = min(beside, d * d + e * e)
-            inside = (c_v > 0) & (v >= 0) & (u * c_v - v * c_u >= 0) & (v * g_u - w * c_v >= 0)
-            q = h * h + (0.0 if inside else beside)
-            nearer = q < best[j]
-            best[j] = q if nearer else best[j]
-            nearest[j] = k if nearer else nearest[j]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _weights(points: Array, item: Indices, items: Array) -> Array:
-    weights = np.empty((len(points), 2))
-    for i in range(len(points)):
-        weights[i, 0], weights[i, 1] = _to_triangle(points[i, 0], points[i, 1], points[i, 2], items, item[i])
-    return weights
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _to_triangle(p0: float, p1: float, p2: float, items: Array, k: int) -> tuple[float, float]:
-    """Weights of a triangle's edges (b and c from a corner) at its place nearest to a point.
-
-    |corner + v b + w c - p|^2 is convex: the least is at the plane's foot if that is inside, else on an edge.
-    """
-    p0, p1, p2 = p0 - items[k, 0], p1 - items[k, 1], p2 - items[k, 2]
-    b0, b1, b2 = items[k, 3], items[k, 4], items[k, 5]
-    c0, c1, c2 = items[k, 6], items[k, 7], items[k, 8]
-    bb, cc, bc = _squared(b0, b1, b2), _squared(c0, c1, c2), b0 * c0 + b1 * c1 + b2 * c2
-    pb, pc = p0 * b0 + p1 * b1 + p2 * b2, p0 * c0 + p1 * c1 + p2 * c2
-    determinant = bb * cc - bc * bc
-    v, w = cc * pb - bc * pc, bb * pc - bc * pb
-    if determinant > 0 and v >= 0 and w >= 0 and v + w <= determinant:
-        return v / determinant, w / determinant
-    v = min(max(pb / bb, 0.0), 1.0) if bb > 0 else 0.0
-    least, best_v, best_w = _squared(p0 - v * b0, p1 - v * b1, p2 - v * b2), v, 0.0
-    w = min(max(pc / cc, 0.0), 1.0) if cc > 0 else 0.0
-    q = _squared(p0 - w * c0, p1 - w * c1, p2 - w * c2)
-    if q < least:
-        least, best_v, best_w = q, 0.0, w
-    across = bb + cc - 2 * bc
-    w = min(max((bb - bc - pb + pc) / across, 0.0), 1.0) if across > 0 else 0.0
-    v = 1.0 - w
-    q = _squared(p0 - v * b0 - w * c0, p1 - v * b1 - w * c1, p2 - v * b2 - w * c2)
-    return (v, w) if q < least else (best_v, best_w)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", inline="always")
-def _squared(x: float, y: float, z: float) -> float:
-    return x * x + y * y + z * z

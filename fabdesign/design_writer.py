@@ -18,8 +18,8 @@ from fabdesign.fabric import Fabric
 from fabdesign.model import EffectTerm, Quantity
 from fabdesign.muscle import BenchTable, Muscle, MuscleType
 from fabdesign.output import whole_file
-from fabdesign.table import kilopascals
 from fabdesign.term import Term
+from fabdesign.units import kilopascals
 
 
 def write_design(design: Design, path: Path | str) -> None:

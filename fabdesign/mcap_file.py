@@ -36,7 +36,7 @@ def read_mcap(path: Path | str) -> Mapping[str, tuple[Array, ...]]:
     except ImportError as error:
         raise InputError(f"{path}: an MCAP needs the package {error.name}; pip install fabdesign[ros]") from None
     content = read_bytes(path, "an MCAP", largest=LARGEST)
-    found: dict[str, list[Array]] = {}
+    clouds_of: dict[str, list[Array]] = {}
     others: set[str] = set()
     size = 0
     try:
@@ -53,15 +53,15 @@ def read_mcap(path: Path | str) -> Mapping[str, tuple[Array, ...]]:
             size += cloud.nbytes
             if size > LARGEST:
                 raise InputError(f"{path}: its clouds have over {LARGEST / 1e6:.0f} MB; expected fewer or smaller ones")
-            found.setdefault(channel.topic, []).append(cloud)
+            clouds_of.setdefault(channel.topic, []).append(cloud)
     except InputError:
         raise
     except Exception as error:  # mcap raises whatever its parsers meet
         raise InputError(f"{path}: cannot be read as an MCAP of ROS 2 ({type(error).__name__})") from None
-    if not found:
+    if not clouds_of:
         held = ", ".join(sorted(others)[:5]) or "nothing"
         raise InputError(f"{path}: holds {held}; expected clouds, {_SCHEMAS[0]}")
-    return {topic: tuple(clouds) for topic, clouds in found.items()}
+    return {topic: tuple(clouds) for topic, clouds in clouds_of.items()}
 
 
 def points_of(message: Any, what: str) -> Array:

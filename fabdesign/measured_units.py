@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fabdesign.errors import InputError
+from fabdesign.units import in_kpa
 
 # s between frames. 60 Hz in milliseconds is 17 "s"; a creep test that takes a frame every 5 s still passes.
 _SLOWEST = 8.0
@@ -28,4 +29,4 @@ def require_measured_pressures(pressure: ArrayLike, where: str) -> None:
     largest = float(np.max(np.asarray(pressure, dtype=np.float64), initial=0.0))
     if 0 < largest <= _LEAST or largest >= _MOST:
         unit = "Pa" if largest >= _MOST else "MPa"
-        raise InputError(f"{where}: the largest pressure is {largest / 1e3:.6g} kPa; expected kPa (is it in {unit}?)")
+        raise InputError(f"{where}: the largest pressure is {in_kpa(largest):.6g} kPa; expected kPa (is it in {unit}?)")

@@ -5,7 +5,7 @@ summed. Everything in m; people are shown mm.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import astuple, dataclass, fields
+from dataclasses import asdict, astuple, dataclass, fields
 from functools import partial
 from itertools import islice
 from typing import Any
@@ -40,6 +40,10 @@ class Errors:
     def excess(self) -> float:
         """m of surface RMS over its floor, in quadrature; 0 within it."""
         return max(self.surface_rms**2 - self.surface_floor**2, 0.0) ** 0.5
+
+    def millimetres(self) -> dict[str, float]:
+        """The four errors by name, mm."""
+        return {name: in_mm(value) for name, value in asdict(self).items() if name != "beyond"}
 
 
 def mean_errors(each: Sequence[Errors]) -> Errors:

@@ -14,7 +14,7 @@ from fabdesign.forward import Case, ForwardModel
 from fabdesign.jacobian import FacesJacobian, Floats, Jacobians, with_on_top
 from fabdesign.model import Model
 from fabdesign.pressure import PressureProgram
-from fabdesign.sheet import Sheet, of_faces, sheets
+from fabdesign.sheet import Sheet, of_faces, sheets_of
 
 Array = NDArray[np.float64]
 
@@ -51,10 +51,10 @@ class Predictor:
         own = [self.case(case) for case in cases]
         shown = [np.asarray(t, dtype=float) for t in times]
         if not self.sensing:
-            return sheets(self.simulator, own, shown)
+            return sheets_of(self.simulator)(own, shown)
         shown = [seen_at(case, t) for case, t in zip(own, shown, strict=True)]
         once = _once(own, shown)
-        moved = sheets(self.simulator, [own[i] for i in once.values()], [shown[i] for i in once.values()])
+        moved = sheets_of(self.simulator)([own[i] for i in once.values()], [shown[i] for i in once.values()])
         by_key = dict(zip(once, moved, strict=True))
         return [_seen(case, by_key[_key(case, t)]) for case, t in zip(own, shown, strict=True)]
 

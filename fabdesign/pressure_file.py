@@ -13,8 +13,8 @@ from fabdesign.effort import LONGEST
 from fabdesign.errors import InputError
 from fabdesign.lab_table import LabTable, TableColumn
 from fabdesign.pressure import PressureProgram, require_pressures
-from fabdesign.table import kilopascals, pascals
 from fabdesign.trial_file import program_of, read_trial_pressures
+from fabdesign.units import kilopascals, pascals
 
 TABLES = (".csv", ".tsv", ".txt")  # endings of text tables
 SINGLE_ROW_DURATION = 1.5  # s, of a program that has one row

@@ -64,13 +64,13 @@ class Recording:
     def topics(self) -> Mapping[str, tuple[Array, ...]]:
         """The clouds of the MCAP: one of each topic for each of `times`. Raises InputError."""
         assert self.mcap is not None
-        found = read_mcap(self.mcap)
+        by_topic = read_mcap(self.mcap)
         for topic in (str(sensor.topic) for sensor in self.sensors):
-            if topic not in found:
-                raise InputError(f"{self.mcap}: no clouds on {topic}; expected one of {', '.join(found)}")
-            if (count := len(found[topic])) != len(self.times):
+            if topic not in by_topic:
+                raise InputError(f"{self.mcap}: no clouds on {topic}; expected one of {', '.join(by_topic)}")
+            if (count := len(by_topic[topic])) != len(self.times):
                 raise InputError(f"{self.mcap}: {count} clouds on {topic}; expected {len(self.times)}, one a time")
-        return found
+        return by_topic
 
     def frame(self, sensor: Sensor, index: int) -> Array:
         """(n, 3) m, in the camera's own frame, z forward and y down. Raises InputError."""

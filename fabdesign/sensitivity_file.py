@@ -16,7 +16,8 @@ from fabdesign.model import Model
 from fabdesign.model_sampling import covered, joint_root
 from fabdesign.pressure import limits
 from fabdesign.shape_output import EXPECTED, read_shape_output
-from fabdesign.study_file import FORMAT, TargetFile, read_start_pressures, read_subject, read_targets, require_kind
+from fabdesign.study_file import FORMAT, read_start_pressures, read_subject, require_kind
+from fabdesign.study_targets import TargetFile, read_targets
 from fabdesign.table import Table, load_toml
 from fabdesign.varied import Varied, read_varied
 

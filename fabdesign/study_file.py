@@ -11,20 +11,16 @@ from fabdesign.design import Design
 from fabdesign.design_file import read_design
 from fabdesign.effort import MUSCLES
 from fabdesign.errors import InputError
-from fabdesign.fabric import Fabric
 from fabdesign.forward import HOLD, RISE
 from fabdesign.model import Model
 from fabdesign.model_file import read_model
-from fabdesign.placement import UNITS, Unit
 from fabdesign.pressure import LARGEST, limits
 from fabdesign.pressure_file import pressure_file_of, read_pressures
-from fabdesign.regions import Weighting, read_regions
 from fabdesign.search_terms import Price, Robust, read_price, read_robust
 from fabdesign.shape_output import ShapeOutput, read_shape_outputs
-from fabdesign.sheet import Face
-from fabdesign.table import Table, load_toml, pascals
-from fabdesign.units import in_kpa
-from fabdesign.wishes import Wish, read_wishes
+from fabdesign.study_targets import TargetFile, read_targets
+from fabdesign.table import Table, load_toml
+from fabdesign.units import in_kpa, pascals
 
 FORMAT = "fabdesign.study/1"
 KINDS = ("optimize", "sensitivity", "layouts", "unseen", "loop")
@@ -32,31 +28,6 @@ Side = Literal["front", "back"]
 Measure = Literal["chamfer", "surface_rms"]
 CORNERS = 3  # between a muscle's ends, at most
 HIGHEST = 400e3  # Pa, of the pressures searched where the study does not say
-
-
-@dataclass(frozen=True)
-class TargetFile:
-    """A trial's npz with the frame that counts, or a cloud or mesh of any kind that `read_geometry` takes.
-
-    Its points are scaled, turned and shifted in this order; `fit`: registered to the hanging cloth, with
-    axes exchanged as need be unless there is a `rotation`.
-    """
-
-    file: Path
-    frame: int = -1
-    description: str = ""  # where it comes from; by default what its measurement set says
-    unit: Unit = "m"
-    scale: float = 1.0  # beside the unit
-    rotation: tuple[float, float, float] | None = None  # degrees about the fixed axes x, y, z, in this order
-    translation: tuple[float, float, float] = (0.0, 0.0, 0.0)  # m
-    place: Literal["given", "fit"] = "given"
-    weight: float = 1.0  # among the poses of a study
-    face: Face = "both"  # that the points lie on
-    # one way: from the points, which show a part, to the cloth alone
-    distances: Literal["both ways", "one way"] = "both ways"
-    free: bool = False  # it may stand anywhere: moved while searching
-    weighting: Weighting | None = None  # of places of the cloth
-    wishes: tuple[Wish, ...] = ()  # in place of a cloud: `file` is then the study's own
 
 
 @dataclass(frozen=True)
@@ -216,53 +187,6 @@ def require_searchable(study: Study, where: str) -> None:
         )
     if not (study.pressures or study.positions or study.muscles):
         raise InputError(f"{where}: variables: nothing may change; expected pressures, positions or muscles")
-
-
-def read_targets(root: Table, path: Path, fabric: Fabric) -> tuple[TargetFile, ...]:
-    """Of `[target]` or `[[targets]]` in the study at `path`, for a cloth."""
-    single = root.table("target", None)
-    tables = root.tables("targets")
-    if (single is None) == (not tables):
-        raise InputError(f"{path}: expected one [target], or [[targets]] that share one layout")
-    targets = []
-    for table in [single] if single is not None else tables:
-        if wishes := read_wishes(table, fabric):
-            targets.append(_wished(table, path, wishes))
-            continue
-        target = TargetFile(
-            file=path.parent / table.text("file"),
-            frame=table.integer("frame", -1),
-            description=table.text("description", ""),
-            unit=table.text("unit", "m", choices=tuple(UNITS)),
-            scale=table.number("scale", 1.0, above=0),
-            rotation=table.numbers("rotation", None, count=3),
-            translation=table.numbers("translation", (0.0, 0.0, 0.0), count=3),
-            place=table.text("place", "given", choices=("given", "fit")),
-            weight=table.number("weight", 1.0, above=0),
-            face=table.text("face", "both", choices=("both", "front", "back")),
-            distances=table.text("distances", "both ways", choices=("both ways", "one way")),
-            free=table.flag("free", False),
-            weighting=read_regions(table, fabric),
-        )
-        if target.free and target.weighting is not None:
-            raise table.bad("free", "false beside regions, which are weighed where the target stands")
-        if target.place == "fit" and "translation" in table:
-            raise table.bad("translation", 'none beside place = "fit", which finds it')
-        table.finish()
-        if not target.file.is_file():
-            raise InputError(f"{table.where}: file {target.file} is not there")
-        targets.append(target)
-    return tuple(targets)
-
-
-def _wished(table: Table, path: Path, wishes: tuple[Wish, ...]) -> TargetFile:
-    if "file" in table:
-        raise table.bad("file", "none beside wishes, which stand in its place")
-    if "regions" in table:
-        raise InputError(f"{table.where}: regions beside wishes, which have weights of their own; expected none")
-    description, weight = table.text("description", ""), table.number("weight", 1.0, above=0)
-    table.finish()
-    return TargetFile(path, description=description, weight=weight, wishes=wishes)
 
 
 def _choice(variables: Table) -> MuscleChoice | None:

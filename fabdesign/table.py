@@ -10,6 +10,7 @@ from typing import Any, Literal, TypeVar, overload
 
 from fabdesign.bounded_file import decode, read_bytes
 from fabdesign.errors import InputError
+from fabdesign.units import pascals
 
 _REQUIRED: Any = object()
 Default = TypeVar("Default")
@@ -252,16 +253,6 @@ def nearest(word: str, known: Sequence[str]) -> str:
 def read_text(path: Path, *, largest: int = LARGEST_TEXT) -> str:
     """A plain text file's content, of at most `largest` bytes; InputError where it cannot be read."""
     return decode(read_bytes(path, "a text file", largest=largest), path)
-
-
-def pascals(kilopascals: Decimal | int | str) -> float:
-    """Pa from a number in kPa, by shifting its decimal point: no rounding twice."""
-    return float(Decimal(kilopascals).scaleb(3))
-
-
-def kilopascals(pressure: float) -> Decimal:
-    """kPa from Pa, exactly the digits that `pascals` turns back into the same float."""
-    return Decimal(repr(float(pressure))).scaleb(-3)
 
 
 def _number(value: Any) -> float | None:

@@ -12,7 +12,7 @@ from fabdesign.fabric import Fabric
 from fabdesign.hung_cloth import misplaced
 from fabdesign.measured_points import sound_points
 from fabdesign.placement import MARKERS, UNITS, Placement, PlacementFit, Unit, fit_markers, fit_placement
-from fabdesign.study_file import TargetFile
+from fabdesign.study_targets import TargetFile
 
 MOST = 10_000  # points that are compared: more cost time and say nothing new
 FEWEST = 6  # points: as many as a pose has unknowns

@@ -1,6 +1,7 @@
 """Units at the border. The code computes in SI; people and files get millimetres and kilopascals. The factors stand
 here and nowhere else."""
 
+from decimal import Decimal
 from typing import Any, TypeVar
 
 from numpy.typing import NDArray
@@ -26,3 +27,13 @@ def in_kpa(pascals: Number) -> Number:
 def from_kpa(kilopascals: Number) -> Number:
     """Pascals of kilopascals."""
     return 1e3 * kilopascals
+
+
+def pascals(kilopascals: Decimal | int | str) -> float:
+    """Pa from a number in kPa, by shifting its decimal point: no rounding twice."""
+    return float(Decimal(kilopascals).scaleb(3))
+
+
+def kilopascals(pressure: float) -> Decimal:
+    """kPa from Pa, exactly the digits that `pascals` turns back into the same float."""
+    return Decimal(repr(float(pressure))).scaleb(-3)

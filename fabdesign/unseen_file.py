@@ -20,8 +20,9 @@ from fabdesign.pressure_file import read_pressures
 from fabdesign.rig_limits_file import RigLimits, read_rig_limits
 from fabdesign.shape_output import ShapeOutput, read_shape_outputs
 from fabdesign.study_file import FORMAT, require_kind
-from fabdesign.table import Table, load_toml, pascals
+from fabdesign.table import Table, load_toml
 from fabdesign.trial import MeasurementSet
+from fabdesign.units import pascals
 
 GRID = 21  # points a side, where there is no model whose factors belong to a grid
 HIGHEST = 300e3  # Pa, of poses and programs that the study does not name, where the muscles allow it
@@ -105,7 +106,7 @@ def unseen_of(
             raise InputError(f"{table.where}: one design; expected two or more, to leave each out in turn")
         table.finish()
     if unsewn is None and measured is None:
-        raise InputError(f"{path}: nothing to judge; expected a design with a model, a [measured] set, or both")
+        raise InputError(f"{path}: nothing to compute; expected a design with a model, a [measured] set, or both")
     cut = root.table("limits", None) or Table({}, "")
     study = UnseenStudy(
         name=root.text("name", path.stem),

@@ -37,13 +37,13 @@ def with_idle(best: Start, *, count: int, sides: Sequence[Side], number: int, se
 
 def pulling(starts: Sequence[Start], muscles: int, share: float) -> list[Start]:
     """The same layouts with their muscles from number `muscles` on at a share of the pressure range."""
-    found = []
+    shifted = []
     for start in starts:
         own, pressures = by_muscle(start)
         low, high = start[0].limits.pressure
         pressures[:, muscles:] = low + share * (high - low)
-        found.append(start_of((own, pressures), start[0]))
-    return [start for start in found if start is not None]
+        shifted.append(start_of((own, pressures), start[0]))
+    return [start for start in shifted if start is not None]
 
 
 def _with_one_more(layout: Layout, space: DesignSpace, sides: Sequence[Side], rng: Generator) -> Layout | None:

@@ -20,8 +20,8 @@ SHARED = 0.05  # of the pressure range, within which two muscles may share a cha
 def start_of(layout: Layout, space: DesignSpace) -> tuple[DesignSpace, Vector] | None:
     """The layout on the cloth of `space`, with a channel for each muscle or, where its limits have fewer, with those on
     one channel whose pressures are nearest; None where a limit is broken."""
-    found = _on_channels(layout, space, _nearest_groups(layout[1], space.limits.channels))
-    return found if found[0].feasible(found[1]) else None
+    grouped = _on_channels(layout, space, _nearest_groups(layout[1], space.limits.channels))
+    return grouped if grouped[0].feasible(grouped[1]) else None
 
 
 def by_muscle(start: tuple[DesignSpace, Vector]) -> Layout:

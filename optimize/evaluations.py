@@ -124,12 +124,12 @@ class Evaluations:
         best = self.best
         if best is None or not self.stages[best.stage].values_as(self.stages[-1]):
             return [self.best_point()]
-        found = [self.best_point()]
+        points = [self.best_point()]
         for rival in sorted(self.rivals.values(), key=lambda rival: rival.value):
             point = self.space(rival.start, rival.stage), rival.x
-            if rival.start != best.start and len(found) < most and not any(_same(point, other) for other in found):
-                found.append(point)
-        return found
+            if rival.start != best.start and len(points) < most and not any(_same(point, other) for other in points):
+                points.append(point)
+        return points
 
     def space(self, start: int, number: int) -> DesignSpace:
         """The start's, with the freedom that the stage of this number gives."""
@@ -177,17 +177,17 @@ class Evaluations:
         Stop."""
         jacobians = self.jacobians(number)
         assert jacobians is not None
-        found: list[Slopes] = []
-        while len(found) < len(points):
-            batch = points[len(found) : len(found) + self._room()]
+        slopes: list[Slopes] = []
+        while len(slopes) < len(points):
+            batch = points[len(slopes) : len(slopes) + self._room()]
             self.require_time()
             spaces = [self.space(start, number) for start, _ in batch]
             objective = self.objective_of(number)
             new = slopes_of(jacobians, objective, [(s, x) for s, (_, x) in zip(spaces, batch, strict=True)])
             self._record(self.stages[number].name + SLOPES, batch, [objective.value(one.shape) for one in new])
-            found += new
+            slopes += new
             self._on_progress(self)
-        return found
+        return slopes
 
     def _room(self) -> int:
         """Evaluations that the next batch may have. Raises Stop where none are left."""
@@ -247,25 +247,25 @@ class Evaluations:
                 self._note(Best(start, x.copy(), value, number), shape)
         return list(zip(values, shapes, strict=True))
 
-    def _record(self, label: str, batch: Sequence[Point], found: Sequence[float]) -> list[float]:
+    def _record(self, label: str, batch: Sequence[Point], computed: Sequence[float]) -> list[float]:
         """The values [m], a penalty for each that is none, as they stand in the history."""
-        penalty = max(PENALTY, 2 * max([self.history.worst, *(v for v in found if np.isfinite(v))]))
-        values = [v if np.isfinite(v) else penalty for v in found]
+        penalty = max(PENALTY, 2 * max([self.history.worst, *(v for v in computed if np.isfinite(v))]))
+        values = [v if np.isfinite(v) else penalty for v in computed]
         seconds = self.elapsed
         self.history.add(
             Entry(seconds, label, value, not np.isfinite(raw), tuple(map(float, x)))
-            for value, raw, (_, x) in zip(values, found, batch, strict=True)
+            for value, raw, (_, x) in zip(values, computed, batch, strict=True)
         )
         return values
 
-    def _note(self, found: Best, shape: Shape) -> None:
+    def _note(self, rival: Best, shape: Shape) -> None:
         """Keep it as the best, and among those that are as near."""
-        if self._better(found.stage, found.value):
-            self.best, self.best_shape = found, shape
-        if self.stages[found.stage].values_as(self.stages[-1]):
-            known = self.rivals.get(found.start)
-            if known is None or found.value < known.value:
-                self.rivals[found.start] = found
+        if self._better(rival.stage, rival.value):
+            self.best, self.best_shape = rival, shape
+        if self.stages[rival.stage].values_as(self.stages[-1]):
+            known = self.rivals.get(rival.start)
+            if known is None or rival.value < known.value:
+                self.rivals[rival.start] = rival
             if self.best is not None:
                 most = (1 + self._near) * self.best.value
                 self.rivals = {start: rival for start, rival in self.rivals.items() if rival.value <= most}
@@ -274,11 +274,11 @@ class Evaluations:
     def front(self) -> list[tuple[int, float]]:
         """Numbers of muscles and the nearest value [m] of each on the last stage's model: those that come nearer than
         all smaller numbers."""
-        found: list[tuple[int, float]] = []
+        front: list[tuple[int, float]] = []
         for count, value in sorted(self.by_count.items()):
-            if not found or value < found[-1][1]:
-                found.append((count, value))
-        return found
+            if not front or value < front[-1][1]:
+                front.append((count, value))
+        return front
 
     def _better(self, number: int, value: float) -> bool:
         """Than the best so far; of different forward models a later stage's knows better, whatever it says."""

@@ -50,9 +50,9 @@ def fewer_muscles(evaluations: Evaluations, *, least: int, price: Price) -> Fewe
     space, x = evaluations.best_point()
     best, last = evaluations.best, len(evaluations.stages) - 1
     value, count = np.inf if best is None else best.value, len(space.design.muscles)
-    found = Fewer((space, x), value, value, count, "no smaller layout is near enough")
+    smallest = Fewer((space, x), value, value, count, "no smaller layout is near enough")
     if best is None or not evaluations.stages[best.stage].values_as(evaluations.stages[last]):
-        return replace(found, ended="the search ended before the full model", cut=True)
+        return replace(smallest, ended="the search ended before the full model", cut=True)
     begun, lowest, highest = len(evaluations.starts), least, count
     layout = by_muscle((space, x))
     try:
@@ -65,13 +65,13 @@ def fewer_muscles(evaluations: Evaluations, *, least: int, price: Price) -> Fewe
                     lowest = size + 1
                     continue
                 highest = size
-                found = replace(found, start=(smaller.space, smaller.x), value=smaller.value, ended="")
+                smallest = replace(smallest, start=(smaller.space, smaller.x), value=smaller.value, ended="")
                 layout = by_muscle((smaller.space, smaller.x))
             if evaluations.stages[last].vary_positions:
-                found = _simpler(evaluations, found, straightened(found.start), price)
-            return _simpler(evaluations, found, with_shared_channels(found.start), price)
+                smallest = _simpler(evaluations, smallest, straightened(smallest.start), price)
+            return _simpler(evaluations, smallest, with_shared_channels(smallest.start), price)
     except Stop as stop:
-        return replace(found, ended=found.ended and str(stop), cut=True)
+        return replace(smallest, ended=smallest.ended and str(stop), cut=True)
     finally:
         del evaluations.starts[begun:]
 
@@ -113,18 +113,18 @@ def _searches(evaluations: Evaluations, stage: int, starts: Sequence[Start]) -> 
     ]
 
 
-def _simpler(evaluations: Evaluations, found: Fewer, start: Start | None, price: Price) -> Fewer:
+def _simpler(evaluations: Evaluations, smallest: Fewer, start: Start | None, price: Price) -> Fewer:
     """A simpler layout of as many muscles where it is near enough, or the price of the channels that it saves pays for
-    it; else what was found."""
+    it; else `smallest`."""
     if start is None:
-        return found
-    saved = found.start[0].channels - start[0].channels
-    allowed = max(price.allowed(found.before, 0), found.value + saved * price.channel)
+        return smallest
+    saved = smallest.start[0].channels - start[0].channels
+    allowed = max(price.allowed(smallest.before, 0), smallest.value + saved * price.channel)
     last = len(evaluations.stages) - 1
     local = run_rounds(evaluations, last, _searches(evaluations, last, [start]), FINE_ROUNDS, until=allowed)
     if local and local[0].value <= allowed:
-        return replace(found, start=(local[0].space, local[0].x), value=local[0].value, ended="")
-    return found
+        return replace(smallest, start=(local[0].space, local[0].x), value=local[0].value, ended="")
+    return smallest
 
 
 def _drops(layout: Layout) -> list[Layout]:

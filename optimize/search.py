@@ -9,16 +9,15 @@ limits cut depends on time or order, so that a seed gives one result.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from fabdesign.forward import ForwardModel
-from optimize.design_space import DesignSpace, Vector
-from optimize.evaluations import Best, Evaluations, Stop
+from optimize.design_space import Vector
+from optimize.evaluations import Evaluations, Stop
 from optimize.local_search import LocalSearch
 from optimize.objective import Shape
+from optimize.search_state import FurtherStarts, SearchState, add_starts, load_state, save_state
 
 INTERRUPTED = "interrupted; the same command goes on from here"
 NOTHING_NEW = "ended: no search promises a further gain, and there are no further starts"
@@ -27,23 +26,6 @@ ALIKE = 0.01  # of the best value, by which such ends may differ
 IDLE = 3  # restarts that came no nearer than NO_GAIN of the best value: a further one is not worth its time
 NO_GAIN = 0.005
 AT_ONCE = 8  # designs that take a simulator no longer than one: so many trials a round, shared by the searches
-
-Start = tuple[DesignSpace, Vector]
-# of restart k = 1, 2, ... and the best so far: starts, and whether they owe nothing to the best
-FurtherStarts = Callable[[int, Start], tuple[Sequence[Start], bool]]
-
-
-@dataclass
-class _Progress:
-    """Where a search stands."""
-
-    stage: int = 0
-    searches: list[LocalSearch] = field(default_factory=list)
-    first: int = 0  # of the starts, that the restart under way began with
-    independent: bool = True  # whether these owe nothing to what was best
-    bests: list[list[Any]] = field(default_factory=list)  # of the restarts after the first: what was best before each
-    ends: list[float] = field(default_factory=list)  # m, of searches from new starts on the last stage
-    reason: str = ""  # why it ended
 
 
 def search(
@@ -58,11 +40,11 @@ def search(
     finished, and ends where it would have ended.
     """
     try:
-        at = _load(evaluations, further)
+        at = load_state(evaluations, further)
         if reason := evaluations.ended():
             return reason
         if evaluations.history.load() is None:
-            _save(evaluations, at)  # so that an end within the screening is kept too
+            save_state(evaluations, at)  # so that an end within the screening is kept too
         while not at.reason:
             _run_restart(evaluations, at, floor)
             if at.independent:
@@ -70,7 +52,7 @@ def search(
             at.reason = _reason_to_end(evaluations, at, floor)
             if not at.reason and not _begin(evaluations, at, further):
                 at.reason = NOTHING_NEW
-            _save(evaluations, at)
+            save_state(evaluations, at)
         return at.reason
     except Stop as stop:
         evaluations.set_down(str(stop))
@@ -80,7 +62,7 @@ def search(
         return INTERRUPTED
 
 
-def _reason_to_end(evaluations: Evaluations, at: _Progress, floor: Callable[[Shape], float] | None) -> str:
+def _reason_to_end(evaluations: Evaluations, at: SearchState, floor: Callable[[Shape], float] | None) -> str:
     """After a restart; empty while there is none."""
     best = evaluations.best
     if best is None:
@@ -94,7 +76,7 @@ def _reason_to_end(evaluations: Evaluations, at: _Progress, floor: Callable[[Sha
     return ""
 
 
-def _at_floor(evaluations: Evaluations, at: _Progress, floor: Callable[[Shape], float] | None) -> bool:
+def _at_floor(evaluations: Evaluations, at: SearchState, floor: Callable[[Shape], float] | None) -> bool:
     """Whether the nearest of the searches under way is as near as its own points would be."""
     if floor is None:
         return False
@@ -104,23 +86,23 @@ def _at_floor(evaluations: Evaluations, at: _Progress, floor: Callable[[Shape], 
     return nearest.value <= (1 + ALIKE) * floor(nearest.shape)
 
 
-def _run_restart(evaluations: Evaluations, at: _Progress, floor: Callable[[Shape], float] | None) -> None:
+def _run_restart(evaluations: Evaluations, at: SearchState, floor: Callable[[Shape], float] | None) -> None:
     """From where it stands through all stages; no round follows one that has come to the floor on the last."""
     for number in range(at.stage, len(evaluations.stages)):
         if number > at.stage or not at.searches:
             at.searches = _enter(evaluations, number, at.searches or _screen(evaluations, at))
             at.stage = number
-            _save(evaluations, at)
+            save_state(evaluations, at)
         while (going := [s for s in at.searches if not s.done]) and evaluations.may_begin(number):
             before = min(s.value for s in at.searches)
             _round(evaluations, number, going)
-            _save(evaluations, at)
+            save_state(evaluations, at)
             gained = min(s.value for s in at.searches) < before
             if gained and number == len(evaluations.stages) - 1 and _at_floor(evaluations, at, floor):
                 return
 
 
-def _begin(evaluations: Evaluations, at: _Progress, further: FurtherStarts | None) -> bool:
+def _begin(evaluations: Evaluations, at: SearchState, further: FurtherStarts | None) -> bool:
     """The next restart, if it has starts."""
     best = evaluations.best
     if further is None or best is None:
@@ -128,19 +110,11 @@ def _begin(evaluations: Evaluations, at: _Progress, further: FurtherStarts | Non
     at.bests.append([best.start, best.x.tolist(), best.value, best.stage])
     at.stage, at.searches = 0, []
     evaluations.restart_began = evaluations.elapsed
-    _add_starts(evaluations, at, further)
+    add_starts(evaluations, at, further)
     return len(evaluations.starts) > at.first
 
 
-def _add_starts(evaluations: Evaluations, at: _Progress, further: FurtherStarts) -> None:
-    """Those of the last restart of `at`."""
-    start, x, _, stage = at.bests[-1]
-    new, at.independent = further(len(at.bests), (evaluations.space(start, stage), np.array(x)))
-    at.first = len(evaluations.starts)
-    evaluations.starts += new
-
-
-def _screen(evaluations: Evaluations, at: _Progress) -> list[LocalSearch]:
+def _screen(evaluations: Evaluations, at: SearchState) -> list[LocalSearch]:
     own = range(at.first, len(evaluations.starts))
     spaces = [evaluations.space(i, 0) for i in own]
     xs = [
@@ -194,8 +168,8 @@ def _round(evaluations: Evaluations, number: int, searches: list[LocalSearch]) -
         trials.append(xs)
         ahead = xs and local.rounds < stage.rounds - 1 and not known and stage.slopes is None
         wanted.append(xs + (local.differences(xs[0]) if ahead else []))
-    for local, xs, found in zip(searches, trials, _evaluate_all(evaluations, number, searches, wanted), strict=True):
-        local.accept(objective, xs, found[: len(xs)], [shape for _, shape in found[len(xs) :]])
+    for local, xs, values in zip(searches, trials, _evaluate_all(evaluations, number, searches, wanted), strict=True):
+        local.accept(objective, xs, values[: len(xs)], [shape for _, shape in values[len(xs) :]])
         local.done = local.done or local.rounds >= stage.rounds
 
 
@@ -230,13 +204,13 @@ def _find_slopes(evaluations: Evaluations, number: int, searches: list[LocalSear
     else:
         cheap = evaluations.stages[number].slopes
         wanted = [s.lacks(known=cheap is None) for s in searches]
-        for local, found in zip(searches, _evaluate_all(evaluations, number, searches, wanted, cheap), strict=True):
-            local.linearise([shape for _, shape in found])
+        for local, values in zip(searches, _evaluate_all(evaluations, number, searches, wanted, cheap), strict=True):
+            local.linearise([shape for _, shape in values])
     taught = [s for s in searches if s.learned]  # after a checkpoint
-    for local, found in zip(
+    for local, values in zip(
         taught, _evaluate_all(evaluations, number, taught, [s.learned for s in taught]), strict=True
     ):
-        local.learn([shape for _, shape in found])
+        local.learn([shape for _, shape in values])
 
 
 def _evaluate_all(
@@ -250,67 +224,3 @@ def _evaluate_all(
     flat = [(local.start, x) for local, own in zip(searches, xs, strict=True) for x in own]
     results = iter(evaluations.evaluate(number, flat, cheap))
     return [[next(results) for _ in own] for own in xs]
-
-
-def _save(evaluations: Evaluations, at: _Progress) -> None:
-    found = evaluations.best
-    best = None if found is None else found.as_row()
-    rows = [
-        [
-            s.start,
-            s.x.tolist(),
-            s.value,
-            s.radius,
-            s.rounds,
-            s.done,
-            None if s.slopes_at is None else s.slopes_at.tolist(),
-            [x.tolist() for x in s.learned],
-        ]
-        for s in at.searches
-    ]
-    state = {
-        "stage": at.stage,
-        "best": best,
-        "rivals": [rival.as_row() for rival in evaluations.rivals.values()],
-        "by_count": [*evaluations.by_count.items()],
-        "searches": rows,
-        "bests": at.bests,
-        "ends": at.ends,
-        "began": evaluations.restart_began,
-        "reason": at.reason,
-    }
-    evaluations.history.save(state, evaluations.elapsed)
-
-
-def _load(evaluations: Evaluations, further: FurtherStarts | None) -> _Progress:
-    state: Any = evaluations.history.load()
-    at = _Progress()
-    if state is None:
-        return at
-    if further is not None:
-        for best in state["bests"]:
-            at.bests.append(best)
-            _add_starts(evaluations, at, further)
-    at.stage, at.ends, at.reason = state["stage"], state["ends"], state["reason"]
-    evaluations.restart_began = state["began"]
-    if state["best"] is not None:
-        evaluations.best = Best.of_row(state["best"])
-    evaluations.by_count = dict(map(tuple, state.get("by_count", [])))
-    for row in state.get("rivals", []):
-        rival = Best.of_row(row)
-        evaluations.rivals[rival.start] = rival
-    at.searches = [
-        LocalSearch(
-            start,
-            evaluations.space(start, at.stage),
-            np.array(x),
-            value,
-            radius,
-            rounds,
-            done,
-            slopes_at=None if slopes_at is None else np.array(slopes_at),
-            learned=[np.array(x) for own in learned for x in own],
-        )
-        for start, x, value, radius, rounds, done, slopes_at, *learned in state["searches"]
-    ]
-    return at

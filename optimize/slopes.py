@@ -34,8 +34,8 @@ def jacobians_for(forward: ForwardModel, objective: Objective) -> Jacobians | No
     """What derivatives are asked of; None where the model has none, or a target is a frame too early for them."""
     if any(target.time is not None and target.time < LATE for target in objective.targets):
         return None
-    found: Jacobians | None = getattr(forward, "faces_jacobian", None)
-    return found
+    offered: Jacobians | None = getattr(forward, "faces_jacobian", None)
+    return offered
 
 
 def slopes_of(
@@ -51,15 +51,15 @@ def slopes_of(
     span = max(np.ptp(space.limits.pressure) for space, _ in points)
     columns = [*map(_of_corner, corners), *(_of_channel(k, PRESSURE_STEP * span) for k in range(channels)), *further]
     place = {corner: k for k, corner in enumerate(corners)}
-    found = [jacobians(objective.cases(pose, decoded), columns) for pose in range(len(objective.targets))]
+    jacobian_of = [jacobians(objective.cases(pose, decoded), columns) for pose in range(len(objective.targets))]
     results = []
     for i, (space, x) in enumerate(points):
         own = [place[corner] for corner in _corners(space)]
-        shape = np.array([refined(np.asarray(pose[i].points, float)) for pose in found])
+        shape = np.array([refined(np.asarray(pose[i].points, float)) for pose in jacobian_of])
         by_variable = np.zeros((len(x), *shape.shape))
         by_further = np.zeros((len(further), *shape.shape))
         at = space.position_count
-        for pose, jacobian in enumerate(one[i] for one in found):
+        for pose, jacobian in enumerate(one[i] for one in jacobian_of):
             changes = np.array([refined(change) for change in jacobian.changes]).reshape(len(columns), -1, 3)
             by_further[:, pose] = changes[len(columns) - len(further) :]
             by_variable[: space.position_count, pose] = changes[own] * space.units[: space.position_count, None, None]
@@ -84,10 +84,10 @@ class ByColumns(NamedTuple):
 
 def by_columns(jacobians: Jacobians, cases: Sequence[Case], columns: Sequence[Column]) -> ByColumns:
     """How the shapes of one design, a case a pose, change with columns."""
-    found = [jacobians([case], columns)[0] for case in cases]
-    shape = np.array([refined(np.asarray(one.points, float)) for one in found])
-    changes = np.stack([np.array([refined(change) for change in one.changes]) for one in found], axis=1)
-    return ByColumns(shape, changes, all(bool(one.exact.all()) for one in found))
+    of_cases = [jacobians([case], columns)[0] for case in cases]
+    shape = np.array([refined(np.asarray(one.points, float)) for one in of_cases])
+    changes = np.stack([np.array([refined(change) for change in one.changes]) for one in of_cases], axis=1)
+    return ByColumns(shape, changes, all(bool(one.exact.all()) for one in of_cases))
 
 
 def _corners(space: DesignSpace) -> list[Corner]:

@@ -29,7 +29,7 @@ def variations(
     """
     space, _ = best
     rng = np.random.default_rng(seed)
-    found: list[Start] = []
+    starts: list[Start] = []
     for _ in range(number):
         for _ in range(TRIES):
             layout = by_muscle(best)
@@ -37,9 +37,9 @@ def variations(
                 layout = _moved(layout, space, counts, sides, corners, rng)
             start = start_of(layout, space)
             if start is not None:
-                found.append(start)
+                starts.append(start)
                 break
-    return found
+    return starts
 
 
 def with_corners(best: Start, corners: int) -> list[Start]:

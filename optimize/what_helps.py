@@ -65,12 +65,12 @@ def what_helps(
         return stepped(own, LinearShape(own.encode(*layout), shape, by_variable))
 
     shifted = [slopes.shape + own.by * of_column[own.column.name] for own in changes]
-    found = [Nearer(own.what, reached(shape, space)) for own, shape in zip(changes, shifted, strict=True)]
-    found += [Nearer(what, reached(slopes.shape, own)) for what, own in wider.items()]
-    found += [
+    nearer = [Nearer(own.what, reached(shape, space)) for own, shape in zip(changes, shifted, strict=True)]
+    nearer += [Nearer(what, reached(slopes.shape, own)) for what, own in wider.items()]
+    nearer += [
         Nearer(what, stepped(own, LinearShape(there, of_other.shape, of_other.by_variable)))
         for what, (own, there), of_other in zip(others, places, of_others, strict=True)
     ]
     return reached(slopes.shape, space), sorted(
-        (own for own in found if np.isfinite(own.value)), key=lambda own: own.value
+        (own for own in nearer if np.isfinite(own.value)), key=lambda own: own.value
     )

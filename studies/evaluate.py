@@ -105,11 +105,11 @@ def evaluate_sets(
     jobs = _jobs(sets, ("test", "fit") if all_trials else ("test",))
     if not jobs:
         raise InputError(f"{', '.join(s.name for s in sets)}: no trial of role test; --all takes the others too")
-    used = find_used_frames([(s, [t for job in jobs if job.found is s for t in job.trials]) for s in sets], coarse)
+    used = find_used_frames([(s, [t for job in jobs if job.measured is s for t in job.trials]) for s in sets], coarse)
     with ThreadPoolExecutor(os.cpu_count()) as threads:
         noises = _noises(jobs, threads)
         tasks = [
-            (partial(_errors, noise, seed, partial(used.at, job.found), job.found.name), trial)
+            (partial(_errors, noise, seed, partial(used.at, job.measured), job.measured.name), trial)
             for job, noise in zip(jobs, noises, strict=True)
             for trial in job.trials
         ]
@@ -127,7 +127,7 @@ def evaluate_sets(
     tables: dict[str, dict[str, DesignResult]] = {"test": {}, "fit": {}}
     for job, noise in zip(jobs, noises, strict=True):
         own, results = results[: len(job.trials)], results[len(job.trials) :]
-        tables[job.role][job.title] = _summarise(job.title, job.found, noise.result(), own)
+        tables[job.role][job.title] = _summarise(job.title, job.measured, noise.result(), own)
     return SetEvaluation(tables["test"], tables["fit"], used)
 
 
@@ -135,7 +135,7 @@ def evaluate_sets(
 class _Job:
     """The trials of one design and role of a set: a row of a table."""
 
-    found: MeasurementSet
+    measured: MeasurementSet
     role: str
     title: str
     trials: Sequence[Trial]
@@ -158,7 +158,7 @@ def _noises(jobs: Sequence[_Job], threads: ThreadPoolExecutor) -> list["Future[S
     alike: dict[tuple[int, float], list[Trial]] = {}
     keys = []
     for job in jobs:
-        keys.append((id(job.found), job.trials[0].design.fabric.thickness))
+        keys.append((id(job.measured), job.trials[0].design.fabric.thickness))
         alike.setdefault(keys[-1], []).extend(job.trials)
     noises = {key: threads.submit(estimate_noise, _spread(trials), key[1]) for key, trials in alike.items()}
     return [noises[key] for key in keys]
@@ -252,10 +252,10 @@ def _as_json(design: DesignResult) -> dict[str, Any]:
         distances = {name: {key: in_mm(x) for key, x in asdict(table[name]).items()} for name in ERRORS}
         return distances | {"surface_beyond": asdict(table["beyond"])}
 
-    def errors(values: Errors) -> dict[str, float | None]:
+    def errors(values: Errors) -> Mapping[str, float | None]:
         if np.isnan(values.chamfer):
             return dict.fromkeys((*ERRORS, "surface_beyond"))
-        return {name: in_mm(getattr(values, name)) for name in ERRORS} | {"surface_beyond": values.beyond}
+        return values.millimetres() | {"surface_beyond": values.beyond}
 
     return {
         "before": millimetres(design.before),

@@ -1,9 +1,9 @@
 """What an evaluation leaves in a folder: numbers, tables and a picture."""
 
-import json
 from pathlib import Path
 
 from fabdesign.csv_table import write_rows
+from fabdesign.json_file import write_json
 from fabdesign.metrics import Statistics, told_beyond
 from fabdesign.output import new_folder
 from fabdesign.units import in_mm
@@ -13,8 +13,7 @@ from studies.evaluate import ERRORS, SetEvaluation, histogram
 def write_evaluation(evaluation: SetEvaluation, out: Path) -> None:
     """Write `evaluation.json`, `trials.csv`, `evaluation.md` and `histogram.png` into the folder `out`, all or none."""
     with new_folder(out, made_by="evaluate") as unfinished:
-        text = json.dumps(evaluation.as_json(), indent=1)
-        (unfinished / "evaluation.json").write_text(text + "\n", encoding="utf-8")
+        write_json(unfinished / "evaluation.json", evaluation.as_json())
         (unfinished / "evaluation.md").write_text(tables_markdown(evaluation), encoding="utf-8")
         _write_trials(evaluation, unfinished / "trials.csv")
         _write_histogram(evaluation, unfinished / "histogram.png")

@@ -48,7 +48,7 @@ BAD = [
     ("simulate cross.toml --pressures 1,2 --equilibrium --rise 1e9 -o OUT", "is not in the range 0.01<=x<=60"),
     ("simulate cross.toml --pressures 1,2 --duration -1 -o OUT", "above 0"),
     ("simulate cross.toml --pressures 1,2 --frame-rate 0 -o OUT", "above 0"),
-    ("simulate cross.toml --pressures 1,2 --frame-rate fast -o OUT", "valid float"),
+    ("simulate cross.toml --pressures 1,2 --frame-rate fast -o OUT", "valid number"),
     ("simulate cross.toml --pressures 1,2", "Missing option"),
     ("simulate cross.toml --pressures 1,2 --equilibrium --duration 1 -o OUT", "a shape at rest has none"),
     ("simulate cross.toml --pressures 1,2 --mesh OUT.stl -o OUT", ".ply or .obj"),

@@ -15,7 +15,8 @@ from fabdesign.forward import Case
 from fabdesign.muscle import Muscle
 from fabdesign.pressure_file import constant_program
 from fabdesign.search_terms import Price
-from fabdesign.study_file import MuscleChoice, Study, TargetFile, read_study
+from fabdesign.study_file import MuscleChoice, Study, read_study
+from fabdesign.study_targets import TargetFile
 from optimize.additions import pulling, with_idle
 from optimize.channels import with_shared_channels
 from optimize.design_space import DesignSpace, Limits
@@ -120,7 +121,7 @@ def test_what_is_not_needed_goes_while_the_muscles_stay() -> None:
     assert [len(muscle.path) for muscle in design.muscles] == [2, 2]
     assert [muscle.channel for muscle in design.muscles] == [0, 0] and pressures.shape == (1, 1)
     assert not found.ended and found.value <= 1.03 * found.before
-    assert fewer_said(STUDY, found).startswith("The 2 muscles, straight, on 1 channels do")
+    assert fewer_said(STUDY, found).startswith("The 2 muscles, straight, are enough on 1 channels")
 
 
 @pytest.fixture

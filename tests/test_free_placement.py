@@ -13,7 +13,8 @@ from fabdesign.errors import InputError
 from fabdesign.forward import Case
 from fabdesign.free_placement import onto
 from fabdesign.pressure_file import constant_program
-from fabdesign.study_file import Study, StudyLimits, TargetFile
+from fabdesign.study_file import Study, StudyLimits
+from fabdesign.study_targets import TargetFile
 from fabdesign.target_file import read_target
 from optimize.objective import Objective, Target
 from studies.layouts.run import run_study

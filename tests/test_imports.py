@@ -40,6 +40,37 @@ def test_packages_import_one_way(file: Path) -> None:
     assert imports(file) & set(PACKAGES) <= ALLOWED[package]
 
 
+def test_no_module_imports_itself_through_others() -> None:
+    """Imports at the top and inside functions; those for types alone cost nothing."""
+    imported = {module: sorted(others) for module, others in _module_imports().items()}
+    done: set[str] = set()
+
+    def follow(module: str, path: tuple[str, ...]) -> None:
+        assert module not in path, " -> ".join([*path[path.index(module) :], module])
+        if module not in done:
+            for other in imported[module]:
+                follow(other, (*path, module))
+            done.add(module)
+
+    for module in imported:
+        follow(module, ())
+
+
+def _module_imports() -> dict[str, set[str]]:
+    """Modules of the packages that each imports."""
+    names = {file: ".".join(file.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__") for file in FILES}
+    imported: dict[str, set[str]] = {name: set() for name in names.values()}
+    for file, name in names.items():
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        types = [node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)]
+        left_out = {id(inner) for node in types for inner in ast.walk(node)}
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and node.module and id(node) not in left_out:
+                for named in (f"{node.module}.{alias.name}" for alias in node.names):
+                    imported[name] |= {named if named in imported else node.module} & (imported.keys() - {name})
+    return imported
+
+
 def test_what_no_type_check_sees_imports_what_is_there() -> None:
     """Benchmarks, scripts and examples: modules of this project by their file, names by a word in it."""
     missing = []

@@ -28,7 +28,8 @@ from fabdesign.muscle import BenchTable
 from fabdesign.ply import write_ply
 from fabdesign.pressure_file import constant_program, read_csv
 from fabdesign.recording import Recording, Sensor
-from fabdesign.study_file import Study, StudyLimits, TargetFile
+from fabdesign.study_file import Study, StudyLimits
+from fabdesign.study_targets import TargetFile
 from fabdesign.target_file import PlacedTarget, read_target
 from fabdesign.trial_file import read_trial
 from optimize.objective import Objective, Target

@@ -120,27 +120,27 @@ def timed(tmp_path_factory: pytest.TempPathFactory) -> GridResult:
 
 def test_a_grid_keeps_its_seconds(timed: GridResult) -> None:
     result = timed
-    assert len(result.found) == result.total == 4
+    assert len(result.cells) == result.total == 4
     assert 0.5 * SECONDS < result.wall_s < 1.05 * SECONDS
-    assert all(f.result and f.result.loading_path is None for f in result.found if f not in result.front)
+    assert all(f.result and f.result.loading_path is None for f in result.cells if f not in result.front)
 
 
 def test_more_muscles_and_a_second_face_are_never_worse(timed: GridResult) -> None:
     result = timed
-    reached = {f.cell: best.objective for f in result.found for best in [result.nearest(f.cell)] if best}
+    reached = {f.cell: best.objective for f in result.cells for best in [result.nearest(f.cell)] if best}
     assert [cell.name for cell in reached] == ["1_EM20_front", "1_EM20_both", "2_EM20_front", "2_EM20_both"]
     for one, other in itertools.product(reached, reached):
         assert not one.includes(other) or reached[one] <= reached[other]
     rows = {row["name"]: row for row in result.as_json()["cells"]}
-    for f in result.found:
+    for f in result.cells:
         assert 1e3 * reached[f.cell] == rows[f.cell.name]["objective_mm"] <= rows[f.cell.name]["searched_mm"]
 
 
 def test_a_cell_begins_at_its_neighbours_with_idle_muscles(timed: GridResult) -> None:
     result = timed
-    one, _, _, both = result.found
+    one, _, _, both = result.cells
     assert one.result is not None
-    seeds = seeds_of(both.cell, result.found)
+    seeds = seeds_of(both.cell, result.cells)
     decoded = [space.decode(x) for space, x in seeds]
     assert {len(design.muscles) for design, _ in decoded} == {2}
     assert all(space.feasible(x) for space, x in seeds)
@@ -150,13 +150,13 @@ def test_a_cell_begins_at_its_neighbours_with_idle_muscles(timed: GridResult) ->
     assert all(pressures[0, 0] == pytest.approx(one.result.pressures[0, 0]) for pressures in grown)
     again = of_rows(json.loads(json.dumps(as_rows(seeds))), both.cell.study.design, seeds[0][0].limits)
     assert [space.design for space, _ in again] == [design for design, _ in decoded]
-    assert not seeds_of(one.cell, result.found)
+    assert not seeds_of(one.cell, result.cells)
 
 
 def test_time_goes_where_it_still_gains(timed: GridResult) -> None:
     result = timed
-    going = tuple(replace(f, result=replace(f.result, stop_reason="time used")) for f in result.found if f.result)
-    result = replace(result, found=going)
+    going = tuple(replace(f, result=replace(f.result, stop_reason="time used")) for f in result.cells if f.result)
+    result = replace(result, cells=going)
     one, _, two, _ = going
     turns = {f.cell.name: CellTurns(seconds=10, turns=1, beneath=0.0) for f in going}
     assert next_turn(result, turns, 5.0) is None
@@ -165,10 +165,10 @@ def test_time_goes_where_it_still_gains(timed: GridResult) -> None:
     turns[two.cell.name].gained = one.objective + two.objective
     assert next_turn(result, turns, 5.0) is two
     ended = replace(two, result=replace(two.result, stop_reason="at the floor: no nearer"))
-    assert next_turn(replace(result, found=(one, ended)), turns, 5.0) is one
+    assert next_turn(replace(result, cells=(one, ended)), turns, 5.0) is one
     worse = replace(two, result=_at(two, 9.0))  # one muscle has got ahead of two since these began
     turns[two.cell.name].beneath = 8.0
-    assert next_turn(replace(result, found=(one, worse)), turns, 5.0) is worse
+    assert next_turn(replace(result, cells=(one, worse)), turns, 5.0) is worse
 
 
 def _at(found: CellResult, chamfer: float) -> StudyResult:
@@ -178,15 +178,15 @@ def _at(found: CellResult, chamfer: float) -> StudyResult:
 
 def test_what_did_not_help_is_said(timed: GridResult) -> None:
     result = timed
-    front, both = result.found[2:]
+    front, both = result.cells[2:]
     assert front.result is not None
     worse = replace(both, result=_at(both, 9.0))
-    statements = replace(result, found=(front, worse)).statements(both.cell)
+    statements = replace(result, cells=(front, worse)).statements(both.cell)
     assert statements[0].startswith("2 muscles on both faces did not help: 2 on the front are nearer, at ")
     assert statements[0].endswith("its own search came to 9000.00 mm.")
     one_face = replace(both, result=replace(front.result, pressures=np.array([[300e3, 0.0]])))
     assert one_face.sides_used == "front"
-    statements = replace(result, found=(one_face,)).statements(both.cell)
+    statements = replace(result, cells=(one_face,)).statements(both.cell)
     assert statements == ["1 of its 2 muscles is idle.", "Only the front pulls: a second face did not help."]
 
 

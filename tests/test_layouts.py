@@ -14,7 +14,8 @@ from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case
 from fabdesign.model import Model
 from fabdesign.pressure_file import constant_program, read_pressures
-from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
+from fabdesign.study_file import MuscleChoice, Study, StudyLimits
+from fabdesign.study_targets import TargetFile
 from fabdesign.trial_file import TrialData, read_trial, write_trial
 from studies.demo.run import as_json, as_text, run_demo
 from studies.layouts.run import run_study

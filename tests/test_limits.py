@@ -13,7 +13,8 @@ from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
 from fabdesign.forward import Case
 from fabdesign.pressure_file import constant_program
-from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile, read_study
+from fabdesign.study_file import MuscleChoice, Study, StudyLimits, read_study
+from fabdesign.study_targets import TargetFile
 from optimize.channels import by_muscle, start_of
 from optimize.contraction import Intervals, LinearContraction, largest_contraction
 from optimize.design_space import DesignSpace

@@ -7,7 +7,8 @@ import pytest
 from sheets import rolled_sheet
 
 from fabdesign.catalogue import build
-from fabdesign.study_file import Study, TargetFile
+from fabdesign.study_file import Study
+from fabdesign.study_targets import TargetFile
 from optimize.design_space import DesignSpace
 from optimize.evaluations import Evaluations, Stage
 from optimize.history import History

@@ -14,7 +14,8 @@ from fabdesign.column import factor
 from fabdesign.design import Design
 from fabdesign.forward import Case
 from fabdesign.pressure_file import constant_program
-from fabdesign.study_file import Study, StudyLimits, TargetFile
+from fabdesign.study_file import Study, StudyLimits
+from fabdesign.study_targets import TargetFile
 from optimize.design_space import DesignSpace, Limits
 from optimize.objective import Objective, Target
 from optimize.what_helps import Change, what_helps

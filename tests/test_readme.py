@@ -51,3 +51,15 @@ def test_every_page_is_on_the_site() -> None:
 def test_citation_is_of_this_version() -> None:
     lines = (ROOT / "CITATION.cff").read_text(encoding="utf-8").splitlines()
     assert f"version: {__version__}" in lines
+
+
+def test_the_architecture_names_files_that_are_there() -> None:
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    tracked = [file.relative_to(ROOT).as_posix() for file in ROOT.rglob("*.*") if ".venv" not in file.parts]
+    named = set(re.findall(r"`([\w/]+\.(?:py|toml|j2))", text)) - {
+        "design.toml",
+        "model.toml",
+        "study.toml",
+        "set.toml",
+    }
+    assert [name for name in sorted(named) if not any(f"/{file}".endswith(f"/{name}") for file in tracked)] == []

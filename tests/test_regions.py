@@ -16,7 +16,8 @@ from fabdesign.metrics import distance_to_faces, trial_errors
 from fabdesign.pressure_file import constant_program
 from fabdesign.regions import Region, Weighting
 from fabdesign.sensor_noise import NOISE_FREE
-from fabdesign.study_file import Study, StudyLimits, TargetFile, read_study
+from fabdesign.study_file import Study, StudyLimits, read_study
+from fabdesign.study_targets import TargetFile
 from optimize.objective import Objective, Target
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth

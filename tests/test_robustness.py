@@ -17,7 +17,8 @@ from fabdesign.jacobian import FacesJacobian
 from fabdesign.model import Covariance, Model, Parameter
 from fabdesign.pressure_file import constant_program
 from fabdesign.search_terms import Robust
-from fabdesign.study_file import Study, TargetFile
+from fabdesign.study_file import Study
+from fabdesign.study_targets import TargetFile
 from optimize.design_space import DesignSpace, Limits
 from optimize.objective import Objective, Target
 from optimize.starts import Start

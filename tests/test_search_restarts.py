@@ -175,7 +175,7 @@ def test_what_holds_a_result_back_is_said() -> None:
     said = _reach([400e3, 400e3, 399e3], 9e-3, flat, most=3)
     assert said.out_of_reach
     assert said.sentences == [
-        "Out of reach: 5.0 mm over the floor. What holds it back: all muscles at 400 kPa, all 3 muscles used, "
+        "Out of reach: 5.0 mm over the noise floor. What holds it back: all muscles at 400 kPa, all 3 muscles used, "
         "spacing at its limit."
     ]
     assert _reach([400e3, 0.0, 100e3], 9e-3, flat).held_by == ("1 of 3 muscles at 400 kPa", "spacing at its limit")

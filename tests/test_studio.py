@@ -22,7 +22,8 @@ from fabdesign.forward import Case
 from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Quantity
 from fabdesign.predictor import Predictor
 from fabdesign.pressure_file import constant_program, read_pressures
-from fabdesign.study_file import TargetFile, read_study
+from fabdesign.study_file import read_study
+from fabdesign.study_targets import TargetFile
 from fabdesign.surface import Surface, capped_rms
 from optimize.margins import Limits, constraint_margins
 from studies.check.files import inspect

@@ -17,7 +17,8 @@ from fabdesign.errors import InputError
 from fabdesign.hung_cloth import misplaced
 from fabdesign.placement import UNITS, Placement, fit_placement
 from fabdesign.ply import write_ply
-from fabdesign.study_file import Study, StudyLimits, TargetFile
+from fabdesign.study_file import Study, StudyLimits
+from fabdesign.study_targets import TargetFile
 from fabdesign.surface import Surface
 from fabdesign.target_file import MOST, read_target
 from fabdesign.trial_file import read_trial

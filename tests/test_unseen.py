@@ -275,7 +275,7 @@ def test_sensitive_stretches_are_neither_fitted_nor_evaluated(folder: Path) -> N
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ('format = "fabdesign.study/1"\nkind = "unseen"\n', "nothing to judge"),
+        ('format = "fabdesign.study/1"\nkind = "unseen"\n', "nothing to compute"),
         (STUDY.replace('model = "m.toml"\n', ""), "model is missing"),
         (STUDY + "pressures = [[100]]\n", "rows of 2 pressures"),
         (STUDY + "pressures = [100, 100]\n", "rows of 2 pressures"),

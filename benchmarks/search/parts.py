@@ -16,7 +16,8 @@ from fabdesign.distances import chamfer
 from fabdesign.layouts_file import LayoutsStudy
 from fabdesign.model_file import read_model
 from fabdesign.search_terms import Robust
-from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
+from fabdesign.study_file import MuscleChoice, Study, StudyLimits
+from fabdesign.study_targets import TargetFile
 from optimize.evaluations import SLOPES
 from optimize.objective import Objective, Target
 from studies.forward_model import forward_model

@@ -1,8 +1,7 @@
 """What the commands share: the group, options, how they print, and where their batches are computed."""
 
-import json
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
@@ -13,11 +12,14 @@ import click
 from fabdesign import __version__
 from fabdesign.effort import COARSEST, FINEST
 from fabdesign.errors import InputNote
+from fabdesign.json_file import json_text
 from fabdesign.model import Model
 
 
-class _Finite(click.FloatRange):
+class _Finite(click.types.FloatParamType):
     """A float that is neither infinite nor NaN."""
+
+    name = "number"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         number = super().convert(value, param, ctx)
@@ -26,14 +28,26 @@ class _Finite(click.FloatRange):
         return number
 
 
+class NumberRange(_Finite, click.FloatRange):
+    """The same within limits, which the help shows."""
+
+
+class IntegerRange(click.IntRange):
+    """Within limits, which the help shows."""
+
+    name = "integer"
+
+
 FILE = click.Path(path_type=Path)
 FINITE = _Finite()
-SECONDS = _Finite(min=0, min_open=True)
-GRID = click.IntRange(COARSEST, FINEST)
-SEED = click.IntRange(0)
+SECONDS = NumberRange(min=0, min_open=True)
+GRID = IntegerRange(COARSEST, FINEST)
+SEED = IntegerRange(0)
 grid_option = click.option("--grid", type=GRID, help="Grid points per side; by default the model's, or 41.")
 force_option = click.option(
-    "--force", is_flag=True, help="Replace existing output once the new one is complete; never files of others."
+    "--force",
+    is_flag=True,
+    help="Replace existing output when the new one is complete; a folder only if fabdesign made it.",
 )
 skip_bad_option = click.option("--skip-bad", is_flag=True, help="Leave out invalid trials of a set, and list them.")
 json_option = click.option("--json", "as_json", is_flag=True, help="Print a machine-readable result.")
@@ -48,8 +62,8 @@ def commands() -> None:
     """
 
 
-def print_result(result: dict[str, Any], text: str, as_json: bool) -> None:
-    click.echo(json.dumps(result) if as_json else text)
+def print_result(result: Mapping[str, Any], text: str, as_json: bool) -> None:
+    click.echo(json_text(result) if as_json else text)
 
 
 def tell(line: str) -> None:
@@ -100,5 +114,5 @@ def _connect(context: click.Context, parameter: click.Parameter, address: str | 
 
 cluster_option = click.option(
     "--cluster", envvar="FABDESIGN_CLUSTER", show_envvar=True, metavar="ADDRESS", expose_value=False, callback=_connect,
-    help="Dask scheduler whose workers compute; by default the study's, or this machine.",
+    help="Address of a Dask scheduler, whose workers compute; by default the study's, or this machine alone.",
 )  # fmt: skip

@@ -1,12 +1,12 @@
 """Designs and files: write them, check them, make templates of them."""
 
-import json
 import sys
 from pathlib import Path
 
 import click
 
 from fabdesign.cli.console import FILE, FINITE, commands, force_option, json_option, print_result
+from fabdesign.json_file import json_text
 
 
 @commands.command()
@@ -66,7 +66,7 @@ def check(files: tuple[Path, ...], as_json: bool) -> None:
             }
             for name, of in findings.items()
         }
-        click.echo(json.dumps({"files": listed}))
+        click.echo(json_text({"files": listed}))
     for name, of in findings.items():
         for line in of.problems:
             click.echo(f"fabdesign: {line}", err=True)

@@ -10,6 +10,7 @@ from fabdesign.cli.console import (
     FILE,
     GRID,
     SEED,
+    IntegerRange,
     cluster_option,
     commands,
     force_option,
@@ -26,7 +27,7 @@ from fabdesign.errors import InputError
 @commands.command()
 @click.argument("recordings", type=FILE, nargs=-1, required=True, metavar="RECORDING...")
 @click.option(
-    "--points", type=click.IntRange(1, 100_000), default=3362, show_default=True, help="Points sampled per frame."
+    "--points", type=IntegerRange(1, 100_000), default=3362, show_default=True, help="Points sampled per frame."
 )
 @click.option("--per-frame", is_flag=True, help="Refine the sensors' poses for each frame.")
 @click.option(
@@ -86,7 +87,9 @@ def fuse(
 @commands.command()
 @click.argument("sources", nargs=-1, required=True, type=FILE, metavar="SET...")
 @click.option(
-    "--fit", help="What to fit, separated by commas: orders of trials or names of records; by default all of role fit."
+    "--fit",
+    help="What to fit, separated by commas: trials by their order in the session, or records of a bench by name; by "
+    "default all of role fit.",
 )
 @click.option(
     "--free",
@@ -134,8 +137,8 @@ def calibrate(
 ) -> None:
     """Fit a model to measurement sets, or a bench's law.
 
-    The declared parameters are fitted to all sets together. --fit names orders of trials; they hold in each SET. A
-    bench is a folder with bench.toml.
+    The model's parameters are factors on the values of the data sheet. They are fitted to all sets together. --fit
+    applies to each SET. A bench is a folder with bench.toml.
     """
     benches = [source for source in sources if is_bench(source)]
     if benches and len(sources) > 1:

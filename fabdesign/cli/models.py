@@ -21,7 +21,7 @@ def _register(context: click.Context, parameter: click.Parameter, files: tuple[P
 
 effects_option = click.option(
     "--effects", type=FILE, multiple=True, is_eager=True, expose_value=False, callback=_register,
-    help="A Python file with effects of your own, for use by name in models; the file is run.",
+    help="A Python file with your own effects, which models use by name; the file is executed.",
 )  # fmt: skip
 without_option = click.option(
     "--without", help=f"Parts of the model to leave out, separated by commas: {', '.join(PARTS)}."

@@ -1,6 +1,5 @@
 """Motions of a design: simulate, predict what was measured, and say how far off that is."""
 
-import json
 import os
 from contextlib import ExitStack
 from pathlib import Path
@@ -13,6 +12,7 @@ from fabdesign.cli.console import (
     FILE,
     FINITE,
     SEED,
+    NumberRange,
     cluster_option,
     commands,
     force_option,
@@ -26,11 +26,12 @@ from fabdesign.cli.console import (
 from fabdesign.cli.models import effects_option, load_model, parts_of, without_option
 from fabdesign.cli.progress import described
 from fabdesign.errors import InputError
+from fabdesign.json_file import write_json
 
 
 @commands.command()
 @click.argument("design", type=FILE)
-@click.option("--pressures", help='kPa: a CSV, a trial\'s npz, or one constant row such as "400,0,200".')
+@click.option("--pressures", help='Pressures in kPa: a CSV, a trial\'s npz, or one constant row such as "400,0,200".')
 @click.option("--model", type=FILE, help="A model file; by default the data sheet.")
 @without_option
 @effects_option
@@ -42,16 +43,16 @@ from fabdesign.errors import InputError
     help="Place of the motion in the session; 0 is a rested specimen.",
 )
 @click.option("--duration", type=FINITE, help="Duration of the motion, s; by default that of the pressures.")
-@click.option("--frame-rate", type=FINITE, default=60.0, show_default=True, help="Hz.")
+@click.option("--frame-rate", type=FINITE, default=60.0, show_default=True, help="Frames a second, Hz.")
 @click.option("--equilibrium", is_flag=True, help="One frame: the shape at rest under the last pressures.")
 @click.option(
     "--rise",
-    type=click.FloatRange(0.01, 60),
+    type=NumberRange(0.01, 60),
     help="With --equilibrium: time in which the pressures rise, s; by default 1.",
 )
 @click.option(
     "--hold",
-    type=click.FloatRange(0, 3600),
+    type=NumberRange(0, 3600),
     help="With --equilibrium: time for which they then hold, s; by default 10.",
 )
 @click.option(
@@ -203,8 +204,9 @@ def evaluate(
 ) -> None:
     """Print the error of a model on measured SETS, in mm.
 
-    The error is that before and after calibration. A bench (a folder with bench.toml) is taken too, alone; the model is
-    then the file that calibrate wrote.
+    "Before" is the model without effects and corrector, or the data sheet. "After" is the whole model. Trials of role
+    test are evaluated: nothing was fitted to them. A bench (a folder with bench.toml) is taken too, alone; its model
+    is the file that calibrate wrote.
     """
     if any(is_bench(source) for source in sets):
         _evaluate_bench(sets, model, all_trials, output, force, as_json)
@@ -241,6 +243,6 @@ def _evaluate_bench(
     evaluation = evaluate_bench(sources[0], law, all_records=all_records)
     if output is not None:
         with new_folder(output, made_by="evaluate", force=force, inputs=[*sources, law]) as files:
-            write_text(files / "evaluation.json", json.dumps(evaluation.as_json(), indent=1) + "\n")
+            write_json(files / "evaluation.json", evaluation.as_json())
             write_text(files / "evaluation.md", evaluation.as_markdown() + "\n")
     print_result(evaluation.as_json(), evaluation.as_markdown(), as_json)

@@ -8,6 +8,7 @@ from fabdesign.bench_file import is_bench
 from fabdesign.cli.console import (
     FILE,
     GRID,
+    SECONDS,
     SEED,
     cluster_option,
     commands,
@@ -25,8 +26,9 @@ from fabdesign.units import from_mm
 @click.option("--model", type=FILE, help="A model file: start of the fit, and effects that are already known.")
 @click.option(
     "--tolerance",
-    type=click.FloatRange(0, min_open=True),
-    help="Excess on held-out trials that is accepted: mm, by default 0.5; for a bench % of its output, by default 2.",
+    type=SECONDS,
+    help="Excess error on held-out trials that is accepted: in mm, by default 0.5; for a bench in % of its output, by "
+    "default 2.",
 )
 @click.option("--grid", type=GRID, help="Grid points per side; by default 21, or 41 where 21 are too coarse.")
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the points drawn.")
@@ -47,7 +49,8 @@ def trace(
 ) -> None:
     """Find which effect the model of measured data lacks.
 
-    It does so by model selection, or says that no effect is missing. The data are a measurement SET or a BENCH.
+    The data are a measurement SET or a BENCH. The effects are chosen by model selection. The answer can be that no
+    effect is missing, or that none of the known effects explains the data.
     """
     if is_bench(source):
         _trace_bench(source, tolerance, output, force, as_json)

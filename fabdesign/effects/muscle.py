@@ -42,14 +42,14 @@ THRESHOLD_PRESSURE = Effect(
 def _braid_hysteresis_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
     return specimen.with_muscles(
         muscles,
-        friction_per_pressure=values["friction"] / 1e3,  # N/Pa
+        friction_per_pressure=values["friction"] / from_kpa(1.0),  # N/Pa
         friction_at_zero=values["friction_at_zero"],
         friction_slip=values["slip"],
     )
 
 
 def _braid_hysteresis_bench(record: MuscleRecord, values: Values) -> MuscleRecord:
-    limit = (values["friction_at_zero"] + values["friction"] / 1e3 * record.pressure).tolist()
+    limit = (values["friction_at_zero"] + values["friction"] / from_kpa(1.0) * record.pressure).tolist()
     drawn = np.diff(record.contraction, prepend=record.contraction[0]).tolist()
     force, forces = 0.0, []
     for most, more in zip(limit, drawn, strict=True):

@@ -8,7 +8,8 @@ know, by default as a warning; `cluster` is the address of a Dask scheduler whos
 The only package of `fabdesign` that knows the others (sim, studies); loaded when it is asked for.
 """
 
-from fabdesign.interface.measured import calibrate, evaluate, predict, trace, train
+from fabdesign.interface.fits import calibrate, trace, train
+from fabdesign.interface.measured import evaluate, predict
 from fabdesign.interface.motions import equilibrium, simulate, sweep
 from fabdesign.interface.results import Calibrated, Evaluated, Motion, Sweep, Traced, Trained
 from fabdesign.interface.searches import layouts, optimize, sensitivity

@@ -137,10 +137,11 @@ def pairs(
 ) -> tuple[list[tuple[Design, PressureProgram]], bool]:
     """Designs with their pressures, and whether it is one pair alone. One design goes with all pressures, one row of
     pressures with all designs; else they are as many. Raises InputError."""
-    lone = isinstance(designs, Design | Path | str)
-    read = [one_design(one) for one in ([designs] if lone else many_of("designs", designs))]
+    one = isinstance(designs, Design | Path | str)
+    several: Sequence[Any] = [designs] if one else many_of("designs", designs)
+    read = [one_design(each) for each in several]
     rows = [*pressures] if _are_many(pressures) else [pressures]
-    lone = lone and not _are_many(pressures)
+    lone = one and not _are_many(pressures)
     if len(read) == 1:
         read *= len(rows)
     if len(rows) == 1:

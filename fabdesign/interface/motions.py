@@ -141,8 +141,8 @@ def sweep(
     >>> import fabdesign
     >>> cloth = fabdesign.build("vertical", muscles=2)
     >>> rows = [[100, 100], [300, 300]]  # kPa
-    >>> found = fabdesign.sweep(cloth, rows, {"forward": lambda motion: motion.points[-1, :, 2].mean()}, grid=21)
-    >>> bool(found["forward"][0] < found["forward"][1])
+    >>> outputs = fabdesign.sweep(cloth, rows, {"forward": lambda motion: motion.points[-1, :, 2].mean()}, grid=21)
+    >>> bool(outputs["forward"][0] < outputs["forward"][1])
     True
     """
     from studies.forward_model import forward_model
@@ -170,15 +170,15 @@ def _until_stopped(
     given: Sequence[tuple[Design, PressureProgram]], compute: Callable[[slice], list[Motion]], progress: Progress
 ) -> list[Motion]:
     """Motions of batch after batch, up to the end or Ctrl-C; it is raised where nothing is done yet."""
-    found: list[Motion] = []
+    motions: list[Motion] = []
     try:
         for part in _parts(given, progress, "simulated"):
-            found += compute(part)
+            motions += compute(part)
     except KeyboardInterrupt:
-        if not found:
+        if not motions:
             raise
-        warn(f"interrupted, with the first {len(found)} of {len(given)} motions")
-    return found
+        warn(f"interrupted, with the first {len(motions)} of {len(given)} motions")
+    return motions
 
 
 def _shapes(forward: ForwardModel, cases: Sequence[Case], at: Sequence[float]) -> list[Motion]:

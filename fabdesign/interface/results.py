@@ -23,10 +23,13 @@ if TYPE_CHECKING:
     from studies.training.train import TrainingResult
 
 
+Columns = dict[str, "list[Any] | NDArray[Any]"]  # by name, all of one length
+
+
 class Tabled:
     """What can be a table."""
 
-    def columns(self) -> Mapping[str, Any]:
+    def columns(self) -> Columns:
         """Of the table, by name: sequences of the same length. Units are those of the command's output."""
         raise NotImplementedError
 
@@ -72,7 +75,7 @@ class Motion(Tabled):
         places = {"time": self.time, "face": ["front", "back"], "axis": ["x", "y", "z"]}
         return xarray.DataArray(self.faces, dims=names, coords=places, name="points", attrs={"units": "m"})
 
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> Columns:
         """A row for every point of every frame: time [s], face, row, column, x, y, z [m]."""
         frames, faces, rows, columns, _ = self.faces.shape
         at = np.indices((frames, faces, rows, columns)).reshape(4, -1)
@@ -98,7 +101,7 @@ class Sweep(Tabled):
     def __len__(self) -> int:
         return len(self.designs)
 
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> Columns:
         """design, muscles, the pressure of each channel [kPa], and the outputs."""
         channels = max((len(row) for row in self.pressures), default=0)
         padded = np.full((len(self), channels), np.nan)
@@ -127,7 +130,7 @@ class Calibrated(Tabled):
     def skipped(self) -> tuple[str, ...]:
         return self.found.skipped
 
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> Columns:
         """name, value, unit, low90, high90, scope of every parameter."""
         return _of_model(self.model)
 
@@ -147,7 +150,7 @@ class Traced(Tabled):
     def model(self) -> Model:
         return self.found.model
 
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> Columns:
         """name, value, unit, low90, high90, scope of every parameter of the model."""
         return _of_model(self.model)
 
@@ -160,10 +163,10 @@ class Trained(Tabled):
     found: "TrainingResult"
     skipped: tuple[str, ...]
 
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> Columns:
         """Errors in mm of each design that was held out: design, trials, then each error before and after."""
         held = self.found.as_json()["held_out"]
-        columns: dict[str, Any] = {"design": [*held], "trials": [of["trials"] for of in held.values()]}
+        columns: Columns = {"design": [*held], "trials": [of["trials"] for of in held.values()]}
         for when in ("before", "after"):
             for name in sorted({name for of in held.values() for name in of[when]}):
                 columns[f"{name}_{when}"] = [of[when].get(name, np.nan) for of in held.values()]
@@ -177,11 +180,11 @@ class Evaluated(Tabled):
     found: "SetEvaluation"
     skipped: tuple[str, ...]
 
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> Columns:
         """A row a trial: design, set, trial, order, role, share of frames used, and errors before and after [mm]."""
         tables = (*self.found.designs.items(), *self.found.others.items())
         rows = [(name, trial) for name, table in tables for trial in table.trials]
-        columns: dict[str, Any] = {"design": [name for name, _ in rows]}
+        columns: Columns = {"design": [name for name, _ in rows]}
         for key, field in (("set", "set_name"), ("trial", "trial"), ("order", "order"), ("role", "role")):
             columns[key] = [getattr(trial, field) for _, trial in rows]
         columns["judged"] = [trial.used for _, trial in rows]
@@ -191,7 +194,7 @@ class Evaluated(Tabled):
         return columns
 
 
-def _of_model(model: Model) -> dict[str, Any]:
+def _of_model(model: Model) -> Columns:
     rows = [(name, p.factor, "", p.interval90, p.scope) for name, p in model.parameters.items()]
     rows += [
         (f"{effect.name}.{name}", q.value, q.unit, q.interval90, effect.scope)

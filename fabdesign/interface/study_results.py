@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.errors import InputError
-from fabdesign.interface.results import Motion, Tabled
+from fabdesign.interface.results import Columns, Motion, Tabled
 from fabdesign.units import in_kpa, in_mm
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ class Optimized(Tabled):
         """m, of the measure that was searched."""
         return self.found.objective
 
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> Columns:
         """A row an evaluation of the search: its number, objective [mm], whether it diverged."""
         history = self.found.history
         return {
@@ -74,7 +74,7 @@ class Sensitivity(Tabled):
         indices: dict[str, dict[str, Any]] = entry["sobol"]
         return indices
 
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> Columns:
         """A row an output and parameter: method, and each of its numbers."""
         rows = [
             {"output": output, "unit": entry["unit"], "parameter": name, "method": method} | _flat(numbers)
@@ -96,7 +96,7 @@ class Layouts(Tabled):
         """Of the cells that no other beats with as many muscles or fewer, by rising number of muscles."""
         return [Optimized(cell.result) for cell in self.found.front if cell.result is not None]
 
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> Columns:
         """A row a cell: name, muscles, type, sides, the errors [mm] of the nearest layout that it may have, of which
         cell that is, muscles_used, front; and the study's outputs, a column for each pose."""
         rows = []
@@ -116,7 +116,7 @@ class Unseen(Tabled):
 
     found: Mapping[str, Any]
 
-    def columns(self) -> dict[str, Any]:
+    def columns(self) -> Columns:
         """A row a pose and output: pose, output, unit, and its 5, 50 and 95 % over the drawn models."""
         rows: list[dict[str, Any]] = []
         for number, pose in enumerate(self.found.get("poses") or []):
@@ -130,7 +130,7 @@ class Unseen(Tabled):
         return _by_name(rows)
 
 
-def _by_name(rows: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+def _by_name(rows: Sequence[Mapping[str, Any]]) -> Columns:
     """Columns of rows that may lack some."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     return {name: [row.get(name, np.nan) for row in rows] for name in names}

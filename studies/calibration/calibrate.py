@@ -24,9 +24,9 @@ from optimize.fit.inputs import DEFAULT_ACCURACY, Accuracy
 from optimize.fit.parameters import DECLARED, FitVector
 from studies.bad_data import Tolerance
 from studies.calibration.ambiguities import ambiguities
-from studies.calibration.belief import excess, interval_warnings
 from studies.calibration.engine_difference import with_engines
 from studies.calibration.fitted_model import fitted_model
+from studies.calibration.reliability import excess, interval_warnings
 from studies.calibration.trial_checks import DISAGREE, implausible
 from studies.sensitive_stretches import find_used_frames
 from studies.used_frames import UsedFrames
@@ -127,17 +127,17 @@ def calibrate(
     """
     sets = [measured] if isinstance(measured, MeasurementSet) else [*measured]
     _require_names(sets)
-    allowed = [trial for found in sets for trial in fit_trials(found.trials, orders)]
+    allowed = [trial for one in sets for trial in fit_trials(one.trials, orders)]
     chosen = [allowed[i] for i in evenly(len(allowed), TRIALS)]
     samples, noise = _drawn(chosen, seed)
     files = {trial.file for trial in chosen}
-    own = [(found, [t for t in found.trials if t.file in files]) for found in sets]
+    own = [(one, [t for t in one.trials if t.file in files]) for one in sets]
     used = find_used_frames(own, coarse, progress=_searching(progress))
     chosen, samples = _used(chosen, samples, sets, used)
     forward = Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
-    found = _fit(samples, forward, slopes, vector, accuracy, progress, interruptible)
-    if lines := {} if found.interrupted else _implausible(found, samples, forward):
+    fitted = _fit(samples, forward, slopes, vector, accuracy, progress, interruptible)
+    if lines := {} if fitted.interrupted else _implausible(fitted, samples, forward):
         tolerance = Tolerance(skip_bad, [*skipped])
         for line in lines.values():
             tolerance.note(InputError(line))
@@ -146,14 +146,14 @@ def calibrate(
         samples = [x for k, x in enumerate(samples) if k not in lines]
         if not samples:
             raise InputError(f"{', '.join(s.name for s in sets)}: no trial to fit is left; the first: {skipped[0]}")
-        found = _fit(samples, forward, slopes, vector, accuracy, progress, interruptible)
-    covariance = with_engines(found, engines)
+        fitted = _fit(samples, forward, slopes, vector, accuracy, progress, interruptible)
+    covariance = with_engines(fitted, engines)
     deviation = np.sqrt(np.diag(covariance))
-    why = interval_warnings(found.after, found.outlying, noise)
-    if found.interrupted:
-        why.append(f"interrupted after {found.iterations} iterations, before the best values were reached")
+    why = interval_warnings(fitted.after, fitted.outlying, noise)
+    if fitted.interrupted:
+        why.append(f"interrupted after {fitted.iterations} iterations, before the best values were reached")
     model = fitted_model(
-        found,
+        fitted,
         covariance,
         designs=[trial.design for trial in chosen],
         reliable=not why,
@@ -162,10 +162,10 @@ def calibrate(
     )
     return Calibration(
         model=model,
-        fit=found,
+        fit=fitted,
         noise=noise,
         correlation=covariance / np.outer(deviation, deviation),
-        statements=ambiguities(found, covariance),
+        statements=ambiguities(fitted, covariance),
         warnings=tuple(why),
         skipped=tuple(skipped),
         used=used,

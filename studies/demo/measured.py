@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment
 from numpy.typing import NDArray
 
 from fabdesign.forward import Case, ForwardModel
@@ -22,6 +21,7 @@ from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
 from studies.evaluate import noise_of
 from studies.forward_model import forward_model
+from studies.report import html_of
 from studies.sensitive_stretches import GRID, find_used_frames
 
 SET = "demo_set"
@@ -53,16 +53,12 @@ class ShippedErrors:
 
     def as_json(self) -> dict[str, Any]:
         """mm."""
-        names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
         return {
             "set": self.measured.name,
             "trials": len(self.measured.trials),
             "unjudged_share": self.share_left_out,
             "effects": [effect.name for effect in self.shipped.effects],
-            "models": [
-                {"name": name, **{key: in_mm(getattr(errors, key)) for key in names}, "closed": share}
-                for name, errors, share in self.rows()
-            ],
+            "models": [{"name": name, **errors.millimetres(), "closed": share} for name, errors, share in self.rows()],
         }
 
 
@@ -122,13 +118,11 @@ def as_text(shipped: ShippedErrors) -> str:
 
 def as_html(shipped: ShippedErrors) -> str:
     """HTML, for the body of a page with the style of a study's report."""
-    source = files("studies.demo").joinpath("measured.html.j2").read_text(encoding="utf-8")
-    template = Environment(autoescape=True).from_string(source)
-    return template.render(
+    return html_of(
+        "demo/measured.html.j2",
         shipped=shipped,
         rows=shipped.rows(),
         made_by=MADE_BY,
         model=MODEL,
-        mm=lambda metres: f"{in_mm(metres):.2f}",
         percent=lambda share: "" if share is None else f"{share:.0%}",
     )

@@ -13,7 +13,8 @@ from fabdesign.checkpoint import OtherContent
 from fabdesign.forward import ForwardModel
 from fabdesign.metrics import MANY_BEYOND, told_beyond
 from fabdesign.output import work_folder, write_text
-from fabdesign.study_file import MuscleChoice, Study, StudyLimits, TargetFile
+from fabdesign.study_file import MuscleChoice, Study, StudyLimits
+from fabdesign.study_targets import TargetFile
 from optimize.evaluations import Evaluations
 from studies.demo.measured import ShippedErrors, as_html, evaluate_shipped
 from studies.demo.measured import as_text as shipped_as_text

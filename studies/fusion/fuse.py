@@ -4,7 +4,6 @@ Every sensor is registered to the cloth at rest, all of them jointly to one anot
 thinned on a grid, face by face, and sampled. docs/results/fuse.md has the figures.
 """
 
-import json
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
@@ -16,6 +15,7 @@ import numpy as np
 
 from fabdesign.design import Design
 from fabdesign.errors import InputError
+from fabdesign.json_file import write_json
 from fabdesign.measurement_set import NewTrial, write_set
 from fabdesign.output import new_folder
 from fabdesign.recording import Convention, Recording, read_recording
@@ -109,7 +109,7 @@ def fuse_all(
         first = min(reports)
         reports[first] = replace(reports[first], skipped=(*skipped, *reports[first].skipped))
         done = tuple(reports.values())
-        (unfinished / "fusion.json").write_text(json.dumps(as_json(done, len(given)), indent=1), encoding="utf-8")
+        write_json(unfinished / "fusion.json", as_json(done, len(given)))
     return done
 
 

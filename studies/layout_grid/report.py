@@ -1,44 +1,38 @@
 """The folder of a grid: numbers and a page with the front as picture and table."""
 
-import io
-import json
-import re
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from fabdesign import __version__
+from fabdesign.json_file import write_json
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
 from studies.layout_grid.result import WORDS, CellResult, GridResult
 from studies.layouts.drawing import layout_svg
 from studies.layouts.shape_picture import shape_png
+from studies.report import html_of, svg_of
 
 MARKS = {"front": ">", "back": "<", "both": "D"}
 
 
 def write_report(result: GridResult, out: Path) -> None:
     """Write `result.json` and `report.html` into the folder `out`."""
-    write_text(out / "result.json", json.dumps(result.as_json(), indent=2) + "\n")
+    write_json(out / "result.json", result.as_json())
     write_text(out / "report.html", render(result))
 
 
 def render(result: GridResult) -> str:
     """HTML; links to the searches' own pages, else self-contained."""
-    template = Environment(autoescape=True).from_string(
-        files("studies.layout_grid").joinpath("report.html.j2").read_text(encoding="utf-8")
-    )
     search = result.study.search
-    return template.render(
+    return html_of(
+        "layout_grid/report.html.j2",
         result=result,
         name=search.name,
-        targets=next(f.result.targets for f in result.found if f.result),
+        targets=next(f.result.targets for f in result.cells if f.result),
         front=result.front,
-        rows=[(f, result.nearest(f.cell), result.statements(f.cell)) for f in result.found],
+        rows=[(f, result.nearest(f.cell), result.statements(f.cell)) for f in result.cells],
         words=WORDS,
         measure="Chamfer distance" if search.objective == "chamfer" else "surface RMS",
         points_per_side=search.model.points_per_side if search.model else 41,
@@ -46,14 +40,13 @@ def render(result: GridResult) -> str:
         shapes=[_shapes(f) for f in _shown(result)],
         shown=_shown(result),
         layout=lambda f: Markup(layout_svg(f.result.design, f.result.pressures[0], search.limits.pressure[1])),
-        version=__version__,
     )
 
 
 def _shown(result: GridResult) -> list[CellResult]:
     """Cells with a shape, those of the front first."""
     front = result.front
-    return [*front, *(f for f in result.found if f.result and f not in front)]
+    return [*front, *(f for f in result.cells if f.result and f not in front)]
 
 
 def _shapes(own: CellResult) -> list[Markup]:
@@ -68,7 +61,7 @@ def front_svg(result: GridResult) -> str:
     dashed."""
     figure = Figure(figsize=(7.5, 4.2), layout="constrained")
     axes = figure.subplots()
-    sound = [f for f in result.found if f.result]
+    sound = [f for f in result.cells if f.result]
     for k, type_ in enumerate(result.study.types):
         for sides in result.study.sides:
             own = [f for f in sound if (f.cell.type, f.cell.sides) == (type_, sides)]
@@ -88,9 +81,7 @@ def front_svg(result: GridResult) -> str:
     axes.set(xlabel="muscles", ylabel=f"{result.study.search.objective.replace('_', ' ')}, mm", ylim=(0, None))
     axes.set_xticks(np.unique([f.cell.muscles for f in sound]))
     axes.legend(fontsize="small")
-    text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
+    return svg_of(figure)
 
 
 def _nearest(result: GridResult, own: CellResult) -> float:
@@ -115,8 +106,8 @@ def as_text(result: GridResult) -> str:
         if f.result
         for name, values in f.result.outputs.items()
     ]
-    lines += [f"{f.cell.name}: {f.why}" for f in result.found if f.result is None]
-    lines += [sentence for f in result.found if f.result for sentence in result.statements(f.cell)]
+    lines += [f"{f.cell.name}: {f.why}" for f in result.cells if f.result is None]
+    lines += [sentence for f in result.cells if f.result for sentence in result.statements(f.cell)]
     if result.interrupted:
         lines.append("interrupted; the same command goes on from here")
     return "\n".join(lines)

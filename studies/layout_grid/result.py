@@ -45,34 +45,34 @@ class CellResult:
 
 @dataclass(frozen=True, eq=False)
 class GridResult:
-    """found: of the cells that were begun, in order; total: how many there are."""
+    """cells: those that were begun, in order; total: how many there are."""
 
     study: LayoutsStudy
-    found: tuple[CellResult, ...]
+    cells: tuple[CellResult, ...]
     total: int
     wall_s: float = 0.0  # of all of it, earlier sessions included
 
     @property
     def interrupted(self) -> bool:
-        return any(f.result is not None and f.result.interrupted for f in self.found)
+        return any(f.result is not None and f.result.interrupted for f in self.cells)
 
     def nearest(self, cell: Cell) -> CellResult | None:
         """The nearest layout that `cell` may have: its own, or that of a cell with fewer muscles or on one face."""
-        may = [f for f in self.found if f.result is not None and cell.includes(f.cell)]
+        may = [f for f in self.cells if f.result is not None and cell.includes(f.cell)]
         return min(may, key=lambda f: (f.objective, f.cell.muscles), default=None)
 
     @property
     def front(self) -> list[CellResult]:
         """Cells that no other beats with as many muscles or fewer, by rising number of muscles."""
         kept: list[CellResult] = []
-        for f in sorted(self.found, key=lambda f: (f.cell.muscles, f.objective)):
+        for f in sorted(self.cells, key=lambda f: (f.cell.muscles, f.objective)):
             if f.result and (not kept or f.objective < kept[-1].objective):
                 kept.append(f)
         return kept
 
     def statements(self, cell: Cell) -> list[str]:
         """Sentences on where more muscles, or a second face, did not help."""
-        own, best = next((f for f in self.found if f.cell is cell), None), self.nearest(cell)
+        own, best = next((f for f in self.cells if f.cell is cell), None), self.nearest(cell)
         if own is None or best is None:
             return []
         statements, count = [], f"{cell.muscles} muscles" if cell.muscles > 1 else "1 muscle"
@@ -93,10 +93,10 @@ class GridResult:
         """What result.json holds: mm."""
         front = self.front
         return {
-            "cells": [self._cell(f, f in front) for f in self.found],
+            "cells": [self._cell(f, f in front) for f in self.cells],
             "front": [f.cell.name for f in front],
             "objective": self.study.search.objective,
-            "left": self.total - len(self.found),
+            "left": self.total - len(self.cells),
             "interrupted": self.interrupted,
             "wall_s": self.wall_s,
             "seed": self.study.search.seed,

@@ -45,7 +45,7 @@ class CellTurns:
 
 def best_beneath(cell: Cell, result: GridResult) -> float:
     """m, of the nearest layout of the other cells that `cell` includes."""
-    return min((f.objective for f in result.found if f.cell is not cell and cell.includes(f.cell)), default=np.inf)
+    return min((f.objective for f in result.cells if f.cell is not cell and cell.includes(f.cell)), default=np.inf)
 
 
 def recent_gain(own: CellResult) -> float:
@@ -67,7 +67,7 @@ def next_turn(result: GridResult, turns: dict[str, CellTurns], seconds: float) -
     it lies behind them.
     """
     promised = []
-    for f in result.found:
+    for f in result.cells:
         own = turns.get(f.cell.name)
         if f.result is None or own is None:
             continue

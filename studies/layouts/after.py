@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from fabdesign.study_file import Study
+from fabdesign.units import in_mm
 from optimize.design_space import DesignSpace, Vector
 from optimize.evaluations import Evaluations
 from optimize.fewer import Fewer, fewer_muscles
@@ -42,48 +43,51 @@ def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
         [start] = of_rows([known["row"]], study.design, limits_of(study))
         front = tuple((count, value) for count, value in known.get("front", []))
         return Fewer(start, known["value"], known["before"], known["count"], known["ended"], known["cut"], front)
-    found = fewer_muscles(evaluations, least=choice.least, price=study.price)
-    found = replace(found, front=tuple(evaluations.front))
+    fewer = fewer_muscles(evaluations, least=choice.least, price=study.price)
+    fewer = replace(fewer, front=tuple(evaluations.front))
     state["fewer"] = {
         "best": best.as_row(),
-        "row": as_rows([found.start])[0],
-        "value": found.value,
-        "before": found.before,
-        "count": found.count,
-        "ended": found.ended,
-        "cut": found.cut,
-        "front": found.front,
+        "row": as_rows([fewer.start])[0],
+        "value": fewer.value,
+        "before": fewer.before,
+        "count": fewer.count,
+        "ended": fewer.ended,
+        "cut": fewer.cut,
+        "front": fewer.front,
         "seconds": evaluations.seconds,
     }
     evaluations.history.save(state, evaluations.elapsed)
-    return found
+    return fewer
 
 
-def fewer_said(study: Study, found: Fewer) -> str:
+def fewer_said(study: Study, fewer: Fewer) -> str:
     """For people."""
-    space = found.start[0]
+    space = fewer.start[0]
     count = len(space.design.muscles)
     near = f"within {study.price.tolerance:.0%} of it" if not study.price.muscle else "for the price of a muscle"
-    if count < found.count:
-        mm = f"{1e3 * found.value:.2f} mm instead of {1e3 * found.before:.2f}"
-        cut = ", not tried to the end" if found.cut else ""
+    if count < fewer.count:
+        mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
+        cut = ", not tried to the end" if fewer.cut else ""
         on = f" on {space.channels} channels" if space.channels < count else ""
-        return f"{count} muscles{on} do where the search came to {found.count}: {mm}, {near}{cut}."
-    if not found.ended:
+        return f"{count} muscles{on} are enough, where the search came to {fewer.count}: {mm}, {near}{cut}."
+    if not fewer.ended:
         straight = "" if any(len(own.path) > 2 for own in space.design.muscles) else ", straight,"
-        mm = f"{1e3 * found.value:.2f} mm instead of {1e3 * found.before:.2f}"
-        return f"The {count} muscles{straight} on {space.channels} channels do: {mm}, {near}. Fewer muscles do not do."
-    if found.cut:
-        return f"Whether fewer than {found.count} muscles would do was not tried to the end: {found.ended}."
-    return f"Fewer than {found.count} muscles do not do: no smaller layout came {near}."
+        mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
+        return (
+            f"The {count} muscles{straight} are enough on {space.channels} channels: {mm}, {near}. Fewer muscles are "
+            "not enough."
+        )
+    if fewer.cut:
+        return f"Layouts of fewer than {fewer.count} muscles were not tried to the end: {fewer.ended}."
+    return f"Fewer than {fewer.count} muscles are not enough: no smaller layout came {near}."
 
 
-def front_said(found: Fewer) -> str:
+def front_said(fewer: Fewer) -> str:
     """For people; empty where there is one number of muscles."""
-    each = ", ".join(f"{count}: {1e3 * value:.2f}" for count, value in found.front)
-    return f"Reached with so many muscles, mm: {each}." if len(found.front) > 1 else ""
+    each = ", ".join(f"{count}: {in_mm(value):.2f}" for count, value in fewer.front)
+    return f"Reached, in mm, by number of muscles: {each}." if len(fewer.front) > 1 else ""
 
 
-def points_of(found: Fewer | None) -> list[tuple[DesignSpace, Vector]]:
+def points_of(fewer: Fewer | None) -> list[tuple[DesignSpace, Vector]]:
     """The smaller layout, to come before what the search found; none where there is none."""
-    return [] if found is None or found.ended else [found.start]
+    return [] if fewer is None or fewer.ended else [fewer.start]

@@ -11,7 +11,7 @@ from optimize.additions import pulling, with_idle
 from optimize.channels import by_muscle, start_of
 from optimize.design_space import DesignSpace, Vector
 from optimize.margins import Limits
-from optimize.search import FurtherStarts
+from optimize.search_state import FurtherStarts
 from optimize.starts import Start, catalogue_starts, layout_starts, pressure_starts, thinned_starts
 from optimize.variations import variations, with_corners
 

@@ -11,6 +11,7 @@ from fabdesign.muscle import Muscle
 from fabdesign.surface import face_triangles
 from fabdesign.units import in_kpa, in_mm
 from studies.layouts.result import StudyResult
+from studies.report import PlotlyFigure, Trace
 
 SHOWN = 2000  # target points drawn: enough to see the shape through
 SAMPLED = 2.4  # mm from the nearest point of a dense cloud, that sampling alone makes: one colour up to there
@@ -20,7 +21,7 @@ LEGEND = {"orientation": "h", "x": 0, "y": 0, "yanchor": "top", "font": {"size":
 FRONT, BACK, TARGET = "#b2182b", "#2166ac", "#222222"
 
 
-def scene_figure(result: StudyResult, pose: int) -> dict[str, Any]:
+def scene_figure(result: StudyResult, pose: int) -> PlotlyFigure:
     """Target cloud over the result's faces, coloured by their distance to the cloud, with the muscles on them."""
     points, target = result.points[pose], result.targets[pose].points
     far = in_mm(nearest_distances(points, target))
@@ -85,7 +86,7 @@ def scene_layout() -> dict[str, Any]:
     return {"scene": scene, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}}
 
 
-def convergence_figure(result: StudyResult) -> dict[str, Any]:
+def convergence_figure(result: StudyResult) -> PlotlyFigure:
     """Every evaluation and the best so far, by stage, with the floor."""
     entries = result.history
     if not entries:
@@ -94,7 +95,7 @@ def convergence_figure(result: StudyResult) -> dict[str, Any]:
     numbers = np.arange(1, len(entries) + 1)
     shown = np.array([not entry.diverged for entry in entries])
     stages = list(dict.fromkeys(entry.stage for entry in entries))
-    traces: list[dict[str, Any]] = [
+    traces: list[Trace] = [
         {
             "mode": "markers",
             "name": "evaluations",
@@ -131,7 +132,7 @@ def convergence_figure(result: StudyResult) -> dict[str, Any]:
     return {"data": traces, "layout": layout}
 
 
-def points_trace(points: NDArray[np.float64], name: str, color: str) -> dict[str, Any]:
+def points_trace(points: NDArray[np.float64], name: str, color: str) -> Trace:
     """Of a cloud (n, 3) m."""
     return {
         "type": "scatter3d",
@@ -143,7 +144,7 @@ def points_trace(points: NDArray[np.float64], name: str, color: str) -> dict[str
     }
 
 
-def faces_trace(points: NDArray[np.float64]) -> dict[str, Any]:
+def faces_trace(points: NDArray[np.float64]) -> Trace:
     """Of both faces (2 n n, 3) m."""
     side = round(np.sqrt(len(points) / 2))
     corners = face_triangles(side, side)

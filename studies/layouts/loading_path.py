@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from fabdesign.design import Design
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.pressure import PressureProgram, rising_program, sequence_program
+from fabdesign.units import in_mm
 from optimize.objective import Objective, Shape, refined
 
 OFF = 0.02  # that a copy's pressures are off
@@ -62,7 +63,7 @@ class LoadingPath:
 
     @property
     def sentences(self) -> list[str]:
-        mm, worst = f"{1e3 * self.motion.value:.2f}", f"{1e3 * self.worst:.2f} mm"
+        mm, worst = f"{in_mm(self.motion.value):.2f}", f"{in_mm(self.worst):.2f} mm"
         said = []
         if not self.reached:
             said.append(
@@ -80,7 +81,7 @@ class LoadingPath:
             best = min(nearer, key=lambda copy: copy.value)
             said.append(
                 f"The target lies near a stable shape that {self.motion.name} does not reach: {best.name} ends at "
-                f"{1e3 * best.value:.2f} mm."
+                f"{in_mm(best.value):.2f} mm."
             )
         return said or [
             f"{self.motion.name[0].upper()}{self.motion.name[1:]} ends at this shape, {mm} mm from the target. So do "
@@ -92,7 +93,7 @@ class LoadingPath:
         """What `way` in result.json holds: mm, null where a motion diverged."""
 
         def millimetres(value: float) -> float | None:
-            return 1e3 * value if np.isfinite(value) else None
+            return in_mm(value) if np.isfinite(value) else None
 
         return {
             "nominal_mm": millimetres(self.motion.value),

@@ -14,6 +14,7 @@ from fabdesign.forward import ForwardModel
 from fabdesign.mid_surface import mid_surface
 from fabdesign.pressure import LARGEST
 from fabdesign.study_file import Study
+from fabdesign.units import in_kpa, in_mm
 from optimize.design_space import DesignSpace
 from optimize.objective import Objective
 from optimize.slopes import jacobians_for
@@ -56,12 +57,12 @@ class Helps:
     def sentences(self) -> list[str]:
         if not self.nearer:
             return [f"By derivatives neither a limit nor a constant, {BY:.0%} other, would gain {WORTH:.0%}."]
-        gains = [f"{own.what}: {1e3 * (self.before - own.value):.1f} mm" for own in self.nearer[:SAID]]
+        gains = [f"{own.what}: {in_mm(self.before - own.value):.1f} mm" for own in self.nearer[:SAID]]
         return [f"What would bring it nearer, by derivatives: {'; '.join(gains)}."]
 
     def as_json(self) -> list[dict[str, Any]]:
         """A row a change."""
-        return [{"what": own.what, "gain_mm": 1e3 * (self.before - own.value)} for own in self.nearer]
+        return [{"what": own.what, "gain_mm": in_mm(self.before - own.value)} for own in self.nearer]
 
 
 def missed_at(shape: NDArray[np.float64], target: LoadedTarget, size: tuple[float, float]) -> Missed:
@@ -107,7 +108,7 @@ def _wider(study: Study, space: DesignSpace) -> dict[str, DesignSpace]:
     most = min((kind.max_pressure or LARGEST for kind in study.design.muscle_types.values()), default=LARGEST)
     highest = high + WIDER * (high - low)
     if space.vary_pressures and highest <= most:
-        spaces[f"pressures up to {highest / 1e3:.0f} kPa"] = replace(
+        spaces[f"pressures up to {in_kpa(highest):.0f} kPa"] = replace(
             space, limits=replace(limits, pressure=(low, highest))
         )
     if space.vary_positions:
@@ -131,6 +132,6 @@ def missed_said(missed: Sequence[Missed]) -> list[str]:
     said = []
     for pose, own in enumerate(missed, start=1):
         of = f" in pose {pose}" if len(missed) > 1 else ""
-        u, v = (1e3 * x for x in own.place)
-        said.append(f"It misses the target most{of} around u {u:.0f}, v {v:.0f} mm: {1e3 * own.off:.1f} mm.")
+        u, v = (in_mm(x) for x in own.place)
+        said.append(f"It misses the target most{of} around u {u:.0f}, v {v:.0f} mm: {in_mm(own.off):.1f} mm.")
     return said

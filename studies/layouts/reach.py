@@ -43,7 +43,7 @@ class Reach:
         said = []
         if self.out_of_reach:
             held = ", ".join(self.held_by) or "no limit: another kind of layout, or a longer search, may come nearer"
-            said.append(f"Out of reach: {in_mm(self.gap):.1f} mm over the floor. What holds it back: {held}.")
+            said.append(f"Out of reach: {in_mm(self.gap):.1f} mm over the noise floor. What holds it back: {held}.")
             said += missed_said(self.missed) + (self.helps.sentences if self.helps else [])
         for pose, place in enumerate(self.crossing, start=1):
             if place is not None:

@@ -1,19 +1,12 @@
 """The page that shows what a study found: self-contained, for any browser, without a network."""
 
-import json
 import platform
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
-from importlib.resources import files
-from typing import Any
 
-from jinja2 import Environment
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
-from fabdesign import __version__
-from fabdesign.metrics import MANY_BEYOND, Errors, told_beyond
+from fabdesign.metrics import MANY_BEYOND, told_beyond
 from fabdesign.model import Model
 from studies.layouts.after import fewer_said, front_said
 from studies.layouts.drawing import layout_svg
@@ -21,6 +14,7 @@ from studies.layouts.figures import convergence_figure, scene_figure
 from studies.layouts.result import StudyResult
 from studies.layouts.robustness import said as robust_said
 from studies.layouts.shape_picture import shape_png
+from studies.report import PlotlyFigure, html_of, package_versions
 
 PACKAGES = ("taichi", "nlopt", "numpy", "scipy")
 
@@ -36,16 +30,15 @@ class Section:
 def render_report(title: str, sections: Sequence[Section], *, more: str = "") -> str:
     """HTML of one or several studies of the same targets: errors, 3D overlay, layout, convergence, provenance; `more`
     is HTML that comes before the last."""
-    figures: dict[str, Any] = {}
+    figures: dict[str, PlotlyFigure] = {}
     for s, section in enumerate(sections):
         for pose in range(len(section.result.targets)):
             figures[f"scene-{s}-{pose}"] = scene_figure(section.result, pose)
         figures[f"curve-{s}"] = convergence_figure(section.result)
     first = sections[0].result
-    template = Environment(autoescape=True).from_string(
-        files("studies.layouts").joinpath("report.html.j2").read_text(encoding="utf-8")
-    )
-    return template.render(
+    return html_of(
+        "layouts/report.html.j2",
+        figures=figures,
         title=title,
         sections=sections,
         more=Markup(more),
@@ -53,7 +46,6 @@ def render_report(title: str, sections: Sequence[Section], *, more: str = "") ->
         measured=any(target.measured for target in first.targets),
         synthetic=any(target.synthetic for target in first.targets),
         points_per_side=(first.study.model or Model()).points_per_side,
-        errors=_error_cells,
         capped=[
             f"{s.title}: {told_beyond(s.result.errors.beyond)}"
             for s in sections
@@ -66,18 +58,8 @@ def render_report(title: str, sections: Sequence[Section], *, more: str = "") ->
         robust_said=robust_said,
         robust_picture=_robust_picture,
         with_unit=_with_unit,
-        place=lambda point: ", ".join(f"{1e3 * x:.0f}" for x in point),
         provenance=_provenance(sections),
-        figures=Markup(json.dumps(figures, separators=(",", ":")).replace("</", "<\\/")),
-        plotly=Markup(get_plotlyjs()),
     )
-
-
-def _error_cells(errors: Errors, floors: bool = True) -> Markup:
-    pairs = ((errors.chamfer, errors.chamfer_floor), (errors.surface_rms, errors.surface_floor))
-    cells = [f"<td>{1e3 * found:.2f}</td><td>{f'{1e3 * floor:.2f}' if floors else ''}</td>" for found, floor in pairs]
-    cells.append(f"<td>{errors.beyond:.1%}</td>")
-    return Markup("".join(cells))
 
 
 def _with_unit(limit: str, margin: float) -> str:
@@ -104,6 +86,6 @@ def _provenance(sections: Sequence[Section]) -> dict[str, str]:
         "target clouds, sha256": hashes,
         "parameters": "data sheet" if study.model is None else "calibrated model",
         "search": "prox-linear local searches over NLopt (SLSQP), derivatives of shapes or differences in batches",
-        "versions": ", ".join([f"fabdesign {__version__}", *(f"{name} {version(name)}" for name in PACKAGES)]),
+        "versions": package_versions(PACKAGES),
         "Python": f"{platform.python_version()} on {platform.system()}",
     }

@@ -1,6 +1,5 @@
 """What a study found, and its files."""
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -11,11 +10,12 @@ from numpy.typing import NDArray
 from fabdesign.design import Design
 from fabdesign.design_file import write_design
 from fabdesign.forward import RISE
+from fabdesign.json_file import write_json
 from fabdesign.metrics import Errors
-from fabdesign.output import write_text
 from fabdesign.pressure import rising_program
 from fabdesign.pressure_file import SINGLE_ROW_DURATION, constant_program, pressure_file_of, write_pressures
 from fabdesign.study_file import Study
+from fabdesign.units import in_kpa, in_mm
 from optimize.evaluations import SLOPES
 from optimize.fewer import Fewer
 from optimize.history import Entry
@@ -82,47 +82,45 @@ class StudyResult:
         """Of several poses, the errors of each."""
         if len(self.targets) == 1:
             return []
-        found = pose_errors(self.targets, self.points, seed=self.study.seed)
+        each = pose_errors(self.targets, self.points, seed=self.study.seed)
         return [
-            {name: 1e3 * value for name, value in asdict(errors).items() if name != "beyond"}
-            | {"weight": target.weight}
-            for errors, target in zip(found, self.targets, strict=True)
+            errors.millimetres() | {"weight": target.weight} for errors, target in zip(each, self.targets, strict=True)
         ]
 
     def _robust(self) -> dict[str, Any] | None:
         asked = self.study.robust
         return None if self.robust is None or asked is None else robust_json(self.robust, asked)
 
-    def _fewer(self, found: Fewer) -> dict[str, Any]:
+    def _fewer(self, fewer: Fewer) -> dict[str, Any]:
         return {
-            "muscles": len(found.start[0].design.muscles),
-            "of": found.count,
-            "before_mm": 1e3 * found.before,
+            "muscles": len(fewer.start[0].design.muscles),
+            "of": fewer.count,
+            "before_mm": in_mm(fewer.before),
             "tolerance": self.study.price.tolerance,
-            "channels": found.start[0].channels,
-            "front": [{"muscles": count, "objective_mm": 1e3 * value} for count, value in found.front],
-            "said": " ".join(filter(None, [fewer_said(self.study, found), front_said(found)])),
+            "channels": fewer.start[0].channels,
+            "front": [{"muscles": count, "objective_mm": in_mm(value)} for count, value in fewer.front],
+            "said": " ".join(filter(None, [fewer_said(self.study, fewer), front_said(fewer)])),
         }
 
     def as_json(self) -> dict[str, Any]:
         """What result.json holds: distances in mm, pressures in kPa, margins in m (kPa for pressure);
         `surface_beyond` is a share of the points."""
         return {
-            "objective_mm": 1e3 * self.objective,
-            **{name: 1e3 * value for name, value in asdict(self.errors).items() if name != "beyond"},
+            "objective_mm": in_mm(self.objective),
+            **self.errors.millimetres(),
             "surface_beyond": self.errors.beyond,
             "evaluations": len(self.history),
             "diverged": sum(entry.diverged for entry in self.history),
             "wall_s": self.wall_s,
             "muscles": [asdict(muscle) for muscle in self.design.muscles],
             "pressures_kpa": pressures_kpa(self.pressures),
-            "constraints": {k: v / 1e3 if k == "pressure" else v for k, v in self.constraints.items()},
+            "constraints": {k: in_kpa(v) if k == "pressure" else v for k, v in self.constraints.items()},
             "stop_reason": self.stop_reason,
             "poses": self._poses(),
             "outputs": self._outputs(),
             "reach": self.reach.as_json(),
             "way": self.loading_path.as_json() if self.loading_path else None,
-            "after_a_tenth_mm": self.after_a_tenth and 1e3 * self.after_a_tenth,
+            "after_a_tenth_mm": self.after_a_tenth and in_mm(self.after_a_tenth),
             "robust": self._robust(),
             "fewer": self.fewer and self._fewer(self.fewer),
             "seed": self.study.seed,
@@ -136,7 +134,7 @@ class StudyResult:
 
 def pressures_kpa(pressures: NDArray[np.float64]) -> list[Any]:
     """One list of kPa for a single pose, else a list a pose."""
-    kpa = (pressures / 1e3).tolist()
+    kpa = in_kpa(pressures).tolist()
     return kpa[0] if len(kpa) == 1 else kpa
 
 
@@ -159,4 +157,4 @@ def write_best(
             else constant_program(row, time or SINGLE_ROW_DURATION)
         )
         write_pressures(program, out / file)
-    write_text(out / "result.json", json.dumps(result, indent=2) + "\n")
+    write_json(out / "result.json", result)

@@ -16,6 +16,7 @@ from fabdesign.design import Design
 from fabdesign.predictor import Predictor
 from fabdesign.search_terms import Robust
 from fabdesign.study_file import Study
+from fabdesign.units import in_mm
 from optimize.objective import Objective, Shape
 from optimize.starts import Start
 from optimize.step import LinearShape
@@ -76,8 +77,8 @@ def _normals(scatter: Scatter, seed: int) -> Array:
 
 def _mean_and_yield(values: Sequence[float], tolerance: float) -> tuple[float, float]:
     """m; infinite where a copy diverged."""
-    found = np.where(np.isfinite(values), values, np.inf)
-    return float(found.mean()), float((found <= tolerance).mean())
+    counted = np.where(np.isfinite(values), values, np.inf)
+    return float(counted.mean()), float((counted <= tolerance).mean())
 
 
 def _holds(linear_values: Sequence[float], values: Sequence[float]) -> bool:
@@ -97,25 +98,25 @@ def most_robust(study: Study, robust: Robust, points: Sequence[Start], objective
     scored, tolerance = [], None
     for k, (space, x) in enumerate(points):
         scatter = Scatter(study, robust, *space.decode(x))
-        found = linear(scatter, objective, coarse)
-        if not np.isfinite(found.model.shape).all():
+        about = linear(scatter, objective, coarse)
+        if not np.isfinite(about.model.shape).all():
             continue
         if tolerance is None:
-            tolerance = tolerance_of(robust, objective.value(found.model.shape))
-        expected, share = _expected(scatter, found, objective, coarse, tolerance, seed=study.seed)
+            tolerance = tolerance_of(robust, objective.value(about.model.shape))
+        expected, share = _expected(scatter, about, objective, coarse, tolerance, seed=study.seed)
         scored.append(((-share, expected) if robust.choose == "yield" else (expected, -share), k))
     return min(scored)[1] if scored else 0
 
 
 def _expected(
-    scatter: Scatter, found: Linear, objective: Objective, coarse: Predictor, tolerance: float, *, seed: int
+    scatter: Scatter, about: Linear, objective: Objective, coarse: Predictor, tolerance: float, *, seed: int
 ) -> tuple[float, float]:
     """Expected value [m] and yield: by derivatives while a few copies agree with them, else by more copies."""
     zs, values = _normals(scatter, seed), []
-    if found.definite:
+    if about.definite:
         values = [objective.value(shape) for shape in scatter.shapes(objective, coarse, [*zs[:PROBES]])]
-        if _holds([objective.value(found.model.at(z)) for z in zs[:PROBES]], values):
-            return first_order(scatter, found.model, objective, tolerance, seed=seed)
+        if _holds([objective.value(about.model.at(z)) for z in zs[:PROBES]], values):
+            return first_order(scatter, about.model, objective, tolerance, seed=seed)
     more = scatter.shapes(objective, coarse, [*zs[len(values) : NEAR_FOLD]])
     return _mean_and_yield([*values, *(objective.value(shape) for shape in more)], tolerance)
 
@@ -160,8 +161,8 @@ def _elsewhere(centre: Shape, shapes: Sequence[Shape], ways: Sequence[Shape] | N
     """How many are of another branch than `centre`. ways: that derivatives say; None: go by the median copy's."""
     lengths = np.array([_rms(shape - centre) for shape in shapes])
     if ways is None:
-        found = lengths[np.isfinite(lengths)]
-        return int(sum(~(lengths <= max(APART, FAR * np.median(found) if len(found) else 0.0))))
+        sound = lengths[np.isfinite(lengths)]
+        return int(sum(~(lengths <= max(APART, FAR * np.median(sound) if len(sound) else 0.0))))
     missed = np.array([_rms(shape - centre - way) for shape, way in zip(shapes, ways, strict=True)])
     return int(sum(~(missed <= np.maximum(APART, BRANCH * lengths))))
 
@@ -182,47 +183,50 @@ def _most_delicate(
     return int(np.argmax(worst)), float(np.max(worst))
 
 
-def as_json(found: Robustness, robust: Robust) -> dict[str, object]:
+def as_json(robustness: Robustness, robust: Robust) -> dict[str, object]:
     """What `robust` in result.json holds: mm, null where copies diverged."""
 
     def mm(value: float) -> float | None:
-        return 1e3 * value if np.isfinite(value) else None
+        return in_mm(value) if np.isfinite(value) else None
 
     return {
-        "nominal_mm": mm(found.nominal),
-        "expected_mm": mm(found.expected),
-        "worst_mm": mm(found.worst),
-        "yield": found.yielded,
-        "tolerance_mm": mm(found.tolerance),
-        "copies": found.copies,
-        "elsewhere": found.elsewhere,
+        "nominal_mm": mm(robustness.nominal),
+        "expected_mm": mm(robustness.expected),
+        "worst_mm": mm(robustness.worst),
+        "yield": robustness.yielded,
+        "tolerance_mm": mm(robustness.tolerance),
+        "copies": robustness.copies,
+        "elsewhere": robustness.elsewhere,
         "first_order": {
-            "expected_mm": mm(found.expected_linear),
-            "yield": found.yield_linear,
-            "holds": found.holds,
+            "expected_mm": mm(robustness.expected_linear),
+            "yield": robustness.yield_linear,
+            "holds": robustness.holds,
         },
-        "band_mm": {"mean": mm(float(found.band.mean())), "largest": mm(float(found.band.max()))},
-        "delicate": {"muscle": found.delicate[0], "off_mm": 1e3 * OFF, "value_mm": mm(found.delicate[1])},
+        "band_mm": {"mean": mm(float(robustness.band.mean())), "largest": mm(float(robustness.band.max()))},
+        "delicate": {"muscle": robustness.delicate[0], "off_mm": in_mm(OFF), "value_mm": mm(robustness.delicate[1])},
         "chosen_for": robust.choose,
-        "said": said(found),
+        "said": said(robustness),
     }
 
 
-def said(found: Robustness) -> list[str]:
+def said(robustness: Robustness) -> list[str]:
     """Sentences for people."""
+    band, (muscle, value) = robustness.band, robustness.delicate
     lines = [
-        f"Of {found.copies} copies with scatter {found.yielded:.0%} are within {1e3 * found.tolerance:.2f} mm; "
-        f"expected {1e3 * found.expected:.2f} mm, worst {1e3 * found.worst:.2f}, nominal {1e3 * found.nominal:.2f}.",
-        f"Points move by {1e3 * found.band.mean():.1f} mm in the mean, {1e3 * found.band.max():.1f} mm where most "
-        "(standard deviation).",
-        f"The most delicate is muscle {found.delicate[0]}: "
-        f"{1e3 * OFF:.0f} mm off its place it makes {1e3 * found.delicate[1]:.2f} mm.",
+        f"{robustness.copies} copies with the scatter of building were simulated. {robustness.yielded:.0%} of them are "
+        f"within {in_mm(robustness.tolerance):.2f} mm of the target. Mean {in_mm(robustness.expected):.2f} mm, worst "
+        f"{in_mm(robustness.worst):.2f} mm; without scatter {in_mm(robustness.nominal):.2f} mm.",
+        f"The standard deviation of a point's place is {in_mm(band.mean()):.1f} mm in the mean and "
+        f"{in_mm(band.max()):.1f} mm at most.",
+        f"Muscle {muscle} matters most: {in_mm(OFF):.0f} mm off its place it gives {in_mm(value):.2f} mm.",
     ]
-    if not found.holds:
+    if not robustness.holds:
         lines.append(
-            f"Derivatives do not hold here, as near a fold: they say {1e3 * found.expected_linear:.2f} mm. "
-            "Copies stand in their place."
+            f"The derivatives are not valid here, as near a fold: they give {in_mm(robustness.expected_linear):.2f} "
+            "mm. Copies stand in their place."
         )
-    if found.elsewhere:
-        lines.append(f"{found.elsewhere} of them come to another stable shape, or to none: the layout is near a fold.")
+    if robustness.elsewhere:
+        lines.append(
+            f"{robustness.elsewhere} copies come to another stable shape, or to none: the layout is near a fold."
+        )
     return lines

@@ -137,9 +137,9 @@ def _search_in(
         points.insert(0, points.pop(chosen))
         result = _result(study, targets, evaluations, fine, stop_reason, points[:FINALISTS], fewer=fewer)
         nearest = evaluations.best.value if evaluations.best else result.objective
-        found = (result.design, result.pressures)
+        layout = (result.design, result.pressures)
         return replace(
-            result, robust=robustness_of(study, study.robust, found, objective, quick, fine, nominal=nearest)
+            result, robust=robustness_of(study, study.robust, layout, objective, quick, fine, nominal=nearest)
         )
 
 
@@ -251,18 +251,18 @@ def _result(
     first: where its motion leads, valued once more on the full model, and the resting cloth beside it."""
     objective = evaluations.objective
     points = [*points] or evaluations.finalists()
-    found = [space.decode(x) for space, x in points]
+    layouts = [space.decode(x) for space, x in points]
     still = [
         (DesignSpace(design, limits_of(study), np.zeros_like(pressures), vary_pressures=False), np.empty(0))
-        for design, pressures in found
+        for design, pressures in layouts
     ]
     every = objective.shapes(forward, [*points, *still])
     shapes, rests = every[: len(points)], every[len(points) :]
     if not (np.all(np.isfinite(shapes[0])) and np.all(np.isfinite(rests[0]))):
         raise SimulationError(f"{study.name}: the best design diverges on the full model; {stop_reason}")
-    paths = loading_paths(objective, forward, found, shapes, rests, rise=study.rise) if follow else []
+    paths = loading_paths(objective, forward, layouts, shapes, rests, rise=study.rise) if follow else []
     chosen = next((k for k, one in enumerate(paths) if not one.sensitive), 0)
-    (design, pressures), shape, rest = found[chosen], shapes[chosen], rests[chosen]
+    (design, pressures), shape, rest = layouts[chosen], shapes[chosen], rests[chosen]
     path = paths[chosen] if follow else None
     if path is not None and not path.reached and np.all(np.isfinite(path.shape)):
         shape = path.shape

@@ -1,6 +1,5 @@
 """A shape beside its target as a picture in a page: from the front at an angle, and from the side."""
 
-import base64
 import io
 from collections.abc import Sequence
 from typing import Any
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from fabdesign.surface import face_triangles
 from fabdesign.units import in_mm
+from studies.report import png_address
 
 Array = NDArray[np.float64]
 SHOWN = 900  # points of the target drawn
@@ -31,7 +31,7 @@ def shape_png(points: Array, target: Array, copies: Sequence[Array] = ()) -> str
     _from_the_side(figure.add_subplot(1, 2, 2), middle, others, some, low, high)
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=DPI, metadata={"Software": None})
-    return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode("ascii")
+    return png_address(data.getvalue())
 
 
 def _middle(points: Array) -> Array:

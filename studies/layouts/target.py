@@ -15,7 +15,7 @@ from fabdesign.placement import placement_of
 from fabdesign.regions import Weighting
 from fabdesign.sensor_noise import NOISE_FREE, SensorNoise, estimate_noise
 from fabdesign.sheet import Face
-from fabdesign.study_file import TargetFile
+from fabdesign.study_targets import TargetFile
 from fabdesign.table import load_toml
 from fabdesign.target_file import PlacedTarget, read_target
 from fabdesign.wishes import Landmarks

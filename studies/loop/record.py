@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from typing import Any, TypedDict
+
+import numpy as np
 
 from fabdesign import SIMULATOR
 from fabdesign.checkpoint import sha256
@@ -14,15 +16,42 @@ from studies.layouts.target import LoadedTarget
 _RAISED = ("stop", "search")  # more turns go further; the search's own content has its own way
 
 
+class ShapeErrors(TypedDict):
+    """Of a shape beside the targets, mm; surface_beyond: the share of the points farther off than the cap."""
+
+    chamfer: float
+    chamfer_floor: float
+    surface_rms: float
+    surface_floor: float
+    surface_beyond: float
+    excess: float
+
+
+class DeviceErrors(ShapeErrors):
+    """from_believed: mm RMS of the measured from the predicted shape."""
+
+    from_believed: float
+
+
+class ChosenDesign(TypedDict):
+    """What a search chose; believed: the errors that it predicts."""
+
+    believed: ShapeErrors
+    stop_reason: str
+    evaluations: int
+    reach: list[str]
+    muscles: int
+
+
 @dataclass(frozen=True)
 class Turn:
-    """chosen: of the search, with `believed`. device: errors measured; None while that is waited for. learned: what the
-    measurements taught; None in the last turn. All as `result.json` has it, mm."""
+    """device: None while a measurement is waited for. learned: what the measurements taught; None in the last turn. All
+    as `result.json` has it."""
 
     number: int
     name: str
-    chosen: Mapping[str, Any]
-    device: Mapping[str, float] | None = None
+    chosen: ChosenDesign
+    device: DeviceErrors | None = None
     learned: Mapping[str, Any] | None = None
 
     def as_json(self) -> dict[str, Any]:
@@ -47,7 +76,7 @@ class LoopOutcome:
     def best(self) -> Turn | None:
         """The turn whose device is nearest to the target, as measured."""
         measured = [turn for turn in self.turns if turn.device is not None]
-        return min(measured, key=lambda turn: (turn.device or {})["excess"], default=None)
+        return min(measured, key=lambda turn: turn.device["excess"] if turn.device else np.inf, default=None)
 
     def as_json(self) -> dict[str, Any]:
         values = {name.name: getattr(self, name.name) for name in fields(self) if name.name != "turns"}

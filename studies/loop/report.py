@@ -1,17 +1,11 @@
 """The page that shows a loop: errors on the device turn by turn, beside what each search predicted."""
 
-import json
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from jinja2 import Environment
 from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
-from fabdesign import __version__
 from fabdesign.design_file import read_design
 from fabdesign.loop_file import LoopStudy
 from fabdesign.output import write_text
@@ -20,6 +14,7 @@ from studies.layouts.drawing import layout_svg
 from studies.layouts.figures import LEGEND, SHOWN, TARGET, faces_trace, points_trace, scene_layout
 from studies.layouts.target import LoadedTarget
 from studies.loop.record import LoopOutcome, Turn
+from studies.report import PlotlyFigure, html_of
 
 PREDICTED, DEVICE = "#92c5de", "#b2182b"
 _BAR, _GAP, _WIDE = 16, 26, 420  # of a drawing unit
@@ -29,21 +24,17 @@ def write_report(
     outcome: LoopOutcome, study: LoopStudy, targets: Sequence[LoadedTarget], folder: Path, out: Path
 ) -> None:
     """Write `report.html` into `out`; the turns' folders lie in `folder`."""
-    template = Environment(autoescape=True).from_string(
-        files("studies.loop").joinpath("report.html.j2").read_text(encoding="utf-8")
-    )
     measured = [turn for turn in outcome.turns if turn.device is not None]
     figures = {turn.name: _scene(turn, targets, folder) for turn in measured}
-    page = template.render(
+    page = html_of(
+        "loop/report.html.j2",
+        figures=figures,
         outcome=outcome,
         sentence=as_sentence(outcome),
         targets=[target.description for target in targets],
         bars=Markup(_bars(outcome.turns)),
         layouts={turn.name: Markup(_layout(turn, study, folder)) for turn in outcome.turns},
-        figures=Markup(json.dumps(figures, separators=(",", ":")).replace("</", "<\\/")),
         scenes=[*figures],
-        plotly=Markup(get_plotlyjs()) if figures else "",
-        version=__version__,
     )
     write_text(out / "report.html", page)
 
@@ -106,7 +97,7 @@ def _layout(turn: Turn, study: LoopStudy, folder: Path) -> str:
     return layout_svg(design, pressures, study.search.limits.pressure[1])
 
 
-def _scene(turn: Turn, targets: Sequence[LoadedTarget], folder: Path) -> dict[str, Any]:
+def _scene(turn: Turn, targets: Sequence[LoadedTarget], folder: Path) -> PlotlyFigure:
     """Of the first pose: the target, the measured cloth, and the shape that the search predicted."""
     with np.load(folder / turn.name / "shapes.npz") as arrays:
         shapes = {name: np.asarray(arrays[name][0], dtype=float) for name in ("device", "believed")}

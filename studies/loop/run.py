@@ -1,6 +1,5 @@
 """`fabdesign loop STUDY`: from a target and a start design to one that was measured, turn by turn."""
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -10,10 +9,11 @@ from fabdesign.checkpoint import Checkpoint
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
+from fabdesign.json_file import write_json
 from fabdesign.loop_file import Laboratory, LoopStudy, VirtualRig, read_loop
 from fabdesign.measurement_set import read_set
 from fabdesign.model import Model
-from fabdesign.output import WorkFolder, work_folder, write_text
+from fabdesign.output import WorkFolder, work_folder
 from fabdesign.study_file import require_searchable
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import from_mm, in_mm
@@ -22,10 +22,10 @@ from studies.layouts.begin import first_starts
 from studies.layouts.target import LoadedTarget, load_target
 from studies.loop.learning import MODEL, Simulators, learn, model_of
 from studies.loop.programs import programs_for
-from studies.loop.record import LoopOutcome, Turn, loop_content, stop_reason
+from studies.loop.record import ChosenDesign, DeviceErrors, LoopOutcome, Turn, loop_content, stop_reason
 from studies.loop.report import write_report
 from studies.loop.sources import ASKED, MEASURED, measured
-from studies.loop.turn import SEARCH, Choice, choose, chosen, judge, turn_name
+from studies.loop.turn import SEARCH, Choice, choose, chosen, errors_on_device, turn_name
 
 Progress = Callable[[str, float], None]  # what is done, and about what share of all
 
@@ -86,7 +86,7 @@ def run_loop(
         if work.anew and outcome.waiting_for is not None:
             work.complete = False
         with work.adding() as files:
-            write_text(files / "result.json", json.dumps(outcome.as_json(), indent=1) + "\n")
+            write_json(files / "result.json", outcome.as_json())
             write_report(outcome, study, targets, work.folder, files)
     return outcome
 
@@ -164,7 +164,7 @@ def _turns(loop: _Loop) -> LoopOutcome:
     raise AssertionError  # the rule ends the last turn
 
 
-def _chosen(loop: _Loop, number: int, model: Model | None, earlier: Choice | None) -> tuple[dict[str, Any], Choice]:
+def _chosen(loop: _Loop, number: int, model: Model | None, earlier: Choice | None) -> tuple[ChosenDesign, Choice]:
     name = turn_name(number)
     folder = loop.work.folder / name / SEARCH
 
@@ -201,10 +201,10 @@ def _measured(loop: _Loop, number: int, choice: Choice) -> MeasurementSet | None
     return read_set(loop.work.folder / name / MEASURED)
 
 
-def _measured_errors(loop: _Loop, number: int, choice: Choice, measured: MeasurementSet) -> dict[str, Any]:
+def _measured_errors(loop: _Loop, number: int, choice: Choice, measured: MeasurementSet) -> DeviceErrors:
     loop.say(number, "evaluating the shape on the device", 0.6)
-    kept: dict[str, Any] = loop.checkpoint.get(
-        f"{turn_name(number)}_device", lambda: judge(loop.study, choice, measured, loop.targets, loop.work)
+    kept: DeviceErrors = loop.checkpoint.get(
+        f"{turn_name(number)}_device", lambda: errors_on_device(loop.study, choice, measured, loop.targets, loop.work)
     )
     return kept
 

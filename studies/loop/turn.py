@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +22,7 @@ from optimize.evaluations import Evaluations
 from studies.layouts.run import COARSE, run_study
 from studies.layouts.target import LoadedTarget, target_errors
 from studies.loop.learning import Simulators
+from studies.loop.record import ChosenDesign, DeviceErrors, ShapeErrors
 from studies.loop.resting_shape import resting_faces
 
 Array = NDArray[np.float64]
@@ -84,7 +84,7 @@ def choose(
     simulators: Simulators,
     *,
     progress: Callable[[Evaluations], None],
-) -> dict[str, Any]:
+) -> ChosenDesign:
     """Search with `model`, from the design of the turn before besides all else; goes on where it was killed. What the
     record keeps of it, mm and kPa. Raises KeyboardInterrupt where it is interrupted."""
     search = replace(study.search, model=model)
@@ -110,7 +110,7 @@ def choose(
     }
 
 
-def chosen(kept: dict[str, Any], folder: Path) -> Choice:
+def chosen(kept: ChosenDesign, folder: Path) -> Choice:
     """A search's result from its folder and what the record kept."""
     design = read_design(folder / "design.toml")
     files = sorted(folder.glob("pressures*.csv"), key=lambda file: (len(file.name), file.name))
@@ -126,9 +126,9 @@ def chosen(kept: dict[str, Any], folder: Path) -> Choice:
     )
 
 
-def judge(
+def errors_on_device(
     study: LoopStudy, choice: Choice, measured: MeasurementSet, targets: Sequence[LoadedTarget], work: WorkFolder
-) -> dict[str, Any]:
+) -> DeviceErrors:
     """Errors of the measured shapes against the targets, mm, and how far those are from the predicted ones."""
     seed = study.search.seed
     shapes = measured_shapes(measured, targets, choice.shapes, seed=seed)
@@ -138,19 +138,30 @@ def judge(
     work.claim(name)
     with whole_file(work.folder / name) as file, file.open("wb") as stream:
         np.savez(stream, believed=choice.shapes.astype(np.float32), device=shapes.astype(np.float32))
-    return as_millimetres(errors) | {"from_believed": in_mm(float(apart))}
+    return {**as_millimetres(errors), "from_believed": in_mm(float(apart))}
 
 
-def as_millimetres(errors: Errors) -> dict[str, float]:
+def as_millimetres(errors: Errors) -> ShapeErrors:
     """The errors in mm, `beyond` as a share, with the `excess`."""
-    names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
-    values = {name: in_mm(float(getattr(errors, name))) for name in names}
-    return values | {"surface_beyond": float(errors.beyond), "excess": in_mm(errors.excess)}
+    return {
+        "chamfer": in_mm(float(errors.chamfer)),
+        "chamfer_floor": in_mm(float(errors.chamfer_floor)),
+        "surface_rms": in_mm(float(errors.surface_rms)),
+        "surface_floor": in_mm(float(errors.surface_floor)),
+        "surface_beyond": float(errors.beyond),
+        "excess": in_mm(errors.excess),
+    }
 
 
-def of_millimetres(kept: dict[str, float]) -> Errors:
-    names = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
-    return Errors(**{name: from_mm(kept[name]) for name in names}, beyond=kept["surface_beyond"])
+def of_millimetres(kept: ShapeErrors) -> Errors:
+    """The same turned back."""
+    return Errors(
+        chamfer=from_mm(kept["chamfer"]),
+        chamfer_floor=from_mm(kept["chamfer_floor"]),
+        surface_rms=from_mm(kept["surface_rms"]),
+        surface_floor=from_mm(kept["surface_floor"]),
+        beyond=kept["surface_beyond"],
+    )
 
 
 def _fine(study: LoopStudy, model: Model | None) -> int:

@@ -1,6 +1,5 @@
 """The sensors of the rig: noisy points of both faces; four depth cameras (z-buffer, noise, holes, flying pixels)."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fabdesign.output import write_text
+from fabdesign.json_file import write_json
 from fabdesign.recording import Sensor, write_recording
 from studies.rig.ground_truth import Sensing
 from studies.rig.motion import equilibrium
@@ -76,7 +75,7 @@ def record(task: TrialTask, folder: Path, truth_file: Path) -> None:
     reference = {s.name: view(scene, rest, s, rng) for s in truth}
     write_recording(folder, task.design, task.program, task.times[shown], nominal, frames, reference)
     poses = {s.name: s.camera_to_world.tolist() for s in truth}
-    write_text(truth_file, json.dumps({"camera_to_world": poses}, indent=1))
+    write_json(truth_file, {"camera_to_world": poses})
 
 
 def view(scene: Scene, x: Array, camera: Sensor, rng: np.random.Generator) -> Array:

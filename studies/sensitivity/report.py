@@ -1,25 +1,20 @@
 """The folder of a sweep: numbers, samples and a page."""
 
-import io
-import json
-import re
 from collections.abc import Iterator
-from importlib.metadata import version
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment
 from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fabdesign import __version__
 from fabdesign.csv_table import write_rows
+from fabdesign.json_file import write_json
 from fabdesign.output import write_text
 from fabdesign.sensitivity_file import SensitivityStudy
 from fabdesign.units import in_kpa
+from studies.report import html_of, package_versions, svg_of
 from studies.sensitivity.result import SensitivityResult
 
 FIRST, TOTAL, SIGMA = "#2166ac", "#92c5de", "#b2182b"
@@ -32,9 +27,7 @@ def bars_svg(result: SensitivityResult, column: int) -> str:
     figure = Figure(figsize=(5.4 * len(panels), 1.1 + 0.32 * names), layout="constrained")
     for draw, axes in zip(panels, np.atleast_1d(figure.subplots(1, len(panels))), strict=True):
         draw(axes, result, column)
-    text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
+    return svg_of(figure)
 
 
 def _sobol(axes: Axes, result: SensitivityResult, column: int) -> None:
@@ -76,7 +69,7 @@ PACKAGES = ("taichi", "numpy", "scipy")
 
 def write_report(result: SensitivityResult, out: Path) -> None:
     """Write `result.json`, `samples.csv` and `report.html` into the folder `out`."""
-    write_text(out / "result.json", json.dumps(result.as_json(), indent=2) + "\n")
+    write_json(out / "result.json", result.as_json())
     header = [*result.inputs.names, *(f"{c.name} [{c.unit}]" for c in result.columns)]
     write_rows(out / "samples.csv", ["method", "row", "sample", *header], _rows(result))
     write_text(out / "report.html", render(result))
@@ -92,11 +85,9 @@ def _rows(result: SensitivityResult) -> Iterator[list[Any]]:
 
 def render(result: SensitivityResult) -> str:
     """HTML, self-contained."""
-    template = Environment(autoescape=True).from_string(
-        files("studies.sensitivity").joinpath("report.html.j2").read_text(encoding="utf-8")
-    )
     varies = [k for k in range(len(result.columns)) if result.screenings[k] or result.indices[k]]
-    return template.render(
+    return html_of(
+        "sensitivity/report.html.j2",
         result=result,
         study=result.study,
         columns=result.columns,
@@ -104,7 +95,7 @@ def render(result: SensitivityResult) -> str:
         bars={k: Markup(bars_svg(result, k)) for k in varies},
         json=result.as_json(),
         held=_held(result.study),
-        versions=", ".join([f"fabdesign {__version__}", *(f"{name} {version(name)}" for name in PACKAGES)]),
+        versions=package_versions(PACKAGES),
     )
 
 

@@ -16,7 +16,7 @@ from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
 from fabdesign.output import new_folder
 from fabdesign.pressure_file import pressure_file_of, read_pressures
-from fabdesign.study_file import TargetFile
+from fabdesign.study_targets import TargetFile
 from optimize.margins import Limits
 from studies.studio.layout import Layout
 from studies.studio.target import ShownTarget

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fabdesign.design import Design
 from fabdesign.distances import nearest_distances
 from fabdesign.metrics import Errors, told_beyond
-from fabdesign.study_file import TargetFile
+from fabdesign.study_targets import TargetFile
 from fabdesign.surface import Surface
 from studies.layouts.target import LoadedTarget, load_target, target_errors
 

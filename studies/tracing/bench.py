@@ -1,6 +1,5 @@
 """Tracing on a bench: a quasi-static law, and what its left-out records show beside it."""
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from fabdesign.bench_file import read_bench
 from fabdesign.checkpoint import sha256
 from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
+from fabdesign.json_file import write_json
 from fabdesign.model import EffectTerm, Model, Provenance, Quantity
 from fabdesign.model_file import write_model
 from fabdesign.output import new_folder, write_text
@@ -39,7 +39,7 @@ def trace_bench(
     largest output. Raises InputError for an unsound bench and for fewer than three records."""
     with new_folder(out, made_by="trace", force=force, inputs=[path]) as files:
         outcome = examine(read_bench(path), tolerance, say)
-        write_text(files / "trace.json", json.dumps(outcome.as_json(), indent=1) + "\n")
+        write_json(files / "trace.json", outcome.as_json())
         write_model(_model(outcome), files / "model.toml")
         write_text(files / "report.html", render_bench(outcome))
     return outcome

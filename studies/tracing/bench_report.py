@@ -1,29 +1,9 @@
 """The page and the words of a bench's trace."""
 
-import html
-import json
-from typing import Any
-
-from plotly.offline import get_plotlyjs
-
 from fabdesign.units import in_mm
+from studies.report import PlotlyFigure, html_of
 from studies.tracing.bench_outcome import BenchOutcome
 from studies.tracing.words import effect_in_words
-
-_PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
-<style>body {{ font: 15px/1.5 system-ui, sans-serif; margin: 0 auto; max-width: 1120px; padding: 1.5rem; }}
-.verdict {{ font-size: 1.15rem; background: #eef4fb; border-left: 4px solid #2f6db3; padding: .6rem .9rem; }}
-.figure {{ height: 320px; }} .quiet {{ color: #5a6675; font-size: .9rem; }}</style>
-<script>{plotly}</script></head><body><h1>{title}: what its quasi-static law lacks</h1>
-<p class="verdict"><b>{verdict}.</b> {words}</p><p class="quiet">{source}</p>
-<div id="bars" class="figure"></div><div id="candidates" class="figure"></div>
-<h2>Records: measured, before, after</h2>{places}
-<script type="application/json" id="figures">{figures}</script><script>
-for (const [id, f] of Object.entries(JSON.parse(document.getElementById("figures").textContent)))
-  Plotly.newPlot(id, f.data, f.layout, {{responsive: true, displayModeBar: false}});
-</script></body></html>
-"""
 
 
 def bench_in_words(outcome: BenchOutcome) -> str:
@@ -61,7 +41,7 @@ def as_text(outcome: BenchOutcome) -> str:
         gain, low, high = (_shown(v, outcome.unit) for v in (c.gain, *c.interval90))
         sign = ", only with a sign that it cannot have" if c.effect in outcome.refused else ""
         lines.append(f"  {c.effect:<18} gains {gain} (90 % {low} to {high}){sign}")
-    lines.append(f"black box leaves {_shown(outcome.evidence.box_before, outcome.unit)}")
+    lines.append(f"the flexible baseline leaves {_shown(outcome.evidence.box_before, outcome.unit)}")
     return "\n".join(lines)
 
 
@@ -72,10 +52,10 @@ def _shown(value: float, unit: str) -> str:
 def render_bench(outcome: BenchOutcome) -> str:
     """HTML, self-contained."""
     error = outcome.as_json()["error"]
-    bars = {"noise": error["noise_floor"], "black box": error["ceiling"], "after": error["after"]["held_out"],
+    bars = {"noise": error["noise_floor"], "flexible baseline": error["ceiling"], "after": error["after"]["held_out"],
             "before": error["before"]["held_out"]}  # fmt: skip
     names = [c.effect + (" (wrong sign)" if c.effect in outcome.refused else "") for c in outcome.first.candidates]
-    figures: dict[str, Any] = {
+    figures: dict[str, PlotlyFigure] = {
         "bars": {
             "data": [{"type": "bar", "orientation": "h", "y": [*bars], "x": [*bars.values()]}],
             "layout": {"xaxis": {"title": f"RMS of records left out, {outcome.unit}"}},
@@ -89,20 +69,20 @@ def render_bench(outcome: BenchOutcome) -> str:
             "layout": {"xaxis": {"title": f"gain, {outcome.unit}"}, "margin": {"l": 150}},
         },
     }  # fmt: skip
-    places = []
+    records = []
     for k, (name, place, *lines) in enumerate(outcome.curves):
         data = [
             {"type": "scatter", "mode": "lines", "name": title, "x": place.tolist(), "y": line.tolist()}
             for title, line in zip(("measured", "before", "after"), lines, strict=True)
         ]
         figures[f"record-{k}"] = {"data": data, "layout": {"title": name}}
-        places.append(f'<div id="record-{k}" class="figure"></div>')
-    return _PAGE.format(
-        title=html.escape(outcome.bench.name),
-        plotly=get_plotlyjs(),
-        verdict=outcome.verdict.capitalize(),
-        words=html.escape(bench_in_words(outcome)),
-        source=html.escape(f"{outcome.bench.description}. {outcome.bench.source}"),
-        places="".join(places),
-        figures=json.dumps(figures).replace("</", "<\\/"),
+        records.append(f"record-{k}")
+    return html_of(
+        "tracing/bench_report.html.j2",
+        figures=figures,
+        name=outcome.bench.name,
+        verdict=outcome.verdict,
+        words=bench_in_words(outcome),
+        source=f"{outcome.bench.description}. {outcome.bench.source}",
+        records=records,
     )

@@ -1,4 +1,4 @@
-"""The ceiling: what a flexible black box takes of a residual, on trials that it was not trained on.
+"""The flexible baseline: what a non-parametric regression takes of a residual, on trials that it was not trained on.
 
 Kernel ridge regression of the residual's shapes on the cloth (polynomials of u and v along the front's normal, in bands
 from broad to fine) on what drives the motion: pressures, as they are and through lags of several time constants, the

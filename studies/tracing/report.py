@@ -1,18 +1,14 @@
 """The page that says what a trace found: self-contained, for any browser, without a network."""
 
-import json
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
 
 from fabdesign.effects import EFFECTS
 from fabdesign.model import Model
 from fabdesign.motion_file import square_triangles
 from fabdesign.units import in_mm
+from studies.report import PlotlyFigure, Trace, html_of
 from studies.tracing.outcome import Outcome
 from studies.tracing.residual import remains
 from studies.tracing.residuals import Residuals
@@ -39,13 +35,11 @@ def render_report(outcome: Outcome) -> str:
     }
     if outcome.next_experiment is not None:
         figures["program"] = _program(outcome)
-    template = Environment(autoescape=True).from_string(
-        files("studies.tracing").joinpath("report.html.j2").read_text(encoding="utf-8")
-    )
-    result = outcome.as_json()
-    return template.render(
+    return html_of(
+        "tracing/report.html.j2",
+        figures=figures,
         outcome=outcome,
-        result=result,
+        result=outcome.as_json(),
         verdict=verdict_in_words(outcome),
         experiment=experiment_in_words(outcome),
         why=WHY,
@@ -55,12 +49,10 @@ def render_report(outcome: Outcome) -> str:
         parameters=_parameter_rows(outcome.model),
         signature={name: EFFECTS[name].signature for name in EFFECTS},
         units={e.name: {n: "" if p.unit == "1" else p.unit for n, p in e.parameters.items()} for e in EFFECTS.values()},
-        figures=Markup(json.dumps(figures, separators=(",", ":")).replace("</", "<\\/")),
-        plotly=Markup(get_plotlyjs()),
     )
 
 
-def _bars(outcome: Outcome) -> dict[str, Any]:
+def _bars(outcome: Outcome) -> PlotlyFigure:
     error = outcome.as_json()["error"]
     rows = [("noise floor", error["noise_floor"], _GREY), ("baseline", error["ceiling"], _GREY),
             ("after", error["after"]["held_out"], _BLUE), ("before", error["before"]["held_out"], _RED)]  # fmt: skip
@@ -72,11 +64,11 @@ def _bars(outcome: Outcome) -> dict[str, Any]:
     return _figure([bar], xaxis=axis, margin={"l": 90, "r": 20, "t": 10, "b": 45})
 
 
-def _figure(data: list[dict[str, Any]], **layout: Any) -> dict[str, Any]:
+def _figure(data: list[Trace], **layout: Any) -> PlotlyFigure:
     return {"data": data, "layout": {**_LAYOUT, **layout}}
 
 
-def _candidates(outcome: Outcome) -> dict[str, Any]:
+def _candidates(outcome: Outcome) -> PlotlyFigure:
     rows = [*reversed(outcome.candidates)]
     marks = {
         "type": "scatter", "mode": "markers", "y": [c.name for c in rows], "x": [in_mm(c.gain) for c in rows],
@@ -92,7 +84,7 @@ def _candidates(outcome: Outcome) -> dict[str, Any]:
     return _figure([marks], shapes=[line], margin={"l": 150, "r": 20, "t": 10, "b": 45}, xaxis=axis)
 
 
-def _cloth(outcome: Outcome, cells: np.ndarray, title: str) -> dict[str, Any]:
+def _cloth(outcome: Outcome, cells: np.ndarray, title: str) -> PlotlyFigure:
     fabric = outcome.samples[0].trial.design.fabric
     n = len(cells)
     centres = (np.arange(n) + 0.5) / n
@@ -105,7 +97,7 @@ def _cloth(outcome: Outcome, cells: np.ndarray, title: str) -> dict[str, Any]:
     return _figure([heat], title=title, xaxis={"title": "u, mm", "constrain": "domain"}, yaxis=down)
 
 
-def _over_time(outcome: Outcome, before: dict[str, Any]) -> dict[str, Any]:
+def _over_time(outcome: Outcome, before: dict[str, Any]) -> PlotlyFigure:
     lines = []
     for which, table, colour in (("before", before, _RED), ("after", outcome.remains.over_time, _BLUE)):
         for k, (name, (times, rms)) in enumerate(table.items()):
@@ -117,7 +109,7 @@ def _over_time(outcome: Outcome, before: dict[str, Any]) -> dict[str, Any]:
     return _figure(lines, xaxis={"title": "s"}, yaxis={"title": "RMS, mm", "rangemode": "tozero"})
 
 
-def _program(outcome: Outcome) -> dict[str, Any]:
+def _program(outcome: Outcome) -> PlotlyFigure:
     assert outcome.next_experiment is not None
     program = outcome.next_experiment["program"]
     times = [*program["time_s"], program["duration_s"]]

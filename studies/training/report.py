@@ -33,7 +33,7 @@ def _line(name: str, of: HeldOutErrors, *, ordered: bool) -> str:
             f"{trials}: Chamfer {in_mm(before.chamfer):.2f} to {in_mm(after.chamfer):.2f} mm (floor "
             f"{in_mm(before.chamfer_floor):.2f})"
         )
-    share = "" if of.closed.surface is None else f", {of.closed.surface:.0%} of the excess closed"
+    share = "" if of.closed.surface is None else f", {of.closed.surface:.0%} of the excess error removed"
     far = "" if of.trust.applies else f"; {of.trust.distance:.2f} from what was learned, too far: not corrected"
     return (
         f"{trials}: surface RMS {in_mm(before.surface_rms):.2f} to {in_mm(after.surface_rms):.2f} mm (floor "

@@ -19,10 +19,11 @@ from fabdesign.corrector import Trust, central_hash
 from fabdesign.distances import chamfer
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
+from fabdesign.json_file import write_json
 from fabdesign.metrics import Closed, Errors, closed, mean_errors, trial_errors
 from fabdesign.model import Model
 from fabdesign.model_file import write_model
-from fabdesign.output import MARK, WorkFolder, others_in, own_files, work_folder, write_text
+from fabdesign.output import MARK, WorkFolder, others_in, own_files, work_folder
 from fabdesign.predictor import Predictor
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import in_mm
@@ -179,7 +180,7 @@ def _same_run(work: WorkFolder, content: Mapping[str, Any], folder: Path, force:
         for name in own_files(folder) - {MARK}:
             (folder / name).unlink()
     work.claim(_RUN)
-    write_text(file, json.dumps(content, indent=1) + "\n")
+    write_json(file, content)
 
 
 def _tested(

@@ -39,11 +39,11 @@ def left_out(
     (`calibration.parameters.fit_vector`); the errors without them, of factors fitted alone, are then said too. coarse:
     as `calibrate` and `evaluate` take it; sensitive stretches are neither fitted nor evaluated. What
     `evaluate` says of a design and of these stretches, the model's factors and effects, and how many trials were
-    fitted. Raises InputError where nothing is left to fit or to judge."""
+    fitted. Raises InputError where nothing is left to fit or to evaluate."""
     others = tuple(trial for trial in measured.trials if trial.design_name != name and trial.role == "fit")
     own = [trial for trial in measured.trials if trial.design_name == name]
     if not others or not own:
-        raise InputError(f"{measured.name}: without {name}, no trial is left to {'judge' if others else 'fit'}")
+        raise InputError(f"{measured.name}: without {name}, no trial is left to {'evaluate' if others else 'fit'}")
     tests = tuple(replace(own[i], role="test") for i in evenly(len(own), trials))
     calibration = calibrate(
         replace(measured, trials=others),
@@ -56,7 +56,7 @@ def left_out(
     )
     model = replace(calibration.model, without_effects={})  # before is the data sheet
 
-    def judge(model: Model, what: str) -> SetEvaluation:
+    def evaluated(model: Model, what: str) -> SetEvaluation:
         return evaluate_sets(
             model,
             [replace(measured, trials=tests)],
@@ -66,11 +66,13 @@ def left_out(
             progress=lambda done, total: progress(f"without {name}{what}: evaluated {done} of {total} trials"),
         )
 
-    evaluation = judge(model, "")
+    evaluation = evaluated(model, "")
     _overlay(*_shown(tests, measured, evaluation), model, forward, picture)
     said = evaluation.as_json()["designs"][name] | evaluation.used.as_json()
     if model.effects:
-        said["without_effects"] = judge(calibration.model.before, ", factors alone").as_json()["designs"][name]["after"]
+        said["without_effects"] = evaluated(calibration.model.before, ", factors alone").as_json()["designs"][name][
+            "after"
+        ]
     told = calibration.as_json()
     return said | {
         "factors": {k: {key: p[key] for key in ("factor", "interval90")} for k, p in told["parameters"].items()},

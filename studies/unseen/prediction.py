@@ -1,7 +1,5 @@
 """Shapes of what is not sewn yet, with what the model does not know as intervals."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,12 +12,13 @@ from fabdesign.unseen_file import Unsewn
 from studies.sensitivity.outputs import mean_curvature, tip
 from studies.sensitivity.snapping import moved, snaps, spreads
 from studies.unseen.draws import Draws
+from studies.unseen.result import CorrectorStatement, Percentiles, PoseResult
 
 Array = NDArray[np.float64]
 _PERCENTILES = 5.0, 50.0, 95.0
 
 
-def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int, seed: int) -> list[dict[str, Any]]:
+def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int, seed: int) -> list[PoseResult]:
     """Of each pose: the shape's band, tip, mean curvature and the study's outputs over drawn models, and whether it
     snaps. mm, 1/m, degrees, kPa.
 
@@ -41,7 +40,7 @@ def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int,
     ]
 
 
-def _pose(unsewn: Unsewn, pose: Array, drawn: list[Array], off: list[Array]) -> dict[str, Any]:
+def _pose(unsewn: Unsewn, pose: Array, drawn: list[Array], off: list[Array]) -> PoseResult:
     sound = np.array([shape for shape in drawn[1:] if np.isfinite(shape).all()])
     if len(sound) < len(drawn) / 2:
         raise SimulationError(f"{unsewn.design.name}: most models find no shape at rest under {in_kpa(pose)} kPa")
@@ -69,12 +68,12 @@ def _column(shapes: Array) -> Array:
     return np.asarray(faces[:, :, 20, [2, 1]])
 
 
-def _percentiles(values: Array) -> list[float]:
+def _percentiles(values: Array) -> Percentiles:
     """5 %, middle, 95 %."""
     return [float(x) for x in np.percentile(values, _PERCENTILES)]
 
 
-def corrector_statement(model: Model, unsewn: Unsewn) -> dict[str, Any]:
+def corrector_statement(model: Model, unsewn: Unsewn) -> CorrectorStatement:
     """Whether the model's corrector applies to the design, and in words."""
     if model.corrector is None:
         return {"applies": None, "said": "no corrector in this model"}

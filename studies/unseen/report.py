@@ -1,32 +1,26 @@
 """The folder of a study of what is not measured yet: numbers and a page."""
 
-import base64
-import io
-import json
-import re
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from fabdesign import __version__
+from fabdesign.json_file import write_json
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
+from studies.report import html_of, png_address, svg_of
+from studies.unseen.result import PoseResult, UnseenResult
 
 
-def write_report(result: dict[str, Any], out: Path, *, pictures: Path) -> None:
+def write_report(result: UnseenResult, out: Path, *, pictures: Path) -> None:
     """Write `result.json` and `report.html` into `out`; `pictures` holds the overlays."""
-    write_text(out / "result.json", json.dumps(without_lines(result), indent=2) + "\n")
-    template = Environment(autoescape=True).from_string(
-        files("studies.unseen").joinpath("report.html.j2").read_text(encoding="utf-8")
-    )
+    write_json(out / "result.json", without_lines(result))
     left_out = result.get("left_out") or {}
     left = {name: own for name, own in left_out.items() if own}
-    page = template.render(
+    page = html_of(
+        "unseen/report.html.j2",
         result=result,
         left=left,
         not_begun=[name for name, own in left_out.items() if not own],
@@ -34,8 +28,7 @@ def write_report(result: dict[str, Any], out: Path, *, pictures: Path) -> None:
         notes=_notes(result),
         bands=[Markup(_band_svg(pose)) for pose in result.get("poses") or []],
         histograms={name: Markup(_histogram_svg(own)) for name, own in left.items()},
-        overlays={name: _inline(pictures / f"left_out_{name}.png") for name in left},
-        version=__version__,
+        overlays={name: png_address((pictures / f"left_out_{name}.png").read_bytes()) for name in left},
     )
     write_text(out / "report.html", page)
 
@@ -54,7 +47,7 @@ def _effect_rows(effects: list[dict[str, Any]]) -> list[tuple[str, str, str, str
     ]
 
 
-def _notes(result: dict[str, Any]) -> list[str]:
+def _notes(result: UnseenResult) -> list[str]:
     """What must be said beside the shapes' intervals."""
     if not result.get("design"):
         return []
@@ -74,15 +67,17 @@ def _notes(result: dict[str, Any]) -> list[str]:
     return notes
 
 
-def without_lines(result: dict[str, Any]) -> dict[str, Any]:
+def without_lines(result: UnseenResult) -> UnseenResult:
     """The result without the middle lines, which are for the picture."""
-    if not result.get("poses"):
-        return result
-    poses = [{key: value for key, value in pose.items() if key != "middle"} for pose in result["poses"]]
-    return {**result, "poses": poses}
+    shown = result.copy()
+    if poses := result.get("poses"):
+        shown["poses"] = poses = [pose.copy() for pose in poses]
+        for pose in poses:
+            pose.pop("middle", None)
+    return shown
 
 
-def _band_svg(pose: dict[str, Any]) -> str:
+def _band_svg(pose: PoseResult) -> str:
     """The cloth's middle line from the side: of every drawn model, and their mean."""
     lines = in_mm(np.array(pose["middle"]))
     figure = Figure(figsize=(4.2, 4.2), layout="constrained")
@@ -91,7 +86,7 @@ def _band_svg(pose: dict[str, Any]) -> str:
         axes.plot(line[:, 0], line[:, 1], color="#92c5de", linewidth=0.6)
     axes.plot(*lines.mean(axis=0).T, color="#1c2430", linewidth=1.4)
     axes.set(xlabel="z, mm (front)", ylabel="y, mm", aspect="equal")
-    return _svg(figure)
+    return svg_of(figure)
 
 
 def _histogram_svg(sizes: dict[str, Any]) -> str:
@@ -102,20 +97,10 @@ def _histogram_svg(sizes: dict[str, Any]) -> str:
             axes.stairs(shown[state], shown["edges"], fill=True, alpha=0.6, color=colour, label=state)
         axes.set(xlabel=f"{error.replace('_', ' ')}, mm", ylabel="trials")
         axes.legend(fontsize="small")
-    return _svg(figure)
+    return svg_of(figure)
 
 
-def _svg(figure: Figure) -> str:
-    text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    return re.sub(r"^.*?(?=<svg)", "", text.getvalue(), flags=re.DOTALL)
-
-
-def _inline(picture: Path) -> str:
-    return "data:image/png;base64," + base64.b64encode(picture.read_bytes()).decode()
-
-
-def as_text(result: dict[str, Any]) -> str:
+def as_text(result: UnseenResult) -> str:
     """For people."""
     lines = []
     for pose in result.get("poses") or []:

@@ -22,6 +22,7 @@ from studies.unseen.left_out import left_out
 from studies.unseen.measurement import after, candidates_of, information, pose_slopes, spread
 from studies.unseen.prediction import corrector_statement, predicted
 from studies.unseen.report import write_report
+from studies.unseen.result import CandidateResult, Measurement, PoseResult, ProposedProgram, UnseenResult
 
 ALGORITHM = 1  # of what a study's folder keeps: raised where it is no longer what this code would compute
 
@@ -35,7 +36,7 @@ def run_unseen(
     seconds: float | None = None,
     force: bool = False,
     progress: Callable[[str], None] = lambda line: None,
-) -> dict[str, Any]:
+) -> UnseenResult:
     """Evaluate what the study names and write `result.json` and `report.html` into `out`; what result.json holds.
 
     forward: by default the simulator with the study's grid. coarse: finds the sensitive stretches of the measured
@@ -55,9 +56,9 @@ def run_unseen(
 
             forward = Simulator(study.points_per_side, rise=study.rise, hold=study.hold)
             coarse = coarse or Simulator(GRID)
-        result: dict[str, Any] = {"name": study.name, "seed": study.seed, "points_per_side": study.points_per_side}
+        result: UnseenResult = {"name": study.name, "seed": study.seed, "points_per_side": study.points_per_side}
         if study.unsewn is not None:
-            result |= _unsewn(study, study.unsewn, forward, checkpoint, progress)
+            _add_unsewn(result, study, study.unsewn, forward, checkpoint, progress)
         if study.measured is not None:
             result["free"] = list(study.free)
             result["left_out"] = _left_out(study, work, forward, coarse or forward, checkpoint, progress)
@@ -67,27 +68,34 @@ def run_unseen(
     return result
 
 
-def _unsewn(
-    study: UnseenStudy, unsewn: Unsewn, simulator: ForwardModel, checkpoint: Checkpoint, progress: Callable[[str], None]
-) -> dict[str, Any]:
+def _add_unsewn(
+    result: UnseenResult,
+    study: UnseenStudy,
+    unsewn: Unsewn,
+    simulator: ForwardModel,
+    checkpoint: Checkpoint,
+    progress: Callable[[str], None],
+) -> None:
     draws = Draws(unsewn.model, unsewn.design)
     bare = replace(unsewn.model, parameters={}, effects=())  # a case brings all of it
     forward = replace(forward_model(simulator, unsewn.model), model=bare)
     progress(f"shapes of {study.samples} models, {len(unsewn.poses)} poses")
-    poses = checkpoint.get("poses", lambda: predicted(unsewn, draws, forward, study.samples, study.seed))
+    poses: list[PoseResult] | None = checkpoint.get(
+        "poses", lambda: predicted(unsewn, draws, forward, study.samples, study.seed)
+    )
 
-    def measurement() -> dict[str, Any]:
+    def measurement() -> Measurement:
         b = pose_slopes(unsewn, draws, forward)
         candidates = candidates_of(unsewn, study.rig)
         progress(f"what {len(candidates)} measurements would tell")
-        left: dict[str, dict[str, Any]] = {}
+        left: dict[str, CandidateResult] = {}
         for candidate, gained in zip(candidates, information(candidates, draws, forward), strict=True):
             if np.isfinite(gained).all():
                 left[candidate.name] = {"design": candidate.design.name, "left_mm": in_mm(after(b, gained))}
         ranked = dict(sorted(left.items(), key=lambda item: item[1]["left_mm"]))
         now = in_mm(spread(b, np.eye(len(draws.names))))
         best = next((c for c in candidates if ranked and c.name == next(iter(ranked))), None)
-        program = None if best is None else {
+        program: ProposedProgram | None = None if best is None else {
             "time_s": best.program.time.tolist(),
             "pressure_kpa": in_kpa(best.program.pressure).round(3).tolist(),
             "duration_s": best.program.duration,
@@ -95,15 +103,13 @@ def _unsewn(
         shares = {name: in_mm(spread(b[:, k : k + 1], np.eye(1))) for k, name in enumerate(draws.names)}
         return {"spread_mm": now, "due_to_mm": shares, "candidates": ranked, "program": program}
 
-    return {
-        "design": unsewn.design.name,
-        "model_points_per_side": unsewn.model.points_per_side,
-        "doubted": [name for name, parameter in unsewn.model.parameters.items() if not parameter.reliable],
-        "poses": poses,
-        "unknown": list(draws.unknown),
-        "corrector": corrector_statement(unsewn.model, unsewn),
-        "measurement": checkpoint.get("measurement", measurement),
-    }
+    result["design"] = unsewn.design.name
+    result["model_points_per_side"] = unsewn.model.points_per_side
+    result["doubted"] = [name for name, parameter in unsewn.model.parameters.items() if not parameter.reliable]
+    result["poses"] = poses
+    result["unknown"] = list(draws.unknown)
+    result["corrector"] = corrector_statement(unsewn.model, unsewn)
+    result["measurement"] = checkpoint.get("measurement", measurement)
 
 
 def _left_out(

@@ -18,7 +18,7 @@ def threshold_pressure(scene: Scene, order: int, values: Mapping[str, float]) ->
 
 def braid_hysteresis(scene: Scene, order: int, values: Mapping[str, float]) -> None:
     """Coulomb friction that grows with pressure: one Maxwell-slip element an interval."""
-    scene.muscle_state.friction_per_pressure = values["friction"] / 1e3  # N/Pa
+    scene.muscle_state.friction_per_pressure = values["friction"] / from_kpa(1.0)  # N/Pa
     scene.muscle_state.friction_at_zero = values["friction_at_zero"]
     scene.muscle_state.friction_slip = values["slip"]
 

@@ -1,0 +1,9 @@
+"""What the reports of all studies share: one base page (`base.html.j2`: head, style, figures), how a page is made from
+it, and pictures that stand in a page. A report is one file for any browser, without a network.
+
+Belongs here: what two reports need. What one study shows stands in its room: `report.py`, and `report.html.j2`, which
+begins with `{% extends "report/base.html.j2" %}`."""
+
+from studies.report.page import PlotlyFigure, Trace, html_of, package_versions, png_address, svg_of
+
+__all__ = ["PlotlyFigure", "Trace", "html_of", "package_versions", "png_address", "svg_of"]
