@@ -36,7 +36,7 @@ def studio_at(tmp_path: Path, files: list[str]) -> Iterator[Page]:
         runs = threading.Thread(target=studio.run, args=(stopped.is_set,))
         runs.start()
         try:
-            with browser_at(gate.address, tmp_path / "profile", width=1150, height=640, scale=0.5) as tab:
+            with browser_at(gate.address, tmp_path / "profile", width=1150, height=640, frugal=True) as tab:
                 yield tab
         finally:
             stopped.set()
