@@ -94,7 +94,8 @@ def main() -> None:
         for a, b in zip(timed.shapes, timed.shapes[1:], strict=False)
         if not a.exact and b.exact and a.layout == b.layout
     ]
-    PAGE.write_text(page(np.array(follow), np.array(exact), np.array(off), cost), encoding="utf-8")
+    points = "".join(PAGE.read_text(encoding="utf-8").partition("\n## ")[1:])  # each with its command, written by hand
+    PAGE.write_text(page(np.array(follow), np.array(exact), np.array(off), cost) + points, encoding="utf-8")
     print(PAGE.read_text(encoding="utf-8"))
 
 

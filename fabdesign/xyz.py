@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fabdesign.bounded_file import decode_any, read_bytes
 from fabdesign.csv_table import separator
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, note
 from fabdesign.headings import parse_heading, parse_units_row
 from fabdesign.placement import Unit
 
@@ -46,7 +46,11 @@ def read_xyz(path: Path | str) -> TextCloud:
         columns, unit, lines = _named(path, lines, mark)
     if not lines:
         return TextCloud(np.zeros((0, 3)))
-    return TextCloud(_numbers(path, lines, mark, len(head), columns), unit)
+    cloud = TextCloud(_numbers(path, lines, mark, len(head), columns), unit)
+    commas = mark != "," and any("," in line for _, line in lines)
+    if mark == ";" or commas:
+        note(f"{path}: written with {' and '.join(['semicolons'] * (mark == ';') + ['decimal commas'] * commas)}")
+    return cloud
 
 
 def read_pts(path: Path | str) -> NDArray[np.float64]:

@@ -15,8 +15,8 @@ from scripts.studio_moving_picture import studio
 from tests.browser import Page
 from tests.test_studio_browser import holds
 
-WINDOW, HIGH = (1400, 800), (1400, 920)  # px
-SEARCH = 30  # s
+WINDOW, HIGH = (1400, 800), (1400, 960)  # px
+SEARCH = 180  # s
 RADIUS = 0.4  # m, of the bent sheet that is searched for
 WAIT = 900  # s, on a machine with other work
 TRIAL, FRAME = "001 (duo, fit)", 45  # of rig_c

@@ -40,6 +40,13 @@ _BUTTON = """(() => {
 })()"""
 
 
+_FEW_FRAMES = """(() => {
+  const soon = window.requestAnimationFrame.bind(window);
+  window.requestAnimationFrame = draw => setTimeout(() => soon(draw), 80);
+  window.cancelAnimationFrame = clearTimeout;
+})()"""
+
+
 class Page:
     """One tab."""
 
@@ -135,10 +142,10 @@ class Page:
 
 @contextmanager
 def browser_at(
-    address: str, profile: Path, *, width: int = 1600, height: int = 900, scale: float = 1.0
+    address: str, profile: Path, *, width: int = 1600, height: int = 900, frugal: bool = False
 ) -> Iterator[Page]:
-    """A tab of a new chromium at `address`; its profile goes into the folder `profile`. scale: pixels drawn for each of
-    width and height; without a graphics card a scene takes a processor's time by their number."""
+    """A tab of a new chromium at `address`; its profile goes into the folder `profile`. frugal: half of the pixels each
+    way, and some ten frames a second; without a graphics card a scene takes a processor's time by both."""
     from websockets.sync.client import connect
 
     program = chromium()
@@ -158,8 +165,11 @@ def browser_at(
             page = Page(socket)
             page.call("Page.enable")
             page.call(
-                "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale, mobile=False
-            )
+                "Emulation.setDeviceMetricsOverride", width=width, height=height,
+                deviceScaleFactor=0.5 if frugal else 1, mobile=False,
+            )  # fmt: skip
+            if frugal:
+                page.call("Page.addScriptToEvaluateOnNewDocument", source=_FEW_FRAMES)
             page.call("Page.navigate", url=address)
             yield page
     finally:

@@ -2,6 +2,7 @@
 
 import json
 import pydoc
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
@@ -400,6 +401,36 @@ def test_a_motion_that_diverges_is_an_error_or_nan(asked: Callable[[], list[str]
     assert np.isnan(found["x"]).tolist() == [False, True]
     with pytest.raises(SimulationError, match=r"^cross: no shape at rest was found"):
         fabdesign.equilibrium(cross, [300, 0])
+
+
+CROSS = fabdesign.build("cross", muscles=2)
+
+
+@pytest.mark.parametrize(
+    ("call", "problem"),
+    [
+        (
+            lambda: fabdesign.simulate(CROSS, ["a", "b"]),
+            "pressures of cross: ['a', 'b']; expected kPa of every channel",
+        ),
+        (lambda: fabdesign.simulate(CROSS, 5), "pressures: 5; expected a list of them"),
+        (lambda: fabdesign.simulate(None, [1, 2]), "designs: None; expected a list of them"),
+        (lambda: fabdesign.equilibrium([3], [1, 2]), "design: 3; expected a Design or its file"),
+        (lambda: fabdesign.equilibrium(CROSS, [1, 2], model=3), "model: 3; expected a Model or its file"),
+        (lambda: fabdesign.equilibrium(CROSS, np.zeros((2, 2, 2))), "expected kPa of every channel"),
+        (lambda: fabdesign.sweep(CROSS, [[1, 2]], {"a": 3}), "outputs: a: 3; expected a function of a motion"),
+        (lambda: fabdesign.optimize(CROSS, np.zeros((3, 3))), "^target: of 3 points 3 without depth"),
+        (lambda: fabdesign.optimize(CROSS, [["a", "b", "c"]]), "target: no array of numbers"),
+        (lambda: fabdesign.optimize(CROSS, np.ones((9, 3)), muscles=4), "muscles: 4; expected two, the least and the"),
+        (lambda: fabdesign.sensitivity(CROSS, {"membrane": 5}), "parameters: membrane: 5; expected two, the least and"),
+        (lambda: fabdesign.sensitivity(CROSS, {"membrane": None}, outputs={"a": "tip"}), "outputs: a: 'tip'; expected"),
+        (lambda: fabdesign.calibrate([]), "no measurement set; expected one or more"),
+        (lambda: fabdesign.train([5], "m.toml"), "measurement set: 5; expected a MeasurementSet or its file"),
+    ],
+)
+def test_arguments_of_another_kind_are_one_line(call: Callable[[], Any], problem: str) -> None:
+    with pytest.raises(InputError, match=problem if problem.startswith("^") else re.escape(problem)):
+        call()
 
 
 def test_a_stale_model_is_a_warning(asked: Callable[[], list[str]]) -> None:

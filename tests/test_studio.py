@@ -1,8 +1,11 @@
 """The studio without a browser: layouts, their limits, snapping, the shape that follows, files."""
 
+import os
+import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -46,6 +49,7 @@ from studies.studio.target import ShownTarget, compare
 from studies.studio.trial_errors import ask_of_trial
 from tests.bending import AtOnce, Bending, bow
 from tests.command_line import Run, one_line
+from tests.conftest import ROOT
 
 BASIC = Layout.of(build("basic"))
 
@@ -905,6 +909,30 @@ def test_help_loads_nothing_heavy() -> None:
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert "--no-browser" in done.stdout
     assert done.stdout.endswith("[]\n")
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="children are looked up in /proc")
+def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
+    pytest.importorskip("viser")
+    write_design(BASIC.design, tmp_path / "basic.toml")
+    command = [sys.executable, "-m", "fabdesign", "studio", "basic.toml", "--no-browser"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(
+        command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as program:
+        assert program.stdout is not None
+        port = int(program.stdout.readline().strip().rstrip("/").rpartition(":")[2])
+        children = Path(f"/proc/{program.pid}/task/{program.pid}/children")
+        while not (begun := children.read_text().split()):  # the simulator's process
+            time.sleep(0.05)
+        program.send_signal(signal.SIGINT)
+        _, err = program.communicate(timeout=60)
+    assert program.returncode == 130
+    assert err.strip() == "fabdesign: interrupted"
+    assert not [child for child in begun if Path(f"/proc/{child}").exists()]
+    with socket.socket() as connection:
+        assert connection.connect_ex(("127.0.0.1", port)) != 0
+    assert [file.name for file in tmp_path.iterdir()] == ["basic.toml"]
 
 
 # the page, without a browser to see it

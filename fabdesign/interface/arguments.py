@@ -3,7 +3,7 @@
 import os
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from decimal import Decimal
 from pathlib import Path
@@ -75,11 +75,13 @@ def study_file(design: Any) -> Path:
 
 
 def one_design(design: DesignLike) -> Design:
+    _require("design", design, Design)
     return design if isinstance(design, Design) else read_design(design)
 
 
 def one_model(model: ModelLike | None, without: Sequence[str] = (), say: Say = warn) -> Model | None:
     if model is not None:
+        _require("model", model, Model)
         return usable_model(model, without, say=say)
     if without:
         raise InputError(f"--without {','.join(without)}: there is no model; expected it with --model")
@@ -88,8 +90,11 @@ def one_model(model: ModelLike | None, without: Sequence[str] = (), say: Say = w
 
 def all_sets(measured: SetLike | Sequence[SetLike]) -> list[MeasurementSet]:
     """Raises InputError for a bench, which is no measurement set."""
-    many = [measured] if isinstance(measured, MeasurementSet | Path | str) else measured
+    many = [measured] if isinstance(measured, MeasurementSet | Path | str) else many_of("measurement sets", measured)
+    if not many:
+        raise InputError("no measurement set; expected one or more")
     for one in many:
+        _require("measurement set", one, MeasurementSet)
         if not isinstance(one, MeasurementSet) and is_bench(Path(one)):
             raise InputError(f"{one}: a bench; expected measurement sets, or the command, which takes a bench too")
     return [one if isinstance(one, MeasurementSet) else read_set(one) for one in many]
@@ -122,7 +127,7 @@ def one_program(pressures: Pressures, design: Design) -> PressureProgram:
     if isinstance(pressures, Path | str):
         return read_pressures(pressures, design)
     if not isinstance(pressures, PressureProgram):
-        pressures = constant_program(from_kpa(np.asarray(pressures, dtype=float)))
+        pressures = constant_program(from_kpa(_numbers(f"pressures of {design.name}", pressures)))
     require_pressures(pressures, design, f"pressures of {design.name}")
     return pressures
 
@@ -132,10 +137,11 @@ def pairs(
 ) -> tuple[list[tuple[Design, PressureProgram]], bool]:
     """Designs with their pressures, and whether it is one pair alone. One design goes with all pressures, one row of
     pressures with all designs; else they are as many. Raises InputError."""
-    lone = isinstance(designs, Design | Path | str)
-    read = [one_design(one) for one in ([designs] if isinstance(designs, Design | Path | str) else designs)]
+    one = isinstance(designs, Design | Path | str)
+    several: Sequence[Any] = [designs] if one else many_of("designs", designs)
+    read = [one_design(each) for each in several]
     rows = [*pressures] if _are_many(pressures) else [pressures]
-    lone = lone and not _are_many(pressures)
+    lone = one and not _are_many(pressures)
     if len(read) == 1:
         read *= len(rows)
     if len(rows) == 1:
@@ -148,4 +154,52 @@ def pairs(
 def _are_many(pressures: Pressures) -> bool:
     if pressures is None or isinstance(pressures, Path | str | PressureProgram):
         return False
-    return any(not np.isscalar(each) for each in pressures)
+    return any(not np.isscalar(each) for each in many_of("pressures", pressures))
+
+
+def many_of(what: str, given: Any) -> Sequence[Any]:
+    """A list of what came; raises InputError for what is none."""
+    if isinstance(given, str | Mapping) or not isinstance(given, Iterable):
+        raise InputError(f"{what}: {_shown(given)}; expected a list of them")
+    return [*given]
+
+
+def functions_of(outputs: Any) -> dict[str, Callable[..., float]]:
+    """Functions of a motion by name. Raises InputError for anything else."""
+    functions = dict(outputs) if isinstance(outputs, Mapping) else {}
+    if not functions:
+        raise InputError("outputs: none; expected functions of a motion, by name")
+    for name, function in functions.items():
+        if not callable(function):
+            raise InputError(f"outputs: {name}: {_shown(function)}; expected a function of a motion")
+    return functions
+
+
+def ends_of(what: str, given: Any) -> tuple[Any, Any]:
+    """The least and the most. Raises InputError for what is no pair."""
+    ends = [*given] if isinstance(given, Iterable) and not isinstance(given, Mapping) else []
+    if len(ends) != 2:
+        raise InputError(f"{what}: {_shown(given)}; expected two, the least and the most")
+    return ends[0], ends[1]
+
+
+def _require(what: str, given: Any, kind: type) -> None:
+    """Raise InputError for what is neither of a kind nor the name of a file."""
+    if not isinstance(given, kind | Path | str):
+        raise InputError(f"{what}: {_shown(given)}; expected a {kind.__name__} or its file")
+
+
+def _numbers(what: str, given: Any) -> np.ndarray:
+    """A row of kPa. Raises InputError."""
+    try:
+        row = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        row = np.empty((0, 0))
+    if row.ndim != 1:
+        raise InputError(f"{what}: {_shown(given)}; expected kPa of every channel")
+    return row
+
+
+def _shown(given: Any) -> str:
+    text = " ".join(repr(given).split())
+    return text if len(text) <= 60 else f"{text[:57]}..."

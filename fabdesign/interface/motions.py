@@ -7,7 +7,6 @@ import numpy as np
 
 from fabdesign.cluster import at_once
 from fabdesign.design import Design
-from fabdesign.errors import InputError
 from fabdesign.forward import HOLD, RISE, Case, ForwardModel
 from fabdesign.interface.arguments import (
     DesignLike,
@@ -15,6 +14,7 @@ from fabdesign.interface.arguments import (
     Pressures,
     Progress,
     computing,
+    functions_of,
     one_model,
     pairs,
     simulator,
@@ -147,8 +147,7 @@ def sweep(
     """
     from studies.forward_model import forward_model
 
-    if not outputs:
-        raise InputError("outputs: none; expected functions of a motion, by name")
+    functions = functions_of(outputs)
     given, _ = pairs(designs, pressures)
     fitted = one_model(model, without)
     rows: list[list[float]] = []
@@ -158,10 +157,10 @@ def sweep(
         try:
             for part in _parts(given, progress, "swept"):
                 shapes = _shapes(forward, [Case(*pair, order=order) for pair in given[part]], at)
-                rows += [[_value(function, motion) for function in outputs.values()] for motion in shapes]
+                rows += [[_value(function, motion) for function in functions.values()] for motion in shapes]
         except KeyboardInterrupt:
             progress(f"interrupted, with {len(rows)} of {len(given)} rows", len(rows) / len(given))
-    values = dict(zip(outputs, np.array(rows).reshape(-1, len(outputs)).T, strict=True))
+    values = dict(zip(functions, np.array(rows).reshape(-1, len(functions)).T, strict=True))
     done = given[: len(rows)]
     last = [in_kpa(program.pressure[-1]) for _, program in done]
     return Sweep(tuple(design for design, _ in done), tuple(last), values, len(rows) == len(given))

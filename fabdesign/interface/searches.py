@@ -1,7 +1,8 @@
 """Searches and sweeps: a layout with pressures for a target, layouts side by side, and what a shape depends on."""
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import wraps
 from pathlib import Path
@@ -18,6 +19,8 @@ from fabdesign.interface.arguments import (
     Say,
     as_toml,
     computing,
+    ends_of,
+    functions_of,
     one_design,
     one_model,
     study_file,
@@ -65,15 +68,15 @@ def optimize(
     """
     from studies.layouts.run import run_study
 
-    with tempfile.TemporaryDirectory(prefix="fabdesign_") as scratch:
-        folder = Path(scratch)
+    with _scratch() as folder:
         if target is None:
             study = study_file(design)
             where = study
         else:
             given = {**(limits or {})}
             given |= {} if evaluations is None else {"evaluations": evaluations}
-            choice = {} if muscles is None else {"muscles": {"min": muscles[0], "max": muscles[1], "sides": [*sides]}}
+            least, most = (None, None) if muscles is None else ends_of("muscles", muscles)
+            choice = {} if muscles is None else {"muscles": {"min": least, "max": most, "sides": [*sides]}}
             varied = {"pressures": pressures, **({} if positions is None else {"positions": positions}), **choice}
             root = {"seed": seed, "variables": varied, "limits": given, **_targets(target, folder, keys), **keys}
             study, where = _search(root, design, one_model(model, say=say)), None
@@ -118,8 +121,7 @@ def layouts(
     from fabdesign.layouts_file import layouts_of
     from studies.layout_grid.run import run_layouts
 
-    with tempfile.TemporaryDirectory(prefix="fabdesign_") as scratch:
-        folder = Path(scratch)
+    with _scratch() as folder:
         if target is None:
             study: Any = study_file(design)
             where = study
@@ -182,9 +184,10 @@ def sensitivity(
         study: Any = study_file(design)
         where = study
     else:
-        functions = dict(outputs) if isinstance(outputs, Mapping) else {}
+        functions = functions_of(outputs) if isinstance(outputs, Mapping) else {}
         tables = {
-            name: {} if ends is None else {"low": ends[0], "high": ends[1]} for name, ends in (parameters or {}).items()
+            name: {} if ends is None else dict(zip(("low", "high"), ends_of(f"parameters: {name}", ends), strict=True))
+            for name, ends in (parameters or {}).items()
         }
         root = {"parameters": {**tables, "covariance": covariance}, "method": _texts(method), "seed": seed, **keys}
         optional = {
@@ -219,6 +222,16 @@ def sensitivity(
     return Sensitivity(result)
 
 
+@contextmanager
+def _scratch() -> Iterator[Path]:
+    """A folder for an array of points; what is wrong with them is said of the target."""
+    with tempfile.TemporaryDirectory(prefix="fabdesign_") as folder:
+        try:
+            yield Path(folder)
+        except InputError as error:
+            raise InputError(str(error).replace(str(Path(folder) / "target.npz"), "target")) from error
+
+
 def _search(root: dict[str, Any], design: DesignLike, model: Any) -> Any:
     from fabdesign.study_file import require_searchable, search_of
 
@@ -237,7 +250,10 @@ def _targets(target: Any, folder: Path, keys: dict[str, Any]) -> dict[str, Any]:
         return {"target": {"file": _absolute(target), **own}}
     if isinstance(target, list | tuple) and all(isinstance(one, Path | str) for one in target):
         return {"targets": [{"file": _absolute(one), **own} for one in target]}
-    points = np.asarray(target, dtype=float)
+    try:
+        points = np.asarray(target, dtype=float)
+    except (TypeError, ValueError):
+        raise InputError("target: no array of numbers; expected points (n, 3) in m, or a file") from None
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"target: an array of shape {points.shape}; expected points (n, 3) in m")
     np.savez(folder / "target.npz", points=points)
