@@ -25,13 +25,14 @@ from fabdesign.trial_file import program_of
 from optimize.fit.descent import fit
 from optimize.fit.inputs import DEFAULT_ACCURACY
 from optimize.fit.left_out import LeftOut
+from optimize.fit.needed import conditioned, cost, needed
 from optimize.fit.normal import _bounded_step
 from optimize.fit.parameters import fit_vector
+from studies.tracing.backwards import NEEDED, sparse
 from studies.tracing.data import draw, folds_of
 from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
 from studies.tracing.run import trace_set
-from studies.tracing.selection import conditioned, cost, needed, sparse
 from studies.tracing.verdict import Evidence, decide, explains
 from tests.few_effects import few_effects
 
@@ -234,9 +235,9 @@ def test_unknowns_are_dropped_as_their_joint_distribution_says():
     wide[np.ix_(both, both)] = covariance
     where = np.zeros(len(wide))
     where[both] = x
-    assert len(needed(where, wide, vector)) == 1
+    assert len(needed(where, wide, vector, NEEDED)) == 1
     where[both] = 0.01
-    assert needed(where, wide, vector) == []
+    assert needed(where, wide, vector, NEEDED) == []
 
 
 def test_of_several_channels_the_odd_one_stays():
@@ -326,7 +327,7 @@ def late(tmp_path_factory):
 
 def test_several_effects_are_found_together_and_no_other(late):
     found, _, noise = late
-    labels = needed(found.minimum, found.covariance, found.vector)
+    labels = needed(found.minimum, found.covariance, found.vector, NEEDED)
     assert labels == ["filling_lag", "supply_droop"]
     terms = {term.name: term.values for term in found.vector.terms_at(found.x)}
     assert terms["supply_droop"]["share"] == pytest.approx(0.15, abs=0.03)

@@ -8,8 +8,9 @@ import numpy as np
 
 from fabdesign.forward import ForwardModel
 from fabdesign.surface import CAP
-from optimize.fit.clouds import Array, Match, Sample, cut, frames_of
+from optimize.fit.clouds import Array, Indices, Match, Sample, cut, frames_of
 from optimize.fit.inputs import Accuracy, InputErrors, input_errors
+from optimize.fit.needed import needed
 from optimize.fit.normal import BLOCK, FAR, Normal, directions, loss, scatter, step_to_minimum
 from optimize.fit.parameters import DECLARED, FitVector
 from optimize.fit.problem import Evaluation, FitProblem, Linearisation
@@ -21,9 +22,9 @@ CLOSE = 0.05  # of log likelihood: a step that promises less is the last, and st
 _CLOSE_ENOUGH = 3.0  # the same where a longer horizon follows
 _PROMISED = 0.25  # of the gain that a step promised: while it gains as much, its Jacobian is updated, not made anew
 _NEAR = 0.03  # of a logarithm: steps under it are left to the next horizon
-_LENGTHS = (1.0, 2.0, 0.5)  # of a step, simulated at once while that is no dearer than one
-_AT_ONCE = 16  # motions that take a machine of two cores no longer than one
+_LENGTHS = (1.0, 0.5, 2.0, 0.25)  # of a step, simulated at once: lanes that one motion a trial leaves empty
 _DEARER = 4.0  # times, a motion on 61 points a side than on 41
+_LITTLE = 2.0  # of log likelihood: an effect that costs less to drop keeps its former column
 _DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
 
 
@@ -199,19 +200,19 @@ def _descend(
     differences.
 
     Between two Jacobians by differences stands Broyden's update (1965), which costs no motions of its own, while
-    steps gain most of what they promise. The last step is one by differences."""
+    steps gain most of what they promise. The last step is one by differences. Columns of effects that the data do not
+    need where the fit stands are as old as the first Jacobian, unless a step gains nothing."""
     slight, far = (_NEAR, np.inf) if near else (_CONVERGED, FAR)
-    lengths = (1.0,) if near else _LENGTHS[: max(1, _AT_ONCE // len(problem.samples))]
-    damping = 0.0
+    vector, damping, whole = problem.vector, 0.0, exact
     for iteration in range(1, _ITERATIONS + 1):
         step, normal = step_to_minimum(problem.samples, state, weight, damping, problem.vector, inputs, far)
         promised = -loss(problem.samples, state, _promised(state, step), normal, weight, inputs)
         line = f"{named}iteration {iteration}: {1e3 * capped(state.found.residual):.3f} mm RMS"
         progress(line, iteration / (iteration + 2))
-        evaluations = problem.evaluate([problem.vector.inside(state.x + length * step) for length in lengths])
+        evaluations = problem.evaluate([problem.vector.inside(state.x + length * step) for length in _LENGTHS])
         gains = [-loss(problem.samples, state, other, normal, weight, inputs) for other in evaluations]
         best = int(np.argmax(gains))
-        longest = lengths[best] * float(np.abs(step / problem.vector.scale).max())
+        longest = _LENGTHS[best] * float(np.abs(step / problem.vector.scale).max())
         small = promised < close or longest < slight
         if gains[best] > 0:
             damping = damping / 10
@@ -221,14 +222,27 @@ def _descend(
                 moved = _updated(state, evaluations[best])
                 state, exact = problem.with_jacobian(evaluations[best], moved), False
             else:
-                state, exact = problem.linearise(evaluations[best], directions(normal, problem.vector)), True
-        elif not exact:
-            state, exact = problem.linearise(state, directions(normal, problem.vector)), True
-        elif small:
+                fresh = _needed_columns(vector, (state.x, state.x + step), normal, weight)
+                state = problem.linearise(evaluations[best], directions(normal, vector), state.jacobian, fresh)
+                exact, whole = True, len(fresh) == len(step)
+        elif small and exact:
             return state, iteration, True
+        elif not (exact and whole):
+            every = np.arange(len(step))
+            fresh = every if exact else _needed_columns(vector, (state.x, state.x + step), normal, weight)
+            state = problem.linearise(state, directions(normal, vector), state.jacobian, fresh)
+            exact, whole = True, len(fresh) == len(step)
         else:
             damping = max(10 * damping, _DAMPING)
     return state, _ITERATIONS, False
+
+
+def _needed_columns(vector: FitVector, places: Sequence[Array], normal: Normal, weight: Array) -> Indices:
+    """All but those of effects that the data, as far as they are linear, need at none of the places (p,)."""
+    covariance = np.asarray(np.linalg.inv(normal.information + weight), dtype=np.float64)
+    kept = {label for x in places for label in needed(x, covariance, vector, _LITTLE)}
+    gone = [vector.part(label) for label in vector.labels if label not in kept]
+    return np.setdiff1d(np.arange(len(weight)), np.concatenate([np.zeros(0, np.intp), *gone]))
 
 
 def _promised(state: Linearisation, step: Array) -> Evaluation:

@@ -8,7 +8,7 @@ import numpy as np
 
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.sheet import Sheet, sheets
-from optimize.fit.clouds import Array, Match, Sample, derivatives, match, nodes_of
+from optimize.fit.clouds import Array, Indices, Match, Sample, derivatives, match, nodes_of
 from optimize.fit.parameters import DECLARED, FitVector
 
 _AT_ONCE = 192  # motions in memory
@@ -45,11 +45,18 @@ class FitProblem:
             for x, own in zip(xs, parts, strict=True)
         ]
 
-    def linearise(self, evaluation: Evaluation, along: Array) -> Linearisation:
-        """With the Jacobian by differences along the rows of `along` (p, p), within limits."""
-        along = self.vector.steps(evaluation.x, along)
-        others = [[self.vector.case(s.trial, evaluation.x + row) for s in self.samples] for row in along]
-        return self.with_jacobian(evaluation, self.differences(evaluation, others) @ np.linalg.inv(along).T)
+    def linearise(
+        self, evaluation: Evaluation, along: Array, old: Array | None = None, fresh: Indices | None = None
+    ) -> Linearisation:
+        """With the Jacobian by differences along the rows of `along` (p, p), within limits. fresh: the columns that are
+        made; the others stay as in `old` (N, p), and no row of `along` mixes both."""
+        chosen = np.arange(len(along)) if fresh is None else fresh
+        rows = self.vector.steps(evaluation.x, along)[chosen]
+        others = [[self.vector.case(s.trial, evaluation.x + row) for s in self.samples] for row in rows]
+        columns = self.differences(evaluation, others) @ np.linalg.inv(rows[:, chosen]).T
+        jacobian = np.empty((len(columns), len(along))) if old is None else old.copy()
+        jacobian[:, chosen] = columns
+        return self.with_jacobian(evaluation, jacobian)
 
     def with_jacobian(self, evaluation: Evaluation, jacobian: Array) -> Linearisation:
         return Linearisation(evaluation.x, evaluation.sheets, evaluation.found, jacobian)

@@ -6,7 +6,8 @@ import numpy as np
 
 from fabdesign.effects import EFFECTS
 from optimize.fit.left_out import LeftOut, Scored
-from studies.tracing.selection import ALIKE, NEEDED, Selection, label_effect
+from studies.tracing.backwards import NEEDED, label_effect
+from studies.tracing.selection import ALIKE, Selection
 
 
 @dataclass(frozen=True)

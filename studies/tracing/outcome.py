@@ -20,10 +20,11 @@ from optimize.fit.descent import Fit
 from optimize.fit.inputs import Accuracy
 from studies.calibration.engine_difference import with_engines
 from studies.calibration.fitted_model import fitted_model
+from studies.tracing.backwards import label_effect
 from studies.tracing.candidates import Candidate
 from studies.tracing.errors import TrialError, mean_of, other_layouts
 from studies.tracing.residual import Remains
-from studies.tracing.selection import Selection, label_effect
+from studies.tracing.selection import Selection
 from studies.tracing.verdict import Evidence, Word, explains
 from studies.used_frames import Stretch
 

@@ -23,6 +23,7 @@ from optimize.fit.inputs import DEFAULT_ACCURACY, Accuracy
 from optimize.fit.left_out import LeftOut
 from studies.calibration.fitted_model import muscle_scope
 from studies.sensitive_stretches import sensitive_stretches
+from studies.tracing.backwards import label_effect
 from studies.tracing.black_box import baseline_score
 from studies.tracing.candidates import Candidate, candidates_of
 from studies.tracing.data import TRIALS, TooLittle, draw, folds_of
@@ -31,11 +32,12 @@ from studies.tracing.experiment import Explanation, next_experiment
 from studies.tracing.outcome import Outcome, model_of, provenance_of
 from studies.tracing.residual import remains
 from studies.tracing.residuals import Residuals
-from studies.tracing.selection import Selection, Task, label_effect, select
+from studies.tracing.selection import Selection, select
+from studies.tracing.task import Task
 from studies.tracing.verdict import Evidence, decide
 from studies.used_frames import Stretch, left_out_in_words, share_left_out
 
-ALGORITHM = 5  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
+ALGORITHM = 6  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 TOLERANCE = 0.5e-3  # m of excess
 LEAST_TRIALS = 3  # with different pressures
 GRID = 21  # points a side: within 0.3 mm of a finer one, for a hundredth of a second a column

@@ -1,0 +1,36 @@
+"""Which effects a fit needs, to first order: what the joint normal distribution of its unknowns says."""
+
+import numpy as np
+
+from optimize.fit.clouds import Array, Indices
+from optimize.fit.parameters import FitVector
+
+
+def needed(x: Array, covariance: Array, vector: FitVector, least: float) -> list[str]:
+    """The terms that cost at least `least` of log likelihood each to drop, one after another, the cheapest first, with
+    all other unknowns moving along. x (p,), covariance (p, p)."""
+    left = {label: vector.part(label) for label in vector.labels}
+    x, covariance = x.copy(), covariance.copy()
+    while left:
+        costs = {label: cost(x, covariance, part) for label, part in left.items()}
+        cheapest = min(costs, key=lambda label: costs[label])
+        if costs[cheapest] >= least:
+            break
+        x, covariance = conditioned(x, covariance, left.pop(cheapest))
+    return [*left]
+
+
+def cost(x: Array, covariance: Array, part: Indices) -> float:
+    """Of log likelihood, what it costs to switch unknowns off."""
+    own = covariance[np.ix_(part, part)]
+    return float(0.5 * x[part] @ np.linalg.pinv(own, rcond=1e-9, hermitian=True) @ x[part])
+
+
+def conditioned(x: Array, covariance: Array, part: Indices) -> tuple[Array, Array]:
+    """Mean and covariance where the unknowns `part` are zero."""
+    gain = covariance[:, part] @ np.linalg.pinv(covariance[np.ix_(part, part)], rcond=1e-9, hermitian=True)
+    x = x - gain @ x[part]
+    covariance = covariance - gain @ covariance[part]
+    x[part] = 0.0
+    covariance[part], covariance[:, part] = 0.0, 0.0
+    return x, covariance

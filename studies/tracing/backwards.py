@@ -1,0 +1,146 @@
+"""Backwards from the joint fit: what the data do not need, or what trials left out gain too little by, is dropped."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fabdesign.effects import EFFECTS
+from fabdesign.forward import Term
+from optimize.fit.clouds import Array, Indices
+from optimize.fit.descent import Fit
+from optimize.fit.inputs import InputErrors
+from optimize.fit.left_out import LeftOut
+from optimize.fit.needed import conditioned, cost, needed
+from optimize.fit.parameters import FitParameter, FitVector
+from studies.tracing.task import Task
+
+NEEDED = 8.0  # of log likelihood: what costs less to drop is dropped; four standard deviations of one parameter
+_CLOSE = 0.5  # of log likelihood: where a fit ends that is judged at the minimum of its linearised residuals
+_NONE = np.zeros(0, dtype=np.intp)
+Gain = tuple[float, tuple[float, float]]
+
+
+def backwards(task: Task, everything: Fit) -> tuple[Fit | None, list[str]]:
+    """The fit with the effects that are needed, None without any; and effects that are certain but gain too little."""
+    labels, small = _worth(task, everything)
+    known = everything
+    while labels:
+        if known is everything or set(labels) != set(known.vector.labels):
+            vector, x = with_shapes(known, labels)
+            known = task.fit(" ".join(labels), vector, everything.inputs, x, close=_CLOSE)
+        weak = _weakest(task, known)
+        if weak is not None:
+            small.append(weak)
+            labels = [label for label in known.vector.labels if label != weak]
+            continue
+        simpler = _simpler(task, known, everything.inputs)
+        if simpler is None:
+            return known, small
+        small += set(known.vector.labels) - set(simpler.vector.labels)
+        known, labels = simpler, [*simpler.vector.labels]
+    return None, small
+
+
+def gains_of(parts: Mapping[str, Indices], left: LeftOut, floor: float, off: Indices = _NONE) -> dict[str, Gain]:
+    """By each effect of a fit, of which `parts` are the unknowns: m of excess, in quadrature, that trials left out gain
+    by it, and 90 %. off: unknowns that are zero."""
+    own = left.scored(off)
+    return {label: left.gain(left.scored(np.concatenate([off, part])), own, floor) for label, part in parts.items()}
+
+
+def parts_of(vector: FitVector) -> dict[str, Indices]:
+    """Which unknowns are those of each term, by its label."""
+    return {label: vector.part(label) for label in vector.labels}
+
+
+def label_effect(label: str) -> str:
+    """The effect's name in the label of one of its terms."""
+    return label.partition(":")[0]
+
+
+def sparse(everything: Fit, labels: Sequence[str]) -> list[str]:
+    """Of several places or channels of one effect, the one that costs most to drop: the sparse case."""
+    x, covariance = everything.minimum, everything.covariance
+    costs = {label: cost(x, covariance, everything.vector.part(label)) for label in labels}
+    best: dict[str, str] = {}
+    for label in sorted(labels, key=lambda label: costs[label]):
+        best[label_effect(label)] = label
+    return [label for label in labels if label in best.values()]
+
+
+def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
+    """The factors and these terms with all of their parameters that are no choice of a whole number, and where a
+    joint fit says they are with the others off."""
+    x, covariance = joint.minimum, joint.covariance
+    gone = [joint.vector.part(label) for label in joint.vector.labels if label not in labels]
+    if gone:
+        x, _ = conditioned(x, covariance, np.concatenate(gone))
+    vector, index = joint.vector.only(labels)
+    known = dict(zip(vector.names, vector.inside(x[index]), strict=True))
+    parameters = [p for p in vector.parameters if p.is_factor]
+    for label, term in zip(vector.labels, vector.terms, strict=True):
+        effect = EFFECTS[term.name]
+        for key, p in effect.parameters.items():
+            if not p.whole:
+                name = f"{label}.{key}"
+                unknown = FitParameter(name, p.deviation, p.centre, p.transform, p.unit, p.bounds)
+                begin = known.get(name, unknown.unknown(term.values.get(key, p.typical)))
+                parameters.append(replace(unknown, start=begin))
+    terms = tuple(_chosen_only(term) for term in vector.terms)
+    whole = FitVector(tuple(parameters), vector.factors, terms)
+    return whole, np.array([known.get(p.name, p.start) for p in parameters])
+
+
+def _chosen_only(term: Term) -> Term:
+    """What a fit of all parameters does not move."""
+    return replace(term, values={k: v for k, v in term.values.items() if EFFECTS[term.name].parameters[k].whole})
+
+
+def _worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
+    """The terms that the joint fit says the data need, and of those the ones that trials left out gain too little by,
+    all to first order: no motion is simulated. Shapes are not fitted yet, so what is left says nothing."""
+    vector, small = everything.vector, list[str]()
+    labels = sparse(everything, needed(everything.minimum, everything.covariance, vector, NEEDED))
+    trials = LeftOut.of(everything, task.folds)
+    while labels:
+        off = np.concatenate([_NONE, *(vector.part(label) for label in vector.labels if label not in labels)])
+        gains = gains_of({label: vector.part(label) for label in labels}, trials, task.floor, off)
+        weakest = min(gains, key=lambda label: gains[label][0])
+        if not _too_little(gains[weakest], task.tolerance):
+            break
+        small.append(weakest)
+        labels.remove(weakest)
+    return labels, small
+
+
+def _weakest(task: Task, known: Fit) -> str | None:
+    """The effect that trials left out gain least by, if that is not certain, or not more than the tolerance; or, where
+    another gains more, not more than what all of them leave: the first one's law is then not quite the right one, and
+    small effects take up what it lacks."""
+    trials = LeftOut.of(known, task.folds)
+    gains = gains_of(parts_of(known.vector), trials, task.floor)
+    weakest = min(gains, key=lambda label: gains[label][0])
+    left = trials.scored().excess(task.floor) if len(gains) > 1 else 0.0
+    return weakest if _too_little(gains[weakest], max(task.tolerance, left)) else None
+
+
+def _simpler(task: Task, known: Fit, inputs: InputErrors | None) -> Fit | None:
+    """A fit without one of several effects by which trials left out lose too little: what is not linear may take its
+    place. The one that gains most to first order stays; alone, it is judged beside the declared parameters."""
+    trials = LeftOut.of(known, task.folds)
+    own, gains = trials.scored(), gains_of(parts_of(known.vector), trials, task.floor)
+    least = max(task.tolerance, own.excess(task.floor))
+    for label in sorted(gains, key=lambda label: gains[label][0])[:-1]:
+        vector, x = with_shapes(known, [other for other in gains if other != label])
+        fitted = task.fit(" ".join(vector.labels), vector, inputs, x, close=_CLOSE)
+        without = LeftOut.of(fitted, task.folds).scored()
+        alike = replace(own, squares=own.squares * without.weights / np.maximum(own.weights, 1e-12))
+        if _too_little(trials.gain(without, alike, task.floor), least):
+            return fitted
+    return None
+
+
+def _too_little(gain: Gain, least: float) -> bool:
+    """least: m."""
+    return gain[0] < least or gain[1][0] <= 0
