@@ -17,7 +17,7 @@ lint: .venv/.ready-test
 	$(PYTHON) -m ruff format --check .
 	$(PYTHON) -m mypy
 
-# the checks of tests/verify (that of the studio in a browser skips without chromium); writes docs/results/simulator_verification.md
+# the checks of tests/verify; writes docs/results/simulator_verification.md
 verify-sim: .venv/.ready-test
 	FABDESIGN_VERIFICATION_TABLE=1 $(PYTHON) -m pytest tests/verify
 

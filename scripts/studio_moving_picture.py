@@ -22,11 +22,11 @@ from PIL import Image
 from fabdesign.catalogue import build
 from fabdesign.design_file import write_design
 from tests.browser import Page, browser_at
-from tests.verify.test_verify_studio import holds, on_screen
+from tests.test_studio_browser import holds, on_screen
 
 OUT = Path("docs/studio.gif")
 WINDOW, WIDTH = (1150, 640), 880  # px, of the browser and of the picture
-COLOURS, FRAME = 96, 130  # of the picture; ms
+COLOURS, VIVID, FRAME = 56, 60, 130  # a third of the picture's; of 255, from grey on; ms
 ENDS = ((0.025, 0.192), (0.071, 0.192), (0.05, 0.192))  # (u, v) m: where the end of muscle 0 is dragged
 _DOT = """(() => {
   const dot = document.createElement('div');
@@ -60,28 +60,36 @@ class Film:
 
     def write(self, path: Path) -> None:
         """With one palette for all frames."""
-        width, height = self._frames[0].size
-        some = self._frames[:: max(1, len(self._frames) // 12)]
-        sheet = Image.new("RGB", (width, height * len(some)))  # with the red of a broken limit, which few frames have
-        for k, frame in enumerate(some):
-            sheet.paste(frame, (0, k * height))
-        palette = sheet.quantize(COLOURS)
+        palette = _palette(self._frames)
         first, *others = [frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in self._frames]
         first.save(path, save_all=True, append_images=others, duration=FRAME, loop=0, optimize=True)
 
 
+def _palette(frames: list[Image.Image]) -> Image.Image:
+    """Some colours by the pixels that have them, and some for what is rare: black, the red of a broken limit."""
+    pixels = np.concatenate([np.asarray(frame).reshape(-1, 3)[::3] for frame in frames])
+    colours = np.unique(pixels, axis=0)
+    vivid = np.ptp(colours, axis=1) > VIVID
+    found = [
+        Image.fromarray(part[None]).quantize(COLOURS).getpalette() or []
+        for part in (pixels, colours[vivid], colours[~vivid])
+    ]
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([value for part in found for value in part[: 3 * COLOURS]])
+    return palette
+
+
 @contextlib.contextmanager
-def studio(folder: Path) -> Iterator[Page]:
-    """A tab on `fabdesign studio basic.toml`, whose first shape is there."""
+def studio(folder: Path, *arguments: str, window: tuple[int, int] = WINDOW) -> Iterator[Page]:
+    """A tab on `fabdesign studio basic.toml`, or with other `arguments`, whose first shape is there."""
     write_design(build("basic"), folder / "basic.toml")
-    command = [sys.executable, "-m", "fabdesign", "studio", "basic.toml", "--no-browser"]
+    command = [sys.executable, "-m", "fabdesign", "studio", *(arguments or ("basic.toml",)), "--no-browser"]
     process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True)
     try:
         assert process.stdout is not None
         address = process.stdout.readline().strip()
-        with browser_at(address, folder / "profile", width=WINDOW[0], height=WINDOW[1]) as page:
+        with browser_at(address, folder / "profile", width=window[0], height=window[1]) as page:
             page.wait(holds("Exact"), seconds=600)
-            page.run(_DOT)
             yield page
     finally:
         process.terminate()
@@ -108,13 +116,15 @@ def drag(page: Page, film: Film) -> None:
         for share in np.linspace(0, 1, 9)[1:]:
             page.mouse("Moved", *(begin + share * (end - begin)), pressed=True)
             film.take()
-        film.take(times=4)
+        page.wait(holds("Limits broken" if end is at[1] else "all kept"), seconds=300)
+        film.take(1.0, times=4)
     page.mouse("Released", *at[-1])
 
 
 def main() -> None:
     out = Path(sys.argv[1]) if len(sys.argv) > 1 else OUT
     with tempfile.TemporaryDirectory() as folder, studio(Path(folder)) as page:
+        page.run(_DOT)
         film = Film(page)
         film.take(times=4)
         for channel, end in ((0, 0.75), (1, 0.75), (6, 0.6)):

@@ -89,6 +89,7 @@ def evaluate_sets(
     coarse: ForwardModel | None = None,
     all_trials: bool = False,
     seed: int = 0,
+    interruptible: bool = False,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> SetEvaluation:
     """Errors of `model` on the trials of role `test`, with `all_trials` of the others too, in a table of their own.
@@ -96,7 +97,7 @@ def evaluate_sets(
     forward: the simulator. coarse: a cheap one that finds the sensitive stretches of these trials
     (studies.sensitive_stretches), which are left out. Without it they are not looked for. After is all of the model;
     before is what it was without effects and corrector, or, where it has neither, the data sheet.
-    `progress` is told trials done and trials in all.
+    interruptible: Ctrl-C ends with the trials that are done. `progress` is told trials done and trials in all.
     Raises InputError where no trial is left, or no frame of a design's trials; SimulationError where every
     motion of a design diverges.
     """
@@ -113,9 +114,16 @@ def evaluate_sets(
             for trial in job.trials
         ]
         results: list[TrialResult] = []
-        for task in _evaluated(tasks, predictors, threads):
-            results.append(task.result())
-            progress(len(results), len(tasks))
+        try:
+            for task in _evaluated(tasks, predictors, threads):
+                results.append(task.result())
+                progress(len(results), len(tasks))
+        except KeyboardInterrupt:
+            if not (interruptible and results):
+                raise
+            begins = np.cumsum([0, *(len(job.trials) for job in jobs[:-1])])
+            begun = int((begins < len(results)).sum())
+            jobs, noises = jobs[:begun], noises[:begun]
     tables: dict[str, dict[str, DesignResult]] = {"test": {}, "fit": {}}
     for job, noise in zip(jobs, noises, strict=True):
         own, results = results[: len(job.trials)], results[len(job.trials) :]

@@ -134,8 +134,11 @@ class Page:
 
 
 @contextmanager
-def browser_at(address: str, profile: Path, *, width: int = 1600, height: int = 900) -> Iterator[Page]:
-    """A tab of a new chromium at `address`; its profile goes into the folder `profile`."""
+def browser_at(
+    address: str, profile: Path, *, width: int = 1600, height: int = 900, scale: float = 1.0
+) -> Iterator[Page]:
+    """A tab of a new chromium at `address`; its profile goes into the folder `profile`. scale: pixels drawn for each of
+    width and height; without a graphics card a scene takes a processor's time by their number."""
     from websockets.sync.client import connect
 
     program = chromium()
@@ -155,7 +158,7 @@ def browser_at(address: str, profile: Path, *, width: int = 1600, height: int = 
             page = Page(socket)
             page.call("Page.enable")
             page.call(
-                "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False
+                "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale, mobile=False
             )
             page.call("Page.navigate", url=address)
             yield page

@@ -19,7 +19,7 @@ from fabdesign.trial_file import write_trial
 from optimize.fit.clouds import Match, Sample, derivatives, match, nodes_of
 from optimize.fit.descent import _descend, horizons
 from optimize.fit.normal import Normal, directions
-from optimize.fit.parameters import DECLARED, PRIOR
+from optimize.fit.parameters import DECLARED, PRIOR, fit_vector
 from optimize.fit.problem import Evaluation, Linearisation
 from sim.motion import faces
 from studies.bad_data import sound_trials
@@ -160,6 +160,32 @@ def test_known_factors_come_back_and_ambiguities_are_said(measured, tmp_path):
     assert again.provenance.held_out == ("curled/004",)
     assert "shear" in as_text(found)
     assert set(found.as_json()["parameters"]) == set(PARAMETERS)
+
+
+def test_ctrl_c_keeps_the_values_reached(measured):
+    def interrupted(at, free=(), **options):
+        def progress(line, share):
+            if line.startswith(at):
+                raise KeyboardInterrupt
+
+        return calibrate(measured, Curler(), vector=fit_vector(free), accuracy=None, progress=progress, **options)
+
+    with pytest.raises(KeyboardInterrupt):  # where nobody asked to keep it
+        interrupted("to 0.5 s, iteration 2")
+    with pytest.raises(KeyboardInterrupt):  # before there are any
+        interrupted("", interruptible=True)
+    found = interrupted("to 1.5 s, iteration 2", interruptible=True)
+    assert found.fit.interrupted and not found.fit.converged and found.fit.iterations > 0
+    assert abs(np.log(found.model.parameters["damping"].factor / 1.3)) < 0.1  # begun at 1
+    assert found.fit.after < found.fit.before / 2
+    assert not any(p.reliable for p in found.model.parameters.values())
+    assert any("interrupted after" in line for line in found.warnings)
+    assert "interrupted after" in as_text(found) and "a likely cause" not in as_text(found)
+    assert found.as_json()["interrupted"]
+    # the factors alone are whole, and the fit with an effect has hardly begun
+    found = interrupted("to 0.5 s, iteration 2", ("scale_error",), interruptible=True)
+    assert found.fit.interrupted and found.model.effects == ()
+    assert found.model.parameters["damping"].factor == pytest.approx(1.3, rel=0.02)
 
 
 def test_sets_and_designs_are_fitted_together(measured, tmp_path):

@@ -360,6 +360,26 @@ def test_ctrl_c_keeps_what_is_done(asked: Callable[[], list[str]], monkeypatch: 
     assert not swept.complete and "Interrupted, with " in swept.found.sentences[0]
 
 
+def test_ctrl_c_keeps_the_trials_that_are_done(asked: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("studies.predict._AT_ONCE", 1)
+    monkeypatch.setattr("studies.evaluate._AT_ONCE", 1)
+    batches: list[int] = []
+
+    def some(self: Cloth, cases: Sequence[Case], times: Sequence[np.ndarray]) -> list[np.ndarray]:
+        batches.extend([1] * (self.made[0] == 31))  # not those that look for sensitive stretches
+        if len(batches) == 3:
+            raise KeyboardInterrupt
+        return AnalyticCloth().motions(cases, times)
+
+    monkeypatch.setattr(Cloth, "motions", some)
+    with pytest.warns(UserWarning, match="interrupted, with the first 2 of 3 trials"):
+        assert [*fabdesign.predict("model.toml", "set", grid=31)] == ["000", "001"]
+    batches.clear()
+    with pytest.warns(UserWarning, match="interrupted, with the first 1 of 3 trials"):  # the second is being compared
+        found = fabdesign.evaluate("model.toml", "set", all_trials=True, grid=31).found
+    assert [trial.trial for table in found.others.values() for trial in table.trials] == ["000"]
+
+
 def test_a_batch_is_what_each_is_alone(asked: Callable[[], list[str]]) -> None:
     designs = [fabdesign.build("cross", muscles=2), fabdesign.build("vertical", muscles=2)]
     both = fabdesign.equilibrium(designs, [[100, 200], [300, 0]])

@@ -40,6 +40,14 @@ def test_named_files_exist(page: str) -> None:
     assert [name for name in here + there if not Path(name).exists()] == []
 
 
+def test_every_page_is_on_the_site() -> None:
+    """Pages that Sphinx makes itself take the place of those of the same name, without a warning."""
+    names = {page.stem for page in (ROOT / "docs").glob("*.md")}
+    assert names & {"search", "genindex", "modindex", "py-modindex"} == set()
+    listed = (ROOT / "docs" / "index.md").read_text(encoding="utf-8").split()
+    assert names - {"index"} <= {*listed}
+
+
 def test_citation_is_of_this_version() -> None:
     lines = (ROOT / "CITATION.cff").read_text(encoding="utf-8").splitlines()
     assert f"version: {__version__}" in lines

@@ -424,6 +424,7 @@ def test_playing_a_programme_asks_for_a_motion(begin: Begin) -> None:
     assert shown.motions == 1
     assert session.playing.motion is not None
     assert len(session.playing.motion.points) == len(session.playing.motion.times) == 61
+    assert shown.said[-1] == "rise: 61 frames"  # no longer that it is computed
     session.edit("flip", lambda layout: edits.flip(layout, 0))
     assert session.playing.motion is None  # it was of another layout
 

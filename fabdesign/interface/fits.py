@@ -48,8 +48,9 @@ def calibrate(
 
     out: a model file to write. fit: orders of the trials to fit in each set, by default all of role `fit`. free:
     effects to fit besides, as `calibrate --free` names them; fix: declared parameters that are held. model: what holds
-    besides, and where the others begin. skip_bad: leave out unsound trials. grid: points a side. Raises InputError for
-    an unsound set, SimulationError where all motions diverge.
+    besides, and where the others begin. skip_bad: leave out unsound trials. grid: points a side. After Ctrl-C the
+    values reached so far, with a warning. Raises InputError for an unsound set, SimulationError where all motions
+    diverge.
     """
     from optimize.fit.parameters import fit_vector
     from studies.bad_data import sound_trials
@@ -81,10 +82,13 @@ def calibrate(
             skipped=[line for _, lines in checked for line in lines],
             skip_bad=skip_bad,
             seed=seed,
+            interruptible=True,
             progress=progress,
         )
         if unfinished is not None:
             write_model(calibration.model, unfinished)
+    if calibration.fit.interrupted:
+        say(f"interrupted after {calibration.fit.iterations} iterations; the values are those reached so far")
     return Calibrated(calibration)
 
 

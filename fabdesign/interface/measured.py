@@ -44,7 +44,7 @@ def evaluate(
 
     out: a folder for tables, a picture and the whole result. without: parts of the model that are left out. all_trials:
     those of role `fit` too, in a table of their own. grid: points a side, by default the model's, or 41 where they are
-    enough. Raises InputError where no trial is left.
+    enough. After Ctrl-C the trials that are done, with a warning. Raises InputError where no trial is left.
     """
     from studies.bad_data import sound_trials
     from studies.coarser_grid import enough_points
@@ -56,6 +56,13 @@ def evaluate(
     roles: tuple[Role, ...] = ("test", "fit") if all_trials else ("test",)
     checked = [sound_trials(read, skip_bad=skip_bad, roles=roles) for read in all_sets(measured)]
     sets = [sound for sound, _ in checked]
+    done, of = 0, 0
+
+    def count(now: int, of_all: int) -> None:
+        nonlocal done, of
+        done, of = now, of_all
+        progress(f"evaluated {done} of {of} trials", done / of)
+
     with _folder(out, "evaluate", force, paths_of(measured, model)) as unfinished, computing(cluster):
         trials = [trial for read in sets for trial in read.trials]
         forward = simulator(grid) if grid else enough_points(fitted, trials, simulator, tell=say)
@@ -65,8 +72,11 @@ def evaluate(
             forward,
             coarse=simulator(COARSE),
             all_trials=all_trials,
-            progress=lambda done, of: progress(f"evaluated {done} of {of} trials", done / of),
+            interruptible=True,
+            progress=count,
         )
+        if done < of:
+            say(f"interrupted, with the first {done} of {of} trials")
         if unfinished is not None:
             write_evaluation(evaluation, unfinished)
     return Evaluated(evaluation, tuple(line for _, lines in checked for line in lines))
@@ -89,7 +99,8 @@ def predict(
     name (of several sets SET/NAME), sensing effects included.
 
     out: a folder to which they are written, as OUT/trials/NAME.npz; then their files are what is returned.
-    without: parts of the model that are left out. grid: as in `evaluate`.
+    without: parts of the model that are left out. grid: as in `evaluate`. After Ctrl-C, without `out`, the motions that
+    are done, with a warning.
     """
     from studies.coarser_grid import enough_points
     from studies.predict import folders_of, predicted, trials_of
@@ -110,13 +121,18 @@ def predict(
 
     with _folder(out, "predict", force, paths_of(measured, model, design)) as unfinished, computing(cluster):
         forward = simulator(grid) if grid else enough_points(fitted, trials, simulator, tell=say)
-        for folder, some in sets.items():
-            if unfinished is not None:
-                predict_trials(forward, fitted, some, unfinished / folder, progress=lambda *_: count())
-                continue
-            for trial, motion in predicted(forward, fitted, some):
-                motions[_name(folder, trial)] = Motion(motion.time, motion.points)
-                count()
+        try:
+            for folder, some in sets.items():
+                if unfinished is not None:
+                    predict_trials(forward, fitted, some, unfinished / folder, progress=lambda *_: count())
+                    continue
+                for trial, motion in predicted(forward, fitted, some):
+                    motions[_name(folder, trial)] = Motion(motion.time, motion.points)
+                    count()
+        except KeyboardInterrupt:
+            if not motions:
+                raise
+            say(f"interrupted, with the first {len(motions)} of {len(trials)} trials")
     if out is None:
         return motions
     return [Path(out) / folder / "trials" / t.file.name for folder, some in sets.items() for t in some]

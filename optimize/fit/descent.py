@@ -29,6 +29,7 @@ _DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
 
 
 Progress = Callable[[str, float], None]  # what is done, and about what share of it all
+Reached = Callable[[Linearisation, int], None]  # told at each iteration where it stands, and how many there were
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,7 @@ class Fit:
     normal: Normal  # the normal equations there
     inputs: InputErrors | None = None  # where these are weighed
     without_effects: "Fit | None" = None
+    interrupted: bool = False
 
     @property
     def information(self) -> Array:
@@ -78,6 +80,7 @@ def fit(
     close: float = CLOSE,
     near: bool = False,
     progress: Progress = lambda line, share: None,
+    reached: Callable[[Callable[[], Fit]], None] = lambda fit_there: None,
 ) -> Fit:
     """Most probable unknowns given the samples. Each iteration simulates motions and a difference for each unknown.
 
@@ -90,7 +93,8 @@ def fit(
     known from a fit of the same samples, so that models are compared by the same weights; None: the inputs are exact.
     close: of log likelihood, what the last step promises at most. near: another fit goes on from where this one ends,
     so that a step under 3 % ends it, its Jacobian may be an updated one, and far frames count as others.
-    `progress` is told what is done, and about what share.
+    `progress` is told what is done, and about what share; `reached`, at each iteration, what makes the fit that ends
+    there, for whoever interrupts it.
 
     All points of a block of 0.5 s share the model's error, so their likelihood is tempered: raised to the power that
     makes its curvature agree with the scatter of the blocks' scores (Pauli, Racugno and Ventura 2011), and at least so
@@ -111,9 +115,11 @@ def fit(
         evaluation = problem.evaluate([x])[0]
         inputs = input_errors(problem, evaluation, accuracy) if isinstance(accuracy, Accuracy) else None
         state = problem.linearise(evaluation, along)
+        there = _ending(reached, problem, inputs, capped(evaluation.found.residual), iterations)
         state, more, _ = _descend(
-            problem, state, weight, f"to {horizon:g} s, ", told, near=True, close=_CLOSE_ENOUGH, inputs=inputs
-        )
+            problem, state, weight, f"to {horizon:g} s, ", told,
+            near=True, close=_CLOSE_ENOUGH, inputs=inputs, reached=there,
+        )  # fmt: skip
         _, normal = step_to_minimum(problem.samples, state, weight, 0.0, vector, inputs, np.inf)
         x, along, iterations = state.x, directions(normal, vector), iterations + more
     problem = FitProblem(samples, forward, slopes, vector)
@@ -121,12 +127,29 @@ def fit(
     inputs = input_errors(problem, evaluation, accuracy) if isinstance(accuracy, Accuracy) else accuracy
     state = problem.linearise(evaluation, along)
     told = parts(progress, *ends)[-1]
-    line = f"to {last:g} s, "
-    state, more, converged = _descend(problem, state, weight, line, told, near=True, close=_CLOSE_ENOUGH, inputs=inputs)
+    line, before = f"to {last:g} s, ", capped(sheet.found.residual)
+    there = _ending(reached, problem, inputs, before, iterations)
+    state, more, converged = _descend(
+        problem, state, weight, line, told, near=True, close=_CLOSE_ENOUGH, inputs=inputs, reached=there
+    )
     if not near:
         iterations += more
-        state, more, converged = _descend(problem, state, weight, line, told, exact=False, close=close, inputs=inputs)
-    return concluded(problem, state, inputs, capped(sheet.found.residual), iterations + more, converged)
+        there = _ending(reached, problem, inputs, before, iterations)
+        state, more, converged = _descend(
+            problem, state, weight, line, told, exact=False, close=close, inputs=inputs, reached=there
+        )
+    return concluded(problem, state, inputs, before, iterations + more, converged)
+
+
+def _ending(
+    reached: Callable[[Callable[[], Fit]], None],
+    problem: FitProblem,
+    inputs: InputErrors | None,
+    before: float,
+    iterations: int,
+) -> Reached:
+    """What a descent tells that began after so many iterations."""
+    return lambda state, more: reached(lambda: concluded(problem, state, inputs, before, iterations + more, False))
 
 
 def concluded(
@@ -193,6 +216,7 @@ def _descend(
     exact: bool = True,
     close: float = CLOSE,
     inputs: InputErrors | None = None,
+    reached: Reached = lambda state, iterations: None,
 ) -> tuple[Linearisation, int, bool]:
     """From `state` until a step is slight, or with `near` no longer large: where that led, how many iterations, and
     whether it converged. With `near` no frame counts less for being far off: what a model has not got yet may show in
@@ -209,6 +233,7 @@ def _descend(
         promised = -loss(problem.samples, state, _promised(state, step), normal, weight, inputs)
         line = f"{named}iteration {iteration}: {1e3 * capped(state.found.residual):.3f} mm RMS"
         progress(line, iteration / (iteration + 2))
+        reached(state, iteration - 1)
         evaluations = problem.evaluate([problem.vector.inside(state.x + length * step) for length in _LENGTHS])
         gains = [-loss(problem.samples, state, other, normal, weight, inputs) for other in evaluations]
         best = int(np.argmax(gains))

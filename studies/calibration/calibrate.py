@@ -89,6 +89,7 @@ class Calibration:
             **self.used.as_json(),
             "iterations": self.fit.iterations,
             "converged": self.fit.converged,
+            "interrupted": self.fit.interrupted,
         }
 
 
@@ -106,6 +107,7 @@ def calibrate(
     seed: int = 0,
     engines: np.ndarray | None = None,
     accuracy: Accuracy | None = DEFAULT_ACCURACY,
+    interruptible: bool = False,
     progress: Progress = lambda line, share: None,
 ) -> Calibration:
     """The unknowns of `vector`, by default the seven factors of `fabdesign.forward.PARAMETERS`, from the trials of role
@@ -120,6 +122,7 @@ def calibrate(
     engines: (p,) standard deviations of the unknowns for the difference between `forward` and what made the data, by
     default those of the virtual rig.
     accuracy: of the pressures and the frame's level, whose errors are weighed; None: they are exact.
+    interruptible: Ctrl-C ends the fit where its last iteration began, with a warning.
     Raises InputError for an implausible trial and where no trial is left, SimulationError where every motion diverges.
     """
     sets = [measured] if isinstance(measured, MeasurementSet) else [*measured]
@@ -133,8 +136,8 @@ def calibrate(
     chosen, samples = _used(chosen, samples, sets, used)
     forward = Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
-    fitted = _fit(samples, forward, slopes, vector, accuracy, progress)
-    if lines := _implausible(fitted, samples, forward):
+    fitted = _fit(samples, forward, slopes, vector, accuracy, progress, interruptible)
+    if lines := {} if fitted.interrupted else _implausible(fitted, samples, forward):
         tolerance = Tolerance(skip_bad, [*skipped])
         for line in lines.values():
             tolerance.note(InputError(line))
@@ -143,10 +146,12 @@ def calibrate(
         samples = [x for k, x in enumerate(samples) if k not in lines]
         if not samples:
             raise InputError(f"{', '.join(s.name for s in sets)}: no trial to fit is left; the first: {skipped[0]}")
-        fitted = _fit(samples, forward, slopes, vector, accuracy, progress)
+        fitted = _fit(samples, forward, slopes, vector, accuracy, progress, interruptible)
     covariance = with_engines(fitted, engines)
     deviation = np.sqrt(np.diag(covariance))
     why = interval_warnings(fitted.after, fitted.outlying, noise)
+    if fitted.interrupted:
+        why.append(f"interrupted after {fitted.iterations} iterations, before the best values were reached")
     model = fitted_model(
         fitted,
         covariance,
@@ -198,22 +203,46 @@ def _fit(
     vector: FitVector,
     accuracy: Accuracy | None,
     progress: Progress,
+    interruptible: bool,
 ) -> Fit:
-    """With effects, from the data sheet too: where the fit without them ends may be far off, in a false minimum."""
+    """With effects, from the data sheet too: where the fit without them ends may be far off, in a false minimum. Where
+    that is interrupted, the better of both is kept."""
+
+    def one(vector: FitVector, progress: Progress) -> Fit:
+        reached: list[Callable[[], Fit]] = []
+
+        def keep(fit_there: Callable[[], Fit]) -> None:
+            reached[:] = [fit_there]
+
+        try:
+            return fit(
+                samples, forward, slopes=slopes, vector=vector, accuracy=accuracy, progress=progress, reached=keep
+            )
+        except KeyboardInterrupt:
+            if not (interruptible and reached):
+                raise
+            return replace(reached[0](), interrupted=True)
+
     if not vector.terms:
-        return fit(samples, forward, slopes=slopes, vector=vector, accuracy=accuracy, progress=progress)
-    plain = vector.without_effects
+        return one(vector, progress)
     early, late = parts(progress, _WITHOUT_EFFECTS)
-    first = fit(
-        samples,
-        forward,
-        slopes=slopes,
-        vector=plain,
-        accuracy=accuracy,
-        progress=lambda line, share: early(f"no effects, {line}", share),
-    )
-    fitted = fit(samples, forward, slopes=slopes, vector=vector, accuracy=accuracy, progress=late)
+    first = one(vector.without_effects, lambda line, share: early(f"no effects, {line}", share))
+    if first.interrupted:
+        return first
+    try:
+        fitted = one(vector, late)
+    except KeyboardInterrupt:
+        if not interruptible:
+            raise
+        return replace(first, interrupted=True)
+    if fitted.interrupted and not _better(fitted, first):
+        return replace(first, interrupted=True)
     return replace(fitted, before=first.before, without_effects=first)
+
+
+def _better(fitted: Fit, other: Fit) -> bool:
+    """Whether it has come to the last horizon, which has all points, and is nearer to them."""
+    return len(fitted.state.found.residual) == len(other.state.found.residual) and fitted.after < other.after
 
 
 def _drawn(trials: Sequence[Trial], seed: int) -> tuple[list[Sample], SensorNoise]:

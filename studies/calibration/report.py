@@ -24,11 +24,11 @@ def as_text(calibration: Calibration) -> str:
     ]
     if calibration.used.stretches:
         lines.append(calibration.used.in_words)
-    if not fit.converged:
+    if not (fit.converged or fit.interrupted):
         lines.append("not converged: the last step was still large")
-    if calibration.warnings:
+    if calibration.warnings and not fit.interrupted:
         lines.append("a likely cause: an effect that the model lacks, or a cloth that snaps (then try a finer --grid)")
-    else:
+    elif not fit.interrupted:
         lines.append(_ENGINES)
     lines += [f"{trial}: the motion diverged; left out from {time:.2f} s on" for trial, time in fit.lost]
     return "\n".join([*lines, *(f"skipped: {line}" for line in calibration.skipped)])

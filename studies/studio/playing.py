@@ -91,6 +91,7 @@ class Playing:
                 return
             self.motion, self._played = motion(answer), ask
             session.view.show_motion()
+            session.view.tell(f"{self.motion.name}: {len(self.motion.times)} frames")
 
         session.view.tell(f"computing {len(ask.times) if ask.times is not None else 0} frames")
         session.shapes.also(ask, arrived)

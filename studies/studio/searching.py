@@ -23,6 +23,7 @@ from studies.studio.target import ShownTarget
 
 Vary = Literal["pressures", "pressures and positions", "one more muscle"]
 VARIES: tuple[Vary, ...] = ("pressures", "pressures and positions", "one more muscle")
+PROGRAM = (sys.executable, "-m", "fabdesign")
 _STOPPED = 30.0  # s that a search has to end with its best
 
 
@@ -117,7 +118,7 @@ class Search:
             write_design(layout.design, unfinished / "design.toml")
             text = study_document(layout, targets, limits, vary=vary, seconds=seconds, model=model, beside=folder)
             (unfinished / "study.toml").write_text(text, encoding="utf-8", newline="\n")
-        command = [sys.executable, "-m", "fabdesign", "optimize", str(folder / "study.toml"), "-o", str(self.result)]
+        command = [*PROGRAM, "optimize", str(folder / "study.toml"), "-o", str(self.result)]
         self._process = subprocess.Popen(
             [*command, "--json"],
             stdout=subprocess.DEVNULL,
