@@ -107,6 +107,15 @@ def test_each_room_says_what_belongs_there() -> None:
     assert silent == []
 
 
+def test_a_class_name_stands_for_one_thing() -> None:
+    named: dict[str, list[str]] = {}
+    for file in FILES:
+        for node in ast.parse(file.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                named.setdefault(node.name, []).append(file.relative_to(ROOT).as_posix())
+    assert {name: files for name, files in named.items() if len(files) > 1} == {}
+
+
 def test_output_has_one_door() -> None:
     inner = [f for f in FILES if re.search(r"\bfabdesign\.output\.\w", f.read_text(encoding="utf-8"))]
     assert {file.parent for file in inner} == {ROOT / "fabdesign" / "output"}

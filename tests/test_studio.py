@@ -30,7 +30,7 @@ from studies.check.files import inspect
 from studies.studio import layout as edits
 from studies.studio.autosave import Autosave
 from studies.studio.band import Band, models_around
-from studies.studio.document import Document, Drawing
+from studies.studio.document import Document, DrawnLayout
 from studies.studio.gate import Gate
 from studies.studio.layout import Layout
 from studies.studio.limits import broken_limits
@@ -733,7 +733,7 @@ def test_poses_have_their_own_target_and_pressures(begin: Begin, tmp_path: Path)
     assert session.drawings.comparison.errors.surface_rms == first.errors.surface_rms  # beside its own target
     session.redo()
     assert (session.targets.pose, session.layout.pressures[4]) == (1, 200e3)
-    assert not session.document.drawing.same_content(Drawing(BASIC))
+    assert not session.document.drawing.same_content(DrawnLayout(BASIC))
     assert session.document.drawing.same_content(session.document.drawing.at(0))  # a pose shown is nothing unsaved
     saved = session.files.save(tmp_path / "mine")
     assert saved is not None

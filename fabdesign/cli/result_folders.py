@@ -18,7 +18,10 @@ def studies_group() -> None:
 @click.argument("folders", nargs=-1, type=FILE)
 @json_option
 def list_results(folders: tuple[Path, ...], as_json: bool) -> None:
-    """List the results in FOLDERS and below, by default here, a line each."""
+    """List results, one line each.
+
+    They are looked for in FOLDERS and below; by default in this folder.
+    """
     from studies.result_folders import folders_below
 
     below = folders_below(folders or (Path(),))
@@ -47,7 +50,10 @@ def show(folder: Path, as_json: bool) -> None:
 @click.argument("folders", nargs=-1, required=True, type=FILE)
 @json_option
 def compare(folders: tuple[Path, ...], as_json: bool) -> None:
-    """Compare results: a row for each value that differs, a column for each folder."""
+    """Compare the results of FOLDERS.
+
+    The table has a row for each value that differs and a column for each folder.
+    """
     from studies.result_folders import compared, read_folder
 
     if len(folders) < 2:
@@ -70,7 +76,8 @@ def compare(folders: tuple[Path, ...], as_json: bool) -> None:
 def table(folder: Path, output: Path, force: bool, as_json: bool) -> None:
     """Write every evaluation of a search or sweep as one table.
 
-    A NAME.db, of a search alone, is a study store that Optuna's dashboard opens: optuna-dashboard sqlite:///NAME.db
+    A NAME.db is a study store of Optuna; only a search has one. Its dashboard opens it: optuna-dashboard
+    sqlite:///NAME.db
     """
     from fabdesign.output import new_file
     from studies.evaluations_table import read_evaluations, write_evaluations, write_optuna_store

@@ -9,7 +9,7 @@ MOST = 500  # steps back
 
 
 @dataclass(frozen=True)
-class Drawing:
+class DrawnLayout:
     """A layout with the pressures of the pose that is shown. others: (channels,) Pa of the poses that were shown
     before, by their numbers."""
 
@@ -23,19 +23,19 @@ class Drawing:
         own = self.layout.pressures if pose == self.pose else dict(self.others).get(pose, self.layout.pressures)
         return Layout.of(design, own).pressures
 
-    def at(self, pose: int) -> "Drawing":
+    def at(self, pose: int) -> "DrawnLayout":
         """The same, with another pose shown."""
         others = {**dict(self.others), self.pose: self.layout.pressures}
         others.pop(pose, None)
-        return Drawing(Layout.of(self.layout.design, self.pressures(pose)), pose, tuple(sorted(others.items())))
+        return DrawnLayout(Layout.of(self.layout.design, self.pressures(pose)), pose, tuple(sorted(others.items())))
 
-    def without(self, pose: int) -> "Drawing":
+    def without(self, pose: int) -> "DrawnLayout":
         """The same without a pose: those after it move up, and the one before the last is shown in place of it."""
         kept = self.at(pose - 1 if pose else 1) if pose == self.pose else self
         others = tuple((k - (k > pose), p) for k, p in kept.others if k != pose)
         return replace(kept, pose=kept.pose - (kept.pose > pose), others=others)
 
-    def same_content(self, other: "Drawing") -> bool:
+    def same_content(self, other: "DrawnLayout") -> bool:
         """Whether design and pressures of every pose are the same, whichever pose is shown."""
         poses = {self.pose, other.pose, *dict(self.others), *dict(other.others)}
         return self.layout.design == other.layout.design and all(
@@ -48,10 +48,10 @@ class Document:
     passes through."""
 
     def __init__(self, layout: Layout) -> None:
-        self._past: list[tuple[str, Drawing]] = []  # what was done, and the drawing before it
-        self._future: list[tuple[str, Drawing]] = []
-        self._gesture: tuple[str, Drawing] | None = None  # what is under way, and where it began
-        self.drawing = Drawing(layout)
+        self._past: list[tuple[str, DrawnLayout]] = []  # what was done, and the drawing before it
+        self._future: list[tuple[str, DrawnLayout]] = []
+        self._gesture: tuple[str, DrawnLayout] | None = None  # what is under way, and where it began
+        self.drawing = DrawnLayout(layout)
         self._kept = self.drawing
 
     @property
@@ -86,14 +86,14 @@ class Document:
         self.end()
         others = tuple((k, layout.pressures) for k, layout in enumerate(layouts) if k != self.pose)
         shown = layouts[min(self.pose, len(layouts) - 1)]
-        self._step(what, self.drawing, Drawing(shown, self.pose, others))
+        self._step(what, self.drawing, DrawnLayout(shown, self.pose, others))
 
     def remove_pose(self, pose: int) -> None:
         """A pose is no more: in no step either."""
         self.end()
         self._everywhere(lambda drawing: drawing.without(pose))
 
-    def _everywhere(self, change: Callable[[Drawing], Drawing]) -> None:
+    def _everywhere(self, change: Callable[[DrawnLayout], DrawnLayout]) -> None:
         self.drawing, self._kept = change(self.drawing), change(self._kept)
         self._past = [(what, change(drawing)) for what, drawing in self._past]
         self._future = [(what, change(drawing)) for what, drawing in self._future]
@@ -111,7 +111,7 @@ class Document:
             (what, before), self._gesture = self._gesture, None
             self._step(what, before, self.drawing)
 
-    def _step(self, what: str, before: Drawing, after: Drawing) -> None:
+    def _step(self, what: str, before: DrawnLayout, after: DrawnLayout) -> None:
         self.drawing = after
         if before != after:
             self._past = [*self._past[-MOST + 1 :], (what, before)]
@@ -126,7 +126,7 @@ class Document:
         self.end()
         return self._move(self._future, self._past)
 
-    def _move(self, source: list[tuple[str, Drawing]], goal: list[tuple[str, Drawing]]) -> str | None:
+    def _move(self, source: list[tuple[str, DrawnLayout]], goal: list[tuple[str, DrawnLayout]]) -> str | None:
         if not source:
             return None
         what, drawing = source.pop()
