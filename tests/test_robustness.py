@@ -190,7 +190,7 @@ def test_a_study_reports_its_copies(objective: Objective, tmp_path: Path) -> Non
     assert kept["copies"] == 8 and 0 <= kept["yield"] <= 1
     assert kept["nominal_mm"] == pytest.approx(1e3 * result.objective, rel=0.02)
     assert kept["delicate"]["muscle"] == 0 and len(kept["said"]) == 3
-    assert "muscle 0: 3 mm off" in kept["said"][2] and "uscle 1" not in kept["said"][2]
+    assert "Muscle 0 matters most: 3 mm off" in kept["said"][2] and "uscle 1" not in kept["said"][2]
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Manufacturing tolerances: simulated copies" in page and "data:image/png" in page
 
