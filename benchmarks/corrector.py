@@ -29,7 +29,7 @@ from fabdesign.model_file import read_model
 from fabdesign.output import write_text
 from fabdesign.predictor import Predictor
 from fabdesign.trial import Trial
-from studies.evaluate import noise_of
+from studies.measured_data import noise_of
 from studies.training.train import unordered_errors
 
 FIRST, EVERY = 5, 3  # frames: the sixth, and every third from there on

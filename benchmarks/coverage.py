@@ -36,7 +36,7 @@ from sim import Simulator
 from studies.calibration.calibrate import calibrate
 from studies.calibration.engine_difference import FILE, data_share, engine_difference
 from studies.calibration.fitted_model import QUANTILE
-from studies.evaluate import noise_of
+from studies.measured_data import noise_of
 from studies.rig import run_rig
 from studies.rig.ground_truth import GroundTruth
 from studies.rig.run import end_with_parent

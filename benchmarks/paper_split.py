@@ -24,7 +24,7 @@ from fabdesign.model_file import read_model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.predictor import Predictor
 from sim import Simulator
-from studies.evaluate import noise_of
+from studies.measured_data import noise_of
 from studies.sensitive_stretches import GRID
 from studies.training import paper
 from studies.training.data import Chosen, choose, simulated

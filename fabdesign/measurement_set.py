@@ -10,8 +10,8 @@ from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
 from fabdesign.output import Inputs, new_folder
-from fabdesign.table import load_toml, nearest
-from fabdesign.trial import MeasurementSet, Role, Trial
+from fabdesign.table import Table, load_toml, nearest
+from fabdesign.trial import USUAL, Accuracy, MeasurementSet, Role, Trial
 from fabdesign.trial_file import TrialData, write_trial
 
 __all__ = ["MeasurementSet", "NewTrial", "Trial", "TrialData", "read_set", "write_set"]
@@ -31,6 +31,7 @@ def read_set(path: Path | str) -> MeasurementSet:
     name = root.text("name", path.resolve().parent.name)
     description = root.text("description", "")
     frame_rate = root.number("frame_rate", None, above=0)
+    accuracy = _accuracy(root.table("accuracy", None))
     files = root.table("designs")
     designs = {key: read_design(path.parent / files.text(key)) for key in files.names()}
     trials: list[Trial] = []
@@ -56,7 +57,16 @@ def read_set(path: Path | str) -> MeasurementSet:
     root.finish()
     if not trials:
         raise InputError(f"{path}: no [[trials]]")
-    return MeasurementSet(name, designs, tuple(trials), description, frame_rate)
+    return MeasurementSet(name, designs, tuple(trials), description, frame_rate, accuracy)
+
+
+def _accuracy(table: Table | None) -> Accuracy:
+    if table is None:
+        return USUAL
+    pressure = table.number("pressure", USUAL.pressure, least=0, most=1)
+    tilt = table.number("tilt_deg", USUAL.tilt, least=0, most=45)
+    table.finish()
+    return Accuracy(pressure, tilt)
 
 
 @dataclass(frozen=True)
@@ -78,6 +88,7 @@ def write_set(
     name: str,
     description: str = "",
     frame_rate: float | None = None,
+    accuracy: Accuracy = USUAL,
     scale: float = 1e-4,
     made_by: str = "write_set",
     force: bool = False,
@@ -97,6 +108,8 @@ def write_set(
         rate = tomlkit.float_(repr(float(frame_rate)))
         rate.comment("Hz")
         document["frame_rate"] = rate
+    if accuracy != USUAL:
+        document["accuracy"] = {"pressure": accuracy.pressure, "tilt_deg": accuracy.tilt}
     document["designs"] = {key: f"{key}.toml" for key in designs}
     listed = tomlkit.aot()
     with new_folder(folder, made_by=made_by, force=force, inputs=inputs) as unfinished:

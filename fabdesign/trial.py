@@ -1,6 +1,6 @@
 """Trials: one measured motion each, and the sets they come in."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -56,6 +56,22 @@ class Trial:
 
 
 @dataclass(frozen=True)
+class Accuracy:
+    """Standard deviations of what a trial was given: of a channel's pressure, as a share of it, and of the frame's
+    level [degrees]. By default those of a laboratory that says nothing of them."""
+
+    pressure: float = 0.01
+    tilt: float = 0.5
+
+    @staticmethod
+    def worst(accuracies: "Sequence[Accuracy]") -> "Accuracy":
+        return Accuracy(max(one.pressure for one in accuracies), max(one.tilt for one in accuracies))
+
+
+USUAL = Accuracy()
+
+
+@dataclass(frozen=True)
 class MeasurementSet:
     """Motions measured on one specimen or more."""
 
@@ -64,3 +80,4 @@ class MeasurementSet:
     trials: tuple[Trial, ...]
     description: str = ""
     frame_rate: float | None = None  # Hz, nominal; a trial's own times rule
+    accuracy: Accuracy = USUAL  # of the trials' pressures and the frame's level

@@ -21,11 +21,11 @@ from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
 from studies.forward_model import forward_model
+from studies.measured_data import noise_clouds
 from studies.sensitive_stretches import find_used_frames
 from studies.used_frames import Flags, UsedFrames
 
 _AT_ONCE = 16  # trials, two motions each in memory
-_NOISE_FRAMES = 40  # clouds that the sensor's noise is estimated from: strays are few
 _UNKNOWN = Errors(*[np.nan] * 5)
 ERRORS = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
 
@@ -160,7 +160,7 @@ def _noises(jobs: Sequence[_Job], threads: ThreadPoolExecutor) -> list["Future[S
     for job in jobs:
         keys.append((id(job.measured), job.trials[0].design.fabric.thickness))
         alike.setdefault(keys[-1], []).extend(job.trials)
-    noises = {key: threads.submit(estimate_noise, _spread(trials), key[1]) for key, trials in alike.items()}
+    noises = {key: threads.submit(estimate_noise, noise_clouds(trials), key[1]) for key, trials in alike.items()}
     return [noises[key] for key in keys]
 
 
@@ -198,23 +198,6 @@ def _errors(
     clouds, seed = [frames[k] for k in kept.tolist()], seed + trial.order
     before, after = (trial_errors(clouds, motion[kept], noise.result(), seed=seed) for motion in predicted)
     return TrialResult(name, trial.name, trial.order, trial.role, before, after, len(kept) / len(frames))
-
-
-def noise_of(trials: Sequence[Trial]) -> SensorNoise:
-    """The noise of the sensor that saw cloths of one thickness, from frames spread over the trials, the first of each
-    among them: the cloth is flattest there."""
-    return estimate_noise(_spread(trials), trials[0].design.fabric.thickness)
-
-
-def _spread(trials: Sequence[Trial]) -> list[NDArray[np.float64]]:
-    """Clouds (n_t, 3) m that the noise is estimated from."""
-    chosen = [trials[i] for i in np.linspace(0, len(trials) - 1, min(len(trials), _NOISE_FRAMES)).astype(int)]
-    each = -(-_NOISE_FRAMES // len(chosen))
-    frames = []
-    for trial in chosen:
-        clouds = trial.load().frames
-        frames += [clouds[i] for i in np.linspace(0, len(clouds) - 1, min(each, len(clouds))).astype(int)]
-    return frames
 
 
 def _motions(trials: Sequence[Trial], *predictors: Predictor) -> list[list[Any]]:

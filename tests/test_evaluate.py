@@ -16,8 +16,9 @@ from fabdesign.model import EffectTerm, Model, Parameter, Quantity
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.surface import Surface
 from studies import evaluate
-from studies.evaluate import evaluate_sets, noise_of
+from studies.evaluate import evaluate_sets
 from studies.evaluation_report import tables_markdown, write_evaluation
+from studies.measured_data import noise_of
 
 NOISE = SensorNoise(0.0006, 0.003, 0.012)
 TIMES = np.array([0.1, 0.2, 0.3])

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from fabdesign.catalogue import build
 from fabdesign.errors import InputError
 from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
+from fabdesign.trial import Accuracy
 from fabdesign.trial_file import read_trial, write_trial
 
 Arrays = dict[str, np.ndarray]
@@ -48,8 +49,10 @@ def example(channels: int = 2) -> TrialData:
 def test_written_set_reads_the_same(tmp_path: Path) -> None:
     designs = {"cross": build("cross"), "vertical": build("vertical")}
     new = [NewTrial("000", "cross", 0, "fit", example()), NewTrial("001", "vertical", 1, "test", example(3))]
-    write_set(tmp_path / "set", designs, iter(new), name="two", description="a test", frame_rate=10.0)
+    said = {"name": "two", "description": "a test", "frame_rate": 10.0, "accuracy": Accuracy(0.03, 1.5)}
+    write_set(tmp_path / "set", designs, iter(new), **said)
     read = read_set(tmp_path / "set")
+    assert read.accuracy == said["accuracy"]
     assert (read.name, read.description, read.frame_rate, read.designs) == ("two", "a test", 10.0, designs)
     for trial, written in zip(read.trials, new, strict=True):
         assert (trial.name, trial.design_name, trial.order, trial.role) == (
@@ -195,6 +198,8 @@ BAD_SETS = [
     ("order = 0", "order = 0.5", "whole number"),
     ("order = 0", "order = 0\nrate = 3", "unknown key rate"),
     ('name = "x"', 'name = "x"\nframe_rate = 0', "above 0"),
+    ("[designs]", "accuracy = {pressure = 2}\n[designs]", "accuracy: pressure = 2; expected a number from 0 to 1"),
+    ("[designs]", "accuracy = {level = 1}\n[designs]", "unknown key level"),
 ]
 
 

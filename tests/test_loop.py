@@ -31,7 +31,7 @@ from studies.loop.programs import Asked, programs_for, within_rate
 from studies.loop.record import stop_reason
 from studies.loop.resting_shape import resting_faces
 from studies.loop.run import run_loop
-from studies.tracing.data import TooLittle
+from studies.measured_data import TooLittle
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line
 from tests.few_effects import few_effects

@@ -23,17 +23,17 @@ from fabdesign.splits import fit_trials
 from fabdesign.surface import Surface
 from fabdesign.trial_file import program_of
 from optimize.fit.descent import fit
-from optimize.fit.inputs import DEFAULT_ACCURACY
 from optimize.fit.left_out import LeftOut
 from optimize.fit.needed import conditioned, cost, needed
 from optimize.fit.normal import _bounded_step
 from optimize.fit.parameters import fit_vector
+from studies.measured_data import MeasuredData
 from studies.tracing.backwards import NEEDED, sparse
-from studies.tracing.data import draw, folds_of
 from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
-from studies.tracing.run import trace_set
+from studies.tracing.run import DRAWN, trace_set
 from studies.tracing.verdict import Evidence, decide, explains
+from studies.used_frames import UsedFrames
 from tests.few_effects import few_effects
 
 TRIED = "braid_hysteresis", "muscle_creep", "odd_muscle", "filling_lag", "dead_time", "supply_droop", "time_offset"
@@ -319,20 +319,20 @@ def late(tmp_path_factory):
     """A joint fit of every effect to trials with a lag and a droop."""
     effects = Term("filling_lag", {"fill": 0.3, "empty": 0.3}), Term("supply_droop", {"share": 0.15})
     measured = write(tmp_path_factory.mktemp("late") / "set", effects=effects, count=5)
-    samples, noise = draw(fit_trials(measured.trials), (), seed=0)
+    data = MeasuredData.of([measured], fit_trials(measured.trials), UsedFrames(None, 0.0), DRAWN, seed=0)
     vector = fit_vector(["all"], channels=2)
-    found = fit(samples, Predictor(Curler(), Model(), sensing=True), vector=vector, accuracy=DEFAULT_ACCURACY)
-    return found, samples, noise
+    found = fit(data.samples, Predictor(Curler(), Model(), sensing=True), vector=vector, accuracy=data.accuracy)
+    return found, data
 
 
 def test_several_effects_are_found_together_and_no_other(late):
-    found, _, noise = late
+    found, data = late
     labels = needed(found.minimum, found.covariance, found.vector, NEEDED)
     assert labels == ["filling_lag", "supply_droop"]
     terms = {term.name: term.values for term in found.vector.terms_at(found.x)}
     assert terms["supply_droop"]["share"] == pytest.approx(0.15, abs=0.03)
     assert terms["filling_lag"]["fill"] == pytest.approx(0.3, abs=0.03)
-    assert found.normal.scale == pytest.approx(noise.sigma, rel=0.1)
+    assert found.normal.scale == pytest.approx(data.noise.sigma, rel=0.1)
 
 
 def _precision(found):
@@ -347,9 +347,8 @@ def _precision(found):
 
 def test_trials_left_out_are_predicted_from_the_others(late):
     """Against the same done slowly, with each trial's points."""
-    found, samples, _ = late
-    folds = folds_of(samples)
-    left = LeftOut.of(found, folds)
+    found, data = late
+    left = LeftOut.of(found, data.folds)
     off = found.vector.part("supply_droop")
     scored = left.scored(off)
     free = np.setdiff1d(np.arange(len(found.x)), off)
@@ -358,7 +357,7 @@ def test_trials_left_out_are_predicted_from_the_others(late):
     back[off] = -found.x[off]
     residual = found.state.found.residual + jacobian @ back
     precise = found.normal.tempering * _precision(found)
-    for out in range(len(samples)):
+    for out in range(len(data.samples)):
         rows = sample != out
         j = jacobian[rows][:, free]
         whole = precise[np.ix_(rows, rows)]

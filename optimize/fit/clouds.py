@@ -34,11 +34,22 @@ def evenly(count: int, most: int) -> Indices:
 
 
 def sample_trial(
-    trial: Trial, data: TrialData, *, until: float, frames: int, points: int, rng: np.random.Generator
-) -> Sample:
-    """Up to `frames` frames spread over the trial's first `until` seconds, and up to `points` random points of each."""
-    chosen = evenly(_frames_until(data.time, until), frames)
-    clouds = (data.frames[k] for k in chosen)
+    trial: Trial,
+    data: TrialData,
+    used: NDArray[np.bool_],
+    *,
+    until: float,
+    frames: int,
+    points: int,
+    rng: np.random.Generator,
+) -> Sample | None:
+    """Up to `frames` frames spread over those `used` (T,) of the trial's first `until` seconds, and up to `points`
+    random points of each. None where no frame is used."""
+    usable = np.flatnonzero(used[: _frames_until(data.time, until)])
+    if not len(usable):
+        return None
+    chosen = usable[evenly(len(usable), frames)]
+    clouds = (data.frames[int(k)] for k in chosen)
     drawn = tuple(c if len(c) <= points else c[rng.choice(len(c), points, replace=False)] for c in clouds)
     return Sample(trial, data.time[chosen], drawn)
 

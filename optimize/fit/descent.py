@@ -8,8 +8,9 @@ import numpy as np
 
 from fabdesign.forward import ForwardModel
 from fabdesign.surface import CAP
+from fabdesign.trial import Accuracy
 from optimize.fit.clouds import Array, Indices, Match, Sample, cut, frames_of
-from optimize.fit.inputs import Accuracy, InputErrors, input_errors
+from optimize.fit.inputs import InputErrors, input_errors
 from optimize.fit.needed import needed
 from optimize.fit.normal import BLOCK, FAR, Normal, directions, loss, scatter, step_to_minimum
 from optimize.fit.parameters import DECLARED, FitVector

@@ -5,22 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fabdesign.forward import Case, Term
-from fabdesign.trial import Trial
+from fabdesign.trial import Accuracy, Trial
 from optimize.fit.clouds import Array, frames_of
 from optimize.fit.problem import Evaluation, FitProblem
 
 _PATTERNS = 2  # of signs, of all inputs together, whose two sides say what is not proportional
-
-
-@dataclass(frozen=True)
-class Accuracy:
-    """Standard deviations: of a channel's pressure, as a share of it, and of the frame's level [degrees]."""
-
-    pressure: float = 0.01
-    tilt: float = 0.5
-
-
-DEFAULT_ACCURACY = Accuracy()
 
 
 @dataclass(frozen=True, eq=False)

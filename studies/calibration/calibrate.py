@@ -1,26 +1,21 @@
 """Calibration: factors on the declared values from measured clouds, with intervals."""
 
-import importlib.metadata
-import platform
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from fabdesign import SIMULATOR, __version__
-from fabdesign.checkpoint import sha256
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
-from fabdesign.model import POINTS_PER_SIDE, Model, Provenance
+from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.predictor import Predictor
-from fabdesign.sensor_noise import SensorNoise, estimate_noise
+from fabdesign.sensor_noise import SensorNoise
 from fabdesign.splits import fit_trials
-from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.trial import Accuracy, MeasurementSet
 from fabdesign.units import in_mm
-from optimize.fit.clouds import Sample, evenly, sample_trial
+from optimize.fit.clouds import Sample, evenly
 from optimize.fit.descent import Fit, Progress, fit, parts
-from optimize.fit.inputs import DEFAULT_ACCURACY, Accuracy
 from optimize.fit.parameters import DECLARED, FitVector
 from studies.bad_data import Tolerance
 from studies.calibration.ambiguities import ambiguities
@@ -28,14 +23,12 @@ from studies.calibration.engine_difference import with_engines
 from studies.calibration.fitted_model import fitted_model
 from studies.calibration.reliability import excess, interval_warnings
 from studies.calibration.trial_checks import DISAGREE, implausible
+from studies.measured_data import Density, MeasuredData
 from studies.sensitive_stretches import find_used_frames
 from studies.used_frames import UsedFrames
 
 TRIALS = 16  # fitted at most, spread over those allowed
-UNTIL = 1.5  # s of a trial
-FRAMES = 30  # of a trial
-POINTS = 300  # of a frame
-_NOISE_FRAMES = 8
+DRAWN = Density(until=1.5, frames=30, points=300)
 _WITHOUT_EFFECTS = 0.6  # of the work, where effects are fitted after it
 
 
@@ -43,12 +36,25 @@ _WITHOUT_EFFECTS = 0.6  # of the work, where effects are fitted after it
 class Calibration:
     model: Model
     fit: Fit
-    noise: SensorNoise
     correlation: np.ndarray  # (p, p), of the unknowns in the order of fit.vector
     statements: tuple[str, ...]  # what these data cannot tell
     warnings: tuple[str, ...]  # why the intervals are not reliable
     skipped: tuple[str, ...]  # bad trials left out, a line each
-    used: UsedFrames  # frames that took part: not those of sensitive stretches
+    data: MeasuredData
+
+    @property
+    def used(self) -> UsedFrames:
+        """Frames that took part: not those of sensitive stretches."""
+        return self.data.used
+
+    @property
+    def noise(self) -> SensorNoise:
+        return self.data.noise
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """Of the pressures and the frame's level, zero where these are exact."""
+        return self.data.accuracy or Accuracy(0.0, 0.0)
 
     def as_json(self) -> dict[str, Any]:
         """What `calibrate --json` prints: factors, mm."""
@@ -86,6 +92,7 @@ class Calibration:
             "outlying": self.fit.outlying,
             "lost": lost,
             "skipped": list(self.skipped),
+            "input_accuracy": {"pressure": self.accuracy.pressure, "tilt_deg": self.accuracy.tilt},
             **self.used.as_json(),
             "iterations": self.fit.iterations,
             "converged": self.fit.converged,
@@ -106,7 +113,6 @@ def calibrate(
     skip_bad: bool = False,
     seed: int = 0,
     engines: np.ndarray | None = None,
-    accuracy: Accuracy | None = DEFAULT_ACCURACY,
     interruptible: bool = False,
     progress: Progress = lambda line, share: None,
 ) -> Calibration:
@@ -121,7 +127,7 @@ def calibrate(
     skipped: lines on bad trials left out before; skip_bad: leave out those too that `trial_checks.implausible` finds.
     engines: (p,) standard deviations of the unknowns for the difference between `forward` and what made the data, by
     default those of the virtual rig.
-    accuracy: of the pressures and the frame's level, whose errors are weighed; None: they are exact.
+    Errors of the pressures and the frame's level are weighed by the sets' accuracy.
     interruptible: Ctrl-C ends the fit where its last iteration began, with a warning.
     Raises InputError for an implausible trial and where no trial is left, SimulationError where every motion diverges.
     """
@@ -129,46 +135,43 @@ def calibrate(
     _require_names(sets)
     allowed = [trial for one in sets for trial in fit_trials(one.trials, orders)]
     chosen = [allowed[i] for i in evenly(len(allowed), TRIALS)]
-    samples, noise = _drawn(chosen, seed)
     files = {trial.file for trial in chosen}
     own = [(one, [t for t in one.trials if t.file in files]) for one in sets]
     used = find_used_frames(own, coarse, progress=_searching(progress))
-    chosen, samples = _used(chosen, samples, sets, used)
+    data = MeasuredData.of(sets, chosen, used, DRAWN, seed=seed)
     forward = Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
-    fitted = _fit(samples, forward, slopes, vector, accuracy, progress, interruptible)
-    if lines := {} if fitted.interrupted else _implausible(fitted, samples, forward):
+    fitted = _fit(data, forward, slopes, vector, progress, interruptible)
+    if lines := {} if fitted.interrupted else _implausible(fitted, data.samples, forward):
         tolerance = Tolerance(skip_bad, [*skipped])
         for line in lines.values():
             tolerance.note(InputError(line))
         skipped = tolerance.skipped
-        chosen = [x for k, x in enumerate(chosen) if k not in lines]
-        samples = [x for k, x in enumerate(samples) if k not in lines]
-        if not samples:
+        data = data.without(lines)
+        if not data.samples:
             raise InputError(f"{', '.join(s.name for s in sets)}: no trial to fit is left; the first: {skipped[0]}")
-        fitted = _fit(samples, forward, slopes, vector, accuracy, progress, interruptible)
+        fitted = _fit(data, forward, slopes, vector, progress, interruptible)
     covariance = with_engines(fitted, engines)
     deviation = np.sqrt(np.diag(covariance))
-    why = interval_warnings(fitted.after, fitted.outlying, noise)
+    why = interval_warnings(fitted.after, fitted.outlying, data.noise)
     if fitted.interrupted:
         why.append(f"interrupted after {fitted.iterations} iterations, before the best values were reached")
     model = fitted_model(
         fitted,
         covariance,
-        designs=[trial.design for trial in chosen],
+        designs=[trial.design for trial in data.trials],
         reliable=not why,
         points_per_side=points_per_side,
-        provenance=_provenance(sets, chosen, seed),
+        provenance=data.provenance(),
     )
     return Calibration(
         model=model,
         fit=fitted,
-        noise=noise,
         correlation=covariance / np.outer(deviation, deviation),
         statements=ambiguities(fitted, covariance),
         warnings=tuple(why),
         skipped=tuple(skipped),
-        used=used,
+        data=data,
     )
 
 
@@ -177,31 +180,11 @@ def _searching(progress: Progress) -> Callable[[int, int], None]:
     return lambda done, total: progress(f"sensitive stretches: {done} of {total} motions", 0.0)
 
 
-def _used(
-    trials: Sequence[Trial], samples: Sequence[Sample], sets: Sequence[MeasurementSet], used: UsedFrames
-) -> tuple[list[Trial], list[Sample]]:
-    """Frames of the trials' samples that are used, and the trials that have any."""
-    kept = []
-    for trial, sample in zip(trials, samples, strict=True):
-        measured = next(measured for measured in sets if any(t.file == trial.file for t in measured.trials))
-        frames = np.flatnonzero(used.at(measured, trial, sample.times))
-        if len(frames):
-            clouds = tuple(sample.clouds[k] for k in frames)
-            kept.append((trial, replace(sample, times=sample.times[frames], clouds=clouds)))
-    if not kept:
-        raise InputError(
-            f"{', '.join(trial.name for trial in trials)}: every frame is sensitive, small changes of the inputs lead "
-            "to another shape; expected trials whose pressures decide to which side the cloth bends"
-        )
-    return [trial for trial, _ in kept], [sample for _, sample in kept]
-
-
 def _fit(
-    samples: Sequence[Sample],
+    data: MeasuredData,
     forward: ForwardModel,
     slopes: ForwardModel | None,
     vector: FitVector,
-    accuracy: Accuracy | None,
     progress: Progress,
     interruptible: bool,
 ) -> Fit:
@@ -216,7 +199,13 @@ def _fit(
 
         try:
             return fit(
-                samples, forward, slopes=slopes, vector=vector, accuracy=accuracy, progress=progress, reached=keep
+                data.samples,
+                forward,
+                slopes=slopes,
+                vector=vector,
+                accuracy=data.accuracy,
+                progress=progress,
+                reached=keep,
             )
         except KeyboardInterrupt:
             if not (interruptible and reached):
@@ -245,19 +234,6 @@ def _better(fitted: Fit, other: Fit) -> bool:
     return len(fitted.state.found.residual) == len(other.state.found.residual) and fitted.after < other.after
 
 
-def _drawn(trials: Sequence[Trial], seed: int) -> tuple[list[Sample], SensorNoise]:
-    """Some points of some frames of each trial, and the noise of the first frames, where the cloth is flattest."""
-    rng = np.random.default_rng(seed)
-    samples: list[Sample] = []
-    at_rest: list[np.ndarray] = []
-    for trial in trials:
-        data = trial.load()
-        samples.append(sample_trial(trial, data, until=UNTIL, frames=FRAMES, points=POINTS, rng=rng))
-        if len(at_rest) < _NOISE_FRAMES and trial.design.fabric.thickness == trials[0].design.fabric.thickness:
-            at_rest.append(data.frames[0])
-    return samples, estimate_noise(at_rest, trials[0].design.fabric.thickness)
-
-
 def _implausible(fit: Fit, samples: Sequence[Sample], forward: ForwardModel) -> dict[int, str]:
     """A line for each trial that disagrees with the rest as a recording would whose faces or clock are wrong."""
     if not (fit.by_trial > DISAGREE).any():
@@ -273,25 +249,6 @@ def _require_names(sets: Sequence[MeasurementSet]) -> None:
             raise InputError(
                 f"set {name}: given twice, or two sets have this name; expected a name of its own for each"
             )
-
-
-def _provenance(sets: Sequence[MeasurementSet], fitted: Sequence[Trial], seed: int) -> Provenance:
-    """Every trial that was not fitted counts as held out. Hashes are of the files fitted, before anything else."""
-    named = [(f"{measured.name}/{trial.name}", measured, trial) for measured in sets for trial in measured.trials]
-    files = {trial.file for trial in fitted}
-    return Provenance(
-        sets=tuple(measured.name for measured in sets),
-        fitted=tuple(name for name, _, trial in named if trial.file in files),
-        held_out=tuple(name for name, _, trial in named if trial.file not in files),
-        versions={"python": platform.python_version(), "fabdesign": __version__, "simulator": SIMULATOR}
-        | {name: importlib.metadata.version(name) for name in ("numpy", "scipy", "taichi")},
-        hashes={
-            f"{measured.name}/{trial.file.name}": sha256(trial.file)
-            for _, measured, trial in named
-            if trial.file in files
-        },
-        seed=seed,
-    )
 
 
 def orders_of(text: str) -> list[int]:

@@ -19,8 +19,8 @@ from fabdesign.predictor import Predictor
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
-from studies.evaluate import noise_of
 from studies.forward_model import forward_model
+from studies.measured_data import noise_of
 from studies.report import html_of
 from studies.sensitive_stretches import GRID, find_used_frames
 

@@ -15,7 +15,7 @@ from fabdesign.metrics import Errors
 from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.model_file import read_model, write_model
 from fabdesign.output import WorkFolder
-from fabdesign.trial import MeasurementSet
+from fabdesign.trial import Accuracy, MeasurementSet
 from fabdesign.units import in_mm
 from optimize.fit.parameters import fit_vector
 from studies.calibration.calibrate import Calibration, calibrate
@@ -53,6 +53,7 @@ def together(sets: Sequence[MeasurementSet]) -> MeasurementSet:
         trials=tuple(trial for one in sets for trial in one.trials),
         description=sets[0].description,
         frame_rate=sets[0].frame_rate,
+        accuracy=Accuracy.worst([one.accuracy for one in sets]),
     )
 
 
@@ -115,7 +116,7 @@ def _traced(
     """The verdict, the model with the effects that it has from now on, and lines for people; no model where there was
     too little to trace."""
     from fabdesign.checkpoint import OtherContent
-    from studies.tracing.data import TooLittle
+    from studies.measured_data import TooLittle
     from studies.tracing.run import Options, trace_set
     from studies.tracing.words import verdict_in_words
 

@@ -102,7 +102,7 @@ def _worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     all to first order: no motion is simulated. Shapes are not fitted yet, so what is left says nothing."""
     vector, small = everything.vector, list[str]()
     labels = sparse(everything, needed(everything.minimum, everything.covariance, vector, NEEDED))
-    trials = LeftOut.of(everything, task.folds)
+    trials = LeftOut.of(everything, task.data.folds)
     while labels:
         off = np.concatenate([_NONE, *(vector.part(label) for label in vector.labels if label not in labels)])
         gains = gains_of({label: vector.part(label) for label in labels}, trials, task.floor, off)
@@ -118,7 +118,7 @@ def _weakest(task: Task, known: Fit) -> str | None:
     """The effect that trials left out gain least by, if that is not certain, or not more than the tolerance; or, where
     another gains more, not more than what all of them leave: the first one's law is then not quite the right one, and
     small effects take up what it lacks."""
-    trials = LeftOut.of(known, task.folds)
+    trials = LeftOut.of(known, task.data.folds)
     gains = gains_of(parts_of(known.vector), trials, task.floor)
     weakest = min(gains, key=lambda label: gains[label][0])
     left = trials.scored().excess(task.floor) if len(gains) > 1 else 0.0
@@ -128,13 +128,13 @@ def _weakest(task: Task, known: Fit) -> str | None:
 def _simpler(task: Task, known: Fit, inputs: InputErrors | None) -> Fit | None:
     """A fit without one of several effects by which trials left out lose too little: what is not linear may take its
     place. The one that gains most to first order stays; alone, it is judged beside the declared parameters."""
-    trials = LeftOut.of(known, task.folds)
+    trials = LeftOut.of(known, task.data.folds)
     own, gains = trials.scored(), gains_of(parts_of(known.vector), trials, task.floor)
     least = max(task.tolerance, own.excess(task.floor))
     for label in sorted(gains, key=lambda label: gains[label][0])[:-1]:
         vector, x = with_shapes(known, [other for other in gains if other != label])
         fitted = task.fit(" ".join(vector.labels), vector, inputs, x, close=_CLOSE)
-        without = LeftOut.of(fitted, task.folds).scored()
+        without = LeftOut.of(fitted, task.data.folds).scored()
         alike = replace(own, squares=own.squares * without.weights / np.maximum(own.weights, 1e-12))
         if _too_little(trials.gain(without, alike, task.floor), least):
             return fitted

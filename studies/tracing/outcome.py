@@ -1,32 +1,28 @@
 """What a trace found, as `trace.json` and as a model."""
 
-import importlib.metadata
-import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from fabdesign import SIMULATOR, __version__
 from fabdesign.effects import EFFECTS
 from fabdesign.forward import ForwardModel
-from fabdesign.model import EffectTerm, Model, Provenance
-from fabdesign.trial import Trial
+from fabdesign.model import EffectTerm, Model
+from fabdesign.trial import Accuracy
 from fabdesign.units import in_mm
-from optimize.fit.clouds import Sample, frames_of
+from optimize.fit.clouds import frames_of
 from optimize.fit.descent import Fit
-from optimize.fit.inputs import Accuracy
 from studies.calibration.engine_difference import with_engines
 from studies.calibration.fitted_model import fitted_model
+from studies.measured_data import MeasuredData
 from studies.tracing.backwards import label_effect
 from studies.tracing.candidates import Candidate
 from studies.tracing.errors import TrialError, mean_of, other_layouts
 from studies.tracing.residual import Remains
 from studies.tracing.selection import Selection
 from studies.tracing.verdict import Evidence, Word, explains
-from studies.used_frames import Stretch
 
 FORMAT = "fabdesign.trace/1"
 _LITTLE = 0.1  # of its share, below which a frame's weight is told
@@ -36,23 +32,26 @@ _LITTLE = 0.1  # of its share, below which a frame's weight is told
 class Outcome:
     """Of a trace of a set. Distances in m."""
 
-    name: str
-    synthetic: bool
     verdict: Word
     evidence: Evidence
     tolerance: float
-    accuracy: Accuracy
     selection: Selection
-    samples: tuple[Sample, ...]
+    data: MeasuredData
     forward: ForwardModel
     candidates: tuple[Candidate, ...]
     alike: tuple[str, ...]
     errors: tuple[TrialError, ...]
     remains: Remains
-    stretches: tuple[Stretch, ...]
-    share_left_out: float
     model: Model
     next_experiment: Mapping[str, Any] | None
+
+    @property
+    def name(self) -> str:
+        return self.data.sets[0].name
+
+    @property
+    def synthetic(self) -> bool:
+        return any("synthetic" in measured.description for measured in self.data.sets)
 
     @property
     def before(self) -> Fit:
@@ -83,6 +82,11 @@ class Outcome:
         return float(np.mean(means < _LITTLE * means.mean()))
 
     @property
+    def _accuracy(self) -> Accuracy:
+        """Of the inputs; zero where they are exact."""
+        return self.data.accuracy or Accuracy(0.0, 0.0)
+
+    @property
     def said(self) -> list[str]:
         """Lines for people."""
         lines = []
@@ -97,7 +101,7 @@ class Outcome:
         if self.share_below_tenth:
             lines.append(
                 f"{self.share_below_tenth:.0%} of the frames count for less than a tenth of their share, since errors "
-                f"of the inputs ({self.accuracy.pressure:.1%} of each pressure, {self.accuracy.tilt:g} degrees of "
+                f"of the inputs ({self._accuracy.pressure:.1%} of each pressure, {self._accuracy.tilt:g} degrees of "
                 "level) move them most"
             )
         return lines
@@ -123,11 +127,11 @@ class Outcome:
                 "when_s": self.remains.when,
                 "follows": self.remains.follows,
             },
-            "unjudged": [stretch.as_json() for stretch in self.stretches],
-            "unjudged_share": self.share_left_out,
+            "unjudged": [stretch.as_json() for stretch in self.data.used.stretches or ()],
+            "unjudged_share": self.data.used.share_left_out,
             "weights": {
                 "share_below_tenth": self.share_below_tenth,
-                "input_accuracy": {"pressure": self.accuracy.pressure, "tilt_deg": self.accuracy.tilt},
+                "input_accuracy": {"pressure": self._accuracy.pressure, "tilt_deg": self._accuracy.tilt},
             },
             "discovered": None,
             "next_experiment": self.next_experiment,
@@ -223,10 +227,9 @@ class Outcome:
 def model_of(
     fit: Fit,
     plain: Fit,
-    samples: Sequence[Sample],
+    data: MeasuredData,
     *,
     points_per_side: int,
-    provenance: Provenance,
     known: tuple[EffectTerm, ...],
     reliable: bool,
 ) -> Model:
@@ -234,24 +237,9 @@ def model_of(
     model = fitted_model(
         fit if fit is plain else replace(fit, without_effects=plain),
         with_engines(fit),
-        designs=[s.trial.design for s in samples],
+        designs=[trial.design for trial in data.trials],
         reliable=reliable,
         points_per_side=points_per_side,
-        provenance=provenance,
+        provenance=data.provenance(),
     )
     return replace(model, effects=(*known, *model.effects))
-
-
-def provenance_of(
-    set_name: str, fitted: Sequence[Trial], held_out: Sequence[Trial], hashes: Mapping[str, str], seed: int
-) -> Provenance:
-    """Where the model comes from."""
-    return Provenance(
-        sets=(set_name,),
-        fitted=tuple(f"{set_name}/{t.name}" for t in fitted),
-        held_out=tuple(f"{set_name}/{t.name}" for t in held_out),
-        versions={"python": platform.python_version(), "fabdesign": __version__, "simulator": str(SIMULATOR)}
-        | {name: importlib.metadata.version(name) for name in ("numpy", "scipy", "taichi")},
-        hashes=hashes,
-        seed=seed,
-    )

@@ -25,7 +25,7 @@ _LAYOUT = {"margin": {"l": 60, "r": 20, "t": 30, "b": 45}, "font": {"family": "s
 
 def render_report(outcome: Outcome) -> str:
     """HTML."""
-    before = remains(Residuals.of(outcome.samples, outcome.before), outcome.selection.folds)
+    before = remains(Residuals.of(outcome.data.samples, outcome.before), outcome.selection.folds)
     figures = {
         "bars": _bars(outcome),
         "candidates": _candidates(outcome),
@@ -85,7 +85,7 @@ def _candidates(outcome: Outcome) -> PlotlyFigure:
 
 
 def _cloth(outcome: Outcome, cells: np.ndarray, title: str) -> PlotlyFigure:
-    fabric = outcome.samples[0].trial.design.fabric
+    fabric = outcome.data.trials[0].design.fabric
     n = len(cells)
     centres = (np.arange(n) + 0.5) / n
     heat = {
@@ -136,7 +136,7 @@ def _worst(outcome: Outcome) -> str:
 
 def _motion(outcome: Outcome) -> str:
     name = _worst(outcome)
-    trial = next(s.trial for s in outcome.samples if s.trial.name == name)
+    trial = next(trial for trial in outcome.data.trials if trial.name == name)
     frames = np.unique(np.linspace(0, len(trial.times) - 1, min(_FRAMES, len(trial.times))).round().astype(int))
     times, clouds = trial.times[frames], trial.load().frames
     fits = outcome.before, outcome.after

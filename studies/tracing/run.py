@@ -19,27 +19,28 @@ from fabdesign.predictor import Predictor
 from fabdesign.splits import fit_trials
 from fabdesign.trial import MeasurementSet, Trial
 from optimize.fit.clouds import Sample, evenly
-from optimize.fit.inputs import DEFAULT_ACCURACY, Accuracy
 from optimize.fit.left_out import LeftOut
 from studies.calibration.fitted_model import muscle_scope
+from studies.measured_data import Density, MeasuredData, TooLittle
 from studies.sensitive_stretches import sensitive_stretches
 from studies.tracing.backwards import label_effect
 from studies.tracing.black_box import baseline_score
 from studies.tracing.candidates import Candidate, candidates_of
-from studies.tracing.data import TRIALS, TooLittle, draw, folds_of
 from studies.tracing.errors import Place, errors_of_trials
 from studies.tracing.experiment import Explanation, next_experiment
-from studies.tracing.outcome import Outcome, model_of, provenance_of
+from studies.tracing.outcome import Outcome, model_of
 from studies.tracing.residual import remains
 from studies.tracing.residuals import Residuals
 from studies.tracing.selection import Selection, select
 from studies.tracing.task import Task
 from studies.tracing.verdict import Evidence, decide
-from studies.used_frames import Stretch, left_out_in_words, share_left_out
+from studies.used_frames import Stretch, UsedFrames, share_left_out
 
 ALGORITHM = 6  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 TOLERANCE = 0.5e-3  # m of excess
+TRIALS = 16  # at most, spread over those allowed
 LEAST_TRIALS = 3  # with different pressures
+DRAWN = Density(until=6.0, frames=25, points=150)
 GRID = 21  # points a side: within 0.3 mm of a finer one, for a hundredth of a second a column
 CALM_STEPS = 12  # time steps in one, far from jumps: within 0.03 mm of 8; at 16 single motions are off by millimetres
 
@@ -49,13 +50,11 @@ Experiment = Mapping[str, Any] | None
 
 @dataclass(frozen=True)
 class Options:
-    """tolerance: m of held-out excess within which a model is adequate. grid: points a side; None: GRID. accuracy: of
-    pressures and the frame's level."""
+    """tolerance: m of held-out excess within which a model is adequate. grid: points a side; None: GRID."""
 
     tolerance: float = TOLERANCE
     grid: int | None = None
     seed: int = 0
-    accuracy: Accuracy = DEFAULT_ACCURACY
 
 
 def trace_set(
@@ -102,62 +101,54 @@ def _trace(
     say: Say,
 ) -> Outcome:
     every = (*trials, *tests)
-    stretches = _stretches(checkpoint, every, bare, say)
-    say(left_out_in_words(stretches, share_left_out(stretches, every)))
-    samples, noise = draw(trials, stretches, seed=options.seed)
-    if len({id(s.trial) for s in samples}) < LEAST_TRIALS:
-        raise TooLittle(f"{measured.name}: {len(samples)} trials with frames to use; expected at least {LEAST_TRIALS}")
+    used = _used(checkpoint, every, bare, say)
+    say(used.in_words)
+    data = MeasuredData.of([measured], trials, used, DRAWN, seed=options.seed)
+    if len(data.trials) < LEAST_TRIALS:
+        raise TooLittle(
+            f"{measured.name}: {len(data.trials)} trials with frames to use; expected at least {LEAST_TRIALS}"
+        )
     forward = Predictor(bare, Model(effects=known.effects), sensing=True)
     selection = select(
         Task(
-            samples=samples,
+            data=data,
             forward=forward,
-            folds=folds_of(samples),
-            floor=noise.sigma,
             tolerance=options.tolerance,
-            accuracy=options.accuracy,
             factors=known.factors,
             known=[effect.name for effect in known.effects],
-            scope=muscle_scope([s.trial.design for s in samples]),
+            scope=muscle_scope([trial.design for trial in data.trials]),
             checkpoint=checkpoint,
             say=say,
         )
     )
-    left = remains(Residuals.of(samples, selection.chosen), selection.folds)
-    evidence = _evidence(selection, samples, max(left.shares.values()))
+    left = remains(Residuals.of(data.samples, selection.chosen), selection.folds)
+    evidence = _evidence(selection, data.samples, max(left.shares.values()))
     verdict = decide(evidence, options.tolerance)
     fitted = selection.chosen if verdict == "effect" else selection.plain
     if verdict != "effect" and selection.chosen is not selection.plain:
-        left = remains(Residuals.of(samples, selection.plain), selection.folds)
+        left = remains(Residuals.of(data.samples, selection.plain), selection.folds)
     say("errors before and after, on the trials fitted and once on those of role test")
     before, after = (Place(found.vector, found.x) for found in (selection.plain, fitted))
-    errors = errors_of_trials(every, stretches, forward, before, after, noise)
+    errors = errors_of_trials(every, used.stretches or (), forward, before, after, data.noise)
     candidates, alike = candidates_of(selection)
     say("what to measure next")
-    experiment = _experiment(samples[0].trial, forward, selection, candidates, noise.sigma, verdict)
-    hashes = {f"{measured.name}/{t.file.name}": sha256(t.file) for t in trials}
+    experiment = _experiment(data.trials[0], forward, selection, candidates, data.noise.sigma, verdict)
     return Outcome(
-        name=measured.name,
-        synthetic="synthetic" in measured.description,
         verdict=verdict,
         evidence=evidence,
         tolerance=options.tolerance,
-        accuracy=options.accuracy,
         selection=selection,
-        samples=tuple(samples),
+        data=data,
         forward=forward,
         candidates=candidates,
         alike=alike,
         errors=tuple(errors),
         remains=left,
-        stretches=stretches,
-        share_left_out=share_left_out(stretches, every),
         model=model_of(
             fitted,
             selection.plain,
-            samples,
+            data,
             points_per_side=options.grid or GRID,
-            provenance=provenance_of(measured.name, [s.trial for s in samples], tests, hashes, options.seed),
             known=known.effects,
             reliable=verdict != "unexplained",
         ),
@@ -174,7 +165,7 @@ def _check(model: Model) -> None:
         check_values(effect_named(term.name, "--model"), term.values, "--model")
 
 
-def _stretches(checkpoint: Checkpoint, trials: tuple[Trial, ...], bare: ForwardModel, say: Say) -> tuple[Stretch, ...]:
+def _used(checkpoint: Checkpoint, trials: tuple[Trial, ...], bare: ForwardModel, say: Say) -> UsedFrames:
     def found() -> list[list[Any]]:
         def told(done: int, total: int) -> None:
             say(f"stretches near a bifurcation: {done} of {total} motions")
@@ -182,7 +173,8 @@ def _stretches(checkpoint: Checkpoint, trials: tuple[Trial, ...], bare: ForwardM
         return [[s.trial, s.begin, s.end] for s in sensitive_stretches(trials, bare, progress=told)]
 
     kept = checkpoint.get("unjudged", found)
-    return tuple(Stretch(str(trial), float(begin), float(end)) for trial, begin, end in kept)
+    stretches = tuple(Stretch(str(trial), float(begin), float(end)) for trial, begin, end in kept)
+    return UsedFrames(stretches, share_left_out(stretches, trials))
 
 
 def _evidence(selection: Selection, samples: Sequence[Sample], left: float) -> Evidence:
@@ -229,7 +221,7 @@ def _content(measured: MeasurementSet, trials: tuple[Trial, ...], known: Model, 
         "--tolerance": f"{1e3 * options.tolerance:g} mm",
         "--grid": str(options.grid or GRID),
         "--seed": str(options.seed),
-        "accuracy": repr(options.accuracy),
+        "accuracy": repr(measured.accuracy),
         "--model": repr((sorted(known.factors.items()), known.terms)),
         "simulator": str(SIMULATOR),
         "algorithm": str(ALGORITHM),

@@ -10,7 +10,6 @@ from functools import cached_property
 
 import numpy as np
 
-from optimize.fit.clouds import cut
 from optimize.fit.descent import Fit, horizons
 from optimize.fit.left_out import LeftOut
 from optimize.fit.parameters import FitVector, fit_vector
@@ -56,14 +55,14 @@ def select(task: Task) -> Selection:
 
     The horizon grows, as in any fit; what a horizon says for certain to be next to nothing is left out of the later
     ones: a column costs a motion of every trial."""
-    fabric = task.samples[0].trial.design.fabric
+    fabric = task.data.trials[0].design.fabric
     size = fabric.width, fabric.height
     every = fit_vector(["all"], factors=task.factors, scope=task.scope, channels=task.channels, size=size)
     vector = without(every, task.known)
     nothing: dict[str, float] = {}
     start = vector.start
-    for horizon in [h for h in horizons(task.samples)[:-1] if h <= EARLY]:
-        shorter = replace(task, samples=[cut(sample, horizon) for sample in task.samples])
+    for horizon in [h for h in horizons(task.data.samples)[:-1] if h <= EARLY]:
+        shorter = replace(task, data=task.data.until(horizon))
         early = shorter.fit(f"every effect to {horizon:g} s", vector, start=start, close=_EARLY_CLOSE, near=True)
         gone = negligible(early, task.tolerance)
         nothing |= gone
@@ -73,10 +72,10 @@ def select(task: Task) -> Selection:
     found, small = backwards(task, everything)
     plain = task.fit("plain", vector.without_effects, everything.inputs, near=found is not None)
     chosen = found or plain
-    if chosen is not plain and LeftOut.of(plain, task.folds).scored().excess(task.floor) <= task.tolerance:
+    if chosen is not plain and LeftOut.of(plain, task.data.folds).scored().excess(task.floor) <= task.tolerance:
         small += chosen.vector.labels
         plain = chosen = task.fit("plain to its end", plain.vector, everything.inputs, plain.minimum)
-    return Selection(everything, plain, chosen, task.folds, task.floor, tuple(small), nothing)
+    return Selection(everything, plain, chosen, task.data.folds, task.floor, tuple(small), nothing)
 
 
 def negligible(early: Fit, tolerance: float) -> dict[str, float]:

@@ -7,11 +7,12 @@ import numpy as np
 
 from fabdesign.checkpoint import Arrays, Checkpoint
 from fabdesign.forward import ForwardModel
-from optimize.fit.clouds import Array, Sample
+from optimize.fit.clouds import Array
 from optimize.fit.descent import CLOSE, Fit, concluded, fit
-from optimize.fit.inputs import Accuracy, InputErrors
+from optimize.fit.inputs import InputErrors
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import FitProblem
+from studies.measured_data import MeasuredData
 
 Say = Callable[[str], None]
 
@@ -20,12 +21,9 @@ Say = Callable[[str], None]
 class Task:
     """What is fitted. start: of the factors. known: effects that the model has and that stay as they are."""
 
-    samples: Sequence[Sample]
+    data: MeasuredData
     forward: ForwardModel
-    folds: Sequence[int]
-    floor: float  # m, RMS of the noise in the residuals
     tolerance: float  # m of excess
-    accuracy: Accuracy
     factors: dict[str, float]
     known: Sequence[str]
     scope: str | None  # of the muscles' effects
@@ -33,8 +31,13 @@ class Task:
     say: Say
 
     @property
+    def floor(self) -> float:
+        """m, RMS of the noise in the residuals."""
+        return self.data.noise.sigma
+
+    @property
     def channels(self) -> int:
-        return max(s.trial.design.channels for s in self.samples)
+        return max(trial.design.channels for trial in self.data.trials)
 
     def fit(
         self,
@@ -48,15 +51,15 @@ class Task:
     ) -> Fit:
         """As `optimize.fit.descent.fit`. Where it ended and its Jacobian are kept; the motions there are made again.
         named: in the folder and in what is said. inputs: what errors of them do, where that is known."""
-        problem = FitProblem(self.samples, self.forward, self.forward, vector)
+        problem = FitProblem(self.data.samples, self.forward, self.forward, vector)
         fresh: list[Fit] = []
 
         def compute() -> Arrays:
             found = fit(
-                self.samples,
+                self.data.samples,
                 self.forward,
                 vector=vector,
-                accuracy=inputs or self.accuracy,
+                accuracy=inputs or self.data.accuracy,
                 start=start,
                 close=close,
                 near=near,

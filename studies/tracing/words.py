@@ -78,7 +78,7 @@ def as_text(outcome: Outcome) -> str:
         if row["name"] != "none":
             what = "gains" if row["chosen"] else "would gain"
             lines.append(f"  {row['name']:<20} {what} {row['gain']:6.2f} mm (90 % {low:.2f} to {high:.2f})")
-    lines.append(f"left out: {outcome.share_left_out:.0%} of the frames")
+    lines.append(f"left out: {outcome.data.used.share_left_out:.0%} of the frames")
     lines += outcome.said
     if (experiment := experiment_in_words(outcome)) is not None:
         lines.append(f"next: {experiment}")

@@ -27,7 +27,8 @@ from fabdesign.output import MARK, WorkFolder, others_in, own_files, work_folder
 from fabdesign.predictor import Predictor
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import in_mm
-from studies.evaluate import ERRORS, noise_of
+from studies.evaluate import ERRORS
+from studies.measured_data import noise_of
 from studies.training.data import Chosen, Progress, choose, simulated
 from studies.used_frames import UsedFrames
 

@@ -1,0 +1,133 @@
+"""What a fit takes of measurement sets: trials, points of their frames, the sensor's noise, folds, provenance."""
+
+import importlib.metadata
+import platform
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign import SIMULATOR, __version__
+from fabdesign.checkpoint import sha256
+from fabdesign.errors import InputError
+from fabdesign.model import Provenance
+from fabdesign.sensor_noise import SensorNoise, estimate_noise
+from fabdesign.splits import by_program
+from fabdesign.trial import Accuracy, MeasurementSet, Trial
+from optimize.fit.clouds import Sample, cut, sample_trial
+from studies.used_frames import UsedFrames
+
+NOISE_FRAMES = 40  # clouds that the sensor's noise is estimated from: strays are few
+
+
+class TooLittle(InputError):
+    """Too few trials or frames to fit."""
+
+
+@dataclass(frozen=True)
+class Density:
+    """What is drawn of each trial: frames spread over its first `until` s, and random points of each."""
+
+    until: float  # s
+    frames: int
+    points: int
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredData:
+    """trials: those that a fit looks at, of the sets, each with frames that are used. samples: one a trial. noise: of
+    the sensor. accuracy: of the inputs, the worst of the sets; None: they are
+    exact."""
+
+    sets: tuple[MeasurementSet, ...]
+    trials: tuple[Trial, ...]
+    samples: tuple[Sample, ...]
+    noise: SensorNoise
+    used: UsedFrames
+    accuracy: Accuracy | None
+    seed: int
+
+    @staticmethod
+    def of(
+        sets: Sequence[MeasurementSet], trials: Sequence[Trial], used: UsedFrames, density: Density, *, seed: int
+    ) -> "MeasuredData":
+        """Drawn by `seed`. Raises TooLittle where no trial has a frame that is used."""
+        rng = np.random.default_rng(seed)
+        samples: list[Sample] = []
+        for trial in trials:
+            measured = next(m for m in sets if any(t.file == trial.file for t in m.trials))
+            data = trial.load()
+            sample = sample_trial(
+                trial,
+                data,
+                used.at(measured, trial, data.time),
+                until=density.until,
+                frames=density.frames,
+                points=density.points,
+                rng=rng,
+            )
+            samples += [] if sample is None else [sample]
+        if not samples:
+            raise TooLittle(
+                f"{', '.join(trial.name for trial in trials)}: every frame is sensitive, small changes of the inputs "
+                "lead to another shape; expected trials whose pressures decide to which side the cloth bends"
+            )
+        worst = Accuracy.worst([measured.accuracy for measured in sets])
+        alike = [t for t in trials if t.design.fabric.thickness == trials[0].design.fabric.thickness]
+        return MeasuredData(
+            sets=tuple(sets),
+            trials=tuple(sample.trial for sample in samples),
+            samples=tuple(samples),
+            noise=noise_of(alike),
+            used=used,
+            accuracy=worst if worst.pressure or worst.tilt else None,
+            seed=seed,
+        )
+
+    def without(self, gone: Collection[int]) -> "MeasuredData":
+        """Less some trials, by their places."""
+        kept = [k for k in range(len(self.trials)) if k not in gone]
+        return replace(self, trials=tuple(self.trials[k] for k in kept), samples=tuple(self.samples[k] for k in kept))
+
+    def until(self, horizon: float) -> "MeasuredData":
+        """The first `horizon` s of each trial."""
+        return replace(self, samples=tuple(cut(sample, horizon) for sample in self.samples))
+
+    @cached_property
+    def folds(self) -> tuple[int, ...]:
+        """Of each trial: those with the same pressures are one fold."""
+        fold = {id(trial): k for k, group in enumerate(by_program(self.trials)) for trial in group}
+        return tuple(fold[id(trial)] for trial in self.trials)
+
+    def provenance(self) -> Provenance:
+        """Every trial that was not fitted counts as held out. Hashes are of the files fitted, before anything else."""
+        named = [(measured.name, trial) for measured in self.sets for trial in measured.trials]
+        files = {trial.file for trial in self.trials}
+        return Provenance(
+            sets=tuple(measured.name for measured in self.sets),
+            fitted=tuple(f"{name}/{trial.name}" for name, trial in named if trial.file in files),
+            held_out=tuple(f"{name}/{trial.name}" for name, trial in named if trial.file not in files),
+            versions={"python": platform.python_version(), "fabdesign": __version__, "simulator": SIMULATOR}
+            | {name: importlib.metadata.version(name) for name in ("numpy", "scipy", "taichi")},
+            hashes={f"{name}/{trial.file.name}": sha256(trial.file) for name, trial in named if trial.file in files},
+            seed=self.seed,
+        )
+
+
+def noise_of(trials: Sequence[Trial]) -> SensorNoise:
+    """The noise of the sensor that saw cloths of one thickness, from frames spread over the trials, the first of each
+    among them: the cloth is flattest there."""
+    return estimate_noise(noise_clouds(trials), trials[0].design.fabric.thickness)
+
+
+def noise_clouds(trials: Sequence[Trial]) -> list[NDArray[np.float64]]:
+    """Clouds (n_t, 3) m that the noise is estimated from."""
+    chosen = [trials[i] for i in np.linspace(0, len(trials) - 1, min(len(trials), NOISE_FRAMES)).astype(int)]
+    each = -(-NOISE_FRAMES // len(chosen))
+    clouds = []
+    for trial in chosen:
+        frames = trial.load().frames
+        clouds += [frames[i] for i in np.linspace(0, len(frames) - 1, min(each, len(frames))).astype(int)]
+    return clouds
