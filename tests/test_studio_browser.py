@@ -95,11 +95,6 @@ def test_a_sitting(page: Page, tmp_path: Path) -> None:
     page.wait(exact(other_than=f"Chamfer {own}"), seconds=WAIT)
     assert float(chamfer(page)) < float(own)
 
-    shown = chamfer(page)
-    page.run(SECOND_TAB)
-    page.wait(f"(text => text && text.includes({f'Chamfer {shown}'!r}))({IN_SECOND_TAB})", seconds=WAIT)
-    page.run("document.getElementById('second').remove()")
-
     page.open_tab("Files")
     page.press_button("Save")
     page.wait(holds("files in basic_studio"), seconds=WAIT)
@@ -115,13 +110,6 @@ def test_a_sitting(page: Page, tmp_path: Path) -> None:
     assert kpa[0] == pytest.approx(kpa[1], abs=0.1)
 
 
-SECOND_TAB = """(() => {
-  const frame = document.createElement('iframe');
-  frame.id = 'second', frame.src = location.href;
-  frame.style = 'position:fixed; left:0; top:0; width:760px; height:300px; z-index:-1';
-  document.body.append(frame);
-})()"""  # another client of the server
-IN_SECOND_TAB = "document.getElementById('second').contentDocument.body?.innerText"
 WATCH_HEAD = """(() => {
   const height = name => document.getElementById('studio-' + name).offsetHeight;
   window.heights = new Set();
