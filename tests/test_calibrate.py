@@ -24,7 +24,7 @@ from optimize.fit.parameters import DECLARED, PRIOR, fit_vector
 from optimize.fit.problem import Evaluation, Linearisation
 from sim.motion import faces
 from studies.bad_data import sound_trials
-from studies.calibration.calibrate import calibrate
+from studies.calibration.calibrate import DRAWN, calibrate
 from studies.calibration.engine_difference import engine_difference
 from studies.calibration.reliability import interval_warnings, noise_rms
 from studies.calibration.report import as_text
@@ -254,7 +254,8 @@ def test_model_error_widens_intervals(measured, monkeypatch):
 
     right, wrong = width(0.0), width(0.2)
     assert wrong > 2 * right
-    monkeypatch.setattr("studies.calibration.calibrate.POINTS", 60)  # a fifth of them, drawn four times
+    fifth = dataclasses.replace(DRAWN, points=DRAWN.points // 5)
+    monkeypatch.setattr("studies.calibration.calibrate.DRAWN", fifth)  # drawn four times
     assert wrong > 0.9 * np.median([width(0.2, seed) for seed in range(4)])
 
 
@@ -326,7 +327,7 @@ def test_slopes_that_are_too_small_by_half_do_not_keep_the_descent_from_its_end(
         def with_jacobian(self, evaluation, jacobian):
             return Linearisation(evaluation.x, [], evaluation.found, jacobian)
 
-        def linearise(self, evaluation, along):
+        def linearise(self, evaluation, along, old=None, fresh=None):
             return self.with_jacobian(evaluation, slopes / 1.95)
 
     problem = Line()
