@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optimize.fit.clouds import Array, Indices, Match, frames_of
-from optimize.fit.descent import Fit
+from optimize.fit.fitted import Fit
 from optimize.fit.inputs import InputErrors
 from optimize.fit.normal import Normal, whitened
 

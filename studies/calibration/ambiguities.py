@@ -3,7 +3,7 @@
 import numpy as np
 
 from fabdesign.units import in_mm
-from optimize.fit.descent import Fit
+from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitParameter
 
 _LITTLE = 0.8  # of the prior's standard deviation left: the data say little

@@ -15,7 +15,8 @@ from fabdesign.splits import fit_trials
 from fabdesign.trial import Accuracy, MeasurementSet
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Sample, evenly
-from optimize.fit.descent import Fit, Progress, fit, parts
+from optimize.fit.descent import Progress, fit, parts
+from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
 from studies.bad_data import Tolerance
 from studies.calibration.ambiguities import ambiguities

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.csv_table import decimal, read_rows
-from optimize.fit.descent import Fit
+from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
 
 Array = NDArray[np.float64]

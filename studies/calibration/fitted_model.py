@@ -8,7 +8,7 @@ from fabdesign.design import Design
 from fabdesign.effects import EFFECTS
 from fabdesign.forward import MUSCLE_TYPES, OF_MUSCLES
 from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
-from optimize.fit.descent import Fit
+from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitParameter
 
 QUANTILE = 1.645  # two-sided 90 %

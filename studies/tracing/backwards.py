@@ -8,7 +8,7 @@ import numpy as np
 from fabdesign.effects import EFFECTS
 from fabdesign.forward import Term
 from optimize.fit.clouds import Array, Indices
-from optimize.fit.descent import Fit
+from optimize.fit.fitted import Fit
 from optimize.fit.inputs import InputErrors
 from optimize.fit.left_out import LeftOut
 from optimize.fit.needed import conditioned, cost, needed

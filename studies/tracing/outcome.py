@@ -13,7 +13,7 @@ from fabdesign.model import EffectTerm, Model
 from fabdesign.trial import Accuracy
 from fabdesign.units import in_mm
 from optimize.fit.clouds import frames_of
-from optimize.fit.descent import Fit
+from optimize.fit.fitted import Fit
 from studies.calibration.engine_difference import with_engines
 from studies.calibration.fitted_model import fitted_model
 from studies.measured_data import MeasuredData

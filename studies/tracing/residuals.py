@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fabdesign.sheet import Sheet
 from optimize.fit.clouds import Array, Match, Sample
-from optimize.fit.descent import Fit
+from optimize.fit.fitted import Fit
 from optimize.fit.left_out import LeftOut, Scored
 
 

@@ -10,7 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from optimize.fit.descent import Fit, horizons
+from optimize.fit.descent import horizons
+from optimize.fit.fitted import Fit
 from optimize.fit.left_out import LeftOut
 from optimize.fit.parameters import FitVector, fit_vector
 from studies.tracing.backwards import Gain, backwards, gains_of, parts_of

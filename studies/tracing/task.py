@@ -8,7 +8,8 @@ import numpy as np
 from fabdesign.checkpoint import Arrays, Checkpoint
 from fabdesign.forward import ForwardModel
 from optimize.fit.clouds import Array
-from optimize.fit.descent import CLOSE, Fit, concluded, fit
+from optimize.fit.descent import CLOSE, fit
+from optimize.fit.fitted import Fit, concluded
 from optimize.fit.inputs import InputErrors
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import FitProblem
