@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from sheets import rolled_sheet
 
 from fabdesign.catalogue import build
+from fabdesign.checkpoint import Checkpoint
 from fabdesign.effects.acting import acting_pressure, specimen_of
 from fabdesign.errors import InputError
 from fabdesign.forward import PARAMETERS, Case, Term
@@ -16,6 +17,7 @@ from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
 from fabdesign.metrics import Errors
 from fabdesign.model import Model
 from fabdesign.model_file import read_model
+from fabdesign.output import work_folder
 from fabdesign.predictor import Predictor
 from fabdesign.pressure import PressureProgram
 from fabdesign.sensor_noise import SensorNoise
@@ -28,10 +30,11 @@ from optimize.fit.needed import conditioned, cost, needed
 from optimize.fit.normal import _bounded_step
 from optimize.fit.parameters import fit_vector
 from studies.measured_data import MeasuredData
-from studies.tracing.backwards import NEEDED, sparse
+from studies.tracing.backwards import NEEDED, backwards, sparse
 from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
 from studies.tracing.run import DRAWN, trace_set
+from studies.tracing.task import Task
 from studies.tracing.verdict import Evidence, decide, explains
 from studies.used_frames import UsedFrames
 from tests.few_effects import few_effects
@@ -333,6 +336,21 @@ def test_several_effects_are_found_together_and_no_other(late):
     assert terms["supply_droop"]["share"] == pytest.approx(0.15, abs=0.03)
     assert terms["filling_lag"]["fill"] == pytest.approx(0.3, abs=0.03)
     assert found.normal.scale == pytest.approx(data.noise.sigma, rel=0.1)
+
+
+def test_each_of_several_effects_but_the_strongest_is_confirmed_by_a_fit_without_it(late, tmp_path):
+    joint, data = late
+    forward, said = Predictor(Curler(), Model(), sensing=True), []
+    with work_folder(tmp_path / "out", made_by="trace") as work:
+        task = Task(
+            data, forward, 0.5e-3, {}, known=[], scope=None, checkpoint=Checkpoint(work, {}),
+            say=lambda line: said.append(line.partition(",")[0]),
+        )  # fmt: skip
+        found, small = backwards(task, joint)
+    assert sorted(found.vector.labels) == ["filling_lag", "supply_droop"]
+    assert not small
+    assert {name for name in said if " " in name} == {"filling_lag supply_droop"}
+    assert len({name for name in said if " " not in name}) == 1  # the stronger alone
 
 
 def _precision(found):
