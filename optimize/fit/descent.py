@@ -9,6 +9,7 @@ import numpy as np
 from fabdesign.forward import ForwardModel
 from fabdesign.surface import CAP
 from fabdesign.trial import Accuracy
+from fabdesign.units import in_mm
 from optimize.fit.clouds import Array, Indices, Sample, cut
 from optimize.fit.fitted import Fit, capped, concluded
 from optimize.fit.inputs import InputErrors, input_errors
@@ -166,7 +167,7 @@ def _descend(
     for iteration in range(1, _ITERATIONS + 1):
         step, normal = step_to_minimum(problem.samples, state, weight, damping, problem.vector, inputs, far)
         promised = -loss(problem.samples, state, _promised(state, step), normal, weight, inputs)
-        line = f"{named}iteration {iteration}: {1e3 * capped(state.found.residual):.3f} mm RMS"
+        line = f"{named}iteration {iteration}: {in_mm(capped(state.found.residual)):.3f} mm RMS"
         progress(line, iteration / (iteration + 2))
         reached(state, iteration - 1)
         evaluations = problem.evaluate([problem.vector.inside(state.x + length * step) for length in _LENGTHS])

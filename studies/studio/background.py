@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 from fabdesign.errors import InputError
+from fabdesign.units import in_mm
 from studies.studio.opening import search_limits
 from studies.studio.results import Result
 from studies.studio.searching import Search, Vary, next_folder, require_searchable
@@ -68,7 +69,7 @@ class BackgroundSearch:
             result.found(found.layouts, found.objective)
             count = len(self._session.targets.all)
             of = "" if count == 1 else f", mean of {count} poses,"
-            figure = f"{1e3 * found.objective:.2f} mm{of} after {found.evaluations} evaluations"
+            figure = f"{in_mm(found.objective):.2f} mm{of} after {found.evaluations} evaluations"
             result.state = f"{figure}; {found.stop_reason}"
             self._session.view.show_search(result.state, running=running)
             self._session.drawings.changed(result)

@@ -10,6 +10,7 @@ from fabdesign.metrics import Errors
 from fabdesign.surface import CAP, Surface, capped_rms
 from fabdesign.trial import Trial
 from fabdesign.trial_file import TrialData
+from fabdesign.units import in_mm
 from studies.studio.solver import Correction
 
 APART = 1e-3  # m: surfaces nearer than that, drawn through each other, only flicker
@@ -68,12 +69,12 @@ class TrialMotion:
         if distances is None:
             return text
         if self.simulated is None:
-            return f"{text}: surface RMS {1e3 * capped_rms(distances):.2f} mm"
+            return f"{text}: surface RMS {in_mm(capped_rms(distances)):.2f} mm"
         before = self._distances(self.simulated, frame)
         assert before is not None
         return (
-            f"{text}: surface RMS {1e3 * capped_rms(distances):.2f} mm corrected, "
-            f"{1e3 * capped_rms(before):.2f} mm without the corrector"
+            f"{text}: surface RMS {in_mm(capped_rms(distances)):.2f} mm corrected, "
+            f"{in_mm(capped_rms(before)):.2f} mm without the corrector"
         )
 
 
@@ -101,4 +102,4 @@ def errors_table(found: dict[str, tuple[Errors, ...]]) -> str:
 
 
 def _millimetres(value: float) -> str:
-    return f"{1e3 * value:.2f}" if np.isfinite(value) else "not known"
+    return f"{in_mm(value):.2f}" if np.isfinite(value) else "not known"

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from fabdesign.units import in_mm
 from studies.studio.layout import Layout
 from studies.studio.live import LiveShape
 from studies.studio.target import Comparison
@@ -78,11 +79,11 @@ def one_more_buys(result: Result, others: Sequence[Result], own: Row | None) -> 
     if not rivals:
         return None
     before, name = min(rivals)
-    less = 1e3 * (before - result.objective)
+    less = in_mm(before - result.objective)
     change = f"{less:.2f} mm less" if less >= 0 else f"{-less:.2f} mm more"
     drawn = own is not None and name == own.name
     searched = "; for a fair comparison search from here without one more as well" if drawn else ""
     return (
-        f"One more muscle: Chamfer {1e3 * result.objective:.2f} mm with {result.muscles} muscles, {change} than "
-        f"{1e3 * before:.2f} mm with {count} ({name}){searched}."
+        f"One more muscle: Chamfer {in_mm(result.objective):.2f} mm with {result.muscles} muscles, {change} than "
+        f"{in_mm(before):.2f} mm with {count} ({name}){searched}."
     )

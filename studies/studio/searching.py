@@ -17,6 +17,7 @@ from fabdesign.errors import InputError
 from fabdesign.output import new_folder
 from fabdesign.pressure_file import pressure_file_of, read_pressures
 from fabdesign.study_targets import TargetFile
+from fabdesign.units import from_mm, in_kpa
 from optimize.margins import Limits
 from studies.studio.layout import Layout
 from studies.studio.target import ShownTarget
@@ -54,7 +55,7 @@ def study_document(
     document["design"] = "design.toml"
     if model is not None:
         document["model"] = _relative(model, beside)
-    document["start_pressures"] = [pressure / 1e3 for pressure in layout.pressures]
+    document["start_pressures"] = [in_kpa(pressure) for pressure in layout.pressures]
     placed = [_placed(target.file, beside) for target in targets]
     if len(placed) == 1:
         document["target"] = placed[0]
@@ -64,7 +65,7 @@ def study_document(
             poses.append(tomlkit.item(pose))
     document["variables"] = _variables(layout, vary)
     document["limits"] = {
-        "pressure": [pressure / 1e3 for pressure in limits.pressure],
+        "pressure": [in_kpa(pressure) for pressure in limits.pressure],
         "spacing": limits.spacing,
         "edge": limits.edge,
         "seconds": float(seconds),
@@ -150,7 +151,10 @@ class Search:
         self._seen = text
         layouts = tuple(Layout.of(design, tuple(map(float, row))) for row in rows)
         return SearchResult(
-            layouts, 1e-3 * content["objective_mm"], int(content["evaluations"]), str(content.get("stop_reason", ""))
+            layouts,
+            from_mm(float(content["objective_mm"])),
+            int(content["evaluations"]),
+            str(content.get("stop_reason", "")),
         )
 
     def stop(self) -> None:

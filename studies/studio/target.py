@@ -11,6 +11,7 @@ from fabdesign.distances import nearest_distances
 from fabdesign.metrics import Errors, told_beyond
 from fabdesign.study_targets import TargetFile
 from fabdesign.surface import Surface
+from fabdesign.units import in_mm
 from studies.layouts.target import LoadedTarget, load_target, target_errors
 
 DRAWS = 5  # of a floor: it stands beside each exact shape, and is good to a few hundredths of a millimetre
@@ -48,8 +49,8 @@ class Comparison:
         """For people, mm, with the noise floors beside."""
         e = self.errors
         message = [
-            f"Chamfer {1e3 * e.chamfer:.2f} mm (noise floor {1e3 * e.chamfer_floor:.2f})",
-            f"surface RMS {1e3 * e.surface_rms:.2f} mm (noise floor {1e3 * e.surface_floor:.2f})",
+            f"Chamfer {in_mm(e.chamfer):.2f} mm (noise floor {in_mm(e.chamfer_floor):.2f})",
+            f"surface RMS {in_mm(e.surface_rms):.2f} mm (noise floor {in_mm(e.surface_floor):.2f})",
         ]
         return [*message, told_beyond(e.beyond)] if e.beyond else message
 

@@ -18,6 +18,7 @@ from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.predictor import Predictor
 from fabdesign.splits import fit_trials
 from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.units import in_mm
 from optimize.fit.clouds import Sample, evenly
 from optimize.fit.left_out import LeftOut
 from studies.calibration.fitted_model import muscle_scope
@@ -218,7 +219,7 @@ def _content(measured: MeasurementSet, trials: tuple[Trial, ...], known: Model, 
     content |= {f"design {name}": repr(design) for name, design in measured.designs.items()}
     content |= {f"role of {t.name}": t.role for t in trials}
     return content | {
-        "--tolerance": f"{1e3 * options.tolerance:g} mm",
+        "--tolerance": f"{in_mm(options.tolerance):g} mm",
         "--grid": str(options.grid or GRID),
         "--seed": str(options.seed),
         "accuracy": repr(measured.accuracy),

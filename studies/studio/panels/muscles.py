@@ -3,6 +3,7 @@
 from functools import partial
 from typing import Any
 
+from fabdesign.units import from_mm, in_mm
 from studies.studio.layout import (
     Layout,
     add_corner,
@@ -43,7 +44,7 @@ class MusclePanel:
             self._snap = gui.add_checkbox("Snap to rows", session.snap)
             on_input(self._snap, post, self._set_snap)
             self._rows = gui.add_number(
-                "Rows, mm", 1e3 * session.row_distance, min=1e3 * LEAST_SPACING, max=100.0, step=0.5
+                "Rows, mm", in_mm(session.row_distance), min=in_mm(LEAST_SPACING), max=100.0, step=0.5
             )
             on_input(self._rows, post, self._set_rows)
 
@@ -70,10 +71,10 @@ class MusclePanel:
                 on_input(field, self._post, partial(self._typed, k))
                 self._corners.append(field)
         for field, (u, v) in zip(self._corners, path, strict=True):
-            put(field, (round(1e3 * u, 3), round(1e3 * v, 3)))
+            put(field, (round(in_mm(u), 3), round(in_mm(v), 3)))
 
     def _typed(self, corner: int, at: tuple[float, float]) -> None:
-        to = (at[0] / 1e3, at[1] / 1e3)
+        to = (from_mm(at[0]), from_mm(at[1]))
         self._edit("corner typed", lambda layout, i: move_corner(layout, i, corner, to))
 
     def _select(self, name: str) -> None:
@@ -104,7 +105,7 @@ class MusclePanel:
         self._session.view.show_layout()
 
     def _set_rows(self, millimetres: float) -> None:
-        self._session.row_distance = max(millimetres / 1e3, LEAST_SPACING)
+        self._session.row_distance = max(from_mm(millimetres), LEAST_SPACING)
         self._session.view.show_layout()
 
 

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+from fabdesign.units import from_kpa, in_kpa
 from studies.studio.layout import highest
 from studies.studio.panels.asking import Post, on_input, put
 from studies.studio.session import Session
@@ -24,9 +25,9 @@ class PressurePanel:
                 self._sliders = [self._slider(channel, end) for channel, end in enumerate(ends)]
             self._ends = ends
         for slider, pressure, end in zip(self._sliders, layout.pressures, ends, strict=True):
-            put(slider, round(min(pressure, end) / 1e3, 1))
+            put(slider, round(in_kpa(min(pressure, end)), 1))
 
     def _slider(self, channel: int, end: float) -> Any:
-        slider = self._gui.add_slider(f"Channel {channel}, kPa", 0.0, round(end / 1e3, 1), 1.0, 0.0)
-        on_input(slider, self._post, lambda value: self._session.press(channel, 1e3 * value))
+        slider = self._gui.add_slider(f"Channel {channel}, kPa", 0.0, round(in_kpa(end), 1), 1.0, 0.0)
+        on_input(slider, self._post, lambda value: self._session.press(channel, from_kpa(value)))
         return slider

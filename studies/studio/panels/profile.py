@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from fabdesign.units import in_mm
 from studies.studio.band import lower_edge
 from studies.studio.session import Session
 
@@ -36,11 +37,11 @@ class ProfilePanel:
         low, high = (float(f(curves)) for f in (np.min, np.max))
         spare = max(_LEAST - (high - low), 0.1 * (high - low)) / 2
         plot = _Plot(len(z), low - spare, high + spare)
-        parts = [plot.axes(1e3 * shape.layout.design.fabric.width)]
+        parts = [plot.axes(in_mm(shape.layout.design.fabric.width))]
         said = "no intervals: the model has no joint covariance"
         if band is not None:
             parts.append(plot.band(z - half, z + half))
-            said = f"band: 90 % intervals of the model, at most ±{1e3 * half.max():.2f} mm"
+            said = f"band: 90 % intervals of the model, at most ±{in_mm(half.max()):.2f} mm"
         elif session.shapes.bands:
             said = "intervals follow the exact shape"
         if simulated is not None:
@@ -80,7 +81,7 @@ class _Plot:
         text = 'font-size="11" fill="#3b4654"'
         lines = f'<path d="M{left} 6V{bottom}H{right}" stroke="#8a94a0" fill="none"/>'
         ends = [
-            f'<text x="{left - 4}" y="{self._y(v) + 4:.0f}" text-anchor="end" {text}>{1e3 * v:.1f}</text>'
+            f'<text x="{left - 4}" y="{self._y(v) + 4:.0f}" text-anchor="end" {text}>{in_mm(v):.1f}</text>'
             for v in (self._low, (self._low + self._high) / 2, self._high)
         ]
         places = [

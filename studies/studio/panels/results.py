@@ -3,6 +3,7 @@
 from html import escape
 from typing import Any
 
+from fabdesign.units import in_kpa, in_mm
 from studies.studio.panels.asking import Post, on_click, on_input, put
 from studies.studio.results import one_more_buys
 from studies.studio.session import Session
@@ -37,7 +38,7 @@ class ResultPanel:
         lines = [
             f"<tr style='font-weight:{'bold' if row.shown else 'normal'}'><td>{escape(row.name)}</td>"
             f"<td>{row.muscles}</td><td>{_millimetres(row.chamfer)}</td><td>{_millimetres(row.surface_rms)}</td>"
-            f"<td>{row.highest / 1e3:.0f}</td></tr>"
+            f"<td>{in_kpa(row.highest):.0f}</td></tr>"
             for row in rows
         ]
         style = "font-size:0.82em; margin:0.4em 0.9em; text-align:right; border-spacing:0.7em 0.2em"
@@ -55,4 +56,4 @@ class ResultPanel:
 
 
 def _millimetres(value: float | None) -> str:
-    return "" if value is None else f"{1e3 * value:.2f}"
+    return "" if value is None else f"{in_mm(value):.2f}"

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from fabdesign.units import in_mm
 from studies.studio.live import LiveShape
 from studies.studio.scene import heat
 from studies.studio.session import Session
@@ -38,7 +39,7 @@ class StatusPanel:
         lines = [*_mark(shape), *_numbers(shape.points)]
         if shape.jump is not None:
             lines.append(
-                f"<b>Jump to another stable shape</b>, {1e3 * shape.jump:.1f} mm RMS; the one before in orange"
+                f"<b>Jump to another stable shape</b>, {in_mm(shape.jump):.1f} mm RMS; the one before in orange"
             )
         if shape.correction is not None:
             lines.append(escape(_corrected(shape, shape.correction)))
@@ -75,8 +76,8 @@ def scale_bar(largest: float | None, what: str) -> str:
     """The colours of distances from 0 to `largest` [m]; None: only the room for it."""
     stops = ", ".join(f"rgb{tuple(map(int, c))}" for c in heat(np.linspace(0, 1, 4), 1.0))
     bar = f'<div style="background:linear-gradient(90deg,{stops}); height:0.7em; border:1px solid #999"></div>'
-    said = f"distance, {what}: 0 to {1e3 * (largest or 0.0):.1f} mm; its end is the 98th percentile, "
-    said += f"{1e3 * LEAST_SCALE:g} mm at least"
+    said = f"distance, {what}: 0 to {in_mm(largest or 0.0):.1f} mm; its end is the 98th percentile, "
+    said += f"{in_mm(LEAST_SCALE):g} mm at least"
     shown = f"{bar}{said}" if largest is not None else f'<div style="visibility:hidden">{bar}{said}</div>'
     return _box("scale", shown, "#ffffff")
 
@@ -101,8 +102,8 @@ def _corrected(shape: LiveShape, correction: Correction) -> str:
     if not shape.exact:
         return f"Corrected once it is exact: {far}"
     moved = correction.moved(shape.points)
-    rms = 1e3 * float(np.sqrt(np.square(moved).mean()))
-    return f"Corrected by {rms:.2f} mm RMS, at most {1e3 * moved.max():.2f} mm: {far}"
+    rms = in_mm(float(np.sqrt(np.square(moved).mean())))
+    return f"Corrected by {rms:.2f} mm RMS, at most {in_mm(moved.max()):.2f} mm: {far}"
 
 
 def _numbers(points: np.ndarray) -> tuple[str, str]:
@@ -110,10 +111,10 @@ def _numbers(points: np.ndarray) -> tuple[str, str]:
     side = round(half**0.5)
     middle = ((points[:half] + points[half:]) / 2).reshape(side, side, 3)
     edge = middle[-1]
-    x, y, z = 1e3 * edge[side // 2]
+    x, y, z = in_mm(edge[side // 2])
     return (
         f"lower edge, middle: x {x:.1f}, y {y:.1f}, z {z:.1f} mm;",
-        f"its corners: z {1e3 * edge[0, 2]:.1f} and {1e3 * edge[-1, 2]:.1f} mm",
+        f"its corners: z {in_mm(edge[0, 2]):.1f} and {in_mm(edge[-1, 2]):.1f} mm",
     )
 
 

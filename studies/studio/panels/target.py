@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from fabdesign.units import from_mm, in_mm
 from studies.studio.panels.asking import Post, on_click, on_input, put
 from studies.studio.searching import VARIES
 from studies.studio.session import Session
@@ -51,7 +52,7 @@ class TargetPanel:
                 self._pose.options = names
             put(self._pose, names[min(self._session.targets.pose, len(names) - 1)])
             put(self._file, str(target.file.file))
-        put(self._shift, tuple(round(1e3 * x, 3) for x in target.file.translation))
+        put(self._shift, tuple(round(in_mm(x), 3) for x in target.file.translation))
         put(self._turn, target.file.rotation or (0.0, 0.0, 0.0))
 
     def show_search(self, message: str, *, running: bool) -> None:
@@ -67,7 +68,7 @@ class TargetPanel:
         self.show()
 
     def _typed(self) -> None:
-        self.place(tuple(self._turn.value), tuple(x / 1e3 for x in self._shift.value))
+        self.place(tuple(self._turn.value), tuple(from_mm(x) for x in self._shift.value))
 
     def place(self, rotation: tuple[float, ...], translation: tuple[float, ...]) -> None:
         """By hand: rotation in degrees about the fixed axes, translation in m."""
