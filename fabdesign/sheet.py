@@ -30,14 +30,9 @@ class Sheet:
 Sheets = Callable[[Sequence[Case], Sequence[NDArray[np.float64]]], list[Sheet]]
 
 
-def sheets(forward: ForwardModel, cases: Sequence[Case], times: Sequence[NDArray[np.float64]]) -> list[Sheet]:
-    """Motions of the cases at their `times` [s]. A forward model that has no `sheets` of its own is asked for faces,
-    whose mean is the mid-surface."""
-    return sheets_of(forward)(cases, times)
-
-
 def sheets_of(forward: ForwardModel) -> Sheets:
-    """`sheets` of one forward model: its own, where it has it."""
+    """What gives motions of cases at their `times` [s]: the forward model's own `sheets`. One that has none is asked
+    for faces, whose mean is the mid-surface."""
     own: Sheets | None = getattr(forward, "sheets", None)
     return own or (lambda cases, times: [of_faces(points) for points in forward.motions(cases, times)])
 

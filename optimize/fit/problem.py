@@ -7,7 +7,7 @@ from math import isqrt
 import numpy as np
 
 from fabdesign.forward import Case, ForwardModel
-from fabdesign.sheet import Sheet, sheets
+from fabdesign.sheet import Sheet, sheets_of
 from optimize.fit.clouds import Array, Indices, Match, Sample, derivatives, match, nodes_of
 from optimize.fit.parameters import DECLARED, FitVector
 
@@ -82,4 +82,4 @@ class FitProblem:
 
     def _sheets(self, forward: ForwardModel, cases: Sequence[Case]) -> list[Sheet]:
         """Of cases, a sample each in turn."""
-        return sheets(forward, cases, [self.samples[k % len(self.samples)].times for k in range(len(cases))])
+        return sheets_of(forward)(cases, [self.samples[k % len(self.samples)].times for k in range(len(cases))])
