@@ -2,11 +2,14 @@
 here and nowhere else."""
 
 from decimal import Decimal
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-from numpy.typing import NDArray
+if TYPE_CHECKING:  # the help of a command needs no numpy, which takes a fifth of a second to load
+    from typing import Any
 
-Number = TypeVar("Number", float, NDArray[Any])
+    from numpy.typing import NDArray
+
+Number = TypeVar("Number", float, "NDArray[Any]")
 
 
 def in_mm(metres: Number) -> Number:

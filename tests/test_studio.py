@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -918,9 +919,15 @@ def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
     files = {*tmp_path.iterdir()}
     command = [sys.executable, "-m", "fabdesign", "studio", "basic.toml", "--no-browser"]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    with subprocess.Popen(
-        command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as program:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # one that ignores it is inherited
+    with ExitStack() as stack:
+        stack.callback(signal.signal, signal.SIGINT, before)
+        program = stack.enter_context(
+            subprocess.Popen(
+                command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            )
+        )
+        stack.callback(program.kill)  # else a failure would wait for it
         assert program.stdout is not None
         port = int(program.stdout.readline().strip().rstrip("/").rpartition(":")[2])
         children = Path(f"/proc/{program.pid}/task/{program.pid}/children")

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -13,7 +13,9 @@ from fabdesign import __version__
 from fabdesign.effort import COARSEST, FINEST
 from fabdesign.errors import InputNote
 from fabdesign.json_file import json_text
-from fabdesign.model import Model
+
+if TYPE_CHECKING:
+    from fabdesign.model import Model
 
 
 class _Finite(click.types.FloatParamType):
@@ -71,8 +73,10 @@ def tell(line: str) -> None:
     click.echo(line, err=True)
 
 
-def points_per_side(grid: int | None, model: Model | None) -> int:
+def points_per_side(grid: int | None, model: "Model | None") -> int:
     """Of the grid: as asked for, else what the model's factors were found on."""
+    from fabdesign.model import Model
+
     return grid or (model or Model()).points_per_side
 
 
