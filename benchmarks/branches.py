@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from fabdesign.forward import Case, Term
 from fabdesign.measurement_set import read_set
 from fabdesign.metrics import surface_rms
-from fabdesign.model import Model
 from fabdesign.model_file import read_model
 from fabdesign.predictor import Predictor
 from fabdesign.trial import Trial
@@ -114,7 +113,7 @@ def main() -> None:
     parser.add_argument("--design", nargs="*", default=())
     parser.add_argument("--grid", type=int, default=41)
     options = parser.parse_args()
-    model: Model = replace(read_model(options.model), corrector=None)
+    model = read_model(options.model).without(["corrector"])
     trials = [t for t in read_set(options.set).trials if not options.design or t.design.name in options.design]
     found = list(branches_of(trials, Predictor(Simulator(options.grid), model, sensing=True)))
     print(table(found))

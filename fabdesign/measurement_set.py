@@ -109,7 +109,7 @@ def write_set(
         rate.comment("Hz")
         document["frame_rate"] = rate
     if accuracy != USUAL:
-        document["accuracy"] = {"pressure": accuracy.pressure, "tilt_deg": accuracy.tilt}
+        document["accuracy"] = accuracy.as_json()
     document["designs"] = {key: f"{key}.toml" for key in designs}
     listed = tomlkit.aot()
     with new_folder(folder, made_by=made_by, force=force, inputs=inputs) as unfinished:

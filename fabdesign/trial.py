@@ -63,6 +63,13 @@ class Accuracy:
     pressure: float = 0.01
     tilt: float = 0.5
 
+    @property
+    def is_exact(self) -> bool:
+        return not (self.pressure or self.tilt)
+
+    def as_json(self) -> dict[str, float]:
+        return {"pressure": self.pressure, "tilt_deg": self.tilt}
+
     @staticmethod
     def worst(accuracies: "Sequence[Accuracy]") -> "Accuracy":
         return Accuracy(max(one.pressure for one in accuracies), max(one.tilt for one in accuracies))

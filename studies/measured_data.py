@@ -38,15 +38,14 @@ class Density:
 @dataclass(frozen=True, eq=False)
 class MeasuredData:
     """trials: those that a fit looks at, of the sets, each with frames that are used. samples: one a trial. noise: of
-    the sensor. accuracy: of the inputs, the worst of the sets; None: they are
-    exact."""
+    the sensor. accuracy: of the inputs, the worst of the sets."""
 
     sets: tuple[MeasurementSet, ...]
     trials: tuple[Trial, ...]
     samples: tuple[Sample, ...]
     noise: SensorNoise
     used: UsedFrames
-    accuracy: Accuracy | None
+    accuracy: Accuracy
     seed: int
 
     @staticmethod
@@ -74,7 +73,6 @@ class MeasuredData:
                 f"{', '.join(trial.name for trial in trials)}: every frame is sensitive, small changes of the inputs "
                 "lead to another shape; expected trials whose pressures decide to which side the cloth bends"
             )
-        worst = Accuracy.worst([measured.accuracy for measured in sets])
         alike = [t for t in trials if t.design.fabric.thickness == trials[0].design.fabric.thickness]
         return MeasuredData(
             sets=tuple(sets),
@@ -82,9 +80,14 @@ class MeasuredData:
             samples=tuple(samples),
             noise=noise_of(alike),
             used=used,
-            accuracy=worst if worst.pressure or worst.tilt else None,
+            accuracy=Accuracy.worst([measured.accuracy for measured in sets]),
             seed=seed,
         )
+
+    @property
+    def weighed(self) -> Accuracy | None:
+        """What a fit weighs errors of the inputs by; None where these are exact."""
+        return None if self.accuracy.is_exact else self.accuracy
 
     def without(self, gone: Collection[int]) -> "MeasuredData":
         """Less some trials, by their places."""

@@ -179,22 +179,23 @@ def _descend(
             damping = damping / 10
             if small and (exact or near):
                 return problem.with_jacobian(evaluations[best], state.jacobian), iteration, True
+            there: Evaluation = evaluations[best]
             if not small and gains[best] > _PROMISED * promised:
-                moved = _updated(state, evaluations[best])
-                state, exact = problem.with_jacobian(evaluations[best], moved), False
-            else:
-                fresh = _needed_columns(vector, (state.x, state.x + step), normal, weight)
-                state = problem.linearise(evaluations[best], directions(normal, vector), state.jacobian, fresh)
-                exact, whole = True, len(fresh) == len(step)
+                state, exact = problem.with_jacobian(there, _updated(state, there)), False
+                continue
         elif small and exact:
             return state, iteration, True
-        elif not (exact and whole):
-            every = np.arange(len(step))
-            fresh = every if exact else _needed_columns(vector, (state.x, state.x + step), normal, weight)
-            state = problem.linearise(state, directions(normal, vector), state.jacobian, fresh)
-            exact, whole = True, len(fresh) == len(step)
-        else:
+        elif exact and whole:
             damping = max(10 * damping, _DAMPING)
+            continue
+        else:
+            there = state
+        if exact and there is state:  # what gains nothing with some columns made anew may with all
+            fresh = np.arange(len(step))
+        else:
+            fresh = _needed_columns(vector, (state.x, state.x + step), normal, weight)
+        state = problem.linearise(there, directions(normal, vector), state.jacobian, fresh)
+        exact, whole = True, len(fresh) == len(step)
     return state, _ITERATIONS, False
 
 

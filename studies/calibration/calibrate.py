@@ -12,7 +12,7 @@ from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.predictor import Predictor
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.splits import fit_trials
-from fabdesign.trial import Accuracy, MeasurementSet
+from fabdesign.trial import MeasurementSet
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Sample, evenly
 from optimize.fit.descent import Progress, fit, parts
@@ -52,11 +52,6 @@ class Calibration:
     def noise(self) -> SensorNoise:
         return self.data.noise
 
-    @property
-    def accuracy(self) -> Accuracy:
-        """Of the pressures and the frame's level, zero where these are exact."""
-        return self.data.accuracy or Accuracy(0.0, 0.0)
-
     def as_json(self) -> dict[str, Any]:
         """What `calibrate --json` prints: factors, mm."""
         parameters = {
@@ -93,7 +88,7 @@ class Calibration:
             "outlying": self.fit.outlying,
             "lost": lost,
             "skipped": list(self.skipped),
-            "input_accuracy": {"pressure": self.accuracy.pressure, "tilt_deg": self.accuracy.tilt},
+            "input_accuracy": self.data.accuracy.as_json(),
             **self.used.as_json(),
             "iterations": self.fit.iterations,
             "converged": self.fit.converged,
@@ -204,7 +199,7 @@ def _fit(
                 forward,
                 slopes=slopes,
                 vector=vector,
-                accuracy=data.accuracy,
+                accuracy=data.weighed,
                 progress=progress,
                 reached=keep,
             )

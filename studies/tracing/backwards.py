@@ -29,12 +29,17 @@ def backwards(task: Task, everything: Fit) -> tuple[Fit | None, list[str]]:
         if known is everything or set(labels) != set(known.vector.labels):
             vector, x = with_shapes(known, labels)
             known = task.fit(" ".join(labels), vector, everything.inputs, x, close=_CLOSE)
-        weak = _weakest(task, known)
+        trials = LeftOut.of(known, task.data.folds)
+        gains = gains_of(parts_of(known.vector), trials, task.floor)
+        # beside a stronger one an effect must gain more than all leave: that one's law is not quite right, and small
+        # effects take up what it lacks
+        least = max(task.tolerance, trials.scored().excess(task.floor)) if len(gains) > 1 else task.tolerance
+        weak = _weakest(gains, least)
         if weak is not None:
             small.append(weak)
             labels = [label for label in known.vector.labels if label != weak]
             continue
-        simpler = _simpler(task, known, everything.inputs)
+        simpler = _simpler(task, known, everything.inputs, trials, gains, least)
         if simpler is None:
             return known, small
         small += set(known.vector.labels) - set(simpler.vector.labels)
@@ -106,31 +111,26 @@ def _worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     while labels:
         off = np.concatenate([_NONE, *(vector.part(label) for label in vector.labels if label not in labels)])
         gains = gains_of({label: vector.part(label) for label in labels}, trials, task.floor, off)
-        weakest = min(gains, key=lambda label: gains[label][0])
-        if not _too_little(gains[weakest], task.tolerance):
+        weak = _weakest(gains, task.tolerance)
+        if weak is None:
             break
-        small.append(weakest)
-        labels.remove(weakest)
+        small.append(weak)
+        labels.remove(weak)
     return labels, small
 
 
-def _weakest(task: Task, known: Fit) -> str | None:
-    """The effect that trials left out gain least by, if that is not certain, or not more than the tolerance; or, where
-    another gains more, not more than what all of them leave: the first one's law is then not quite the right one, and
-    small effects take up what it lacks."""
-    trials = LeftOut.of(known, task.data.folds)
-    gains = gains_of(parts_of(known.vector), trials, task.floor)
+def _weakest(gains: Mapping[str, Gain], least: float) -> str | None:
+    """The effect that trials left out gain least by, if that is not certain, or less than `least` [m]."""
     weakest = min(gains, key=lambda label: gains[label][0])
-    left = trials.scored().excess(task.floor) if len(gains) > 1 else 0.0
-    return weakest if _too_little(gains[weakest], max(task.tolerance, left)) else None
+    return weakest if _too_little(gains[weakest], least) else None
 
 
-def _simpler(task: Task, known: Fit, inputs: InputErrors | None) -> Fit | None:
+def _simpler(
+    task: Task, known: Fit, inputs: InputErrors | None, trials: LeftOut, gains: Mapping[str, Gain], least: float
+) -> Fit | None:
     """A fit without one of several effects by which trials left out lose too little: what is not linear may take its
     place. The one that gains most to first order stays; alone, it is judged beside the declared parameters."""
-    trials = LeftOut.of(known, task.data.folds)
-    own, gains = trials.scored(), gains_of(parts_of(known.vector), trials, task.floor)
-    least = max(task.tolerance, own.excess(task.floor))
+    own = trials.scored()
     for label in sorted(gains, key=lambda label: gains[label][0])[:-1]:
         vector, x = with_shapes(known, [other for other in gains if other != label])
         fitted = task.fit(" ".join(vector.labels), vector, inputs, x, close=_CLOSE)

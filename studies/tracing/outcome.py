@@ -10,7 +10,6 @@ import numpy as np
 from fabdesign.effects import EFFECTS
 from fabdesign.forward import ForwardModel
 from fabdesign.model import EffectTerm, Model
-from fabdesign.trial import Accuracy
 from fabdesign.units import in_mm
 from optimize.fit.clouds import frames_of
 from optimize.fit.fitted import Fit
@@ -82,11 +81,6 @@ class Outcome:
         return float(np.mean(means < _LITTLE * means.mean()))
 
     @property
-    def _accuracy(self) -> Accuracy:
-        """Of the inputs; zero where they are exact."""
-        return self.data.accuracy or Accuracy(0.0, 0.0)
-
-    @property
     def said(self) -> list[str]:
         """Lines for people."""
         lines = []
@@ -99,9 +93,10 @@ class Outcome:
             if EFFECTS[effect.name].looks_like
         ]
         if self.share_below_tenth:
+            inputs = self.data.accuracy
             lines.append(
                 f"{self.share_below_tenth:.0%} of the frames count for less than a tenth of their share, since errors "
-                f"of the inputs ({self._accuracy.pressure:.1%} of each pressure, {self._accuracy.tilt:g} degrees of "
+                f"of the inputs ({inputs.pressure:.1%} of each pressure, {inputs.tilt:g} degrees of "
                 "level) move them most"
             )
         return lines
@@ -131,7 +126,7 @@ class Outcome:
             "unjudged_share": self.data.used.share_left_out,
             "weights": {
                 "share_below_tenth": self.share_below_tenth,
-                "input_accuracy": {"pressure": self._accuracy.pressure, "tilt_deg": self._accuracy.tilt},
+                "input_accuracy": self.data.accuracy.as_json(),
             },
             "discovered": None,
             "next_experiment": self.next_experiment,

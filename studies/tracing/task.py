@@ -60,7 +60,7 @@ class Task:
                 self.data.samples,
                 self.forward,
                 vector=vector,
-                accuracy=inputs or self.data.accuracy,
+                accuracy=inputs or self.data.weighed,
                 start=start,
                 close=close,
                 near=near,
