@@ -173,7 +173,8 @@ def _descend(
         evaluations = problem.evaluate([problem.vector.inside(state.x + length * step) for length in _LENGTHS])
         gains = [-loss(problem.samples, state, other, normal, weight, inputs) for other in evaluations]
         best = int(np.argmax(gains))
-        longest = _LENGTHS[best] * float(np.abs(step / problem.vector.scale).max())
+        # where a part of a step is best, what is left of it is not slight
+        longest = max(1.0, _LENGTHS[best]) * float(np.abs(step / problem.vector.scale).max())
         small = promised < close or longest < slight
         if gains[best] > 0:
             damping = damping / 10
