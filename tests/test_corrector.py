@@ -29,6 +29,7 @@ from fabdesign.model import Model, Parameter
 from fabdesign.model_file import read_model, write_model
 from fabdesign.pressure import PressureProgram
 from fabdesign.surface import Surface
+from optimize.fit.parameters import FitParameter, FitVector
 from studies.training.data import choose, frames_learned
 from tests.command_line import one_line
 
@@ -223,6 +224,45 @@ def test_design_held_out(tmp_path: Path) -> None:
     assert [known["name"] for known in result.about["known"]] == ["two"]
     with pytest.raises(InputError, match="no such design"):
         _train(tmp_path / "set", tmp_path / "n.toml", hold_out=["five"])
+
+
+class Weak(Bending):
+    """Muscles pull as strongly as the factor on their gain says."""
+
+    def _motion(self, case: Case, times: np.ndarray) -> np.ndarray:
+        gain = next((factor for name, factor in case.factors.items() if name.endswith("muscle_gain")), 1.0)
+        pressure = gain * case.program.pressure
+        return super()._motion(replace(case, program=replace(case.program, pressure=pressure)), times)
+
+
+def test_the_base_is_fitted_to_the_trials_that_are_learned_from(tmp_path: Path) -> None:
+    """The factor that the set was measured with comes out; a stopped training does not fit it again."""
+    measured = measure(tmp_path / "set", LEARNED[:1], trials=4)
+    vector = FitVector((FitParameter("muscle_gain", 0.3),))
+    forward = Weak()
+    result = _train(measured, tmp_path / "m.toml", base=Model(), vector=vector, forward=forward)
+    assert result.model.parameters["muscle_gain"].factor == pytest.approx(1.4, abs=0.02)
+    assert result.base == "factors fitted to the same trials"
+    (held,) = result.held_out.values()
+    assert held.sheet.surface_rms > 2 * held.before.surface_rms
+    assert set(result.model.provenance.held_out) and not set(result.model.provenance.held_out) & set(
+        result.model.provenance.fitted
+    )
+
+    def stop(what: str, done: int, total: int) -> None:
+        if what == "matched":
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        _train(measured, tmp_path / "n.toml", base=Model(), vector=vector, progress=stop, forward=forward)
+    asked: list[str] = []
+
+    def told(what: str, done: int, total: int) -> None:
+        asked.append(what)
+
+    again = _train(measured, tmp_path / "n.toml", base=Model(), vector=vector, progress=told, forward=forward)
+    assert not [what for what in asked if what.startswith("base")]
+    assert again.model.factors == result.model.factors
 
 
 class Tosser(Bending):

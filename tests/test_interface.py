@@ -125,8 +125,10 @@ BELOW = {
     ),
     "train": (
         "studies.training.train.train",
-        "train set --model model.toml --hold-out cross --seed 2 --skip-bad -o m.toml",
-        lambda: fabdesign.train(["set"], "m.toml", model="model.toml", hold_out=["cross"], seed=2, skip_bad=True),
+        "train set --model model.toml --free air_drag --hold-out cross --seed 2 --skip-bad -o m.toml",
+        lambda: fabdesign.train(
+            ["set"], "m.toml", model="model.toml", free=["air_drag"], hold_out=["cross"], seed=2, skip_bad=True
+        ),
     ),
     "trace": (
         "studies.tracing.run.trace_set",

@@ -32,6 +32,11 @@ from fabdesign.cli.progress import described
 )
 @click.option("--hold-out", multiple=True, metavar="DESIGN", help="A design whose trials are not used for training.")
 @click.option("--model", type=FILE, help="A model file with the parameters of the motions; by default the data sheet.")
+@click.option(
+    "--free",
+    help="Fit the declared parameters and these effects to the same trials first, as `calibrate --free` does, and "
+    "train on that; all: the strengths of every effect.",
+)
 @skip_bad_option
 @click.option("--seed", type=SEED, default=0, show_default=True)
 @grid_option
@@ -47,6 +52,7 @@ def train(
     network: Literal["field", "paper"],
     hold_out: tuple[str, ...],
     model: Path | None,
+    free: str | None,
     skip_bad: bool,
     seed: int,
     grid: int | None,
@@ -68,6 +74,7 @@ def train(
             network=network,
             hold_out=hold_out,
             model=model,
+            free=free.split(",") if free else (),
             skip_bad=skip_bad,
             seed=seed,
             grid=grid,

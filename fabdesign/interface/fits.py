@@ -2,8 +2,9 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from fabdesign.errors import InputError
 from fabdesign.interface.arguments import (
@@ -24,6 +25,10 @@ from fabdesign.interface.results import Calibrated, Traced, Trained
 from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.model_file import write_model
 from fabdesign.output import new_file, new_files
+from fabdesign.trial import MeasurementSet
+
+if TYPE_CHECKING:
+    from optimize.fit.parameters import FitVector
 
 FINE = 61  # points a side of a calibration
 
@@ -52,24 +57,13 @@ def calibrate(
     values reached so far, with a warning. Raises InputError for an unsound set, SimulationError where all motions
     diverge.
     """
-    from optimize.fit.parameters import fit_vector
     from studies.bad_data import sound_trials
     from studies.calibration.calibrate import calibrate as calibrate_sets
-    from studies.calibration.fitted_model import muscle_scope
     from studies.sensitive_stretches import GRID as COARSE
 
     checked = [sound_trials(read, skip_bad=skip_bad) for read in all_sets(measured)]
     base = one_model(model, say=say) or Model()
-    designs = [design for read, _ in checked for design in read.designs.values()]
-    vector = fit_vector(
-        free,
-        fix,
-        factors=base.factors,
-        terms=base.terms,
-        scope=muscle_scope(designs),
-        channels=max(design.channels for design in designs),
-        size=(designs[0].fabric.width, designs[0].fabric.height),
-    )
+    vector = _unknowns(free, fix, base, [sound for sound, _ in checked])
     with _file(out, force, paths_of(measured, model)) as unfinished, computing(cluster):
         calibration = calibrate_sets(
             [sound for sound, _ in checked],
@@ -140,6 +134,7 @@ def train(
     network: Literal["field", "paper"] = "field",
     hold_out: Sequence[str] = (),
     model: ModelLike | None = None,
+    free: Sequence[str] = (),
     skip_bad: bool = False,
     seed: int = 0,
     grid: int | None = None,
@@ -151,8 +146,9 @@ def train(
     """A corrector that learns from measured sets what the simulator leaves out; the model `out`, its weights beside it.
 
     network: `field` moves the simulator's points; `paper`, the seed paper's, gives an unordered cloud (the extra
-    `corrector`). hold_out: designs whose trials are not learned from. model: whose parameters the motions have. After
-    Ctrl-C the same call goes on.
+    `corrector`). hold_out: designs whose trials are not learned from. model: whose parameters the motions have. free:
+    effects, as `calibrate` takes them, that are fitted with the declared parameters to the trials learned from, first.
+    After Ctrl-C the same call goes on.
     """
     if network == "paper":
         import corrector.paper_training  # noqa: F401 loads PyTorch: without it nothing is begun
@@ -160,17 +156,21 @@ def train(
     from studies.sensitive_stretches import GRID as COARSE
     from studies.training.train import train as train_on
 
-    base, out = one_model(model, say=say), Path(out)
+    base, out = one_model(model, say=say) or Model(), Path(out)
     checked = [sound_trials(read, skip_bad=skip_bad) for read in all_sets(measured)]
+    base = replace(base, points_per_side=grid or base.points_per_side)
+    vector = _unknowns(free, (), base, [sound for sound, _ in checked]) if free else None
     beside = out.with_suffix(".safetensors").name
     places = new_files(out, companions=[beside], force=force, inputs=paths_of(measured, model))
     with places as unfinished, computing(cluster):
         result = train_on(
             [sound for sound, _ in checked],
-            simulator(grid or (base or Model()).points_per_side),
+            simulator(base.points_per_side),
             unfinished,
             goes_to=out,
             base=base,
+            vector=vector,
+            slopes=simulator(min(base.points_per_side, COARSE)),
             network=network,
             hold_out=hold_out,
             seed=seed,
@@ -179,6 +179,23 @@ def train(
             progress=lambda what, done, of: progress(f"{what} {done} of {of}", done / of),
         )
     return Trained(out, result, tuple(line for _, lines in checked for line in lines))
+
+
+def _unknowns(free: Sequence[str], fix: Sequence[str], base: Model, sets: Sequence[MeasurementSet]) -> "FitVector":
+    """What a fit of these sets moves. Raises InputError."""
+    from optimize.fit.parameters import fit_vector
+    from studies.calibration.fitted_model import muscle_scope
+
+    designs = [design for one in sets for design in one.designs.values()]
+    return fit_vector(
+        free,
+        fix,
+        factors=base.factors,
+        terms=base.terms,
+        scope=muscle_scope(designs),
+        channels=max(design.channels for design in designs),
+        size=(designs[0].fabric.width, designs[0].fabric.height),
+    )
 
 
 @contextmanager

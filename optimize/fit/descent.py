@@ -58,7 +58,7 @@ def fit(
     accuracy: of the inputs, whose errors then enter the residuals' covariance; or what they do on the last horizon,
     known from a fit of the same samples, so that models are compared by the same weights; None: the inputs are exact.
     close: of log likelihood, what the last step promises at most. near: another fit goes on from where this one ends,
-    so that a step under 3 % ends it, its Jacobian may be an updated one, and far frames count as others.
+    so that a step under 3 % ends it, and far frames count as others.
     `progress` is told what is done, and about what share; `reached`, at each iteration, what makes the fit that ends
     there, for whoever interrupts it.
 
@@ -84,7 +84,7 @@ def fit(
         there = _ending(reached, problem, inputs, capped(evaluation.found.residual), iterations)
         state, more, _ = _descend(
             problem, state, weight, f"to {horizon:g} s, ", told,
-            near=True, close=_CLOSE_ENOUGH, inputs=inputs, reached=there,
+            near=True, sure=False, close=_CLOSE_ENOUGH, inputs=inputs, reached=there,
         )  # fmt: skip
         _, normal = step_to_minimum(problem.samples, state, weight, 0.0, vector, inputs, np.inf)
         x, along, iterations = state.x, directions(normal, vector), iterations + more
@@ -96,7 +96,7 @@ def fit(
     line, before = f"to {last:g} s, ", capped(sheet.found.residual)
     there = _ending(reached, problem, inputs, before, iterations)
     state, more, converged = _descend(
-        problem, state, weight, line, told, near=True, close=_CLOSE_ENOUGH, inputs=inputs, reached=there
+        problem, state, weight, line, told, near=True, sure=near, close=_CLOSE_ENOUGH, inputs=inputs, reached=there
     )
     if not near:
         iterations += more
@@ -149,6 +149,7 @@ def _descend(
     progress: Progress,
     *,
     near: bool = False,
+    sure: bool = True,
     exact: bool = True,
     close: float = CLOSE,
     inputs: InputErrors | None = None,
@@ -156,8 +157,8 @@ def _descend(
 ) -> tuple[Linearisation, int, bool]:
     """From `state` until a step is slight, or with `near` no longer large: where that led, how many iterations, and
     whether it converged. With `near` no frame counts less for being far off: what a model has not got yet may show in
-    a few of them alone, and to pass over these is a false minimum. exact: whether the state's Jacobian is by
-    differences.
+    a few of them alone, and to pass over these is a false minimum. sure: a step ends it only where its Jacobian is by
+    differences. exact: whether the state's is.
 
     Between two Jacobians by differences stands Broyden's update (1965), which costs no motions of its own, while
     steps gain most of what they promise. The last step is one by differences. Columns of effects that the data do not
@@ -178,7 +179,7 @@ def _descend(
         small = promised < close or longest < slight
         if gains[best] > 0:
             damping = damping / 10
-            if small and (exact or near):
+            if small and (exact or not sure):
                 return problem.with_jacobian(evaluations[best], state.jacobian), iteration, True
             there: Evaluation = evaluations[best]
             if not small and gains[best] > _PROMISED * promised:

@@ -35,7 +35,8 @@ def _line(name: str, of: HeldOutErrors, *, ordered: bool) -> str:
         )
     share = "" if of.closed.surface is None else f", {of.closed.surface:.0%} of the excess error removed"
     far = "" if of.trust.applies else f"; {of.trust.distance:.2f} from what was learned, too far: not corrected"
+    sheet = "" if of.sheet is None else f"data sheet {in_mm(of.sheet.surface_rms):.2f}, base and corrector "
     return (
-        f"{trials}: surface RMS {in_mm(before.surface_rms):.2f} to {in_mm(after.surface_rms):.2f} mm (floor "
+        f"{trials}: surface RMS {sheet}{in_mm(before.surface_rms):.2f} to {in_mm(after.surface_rms):.2f} mm (floor "
         f"{in_mm(after.surface_floor):.2f}){share}{far}"
     )

@@ -27,9 +27,11 @@ from fabdesign.output import MARK, WorkFolder, others_in, own_files, work_folder
 from fabdesign.predictor import Predictor
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import in_mm
+from optimize.fit.parameters import FitVector
 from studies.evaluate import ERRORS
 from studies.measured_data import noise_of
-from studies.training.data import Chosen, Progress, choose, simulated
+from studies.training.base import fitted_base
+from studies.training.data import Chosen, Progress, case_of, choose, simulated
 from studies.used_frames import UsedFrames
 
 Network = Literal["field", "paper"]
@@ -45,9 +47,10 @@ class HeldOutErrors:
 
     trials: int
     trust: Trust
-    before: Errors  # m, means over trials
+    sheet: Errors | None  # m, means over trials: of the data sheet, where the base is another
+    before: Errors
     after: Errors
-    closed: Closed
+    closed: Closed  # by the corrector
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,7 @@ class TrainingResult:
                 name: {
                     "trials": of.trials,
                     "distance": of.trust.distance,
+                    **({} if of.sheet is None else {"sheet": millimetres(of.sheet)}),
                     "before": millimetres(of.before),
                     "after": millimetres(of.after),
                     "closed": asdict(of.closed) | {"value": of.closed.value},
@@ -93,6 +97,8 @@ def train(
     *,
     goes_to: Path,
     base: Model | None = None,
+    vector: FitVector | None = None,
+    slopes: ForwardModel | None = None,
     network: Network = "field",
     plan: Any = None,
     hold_out: Collection[str] = (),
@@ -105,21 +111,34 @@ def train(
     """Train on the trials of role `fit` but for the designs `hold_out` and a share `kept_back`, and write the model
     `output` with its weights beside it, both named after `goes_to`, where they will lie.
 
-    base: whose parameters and effects the motions have; by default the data sheet's. coarse: a cheap simulator
-    that finds sensitive stretches, which are left out. Work goes on in
-    the folder `goes_to` without its ending plus `.training`, if an earlier call like this one was stopped there, and
-    the folder goes when all is done. Raises InputError, also for a folder of another training unless `force`, and
-    SimulationError where a motion diverges.
+    base: whose parameters and effects the motions have; by default the data sheet's. vector: fit these unknowns to the
+    trials that are learned from first, and take that model for the base; slopes: the fit's cheaper engine. coarse: a
+    cheap simulator that finds sensitive stretches, which are left out. Work goes on in the folder `goes_to` without its
+    ending plus `.training`, if an earlier call like this one was stopped there, and the folder goes when all is done.
+    Raises InputError, also for a folder of another training unless `force`, SimulationError where a motion diverges.
     """
-    base = base or Model()
-    base = base.without(["corrector"])
+    base = (base or Model()).without(["corrector"])
     learned, held, used = choose(sets, base, hold_out=hold_out, kept_back=kept_back, seed=seed, coarse=coarse)
+    simulator = forward
     forward = Predictor(forward, sensing=True)  # what was measured went through the sensors; cases bring their effects
     train_network, plan = _network(network, plan, seed)
     folder = goes_to.with_suffix(".training")
-    content = _content(learned, base, network, plan)
+    content = _content(learned, base, vector, network, plan)
     with work_folder(folder, made_by=_MADE_BY) as work:
         _same_run(work, content, folder, force)
+        if vector is not None:
+            base = fitted_base(
+                sets,
+                learned,
+                vector,
+                simulator,
+                work,
+                slopes=slopes,
+                points_per_side=base.points_per_side,
+                seed=seed,
+                progress=progress,
+            )
+            learned, held = ([replace(c, case=case_of(c.trial, base)) for c in side] for side in (learned, held))
         weights, about = train_network(learned, forward, plan, work, progress=progress)
         about = dict(about) | {"trained_on": central_hash(base)}
         beside = output.with_suffix(".safetensors")
@@ -134,8 +153,14 @@ def train(
         tested = _tested(model, held, forward, work, seed, progress) if held else {}
     if next(others_in(folder), None) is None:
         shutil.rmtree(folder)
-    base_is = "the data sheet's parameters" if not base.parameters else "the model's parameters"
-    return TrainingResult(model, about, tested, len(learned), base_is, used)
+    return TrainingResult(model, about, tested, len(learned), _in_words(base, vector), used)
+
+
+def _in_words(base: Model, vector: FitVector | None) -> str:
+    """What the motions were simulated with."""
+    if vector is not None:
+        return f"factors{' and effects' * bool(vector.terms)} fitted to the same trials"
+    return "the model's parameters" if base.parameters else "the data sheet's parameters"
 
 
 def _network(network: Network, plan: Any, seed: int) -> tuple[Callable[..., Any], Any]:
@@ -151,7 +176,9 @@ def _network(network: Network, plan: Any, seed: int) -> tuple[Callable[..., Any]
     return paper.train, plan or PaperTraining.here(seed)
 
 
-def _content(learned: Sequence[Chosen], base: Model, network: Network, plan: Any) -> dict[str, Any]:
+def _content(
+    learned: Sequence[Chosen], base: Model, vector: FitVector | None, network: Network, plan: Any
+) -> dict[str, Any]:
     """What makes a training the same."""
     return {
         "network": network,
@@ -159,6 +186,7 @@ def _content(learned: Sequence[Chosen], base: Model, network: Network, plan: Any
         "unjudged": [np.flatnonzero(~chosen.used).tolist() for chosen in learned],
         "model": central_hash(base),
         "points_per_side": base.points_per_side,
+        "free": None if vector is None else [*vector.names],
         "plan": json.loads(json.dumps(asdict(plan))),
         "files": [sha256(chosen.trial.file) for chosen in learned],
         "simulator": SIMULATOR,
@@ -202,10 +230,11 @@ def _tested(
     for name in sorted({chosen.trial.design_name for chosen in held}):
         own = [chosen for chosen in held if chosen.trial.design_name == name]
         noise = noise_of([chosen.trial for chosen in own])
-        before, after = [], []
+        sheet, before, after = list[Errors](), list[Errors](), list[Errors]()
         plain = simulated(own, times, (), forward, work, progress=progress)
+        declared = _by_data_sheet(own, times, forward, progress) if model.parameters else None
         wanted = simulated(own, times, corrector.history(), forward, work, progress=progress)
-        for chosen, simple, motion in zip(own, plain, wanted, strict=True):
+        for k, (chosen, simple, motion) in enumerate(zip(own, plain, wanted, strict=True)):
             trial = chosen.trial
             answer = corrector.correct([chosen.case], [trial.times], [motion])[0]
             kept = np.flatnonzero(chosen.used & (trial.times >= corrector.starts))
@@ -214,6 +243,8 @@ def _tested(
             frames = trial.load().frames
             clouds = [frames[k] for k in kept]
             before.append(trial_errors(clouds, simple[kept], noise, seed=seed + trial.order))
+            if declared is not None:
+                sheet.append(trial_errors(clouds, declared[k][kept], noise, seed=seed + trial.order))
             if corrector.ordered:
                 after.append(trial_errors(clouds, answer[kept], noise, seed=seed + trial.order))
             else:
@@ -222,8 +253,20 @@ def _tested(
             continue
         means = [mean_errors(each) for each in (before, after)]
         trust = corrector.trust(own[0].trial.design)
-        errors[name] = HeldOutErrors(len(before), trust, means[0], means[1], _closed(*means))
+        known = mean_errors(sheet) if sheet else None
+        errors[name] = HeldOutErrors(len(before), trust, known, means[0], means[1], _closed(*means))
     return errors
+
+
+def _by_data_sheet(
+    own: Sequence[Chosen],
+    times: Callable[[Chosen], NDArray[np.float64]],
+    forward: ForwardModel,
+    progress: Progress,
+) -> list[NDArray[np.float32]]:
+    """Each trial's motion without a model, at its frames' times."""
+    progress("simulated by the data sheet", 0, len(own))
+    return forward.motions([case_of(chosen.trial, Model()) for chosen in own], [times(chosen) for chosen in own])
 
 
 def unordered_errors(
