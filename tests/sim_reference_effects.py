@@ -25,16 +25,17 @@ class ReferenceWithEffects(ReferenceSheet):
     """creep: (share, time [s], share of it that the bench law has). hysteresis: (friction [N/Pa], friction at zero [N],
     slip). loss: share of the pressure at a muscle's far end. gains: by channel. drag [N s^2/m^4]. curl: across, down,
     twist [1/m]. threshold: (threshold, width) [Pa]. viscous: contracting, lengthening [N s]. patch: (u, v, radius [m],
-    factor). relaxation: (share, time [s]). added: (u, v [m], kg)."""
+    factor). relaxation: (share, time [s]). added: (u, v [m], kg). learned: tension by contraction at 200 kPa, at any
+    pressure [N]."""
 
     def __init__(
         self, design, n, *, creep=(0.0, 1.0, 0.0), hysteresis=(0.0, 0.0, 1.0), loss=0.0, gains=None, drag=0.0,
         curl=(0.0, 0.0, 0.0), threshold=(0.0, 1.0), viscous=(0.0, 0.0), patch=(0.0, 0.0, 1.0, 1.0),
-        relaxation=(0.0, 1.0), added=(0.0, 0.0, 0.0),
+        relaxation=(0.0, 1.0), added=(0.0, 0.0, 0.0), learned=(0.0, 0.0),
     ):  # fmt: skip
         super().__init__(design, n)
         self.curl, self.threshold, self.viscous, self.relaxation = curl, threshold, viscous, relaxation
-        self.creep, self.hysteresis, self.drag = creep, hysteresis, drag
+        self.creep, self.hysteresis, self.drag, self.learned = creep, hysteresis, drag, learned
         counts = [len(muscle.fixed_points()) - 1 for muscle in design.muscles]
         along = np.concatenate([(np.arange(c) + 0.5) / c for c in counts])  # even intervals
         self.share = (1 - loss * along) * 1.0
@@ -79,7 +80,9 @@ class ReferenceWithEffects(ReferenceSheet):
         seen = contraction - self._lent(contraction) + on_bench * share * np.maximum(contraction, 0)
         idle = super().tensions(seen, np.zeros(len(pressure)))
         force = idle + self.gain * (super().tensions(seen, pressure) - idle)
-        return force - self._friction(contraction, pressure)
+        stroke, spring = self.learned
+        more = (stroke * self.acting(np.asarray(pressure, float)) / 200e3 + spring) * contraction
+        return force + more - self._friction(contraction, pressure)
 
     def _lent(self, contraction):
         share, time, _ = self.creep

@@ -26,12 +26,17 @@ PLACED = "local_stiffening", "added_mass"  # at four places
 def test_all_are_the_strengths_of_every_effect_at_each_of_its_choices():
     names = fit_vector(["all"]).names
     assert {"rest_curvature.down", "filling_lag.fill", "muscle_creep.share"} < {*names}
+    assert not any(name.startswith("learned") for name in names)
     assert "muscle_creep.time" not in names and not any(name.startswith("odd_muscle") for name in names)
     assert (
         len({*names})
         == len(names)
         == 7
-        + sum(len(e.strengths) * (4 if e.name in PLACED else 1) for e in EFFECTS.values() if e.name != "odd_muscle")
+        + sum(
+            len(e.strengths) * (4 if e.name in PLACED else 1)
+            for e in EFFECTS.values()
+            if e.named and e.name != "odd_muscle"
+        )
     )
     of_channels = [name for name in fit_vector(["all"], channels=3).names if name.startswith("odd_muscle")]
     assert of_channels == [f"odd_muscle:{channel}.factor" for channel in range(3)]

@@ -419,9 +419,12 @@ def test_off_are_the_bits_without():
     assert all(np.array_equal(other.middle, bare.middle) for other in others)
 
 
+GIVEN = {"learned": {"stroke": 20.0, "rate": 5.0, "quick": 0.3}}  # it is off by default
+
+
 def test_lanes_keep_their_bits_and_leave_nothing():
     own = [n for n in BUILT_IN if EFFECTS[n].site != "sensing"]
-    cases = [PLAIN, *(with_effects(PLAIN, Term(name)) for name in own)]
+    cases = [PLAIN, *(with_effects(PLAIN, Term(name, GIVEN.get(name, {}))) for name in own)]
     bare, *together = SIMULATOR.run(cases, [TIMES] * len(cases))
     for name, case, beside in zip(own, cases[1:], together, strict=True):
         [alone] = SIMULATOR.run([case], [TIMES])
@@ -459,3 +462,37 @@ def test_derivative_at_off_exists():
         slopes = [(m.astype(float) - base).ravel() / size for m, size in ((one, 2), (half, 1))]
         gap = np.linalg.norm(slopes[0] - slopes[1]) / np.linalg.norm(slopes[1])
         assert gap < 0.15, name
+
+
+# --- what is learned is each of the effects that it stands for
+
+ALIKE = {
+    "quick": ({"quick": 1.0}, Term("filling_lag", {"fill": 0.1, "empty": 0.1})),
+    "slow": ({"slow": 1.0}, Term("filling_lag", {"fill": 0.5, "empty": 0.5})),
+    "drawn": ({"drawn": 0.06}, Term("supply_droop", {"share": 0.06})),
+    "far": ({"far": 0.4}, Term("line_loss", {"share": 0.4})),
+    "rate": ({"rate": 12.0}, Term("muscle_viscosity", {"contracting": 12.0, "lengthening": 12.0})),
+    "curvatures": (
+        {"across": 0.5, "down": 1.0, "twist": -0.4},
+        Term("rest_curvature", {"across": 0.5, "down": 1.0, "twist": -0.4}),
+    ),
+    "friction": ({"friction": 0.5}, Term("braid_hysteresis", {"friction": 0.0, "friction_at_zero": 0.5})),
+    "drag": ({"drag": 20.0}, Term("air_drag", {"coefficient": 20.0})),
+    "ratio": ({"ratio": float(np.log(1.5))}, Term("orthotropy", {"ratio": 1.5})),
+}
+
+
+@pytest.mark.parametrize("name", ALIKE)
+def test_an_amount_is_the_effect_that_it_stands_for(name):
+    amounts, effect = ALIKE[name]
+    case = replace(PLAIN, program=PressureProgram(np.zeros(1), np.array([[200e3, 200e3]]), 0.1))
+    cases = [with_effects(case, term) for term in (Term("learned", amounts), effect)]
+    bare, learned, named = (motion.middle for motion in SIMULATOR.run([case, *cases], [TIMES] * 3))
+    change = np.abs(named - bare).max()
+    assert np.abs(learned - named).max() < 0.01 * change > 2e-7
+
+
+def test_a_learned_pressure_is_not_in_proportion_to_the_set_point():
+    program = PressureProgram(np.zeros(1), np.array([[400e3, 0.0]]), 0.1)
+    case = replace(PLAIN, program=program, effects=(Term("learned", {"bend": 0.1}),))
+    assert acting_pressure(case, 4, 1e-3).means[-1] == pytest.approx([440e3, 0.0])

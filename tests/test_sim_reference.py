@@ -79,6 +79,7 @@ EFFECTS = {
         {"u": 0.07, "v": 0.06, "radius": 0.05, "factor": 4.0}, {"patch": (0.07, 0.06, 0.05, 4.0)},
     ),
     "stress_relaxation": ({"share": 0.4, "time": 0.03}, {"relaxation": (0.4, 0.03)}),
+    "learned": ({"stroke": 15.0, "spring": -6.0}, {"learned": (15.0, -6.0)}),
     "added_mass": ({"u": 0.13, "v": 0.17, "mass": 0.005}, {"added": (0.13, 0.17, 0.005)}),
 }  # fmt: skip
 

@@ -52,13 +52,14 @@ def fit(
 
     The horizon grows: the first half second alone, then the first second, and so on. Cloth that buckles late goes one
     way or another at factors a hair apart; what came before leads to factors near enough, and has fewer false minima.
-    start: (p,) where it begins, on all frames at once; without it, at the vector's start with the first horizon.
+    start: (p,) or (k, p) where it begins, on all frames at once, of several where the residuals are least; without it,
+    at the vector's start with the first horizon.
     `slopes`, a cheaper engine, makes all differences, and the motions too until the last horizon. Differences are
     always made where the factors are: those of another place seem to converge percents off.
     accuracy: of the inputs, whose errors then enter the residuals' covariance; or what they do on the last horizon,
     known from a fit of the same samples, so that models are compared by the same weights; None: the inputs are exact.
-    close: of log likelihood, what the last step promises at most. near: another fit goes on from where this one ends,
-    so that a step under 3 % ends it, and far frames count as others.
+    close: of log likelihood, what the last step promises, or gains, at most. near: another fit goes on from where this
+    one ends, so that a step under 3 % ends it, and far frames count as others.
     `progress` is told what is done, and about what share; `reached`, at each iteration, what makes the fit that ends
     there, for whoever interrupts it.
 
@@ -70,7 +71,8 @@ def fit(
     """
     weight = np.diag(1 / vector.prior**2)
     slopes = forward if slopes is None else slopes
-    x, along, iterations = vector.start if start is None else start, np.diag(_STEP * vector.scale), 0
+    starts = np.atleast_2d(vector.start if start is None else start)
+    x, along, iterations = starts[0], np.diag(_STEP * vector.scale), 0
     *early, last = horizons(samples)
     if start is not None:
         early = []
@@ -88,8 +90,10 @@ def fit(
         )  # fmt: skip
         _, normal = step_to_minimum(problem.samples, state, weight, 0.0, vector, inputs, np.inf)
         x, along, iterations = state.x, directions(normal, vector), iterations + more
+        starts = x[None]
     problem = FitProblem(samples, forward, slopes, vector)
-    evaluation, sheet = problem.evaluate([x, np.zeros(len(x))])
+    *evaluations, sheet = problem.evaluate([*starts, np.zeros(len(x))])
+    evaluation = min(evaluations, key=lambda one: capped(one.found.residual))
     inputs = input_errors(problem, evaluation, accuracy) if isinstance(accuracy, Accuracy) else accuracy
     state = problem.linearise(evaluation, along)
     told = parts(progress, *ends)[-1]
@@ -176,7 +180,7 @@ def _descend(
         best = int(np.argmax(gains))
         # where a part of a step is best, what is left of it is not slight
         longest = max(1.0, _LENGTHS[best]) * float(np.abs(step / problem.vector.scale).max())
-        small = promised < close or longest < slight
+        small = promised < close or longest < slight or (exact and 0 < gains[best] < close)
         if gains[best] > 0:
             damping = damping / 10
             if small and (exact or not sure):

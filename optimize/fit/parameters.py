@@ -217,7 +217,7 @@ def fit_vector(
         parameters += _of_effect(effect, only, item, term, {p.name for p in parameters}, where)
     terms = [*acting.values()]
     for effect in EFFECTS.values() if "all" in free else ():
-        if effect.chosen and effect.name not in acting:
+        if effect.named and effect.chosen and effect.name not in acting:
             own = [
                 Term(effect.name, values, scope if effect.scope == "muscle type" else None)
                 for values in effect.choices(channels, dict(zip("uv", size, strict=True)))
@@ -236,7 +236,8 @@ def _strength(effect: Effect, key: str, name: str) -> FitParameter:
 
 def _every_strength() -> list[str]:
     """EFFECT.PARAMETER each."""
-    return [f"{effect.name}.{name}" for effect in EFFECTS.values() if not effect.chosen for name in effect.strengths]
+    named = [effect for effect in EFFECTS.values() if effect.named and not effect.chosen]
+    return [f"{effect.name}.{name}" for effect in named for name in effect.strengths]
 
 
 def _of_muscles(item: str, where: str) -> FitParameter:

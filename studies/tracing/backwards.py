@@ -27,8 +27,8 @@ def backwards(task: Task, everything: Fit) -> tuple[Fit | None, list[str]]:
     known = everything
     while labels:
         if known is everything or set(labels) != set(known.vector.labels):
-            vector, x = with_shapes(known, labels)
-            known = task.fit(" ".join(labels), vector, everything.inputs, x, close=_CLOSE)
+            vector, starts = with_shapes(known, labels)
+            known = task.fit(" ".join(labels), vector, everything.inputs, starts, close=_CLOSE)
         trials = LeftOut.of(known, task.data.folds)
         gains = gains_of(parts_of(known.vector), trials, task.floor)
         # beside a stronger one an effect must gain more than all leave: that one's law is not quite right, and small
@@ -75,14 +75,15 @@ def sparse(everything: Fit, labels: Sequence[str]) -> list[str]:
 
 
 def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
-    """The factors and these terms with all of their parameters that are no choice of a whole number, and where a
-    joint fit says they are with the others off."""
-    x, covariance = joint.minimum, joint.covariance
+    """The factors and these terms with all of their parameters that are no choice of a whole number, and (2, p) where
+    a joint fit says they are with the others off: to first order, and as they are with the others there, which is
+    nearer where these are far from small."""
     gone = [joint.vector.part(label) for label in joint.vector.labels if label not in labels]
+    places = [joint.minimum]
     if gone:
-        x, _ = conditioned(x, covariance, np.concatenate(gone))
+        places.insert(0, conditioned(joint.minimum, joint.covariance, np.concatenate(gone))[0])
     vector, index = joint.vector.only(labels)
-    known = dict(zip(vector.names, vector.inside(x[index]), strict=True))
+    known = [dict(zip(vector.names, vector.inside(x[index]), strict=True)) for x in places]
     parameters = [p for p in vector.parameters if p.is_factor]
     for label, term in zip(vector.labels, vector.terms, strict=True):
         effect = EFFECTS[term.name]
@@ -90,11 +91,11 @@ def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
             if not p.whole:
                 name = f"{label}.{key}"
                 unknown = FitParameter(name, p.deviation, p.centre, p.transform, p.unit, p.bounds)
-                begin = known.get(name, unknown.unknown(term.values.get(key, p.typical)))
+                begin = known[0].get(name, unknown.unknown(term.values.get(key, p.typical)))
                 parameters.append(replace(unknown, start=begin))
     terms = tuple(_chosen_only(term) for term in vector.terms)
     whole = FitVector(tuple(parameters), vector.factors, terms)
-    return whole, np.array([known.get(p.name, p.start) for p in parameters])
+    return whole, np.array([[of.get(p.name, p.start) for p in parameters] for of in known])
 
 
 def _chosen_only(term: Term) -> Term:
@@ -129,11 +130,12 @@ def _simpler(
     task: Task, known: Fit, inputs: InputErrors | None, trials: LeftOut, gains: Mapping[str, Gain], least: float
 ) -> Fit | None:
     """A fit without one of several effects by which trials left out lose too little: what is not linear may take its
-    place. The one that gains most to first order stays; alone, it is judged beside the declared parameters."""
+    place, and which of two gains more to first order may be wrong. Alone, an effect is judged beside the declared
+    parameters."""
     own = trials.scored()
-    for label in sorted(gains, key=lambda label: gains[label][0])[:-1]:
-        vector, x = with_shapes(known, [other for other in gains if other != label])
-        fitted = task.fit(" ".join(vector.labels), vector, inputs, x, close=_CLOSE)
+    for label in sorted(gains, key=lambda label: gains[label][0]) if len(gains) > 1 else ():
+        vector, starts = with_shapes(known, [other for other in gains if other != label])
+        fitted = task.fit(" ".join(vector.labels), vector, inputs, starts, close=_CLOSE)
         without = LeftOut.of(fitted, task.data.folds).scored()
         alike = replace(own, squares=own.squares * without.weights / np.maximum(own.weights, 1e-12))
         if _too_little(trials.gain(without, alike, task.floor), least):

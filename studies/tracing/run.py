@@ -226,7 +226,7 @@ def _content(measured: MeasurementSet, trials: tuple[Trial, ...], known: Model, 
         "--model": repr((sorted(known.factors.items()), known.terms)),
         "simulator": str(SIMULATOR),
         "algorithm": str(ALGORITHM),
-        "effects": ", ".join(EFFECTS),
+        "effects": ", ".join(name for name, effect in EFFECTS.items() if effect.named),
     }
 
 

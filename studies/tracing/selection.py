@@ -52,7 +52,7 @@ class Selection:
 def select(task: Task) -> Selection:
     """One joint fit from the data sheet, then backwards, to first order: dropped is what its joint covariance does not
     need, then what trials left out gain too little by. What stays is fitted with its shapes and asked once more, and of
-    several each but the strongest by a fit without it.
+    several each by a fit without it.
 
     The horizon grows, as in any fit; what a horizon says for certain to be next to nothing is left out of the later
     ones: a column costs a motion of every trial."""

@@ -1,0 +1,98 @@
+"""What is learned inside the mechanics: amounts of local sources, where no physical effect is named.
+
+Each amount is linear about nothing. Simulated with them, a motion of another layout, a shape at rest and the search's
+derivatives follow from physics; a correction of points after the motion does not.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.effects.declaration import Array, Effect, EffectParameter, Values
+from fabdesign.effects.fabric import ORTHOTROPY
+from fabdesign.effects.muscle import BRAID_HYSTERESIS
+from fabdesign.effects.pneumatics import lagged
+from fabdesign.effects.pressures import ActingPressure
+from fabdesign.effects.specimen import Specimen
+from fabdesign.pressure import PressureProgram
+
+UNIT = 200e3  # Pa, of which amounts per pressure are told; the force's too (sim/effects/learned.py)
+QUICK, SLOW = 0.1, 0.5  # s, of the two lags
+CURVATURES = "across", "down", "twist"
+SLIP = BRAID_HYSTERESIS.parameters["slip"].typical
+
+
+def _of_set_point(pressure: Array, values: Values) -> Array:
+    """(n, channels) Pa."""
+    share = pressure / UNIT
+    others = share.sum(axis=1, keepdims=True) - share
+    kept = 1.0 - values["drawn"] * others + values["bend"] * (share - 1.0)
+    return np.asarray(pressure * np.maximum(kept, 0.0))
+
+
+def _pressure(acting: ActingPressure, values: Values) -> ActingPressure:
+    told = acting.program
+    program = PressureProgram(told.time, _of_set_point(told.pressure, values), told.duration)
+    quick, slow = values["quick"], values["slow"]
+    if quick == 0 and slow == 0:
+        return acting.through(program, None if acting.smooth is None else _of_set_point(acting.smooth, values))
+    wanted = _of_set_point(acting.means, values)
+    late = [share * (lagged(wanted, acting.tick, tau, tau) - wanted) for share, tau in ((quick, QUICK), (slow, SLOW))]
+    return acting.through(program, np.maximum(wanted + late[0] + late[1], 0.0))
+
+
+def _specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
+    stiffer = ORTHOTROPY.specimen
+    assert stiffer is not None
+    specimen = stiffer(specimen, {"ratio": float(np.exp(values["ratio"]))}, muscles)
+    more = {f"rest_curvature_{name}": values[name] for name in CURVATURES} | {"air_drag": values["drag"]}
+    specimen = specimen.with_constants(**{name: specimen.constants.get(name, 0.0) + more[name] for name in more})
+
+    def known(name: str) -> Array:
+        return specimen.muscles.get(name, np.zeros(len(muscles)))
+
+    slip = known("friction_slip")
+    return specimen.with_muscles(
+        muscles,
+        pressure_loss=np.clip(known("pressure_loss") + values["far"], 0.0, 1.0),
+        friction_at_zero=known("friction_at_zero") + values["friction"],
+        friction_slip=np.where(slip > 0, slip, SLIP),
+        learned_stroke=values["stroke"],
+        learned_spring=values["spring"],
+        learned_rate=values["rate"],
+    )
+
+
+def _amount(unit: str, what: str, deviation: float, low: float, high: float) -> EffectParameter:
+    return EffectParameter(unit, what, 0.0, (low, high), deviation, off=0.0)
+
+
+LEARNED = Effect(
+    "learned",
+    site="learned",
+    scope="rig",
+    what="pressure, tension, friction, drag, curvature and stiffness beyond the model, each in proportion to an amount",
+    signature="none of its own: what several effects leave together, on every layout",
+    looks_like="each effect that it stands for; name that one with a trace where the mechanism matters",
+    source="linear regression inside the forward model; docs/corrector.md",
+    named=False,
+    parameters={
+        "quick": _amount("1", "share of the pressure that is 0.1 s late", 0.5, -1.0, 1.5),
+        "slow": _amount("1", "share that is 0.5 s late", 0.3, -1.0, 1.5),
+        "drawn": _amount("1", "share lost by 200 kPa in other channels", 0.05, -0.3, 0.3),
+        "bend": _amount("1", "share gained at 400 kPa, and lost towards none", 0.15, -0.6, 0.6),
+        "far": _amount("1", "share lost at a muscle's far end", 0.25, 0.0, 1.0),
+        "stroke": _amount("N", "tension by contraction, at 200 kPa", 20.0, -200.0, 200.0),
+        "spring": _amount("N", "tension by contraction, at any pressure", 20.0, -200.0, 200.0),
+        "rate": _amount("N s", "tension lost by the contraction's rate, at 200 kPa", 5.0, -20.0, 100.0),
+        "friction": _amount("N", "of a muscle against contraction and lengthening", 0.3, 0.0, 10.0),
+        "across": _amount("1/m", "curvature of the free cloth along u", 1.0, -20.0, 20.0),
+        "down": _amount("1/m", "along v", 1.0, -20.0, 20.0),
+        "twist": _amount("1/m", "x,uv . n", 1.0, -20.0, 20.0),
+        "ratio": _amount("1", "logarithm of stiffness across over down", 0.5, -2.0, 2.0),
+        "drag": _amount("N s^2/m^4", "of air, on |v_n| v_n", 3.0, 0.0, 100.0),
+    },
+    pressure=_pressure,
+    specimen=_specimen,
+    force="sim.effects.learned:LEARNED",
+    remembers=True,
+)
