@@ -435,7 +435,7 @@ def test_lanes_keep_their_bits_and_leave_nothing():
 
 
 # of the prior's deviation, by site or name: over the solver's noise, which differs between processors
-SIZES = {"pneumatics": 0.05, "environment": 0.5, "added_mass": 0.05, "muscle_creep": 0.8}
+SIZES = {"pneumatics": 0.05, "environment": 0.5, "added_mass": 0.05, "muscle_creep": 0.8, "learned.drag": 0.5}
 SHAPES = {"muscle_creep": {"time": 0.03}, "stress_relaxation": {"time": 0.03}}  # s: seen within TIMES
 EMPTIED = replace(  # muscles lengthen
     PLAIN, program=PressureProgram(np.array([0.0, 0.03]), np.array([[200e3, 50e3], [0.0, 0.0]]), 0.1)
@@ -449,7 +449,7 @@ def test_derivative_at_off_exists():
         for key in EFFECTS[name].strengths:
             parameter = EFFECTS[name].parameters[key]
             zero = SHAPES.get(name, {}) | {k: EFFECTS[name].parameters[k].off for k in EFFECTS[name].strengths}
-            whole = SIZES.get(name, SIZES.get(EFFECTS[name].site, 0.2))
+            whole = SIZES.get(f"{name}.{key}", SIZES.get(name, SIZES.get(EFFECTS[name].site, 0.2)))
             case = EMPTIED if key == "lengthening" else PLAIN
             cases.append(case)
             for share in (whole, whole / 2):
