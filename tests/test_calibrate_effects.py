@@ -1,10 +1,12 @@
 """Effects fitted together, against clouds of the simulator itself with two of them in it."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from fabdesign.catalogue import build
 from fabdesign.effects import EFFECTS
-from fabdesign.forward import Term
+from fabdesign.forward import PARAMETERS, Case, Term
 from fabdesign.pressure import PressureProgram
 from fabdesign.sensor_noise import SensorNoise
 from optimize.fit.parameters import fit_vector
@@ -56,3 +58,26 @@ def test_two_effects_are_found_among_four(tmp_path):
     assert found.fit.after < 0.7e-3 < found.fit.without_effects.after / 2
     assert abs(at["rest_curvature.down"] - CURL) < 0.2
     assert abs(at["filling_lag.fill"] - FILL) < 0.03
+
+
+def test_what_is_learned_on_one_layout_is_what_happens_on_another(tmp_path):
+    """Amounts without a name, in place of the two effects that were put in."""
+    rng, forward = np.random.default_rng(4), Simulator(points_per_side=11)
+
+    def program(design):
+        return PressureProgram(np.array([0.0]), rng.uniform(100e3, 300e3, (1, design.channels)), 0.5)
+
+    design, other = build("cross", muscles=2), build("vertical", muscles=3)
+    measured = simulated_set(
+        tmp_path / "set", forward, design, [program(design) for _ in range(2)], TIMES,
+        noise=SensorNoise(0.0005, 0.0, 0.05), points=200, rng=rng, effects=PUT_IN,
+    )  # fmt: skip
+    held = [name for name in PARAMETERS if name != "muscle_gain"]
+    vector = fit_vector(["learned.down", "learned.quick", "learned.stroke"], held)
+    found = calibrate(measured, forward, vector=vector, engines=np.zeros(len(vector.names)))
+    case = Case(other, program(other))
+    learned = replace(case, factors=found.model.factors, effects=found.model.terms)
+    plain, learned, true = (
+        motion.middle for motion in forward.run([case, learned, replace(case, effects=PUT_IN)], [TIMES] * 3)
+    )
+    assert np.abs(learned - true).max() < 0.1 * np.abs(plain - true).max() > 0.5e-3
