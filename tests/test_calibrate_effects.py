@@ -61,7 +61,7 @@ def test_two_effects_are_found_among_four(tmp_path):
 
 
 def test_what_is_learned_on_one_layout_is_what_happens_on_another(tmp_path):
-    """Amounts without a name, in place of the two effects that were put in."""
+    """Coefficients without a name, in place of the two effects that were put in."""
     rng, forward = np.random.default_rng(4), Simulator(points_per_side=11)
 
     def program(design):

@@ -483,10 +483,10 @@ ALIKE = {
 
 
 @pytest.mark.parametrize("name", ALIKE)
-def test_an_amount_is_the_effect_that_it_stands_for(name):
-    amounts, effect = ALIKE[name]
+def test_a_coefficient_is_the_effect_that_it_stands_for(name):
+    coefficients, effect = ALIKE[name]
     case = replace(PLAIN, program=PressureProgram(np.zeros(1), np.array([[200e3, 200e3]]), 0.1))
-    cases = [with_effects(case, term) for term in (Term("learned", amounts), effect)]
+    cases = [with_effects(case, term) for term in (Term("learned", coefficients), effect)]
     bare, learned, named = (motion.middle for motion in SIMULATOR.run([case, *cases], [TIMES] * 3))
     change = np.abs(named - bare).max()
     assert np.abs(learned - named).max() < 0.01 * change > 2e-7

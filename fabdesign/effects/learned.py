@@ -1,6 +1,6 @@
-"""What is learned inside the mechanics: amounts of local sources, where no physical effect is named.
+"""What is learned inside the mechanics: coefficients of basis functions, where no physical effect is named.
 
-Each amount is linear about nothing. Simulated with them, a motion of another layout, a shape at rest and the search's
+The model is linear in each about nothing. Simulated with them, a motion of another layout, a shape at rest and the search's
 derivatives follow from physics; a correction of points after the motion does not.
 """
 
@@ -15,7 +15,7 @@ from fabdesign.effects.pressures import ActingPressure
 from fabdesign.effects.specimen import Specimen
 from fabdesign.pressure import PressureProgram
 
-UNIT = 200e3  # Pa, of which amounts per pressure are told; the force's too (sim/effects/learned.py)
+UNIT = 200e3  # Pa, of which coefficients per pressure are told; the force's too (sim/effects/learned.py)
 QUICK, SLOW = 0.1, 0.5  # s, of the two lags
 CURVATURES = "across", "down", "twist"
 SLIP = BRAID_HYSTERESIS.parameters["slip"].typical
@@ -62,7 +62,7 @@ def _specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) ->
     )
 
 
-def _amount(unit: str, what: str, deviation: float, low: float, high: float) -> EffectParameter:
+def _coefficient(unit: str, what: str, deviation: float, low: float, high: float) -> EffectParameter:
     return EffectParameter(unit, what, 0.0, (low, high), deviation, off=0.0)
 
 
@@ -70,26 +70,26 @@ LEARNED = Effect(
     "learned",
     site="learned",
     scope="rig",
-    what="pressure, tension, friction, drag, curvature and stiffness beyond the model, each in proportion to an amount",
+    what="pressure, tension, friction, drag, curvature and stiffness beyond the model, each in proportion to a coefficient",
     signature="none of its own: what several effects leave together, on every layout",
     looks_like="each effect that it stands for; name that one with a trace where the mechanism matters",
     source="linear regression inside the forward model; docs/corrector.md",
     named=False,
     parameters={
-        "quick": _amount("1", "share of the pressure that is 0.1 s late", 0.5, -1.0, 1.5),
-        "slow": _amount("1", "share that is 0.5 s late", 0.3, -1.0, 1.5),
-        "drawn": _amount("1", "share lost by 200 kPa in other channels", 0.05, -0.3, 0.3),
-        "bend": _amount("1", "share gained at 400 kPa, and lost towards none", 0.15, -0.6, 0.6),
-        "far": _amount("1", "share lost at a muscle's far end", 0.25, 0.0, 1.0),
-        "stroke": _amount("N", "tension by contraction, at 200 kPa", 20.0, -200.0, 200.0),
-        "spring": _amount("N", "tension by contraction, at any pressure", 20.0, -200.0, 200.0),
-        "rate": _amount("N s", "tension lost by the contraction's rate, at 200 kPa", 5.0, -20.0, 100.0),
-        "friction": _amount("N", "of a muscle against contraction and lengthening", 0.3, 0.0, 10.0),
-        "across": _amount("1/m", "curvature of the free cloth along u", 1.0, -20.0, 20.0),
-        "down": _amount("1/m", "along v", 1.0, -20.0, 20.0),
-        "twist": _amount("1/m", "x,uv . n", 1.0, -20.0, 20.0),
-        "ratio": _amount("1", "logarithm of stiffness across over down", 0.5, -2.0, 2.0),
-        "drag": _amount("N s^2/m^4", "of air, on |v_n| v_n", 3.0, 0.0, 100.0),
+        "quick": _coefficient("1", "share of the pressure that is 0.1 s late", 0.5, -1.0, 1.5),
+        "slow": _coefficient("1", "share that is 0.5 s late", 0.3, -1.0, 1.5),
+        "drawn": _coefficient("1", "share lost by 200 kPa in other channels", 0.05, -0.3, 0.3),
+        "bend": _coefficient("1", "share gained at 400 kPa, and lost towards none", 0.15, -0.6, 0.6),
+        "far": _coefficient("1", "share lost at a muscle's far end", 0.25, 0.0, 1.0),
+        "stroke": _coefficient("N", "tension by contraction, at 200 kPa", 20.0, -200.0, 200.0),
+        "spring": _coefficient("N", "tension by contraction, at any pressure", 20.0, -200.0, 200.0),
+        "rate": _coefficient("N s", "tension lost by the contraction's rate, at 200 kPa", 5.0, -20.0, 100.0),
+        "friction": _coefficient("N", "of a muscle against contraction and lengthening", 0.3, 0.0, 10.0),
+        "across": _coefficient("1/m", "curvature of the free cloth along u", 1.0, -20.0, 20.0),
+        "down": _coefficient("1/m", "along v", 1.0, -20.0, 20.0),
+        "twist": _coefficient("1/m", "x,uv . n", 1.0, -20.0, 20.0),
+        "ratio": _coefficient("1", "logarithm of stiffness across over down", 0.5, -2.0, 2.0),
+        "drag": _coefficient("N s^2/m^4", "of air, on |v_n| v_n", 3.0, 0.0, 100.0),
     },
     pressure=_pressure,
     specimen=_specimen,
