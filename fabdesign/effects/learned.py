@@ -1,7 +1,7 @@
 """What is learned inside the mechanics: coefficients of basis functions, where no physical effect is named.
 
-The model is linear in each about nothing. Simulated with them, a motion of another layout, a shape at rest and the search's
-derivatives follow from physics; a correction of points after the motion does not.
+The model is linear in each about nothing. Simulated with them, a motion of another layout, a shape at rest and the
+search's derivatives follow from physics; a correction of points after the motion does not.
 """
 
 import numpy as np
@@ -70,7 +70,7 @@ LEARNED = Effect(
     "learned",
     site="learned",
     scope="rig",
-    what="pressure, tension, friction, drag, curvature and stiffness beyond the model, each in proportion to a coefficient",
+    what="pressure, tension, friction, drag, curvature and stiffness beyond the model, each by a coefficient",
     signature="none of its own: what several effects leave together, on every layout",
     looks_like="each effect that it stands for; name that one with a trace where the mechanism matters",
     source="linear regression inside the forward model; docs/corrector.md",
