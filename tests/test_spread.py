@@ -1,0 +1,44 @@
+"""Widths of prediction intervals are judged right: the score, the regions, and trials left out."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.stats import norm
+
+from benchmarks.spread import TWO_SIDED, Judged, by_region, crps, widths
+
+
+@pytest.mark.parametrize(("residual", "sigma"), [(0.0, 1.0), (2.5, 0.7), (-0.3, 2.0)])
+def test_score_is_its_integral(residual: float, sigma: float) -> None:
+    # CRPS = integral of (F(x) - [x >= residual])^2
+    low = quad(lambda x: norm.cdf(x / sigma) ** 2, -30, residual)[0]
+    high = quad(lambda x: norm.sf(x / sigma) ** 2, residual, 30)[0]
+    assert crps(np.array([residual]), np.array([sigma]))[0] == pytest.approx(low + high, rel=1e-6)
+
+
+def test_regions_share_the_nodes() -> None:
+    sums = by_region(np.ones((2, 11, 11)))
+    assert sums.shape == (2, 3, 3) and (sums.sum(axis=(1, 2)) == 121).all()
+
+
+def test_intervals_that_follow_the_motion_are_narrower_where_it_is_small() -> None:
+    """Residuals in proportion to the motion: both ways are right nine times in ten, one of them says where."""
+    rng = np.random.default_rng(0)
+    every = []
+    for k in range(12):
+        moved = rng.uniform(0.0, 0.1, 300)
+        every.append(
+            Judged("one" if k % 2 else "two", 0.05 * moved * rng.standard_normal(300), 1e-5 + 0 * moved, moved)
+        )
+    found = widths(every)
+
+    def inside(name: str) -> float:
+        off = [np.abs(one.residual) <= TWO_SIDED * sigma for one, sigma in zip(every, found[name], strict=True)]
+        return float(np.concatenate(off).mean())
+
+    def score(name: str) -> float:
+        return float(np.mean([crps(one.residual, sigma).mean() for one, sigma in zip(every, found[name], strict=True)]))
+
+    assert inside("joint covariance alone") < 0.1
+    assert inside("constant") == pytest.approx(0.9, abs=0.03) and inside("all") == pytest.approx(0.9, abs=0.03)
+    assert score("all") < 0.9 * score("constant")
