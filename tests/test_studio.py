@@ -42,7 +42,7 @@ from studies.studio.opening import Opened, open_files, search_limits
 from studies.studio.results import Result, one_more_buys
 from studies.studio.saving import Saving
 from studies.studio.scene import Places, laced, on_plane, ribbon
-from studies.studio.searching import SearchResult, study_document
+from studies.studio.searching import Search, SearchResult, study_document
 from studies.studio.session import Session
 from studies.studio.snapping import row_distance, rows, snapped
 from studies.studio.solver import Ask, StudioSolver
@@ -653,6 +653,33 @@ def test_the_study_of_a_search_reads_back(tmp_path: Path) -> None:
         assert study.start_pressures is not None
         assert study.start_pressures[0] == 125.5e3
         assert study.targets[0].file.resolve() == (tmp_path / "flat.xyz").resolve()
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_a_search_that_is_stopped_after_its_end_keeps_its_result(
+    kept: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ctrl-C while the program writes its report, or ends: it says nothing of a result, which lies there."""
+    write = "p.parent.mkdir(); p.write_text('{}')" if kept else "pass"
+    program = f"""
+import pathlib, signal, sys, time
+p = pathlib.Path(sys.argv[4]) / "result.json"
+{write}
+print("best 3.9 mm", file=sys.stderr, flush=True)
+signal.signal(signal.SIGINT, signal.SIG_DFL)
+(p.parents[1] / "ready").touch()
+time.sleep(60)
+"""
+    monkeypatch.setattr("studies.studio.searching.PROGRAM", (sys.executable, "-c", program))
+    target = target_at(BASIC, tmp_path / "flat.xyz")
+    search = Search(tmp_path / "s", BASIC, [target], Limits(), vary="pressures", seconds=60)
+    while not (tmp_path / "s" / "ready").exists():
+        assert search.running
+        time.sleep(0.05)
+    search.stop()
+    search._process.wait(30)
+    assert search.problem == (None if kept else "best 3.9 mm")
+    search.close()
 
 
 class Searching:

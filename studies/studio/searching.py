@@ -114,7 +114,7 @@ class Search:
         model: Path | None = None,
     ) -> None:
         """Raises InputError where the folder is there already, or cannot be written."""
-        self.folder, self._seen, self._poses = folder, "", len(targets)
+        self.folder, self._seen, self._poses, self._stopped = folder, "", len(targets), False
         with new_folder(folder, made_by="studio") as unfinished:
             write_design(layout.design, unfinished / "design.toml")
             text = study_document(layout, targets, limits, vary=vary, seconds=seconds, model=model, beside=folder)
@@ -158,8 +158,9 @@ class Search:
         )
 
     def stop(self) -> None:
-        """Ask it to end with the best so far."""
+        """Ask it to end with the best so far, which lies in `result` whatever it was about when it was asked."""
         if self.running:
+            self._stopped = True
             self._process.send_signal(signal.SIGINT)
 
     def close(self) -> None:
@@ -175,10 +176,10 @@ class Search:
 
     @property
     def problem(self) -> str | None:
-        """Why it ended without a result, in a line; None while it runs or where it ended well."""
+        """Why it ended without a result, in a line; None while it runs, and where it ended well or was stopped."""
         if self.running or self._process.returncode == 0 or self._process.stderr is None:
             return None
-        if self._process.stderr.closed:
+        if self._process.stderr.closed or (self._stopped and (self.result / "result.json").is_file()):
             return None
         lines = [line for line in self._process.stderr.read().splitlines() if line.strip()]
         return lines[-1] if lines else f"the search ended with code {self._process.returncode}"
