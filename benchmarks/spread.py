@@ -67,10 +67,9 @@ def judged(trials: Sequence[Trial], model: Model, grid: int) -> list[Judged]:
     rng = np.random.default_rng(0)
     models = [model, *(drawn(model, root, z) for z in rng.standard_normal((DRAWS, len(root))))]
     times = [np.concatenate([[0.0], trial.times[FIRST::EVERY]]) for trial in trials]
-    motions = []
-    for each in models:
-        cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
-        motions.append(Predictor(Simulator(grid), each, sensing=True).motions(cases, times))
+    cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
+    simulator = Simulator(grid)
+    motions = [Predictor(simulator, each, sensing=True).motions(cases, times) for each in models]
     return [_judged(trial, *(motion[k] for motion in motions)) for k, trial in enumerate(trials)]
 
 

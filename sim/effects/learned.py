@@ -2,12 +2,12 @@
 
 import taichi as ti
 
+from fabdesign.effects.learned import UNIT
 from sim.forces.added import AddedForce
 from sim.kernels.fields import F, X
 from sim.state import LOADED, Plane
 from sim.time.scheme import CV
 
-UNIT = 200e3  # Pa: fabdesign.effects.learned.UNIT
 SOFTEST = 0.9  # of a muscle's own stiffness that may be taken from it
 
 

@@ -186,7 +186,7 @@ def _content(
         "unjudged": [np.flatnonzero(~chosen.used).tolist() for chosen in learned],
         "model": central_hash(base),
         "points_per_side": base.points_per_side,
-        "free": None if vector is None else [*vector.names],
+        "free": repr(vector),
         "plan": json.loads(json.dumps(asdict(plan))),
         "files": [sha256(chosen.trial.file) for chosen in learned],
         "simulator": SIMULATOR,
@@ -232,7 +232,8 @@ def _tested(
         noise = noise_of([chosen.trial for chosen in own])
         sheet, before, after = list[Errors](), list[Errors](), list[Errors]()
         plain = simulated(own, times, (), forward, work, progress=progress)
-        declared = _by_data_sheet(own, times, forward, progress) if model.parameters else None
+        by_sheet = [replace(c, key=f"{c.key}-sheet", case=case_of(c.trial, Model())) for c in own]
+        declared = simulated(by_sheet, times, (), forward, work, progress=progress) if model.parameters else None
         wanted = simulated(own, times, corrector.history(), forward, work, progress=progress)
         for k, (chosen, simple, motion) in enumerate(zip(own, plain, wanted, strict=True)):
             trial = chosen.trial
@@ -256,17 +257,6 @@ def _tested(
         known = mean_errors(sheet) if sheet else None
         errors[name] = HeldOutErrors(len(before), trust, known, means[0], means[1], _closed(*means))
     return errors
-
-
-def _by_data_sheet(
-    own: Sequence[Chosen],
-    times: Callable[[Chosen], NDArray[np.float64]],
-    forward: ForwardModel,
-    progress: Progress,
-) -> list[NDArray[np.float32]]:
-    """Each trial's motion without a model, at its frames' times."""
-    progress("simulated by the data sheet", 0, len(own))
-    return forward.motions([case_of(chosen.trial, Model()) for chosen in own], [times(chosen) for chosen in own])
 
 
 def unordered_errors(
