@@ -1,4 +1,4 @@
-"""Does a trace give the right answer? Eighteen sets of the synthetic rig, with one effect each or none; and three with
+"""Does a trace give the right answer? Twelve sets of the synthetic rig with one effect each, 24 without; and three with
 several effects each, of which it is said how many were found.
 
     python -m benchmarks.trace FOLDER              # all of them; those in FOLDER/results.jsonl are not done again
@@ -23,11 +23,11 @@ from benchmarks.machine import ROOT, commit, processor
 from benchmarks.trace_sets import RIGS, SEVERAL, Rig, make
 from fabdesign.measurement_set import read_set
 from fabdesign.output import write_text
+from studies.sensitivity.result import wilson
 from studies.tracing.run import trace_set
 
 PAGE = ROOT / "docs" / "results" / "trace.md"
 BEGIN, END = "<!-- table -->", "<!-- end of table -->"
-NEEDED = 14  # right of eighteen
 
 Cells = Callable[[dict[str, Any]], list[str]]  # of a row of results
 
@@ -108,12 +108,17 @@ def _found(r: dict[str, Any]) -> list[str]:
 
 
 def _summary(rows: list[dict[str, Any]]) -> list[str]:
-    right = sum(row["is_right"] for row in rows)
+    """Right, of those run, with effects and without, with Wilson's interval."""
+    said = []
+    for name, own in (("With an effect", [r for r in rows if r["right"] != "adequate"]),
+                      ("Without", [r for r in rows if r["right"] == "adequate"])):  # fmt: skip
+        right = sum(row["is_right"] for row in own)
+        low, high = wilson(right, len(own)) if own else (0.0, 1.0)
+        said.append(f"{name}: {right} of {len(own)} right (90 %: {low:.0%} to {high:.0%}).")
     shares = [row["excess_after"] / row["excess_before"] for row in rows if row["is_right"] and _effect(row)]
-    said = f"{right} of {len(rows)} sets right, {len(RIGS) - len(rows)} of {len(RIGS)} not run (bound: {NEEDED} of 18)."
     if shares:
-        said += f" Excess left where the effect was found: {median(shares):.0%} in the median of {len(shares)} (35 %)."
-    return [f"{said} Synthetic rig."]
+        said.append(f"Excess left where the effect was found: {median(shares):.0%} in the median of {len(shares)}.")
+    return [f"{' '.join(said)} {len(RIGS) - len(rows)} of {len(RIGS)} not run. Synthetic rig."]
 
 
 def _effect(row: dict[str, Any]) -> bool:

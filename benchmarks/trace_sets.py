@@ -24,6 +24,7 @@ from studies.rig.ground_truth import GroundTruth
 SECONDS = 1.5
 HIGHEST = 350e3  # Pa
 UNLISTED = ("wind", "spring")
+NULLS = 24  # sets without an effect
 
 
 @dataclass(frozen=True)
@@ -60,32 +61,32 @@ class Rig:
 
 VERTICAL, SIDE, CROSS, BASIC = ("vertical", 3), ("side", 4), ("cross", 2), ("basic", 4)
 RIGS = (
-    Rig("hysteresis", VERTICAL, 8000, {"braid_hysteresis": {"friction": 0.03, "slip": 0.008}}),
-    Rig("creep", CROSS, 8001, {"creep_of_two_times": {"share": 1.0, "quick": 0.2, "slow": 1.0}}),
-    Rig("odd", VERTICAL, 8002, {"odd_muscle": {"channel": 1, "factor": 0.45}}),
-    Rig("lag", CROSS, 8003, {"lag_of_two_volumes": {"line": 0.1, "muscle": 0.1}}),
-    Rig("dead", BASIC, 8004, {"dead_time": {"delay": 0.1}}),
-    Rig("droop", VERTICAL, 8005, {"droop_by_flow": {"share": 0.35}}),
-    Rig("loss", CROSS, 8006, {"line_loss": {"share": 0.7}}),
-    Rig("orthotropy", CROSS, 8007, {"orthotropy_of_bending": {"ratio": 3.0}}),
-    Rig("drag", CROSS, 8008, {"air_drag": {"coefficient": 60.0}}),
-    Rig("tilt", SIDE, 8009, {"frame_tilt": {"about_x": 2.5}}),
-    Rig("wind", BASIC, 8010, {"wind": {"z": 0.5}}),
-    Rig("spring", VERTICAL, 8011, {"spring": {"stiffness": 0.4}}),
-    *(Rig(f"none_{k}", layout, 8012 + k) for k, layout in enumerate((VERTICAL, SIDE, CROSS, BASIC, VERTICAL, CROSS))),
+    Rig("hysteresis", VERTICAL, 9000, {"braid_hysteresis": {"friction": 0.03, "slip": 0.008}}),
+    Rig("creep", CROSS, 9001, {"creep_of_two_times": {"share": 1.0, "quick": 0.2, "slow": 1.0}}),
+    Rig("odd", VERTICAL, 9002, {"odd_muscle": {"channel": 1, "factor": 0.45}}),
+    Rig("lag", CROSS, 9003, {"lag_of_two_volumes": {"line": 0.1, "muscle": 0.1}}),
+    Rig("dead", BASIC, 9004, {"dead_time": {"delay": 0.1}}),
+    Rig("droop", VERTICAL, 9005, {"droop_by_flow": {"share": 0.35}}),
+    Rig("loss", CROSS, 9006, {"line_loss": {"share": 0.7}}),
+    Rig("orthotropy", CROSS, 9007, {"orthotropy_of_bending": {"ratio": 3.0}}),
+    Rig("drag", CROSS, 9008, {"air_drag": {"coefficient": 60.0}}),
+    Rig("tilt", SIDE, 9009, {"frame_tilt": {"about_x": 2.5}}),
+    Rig("wind", BASIC, 9010, {"wind": {"z": 0.5}}),
+    Rig("spring", VERTICAL, 9011, {"spring": {"stiffness": 0.4}}),
+    *(Rig(f"none_{k}", (VERTICAL, SIDE, CROSS, BASIC)[k % 4], 9012 + k) for k in range(NULLS)),
 )
 # blind too: each effect by itself explains too little of what they do together
 SEVERAL = (
     Rig(
-        "three_basic", BASIC, 8100,
+        "three_basic", BASIC, 9100,
         {"filling_lag": {"fill": 0.08, "empty": 0.12}, "orthotropy": {"ratio": 0.6}, "air_drag": {"coefficient": 20.0}},
     ),
     Rig(
-        "three_vertical", VERTICAL, 8101,
+        "three_vertical", VERTICAL, 9101,
         {"dead_time": {"delay": 0.05}, "supply_droop": {"share": 0.1}, "rest_curvature": {"down": 1.2}},
     ),
     Rig(
-        "four_side", SIDE, 8102,
+        "four_side", SIDE, 9102,
         {"filling_lag": {"fill": 0.1, "empty": 0.1}, "line_loss": {"share": 0.3}, "frame_tilt": {"about_x": 1.0},
          "muscle_creep": {"share": 0.2, "time": 0.8}},
     ),

@@ -1,6 +1,7 @@
 """Tracing on a made cloth whose effects are known: what is there is found, what is not is not."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -30,11 +31,11 @@ from optimize.fit.needed import conditioned, cost, needed
 from optimize.fit.normal import _bounded_step
 from optimize.fit.parameters import fit_vector
 from studies.measured_data import MeasuredData
-from studies.tracing.backwards import NEEDED, backwards, sparse
+from studies.tracing.backwards import NEEDED, backwards, gains_of, parts_of, sparse
 from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
 from studies.tracing.run import DRAWN, trace_set
-from studies.tracing.task import Task
+from studies.tracing.task import Place, Task
 from studies.tracing.verdict import Evidence, decide, explains
 from studies.used_frames import UsedFrames
 from tests.few_effects import few_effects
@@ -351,6 +352,65 @@ def test_each_of_several_effects_is_confirmed_by_a_fit_without_it(late, tmp_path
     assert not small
     assert {name for name in said if " " in name} == {"filling_lag supply_droop"}
     assert {name for name in said if " " not in name} == {"filling_lag", "supply_droop"}
+
+
+class Stiffer(Curler):
+    """On another layout pressures curl the cloth ten times as far."""
+
+    def _motion(self, case, times):
+        if case.design.name == "cross":
+            return super()._motion(case, times)
+        program = replace(case.program, pressure=10 * case.program.pressure)
+        return super()._motion(replace(case, design=replace(case.design, name="cross"), program=program), times)
+
+
+@pytest.mark.parametrize("layout", ["cross", "other"])
+def test_an_effect_within_the_tolerance_stays_where_it_matters_to_another_layout(late, tmp_path, layout):
+    joint, data = late
+    gains = gains_of(parts_of(joint.vector), LeftOut.of(joint, data.folds), data.noise.sigma)
+    droop, lag = (gains[label][0] for label in ("supply_droop", "filling_lag"))
+    tolerance = 0.5 * (droop + lag)
+    assert 1.2 * droop < tolerance < lag
+    trial = data.trials[0]
+    with work_folder(tmp_path / "out", made_by="trace") as work:
+        task = Task(
+            data, Predictor(Stiffer(), Model(), sensing=True), tolerance, {}, known=[], scope=None,
+            checkpoint=Checkpoint(work, {}), say=lambda line: None,
+            elsewhere=[replace(trial, design_name=layout, design=replace(trial.design, name=layout))],
+        )  # fmt: skip
+        found, small = backwards(task, joint)
+    assert sorted(found.vector.labels) == (["filling_lag", "supply_droop"] if layout == "other" else ["filling_lag"])
+    assert small == ([] if layout == "other" else ["supply_droop"])
+
+
+def test_models_are_compared_on_the_layout_where_they_differ_most(late, tmp_path):
+    joint, data = late
+    trials = [
+        replace(data.trials[k], design_name=name, design=replace(data.trials[k].design, name=name))
+        for k, name in enumerate(["cross", "other"])
+    ]
+    forward = Predictor(Stiffer(), Model(), sensing=True)
+    with work_folder(tmp_path / "out", made_by="trace") as work:
+        task = Task(
+            data, forward, 0.5e-3, {}, [], None, Checkpoint(work, {}), say=lambda line: None, elsewhere=trials
+        )  # fmt: skip
+    one, other = (Place(joint.vector, x) for x in (joint.x, joint.x * 0.9))
+    motions = [
+        [forward.motions([place.vector.case(trial, place.x)], [trial.times])[0].astype(float) for trial in trials]
+        for place in (one, other)
+    ]
+    apart = [
+        np.sqrt(np.square(np.minimum(np.linalg.norm(_middle(a) - _middle(b), axis=-1), 0.02)).mean())
+        for a, b in zip(*motions, strict=True)
+    ]
+    assert apart[1] > 2 * apart[0] > 0
+    assert task.differs_elsewhere(one, other) == pytest.approx(apart[1], rel=1e-4)
+    assert replace(task, elsewhere=()).differs_elsewhere(one, other) == 0
+
+
+def _middle(points):
+    """(T, n, 3) m, of two faces."""
+    return 0.5 * (points[:, : points.shape[1] // 2] + points[:, points.shape[1] // 2 :])
 
 
 def _precision(found):

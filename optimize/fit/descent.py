@@ -18,7 +18,7 @@ from optimize.fit.normal import BLOCK, FAR, Normal, directions, loss, step_to_mi
 from optimize.fit.parameters import DECLARED, FitVector
 from optimize.fit.problem import Evaluation, FitProblem, Linearisation
 
-_STEP = 0.03  # of a logarithm, in the first finite differences
+STEP = 0.03  # of a logarithm, in the first finite differences
 _ITERATIONS = 20
 _CONVERGED = 0.01  # of a logarithm
 CLOSE = 0.05  # of log likelihood: a step that promises less is the last, and still taken
@@ -72,7 +72,7 @@ def fit(
     weight = np.diag(1 / vector.prior**2)
     slopes = forward if slopes is None else slopes
     starts = np.atleast_2d(vector.start if start is None else start)
-    x, along, iterations = starts[0], np.diag(_STEP * vector.scale), 0
+    x, along, iterations = starts[0], np.diag(STEP * vector.scale), 0
     *early, last = horizons(samples)
     if start is not None:
         early = []

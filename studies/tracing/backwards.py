@@ -1,7 +1,8 @@
 """Backwards from the joint fit: what the data do not need, or what trials left out gain too little by, is dropped."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from optimize.fit.inputs import InputErrors
 from optimize.fit.left_out import LeftOut
 from optimize.fit.needed import conditioned, cost, needed
 from optimize.fit.parameters import FitParameter, FitVector
-from studies.tracing.task import Task
+from studies.tracing.task import Place, Task
 
 NEEDED = 8.0  # of log likelihood: what costs less to drop is dropped; four standard deviations of one parameter
 _CLOSE = 0.5  # of log likelihood: where a fit ends that is judged at the minimum of its linearised residuals
@@ -34,7 +35,7 @@ def backwards(task: Task, everything: Fit) -> tuple[Fit | None, list[str]]:
         # beside a stronger one an effect must gain more than all leave: that one's law is not quite right, and small
         # effects take up what it lacks
         least = max(task.tolerance, trials.scored().excess(task.floor)) if len(gains) > 1 else task.tolerance
-        weak = _weakest(gains, least)
+        weak = _weakest(gains, least, partial(_elsewhere, task, known, []))
         if weak is not None:
             small.append(weak)
             labels = [label for label in known.vector.labels if label != weak]
@@ -105,14 +106,15 @@ def _chosen_only(term: Term) -> Term:
 
 def _worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     """The terms that the joint fit says the data need, and of those the ones that trials left out gain too little by,
-    all to first order: no motion is simulated. Shapes are not fitted yet, so what is left says nothing."""
+    to first order. Shapes are not fitted yet, so what is left says nothing, and what matters elsewhere may stay that
+    is not certain here."""
     vector, small = everything.vector, list[str]()
     labels = sparse(everything, needed(everything.minimum, everything.covariance, vector, NEEDED))
     trials = LeftOut.of(everything, task.data.folds)
     while labels:
-        off = np.concatenate([_NONE, *(vector.part(label) for label in vector.labels if label not in labels)])
+        off = _unknowns(vector, gone := [label for label in vector.labels if label not in labels])
         gains = gains_of({label: vector.part(label) for label in labels}, trials, task.floor, off)
-        weak = _weakest(gains, task.tolerance)
+        weak = _weakest(gains, task.tolerance, partial(_elsewhere, task, everything, gone), certain=False)
         if weak is None:
             break
         small.append(weak)
@@ -120,10 +122,24 @@ def _worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     return labels, small
 
 
-def _weakest(gains: Mapping[str, Gain], least: float) -> str | None:
-    """The effect that trials left out gain least by, if that is not certain, or less than `least` [m]."""
-    weakest = min(gains, key=lambda label: gains[label][0])
-    return weakest if _too_little(gains[weakest], least) else None
+def _weakest(
+    gains: Mapping[str, Gain], least: float, elsewhere: Callable[[str], float], *, certain: bool = True
+) -> str | None:
+    """The effect that trials left out gain least by, of those that they gain too little by."""
+    rising = sorted(gains, key=lambda label: gains[label][0])
+    return next((k for k in rising if _too_little(gains[k], least, partial(elsewhere, k), certain=certain)), None)
+
+
+def _elsewhere(task: Task, joint: Fit, gone: Sequence[str], label: str) -> float:
+    """m by which a fit with terms `gone` off differs on other layouts where one more is, to first order."""
+    vector, x, covariance = joint.vector, joint.minimum, joint.covariance
+    with_it, without = (conditioned(x, covariance, _unknowns(vector, labels))[0] for labels in (gone, [*gone, label]))
+    return task.differs_elsewhere(Place(vector, vector.inside(with_it)), Place(vector, vector.inside(without)))
+
+
+def _unknowns(vector: FitVector, labels: Sequence[str]) -> Indices:
+    """Of these terms."""
+    return np.concatenate([_NONE, *(vector.part(label) for label in labels)])
 
 
 def _simpler(
@@ -132,17 +148,22 @@ def _simpler(
     """A fit without one of several effects by which trials left out lose too little: what is not linear may take its
     place, and which of two gains more to first order may be wrong. Alone, an effect is judged beside the declared
     parameters."""
-    own = trials.scored()
+    own, place = trials.scored(), Place(known.vector, known.x)
     for label in sorted(gains, key=lambda label: gains[label][0]) if len(gains) > 1 else ():
         vector, starts = with_shapes(known, [other for other in gains if other != label])
         fitted = task.fit(" ".join(vector.labels), vector, inputs, starts, close=_CLOSE)
         without = LeftOut.of(fitted, task.data.folds).scored()
         alike = replace(own, squares=own.squares * without.weights / np.maximum(own.weights, 1e-12))
-        if _too_little(trials.gain(without, alike, task.floor), least):
+        gain, other = trials.gain(without, alike, task.floor), Place(vector, fitted.x)
+        if _too_little(gain, least, partial(task.differs_elsewhere, place, other)):
             return fitted
     return None
 
 
-def _too_little(gain: Gain, least: float) -> bool:
-    """least: m."""
-    return gain[0] < least or gain[1][0] <= 0
+def _too_little(gain: Gain, least: float, elsewhere: Callable[[], float], *, certain: bool = True) -> bool:
+    """Of an effect that trials left out gain by: under `least` [m] there, and in what it does to other layouts, or not
+    certain, where it must be."""
+    sure = gain[1][0] > 0
+    if sure and gain[0] >= least:
+        return False
+    return (certain and not sure) or elsewhere() < least

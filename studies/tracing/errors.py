@@ -9,19 +9,11 @@ from fabdesign.forward import ForwardModel
 from fabdesign.metrics import Errors, statistics, trial_errors
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.trial import Trial
-from optimize.fit.clouds import Array, Indices, evenly
-from optimize.fit.parameters import FitVector
+from optimize.fit.clouds import Indices, evenly
+from studies.tracing.task import Place
 from studies.used_frames import Stretch, used_mask
 
 FRAMES = 20  # of a trial
-
-
-@dataclass(frozen=True, eq=False)
-class Place:
-    """A vector and where in it the model is."""
-
-    vector: FitVector
-    x: Array
 
 
 @dataclass(frozen=True)

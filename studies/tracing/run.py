@@ -27,20 +27,21 @@ from studies.sensitive_stretches import sensitive_stretches
 from studies.tracing.backwards import label_effect
 from studies.tracing.black_box import baseline_score
 from studies.tracing.candidates import Candidate, candidates_of
-from studies.tracing.errors import Place, errors_of_trials
+from studies.tracing.errors import errors_of_trials
 from studies.tracing.experiment import Explanation, next_experiment
 from studies.tracing.outcome import Outcome, model_of
 from studies.tracing.residual import remains
 from studies.tracing.residuals import Residuals
 from studies.tracing.selection import Selection, select
-from studies.tracing.task import Task
+from studies.tracing.task import Place, Task
 from studies.tracing.verdict import Evidence, decide
 from studies.used_frames import Stretch, UsedFrames, share_left_out
 
-ALGORITHM = 7  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
+ALGORITHM = 8  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 TOLERANCE = 0.5e-3  # m of excess
 TRIALS = 16  # at most, spread over those allowed
 LEAST_TRIALS = 3  # with different pressures
+ELSEWHERE = 2  # trials of a layout that is not fitted
 DRAWN = Density(until=6.0, frames=25, points=150)
 GRID = 21  # points a side: within 0.3 mm of a finer one, for a hundredth of a second a column
 CALM_STEPS = 12  # time steps in one, far from jumps: within 0.03 mm of 8; at 16 single motions are off by millimetres
@@ -120,6 +121,7 @@ def _trace(
             scope=muscle_scope([trial.design for trial in data.trials]),
             checkpoint=checkpoint,
             say=say,
+            elsewhere=_elsewhere(measured, data),
         )
     )
     left = remains(Residuals.of(data.samples, selection.chosen), selection.folds)
@@ -176,6 +178,16 @@ def _used(checkpoint: Checkpoint, trials: tuple[Trial, ...], bare: ForwardModel,
     kept = checkpoint.get("unjudged", found)
     stretches = tuple(Stretch(str(trial), float(begin), float(end)) for trial, begin, end in kept)
     return UsedFrames(stretches, share_left_out(stretches, trials))
+
+
+def _elsewhere(measured: MeasurementSet, data: MeasuredData) -> list[Trial]:
+    """Trials of the set's other layouts, a few of each."""
+    fitted = {trial.design_name for trial in data.trials}
+    found = []
+    for name in sorted({trial.design_name for trial in measured.trials} - fitted):
+        own = [trial for trial in measured.trials if trial.design_name == name]
+        found += [own[k] for k in evenly(len(own), ELSEWHERE)]
+    return found
 
 
 def _evidence(selection: Selection, samples: Sequence[Sample], left: float) -> Evidence:

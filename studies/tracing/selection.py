@@ -13,8 +13,9 @@ import numpy as np
 from optimize.fit.descent import horizons
 from optimize.fit.fitted import Fit
 from optimize.fit.left_out import LeftOut
+from optimize.fit.needed import needed
 from optimize.fit.parameters import FitVector, fit_vector
-from studies.tracing.backwards import Gain, backwards, gains_of, parts_of
+from studies.tracing.backwards import NEEDED, Gain, backwards, gains_of, parts_of, sparse
 from studies.tracing.task import Task
 
 EARLY = 1.0  # s, of the horizons before the last: a column costs a motion as long
@@ -25,9 +26,10 @@ ALIKE = 0.98  # cosine from which on two effects are one answer
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """everything: the joint fit. plain: the declared parameters alone. chosen: with what is needed; `plain` itself
-    where that is nothing. small: effects that are certain but within the tolerance. nothing: m RMS that terms left out
-    of the joint fit on its way could move the residuals by at most, by label."""
+    """everything: the joint fit; to first order about `plain` where that is adequate. plain: the declared parameters
+    alone. chosen: with what is needed; `plain` itself where that is nothing. small: effects that are certain but within
+    the tolerance. nothing: m RMS that terms left out of the joint fit on its way could move the residuals by at most,
+    by label."""
 
     everything: Fit
     plain: Fit
@@ -60,6 +62,9 @@ def select(task: Task) -> Selection:
     size = fabric.width, fabric.height
     every = fit_vector(["all"], factors=task.factors, scope=task.scope, channels=task.channels, size=size)
     vector = without(every, task.known)
+    plain = task.fit("plain", vector.without_effects, near=True)
+    if _excess(task, plain) <= task.tolerance:
+        return _adequate(task, vector, task.fit("plain to its end", plain.vector, plain.inputs, plain.minimum))
     nothing: dict[str, float] = {}
     start = vector.start
     for horizon in [h for h in horizons(task.data.samples)[:-1] if h <= EARLY]:
@@ -71,12 +76,25 @@ def select(task: Task) -> Selection:
         start = early.x[index]
     everything = task.fit("every effect", vector, start=start, near=True)
     found, small = backwards(task, everything)
-    plain = task.fit("plain", vector.without_effects, everything.inputs, near=found is not None)
-    chosen = found or plain
-    if chosen is not plain and LeftOut.of(plain, task.data.folds).scored().excess(task.floor) <= task.tolerance:
-        small += chosen.vector.labels
-        plain = chosen = task.fit("plain to its end", plain.vector, everything.inputs, plain.minimum)
-    return Selection(everything, plain, chosen, task.data.folds, task.floor, tuple(small), nothing)
+    if found is None:
+        plain = task.fit("plain to its end", plain.vector, everything.inputs, plain.minimum)
+    else:
+        plain = task.weighed(plain, everything.inputs)
+    return Selection(everything, plain, found or plain, task.data.folds, task.floor, tuple(small), nothing)
+
+
+def _excess(task: Task, fitted: Fit) -> float:
+    """m, by trials left out."""
+    return LeftOut.of(fitted, task.data.folds).scored().excess(task.floor)
+
+
+def _adequate(task: Task, vector: FitVector, plain: Fit) -> Selection:
+    """What the declared parameters explain: effects take part to first order."""
+    x = np.zeros(len(vector.start))
+    x[: len(plain.x)] = plain.x
+    everything = task.linearised("every effect beside them", vector, x, plain.inputs)
+    small = sparse(everything, needed(everything.minimum, everything.covariance, vector, NEEDED))
+    return Selection(everything, plain, plain, task.data.folds, task.floor, tuple(small), {})
 
 
 def negligible(early: Fit, tolerance: float) -> dict[str, float]:

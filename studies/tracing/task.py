@@ -7,20 +7,32 @@ import numpy as np
 
 from fabdesign.checkpoint import Arrays, Checkpoint
 from fabdesign.forward import ForwardModel
+from fabdesign.sheet import sheets_of
+from fabdesign.trial import Trial
 from optimize.fit.clouds import Array
-from optimize.fit.descent import CLOSE, fit
-from optimize.fit.fitted import Fit, concluded
+from optimize.fit.descent import CLOSE, STEP, fit
+from optimize.fit.fitted import Fit, capped, concluded
 from optimize.fit.inputs import InputErrors
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import FitProblem
 from studies.measured_data import MeasuredData
 
+FAR = 0.020  # m: a point that is farther off counts as this far
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True, eq=False)
+class Place:
+    """A vector and where in it the model is."""
+
+    vector: FitVector
+    x: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Task:
-    """What is fitted. start: of the factors. known: effects that the model has and that stay as they are."""
+    """What is fitted. factors: where they start. known: effects that the model has and that stay as they are.
+    elsewhere: trials of layouts that none of the fitted has, for their designs and pressures, not for their clouds."""
 
     data: MeasuredData
     forward: ForwardModel
@@ -30,6 +42,7 @@ class Task:
     scope: str | None  # of the muscles' effects
     checkpoint: Checkpoint
     say: Say
+    elsewhere: Sequence[Trial] = ()
 
     @property
     def floor(self) -> float:
@@ -39,6 +52,17 @@ class Task:
     @property
     def channels(self) -> int:
         return max(trial.design.channels for trial in self.data.trials)
+
+    def differs_elsewhere(self, one: Place, other: Place) -> float:
+        """m, RMS between the motions of two models, on the layout of `elsewhere` where it is most; 0 without any."""
+        times = [trial.times for trial in self.elsewhere]
+        cases = [place.vector.case(trial, place.x) for place in (one, other) for trial in self.elsewhere]
+        sheets = sheets_of(self.forward)(cases, [*times, *times])
+        squares: dict[str, list[float]] = {}
+        for trial, a, b in zip(self.elsewhere, sheets, sheets[len(times) :], strict=False):
+            apart = np.linalg.norm(a.middle - b.middle, axis=-1)
+            squares.setdefault(trial.design_name, []).append(float(np.square(np.fmin(apart, FAR)).mean()))
+        return max((float(np.sqrt(np.mean(own))) for own in squares.values()), default=0.0)
 
     def fit(
         self,
@@ -50,13 +74,13 @@ class Task:
         close: float = CLOSE,
         near: bool = False,
     ) -> Fit:
-        """As `optimize.fit.descent.fit`. Where it ended and its Jacobian are kept; the motions there are made again.
-        named: in the folder and in what is said. inputs: what errors of them do, where that is known."""
-        problem = FitProblem(self.data.samples, self.forward, self.forward, vector)
-        fresh: list[Fit] = []
-
-        def compute() -> Arrays:
-            found = fit(
+        """As `optimize.fit.descent.fit`. named: in the folder and in what is said. inputs: what errors of them do,
+        where that is known."""
+        return self._kept(
+            named,
+            vector,
+            inputs,
+            lambda: fit(
                 self.data.samples,
                 self.forward,
                 vector=vector,
@@ -65,17 +89,44 @@ class Task:
                 close=close,
                 near=near,
                 progress=lambda line, share: self.say(f"{named}, {len(vector.parameters)} unknowns: {line}"),
-            )
-            fresh.append(found)
+            ),
+        )
+
+    def linearised(self, named: str, vector: FitVector, x: Array, inputs: InputErrors | None) -> Fit:
+        """A fit that ends where it begins, with a Jacobian by differences."""
+
+        def there() -> Fit:
+            self.say(f"{named}, {len(vector.parameters)} unknowns, to first order")
+            problem = self._problem(vector)
+            state = problem.linearise(problem.evaluate([x])[0], np.diag(STEP * vector.scale))
+            return concluded(problem, state, inputs, capped(state.found.residual), 0, True)
+
+        return self._kept(named, vector, inputs, there)
+
+    def weighed(self, known: Fit, inputs: InputErrors | None) -> Fit:
+        """A fit as it ended, with what errors of the inputs do elsewhere: models are compared by the same weights."""
+        problem = self._problem(known.vector)
+        return concluded(problem, known.state, inputs, known.before, known.iterations, known.converged)
+
+    def _problem(self, vector: FitVector) -> FitProblem:
+        return FitProblem(self.data.samples, self.forward, self.forward, vector)
+
+    def _kept(self, named: str, vector: FitVector, inputs: InputErrors | None, compute: Callable[[], Fit]) -> Fit:
+        """A fit of which stands in the folder where it ended, and its Jacobian; the motions there are made again."""
+        fresh: list[Fit] = []
+
+        def arrays() -> Arrays:
+            fresh.append(found := compute())
             own = {} if inputs is not None or found.inputs is None else vars(found.inputs)
             told = np.array([found.before, found.iterations, found.converged], dtype=float)
             return {"x": found.x, "jacobian": found.state.jacobian, "told": told, **own}
 
-        kept = self.checkpoint.arrays(f"fit_{_file_name(named)}", compute)
+        kept = self.checkpoint.arrays(f"fit_{_file_name(named)}", arrays)
         if fresh:
             return fresh[0]
         if inputs is None and "columns" in kept:
             inputs = InputErrors(kept["columns"], kept["bent"])
+        problem = self._problem(vector)
         state = problem.with_jacobian(problem.evaluate([kept["x"]])[0], kept["jacobian"])
         before, iterations, converged = kept["told"].tolist()
         return concluded(problem, state, inputs, before, int(iterations), bool(converged))
