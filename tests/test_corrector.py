@@ -30,6 +30,7 @@ from fabdesign.model_file import read_model, write_model
 from fabdesign.pressure import PressureProgram
 from fabdesign.surface import Surface
 from optimize.fit.parameters import FitParameter, FitVector
+from studies.forward_model import not_corrected
 from studies.training.data import choose, frames_learned
 from tests.command_line import one_line
 
@@ -162,6 +163,8 @@ def test_beyond_the_limit_the_answer_is_the_simulators(trained) -> None:
     before, after, _ = _motions(corrector, across, [100, 200])
     assert after.tobytes() == before.tobytes()
     assert corrector.trust(LEARNED[0]).applies
+    [line] = not_corrected(read_model(folder / "model.toml"), [across, LEARNED[0]])
+    assert line.startswith("side: not corrected: ") and line.endswith("its motions are the simulator's")
 
 
 def test_frames_that_diverged_stay_so(trained) -> None:
