@@ -11,7 +11,7 @@ from fabdesign import SIMULATOR
 from fabdesign.forward import MUSCLE_TYPES, OF_MUSCLES, SIDE, Term
 
 POINTS_PER_SIDE = SIDE  # of the simulator's grid, unless something else is asked for
-PARTS = ("rig", "sensors", "corrector")  # what may be left out of a model
+PARTS = ("rig", "sensors", "corrector", "spread")  # what may be left out of a model
 
 
 @dataclass(frozen=True)
@@ -67,6 +67,19 @@ class Covariance:
 
 
 @dataclass(frozen=True)
+class Spread:
+    """Half-widths of 90 % intervals of where a predicted motion lies, along its normal, in quadrature
+    (fabdesign/spread.py): calibrated on trials that the model was not fitted to."""
+
+    constant: float  # m
+    covariance: float  # on the standard deviation that the model's joint covariance gives
+    motion: float  # m for each m moved since rest
+    trials: int  # calibrated on
+    held: float  # share of their residuals inside, each calibrated on the others
+    trained_on: str  # hash of the model that it belongs to (fabdesign.spread)
+
+
+@dataclass(frozen=True)
 class Provenance:
     """Where a model comes from. Trials are named SET/TRIAL."""
 
@@ -98,6 +111,7 @@ class Model:
     without_effects: Mapping[str, Parameter] | None = None
     covariance: Covariance | None = None
     corrector_hash: str | None = None  # of the parameters and effects that it was trained on (fabdesign.corrector)
+    spread: Spread | None = None  # None: its motions have no intervals
 
     @property
     def factors(self) -> dict[str, float]:
@@ -124,17 +138,19 @@ class Model:
             corrector_hash=None,
             without_effects=None,
             covariance=None,
+            spread=None,
         )
 
     def without(self, parts: Collection[str]) -> "Model":
-        """The model less what belongs to `parts`, of PARTS."""
-        return replace(
+        """The model less what belongs to `parts`, of PARTS. A spread is the whole model's: it goes with any of them."""
+        less = replace(
             self,
             parameters={k: p for k, p in self.parameters.items() if p.scope not in parts},
             effects=tuple(effect for effect in self.effects if effect.scope not in parts),
             corrector=None if "corrector" in parts else self.corrector,
             corrector_hash=None if "corrector" in parts else self.corrector_hash,
         )
+        return less if less == self and "spread" not in parts else replace(less, spread=None)
 
     @property
     def stale(self) -> str | None:

@@ -13,11 +13,13 @@ from fabdesign.effect_file import effect_items, read_effect, read_interval, read
 from fabdesign.effort import COARSEST, FINEST
 from fabdesign.errors import InputError
 from fabdesign.forward import FACTOR_RANGE, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
-from fabdesign.model import PARTS, POINTS_PER_SIDE, Covariance, Model, Parameter, Provenance
+from fabdesign.model import PARTS, POINTS_PER_SIDE, Covariance, Model, Parameter, Provenance, Spread
 from fabdesign.output import write_text
+from fabdesign.spread import spread_of
 from fabdesign.table import Table, load_toml, nearest
 
 FORMAT = "fabdesign.model/1"
+_OF_SPREAD = ("constant", "covariance", "motion", "trials", "held", "trained_on")
 
 
 def read_model(path: Path | str) -> Model:
@@ -43,7 +45,10 @@ def read_model(path: Path | str) -> Model:
     provenance = root.table("provenance", None)
     origin = Provenance() if provenance is None else _provenance(provenance)
     covariance = _covariance(root.table("covariance")) if "covariance" in root else None
-    model = Model(parameters, effects, corrector, points_per_side, origin, without_effects, covariance, corrector_hash)
+    spread = _spread(root.table("spread")) if "spread" in root else None
+    model = Model(
+        parameters, effects, corrector, points_per_side, origin, without_effects, covariance, corrector_hash, spread
+    )
     root.finish()
     if corrector_hash not in (None, central_hash(model)):
         raise InputError(
@@ -73,6 +78,8 @@ def write_model(model: Model, path: Path | str) -> None:
         trained_on = {} if model.corrector_hash is None else {"trained_on": model.corrector_hash}
         weights = Path(os.path.relpath(model.corrector, path.parent)).as_posix()
         document["corrector"] = {"weights": weights} | trained_on
+    if model.spread is not None:
+        document["spread"] = {name: getattr(model.spread, name) for name in _OF_SPREAD}
     document["simulator"] = {"points_per_side": model.points_per_side}
     origin = model.provenance
     items: dict[str, Any] = {
@@ -137,6 +144,19 @@ def _covariance(table: Table) -> Covariance:
     return Covariance(tuple(names), matrix)
 
 
+def _spread(table: Table) -> Spread:
+    spread = Spread(
+        constant=table.number("constant", least=0),
+        covariance=table.number("covariance", least=0),
+        motion=table.number("motion", least=0),
+        trials=table.integer("trials", least=1),
+        held=table.number("held", least=0, most=1),
+        trained_on=table.text("trained_on"),
+    )
+    table.finish()
+    return spread
+
+
 def _provenance(table: Table) -> Provenance:
     provenance = Provenance(
         sets=table.texts("sets", ()),
@@ -167,6 +187,8 @@ def usable_model(
     read = model if isinstance(model, Model) else read_model(model)
     if read.stale is not None:
         say(f"{name}: {read.stale}")
+    if read.spread is not None and spread_of(read) is None:
+        say(f"{name}: the model was changed since its intervals were calibrated; its motions have none")
     if not without:
         return read
     parts: list[Any] = [part.strip() for part in without]
@@ -177,5 +199,6 @@ def usable_model(
     gone = [*(e.name for e in read.effects if e not in less.effects)]
     gone += [parameter for parameter in read.parameters if parameter not in less.parameters]
     gone += ["corrector"] if read.corrector is not None and less.corrector is None else []
+    gone += ["spread"] if read.spread is not None and less.spread is None else []
     say(f"{name}: without {', '.join(parts)}: {', '.join(gone) or 'nothing'} left out")
     return less

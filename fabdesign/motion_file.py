@@ -24,6 +24,7 @@ class MotionData:
     triangles: NDArray[np.intp] | None  # (m, 3), outer side off the sheet; None: not known
     size: tuple[float, float] | None = None  # m, width and height of the flat cloth; None: not known
     muscles: LacedMuscles | None = None  # None: not known
+    band: NDArray[np.float64] | None = None  # (T, 3, 3) m, half-widths of 90 % intervals by region; None: not known
 
 
 # optional arrays of a motion's file, by the field of LacedMuscles
@@ -45,10 +46,14 @@ def write_motion(
     *,
     size: tuple[float, float] | None = None,
     muscles: LacedMuscles | None = None,
+    band: NDArray[np.float64] | None = None,
 ) -> None:
     """Write `time` (T,) float64 s, `points` (T, 2 n^2, 3) float32 m (order: `ForwardModel.motions`), `triangles`
-    (m, 3) int32 over them, and, where given, `cloth_size` (2,) m and the arrays of the muscles (docs/files.md)."""
+    (m, 3) int32 over them, and, where given, `cloth_size` (2,) m, `band90` (T, 3, 3) float32 m and the arrays of the
+    muscles (docs/files.md)."""
     arrays: dict[str, Any] = {} if size is None else {"cloth_size": np.array(size, np.float64)}
+    if band is not None:
+        arrays["band90"] = band.astype(np.float32)
     if muscles is not None:
         states = {name: getattr(muscles, field) for field, name in _OF_MUSCLES.items()}
         arrays |= {name: array for name, array in states.items() if array is not None}
@@ -85,6 +90,12 @@ def read_motion(path: Path) -> MotionData:
     if len(triangles) and not 0 <= triangles.min() <= triangles.max() < count:
         raise InputError(f"{path}: triangles name point {triangles.max()}; expected 0 to {count - 1}")
     return MotionData(time, points, triangles.astype(np.intp), size, muscles)
+
+
+def read_band(path: Path) -> NDArray[np.float64] | None:
+    """(T, 3, 3) m of a file of `predict`; None where its model had no intervals."""
+    with open_npz(path, "a motion's arrays") as arrays:
+        return arrays.get("band90").astype(np.float64) if "band90" in arrays else None
 
 
 def square_triangles(count: int) -> NDArray[np.intp]:

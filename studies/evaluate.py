@@ -21,6 +21,8 @@ from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
 from studies.forward_model import forward_model
+from studies.intervals.judge import IntervalJudge, interval_judges
+from studies.intervals.widths import IntervalScore
 from studies.measured_data import noise_clouds
 from studies.sensitive_stretches import find_used_frames
 from studies.used_frames import Flags, UsedFrames
@@ -41,6 +43,7 @@ class TrialResult:
     before: Errors
     after: Errors
     used: float = 1.0  # share of its frames
+    intervals: IntervalScore | None = None  # of the model's 90 % intervals; None: it has none
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,11 @@ class DesignResult:
     before: Mapping[str, Statistics]
     after: Mapping[str, Statistics]
     closed: Closed
+
+    @property
+    def intervals(self) -> IntervalScore | None:
+        """Of all trials' frames and regions together."""
+        return IntervalScore.pooled([t.intervals for t in self.trials if t.intervals is not None])
 
     @property
     def diverged(self) -> list[str]:
@@ -96,7 +104,8 @@ def evaluate_sets(
 
     forward: the simulator. coarse: a cheap one that finds the sensitive stretches of these trials
     (studies.sensitive_stretches), which are left out. Without it they are not looked for. After is all of the model;
-    before is what it was without effects and corrector, or, where it has neither, the data sheet.
+    before is what it was without effects and corrector, or, where it has neither, the data sheet. A model's intervals
+    are evaluated at every sixth frame; coarse moves its drawn models.
     interruptible: Ctrl-C ends with the trials that are done. `progress` is told trials done and trials in all.
     Raises InputError where no trial is left, or no frame of a design's trials; SimulationError where every
     motion of a design diverges.
@@ -115,7 +124,7 @@ def evaluate_sets(
         ]
         results: list[TrialResult] = []
         try:
-            for task in _evaluated(tasks, predictors, threads):
+            for task in _evaluated(tasks, predictors, coarse or forward, threads):
                 results.append(task.result())
                 progress(len(results), len(tasks))
         except KeyboardInterrupt:
@@ -167,6 +176,7 @@ def _noises(jobs: Sequence[_Job], threads: ThreadPoolExecutor) -> list["Future[S
 def _evaluated(
     tasks: Sequence[tuple[Callable[..., TrialResult], Trial]],
     predictors: Sequence[Predictor],
+    coarse: ForwardModel,
     threads: ThreadPoolExecutor,
 ) -> Iterator["Future[TrialResult]"]:
     """Every trial's result, in order. The motions of a batch are simulated while those before are evaluated. Files are
@@ -174,10 +184,12 @@ def _evaluated(
     array's header and Taichi for a kernel."""
     waiting: list[Future[TrialResult]] = []
     for part in batches([2 * len(trial.times) for _, trial in tasks], _AT_ONCE):
-        motions = _motions([trial for _, trial in tasks[part]], *predictors)
+        trials = [trial for _, trial in tasks[part]]
+        motions = _motions(trials, *predictors)
+        judges = interval_judges(trials, predictors[-1], coarse, motions[-1])
         due, waiting = waiting, []
-        for (errors, trial), *predicted in zip(tasks[part], *motions, strict=True):
-            waiting.append(threads.submit(errors, trial, trial.load().frames, *predicted))
+        for (errors, trial), judge, *predicted in zip(tasks[part], judges, *motions, strict=True):
+            waiting.append(threads.submit(errors, trial, trial.load().frames, judge, *predicted))
         yield from due
     yield from waiting
 
@@ -189,6 +201,7 @@ def _errors(
     name: str,
     trial: Trial,
     frames: Sequence[NDArray[np.float64]],
+    judge: IntervalJudge,
     *predicted: Any,
 ) -> TrialResult:
     """Of a trial of the set `name` with these clouds before and after, whose motions are `predicted`."""
@@ -197,7 +210,8 @@ def _errors(
         return TrialResult(name, trial.name, trial.order, trial.role, _UNKNOWN, _UNKNOWN, 0.0)
     clouds, seed = [frames[k] for k in kept.tolist()], seed + trial.order
     before, after = (trial_errors(clouds, motion[kept], noise.result(), seed=seed) for motion in predicted)
-    return TrialResult(name, trial.name, trial.order, trial.role, before, after, len(kept) / len(frames))
+    share, judged = len(kept) / len(frames), judge(frames, kept)
+    return TrialResult(name, trial.name, trial.order, trial.role, before, after, share, judged)
 
 
 def _motions(trials: Sequence[Trial], *predictors: Predictor) -> list[list[Any]]:
@@ -247,12 +261,24 @@ def _as_json(design: DesignResult) -> dict[str, Any]:
         "noise": {"sigma_mm": in_mm(design.noise.sigma), "strays": design.noise.strays},
         "histogram": {error: histogram(design, error) for error in ("chamfer", "surface_rms")},
         "source": design.source,
+        "intervals": _intervals_json(design.intervals),
         "trials": {
-            result.trial: {"before": errors(result.before), "after": errors(result.after)} for result in design.trials
+            result.trial: {
+                "before": errors(result.before),
+                "after": errors(result.after),
+                "intervals": _intervals_json(result.intervals),
+            }
+            for result in design.trials
         },
         "diverged": design.diverged,
         "without_judged_frame": design.without_frames,
     }
+
+
+def _intervals_json(score: IntervalScore | None) -> dict[str, float] | None:
+    if score is None:
+        return None
+    return dict(zip(("inside", "width_mm", "crps_mm"), score.shown, strict=True))
 
 
 def _values(design: DesignResult, error: str) -> tuple[np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ from fabdesign.metrics import Statistics, told_beyond
 from fabdesign.output import new_folder
 from fabdesign.units import in_mm
 from studies.evaluate import ERRORS, SetEvaluation, histogram
+from studies.intervals.widths import IntervalScore
 
 
 def write_evaluation(evaluation: SetEvaluation, out: Path) -> None:
@@ -54,8 +55,16 @@ def tables_markdown(evaluation: SetEvaluation) -> str:
         for name, design in table.items():
             before, after = design.before["beyond"].mean, design.after["beyond"].mean
             parts.append(f"{name}: before, {told_beyond(before)}; after, {told_beyond(after)}")
+        parts += [_intervals(name, design.intervals) for name, design in table.items() if design.intervals]
         parts.append("")
     return "\n".join(parts).rstrip() + "\n"
+
+
+def _intervals(name: str, score: IntervalScore) -> str:
+    return (
+        f"{name}: 90 % intervals hold {score.inside:.0%} of the regions' heights at every sixth frame; mean width "
+        f"{in_mm(score.width):.2f} mm, CRPS {in_mm(score.crps):.3f} mm"
+    )
 
 
 def _closed(share: float | None) -> str:
@@ -75,6 +84,7 @@ def _write_trials(evaluation: SetEvaluation, path: Path) -> None:
     header = ["set", "design", "trial", "order", "role"]
     header += [f"{name}_{state}_mm" for state in ("before", "after") for name in ERRORS]
     header += ["surface_beyond_before", "surface_beyond_after", "judged"]
+    header += ["interval_inside", "interval_width_mm", "interval_crps_mm"]
     rows = []
     for table in (evaluation.designs, evaluation.others):
         for name, design in table.items():
@@ -82,7 +92,8 @@ def _write_trials(evaluation: SetEvaluation, path: Path) -> None:
                 numbers = [f"{in_mm(getattr(errors, error)):.6g}" for errors in (r.before, r.after) for error in ERRORS]
                 beyond = [f"{errors.beyond:.6g}" for errors in (r.before, r.after)]
                 beyond.append(f"{r.used:.6g}")
-                rows.append([r.set_name, name, r.trial, r.order, r.role, *numbers, *beyond])
+                intervals = [""] * 3 if r.intervals is None else [f"{x:.6g}" for x in r.intervals.shown]
+                rows.append([r.set_name, name, r.trial, r.order, r.role, *numbers, *beyond, *intervals])
     write_rows(path, header, rows)
 
 

@@ -1,5 +1,8 @@
 """A simulator and a model become the one forward model that every study asks."""
 
+from collections.abc import Iterable
+
+from fabdesign.design import Design
 from fabdesign.forward import ForwardModel
 from fabdesign.model import Model
 from fabdesign.predictor import Predictor
@@ -16,3 +19,20 @@ def forward_model(simulator: ForwardModel, model: Model | None, *, sensing: bool
     from corrector import load_corrector  # a few milliseconds that only a model with one costs
 
     return Predictor(simulator, model, sensing, load_corrector(model))
+
+
+def not_corrected(model: Model, designs: Iterable[Design]) -> list[str]:
+    """A line on each design that the model's corrector declines, and why: its motions are the simulator's."""
+    if model.corrector is None:
+        return []
+    from corrector import load_corrector
+
+    corrector, lines = load_corrector(model), []
+    for name, design in {design.name: design for design in designs}.items():
+        trust = corrector.trust(design)
+        if not trust.applies:
+            lines.append(
+                f"{name}: not corrected: {trust.distance:.2f} from the designs that the corrector learned from, more "
+                f"than its limit of {trust.limit:.2f}; its motions are the simulator's"
+            )
+    return lines

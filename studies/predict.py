@@ -1,6 +1,7 @@
 """Motions on demand: one design under given pressures, or every trial of a set, as npz files."""
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from fabdesign.motion_file import MotionData, write_motion
 from fabdesign.output import new_folder
 from fabdesign.pressure import PressureProgram
 from fabdesign.trial import MeasurementSet
+from studies.forward_model import forward_model
+from studies.intervals.band import bands
 from studies.laced_motion import laced_motions, laced_rests
 
 FRAME_RATE = 60.0  # Hz, of the paper's cameras
@@ -88,6 +91,7 @@ def predict(
     trials: Sequence[Trial],
     out: Path,
     *,
+    coarse: ForwardModel | None = None,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> None:
     """Write `out/trials/NAME.npz` for every trial, as `predicted` gives it. `progress` is told trials done and in all.
@@ -95,22 +99,30 @@ def predict(
     Raises InputError and SimulationError; then nothing is written.
     """
     with new_folder(out, made_by="predict") as unfinished:
-        for done, (trial, motion) in enumerate(predicted(forward, model, trials), start=1):
+        for done, (trial, motion) in enumerate(predicted(forward, model, trials, coarse=coarse), start=1):
             file = unfinished / "trials" / trial.file.name
             file.parent.mkdir(exist_ok=True)
-            write_motion(file, motion.time, motion.points, size=motion.size, muscles=motion.muscles)
+            write_motion(file, motion.time, motion.points, size=motion.size, muscles=motion.muscles, band=motion.band)
             progress(done, len(trials))
 
 
-def predicted(forward: ForwardModel, model: Model, trials: Sequence[Trial]) -> Iterator[tuple[Trial, MotionData]]:
-    """Every trial with its motion at its own times, sensing effects included. Raises InputError and SimulationError."""
+def predicted(
+    forward: ForwardModel, model: Model, trials: Sequence[Trial], *, coarse: ForwardModel | None = None
+) -> Iterator[tuple[Trial, MotionData]]:
+    """Every trial with its motion at its own times, sensing effects included, and with its band where the model has
+    intervals. coarse: a cheap simulator for the drawn models, by default `forward`. Raises InputError and
+    SimulationError."""
+    whole = forward_model(forward, model, sensing=True)
     cases = [Case(trial.design, trial.program, order=trial.order) for trial in trials]
     for part in batches([len(trial.times) for trial in trials], _AT_ONCE):
         batch = trials[part]
-        motions = laced_motions(forward, model, cases[part], [trial.times for trial in batch], sensing=True)
+        times = [trial.times for trial in batch]
+        motions = laced_motions(forward, model, cases[part], times, sensing=True)
         for trial, motion in zip(batch, motions, strict=True):
             _require_finite(motion.points, motion.time, str(trial.file))
-            yield trial, motion
+        around = bands(whole, coarse or forward, cases[part], times, [motion.points for motion in motions])
+        for trial, motion, band in zip(batch, motions, around, strict=True):
+            yield trial, replace(motion, band=band)
 
 
 def trials_of(source: MeasurementSet | Path, design: Design | None) -> tuple[str, tuple[Trial, ...]]:

@@ -30,6 +30,7 @@ from fabdesign.model_file import read_model, write_model
 from fabdesign.pressure import PressureProgram
 from fabdesign.surface import Surface
 from optimize.fit.parameters import FitParameter, FitVector
+from studies.forward_model import not_corrected
 from studies.training.data import choose, frames_learned
 from tests.command_line import one_line
 
@@ -152,6 +153,7 @@ def test_known_law_is_recovered_on_layouts_seen_and_unseen(trained) -> None:
         assert _off(after, truth) < 0.5 * _off(before, truth)
     for of in result.held_out.values():
         assert of.closed.surface > 0.5
+    assert result.intervals == "intervals are not calibrated: 2 trials of role fit are left for it; expected 5"
 
 
 def test_beyond_the_limit_the_answer_is_the_simulators(trained) -> None:
@@ -162,6 +164,8 @@ def test_beyond_the_limit_the_answer_is_the_simulators(trained) -> None:
     before, after, _ = _motions(corrector, across, [100, 200])
     assert after.tobytes() == before.tobytes()
     assert corrector.trust(LEARNED[0]).applies
+    [line] = not_corrected(read_model(folder / "model.toml"), [across, LEARNED[0]])
+    assert line.startswith("side: not corrected: ") and line.endswith("its motions are the simulator's")
 
 
 def test_frames_that_diverged_stay_so(trained) -> None:

@@ -67,6 +67,7 @@ def test_each_model_is_simulated_once_and_evaluated_as_evaluate_does(monkeypatch
     [trial] = expected.trials
     assert (errors.errors[measured.CALIBRATED], errors.errors[measured.CORRECTED]) == (trial.before, trial.after)
     assert errors.errors[measured.SHEET] != trial.before
+    assert errors.by_trial == {trial.trial: trial.after} and errors.far_off == []
 
 
 def test_the_page_says_what_was_closed() -> None:
@@ -80,9 +81,12 @@ def test_the_page_says_what_was_closed() -> None:
     of = dict(zip(names, map(errors, (4e-3, 3e-3, 1.5e-3, 1e-3)), strict=True))
     found = read_set(DATA / measured.SET)
     shipped = Model(effects=(EffectTerm("<drag>", {}),))
-    errors = measured.ShippedErrors(replace(found, description="a synthetic rig"), shipped, of, 0.0)
+    by_trial = {"076": errors(1e-3), "077": errors(1e-3), "078": errors(3e-3)}
+    errors = measured.ShippedErrors(replace(found, description="a synthetic rig"), shipped, of, 0.0, by_trial)
     page, text, values = as_html(errors), measured.as_text(errors), errors.as_json()
     assert [model["closed"] for model in values["models"]] == [None, None, pytest.approx(0.5), pytest.approx(2 / 3)]
     assert "<td>50%</td>" in page and "<td>67%</td>" in page and "&lt;drag&gt;" in page
     assert "synthetic rig" in page and "synthetic rig" in text
+    [told] = errors.far_off
+    assert told.startswith("Trial 078 is off by 3.06 mm, the others by 1.17: perhaps") and told in page and told in text
     assert values["effects"] == ["<drag>"]

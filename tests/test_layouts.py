@@ -12,8 +12,9 @@ from fabdesign.catalogue import build
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case
-from fabdesign.model import Model
+from fabdesign.model import Model, Spread
 from fabdesign.pressure_file import constant_program, read_pressures
+from fabdesign.spread import spread_hash
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits
 from fabdesign.study_targets import TargetFile
 from fabdesign.trial_file import TrialData, read_trial, write_trial
@@ -54,6 +55,13 @@ def test_a_study_writes_what_others_read(trial: Path, tmp_path: Path) -> None:
     program = read_pressures(out / "pressures.csv", design)
     np.testing.assert_allclose(program.pressure[-1] / 1e3, result["pressures_kpa"])
     assert program.duration == pytest.approx(TIME)
+
+
+def test_a_result_says_within_how_much_it_is_expected(trial: Path, tmp_path: Path) -> None:
+    spread = Spread(0.003, 0.0, 0.0, 20, 0.9, spread_hash(Model()))
+    result = run_study(study(trial, model=Model(spread=spread)), tmp_path / "out", forward=AnalyticCloth())
+    assert result.as_json()["expected_within_mm"] == pytest.approx(3.0)
+    assert "What is sewn is expected within 3.00 mm of this shape" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_a_study_with_a_calibrated_model_ends_on_the_grid_that_its_factors_belong_to(

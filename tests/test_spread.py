@@ -5,7 +5,10 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from benchmarks.spread import TWO_SIDED, Judged, by_region, crps, widths
+from benchmarks.spread import widths
+from fabdesign.spread import TWO_SIDED
+from studies.intervals.regions import by_region
+from studies.intervals.widths import RegionResiduals, crps
 
 
 @pytest.mark.parametrize(("residual", "sigma"), [(0.0, 1.0), (2.5, 0.7), (-0.3, 2.0)])
@@ -22,13 +25,13 @@ def test_regions_share_the_nodes() -> None:
 
 
 def test_intervals_that_follow_the_motion_are_narrower_where_it_is_small() -> None:
-    """Residuals in proportion to the motion: both ways are right nine times in ten, one of them says where."""
+    """RegionResiduals in proportion to the motion: both ways are right nine times in ten, one of them says where."""
     rng = np.random.default_rng(0)
     every = []
     for k in range(6):
         moved = rng.uniform(0.0, 0.1, 300)
         residual = 0.05 * moved * rng.standard_normal(300)
-        every.append(Judged("one" if k % 2 else "two", residual, np.full(300, 1e-5), moved))
+        every.append(RegionResiduals("one" if k % 2 else "two", residual, np.full(300, 1e-5), moved))
     found = widths(every)
 
     def inside(name: str) -> float:

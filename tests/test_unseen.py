@@ -14,10 +14,11 @@ from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
 from fabdesign.forward import MUSCLE_TYPES, Case, Term
 from fabdesign.measurement_set import NewTrial, TrialData, write_set
-from fabdesign.model import Covariance, Model, Parameter
+from fabdesign.model import Covariance, Model, Parameter, Spread
 from fabdesign.model_file import read_model, write_model
 from fabdesign.pressure_file import constant_program
 from fabdesign.sensor_noise import SensorNoise
+from fabdesign.spread import TWO_SIDED, spread_hash
 from fabdesign.surface import Surface
 from fabdesign.trial_file import program_of
 from fabdesign.unseen_file import read_unseen
@@ -86,6 +87,24 @@ def write_measured(folder: Path, device: Arc | None = None, effects: tuple[Term,
             data = TrialData(TIMES, pressure, clouds)
             trials.append(NewTrial(f"{name}_{order}", name, order, "fit", data))
     write_set(folder / "set", designs, trials, name="arcs", description="synthetic")
+
+
+def test_calibrated_intervals_hold_what_the_model_lacks_too(folder: Path) -> None:
+    (folder / "s.toml").write_text(STUDY + "samples = 200\npressures = [[200, 200]]\n")
+    alone = run_unseen(folder / "s.toml", folder / "alone", forward=Arc())
+    assert not alone["calibrated"] and "from the model's joint covariance alone" in as_text(alone)
+    model = read_model(folder / "m.toml")
+    spread = Spread(0.004, TWO_SIDED, 0.0, 20, 0.9, spread_hash(model))
+    write_model(replace(model, spread=spread), folder / "m.toml")
+    found = run_unseen(folder / "s.toml", folder / "out", forward=Arc())
+    assert found["calibrated"] and "calibrated on 20 measured trials" in as_text(found)
+    one, other = (result["poses"][0]["tip_mm"] for result in (alone, found))
+    for axis in "yz":  # 4 mm along the normal at the lower edge, in quadrature
+        before, after = (own[axis][2] - own[axis][0] for own in (one, other))
+        assert after > before
+    bands = [result["poses"][0]["band_mm"] for result in (alone, found)]
+    assert np.sqrt(bands[1] ** 2 - bands[0] ** 2) == pytest.approx(4 / TWO_SIDED, rel=0.15)
+    assert found["measurement"] == alone["measurement"]
 
 
 def test_shapes_have_intervals_and_the_best_measurement_is_said(folder: Path) -> None:

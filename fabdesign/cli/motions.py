@@ -162,6 +162,9 @@ def predict(
     several sets OUTPUT/SET/trials/NAME.npz.
     """
     from fabdesign import interface
+    from fabdesign.motion_file import read_band
+    from fabdesign.units import in_mm
+    from studies.intervals.band import mean_width, width_in_words
 
     with described("predicting") as shown:
         prediction = interface.predict(
@@ -176,7 +179,10 @@ def predict(
             say=tell,
         )
     files = [str(file) for file in prediction]
-    print_result({"motions": files}, f"{output}: {len(files)} motions", as_json)
+    bands = [band for file in prediction if (band := read_band(Path(file))) is not None]
+    width = in_mm(mean_width(bands)) if bands else None
+    lines = [f"{output}: {len(files)} motions", *([width_in_words(bands)] if bands else [])]
+    print_result({"motions": files, "interval_width_mm": width}, "\n".join(lines), as_json)
 
 
 @commands.command()

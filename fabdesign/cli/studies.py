@@ -72,6 +72,7 @@ def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_j
     )
     outputs = [f"{name}: {', '.join(values)}" for name, values in outcome.outputs.items()]
     after = [result["fewer"]["said"]] if result["fewer"] else []
+    after += [outcome.within_said] if outcome.within_said else []
     after += result["robust"]["said"] if result["robust"] else []
     said = [*after, *result["reach"]["said"], *result["way"]["said"]]
     if result["surface_beyond"] >= MANY_BEYOND:

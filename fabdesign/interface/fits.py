@@ -76,6 +76,7 @@ def calibrate(
             skipped=[line for _, lines in checked for line in lines],
             skip_bad=skip_bad,
             seed=seed,
+            intervals=True,
             interruptible=True,
             progress=progress,
         )

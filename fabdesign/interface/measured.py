@@ -50,6 +50,7 @@ def evaluate(
     from studies.coarser_grid import enough_points
     from studies.evaluate import evaluate_sets
     from studies.evaluation_report import write_evaluation
+    from studies.forward_model import not_corrected
     from studies.sensitive_stretches import GRID as COARSE
 
     fitted = _model(model, without, say)
@@ -65,6 +66,8 @@ def evaluate(
 
     with _folder(out, "evaluate", force, paths_of(measured, model)) as unfinished, computing(cluster):
         trials = [trial for read in sets for trial in read.trials]
+        for line in not_corrected(fitted, (trial.design for trial in trials if trial.role in roles)):
+            say(line)
         forward = simulator(grid) if grid else enough_points(fitted, trials, simulator, tell=say)
         evaluation = evaluate_sets(
             fitted,
@@ -98,13 +101,16 @@ def predict(
     """The motion of every trial of measured sets, or of a lone trial's file with its `design`, at its own times, by
     name (of several sets SET/NAME), sensing effects included.
 
-    out: a folder to which they are written, as OUT/trials/NAME.npz; then their files are what is returned.
+    out: a folder to which they are written, as OUT/trials/NAME.npz; then their files are what is returned. Of a model
+    that has intervals a motion has its band, the file as `band90`.
     without: parts of the model that are left out. grid: as in `evaluate`. After Ctrl-C, without `out`, the motions that
     are done, with a warning.
     """
     from studies.coarser_grid import enough_points
+    from studies.forward_model import not_corrected
     from studies.predict import folders_of, predicted, trials_of
     from studies.predict import predict as predict_trials
+    from studies.sensitive_stretches import GRID as COARSE
 
     fitted = _model(model, without, say)
     own = None if design is None else one_design(design)
@@ -120,14 +126,18 @@ def predict(
         progress(f"predicted {done} of {len(trials)} trials", done / len(trials))
 
     with _folder(out, "predict", force, paths_of(measured, model, design)) as unfinished, computing(cluster):
+        for line in not_corrected(fitted, (trial.design for trial in trials)):
+            say(line)
         forward = simulator(grid) if grid else enough_points(fitted, trials, simulator, tell=say)
+        coarse = simulator(COARSE) if fitted.spread is not None else None
         try:
             for folder, some in sets.items():
                 if unfinished is not None:
-                    predict_trials(forward, fitted, some, unfinished / folder, progress=lambda *_: count())
+                    place = unfinished / folder
+                    predict_trials(forward, fitted, some, place, coarse=coarse, progress=lambda *_: count())
                     continue
-                for trial, motion in predicted(forward, fitted, some):
-                    motions[_name(folder, trial)] = Motion(motion.time, motion.points)
+                for trial, motion in predicted(forward, fitted, some, coarse=coarse):
+                    motions[_name(folder, trial)] = Motion(motion.time, motion.points, motion.band)
                     count()
         except KeyboardInterrupt:
             if not motions:

@@ -49,10 +49,12 @@ class Tabled:
 @dataclass(frozen=True, eq=False)
 class Motion(Tabled):
     """A motion: time (T,) s after rest, points (T, 3362, 3) m (front face, then back face). A shape at rest has one
-    frame, at the end of its pressures."""
+    frame, at the end of its pressures. band: (T, 3, 3) m, how far 90 % of motions lie at most from it along its normal,
+    in the mean of each of nine regions; None where the model has no intervals, or was not asked for them."""
 
     time: NDArray[np.float64]
     points: NDArray[np.float32]
+    band: NDArray[np.float64] | None = None
 
     @property
     def faces(self) -> NDArray[np.float32]:
@@ -191,6 +193,10 @@ class Evaluated(Tabled):
         for when in ("before", "after"):
             for error in ("chamfer", "chamfer_floor", "surface_rms", "surface_floor"):
                 columns[f"{error}_{when}"] = [in_mm(getattr(getattr(trial, when), error)) for _, trial in rows]
+        judged = [trial.intervals for _, trial in rows]
+        if any(judged):
+            for k, name in enumerate(("interval_inside", "interval_width", "interval_crps")):
+                columns[name] = [np.nan if score is None else score.shown[k] for score in judged]
         return columns
 
 

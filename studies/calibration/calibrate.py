@@ -24,6 +24,8 @@ from studies.calibration.engine_difference import with_engines
 from studies.calibration.fitted_model import fitted_model
 from studies.calibration.reliability import excess, interval_warnings
 from studies.calibration.trial_checks import DISAGREE, implausible
+from studies.intervals.calibrate import chosen as chosen_trials
+from studies.intervals.calibrate import spread_json, with_spread
 from studies.measured_data import Density, MeasuredData
 from studies.sensitive_stretches import find_used_frames
 from studies.used_frames import UsedFrames
@@ -42,6 +44,7 @@ class Calibration:
     warnings: tuple[str, ...]  # why the intervals are not reliable
     skipped: tuple[str, ...]  # bad trials left out, a line each
     data: MeasuredData
+    intervals: str | None = None  # how good those of motions are; None: not asked for
 
     @property
     def used(self) -> UsedFrames:
@@ -89,6 +92,7 @@ class Calibration:
             "lost": lost,
             "skipped": list(self.skipped),
             "input_accuracy": self.data.accuracy.as_json(),
+            "spread": spread_json(self.model),
             **self.used.as_json(),
             "iterations": self.fit.iterations,
             "converged": self.fit.converged,
@@ -109,6 +113,7 @@ def calibrate(
     skip_bad: bool = False,
     seed: int = 0,
     engines: np.ndarray | None = None,
+    intervals: bool = False,
     interruptible: bool = False,
     progress: Progress = lambda line, share: None,
 ) -> Calibration:
@@ -124,6 +129,7 @@ def calibrate(
     engines: (p,) standard deviations of the unknowns for the difference between `forward` and what made the data, by
     default those of the virtual rig.
     Errors of the pressures and the frame's level are weighed by the sets' accuracy.
+    intervals: whether those of motions are calibrated too, on the trials of role `fit` that were not fitted.
     interruptible: Ctrl-C ends the fit where its last iteration began, with a warning.
     Raises InputError for an implausible trial and where no trial is left, SimulationError where every motion diverges.
     """
@@ -135,7 +141,7 @@ def calibrate(
     own = [(one, [t for t in one.trials if t.file in files]) for one in sets]
     used = find_used_frames(own, coarse, progress=_searching(progress))
     data = MeasuredData.of(sets, chosen, used, DRAWN, seed=seed)
-    forward = Predictor(forward, sensing=True)
+    bare, forward = forward, Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
     fitted = _fit(data, forward, slopes, vector, progress, interruptible)
     if lines := {} if fitted.interrupted else _implausible(fitted, data.samples, forward):
@@ -152,14 +158,19 @@ def calibrate(
     why = interval_warnings(fitted.after, fitted.outlying, data.noise)
     if fitted.interrupted:
         why.append(f"interrupted after {fitted.iterations} iterations, before the best values were reached")
-    model = fitted_model(
-        fitted,
-        covariance,
-        designs=[trial.design for trial in data.trials],
-        reliable=not why,
-        points_per_side=points_per_side,
-        provenance=data.provenance(),
+    model, said = (
+        fitted_model(
+            fitted,
+            covariance,
+            designs=[trial.design for trial in data.trials],
+            reliable=not why,
+            points_per_side=points_per_side,
+            provenance=data.provenance(),
+        ),
+        None,
     )
+    if intervals and not fitted.interrupted:
+        model, said = _with_spread(model, sets, data, bare, coarse, progress)
     return Calibration(
         model=model,
         fit=fitted,
@@ -168,6 +179,30 @@ def calibrate(
         warnings=tuple(why),
         skipped=tuple(skipped),
         data=data,
+        intervals=said,
+    )
+
+
+def _with_spread(
+    model: Model,
+    sets: Sequence[MeasurementSet],
+    data: MeasuredData,
+    forward: ForwardModel,
+    coarse: ForwardModel | None,
+    progress: Progress,
+) -> tuple[Model, str]:
+    """On trials of role `fit` that were not fitted, whatever the reason, but for those that were found bad."""
+    fitted = {trial.file for trial in data.trials}
+    spared = chosen_trials([t for one in sets for t in one.trials if t.role == "fit" and t.file not in fitted])
+    owners = {trial.file: one for one in sets for trial in one.trials}
+    used = find_used_frames([(one, [t for t in spared if owners[t.file] is one]) for one in sets], coarse)
+    return with_spread(
+        model,
+        spared,
+        forward,
+        coarse=coarse,
+        used=lambda trial: used.at(owners[trial.file], trial),
+        progress=lambda done, total: progress(f"intervals: {done} of {total} trials", 1.0),
     )
 
 

@@ -24,6 +24,8 @@ def as_text(calibration: Calibration) -> str:
         f"{calibration.data.accuracy.tilt:g} degrees of level ([accuracy] in set.toml)",
         *calibration.statements,
     ]
+    if calibration.intervals is not None:
+        lines.append(calibration.intervals)
     if calibration.used.stretches:
         lines.append(calibration.used.in_words)
     if not (fit.converged or fit.interrupted):

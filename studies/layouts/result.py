@@ -47,6 +47,7 @@ class StudyResult:
     reach: Reach
     loading_path: LoadingPath | None  # None where the motion to the result was not followed
     robust: Robustness | None = None  # where the study asks for it
+    within: float | None = None  # m, half of a 90 % interval along the normal; None: the model has no intervals
     fewer: Fewer | None = None  # what leaving muscles out came to, where their number may vary
 
     @property
@@ -102,6 +103,16 @@ class StudyResult:
             "said": " ".join(filter(None, [fewer_said(self.study, fewer), front_said(fewer)])),
         }
 
+    @property
+    def within_said(self) -> str | None:
+        """For people."""
+        if self.within is None:
+            return None
+        return (
+            f"What is sewn is expected within {in_mm(self.within):.2f} mm of this shape (90 %, along the cloth's "
+            "normal, mean over its regions)."
+        )
+
     def as_json(self) -> dict[str, Any]:
         """What result.json holds: distances in mm, pressures in kPa, margins in m (kPa for pressure);
         `surface_beyond` is a share of the points."""
@@ -116,6 +127,7 @@ class StudyResult:
             "pressures_kpa": pressures_kpa(self.pressures),
             "constraints": {k: in_kpa(v) if k == "pressure" else v for k, v in self.constraints.items()},
             "stop_reason": self.stop_reason,
+            "expected_within_mm": None if self.within is None else in_mm(self.within),
             "poses": self._poses(),
             "outputs": self._outputs(),
             "reach": self.reach.as_json(),

@@ -28,6 +28,7 @@ from studies.layouts.after import NEAR as NEAR_ENOUGH
 from studies.layouts.after import POOL, points_of, search_seconds, shrunk
 from studies.layouts.begin import first_starts, further_starts, limits_of
 from studies.layouts.content import study_content
+from studies.layouts.expected import expected_within
 from studies.layouts.loading_path import loading_paths
 from studies.layouts.out_of_reach import helps_of, missed_at
 from studies.layouts.progress import saying_a_tenth
@@ -131,11 +132,13 @@ def _search_in(
             stop_reason = INTERRUPTED
         if study.robust is None or not follow:
             points = [*points_of(fewer), *evaluations.finalists()][: None if follow else 1]
-            return _result(study, targets, evaluations, fine, stop_reason, points, follow=follow, fewer=fewer)
+            result = _result(study, targets, evaluations, fine, stop_reason, points, follow=follow, fewer=fewer)
+            return replace(result, within=expected_within(result, objective, quick)) if follow else result
         points = [*points_of(fewer), *evaluations.finalists(POOL)]
         chosen = most_robust(study, study.robust, points, objective, quick)
         points.insert(0, points.pop(chosen))
         result = _result(study, targets, evaluations, fine, stop_reason, points[:FINALISTS], fewer=fewer)
+        result = replace(result, within=expected_within(result, objective, quick))
         nearest = evaluations.best.value if evaluations.best else result.objective
         layout = (result.design, result.pressures)
         return replace(

@@ -20,6 +20,7 @@ def as_text(result: TrainingResult) -> str:
         lines.append(
             f"designs farther than {result.about['trust_limit']:.2f} from those learned from are not corrected"
         )
+    lines.append(result.intervals)
     if result.used.stretches is not None:
         lines.append(result.used.in_words)
     return "\n".join(lines)

@@ -29,6 +29,7 @@ from fabdesign.trial import MeasurementSet
 from fabdesign.units import in_mm
 from optimize.fit.parameters import FitVector
 from studies.evaluate import ERRORS
+from studies.intervals.calibrate import spread_json, with_spread
 from studies.measured_data import noise_of
 from studies.training.base import fitted_base
 from studies.training.data import Chosen, Progress, case_of, choose, simulated
@@ -61,6 +62,7 @@ class TrainingResult:
     learned_from: int  # trials
     base: str  # what the motions were simulated with
     used: UsedFrames
+    intervals: str  # how good they are, or why there are none
 
     def as_json(self) -> dict[str, Any]:
         """What `train --json` prints: mm."""
@@ -86,6 +88,7 @@ class TrainingResult:
                 }
                 for name, of in self.held_out.items()
             },
+            "spread": spread_json(self.model),
             **self.used.as_json(),
         }
 
@@ -113,8 +116,9 @@ def train(
 
     base: whose parameters and effects the motions have; by default the data sheet's. vector: fit these unknowns to the
     trials that are learned from first, and take that model for the base; slopes: the fit's cheaper engine. coarse: a
-    cheap simulator that finds sensitive stretches, which are left out. Work goes on in the folder `goes_to` without its
-    ending plus `.training`, if an earlier call like this one was stopped there, and the folder goes when all is done.
+    cheap simulator that finds sensitive stretches, which are left out, and asks drawn models for the intervals, which
+    are calibrated on the trials kept back. Work goes on in the folder `goes_to` without its ending plus `.training`, if
+    an earlier call like this one was stopped there, and the folder goes when all is done.
     Raises InputError, also for a folder of another training unless `force`, SimulationError where a motion diverges.
     """
     base = (base or Model()).without(["corrector"])
@@ -149,11 +153,27 @@ def train(
             corrector_hash=central_hash(base),
             provenance=_provenance(base, sets, learned, held, seed, network),
         )
-        write_model(model, output)
         tested = _tested(model, held, forward, work, seed, progress) if held else {}
+        model, intervals = _with_spread(model, held, simulator, coarse, progress)
+        write_model(model, output)
     if next(others_in(folder), None) is None:
         shutil.rmtree(folder)
-    return TrainingResult(model, about, tested, len(learned), _in_words(base, vector), used)
+    return TrainingResult(model, about, tested, len(learned), _in_words(base, vector), used, intervals)
+
+
+def _with_spread(
+    model: Model, held: Sequence[Chosen], forward: ForwardModel, coarse: ForwardModel | None, progress: Progress
+) -> tuple[Model, str]:
+    """Calibrated on the trials that were kept back and that the base was not fitted to either."""
+    used = {c.trial.file: c.used for c in held if c.name not in model.provenance.fitted}
+    return with_spread(
+        model,
+        [chosen.trial for chosen in held if chosen.trial.file in used],
+        forward,
+        coarse=coarse,
+        used=lambda trial: used[trial.file],
+        progress=lambda done, total: progress("intervals", done, total),
+    )
 
 
 def _in_words(base: Model, vector: FitVector | None) -> str:

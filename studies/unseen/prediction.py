@@ -1,5 +1,7 @@
 """Shapes of what is not sewn yet, with what the model does not know as intervals."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,8 +9,10 @@ from fabdesign.errors import SimulationError
 from fabdesign.forward import ForwardModel
 from fabdesign.model import Model
 from fabdesign.pressure_file import constant_program
+from fabdesign.spread import spread_of
 from fabdesign.units import in_kpa, in_mm
 from fabdesign.unseen_file import Unsewn
+from studies.intervals.band import shapes_with_error
 from studies.sensitivity.outputs import mean_curvature, tip
 from studies.sensitivity.snapping import moved, snaps, spreads
 from studies.unseen.draws import Draws
@@ -22,7 +26,8 @@ def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int,
     """Of each pose: the shape's band, tip, mean curvature and the study's outputs over drawn models, and whether it
     snaps. mm, 1/m, degrees, kPa.
 
-    band: m RMS over points that a drawn model's shape lies from their mean, in mm. Raises SimulationError where most
+    band: m RMS over points that a drawn model's shape lies from their mean, in mm. A drawn shape has the error of a
+    model with calibrated intervals too. Raises SimulationError where most
     models find no shape at rest.
     """
     rng, count = np.random.default_rng([seed, 5]), len(draws.names)
@@ -32,18 +37,30 @@ def predicted(unsewn: Unsewn, draws: Draws, forward: ForwardModel, samples: int,
     for pose in unsewn.poses:
         cases += [draws.case(z, constant_program(pose)) for z in zs]
         cases += [draws.case(zs[0], constant_program(pose * factor)) for factor in factors]
-    own = len(zs) + len(factors)
+    own, spread = len(zs) + len(factors), spread_of(unsewn.model)
+    cases += [] if spread is None else [draws.case(zs[0], constant_program(np.zeros(unsewn.design.channels)))]
     shapes = [np.asarray(shape, float) for shape in forward.equilibria(cases)]
+
+    def with_error(drawn: Array, predicted: Array) -> Array:
+        """What the model lacks too, where its intervals are calibrated."""
+        if spread is None or not (np.isfinite(shapes[-1]).all() and np.isfinite(predicted).all()):
+            return drawn
+        least = 1.0 if draws.unknown else 0.0  # a tolerance of the data sheet was not calibrated
+        return shapes_with_error(drawn, shapes[-1], predicted, spread, unsewn.design.fabric, rng, least=least)
+
     return [
-        _pose(unsewn, pose, shapes[k * own : k * own + len(zs)], shapes[k * own + len(zs) : (k + 1) * own])
+        _pose(unsewn, pose, shapes[k * own : k * own + len(zs)], shapes[k * own + len(zs) : (k + 1) * own], with_error)
         for k, pose in enumerate(unsewn.poses)
     ]
 
 
-def _pose(unsewn: Unsewn, pose: Array, drawn: list[Array], off: list[Array]) -> PoseResult:
+def _pose(
+    unsewn: Unsewn, pose: Array, drawn: list[Array], off: list[Array], with_error: Callable[[Array, Array], Array]
+) -> PoseResult:
     sound = np.array([shape for shape in drawn[1:] if np.isfinite(shape).all()])
     if len(sound) < len(drawn) / 2:
         raise SimulationError(f"{unsewn.design.name}: most models find no shape at rest under {in_kpa(pose)} kPa")
+    failed, sound = len(drawn) - 1 - len(sound), with_error(sound, drawn[0])
     away = np.sqrt(np.square(sound - sound.mean(axis=0)).sum(axis=-1))  # (models, points)
     tips = in_mm(np.array([tip(shape, unsewn.design.fabric) for shape in sound]))
     return {
@@ -56,7 +73,7 @@ def _pose(unsewn: Unsewn, pose: Array, drawn: list[Array], off: list[Array]) -> 
             for output in unsewn.outputs
         },
         "mean_curvature": _percentiles(np.array([mean_curvature(shape) for shape in sound])),
-        "failed": len(drawn) - 1 - len(sound),
+        "failed": failed,
         "snaps": bool(snaps(moved(drawn[0], *off)[None])[0]),
         "middle": np.round(_column(sound), 6).tolist(),
     }
@@ -71,6 +88,18 @@ def _column(shapes: Array) -> Array:
 def _percentiles(values: Array) -> Percentiles:
     """5 %, middle, 95 %."""
     return [float(x) for x in np.percentile(values, _PERCENTILES)]
+
+
+def intervals_statement(model: Model) -> str:
+    """What the shapes' intervals are from, in words."""
+    spread = spread_of(model)
+    if spread is None:
+        changed = "; the model was changed since its intervals were calibrated" if model.spread else ""
+        return f"intervals are from the model's joint covariance alone, not calibrated on measured motions{changed}"
+    return (
+        f"intervals are calibrated on {spread.trials} measured trials of other designs or programs, of which "
+        f"{spread.held:.0%} were inside when left out: joint covariance, and what the model lacks"
+    )
 
 
 def corrector_statement(model: Model, unsewn: Unsewn) -> CorrectorStatement:

@@ -52,7 +52,8 @@ def _notes(result: UnseenResult) -> list[str]:
     if not result.get("design"):
         return []
     notes, own, grid = [], result["model_points_per_side"], result["points_per_side"]
-    if result["doubted"]:
+    notes.append(result["intervals"])
+    if result["doubted"] and not result["calibrated"]:
         notes.append(
             f"the model's intervals of {', '.join(result['doubted'])} are not reliable: its fit left more than "
             "noise. The intervals here follow from them and are probably too narrow"

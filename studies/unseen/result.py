@@ -64,7 +64,8 @@ class CorrectorStatement(TypedDict):
 
 class UnseenResult(TypedDict):
     """design to measurement: of a layout before it is sewn. free and left_out: of designs left out in turn. None: not
-    begun, because the time was used."""
+    begun, because the time was used. calibrated: whether the shapes' intervals are; intervals: what they are from, in
+    words."""
 
     name: str
     seed: int
@@ -74,6 +75,8 @@ class UnseenResult(TypedDict):
     doubted: NotRequired[list[str]]
     poses: NotRequired[list[PoseResult] | None]
     unknown: NotRequired[list[str]]
+    calibrated: NotRequired[bool]
+    intervals: NotRequired[str]
     corrector: NotRequired[CorrectorStatement]
     measurement: NotRequired[Measurement | None]
     free: NotRequired[list[str]]

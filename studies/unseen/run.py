@@ -11,6 +11,7 @@ from fabdesign import SIMULATOR
 from fabdesign.checkpoint import Checkpoint, sha256
 from fabdesign.forward import ForwardModel
 from fabdesign.output import WorkFolder, work_folder
+from fabdesign.spread import spread_of
 from fabdesign.units import in_kpa, in_mm
 from fabdesign.unseen_file import FREE, UnseenStudy, Unsewn, read_unseen
 from optimize.fit.parameters import fit_vector
@@ -20,7 +21,7 @@ from studies.sensitive_stretches import GRID
 from studies.unseen.draws import Draws
 from studies.unseen.left_out import left_out
 from studies.unseen.measurement import after, candidates_of, information, pose_slopes, spread
-from studies.unseen.prediction import corrector_statement, predicted
+from studies.unseen.prediction import corrector_statement, intervals_statement, predicted
 from studies.unseen.report import write_report
 from studies.unseen.result import CandidateResult, Measurement, PoseResult, ProposedProgram, UnseenResult
 
@@ -108,6 +109,8 @@ def _add_unsewn(
     result["doubted"] = [name for name, parameter in unsewn.model.parameters.items() if not parameter.reliable]
     result["poses"] = poses
     result["unknown"] = list(draws.unknown)
+    result["calibrated"] = spread_of(unsewn.model) is not None
+    result["intervals"] = intervals_statement(unsewn.model)
     result["corrector"] = corrector_statement(unsewn.model, unsewn)
     result["measurement"] = checkpoint.get("measurement", measurement)
 

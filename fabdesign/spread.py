@@ -1,0 +1,36 @@
+"""90 % intervals of a predicted motion: how wide a model's `Spread` says they are, and for which model it holds."""
+
+import hashlib
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.checkpoint import sha256
+from fabdesign.corrector import central_hash
+from fabdesign.model import Model, Spread
+
+Array = NDArray[np.float64]
+INSIDE = 0.9
+TWO_SIDED = NormalDist().inv_cdf(0.5 + INSIDE / 2)  # half-width of an interval, in standard deviations
+
+
+def half_widths(spread: Spread, deviation: Array, moved: Array) -> Array:
+    """m, of any shape. deviation: m, standard deviation over models drawn from the joint covariance. moved: m since
+    rest."""
+    return np.asarray(np.sqrt(spread.constant**2 + (spread.covariance * deviation) ** 2 + (spread.motion * moved) ** 2))
+
+
+def spread_hash(model: Model) -> str:
+    """SHA-256 of all that a predicted motion and its covariance depend on: central values, covariance, corrector."""
+    content = hashlib.sha256(central_hash(model).encode())
+    if model.covariance is not None:
+        content.update(repr((model.covariance.names, model.covariance.matrix.tolist())).encode())
+    if model.corrector is not None:
+        content.update(sha256(model.corrector).encode())
+    return content.hexdigest()
+
+
+def spread_of(model: Model) -> Spread | None:
+    """The model's; None also where the model was changed since it was calibrated."""
+    return model.spread if model.spread is not None and model.spread.trained_on == spread_hash(model) else None

@@ -1,0 +1,75 @@
+"""The band of a predicted motion, half-widths of its 90 % intervals by frame and region, and of shapes at rest."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from corrector.shape import LocalFrames, middle_of
+from fabdesign.fabric import Fabric
+from fabdesign.forward import SIDE, Case, ForwardModel
+from fabdesign.model import Spread
+from fabdesign.predictor import Predictor
+from fabdesign.spread import TWO_SIDED, half_widths, spread_of
+from fabdesign.units import in_mm
+from studies.intervals.draws import Motion, drawn_motions, rests
+from studies.intervals.regions import REGIONS, region_terms
+
+Array = NDArray[np.float64]
+
+
+def bands(
+    predictor: Predictor, coarse: ForwardModel, cases: Sequence[Case], times: Sequence[Array], motions: Sequence[Motion]
+) -> list[Array | None]:
+    """(T, REGIONS, REGIONS) m of each case: 90 % of motions lie within so much of `motions` along their normal, in the
+    mean of a region. None of a model without intervals. motions: `predictor`'s own, at `times` [s]; coarse: moves the
+    drawn models."""
+    spread = spread_of(predictor.model)
+    if spread is None:
+        return [None] * len(cases)
+    found: list[Array | None] = []
+    for case, at, motion, rest in zip(cases, times, motions, rests(predictor, cases), strict=True):
+        others = drawn_motions(predictor, coarse, [case], [at])[0] if spread.covariance else []
+        found.append(half_widths(spread, *region_terms(rest, motion, others, case.design.fabric)))
+    return found
+
+
+def shapes_with_error(
+    drawn: Array,
+    rest: Array,
+    predicted: Array,
+    spread: Spread,
+    fabric: Fabric,
+    rng: np.random.Generator,
+    *,
+    least: float,
+) -> Array:
+    """(models, 2 n^2, 3) m: shapes of drawn models, spread as the calibrated intervals are: their scatter by its factor
+    (at least `least`), and what the model lacks, along the normal of the shape `predicted` (2 n^2, 3) m. One draw of it
+    moves the whole cloth to one side: how its parts go together is not known. rest: (2 n^2, 3) m, without pressure."""
+    factor = max(spread.covariance / TWO_SIDED, least)
+    mean = drawn.mean(axis=0)
+    _, moved = region_terms(rest, predicted[None], [], fabric)
+    sigma = over_nodes(half_widths(replace(spread, covariance=0.0), moved, moved)[0], SIDE) / TWO_SIDED
+    normal = LocalFrames.of(middle_of(predicted, SIDE), fabric.width, fabric.height, SIDE).normal
+    error = np.tile((sigma[..., None] * normal).reshape(-1, 3), (2, 1))
+    return np.asarray(mean + factor * (drawn - mean) + rng.standard_normal((len(drawn), 1, 1)) * error)
+
+
+def over_nodes(values: Array, side: int) -> Array:
+    """(side, side) of (REGIONS, REGIONS), linear between the regions' middles."""
+    at = np.clip(np.linspace(0, REGIONS, side) - 0.5, 0, REGIONS - 1)
+    line = np.array([np.interp(at, np.arange(REGIONS), row) for row in np.eye(REGIONS)]).T
+    return np.asarray(line @ values @ line.T)
+
+
+def mean_width(widths: Sequence[Array]) -> float:
+    """m, from end to end, over motions, frames and regions. widths: m, half."""
+    return 2 * float(np.concatenate([each.ravel() for each in widths]).mean())
+
+
+def width_in_words(widths: Sequence[Array]) -> str:
+    return (
+        f"90 % intervals along the cloth's normal: mean width {in_mm(mean_width(widths)):.2f} mm (band90 of each file)"
+    )

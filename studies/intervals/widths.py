@@ -1,0 +1,98 @@
+"""How wide intervals must be: least CRPS, then scaled so that 90 % of the residuals are inside."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize
+from scipy.special import ndtr
+
+from fabdesign.spread import INSIDE, TWO_SIDED
+from fabdesign.units import in_mm
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class RegionResiduals:
+    """Of one trial, (n,) each, a region at a frame."""
+
+    design: str
+    residual: Array  # m, measured less predicted
+    deviation: Array  # m, standard deviation over draws of the joint covariance
+    moved: Array  # m since rest
+
+
+Width = Callable[[Array, RegionResiduals], Array]  # of what shapes it: (n,) m, standard deviations
+START = np.log([0.5e-3, 1.0, 0.01])  # of `combined`
+
+
+def combined(shape: Array, one: RegionResiduals) -> Array:
+    """Constant, what the covariance says, and a share of the motion, in quadrature."""
+    least, times, share = np.exp(shape)
+    return np.asarray(np.sqrt(least**2 + (times * one.deviation) ** 2 + (share * one.moved) ** 2))
+
+
+def crps(residual: Array, sigma: Array) -> Array:
+    """(n,) m, of a normal distribution about nothing (Gneiting and Raftery 2007, eq. 21)."""
+    z = residual / sigma
+    density = np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
+    return np.asarray(sigma * (z * (2 * ndtr(z) - 1) + 2 * density - 1 / np.sqrt(np.pi)))
+
+
+def calibrated(others: Sequence[RegionResiduals], width: Width, start: Array) -> tuple[Array, float]:
+    """What shapes the width at least CRPS, and the factor that puts 90 % of the residuals inside."""
+
+    def mean(shape: Array) -> float:
+        return float(np.concatenate([crps(one.residual, width(shape, one)) for one in others]).mean())
+
+    shape = minimize(mean, start, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 1e-9}).x
+    ratios = np.concatenate([np.abs(one.residual) / width(shape, one) for one in others])
+    return shape, float(np.quantile(ratios, INSIDE)) / TWO_SIDED
+
+
+def left_out(every: Sequence[RegionResiduals], folds: Sequence[int], width: Width, start: Array) -> list[Array]:
+    """(n,) m of each trial, standard deviations calibrated on the trials of the other folds."""
+    found: list[Array] = [np.empty(0)] * len(every)
+    for fold in sorted(set(folds)):
+        others = [one for one, own in zip(every, folds, strict=True) if own != fold]
+        shape, factor = calibrated(others, width, start)
+        for k in (k for k, own in enumerate(folds) if own == fold):
+            found[k] = factor * width(shape, every[k])
+    return found
+
+
+@dataclass(frozen=True)
+class IntervalScore:
+    """Of 90 % intervals, over regions and frames. width: m, from end to end; crps: m."""
+
+    count: int
+    inside: float
+    width: float
+    crps: float
+
+    @property
+    def shown(self) -> tuple[float, float, float]:
+        """Share inside, width and CRPS in mm."""
+        return self.inside, in_mm(self.width), in_mm(self.crps)
+
+    @staticmethod
+    def of(residual: Array, sigma: Array) -> "IntervalScore":
+        """residual, sigma: (n,) m, n > 0."""
+        sigma = np.maximum(sigma, 1e-9)
+        inside = float((np.abs(residual) <= TWO_SIDED * sigma).mean())
+        width, score = (float(x.mean()) for x in (2 * TWO_SIDED * sigma, crps(residual, sigma)))
+        return IntervalScore(len(residual), inside, width, score)
+
+    @staticmethod
+    def pooled(scores: Sequence["IntervalScore"]) -> "IntervalScore | None":
+        """Of all of their regions together; None where there are none."""
+        counts = np.array([score.count for score in scores])
+        if not counts.sum():
+            return None
+        inside, width, score = (
+            float(np.average([getattr(one, name) for one in scores], weights=counts))
+            for name in ("inside", "width", "crps")
+        )
+        return IntervalScore(int(counts.sum()), inside, width, score)
