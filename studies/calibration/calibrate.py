@@ -158,16 +158,14 @@ def calibrate(
     why = interval_warnings(fitted.after, fitted.outlying, data.noise)
     if fitted.interrupted:
         why.append(f"interrupted after {fitted.iterations} iterations, before the best values were reached")
-    model, said = (
-        fitted_model(
-            fitted,
-            covariance,
-            designs=[trial.design for trial in data.trials],
-            reliable=not why,
-            points_per_side=points_per_side,
-            provenance=data.provenance(),
-        ),
-        None,
+    said = None
+    model = fitted_model(
+        fitted,
+        covariance,
+        designs=[trial.design for trial in data.trials],
+        reliable=not why,
+        points_per_side=points_per_side,
+        provenance=data.provenance(),
     )
     if intervals and not fitted.interrupted:
         model, said = _with_spread(model, sets, data, bare, coarse, progress)

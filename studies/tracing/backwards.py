@@ -10,10 +10,11 @@ from fabdesign.effects import EFFECTS
 from fabdesign.forward import Term
 from optimize.fit.clouds import Array, Indices
 from optimize.fit.fitted import Fit
-from optimize.fit.inputs import InputErrors
 from optimize.fit.left_out import LeftOut
 from optimize.fit.needed import conditioned, cost, needed
+from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
+from optimize.fit.problem import Evaluation
 from studies.tracing.task import Place, Task
 
 NEEDED = 8.0  # of log likelihood: what costs less to drop is dropped; four standard deviations of one parameter
@@ -22,9 +23,10 @@ _NONE = np.zeros(0, dtype=np.intp)
 Gain = tuple[float, tuple[float, float]]
 
 
-def backwards(task: Task, everything: Fit) -> tuple[Fit | None, list[str]]:
-    """The fit with the effects that are needed, None without any; and effects that are certain but gain too little."""
-    labels, small = _worth(task, everything)
+def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list[str]]:
+    """The fit with the effects that are needed, None without any; and effects that are certain but gain too little.
+    plain: the declared parameters alone, by the weights of `everything`."""
+    labels, small = worth(task, everything)
     known = everything
     while labels:
         if known is everything or set(labels) != set(known.vector.labels):
@@ -40,7 +42,7 @@ def backwards(task: Task, everything: Fit) -> tuple[Fit | None, list[str]]:
             small.append(weak)
             labels = [label for label in known.vector.labels if label != weak]
             continue
-        simpler = _simpler(task, known, everything.inputs, trials, gains, least)
+        simpler = _simpler(task, known, plain, trials, gains, least)
         if simpler is None:
             return known, small
         small += set(known.vector.labels) - set(simpler.vector.labels)
@@ -104,17 +106,16 @@ def _chosen_only(term: Term) -> Term:
     return replace(term, values={k: v for k, v in term.values.items() if EFFECTS[term.name].parameters[k].whole})
 
 
-def _worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
+def worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     """The terms that the joint fit says the data need, and of those the ones that trials left out gain too little by,
-    to first order. Shapes are not fitted yet, so what is left says nothing, and what matters elsewhere may stay that
-    is not certain here."""
+    to first order. Shapes are not fitted yet, so what is left says nothing."""
     vector, small = everything.vector, list[str]()
     labels = sparse(everything, needed(everything.minimum, everything.covariance, vector, NEEDED))
     trials = LeftOut.of(everything, task.data.folds)
     while labels:
         off = _unknowns(vector, gone := [label for label in vector.labels if label not in labels])
         gains = gains_of({label: vector.part(label) for label in labels}, trials, task.floor, off)
-        weak = _weakest(gains, task.tolerance, partial(_elsewhere, task, everything, gone), certain=False)
+        weak = _weakest(gains, task.tolerance, partial(_elsewhere, task, everything, gone))
         if weak is None:
             break
         small.append(weak)
@@ -122,12 +123,16 @@ def _worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     return labels, small
 
 
-def _weakest(
-    gains: Mapping[str, Gain], least: float, elsewhere: Callable[[str], float], *, certain: bool = True
-) -> str | None:
-    """The effect that trials left out gain least by, of those that they gain too little by."""
+def _weakest(gains: Mapping[str, Gain], least: float, elsewhere: Callable[[str], float]) -> str | None:
+    """The effect that trials left out gain least by, of those for which that is not certain or under `least` [m], and
+    what it does `elsewhere` too: with and without it, to first order."""
     rising = sorted(gains, key=lambda label: gains[label][0])
-    return next((k for k in rising if _too_little(gains[k], least, partial(elsewhere, k), certain=certain)), None)
+    return next((k for k in rising if not _certain(gains[k], least) and elsewhere(k) < least), None)
+
+
+def _certain(gain: Gain, least: float) -> bool:
+    """least: m."""
+    return gain[0] >= least and gain[1][0] > 0
 
 
 def _elsewhere(task: Task, joint: Fit, gone: Sequence[str], label: str) -> float:
@@ -143,27 +148,33 @@ def _unknowns(vector: FitVector, labels: Sequence[str]) -> Indices:
 
 
 def _simpler(
-    task: Task, known: Fit, inputs: InputErrors | None, trials: LeftOut, gains: Mapping[str, Gain], least: float
+    task: Task, known: Fit, plain: Fit, trials: LeftOut, gains: Mapping[str, Gain], least: float
 ) -> Fit | None:
-    """A fit without one of several effects by which trials left out lose too little: what is not linear may take its
-    place, and which of two gains more to first order may be wrong. Alone, an effect is judged beside the declared
-    parameters."""
+    """A fit without one of the effects that does as well: what is not linear may take its place, and which of two gains
+    more to first order may be wrong. plain: that of the declared parameters alone. As well: trials left out lose too
+    little, and either the data do too, or other layouts differ by too little."""
     own, place = trials.scored(), Place(known.vector, known.x)
-    for label in sorted(gains, key=lambda label: gains[label][0]) if len(gains) > 1 else ():
-        vector, starts = with_shapes(known, [other for other in gains if other != label])
-        fitted = task.fit(" ".join(vector.labels), vector, inputs, starts, close=_CLOSE)
+    for label in sorted(gains, key=lambda label: gains[label][0]):
+        fitted = plain
+        if len(gains) > 1:
+            vector, starts = with_shapes(known, [other for other in gains if other != label])
+            fitted = task.fit(" ".join(vector.labels), vector, known.inputs, starts, close=_CLOSE)
         without = LeftOut.of(fitted, task.data.folds).scored()
         alike = replace(own, squares=own.squares * without.weights / np.maximum(own.weights, 1e-12))
-        gain, other = trials.gain(without, alike, task.floor), Place(vector, fitted.x)
-        if _too_little(gain, least, partial(task.differs_elsewhere, place, other)):
-            return fitted
+        if _certain(trials.gain(without, alike, task.floor), least) or (
+            _lost(task, known, fitted) >= NEEDED
+            and task.differs_elsewhere(place, Place(fitted.vector, fitted.x)) >= least
+        ):
+            continue
+        return fitted
     return None
 
 
-def _too_little(gain: Gain, least: float, elsewhere: Callable[[], float], *, certain: bool = True) -> bool:
-    """Of an effect that trials left out gain by: under `least` [m] there, and in what it does to other layouts, or not
-    certain, where it must be."""
-    sure = gain[1][0] > 0
-    if sure and gain[0] >= least:
-        return False
-    return (certain and not sure) or elsewhere() < least
+def _lost(task: Task, known: Fit, other: Fit) -> float:
+    """Of log likelihood and prior, what a fit with fewer effects loses."""
+    x = np.zeros(len(known.x))
+    places = {name: k for k, name in enumerate(known.vector.names)}
+    for name, value in zip(other.vector.names, other.x, strict=True):
+        x[places[name]] = value
+    there = Evaluation(x, other.state.sheets, other.state.found)
+    return loss(task.data.samples, known.state, there, known.normal, np.diag(1 / known.vector.prior**2), known.inputs)

@@ -75,11 +75,10 @@ def select(task: Task) -> Selection:
         vector, index = vector.only([label for label in vector.labels if label not in gone])
         start = early.x[index]
     everything = task.fit("every effect", vector, start=start, near=True)
-    found, small = backwards(task, everything)
+    plain = task.weighed(plain, everything.inputs)
+    found, small = backwards(task, everything, plain)
     if found is None:
         plain = task.fit("plain to its end", plain.vector, everything.inputs, plain.minimum)
-    else:
-        plain = task.weighed(plain, everything.inputs)
     return Selection(everything, plain, found or plain, task.data.folds, task.floor, tuple(small), nothing)
 
 
