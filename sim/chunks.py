@@ -41,9 +41,10 @@ class Chunk:
         return replace(self, cases=[damped(case) for case in self.cases])
 
 
-def chunks_of(cases: Sequence[Case], patterns: Mapping[int, tuple], n: int) -> list[Chunk]:
-    """Those of the cases that have a pattern, on n x n grids: held alike, so that a design's result does not depend on
-    its neighbours, and at most BLOCKS blocks. patterns: of their steps; those alike ride together."""
+def chunks_of(cases: Sequence[Case], n: int, patterns: Mapping[int, tuple] | None = None) -> list[Chunk]:
+    """Cases on n x n grids: held alike, so that a design's result does not depend on its neighbours, and at most BLOCKS
+    blocks. patterns: of the steps of those that are asked for, which ride together where these are alike; None: all."""
+    patterns = dict.fromkeys(range(len(cases)), ()) if patterns is None else patterns
     groups: dict[tuple[Support, bool, bool, int, bool], list[int]] = {}
     for i in patterns:
         case = cases[i]

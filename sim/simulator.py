@@ -1,9 +1,7 @@
 """The public way in: a batch of cases becomes motions or equilibrium shapes."""
 
-import numbers
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +11,7 @@ from fabdesign.cluster import current
 from fabdesign.column import Column, move
 from fabdesign.effects.acting import acting_pressure, active
 from fabdesign.effort import COARSEST, FINEST, LONGEST, require_motion
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, require_number
 from fabdesign.forward import HOLD, RISE, Case
 from fabdesign.jacobian import FacesJacobian
 from fabdesign.model import POINTS_PER_SIDE
@@ -23,6 +21,7 @@ from sim.design.loading import constants_of
 from sim.equilibrium import (
     FOLLOWING,
     FOLLOWING_STEP,
+    Stages,
     Start,
     damped_motion,
     is_free,
@@ -33,7 +32,7 @@ from sim.equilibrium import (
     to_start,
 )
 from sim.kernels.fields import F, lock
-from sim.kernels.transfer import load, put
+from sim.kernels.transfer import Contents, load, put
 from sim.motion import SimulatedMotion, motion_of
 from sim.on_cluster import OnCluster
 from sim.step import Solve, advance
@@ -89,15 +88,15 @@ class Simulator:
     hold: float = HOLD  # s, for which they then hold, where effects remember
 
     def __post_init__(self) -> None:
-        _require("points_per_side", self.points_per_side, COARSEST, FINEST, whole=True)
-        _require("time_step", self.time_step, *TIME_STEPS, unit=" s")
+        require_number("points_per_side", self.points_per_side, COARSEST, FINEST, whole=True)
+        require_number("time_step", self.time_step, *TIME_STEPS, unit=" s")
         if self.calm_steps is not None:
-            _require("calm_steps", self.calm_steps, 1, MOST_CALM, whole=True)
-        _require("iterations", self.iterations, 1, MOST_ITERATIONS, whole=True)
-        _require("tolerance", self.tolerance, *TOLERANCES, unit=" m")
-        _require("rho", self.rho, 0, 1)
-        _require("rise", self.rise, *RISES, unit=" s")
-        _require("hold", self.hold, 0, LONGEST, unit=" s")
+            require_number("calm_steps", self.calm_steps, 1, MOST_CALM, whole=True)
+        require_number("iterations", self.iterations, 1, MOST_ITERATIONS, whole=True)
+        require_number("tolerance", self.tolerance, *TOLERANCES, unit=" m")
+        require_number("rho", self.rho, 0, 1)
+        require_number("rise", self.rise, *RISES, unit=" s")
+        require_number("hold", self.hold, 0, LONGEST, unit=" s")
         if not isinstance(self.self_contact, bool):
             raise InputError(f"self_contact is {self.self_contact!r}; expected True or False")
 
@@ -127,12 +126,12 @@ class Simulator:
         with lock:
             for engine, patient, asked in self._tries(motions, len(cases)):
                 steps = {i: engine._steps(cases[i], wanted[i]) for i in asked}
-                for chunk in chunks_of(cases, {i: own.pattern for i, own in steps.items()}, n):
+                for chunk in chunks_of(cases, n, {i: own.pattern for i, own in steps.items()}):
                     start, own = start_of(chunk.cases[0], patient=patient), [steps[i] for i in chunk.places]
                     batch, contents = laid(chunk.damped() if start is Start.DAMPED else chunk, n, self.self_contact)
                     solve = engine._solve(batch)
                     load(contents)
-                    for stage in to_start(batch, start, solve, chunk.channels):
+                    for stage in to_start(batch, start, solve, chunk.channels):  # to rest without pressure
                         advance(batch, *stage)
                     if start is Start.DAMPED:
                         put(batch.blocks, {"lane": constants_of(chunk.lanes, n)})
@@ -192,13 +191,16 @@ class Simulator:
         shapes: dict[int, SimulatedMotion] = {}
         with lock:
             for engine, patient, asked in self._tries(shapes, len(cases)):
-                for chunk, batch in engine._brought_to_rest(cases, asked, patient=patient):
+                for chunk in chunks_of(cases, self.points_per_side, dict.fromkeys(asked, ())):
+                    batch, contents, stages = engine._to_rest(chunk, patient=patient)
+                    load(contents)
+                    for stage in stages:
+                        advance(batch, *stage)
                     middle, states = batch.positions(F.x0), batch.states()
                     middle[~rested(middle - batch.positions(F.xp))] = np.nan
                     for k, (i, case) in enumerate(zip(chunk.places, chunk.cases, strict=True)):
                         lane = chunk.packed.index(k)
-                        one = slice(lane, lane + 1)
-                        shapes[i] = motion_of(case, np.zeros(1), middle[one], states[one])
+                        shapes[i] = motion_of(case, np.zeros(1), middle[lane : lane + 1], states[lane : lane + 1])
         return [shapes[i] for i in range(len(cases))]
 
     def shape_jacobian(self, cases: Sequence[Case], columns: Sequence[Column], *, exact: bool = True) -> list[Jacobian]:
@@ -208,7 +210,11 @@ class Simulator:
         NaN where no shape was found."""
         solvable = [i for i, case in enumerate(cases) if exact and not self.self_contact and _has_tangent(case)]
         solved = self._solve_shapes([cases[i] for i in solvable], columns) if solvable else []
-        return completed(self._middles, cases, columns, dict(zip(solvable, solved, strict=True)))
+
+        def shapes(_: Sequence[int], moved: Sequence[Case]) -> list[NDArray[np.float32]]:
+            return [shape.middle[0] for shape in self.rest(moved)]
+
+        return completed(shapes, cases, columns, dict(zip(solvable, solved, strict=True)))
 
     def faces_jacobian(self, cases: Sequence[Case], columns: Sequence[Column]) -> list[FacesJacobian]:
         """The same of both faces' points, as `equilibria` gives them."""
@@ -227,10 +233,6 @@ class Simulator:
 
         return completed(frames, cases, columns, {})
 
-    def _middles(self, _: Sequence[int], cases: Sequence[Case]) -> list[NDArray[np.float32]]:
-        """(n, n, 3) m of each shape at rest."""
-        return [shape.middle[0] for shape in self.rest(cases)]
-
     def _solve_shapes(self, cases: Sequence[Case], columns: Sequence[Column]) -> list[Solved]:
         """Each case's shape with those columns that the tangent gave."""
         own = [
@@ -240,36 +242,35 @@ class Simulator:
         lanes = share_out(cases, own)
         results: list[list[Solved]] = [[] for _ in cases]
         with lock:
-            for chunk, batch in self._brought_to_rest([lane.case for _, lane in lanes], range(len(lanes))):
+            for chunk in chunks_of([lane.case for _, lane in lanes], self.points_per_side):
+                batch, contents, stages = self._to_rest(chunk)
+                load(contents)
+                for stage in stages:
+                    advance(batch, *stage)
                 riding = [lanes[chunk.places[k]][1] for k in chunk.packed]
                 solved = solve_at_rest(batch, riding, columns, self._at_rest_pressure)
                 for k, i in enumerate(chunk.places):
                     results[lanes[i][0]].append(solved[chunk.packed.index(k)])
         return [together(parts) for parts in results]
 
-    def _brought_to_rest(
-        self, cases: Sequence[Case], asked: Sequence[int], *, patient: bool = False
-    ) -> Iterator[tuple[Chunk, Batch]]:
-        """Chunk after chunk of the cases asked for, at rest in the fields."""
-        for chunk in chunks_of(cases, dict.fromkeys(asked, ()), self.points_per_side):
-            batch, contents = laid(chunk.damped(), self.points_per_side, self.self_contact)
-            pressure = np.zeros((chunk.channels, len(chunk.packed)))
-            for lane, case in enumerate(chunk.lanes):
-                acting = self._at_rest_pressure(case)
-                pressure[: len(acting), lane] = acting
-            load(contents)
-            for stage in damped_motion(
-                batch, by_block(pressure), self._solve(batch), rise=self.rise, hold=self.hold, patient=patient
-            ):
-                advance(batch, *stage)
-            yield chunk, batch
+    def _to_rest(self, chunk: Chunk, *, patient: bool = False) -> tuple[Batch, Contents, Stages]:
+        """The chunk, what it loads, and the steps to rest under its last pressures."""
+        batch, contents = laid(chunk.damped(), self.points_per_side, self.self_contact)
+        pressure = np.zeros((chunk.channels, len(chunk.packed)))
+        for lane, case in enumerate(chunk.lanes):
+            acting = self._at_rest_pressure(case)
+            pressure[: len(acting), lane] = acting
+        stages = damped_motion(
+            batch, by_block(pressure), self._solve(batch), rise=self.rise, hold=self.hold, patient=patient
+        )
+        return batch, contents, stages
 
     def follow(self, case: Case, middle: NDArray[np.float32], *, steps: int = FOLLOWING) -> SimulatedMotion:
         """From a shape nearby, `middle` (n, n, 3) m, towards rest under the program's last pressures, as a motion of
         one frame: quick, and on the branch where `middle` is. Whether it has come to rest shows in how far another call
         moves it. Memory of forces stays at rest."""
         with lock:
-            [chunk] = chunks_of([case], {0: ()}, self.points_per_side)
+            [chunk] = chunks_of([case], self.points_per_side)
             batch, contents = laid(chunk.damped(), self.points_per_side, self.self_contact)
             load(contents)
             put(batch.blocks, lying_at(batch, middle))
@@ -287,15 +288,6 @@ class Simulator:
         rising = rising_program(last, self.rise, duration)
         tick = max(self.rise / RISE_STEPS, duration / _MOST_TICKS)
         return np.asarray(acting_pressure(replace(case, program=rising), int(np.ceil(duration / tick)), tick).means[-1])
-
-
-def _require(name: str, value: Any, least: float, most: float, *, whole: bool = False, unit: str = "") -> None:
-    """Raise InputError where an option is no number of that range."""
-    sort = numbers.Integral if whole else numbers.Real
-    number = isinstance(value, sort) and not isinstance(value, bool)
-    if not number or not least <= float(value) <= most:
-        kind = " whole" if whole else ""
-        raise InputError(f"{name} is {value!r}; expected a{kind} number from {least:g} to {most:g}{unit}")
 
 
 def _ticks(times: Array, tick: float) -> int:

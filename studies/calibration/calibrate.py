@@ -39,7 +39,7 @@ class Calibration:
     model: Model
     fit: Fit
     correlation: np.ndarray  # (p, p), of the unknowns in the order of fit.vector
-    statements: tuple[str, ...]  # what these data cannot tell
+    statements: tuple[str, ...]  # what these data do not determine
     warnings: tuple[str, ...]  # why the intervals are not reliable
     skipped: tuple[str, ...]  # bad trials left out, a line each
     data: MeasuredData
