@@ -21,9 +21,8 @@ from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
 from studies.bad_data import Tolerance
 from studies.calibration.ambiguities import ambiguities
-from studies.calibration.engine_difference import with_engines
 from studies.calibration.fitted_model import fitted_model
-from studies.calibration.reliability import excess, interval_warnings
+from studies.calibration.intervals import excess, interval_warnings, with_engines
 from studies.calibration.trial_checks import DISAGREE, implausible
 from studies.measured_data import Density, MeasuredData
 from studies.sensitive_stretches import find_used_frames
