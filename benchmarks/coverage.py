@@ -34,8 +34,8 @@ from fabdesign.trial import MeasurementSet
 from optimize.fit.parameters import PRIOR
 from sim import Simulator
 from studies.calibration.calibrate import calibrate
-from studies.calibration.engine_difference import FILE, data_share, engine_difference
 from studies.calibration.fitted_model import QUANTILE
+from studies.calibration.intervals import FILE, data_share, engine_difference
 from studies.measured_data import noise_of
 from studies.rig import run_rig
 from studies.rig.ground_truth import GroundTruth

@@ -1,6 +1,8 @@
 """The exceptions that a user is meant to read, and notes on what was read."""
 
+import numbers
 import warnings
+from typing import Any
 
 
 class InputError(ValueError):
@@ -18,3 +20,12 @@ class InputNote(UserWarning):
 def note(line: str) -> None:
     """Say a line of what was read as an `InputNote`: Python shows it as a warning, the command line as "note: ..."."""
     warnings.warn(InputNote(line), stacklevel=2)
+
+
+def require_number(name: str, value: Any, least: float, most: float, *, whole: bool = False, unit: str = "") -> None:
+    """Raise InputError where an option is no number of that range."""
+    sort = numbers.Integral if whole else numbers.Real
+    number = isinstance(value, sort) and not isinstance(value, bool)
+    if not number or not least <= value <= most:
+        kind = " whole" if whole else ""
+        raise InputError(f"{name} is {value!r}; expected a{kind} number from {least:g} to {most:g}{unit}")

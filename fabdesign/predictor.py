@@ -14,7 +14,7 @@ from fabdesign.forward import Case, ForwardModel
 from fabdesign.jacobian import FacesJacobian, Floats, Jacobians, with_on_top
 from fabdesign.model import Model
 from fabdesign.pressure import PressureProgram
-from fabdesign.sheet import Sheet, of_faces, sheets_of
+from fabdesign.sheet import Sheet, SheetWithFaces, of_faces, sheets_of
 
 Array = NDArray[np.float64]
 
@@ -44,7 +44,7 @@ class Predictor:
             return motions
         return [observed(case, points) for case, points in zip(own, motions, strict=True)]
 
-    def sheets(self, cases: Sequence[Case], times: Sequence[Array]) -> list[Sheet]:
+    def sheets(self, cases: Sequence[Case], times: Sequence[Array]) -> Sequence[Sheet]:
         """The same motions as mid-surfaces on the simulator's own grid (fabdesign.sheet)."""
         if self.corrector is not None:
             return [of_faces(points) for points in self.motions(cases, times)]
@@ -77,14 +77,14 @@ class Predictor:
         if bare is None:
             return None
 
-        def found(cases: Sequence[Case], columns: Sequence[Column]) -> list[FacesJacobian]:
+        def jacobians(cases: Sequence[Case], columns: Sequence[Column]) -> list[FacesJacobian]:
             own = [self.case(case) for case in cases]
             simulated = bare(own, columns)
             if self.corrector is None and not self.sensing:
                 return simulated
             return with_on_top(own, columns, simulated, self._on_top)
 
-        return found
+        return jacobians
 
     def _on_top(self, cases: Sequence[Case], shapes: Sequence[Floats]) -> list[NDArray[np.float32]]:
         """What the corrector and sensing make of shapes at rest; the cases with what the model adds."""
@@ -131,4 +131,4 @@ def _key(case: Case, times: Array) -> tuple[Any, ...]:
 
 
 def _seen(case: Case, sheet: Sheet) -> Sheet:
-    return Sheet(observed(case, sheet.middle), lambda: observed(case, sheet.points))
+    return SheetWithFaces(observed(case, sheet.middle), lambda: observed(case, sheet.points))

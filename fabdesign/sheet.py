@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,20 +14,33 @@ Floats = NDArray[np.floating[Any]]
 Face = Literal["both", "front", "back"]
 
 
+class Sheet(Protocol):
+    """One motion."""
+
+    @property
+    def middle(self) -> Floats:
+        """(T, n, n, 3) m, nodes of the mid-surface by rising v, then rising u."""
+        ...
+
+    @property
+    def points(self) -> Floats:
+        """(T, 2 m, 3) m: front face, then back face, as `ForwardModel.motions` gives them."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
-class Sheet:
-    """One motion. middle: (T, n, n, 3) m, nodes of the mid-surface by rising v, then rising u."""
+class SheetWithFaces:
+    """A sheet whose faces are made where they are asked for."""
 
     middle: Floats
     faces: Callable[[], Floats]
 
     @cached_property
     def points(self) -> Floats:
-        """(T, 2 m, 3) m: front face, then back face, as `ForwardModel.motions` gives them."""
         return self.faces()
 
 
-Sheets = Callable[[Sequence[Case], Sequence[NDArray[np.float64]]], list[Sheet]]
+Sheets = Callable[[Sequence[Case], Sequence[NDArray[np.float64]]], Sequence[Sheet]]
 
 
 def sheets_of(forward: ForwardModel) -> Sheets:
@@ -42,4 +55,4 @@ def of_faces(points: Floats) -> Sheet:
     half = points.shape[1] // 2
     side = round(half**0.5)
     middle = 0.5 * (points[:, :half] + points[:, half:])
-    return Sheet(middle.reshape(len(points), side, side, 3), lambda: points)
+    return SheetWithFaces(middle.reshape(len(points), side, side, 3), lambda: points)

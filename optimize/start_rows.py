@@ -1,8 +1,8 @@
 """Layouts and their pressures as rows that JSON holds exactly."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -13,16 +13,23 @@ from optimize.margins import Limits
 from optimize.starts import Start
 
 
-def as_rows(starts: Sequence[Start]) -> list[dict[str, Any]]:
+class StartRow(TypedDict):
+    """A layout and its pressures."""
+
+    muscles: list[dict[str, Any]]  # what a Muscle is made of
+    pressures: list[list[float]]  # Pa, of each pose
+
+
+def as_rows(starts: Sequence[Start]) -> list[StartRow]:
     """Muscles, and (poses, channels) pressures in Pa."""
-    rows = []
+    rows: list[StartRow] = []
     for space, x in starts:
         design, pressures = space.decode(x)
         rows.append({"muscles": [asdict(muscle) for muscle in design.muscles], "pressures": pressures.tolist()})
     return rows
 
 
-def of_rows(rows: Sequence[Mapping[str, Any]], cloth: Design, limits: Limits) -> list[Start]:
+def of_rows(rows: Sequence[StartRow], cloth: Design, limits: Limits) -> list[Start]:
     """What `as_rows` gave, on the cloth and with the muscle types of a design."""
     starts = []
     for row in rows:

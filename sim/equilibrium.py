@@ -1,18 +1,26 @@
-"""To rest: where a motion starts, and the shape under constant pressures."""
+"""To rest: the steps that lead to where a motion starts, and to the shape under constant pressures."""
 
+from collections.abc import Iterator
 from dataclasses import replace
+from enum import Enum, auto
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.effects.acting import specimen_of
+from fabdesign.effects.specimen import Specimen
+from fabdesign.fabric import Fabric
 from fabdesign.forward import RISE, Case
+from sim.design.support import Support
 from sim.kernels.fields import LANES
-from sim.kernels.transfer import halt, put
-from sim.step import Solve, advance
+from sim.kernels.transfer import Values
+from sim.materials import REST_CURVATURES
+from sim.step import Solve
 from sim.time.batch import Batch
-from sim.time.schedule import alike
+from sim.time.schedule import Schedule, alike
 from sim.time.scheme import Integrator, Scheme
 
+Stages = Iterator[tuple[Schedule, Solve]]  # what `advance` takes one after another
 RESTED = 3e-5  # m, RMS over nodes of what the last of the steps to rest may still move
 # (step [s], duration [s], times the tolerance) with backward Euler and so much air damping that a swing of SWING rad/s
 # dies out: after the pressures' rise, which takes (step, times the tolerance)
@@ -26,20 +34,47 @@ FROM_FLAT = ((0.05, 4), (0.5, 8))  # within 0.01 mm of where a damped motion lea
 FOLLOWING_STEP, FOLLOWING = 0.5, 4  # s, steps to the shape at rest from one nearby: within 0.02 mm of it
 
 
+class Start(Enum):
+    """How a batch comes to rest without pressure, where its motions start."""
+
+    FLAT = auto()  # a free cloth lies flat
+    LONG_STEPS = auto()  # from the flat cloth, in its plane
+    CHECKED = auto()  # the same; gravity or curvature lead out of the plane, so that it may not have come to rest
+    DAMPED = auto()  # a damped motion
+
+
+def start_of(case: Case, *, patient: bool) -> Start:
+    """patient: by a damped motion, where the cloth leaves its plane."""
+    support = Support.of(case.design.fabric)
+    if support == Support.NONE:
+        return Start.FLAT
+    if not swings_to_rest(specimen_of(case)):
+        return Start.LONG_STEPS
+    return Start.DAMPED if patient or not support.is_edge else Start.CHECKED
+
+
+def to_start(batch: Batch, start: Start, solve: Solve, channels: int) -> Stages:
+    """To rest without pressure in so many channels, velocities then zero."""
+    nothing = np.zeros((batch.blocks, channels, LANES), np.float32)
+    if start is Start.DAMPED:
+        yield from damped_motion(batch, nothing, solve, patient=True, halts=True)
+    elif start is not Start.FLAT:
+        yield from long_steps(batch, nothing, solve, FROM_FLAT)
+
+
 def long_steps(
     batch: Batch, pressure: NDArray[np.float32], solve: Solve, stages: tuple[tuple[float, int], ...]
-) -> None:
+) -> Stages:
     """From the flat cloth to equilibrium, where no buckling is on the way."""
     for h, steps in stages:
         if not batch.support.is_edge:  # nothing but inertia holds the rigid motions: float32 wants a share of it
             h = min(h, 1 / 30)
         scheme = Scheme(h, Integrator.BACKWARD_EULER, ages=0.0)
         for k in range(steps):
-            advance(batch, alike(batch, scheme, pressure[None], anew=k == 0), solve)
-            halt(*batch.grid)
+            yield alike(batch, scheme, pressure[None], anew=k == 0, halts=True), solve
 
 
-def equilibrate(
+def damped_motion(
     batch: Batch,
     pressure: NDArray[np.float32],
     solve: Solve,
@@ -47,10 +82,11 @@ def equilibrate(
     rise: float = RISE,
     hold: float | None = None,
     patient: bool = False,
-) -> None:
+    halts: bool = False,
+) -> Stages:
     """A damped motion to rest under `pressure`, which rises linearly within `rise` s. Memory of forces ages by the rise
     and `hold` s more (LEAST_HOLD at least: none at all would say that it is at rest); None: it stays at rest. patient:
-    with shorter steps, and 2 s more."""
+    with shorter steps, and 2 s more. halts: velocities are zeroed at its end."""
     (h, loose), rest = (RISING, STAGES) if batch.support.is_edge else (RISING_FREE, STAGES_FREE)
     stages = [(min(h, rise / 24), rise, loose), *rest]
     if patient:
@@ -60,16 +96,22 @@ def equilibrate(
         share = (np.arange(1, steps + 1) / steps if k == 0 else np.ones(steps)).astype(np.float32)
         ages = 0.0 if hold is None else rise / steps if k == 0 else max(hold, LEAST_HOLD) / sum(counts[1:])
         scheme = Scheme(h, Integrator.BACKWARD_EULER, ages=ages)
-        schedule = alike(batch, scheme, share[:, None, None, None] * pressure)
+        last = k == len(stages) - 1
+        schedule = alike(batch, scheme, share[:, None, None, None] * pressure, halts=halts and last)
         iterations = solve.iterations if loose == 1 else 3 * solve.iterations // 4
-        advance(batch, schedule, replace(solve, iterations=iterations, tolerance=loose * solve.tolerance))
+        yield schedule, replace(solve, iterations=iterations, tolerance=loose * solve.tolerance)
 
 
-def carried_on(batch: Batch, middle: NDArray[np.float32]) -> None:
-    """Put all lanes of the batch at `middle` (n, n, 3) m, at rest there."""
+def rested(moved: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(lanes,) whether the last step (lanes, n, n, 3) m moved them by less than RESTED."""
+    return np.asarray(np.sqrt(np.square(moved).sum(axis=-1).mean(axis=(1, 2))) < RESTED)  # NaN compares false
+
+
+def lying_at(batch: Batch, middle: NDArray[np.float32]) -> Values:
+    """All lanes of the batch at `middle` (n, n, 3) m, at rest there."""
     padded = np.pad(middle, ((1, 1), (1, 1), (0, 0))).reshape(-1, 3)
     every = np.repeat(np.repeat(padded[None, :, :, None], LANES, axis=3), batch.blocks, axis=0).astype(np.float32)
-    put(batch.blocks, {"x0": every, "q": every})
+    return {"x0": every, "q": every}
 
 
 def damped(case: Case) -> Case:
@@ -77,3 +119,15 @@ def damped(case: Case) -> Case:
     fabric = case.design.fabric
     drag = max(fabric.air_damping, 2 * SWING * fabric.areal_density)
     return replace(case, design=replace(case.design, fabric=replace(fabric, air_damping=drag)))
+
+
+def is_free(fabric: Fabric) -> bool:
+    """Whether nothing holds the cloth: what it would come to rest at is not there."""
+    return Support.of(fabric) == Support.NONE
+
+
+def swings_to_rest(specimen: Specimen) -> bool:
+    """Whether the cloth without pressure leaves the plane of the flat cloth, or turns in it."""
+    fabric = specimen.design.fabric
+    curved = any(specimen.constants.get(name) for name in REST_CURVATURES)
+    return curved or fabric.gravity[2] != 0 or (Support.of(fabric) == Support.POINTS and any(fabric.gravity))

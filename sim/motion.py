@@ -1,7 +1,7 @@
 """What is kept of a motion."""
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +61,7 @@ class SimulatedMotion:
     thickness: float  # m
     diverged: tuple[float, tuple[int, int]] | None  # time [s] of the first lost frame, and its (row, column)
 
-    @property
+    @cached_property
     def points(self) -> NDArray[np.float32]:
         """(T, 3362, 3) m: front face, then back face, 41 x 41 each by rising v, then rising u."""
         return faces(self.middle, self.thickness)

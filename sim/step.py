@@ -24,7 +24,7 @@ from sim.forces.cloth import fabric_force
 from sim.forces.contact import contact
 from sim.forces.muscles import points_pos, points_rate, pull, sample, spread, tension
 from sim.kernels.fields import LANES, SPREAD, F, Timed, X
-from sim.kernels.transfer import record
+from sim.kernels.transfer import halt, record
 from sim.kernels.vectors import thrice
 from sim.solver.coarse_space import assemble
 from sim.solver.conjugate_gradients import UNCONVERGED, direction, first_residual, step_length
@@ -66,6 +66,8 @@ def advance(
             *batch.grid, batch.points, batch.support, batch.smoothing, solve.iterations, part.frame_updates,
             solve.tolerance, part.scheme, part.work, part.pressure, part.first, part.theta, shapes, states,
         )  # fmt: skip
+    if schedule.halts:
+        halt(*batch.grid)
     return shapes[:frames], states[:frames, : batch.points]
 
 

@@ -14,6 +14,8 @@ RESULTS = ("result.json", "trace.json", "evaluation.json", "loop.json", "fusion.
 # what says most about a result, of each that has it
 HEADLINES = ("objective_mm", "chamfer", "surface_rms", "verdict", "evaluations", "complete", "wall_s", "stop_reason")
 
+Figure = str | float | bool | None  # what is not a list or a table
+
 
 @dataclass(frozen=True)
 class ResultFolder:
@@ -24,12 +26,12 @@ class ResultFolder:
     result: Mapping[str, Any]
 
     @property
-    def figures(self) -> dict[str, Any]:
+    def figures(self) -> dict[str, Figure]:
         """Numbers and words of the result by name, those of inner tables as OUTER.INNER; no lists."""
         return dict(_flat(self.result))
 
     @property
-    def headline(self) -> dict[str, Any]:
+    def headline(self) -> dict[str, Figure]:
         figures = self.figures
         return {name: figures[name] for name in HEADLINES if name in figures}
 
@@ -66,7 +68,7 @@ def folders_below(paths: Sequence[Path]) -> list[ResultFolder]:
     return folders
 
 
-def compared(folders: Sequence[ResultFolder]) -> dict[str, list[Any]]:
+def compared(folders: Sequence[ResultFolder]) -> dict[str, list[Figure]]:
     """Figures in which the results differ, by name: one of each folder, None where it has none."""
     figures = [folder.figures for folder in folders]
     names = dict.fromkeys(name for own in figures for name in own)
@@ -74,7 +76,7 @@ def compared(folders: Sequence[ResultFolder]) -> dict[str, list[Any]]:
     return {name: row for name, row in rows.items() if any(value != row[0] for value in row)}
 
 
-def _flat(result: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+def _flat(result: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Figure]]:
     for name, value in result.items():
         if isinstance(value, Mapping):
             yield from _flat(value, f"{before}{name}.")

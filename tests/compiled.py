@@ -7,10 +7,11 @@ import taichi as ti
 
 from fabdesign.forward import Case
 from fabdesign.pressure import PressureProgram
-from sim.design.loading import load_batch
+from sim.design.loading import contents_of
 from sim.design.support import Support
 from sim.forces.cloth import fabric_force
 from sim.kernels.fields import LANES, F, Timed
+from sim.kernels.transfer import load
 from sim.time.scheme import Integrator, Scheme
 from tests.sim_designs import cloth
 
@@ -27,7 +28,7 @@ def _forces(n: ti.i32):
 
 def main() -> None:
     case = Case(cloth(), PressureProgram(np.array([0.0]), np.zeros((1, 1)), 1.0))
-    load_batch([case] * LANES, N, support=Support.TOP, blocks=1)
+    load(contents_of([case] * LANES, N, support=Support.TOP, blocks=1))
     scheme, state = F.scheme.to_numpy(), F.node3.to_numpy()
     scheme[0] = np.array(SCHEME.entries(Support.NONE))[:, None]
     inside = ((np.arange(N)[:, None] + 1) * (N + 2) + np.arange(N) + 1).ravel()

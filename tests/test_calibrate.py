@@ -25,8 +25,7 @@ from optimize.fit.problem import Evaluation, Linearisation
 from sim.motion import faces
 from studies.bad_data import sound_trials
 from studies.calibration.calibrate import DRAWN, calibrate
-from studies.calibration.engine_difference import engine_difference
-from studies.calibration.reliability import interval_warnings, noise_rms
+from studies.calibration.intervals import engine_difference, interval_warnings, noise_rms
 from studies.calibration.report import as_text
 
 TIMES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 0.9, 1.2])

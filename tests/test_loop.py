@@ -191,7 +191,7 @@ def test_a_network_that_is_of_no_use_on_trials_kept_back_is_not_used(place: Path
     measured = on_device(Asked(design, programs, 1, 1), place / "set")  # gain alone, which calibration finds
     with work_folder(place / "work", made_by="loop") as work:
         learned = learn(read_loop(place / "study.toml"), [measured], Model(), work, "turn_0", simulators, say=print)
-        assert not learned.corrector and learned.said[-1].endswith("it is not used")
+        assert not learned["corrector"] and learned["said"][-1].endswith("it is not used")
         assert read_model(place / "work" / "turn_0" / "model.toml").corrector is None
         assert not list((place / "work" / "turn_0").glob("*.safetensors"))
 

@@ -84,7 +84,7 @@ def test_derivatives_say_what_a_batch_of_copies_shows(objective: Objective) -> N
     assert found.expected == pytest.approx(np.mean(values), rel=0.15)
     assert found.worst > found.expected > found.nominal
     assert found.yielded <= 1 and found.tolerance == pytest.approx(0.010)
-    assert found.elsewhere == 0 and found.holds
+    assert found.on_another_branch == 0 and found.holds
     tip = found.band.reshape(2, 41, 41)[0, -1].mean()
     assert tip > 3 * found.band.reshape(2, 41, 41)[0, 10].mean()  # what is near the held edge moves little
 
@@ -148,11 +148,11 @@ def test_near_a_fold_copies_stand_in_place_of_derivatives(objective: Objective, 
     true = robustness_of(STUDY, ROBUST, result, objective, FORWARD, FORWARD, nominal=0.008)
     assert not found.holds and true.holds
     assert found.expected_linear > 1.5 * found.expected == 1.5 * true.expected
-    assert found.elsewhere == true.elsewhere == 0
+    assert found.on_another_branch == true.on_another_branch == 0
     assert found.delicate[1] == pytest.approx(true.delicate[1], rel=0.05)
     kept = as_json(found, ROBUST)
     assert kept["first_order"]["holds"] is False  # type: ignore[index]
-    assert "Copies stand in their place." in said(found)[-1]
+    assert "The values above are those of the copies." in said(found)[-1]
 
 
 class Recording(AnalyticCloth):

@@ -1,14 +1,27 @@
 """Motions that start otherwise than the public way in lets them: with a velocity, or off in the last digit."""
 
 import numpy as np
+import pytest
 
 from fabdesign.effects import ActingPressure
-from fabdesign.effects.acting import acting_pressure
+from sim.chunks import Chunk, laid
+from sim.design.loading import constants_of
+from sim.equilibrium import Start, start_of, to_start
 from sim.kernels import fields
 from sim.kernels.fields import LANES, F
+from sim.kernels.transfer import load, put
 from sim.simulator import Simulator
-from sim.time.steps import Jumps, jumps_of, steps_of
+from sim.step import advance
+from sim.time.schedule import of_motions
+from sim.time.steps import Jumps, steps_of
 from tests.sim_designs import held
+
+
+def tried_once(simulator: Simulator, cases, times, *, patient=False):
+    """Its motions, as the first try has them, or with `patient` the second."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Simulator, "_tries", lambda own, _, count: [(own, patient, [*range(count)])])
+        return simulator.run(cases, times)
 
 
 def thrown(simulator: Simulator, design, velocity, times, *, positions=None):
@@ -17,7 +30,7 @@ def thrown(simulator: Simulator, design, velocity, times, *, positions=None):
     case, n = held(design, (0,)), simulator.points_per_side
     with fields.lock:
         packed = [0] * LANES
-        batch, _ = simulator._at_rest([case], packed, patient=True)
+        batch = _at_rest(simulator, [case], packed, patient=True)
         state = F.node3.to_numpy()
         for first, values in ((F.v0, velocity), (F.x0, positions)):
             if values is not None:
@@ -28,8 +41,8 @@ def thrown(simulator: Simulator, design, velocity, times, *, positions=None):
         ticks = int(np.ceil(times[-1] / simulator.time_step - 1e-6))
         acting = ActingPressure(case.program, ticks, simulator.time_step)
         steps = steps_of(acting, times, Jumps((), ()), calm=simulator._calm)
-        [motion] = simulator._simulate(batch, packed, [case], [times], [steps])
-    return motion.middle.astype(float)
+        [middle] = _moved(simulator, batch, packed, [steps])
+    return middle
 
 
 def off_in_the_last_digit(simulator: Simulator, cases, times, first):
@@ -37,7 +50,7 @@ def off_in_the_last_digit(simulator: Simulator, cases, times, first):
     from the float32 next to their own, above or below by chance."""
     case_of = [*range(len(cases)), *[len(cases) - 1] * (LANES - len(cases))]
     with fields.lock:
-        batch, _ = simulator._at_rest(cases, case_of, patient=False)
+        batch = _at_rest(simulator, cases, case_of, patient=False)
         state, nodes = F.node3.to_numpy(), slice(F.x0, F.x0 + (simulator.points_per_side + 2) ** 2)
         for lane in range(first, len(cases)):
             rng = np.random.default_rng(lane)
@@ -46,11 +59,25 @@ def off_in_the_last_digit(simulator: Simulator, cases, times, first):
                 towards = np.where(rng.random(own.shape) < 0.5, -np.inf, np.inf).astype(np.float32)
                 state[0, nodes, axis * LANES + lane] = np.nextafter(own, towards)
         F.node3.from_numpy(state)
-        ticks = int(np.ceil(times[-1] / simulator.time_step - 1e-6))
-        steps = []
-        for case in cases:
-            acting = acting_pressure(case, ticks, simulator.time_step)
-            jumps = jumps_of(acting.program, simulator.time_step, released=False)
-            steps.append(steps_of(acting, times, jumps, calm=simulator._calm))
-        motions = simulator._simulate(batch, case_of, cases, [times] * len(cases), steps)
-    return [motion.middle.astype(float) for motion in motions]
+        return _moved(simulator, batch, case_of, [simulator._steps(case, times) for case in cases])
+
+
+def _at_rest(simulator, cases, packed, *, patient):
+    """The batch of the cases in the fields, at equilibrium without pressure."""
+    chunk = Chunk([*range(len(cases))], cases, packed)
+    start = start_of(cases[0], patient=patient)
+    own = chunk.damped() if start is Start.DAMPED else chunk
+    batch, contents = laid(own, simulator.points_per_side, simulator.self_contact)
+    load(contents)
+    for stage in to_start(batch, start, simulator._solve(batch), chunk.channels):
+        advance(batch, *stage)
+    if start is Start.DAMPED:
+        put(batch.blocks, {"lane": constants_of(chunk.lanes, simulator.points_per_side)})
+    return batch
+
+
+def _moved(simulator, batch, packed, steps):
+    """(T, n, n, 3) m each, mid-surfaces of the motions from where the batch is."""
+    schedule, begins = of_motions(batch, packed, steps, tick=simulator.time_step, rho=simulator.rho)
+    shapes, _ = advance(batch, schedule, simulator._solve(batch), frames=int(begins[-1]))
+    return [own.reshape(-1, batch.nv, batch.nu, 3).astype(float) for own in np.split(shapes, begins[1:-1])]

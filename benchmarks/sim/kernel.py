@@ -15,16 +15,17 @@ import taichi as ti
 from numpy.typing import NDArray
 
 from benchmarks.sim.cases import reference
-from sim.design.loading import load_batch
+from sim.design.loading import contents_of
 from sim.design.support import Support
 from sim.forces.cloth import fabric_force
 from sim.kernels import fields
 from sim.kernels.fields import SPREAD, F, Timed
+from sim.kernels.transfer import load
 from sim.kernels.vector_width import has_avx2
 from sim.materials import M
-from sim.simulator import BLOCKS
 from sim.solver.flat_cloth import factorise
 from sim.solver.muscles import solve
+from sim.time.packing import BLOCKS
 from sim.time.scheme import Integrator, Scheme
 
 Array = NDArray[np.float32]
@@ -87,7 +88,7 @@ class ByTaichi:
         self.n = n
         [case] = reference(1)
         bare = replace(case, design=replace(case.design, muscle_types={}, muscles=()))  # no bench table to fit
-        load_batch([bare] * fields.LANES, n, support=Support.TOP, blocks=BLOCKS)
+        load(contents_of([bare] * fields.LANES, n, support=Support.TOP, blocks=BLOCKS))
         scheme = F.scheme.to_numpy()
         scheme[0] = np.array(SCHEME.entries(Support.NONE))[:, None]
         F.scheme.from_numpy(scheme)

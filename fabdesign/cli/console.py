@@ -118,5 +118,5 @@ def _connect(context: click.Context, parameter: click.Parameter, address: str | 
 
 cluster_option = click.option(
     "--cluster", envvar="FABDESIGN_CLUSTER", show_envvar=True, metavar="ADDRESS", expose_value=False, callback=_connect,
-    help="Address of a Dask scheduler, whose workers compute; by default the study's, or this machine alone.",
+    help="Address of a Dask scheduler; its workers compute. By default the one in the study, or this machine alone.",
 )  # fmt: skip

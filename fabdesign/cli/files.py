@@ -16,7 +16,7 @@ from fabdesign.json_file import json_text
 @click.option("--width", type=FINITE, help="Width of the cloth, m.")
 @click.option("--height", type=FINITE, help="Height of the cloth, m.")
 @click.option("--muscles", type=int, help="Number of muscles.")
-@click.option("--pitch", type=FINITE, default=0.02, show_default=True, help="Distance of the fixed points, m.")
+@click.option("--pitch", type=FINITE, default=0.02, show_default=True, help="Distance between fixed points, m.")
 @force_option
 @json_option
 def new(
@@ -89,7 +89,9 @@ def _counted(warnings: tuple[str, ...]) -> str:
 @commands.command()
 @click.argument("design", type=FILE)
 @click.option(
-    "--tail-length", type=float, help="Free muscle at each end for tube and knot, m; by default that of the type."
+    "--tail-length",
+    type=float,
+    help="Free length at each end of a muscle, for tube and knot, m; by default its type's.",
 )
 @click.option("--seam-allowance", type=float, default=0.01, show_default=True, help="Cloth outside the edge, m.")
 @click.option(

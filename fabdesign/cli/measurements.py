@@ -100,7 +100,7 @@ def fuse(
 @click.option(
     "--model",
     type=FILE,
-    help="A model file: its effects stay, its factors are held by --fix or are the start of the fit.",
+    help="A model file. Its effects are kept. The fit starts at its factors; --fix holds them.",
 )
 @effects_option
 @skip_bad_option

@@ -158,8 +158,8 @@ def predict(
 ) -> None:
     """Predict the motion of every trial of a SET.
 
-    A single TRIAL.npz is taken too. Motions have the trial's own times. The command writes OUTPUT/trials/NAME.npz, for
-    several sets OUTPUT/SET/trials/NAME.npz.
+    SET can also be a single TRIAL.npz. Each motion has the times of its trial. The command writes
+    OUTPUT/trials/NAME.npz, for several sets OUTPUT/SET/trials/NAME.npz.
     """
     from fabdesign import interface
     from fabdesign.motion_file import read_band
@@ -211,8 +211,8 @@ def evaluate(
     """Print the error of a model on measured SETS, in mm.
 
     "Before" is the model without effects and corrector, or the data sheet. "After" is the whole model. Trials of role
-    test are evaluated: nothing was fitted to them. A bench (a folder with bench.toml) is taken too, alone; its model
-    is the file that calibrate wrote.
+    test are evaluated: nothing was fitted to them. SETS can also be one bench (a folder with bench.toml); its model is
+    the file that calibrate wrote.
     """
     if any(is_bench(source) for source in sets):
         _evaluate_bench(sets, model, all_trials, output, force, as_json)

@@ -1,12 +1,16 @@
 """Look over folders that searches, sweeps and traces have made."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from fabdesign.cli.console import FILE, commands, force_option, json_option, print_result
 from fabdesign.errors import InputError
+
+if TYPE_CHECKING:
+    from studies.result_folders import Figure
 
 
 @commands.group("studies")
@@ -100,9 +104,9 @@ def table(folder: Path, output: Path, force: bool, as_json: bool) -> None:
     print_result(result, f"{output}: {len(evaluations.rows)} rows, {len(evaluations.columns)} columns", as_json)
 
 
-def _headline_in_words(figures: dict[str, Any]) -> str:
+def _headline_in_words(figures: "Mapping[str, Figure]") -> str:
     return "".join(f", {name} {_cell(value)}" for name, value in figures.items()) or ", no result yet"
 
 
-def _cell(value: Any) -> str:
+def _cell(value: "Figure") -> str:
     return "-" if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -34,8 +34,8 @@ from fabdesign.cli.progress import described
 @click.option("--model", type=FILE, help="A model file with the parameters of the motions; by default the data sheet.")
 @click.option(
     "--free",
-    help="Fit the declared parameters and these effects to the same trials first, as `calibrate --free` does, and "
-    "train on that; all: the strengths of every effect.",
+    help="Effects to fit before the training, with the declared parameters and to the same trials, as with "
+    "`calibrate --free`; all: the strengths of every effect.",
 )
 @skip_bad_option
 @click.option("--seed", type=SEED, default=0, show_default=True)

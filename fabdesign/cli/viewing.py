@@ -42,8 +42,8 @@ from fabdesign.errors import InputError
     "-o",
     "--output",
     type=FILE,
-    help="File to write. Its ending says what: .html (turns and plays), .png, .gif, .glb (animated), .pvd (ParaView), "
-    ".rrd (Rerun) or .csv (markers). By default the first file's name with .html.",
+    help="File to write. The ending selects the kind: .html (turns and plays), .png, .gif, .glb (animated), .pvd "
+    "(ParaView), .rrd (Rerun) or .csv (markers). By default the first file's name with .html.",
 )
 @force_option
 @json_option

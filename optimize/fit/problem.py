@@ -17,7 +17,7 @@ _AT_ONCE = 192  # motions in memory
 @dataclass(frozen=True, eq=False)
 class Evaluation:
     x: Array  # (p,) the unknowns
-    sheets: list[Sheet]  # a sample
+    sheets: Sequence[Sheet]  # a sample
     found: Match
 
 
@@ -38,7 +38,8 @@ class FitProblem:
     def evaluate(self, xs: Sequence[Array]) -> list[Evaluation]:
         """All in one batch."""
         count = len(self.samples)
-        motions = self._sheets(self.forward, [self.vector.case(s.trial, x) for x in xs for s in self.samples])
+        cases = [self.vector.case(s.trial, x) for x in xs for s in self.samples]
+        motions = sheets_of(self.forward)(cases, len(xs) * self._times)
         parts = [motions[k : k + count] for k in range(0, len(motions), count)]
         return [
             Evaluation(x, own, match(self.samples, [sheet.points for sheet in own]))
@@ -66,13 +67,14 @@ class FitProblem:
         if self.slopes == self.forward:
             base = evaluation.sheets
         else:
-            base = self._sheets(self.slopes, [self.vector.case(s.trial, evaluation.x) for s in self.samples])
+            cases = [self.vector.case(s.trial, evaluation.x) for s in self.samples]
+            base = sheets_of(self.slopes)(cases, self._times)
         face = isqrt(evaluation.sheets[0].points.shape[1] // 2)
         nodes = nodes_of(evaluation.found, base[0].middle.shape[1], face)
         parts, at_once = [], max(1, _AT_ONCE // len(self.samples))
         for first in range(0, len(others), at_once):
             some = others[first : first + at_once]
-            moved = self._sheets(self.slopes, [case for row in some for case in row])
+            moved = sheets_of(self.slopes)([case for row in some for case in row], len(some) * self._times)
             changes = [
                 np.stack([moved[k * len(base) + s].middle - sheet.middle for k in range(len(some))])
                 for s, sheet in enumerate(base)
@@ -80,6 +82,7 @@ class FitProblem:
             parts.append(derivatives(evaluation.found, nodes, changes))
         return np.concatenate(parts, axis=1)
 
-    def _sheets(self, forward: ForwardModel, cases: Sequence[Case]) -> list[Sheet]:
-        """Of cases, a sample each in turn."""
-        return sheets_of(forward)(cases, [self.samples[k % len(self.samples)].times for k in range(len(cases))])
+    @property
+    def _times(self) -> list[Array]:
+        """s, of each sample."""
+        return [sample.times for sample in self.samples]

@@ -1,4 +1,4 @@
-"""A batch of cases into the fields."""
+"""What a batch of cases puts into the fields."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -19,7 +19,7 @@ from sim.design.nodes import node_arrays, node_means
 from sim.design.support import Support
 from sim.kernels import fields as f
 from sim.kernels.fields import LANES, TABLE, TYPES, F, allocate
-from sim.kernels.transfer import Shared, load, put
+from sim.kernels.transfer import Contents, Shared
 from sim.materials import Lane, lane_constants
 from sim.solver.coarse_tables import tables
 from sim.solver.modes import Modes, by_four, modes_across, modes_down
@@ -37,11 +37,9 @@ def bench_grid(table: BenchTable) -> NDArray[np.float32]:
 SIZES = ((43, 96), (43, 256), (83, 96), (163, 96))  # (padded nodes a side, fixed points) that fields are made for
 
 
-def load_batch(cases: Sequence[Case], n: int, *, support: Support, blocks: int) -> int:
-    """Put `cases`, one a lane, on n x n grids into the fields, and the preconditioner's basis.
-
-    Returns the largest number of fixed points of any case.
-    """
+def contents_of(cases: Sequence[Case], n: int, *, support: Support, blocks: int) -> Contents:
+    """Of `cases`, one a lane, on n x n grids; for fields of `blocks` blocks, which are made where there are none.
+    With them the preconditioner's basis."""
     points = max(sum(len(m.fixed_points()) for m in case.design.muscles) for case in cases)
     _require_room(points, blocks)
     side, room = next(((a, b) for a, b in SIZES if a >= n + 2 and b >= points), (n + 2, points))
@@ -73,8 +71,7 @@ def load_batch(cases: Sequence[Case], n: int, *, support: Support, blocks: int) 
         coarse=coarse, place=place,
         rows=_rows(lacings, n, len(cases) // LANES, points, down),
     )  # fmt: skip
-    load(len(cases) // LANES, values | {"lane": _constants(specimens, n)}, shared)
-    return points
+    return Contents(len(cases) // LANES, points, values | {"lane": _constants(specimens, n)}, shared)
 
 
 def _require_room(points: int, blocks: int) -> None:
@@ -86,9 +83,9 @@ def _require_room(points: int, blocks: int) -> None:
         )
 
 
-def load_constants(cases: Sequence[Case], n: int) -> None:
-    """Replace the materials of the batch that lies in the fields by those of `cases`."""
-    put(len(cases) // LANES, {"lane": _constants([specimen_of(case) for case in cases], n)})
+def constants_of(cases: Sequence[Case], n: int) -> NDArray[np.float32]:
+    """(blocks, constants, LANES): the materials of `cases`, one a lane."""
+    return _constants([specimen_of(case) for case in cases], n)
 
 
 def _constants(specimens: Sequence[Specimen], n: int) -> NDArray[np.float32]:

@@ -35,21 +35,40 @@ class Shared:
     rows: Ints  # (blocks, points, 2) of F.rows
 
 
-def load(blocks: int, values: Mapping[str, NDArray], shared: Shared) -> None:
-    """Put a batch into the first `blocks` blocks, and zero there whatever is not put in and may be read before it is
-    written (`life` in sim/state.py).
+Values = Mapping[str, NDArray]  # by the name of a plane or an array, lane beside lane
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """What a batch puts into the fields.
 
     values: of every plane and array that is declared as loaded, by name, and of "lane", the constants:
     (blocks, entries, LANES), for vectors (blocks, entries, 3, LANES), from its first entry on.
     """
+
+    blocks: int
+    points: int  # fixed points, the most of any lane
+    values: Values
+    shared: Shared
+
+
+def load(contents: Contents) -> None:
+    """Put a batch into the first blocks, and zero there whatever is not put in and may be read before it is written
+    (`life` in sim/state.py)."""
+    blocks, values = contents.blocks, contents.values
     if values.keys() != state.loaded() | {"lane"}:
         raise ValueError(f"a batch must load {sorted(state.loaded())} and lane; got {sorted(values)}")
-    _load_shared(blocks, *astuple(shared))
-    put(blocks, values, anew=True)
+    _load_shared(blocks, *astuple(contents.shared))
+    _put(blocks, 1, *_arguments(blocks, values))
 
 
-def put(blocks: int, values: Mapping[str, NDArray], *, anew: bool = False) -> None:
-    """Put values in their places by name, as in `load`. anew: after all else is zeroed."""
+def put(blocks: int, values: Values) -> None:
+    """Replace some values of the batch that lies in the fields, named and shaped as in `Contents`."""
+    _put(blocks, 0, *_arguments(blocks, values))
+
+
+def _arguments(blocks: int, values: Values) -> tuple[NDArray, ...]:
+    """What the kernel takes: spans, numbers, vectors, whole numbers."""
     spans, parts = [], ([np.zeros((blocks, 1, LANES), np.float32)], [np.zeros((blocks, 1, WIDE), np.float32)],
                         [np.zeros((blocks, 1, LANES), np.int32)])  # fmt: skip
     filled = [1, 1, 1]
@@ -60,7 +79,7 @@ def put(blocks: int, values: Mapping[str, NDArray], *, anew: bool = False) -> No
         spans.append((FIELDS.index(field), first, filled[sort], value.shape[1]))
         parts[sort].append(part)
         filled[sort] += value.shape[1]
-    _put(blocks, int(anew), np.array(spans, np.int32), *(np.concatenate(part, axis=1) for part in parts))
+    return np.array(spans, np.int32), *(np.concatenate(part, axis=1) for part in parts)
 
 
 def _place(name: str) -> tuple[str, int]:

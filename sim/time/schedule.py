@@ -26,7 +26,8 @@ class Schedule:
     pressure: Floats  # (S, blocks, channels, LANES) Pa
     first: Ints  # (S + 1, blocks, LANES): a lane's frames from first[k] until first[k + 1] fall into step k
     theta: Floats  # (frames or 1,) the fraction of its step at which a frame lies
-    frame_updates: int  # in so many of a step's first iterations the preconditioner frame_updates with the shape
+    frame_updates: int  # in so many of a step's first iterations the preconditioner's frames follow the shape
+    halts: bool = False  # whether velocities and accelerations are zeroed after the last step
 
     def part(self, begin: int, end: int) -> "Schedule":
         steps = slice(begin, end)
@@ -36,7 +37,7 @@ class Schedule:
         )  # fmt: skip
 
 
-def alike(batch: Batch, scheme: Scheme, pressure: Floats, *, anew: bool = True) -> Schedule:
+def alike(batch: Batch, scheme: Scheme, pressure: Floats, *, anew: bool = True, halts: bool = False) -> Schedule:
     """The same step for all lanes under `pressure` (S, blocks, channels, LANES) Pa, no frames. anew: whether the steps
     before it, if any, were others."""
     steps = len(pressure)
@@ -50,6 +51,7 @@ def alike(batch: Batch, scheme: Scheme, pressure: Floats, *, anew: bool = True) 
         first=np.zeros((steps + 1, batch.blocks, LANES), np.int32),
         theta=np.zeros(1, np.float32),
         frame_updates=2,  # the first guess of a long step may be far off
+        halts=halts,
     )
 
 

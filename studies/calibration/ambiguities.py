@@ -7,7 +7,7 @@ from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitParameter
 
 _LITTLE = 0.8  # of the prior's standard deviation left: the data say little
-_ALIKE = 0.9  # correlation from which two factors are told as a pair
+_ALIKE = 0.9  # correlation from which two factors are named as a pair
 _WEAK = 1.0  # information in units of the prior's, under which a direction is the data sheet's
 _SHARE = 0.35  # of the largest component, for a factor to be named in a combination
 
@@ -20,7 +20,7 @@ def ambiguities(fit: Fit, covariance: np.ndarray) -> tuple[str, ...]:
     deviation = np.sqrt(np.diag(covariance))
     little = deviation > _LITTLE * prior
     lines = [
-        f"{names[k]}: these data say little; the {_other(fit, k)} decides{_to(fit, k, deviation[k])}"
+        f"{names[k]}: these data say little; its value follows the {_other(fit, k)}{_to(fit, k, deviation[k])}"
         for k in map(int, np.flatnonzero(little))
     ]
     correlation = covariance / np.outer(deviation, deviation)
@@ -29,8 +29,8 @@ def ambiguities(fit: Fit, covariance: np.ndarray) -> tuple[str, ...]:
             if abs(correlation[i, j]) > _ALIKE:
                 known = "product" if correlation[i, j] < 0 else "ratio"
                 lines.append(
-                    f"{names[j]} and {first}: told apart poorly (correlation {correlation[i, j]:+.2f}); "
-                    f"their {known} is known better than either"
+                    f"{names[j]} and {first}: hardly separable (correlation {correlation[i, j]:+.2f}); "
+                    f"their {known} is better known than each of them"
                 )
     values, vectors = np.linalg.eigh(fit.information * np.outer(prior, prior))
     for value, vector in zip(values, vectors.T, strict=True):
@@ -38,7 +38,7 @@ def ambiguities(fit: Fit, covariance: np.ndarray) -> tuple[str, ...]:
         named = np.flatnonzero(np.abs(direction) > _SHARE * np.abs(direction).max())
         if value < _WEAK and not little[named].all():
             lines.append(_combination(fit, direction, named))
-    return tuple(lines) or (f"all {_COUNTS.get(len(names), len(names))} factors are told apart by these data",)
+    return tuple(lines) or (f"these data separate all {_COUNTS.get(len(names), len(names))} factors",)
 
 
 def _combination(fit: Fit, direction: np.ndarray, named: np.ndarray) -> str:
@@ -48,7 +48,7 @@ def _combination(fit: Fit, direction: np.ndarray, named: np.ndarray) -> str:
         _moved(fit.vector.parameters[k], direction[k]) for k in sorted(named, key=lambda k: -abs(direction[k]))
     )
     seen = in_mm(float(np.sqrt(max(direction @ fit.sensitivity @ direction, 0.0))))
-    return f"together, {moves}: moves the surface by {seen:.2f} mm RMS only; these data cannot tell"
+    return f"changed together, {moves} move the surface by {seen:.2f} mm RMS only: these data do not determine them"
 
 
 _COUNTS = {6: "six", 7: "seven"}
@@ -67,5 +67,5 @@ def _other(fit: Fit, k: int) -> str:
 def _to(fit: Fit, k: int, deviation: float) -> str:
     parameter = fit.vector.parameters[k]
     if parameter.transform == "log":
-        return f" (to {100 * deviation:.0f} %)"
-    return f" (to {deviation:.2g} {parameter.unit})"
+        return f" (within {100 * deviation:.0f} %)"
+    return f" (within {deviation:.2g} {parameter.unit})"

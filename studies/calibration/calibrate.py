@@ -1,5 +1,6 @@
 """Calibration: factors on the declared values from measured clouds, with intervals."""
 
+from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,9 +21,8 @@ from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
 from studies.bad_data import Tolerance
 from studies.calibration.ambiguities import ambiguities
-from studies.calibration.engine_difference import with_engines
 from studies.calibration.fitted_model import fitted_model
-from studies.calibration.reliability import excess, interval_warnings
+from studies.calibration.intervals import excess, interval_warnings, with_engines
 from studies.calibration.trial_checks import DISAGREE, implausible
 from studies.intervals.calibrate import chosen as chosen_trials
 from studies.intervals.calibrate import spread_json, with_spread
@@ -40,7 +40,7 @@ class Calibration:
     model: Model
     fit: Fit
     correlation: np.ndarray  # (p, p), of the unknowns in the order of fit.vector
-    statements: tuple[str, ...]  # what these data cannot tell
+    statements: tuple[str, ...]  # what these data do not determine
     warnings: tuple[str, ...]  # why the intervals are not reliable
     skipped: tuple[str, ...]  # bad trials left out, a line each
     data: MeasuredData
@@ -219,41 +219,37 @@ def _fit(
 ) -> Fit:
     """With effects, from the data sheet too: where the fit without them ends may be far off, in a false minimum. Where
     that is interrupted, the better of both is kept."""
-
-    def one(vector: FitVector, progress: Progress) -> Fit:
-        reached: list[Callable[[], Fit]] = []
-
-        def keep(fit_there: Callable[[], Fit]) -> None:
-            reached[:] = [fit_there]
-
+    stages = [(vector, progress)]
+    if vector.terms:
+        early, late = parts(progress, _WITHOUT_EFFECTS)
+        stages = [(vector.without_effects, lambda line, share: early(f"no effects, {line}", share)), (vector, late)]
+    fits: list[Fit] = []
+    interrupted = False
+    for unknowns, told in stages:
+        reached: deque[Callable[[], Fit]] = deque(maxlen=1)  # makes the fit that ends where this one stands
         try:
-            return fit(
-                data.samples,
-                forward,
-                slopes=slopes,
-                vector=vector,
-                accuracy=data.weighed,
-                progress=progress,
-                reached=keep,
+            fits.append(
+                fit(
+                    data.samples,
+                    forward,
+                    slopes=slopes,
+                    vector=unknowns,
+                    accuracy=data.weighed,
+                    progress=told,
+                    reached=reached.append,
+                )
             )
         except KeyboardInterrupt:
-            if not (interruptible and reached):
+            if not (interruptible and (reached or fits)):
                 raise
-            return replace(reached[0](), interrupted=True)
-
-    if not vector.terms:
-        return one(vector, progress)
-    early, late = parts(progress, _WITHOUT_EFFECTS)
-    first = one(vector.without_effects, lambda line, share: early(f"no effects, {line}", share))
-    if first.interrupted:
-        return first
-    try:
-        fitted = one(vector, late)
-    except KeyboardInterrupt:
-        if not interruptible:
-            raise
-        return replace(first, interrupted=True)
-    if fitted.interrupted and not _better(fitted, first):
+            fits += [replace(make(), interrupted=True) for make in reached]
+            interrupted = True
+            break
+    first, *later = fits
+    if not later:
+        return replace(first, interrupted=interrupted)
+    [fitted] = later
+    if interrupted and not _better(fitted, first):
         return replace(first, interrupted=True)
     return replace(fitted, before=first.before, without_effects=first)
 

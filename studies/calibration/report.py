@@ -20,7 +20,7 @@ def as_text(calibration: Calibration) -> str:
         *(f"warning: the intervals are NOT reliable: {why}" for why in calibration.warnings),
         f"residual {in_mm(fit.before):.2f} -> {in_mm(fit.after):.2f} mm RMS; sensor noise {in_mm(noise.sigma):.2f} mm, "
         f"{100 * noise.strays:.1f} % strays; {fit.iterations} iterations",
-        f"inputs taken to be good to {100 * calibration.data.accuracy.pressure:g} % of each pressure and "
+        f"assumed accuracy of the inputs: {100 * calibration.data.accuracy.pressure:g} % of each pressure, "
         f"{calibration.data.accuracy.tilt:g} degrees of level ([accuracy] in set.toml)",
         *calibration.statements,
     ]

@@ -11,6 +11,7 @@ from fabdesign.layouts_file import SIDES, Cell
 from fabdesign.muscle import Muscle
 from optimize.additions import pulling, with_idle
 from optimize.design_space import DesignSpace
+from optimize.start_rows import StartRow
 from optimize.starts import Start
 from studies.layout_grid.result import CellResult, GridResult
 from studies.layouts.begin import PULL, limits_of
@@ -30,7 +31,7 @@ class CellTurns:
     """Of one cell. seconds: of search, all turns together, as `run_study` takes them. gained: m, in the last turn.
     seeds: what its search began with besides its own draws (drawn: whether there were any)."""
 
-    seeds: list[dict[str, Any]] = field(default_factory=list)
+    seeds: list[StartRow] = field(default_factory=list)
     drawn: bool = True
     seconds: float = 0.0
     turns: int = 0

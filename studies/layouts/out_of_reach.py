@@ -96,8 +96,8 @@ def helps_of(study: Study, point: Start, objective: Objective, forward: ForwardM
         for name, what in CHANGED_FACTORS.items()
         for sign in (1, -1)
     ]
-    before, found = what_helps(jacobians, objective, point, changes, _wider(study, point[0]), _of_types(point[0]))
-    return Helps(before, tuple(own for own in found if before - own.value > WORTH * before))
+    before, nearer = what_helps(jacobians, objective, point, changes, _wider(study, point[0]), _of_types(point[0]))
+    return Helps(before, tuple(own for own in nearer if before - own.value > WORTH * before))
 
 
 def _wider(study: Study, space: DesignSpace) -> dict[str, DesignSpace]:

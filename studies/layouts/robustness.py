@@ -40,8 +40,8 @@ class Robustness:
     """Of one layout, in m of the searched measure. `copies` are true ones.
 
     expected_linear, yield_linear: by derivatives; holds: whether these agree with the copies. yielded: share within
-    `tolerance`. elsewhere: copies of another stable shape, or diverged. band: (2 n,) m that the points of the first
-    pose move by, standard deviation. delicate: the muscle, from 0, and the value with it 3 mm off.
+    `tolerance`. on_another_branch: copies of another stable shape, or diverged. band: (2 n,) m that the points of the
+    first pose move by, standard deviation. delicate: the muscle, from 0, and the value with it 3 mm off.
     """
 
     nominal: float
@@ -52,7 +52,7 @@ class Robustness:
     expected: float
     yielded: float
     worst: float
-    elsewhere: int
+    on_another_branch: int
     shapes: tuple[Shape, ...]
     band: Array
     delicate: tuple[int, float]
@@ -150,20 +150,23 @@ def robustness_of(
         expected=float(np.mean(values[np.isfinite(values)])) if sound else float("inf"),
         yielded=float(np.mean(values <= tolerance)),
         worst=float(np.max(np.where(np.isfinite(values), values, np.inf))),
-        elsewhere=_elsewhere(centre, shapes, [model.at(z) - model.shape for z in zs] if holds else None),
+        on_another_branch=_on_another_branch(
+            centre, shapes, [model.at(z) - model.shape for z in zs] if holds else None
+        ),
         shapes=tuple(sound),
         band=np.sqrt(np.square(moved).sum(axis=2).mean(axis=0)),
         delicate=_most_delicate(scatter, model if holds else None, objective, coarse, len(result[0].muscles)),
     )
 
 
-def _elsewhere(centre: Shape, shapes: Sequence[Shape], ways: Sequence[Shape] | None) -> int:
-    """How many are of another branch than `centre`. ways: that derivatives say; None: go by the median copy's."""
+def _on_another_branch(centre: Shape, shapes: Sequence[Shape], predicted: Sequence[Shape] | None) -> int:
+    """How many lie on another branch than `centre`. predicted: displacements by the derivatives; None: go by the
+    median copy's."""
     lengths = np.array([_rms(shape - centre) for shape in shapes])
-    if ways is None:
+    if predicted is None:
         sound = lengths[np.isfinite(lengths)]
         return int(sum(~(lengths <= max(APART, FAR * np.median(sound) if len(sound) else 0.0))))
-    missed = np.array([_rms(shape - centre - way) for shape, way in zip(shapes, ways, strict=True)])
+    missed = np.array([_rms(shape - centre - by) for shape, by in zip(shapes, predicted, strict=True)])
     return int(sum(~(missed <= np.maximum(APART, BRANCH * lengths))))
 
 
@@ -175,10 +178,10 @@ def _most_delicate(
     scatter: Scatter, model: LinearShape | None, objective: Objective, coarse: Predictor, muscles: int
 ) -> tuple[int, float]:
     """Of every muscle the worst of four directions; by derivatives, or without a model by shapes on the coarse one."""
-    ways = ((1, 0), (-1, 0), (0, 1), (0, -1))
-    zs = [scatter.shifted(k, way, OFF) for k in range(muscles) for way in ways]
+    directions = ((1, 0), (-1, 0), (0, 1), (0, -1))
+    zs = [scatter.shifted(k, direction, OFF) for k in range(muscles) for direction in directions]
     shapes = scatter.shapes(objective, coarse, zs) if model is None else [model.at(z) for z in zs]
-    values = np.array([objective.value(shape) for shape in shapes]).reshape(muscles, len(ways))
+    values = np.array([objective.value(shape) for shape in shapes]).reshape(muscles, len(directions))
     worst = np.where(np.isfinite(values), values, np.inf).max(axis=1)
     return int(np.argmax(worst)), float(np.max(worst))
 
@@ -196,7 +199,7 @@ def as_json(robustness: Robustness, robust: Robust) -> dict[str, object]:
         "yield": robustness.yielded,
         "tolerance_mm": mm(robustness.tolerance),
         "copies": robustness.copies,
-        "elsewhere": robustness.elsewhere,
+        "elsewhere": robustness.on_another_branch,
         "first_order": {
             "expected_mm": mm(robustness.expected_linear),
             "yield": robustness.yield_linear,
@@ -222,11 +225,12 @@ def said(robustness: Robustness) -> list[str]:
     ]
     if not robustness.holds:
         lines.append(
-            f"The derivatives are not valid here, as near a fold: they give {in_mm(robustness.expected_linear):.2f} "
-            "mm. Copies stand in their place."
+            "The derivatives are not valid here, as near a bifurcation: they give "
+            f"{in_mm(robustness.expected_linear):.2f} mm. The values above are those of the copies."
         )
-    if robustness.elsewhere:
+    if robustness.on_another_branch:
         lines.append(
-            f"{robustness.elsewhere} copies come to another stable shape, or to none: the layout is near a fold."
+            f"{robustness.on_another_branch} copies come to another stable shape, or to none: the layout is near a "
+            "bifurcation."
         )
     return lines

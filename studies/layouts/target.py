@@ -110,9 +110,9 @@ def target_errors(
 ) -> Errors:
     """Mean over the targets by their weights, of shapes (poses, 2 n, 3) m. The floors take the noise that each target
     shows."""
-    found = pose_errors(targets, shapes, seed=seed, draws=-(-draws // len(targets)))
+    by_pose = pose_errors(targets, shapes, seed=seed, draws=-(-draws // len(targets)))
     weights = [target.weight for target in targets]
-    return Errors(*np.average([astuple(errors) for errors in found], axis=0, weights=weights).tolist())
+    return Errors(*np.average([astuple(errors) for errors in by_pose], axis=0, weights=weights).tolist())
 
 
 def pose_errors(

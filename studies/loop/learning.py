@@ -1,12 +1,11 @@
 """What a turn's measurements teach: an effect traced, all parameters refitted with it, a network for what remains."""
 
 import shutil
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import fmean
-from typing import Any
 
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
@@ -21,6 +20,7 @@ from optimize.fit.parameters import fit_vector
 from studies.calibration.calibrate import Calibration, calibrate
 from studies.calibration.fitted_model import muscle_scope
 from studies.evaluate import DesignResult, evaluate_sets
+from studies.loop.record import Learned, TracedEffects
 from studies.sensitive_stretches import GRID
 
 MODEL = "model.toml"
@@ -28,19 +28,6 @@ TRACE = "trace"  # the folder of the trace
 
 Simulators = Callable[[int], ForwardModel]  # by points a side
 Say = Callable[[str], None]
-
-
-@dataclass(frozen=True)
-class Learned:
-    """said: lines for people. trace: verdict, names of effects, indistinguishable ones; None where it was not asked
-    for or could not be. held_out: mm of surface excess before and after on trials of role test, None without any."""
-
-    said: tuple[str, ...]
-    trace: Mapping[str, Any] | None
-    factors: Mapping[str, float]
-    effects: tuple[str, ...]
-    corrector: bool
-    held_out: Mapping[str, float] | None
 
 
 def together(sets: Sequence[MeasurementSet]) -> MeasurementSet:
@@ -96,10 +83,10 @@ def learn(
     say("evaluating the model on the held-out trials")
     held_out = _held_out(study, sets, model_of(work, name), simulators)
     return Learned(
-        said=tuple(said),
+        said=said,
         trace=traced,
         factors=model.factors,
-        effects=tuple(effect.name for effect in model.effects),
+        effects=[effect.name for effect in model.effects],
         corrector=trained,
         held_out=held_out,
     )
@@ -112,7 +99,7 @@ def model_of(work: WorkFolder, name: str) -> Model:
 
 def _traced(
     study: LoopStudy, measured: MeasurementSet, known: Model, out: Path, simulators: Simulators, say: Say
-) -> tuple[Mapping[str, Any] | None, Model | None, list[str]]:
+) -> tuple[TracedEffects | None, Model | None, list[str]]:
     """The verdict, the model with the effects that it has from now on, and lines for people; no model where there was
     too little to trace."""
     from fabdesign.checkpoint import OtherContent
@@ -139,14 +126,13 @@ def _traced(
     except TooLittle as error:
         return None, None, [f"not traced: {error}"]
     result = outcome.as_json()
-    added = [effect["name"] for effect in result["effects"]]
-    learned = {
-        "verdict": result["verdict"],
-        "effects": added,
-        "indistinguishable": result["indistinguishable"],
-        "excess": {name: value for name, value in result["excess"].items() if name != "unit"},
-    }
-    return learned, outcome.model, [f"trace: {verdict_in_words(outcome)}"]
+    traced = TracedEffects(
+        verdict=result["verdict"],
+        effects=[effect["name"] for effect in result["effects"]],
+        indistinguishable=result["indistinguishable"],
+        excess={name: value for name, value in result["excess"].items() if name != "unit"},
+    )
+    return traced, outcome.model, [f"trace: {verdict_in_words(outcome)}"]
 
 
 def _calibrated(

@@ -43,16 +43,36 @@ class ChosenDesign(TypedDict):
     muscles: int
 
 
+class TracedEffects(TypedDict):
+    """What a trace says. excess: mm over the noise, by what it is of; None where it is not known."""
+
+    verdict: str
+    effects: list[str]
+    indistinguishable: list[list[str]]
+    excess: dict[str, float | None]
+
+
+class Learned(TypedDict):
+    """What measurements taught. said: lines for people. trace: None where it was not asked for or could not be.
+    held_out: mm of surface excess `before` and `after` on trials of role test, None without any."""
+
+    said: list[str]
+    trace: TracedEffects | None
+    factors: Mapping[str, float]
+    effects: list[str]
+    corrector: bool
+    held_out: Mapping[str, float] | None
+
+
 @dataclass(frozen=True)
 class Turn:
-    """device: None while a measurement is waited for. learned: what the measurements taught; None in the last turn. All
-    as `result.json` has it."""
+    """device: None while a measurement is waited for. learned: None in the last turn. All as `result.json` has it."""
 
     number: int
     name: str
     chosen: ChosenDesign
     device: DeviceErrors | None = None
-    learned: Mapping[str, Any] | None = None
+    learned: Learned | None = None
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)

@@ -60,7 +60,7 @@ def as_text(outcome: LoopOutcome) -> str:
         predicted = f"predicted {turn.chosen['believed']['excess']:.2f} mm"
         on = "not measured yet" if turn.device is None else f"{device} {turn.device['excess']:.2f} mm"
         lines.append(f"{turn.name.replace('_', ' ')}: {predicted}, {on} over the noise floor")
-        lines += [f"  {line}" for line in (turn.learned or {}).get("said", ())]
+        lines += [f"  {line}" for line in (turn.learned["said"] if turn.learned else ())]
     if outcome.waiting_for is not None:
         lines.append(
             f"waiting for a measurement set in {outcome.waiting_for}; what to sew and to run: {outcome.asked}; then "

@@ -1,9 +1,8 @@
 """`fabdesign loop STUDY`: from a target and a start design to one that was measured, turn by turn."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from fabdesign.checkpoint import Checkpoint
 from fabdesign.design_file import read_design, write_design
@@ -22,7 +21,7 @@ from studies.layouts.begin import first_starts
 from studies.layouts.target import LoadedTarget, load_target
 from studies.loop.learning import MODEL, Simulators, learn, model_of
 from studies.loop.programs import programs_for
-from studies.loop.record import ChosenDesign, DeviceErrors, LoopOutcome, Turn, loop_content, stop_reason
+from studies.loop.record import ChosenDesign, DeviceErrors, Learned, LoopOutcome, Turn, loop_content, stop_reason
 from studies.loop.report import write_report
 from studies.loop.sources import ASKED, MEASURED, measured
 from studies.loop.turn import SEARCH, Choice, choose, chosen, errors_on_device, turn_name
@@ -209,9 +208,9 @@ def _measured_errors(loop: _Loop, number: int, choice: Choice, measured: Measure
     return kept
 
 
-def _learned(loop: _Loop, number: int, sets: Sequence[MeasurementSet], model: Model | None) -> dict[str, Any]:
-    def teach() -> dict[str, Any]:
-        learned = learn(
+def _learned(loop: _Loop, number: int, sets: Sequence[MeasurementSet], model: Model | None) -> Learned:
+    def teach() -> Learned:
+        return learn(
             loop.study,
             sets,
             model or Model(points_per_side=loop.study.points_per_side),
@@ -220,9 +219,8 @@ def _learned(loop: _Loop, number: int, sets: Sequence[MeasurementSet], model: Mo
             loop.simulators,
             say=lambda line: loop.say(number, line, 0.7),
         )
-        return asdict(learned)
 
-    kept: dict[str, Any] = loop.checkpoint.get(f"{turn_name(number)}_model", teach)
+    kept: Learned = loop.checkpoint.get(f"{turn_name(number)}_model", teach)
     return kept
 
 

@@ -65,12 +65,12 @@ class BackgroundSearch:
             return
         search, result = self._under_way
         running = search.running  # before the result is read: what it wrote last is not missed
-        if (found := search.best()) is not None:
-            result.found(found.layouts, found.objective)
+        if (best := search.best()) is not None:
+            result.hold(best.layouts, best.objective)
             count = len(self._session.targets.all)
             of = "" if count == 1 else f", mean of {count} poses,"
-            figure = f"{in_mm(found.objective):.2f} mm{of} after {found.evaluations} evaluations"
-            result.state = f"{figure}; {found.stop_reason}"
+            figure = f"{in_mm(best.objective):.2f} mm{of} after {best.evaluations} evaluations"
+            result.state = f"{figure}; {best.stop_reason}"
             self._session.view.show_search(result.state, running=running)
             self._session.drawings.changed(result)
         if not running:

@@ -30,9 +30,9 @@ class Broken:
 def broken_limits(layout: Layout, limits: Limits) -> list[Broken]:
     """Of every muscle, every two on one face, and every channel. Muscles and channels count from 0, as in files."""
     design = layout.design
-    found = [line for i, muscle in enumerate(design.muscles) for line in _of_one(design, i, muscle, limits)]
-    found += _of_pairs(design, limits)
-    return found + _of_pressures(layout, limits)
+    broken = [line for i, muscle in enumerate(design.muscles) for line in _of_one(design, i, muscle, limits)]
+    broken += _of_pairs(design, limits)
+    return broken + _of_pressures(layout, limits)
 
 
 def _of_one(design: Design, index: int, muscle: Muscle, limits: Limits) -> list[Broken]:
@@ -40,28 +40,28 @@ def _of_one(design: Design, index: int, muscle: Muscle, limits: Limits) -> list[
     margins = constraint_margins(alone, np.full(1, limits.pressure[0]), limits)
     kind, who = design.muscle_types[muscle.type], (index,)
     length = f"{in_mm(muscle.length):.1f} mm long"
-    found = []
+    broken = []
     if (free := margins["inside_cloth"]) < limits.edge - _ROUNDING:
         message = f"lies {in_mm(free):.1f} mm from the edge; expected {in_mm(limits.edge):g} mm"
-        found.append(Broken("edge", f"muscle {index} {message}", who))
+        broken.append(Broken("edge", f"muscle {index} {message}", who))
     if margins["shortest"] < -_ROUNDING:
         message = (
             f"is {length}; expected two pitches, {2e3 * muscle.fixed_point_pitch:g} mm, or it hardly bends the cloth"
         )
-        found.append(Broken("shortest", f"muscle {index} {message}", who))
+        broken.append(Broken("shortest", f"muscle {index} {message}", who))
     if margins.get("stock_length", 0.0) < -_ROUNDING:
         most = (kind.stock_length or 0.0) - 2 * (kind.tail_length or 0.0)
         message = f"is {length}; expected at most {in_mm(most):.0f} mm, the stock of {kind.name} less its tails"
-        found.append(Broken("stock_length", f"muscle {index} {message}", who))
+        broken.append(Broken("stock_length", f"muscle {index} {message}", who))
     if margins.get("min_bend_radius", 0.0) < -_ROUNDING and kind.min_bend_radius is not None:
         radius = in_mm(bend_radius(np.array(muscle.path)))
         message = f"has a corner of {radius:.1f} mm radius; expected {in_mm(kind.min_bend_radius):g} mm of {kind.name}"
-        found.append(Broken("min_bend_radius", f"muscle {index} {message}", who))
-    return found
+        broken.append(Broken("min_bend_radius", f"muscle {index} {message}", who))
+    return broken
 
 
 def _of_pairs(design: Design, limits: Limits) -> list[Broken]:
-    found = []
+    broken = []
     paths = [np.array(muscle.path) for muscle in design.muscles]
     low, high = (np.array([end(path) for path in paths]).reshape(-1, 2) for end in (_lowest, _highest))
     for i, j in combinations(range(len(paths)), 2):
@@ -71,11 +71,11 @@ def _of_pairs(design: Design, limits: Limits) -> list[Broken]:
             continue
         gap = clearance(paths[i], paths[j])
         if gap < 0:
-            found.append(Broken("crossing", f"muscles {i} and {j} cross on the {side}; expected them apart", (i, j)))
+            broken.append(Broken("crossing", f"muscles {i} and {j} cross on the {side}; expected them apart", (i, j)))
         elif gap < limits.spacing - _ROUNDING:
             message = f"lie {in_mm(gap):.1f} mm apart on the {side}; expected {in_mm(limits.spacing):g} mm"
-            found.append(Broken("spacing", f"muscles {i} and {j} {message}", (i, j)))
-    return found
+            broken.append(Broken("spacing", f"muscles {i} and {j} {message}", (i, j)))
+    return broken
 
 
 def _lowest(path: np.ndarray) -> np.ndarray:
@@ -87,7 +87,7 @@ def _highest(path: np.ndarray) -> np.ndarray:
 
 
 def _of_pressures(layout: Layout, limits: Limits) -> list[Broken]:
-    found = []
+    broken = []
     for channel, most in enumerate(pressure_limits(layout.design)):
         pressure, why = layout.pressures[channel], "the muscles' maximum"
         if most >= LARGEST or most > limits.pressure[1]:
@@ -96,5 +96,5 @@ def _of_pressures(layout: Layout, limits: Limits) -> list[Broken]:
             message = (
                 f"{in_kpa(pressure):g} kPa; expected {in_kpa(limits.pressure[0]):g} to {in_kpa(most):g} kPa, {why}"
             )
-            found.append(Broken("pressure", f"channel {channel} has {message}", channel=channel))
-    return found
+            broken.append(Broken("pressure", f"channel {channel} has {message}", channel=channel))
+    return broken

@@ -60,8 +60,8 @@ class TrialMotion:
         if self.trial is None:
             return None
         frames = np.unique(np.linspace(0, len(self.times) - 1, _SCALED).astype(int))
-        found = [d for d in map(self.distances, frames.tolist()) if d is not None]
-        return float(np.percentile(np.concatenate(found), 98))
+        of_frames = [d for d in map(self.distances, frames.tolist()) if d is not None]
+        return float(np.percentile(np.concatenate(of_frames), 98))
 
     def in_words(self, frame: int) -> str:
         text = f"{self.name}, {self.times[frame]:.3f} s"
@@ -83,17 +83,17 @@ def labels(trials: tuple[Trial, ...]) -> dict[str, Trial]:
     return {f"{trial.name} ({trial.design_name}, {trial.role})": trial for trial in trials}
 
 
-def errors_table(found: dict[str, tuple[Errors, ...]]) -> str:
+def errors_table(by_trial: dict[str, tuple[Errors, ...]]) -> str:
     """Markdown: a row for each trial, surface RMS in mm, without and with the corrector where one acts, and the noise
     floor; and the means."""
-    if not found:
+    if not by_trial:
         return ""
-    corrected = any(len(errors) > 1 for errors in found.values())
+    corrected = any(len(errors) > 1 for errors in by_trial.values())
     head = ["trial", "predicted", *(["corrected"] if corrected else []), "noise floor"]
     rows = [head, ["---"] * len(head)]
     values = {
         name: [errors[0].surface_rms, *([errors[-1].surface_rms] if corrected else []), errors[-1].surface_floor]
-        for name, errors in found.items()
+        for name, errors in by_trial.items()
     }
     rows += [[name, *map(_millimetres, row)] for name, row in values.items()]
     if len(values) > 1:

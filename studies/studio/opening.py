@@ -82,11 +82,11 @@ def _kind(file: Path) -> tuple[str, str]:
     raise InputError(f"{file}: expected a design, study, set, target (cloud or mesh) or pressures (CSV)")
 
 
-def _begun(found: list[tuple[Path, str]]) -> Opened:
-    if not found:
+def _begun(files: list[tuple[Path, str]]) -> Opened:
+    if not files:
         design = build("basic", name="layout")
         return Opened(NEW, Layout.of(design), search_limits(design))
-    file, sort = found[0]
+    file, sort = files[0]
     if sort == "set":
         measured = read_set(file)
         design = measured.trials[0].design

@@ -32,7 +32,7 @@ def eye_of(places: Places) -> tuple[float, float, float]:
 
 
 class Page:
-    """Implements session_view.SessionView on a viser server. post: runs a function on the session's thread."""
+    """Implements session.SessionView on a viser server. post: runs a function on the session's thread."""
 
     def __init__(self, server: Any, session: Session, post: Callable[[Callable[[], None]], None]) -> None:
         self._server, self._session, self._post = server, session, post

@@ -9,19 +9,23 @@ import numpy as np
 
 from fabdesign.errors import InputError
 from fabdesign.forward import RISE
+from fabdesign.motion_file import MotionData
+from fabdesign.output import new_files
 from fabdesign.pressure import PressureProgram, require_pressures, rising_program
 from fabdesign.pressure_file import read_pressures
 from studies.predict import frame_times
-from studies.studio.exporting import export_motion, require_kind
 from studies.studio.layout import Layout
 from studies.studio.measured import TrialMotion
 from studies.studio.solver import Answer, Ask
 from studies.studio.trial_errors import ask_of_trial
+from studies.view.items import Item
+from studies.view.write import KINDS, writer
 
 if TYPE_CHECKING:
     from studies.studio.session import Session
 
 FRAME_RATE = 30.0  # Hz, of a motion that is played
+SLOW = ".gif"  # for which the page would stand still; `view` writes it
 
 
 class Playing:
@@ -77,7 +81,7 @@ class Playing:
             session.changed()
 
         def motion(answer: Answer) -> TrialMotion:
-            session.trial_errors.found(label, answer)
+            session.trial_errors.add(label, answer)
             return TrialMotion(label, trial.times, _points(answer), data, answer.correction)
 
         self._ask(ask, motion)
@@ -102,7 +106,7 @@ class Playing:
         try:
             if motion is None or ask is None:
                 raise InputError("no motion; expected one that is played")
-            require_kind(path)
+            _require_kind(path)
         except InputError as error:
             view.tell(str(error), bad=True)
             return
@@ -111,7 +115,7 @@ class Playing:
             try:
                 if answer.laced is None:
                     raise InputError(answer.error or "no motion")
-                export_motion(path, motion, answer.laced)
+                _export(path, motion, answer.laced)
             except InputError as error:
                 view.tell(str(error), bad=True)
                 return
@@ -124,3 +128,26 @@ class Playing:
 def _points(answer: Answer) -> np.ndarray:
     assert answer.points is not None
     return answer.points
+
+
+def _require_kind(path: Path) -> str:
+    """The file's ending. Raises InputError."""
+    kind, kinds = path.suffix.lower(), [kind for kind in KINDS if kind != SLOW]
+    if kind not in kinds:
+        raise InputError(f"{path}: expected a name that ends in {', '.join(kinds[:-1])} or {kinds[-1]}")
+    return kind
+
+
+def _export(path: Path, shown: TrialMotion, laced: MotionData) -> None:
+    """laced: the motion that is shown, with its muscles. What was measured stands beside it, but not in a table of
+    markers, which it has not. Raises InputError, also for a file that is there."""
+    kind = _require_kind(path)
+    items = [Item.of_motion(shown.name, laced)]
+    if shown.trial is not None and kind != ".csv":
+        measured = Item(f"{shown.name}, measured", np.asarray(shown.times, np.float64), shown.trial.frames)
+        items = [measured, Item.of_motion(f"{shown.name}, predicted", laced, measured.title)]
+    try:
+        with new_files(path) as unfinished:
+            writer(kind)(items, unfinished)
+    except ModuleNotFoundError as error:
+        raise InputError(f"{path}: needs {error.name}; install it with: pip install 'fabdesign[view]'") from None

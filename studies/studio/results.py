@@ -33,7 +33,7 @@ class Result(Seen):
     def layout(self, pose: int) -> Layout:
         return self.layouts[min(pose, len(self.layouts) - 1)]
 
-    def found(self, layouts: tuple[Layout, ...], objective: float) -> None:
+    def hold(self, layouts: tuple[Layout, ...], objective: float) -> None:
         if layouts != self.layouts:
             self.forget()
         self.layouts, self.objective = layouts, objective

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
 
 from fabdesign.errors import InputError
 from fabdesign.trial import Trial
@@ -12,12 +13,11 @@ from studies.studio.drawings import Drawings
 from studies.studio.keeping import Keeping
 from studies.studio.layout import Layout, Point, move_corner, move_muscle
 from studies.studio.limits import Broken, broken_limits
-from studies.studio.live import Solves
+from studies.studio.live import LiveShape, Solves
 from studies.studio.measured import labels
 from studies.studio.model_choice import ModelChoice
 from studies.studio.opening import Opened
 from studies.studio.playing import Playing
-from studies.studio.session_view import SessionView
 from studies.studio.shapes import Shapes
 from studies.studio.snapping import row_distance, snapped
 from studies.studio.targets import Targets
@@ -25,6 +25,28 @@ from studies.studio.trial_errors import TrialErrors
 
 CALM = 0.35  # s without a further value, after which a slider counts as let go
 DUE = 1.0  # s between autosaves, and looks at the file and the search
+
+
+class SessionView(Protocol):
+    """What a session asks of the page that shows it, on the session's thread."""
+
+    def show_layout(self) -> None: ...
+
+    def show_shape(self, shape: LiveShape) -> None: ...
+
+    def show_comparison(self) -> None: ...
+
+    def show_motion(self) -> None: ...
+
+    def show_search(self, message: str, *, running: bool) -> None: ...
+
+    def show_results(self) -> None: ...
+
+    def show_band(self) -> None: ...
+
+    def show_trial_errors(self) -> None: ...
+
+    def tell(self, text: str, *, bad: bool = False) -> None: ...
 
 
 class Session:

@@ -20,8 +20,8 @@ def row_distance(design: Design) -> float:
 
 def rows(length: float, distance: float) -> NDArray[np.float64]:
     """(n,) m from an edge: rows every `distance`, the edges themselves left out."""
-    found = distance * np.arange(1, int(np.ceil(length / distance)))
-    return np.asarray(found[found < length - 1e-9], dtype=np.float64)
+    places = distance * np.arange(1, int(np.ceil(length / distance)))
+    return np.asarray(places[places < length - 1e-9], dtype=np.float64)
 
 
 def snapped(point: Point, size: Point, distance: float) -> Point:

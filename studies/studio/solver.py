@@ -201,8 +201,8 @@ def _errors(ask: Ask, points: Points, correction: Correction | None) -> tuple[Er
     try:
         noise = estimate_noise(frames, ask.design.fabric.thickness)
     except InputError:
-        found = [trial_errors(ask.measured, motion, NOISE_FREE, draws=1) for motion in motions]
-        return tuple(replace(errors, chamfer_floor=np.nan, surface_floor=np.nan) for errors in found)
+        of_motions = [trial_errors(ask.measured, motion, NOISE_FREE, draws=1) for motion in motions]
+        return tuple(replace(errors, chamfer_floor=np.nan, surface_floor=np.nan) for errors in of_motions)
     return tuple(trial_errors(ask.measured, motion, noise) for motion in motions)
 
 

@@ -56,7 +56,7 @@ class TrialErrors:
         self.by_label = {}
         self._session.view.show_trial_errors()
 
-    def found(self, label: str, answer: Answer) -> None:
+    def add(self, label: str, answer: Answer) -> None:
         self.by_label[label] = answer.errors or UNKNOWN
         self._session.view.show_trial_errors()
 
@@ -78,7 +78,7 @@ class TrialErrors:
         def arrived(answer: Answer) -> None:
             if choice is not session.choice:
                 return  # of another model than the table is
-            self.found(label, answer)
+            self.add(label, answer)
             if self._running:
                 self._next()
 

@@ -13,8 +13,8 @@ from fabdesign.model import EffectTerm, Model
 from fabdesign.units import in_mm
 from optimize.fit.clouds import frames_of
 from optimize.fit.fitted import Fit
-from studies.calibration.engine_difference import with_engines
 from studies.calibration.fitted_model import fitted_model
+from studies.calibration.intervals import with_engines
 from studies.measured_data import MeasuredData
 from studies.tracing.backwards import label_effect
 from studies.tracing.candidates import Candidate

@@ -5,17 +5,17 @@ from typing import Literal
 
 Word = Literal["adequate", "effect", "unexplained"]
 SHARE_OF_A_CAUSE = 0.6  # of the gap, that effects must close to be its cause
-LEAST_SHARE = 0.5  # of it, where that is more than the black box closes: what leaves more than half is not the cause
+LEAST_SHARE = 0.5  # of it, where that is more than the baseline removes: what leaves more than half is not the cause
 GROSS = 2.0  # times the tolerance: a model that leaves more of the very trials it was fitted to is not adequate
-STRUCTURE = 0.25  # of an excess, that the black box, or one kind of feature, must take to count as structure
+STRUCTURE = 0.25  # of an excess, that the baseline, or one kind of feature, must take to count as structure
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """m of excess held out: of the refitted model, with all effects that were certain, and of the black box on what
-    either leaves; whether the black box gains for certain.
+    """m of excess held out: of the refitted model, with all effects that were certain, and of the baseline on what
+    either leaves; whether the baseline gains for certain.
 
-    The black box takes from what a model leaves that was fitted to all trials, so that its gain is over `fitted`, not
+    The baseline takes from what a model leaves that was fitted to all trials, so that its gain is over `fitted`, not
     over `before`, for which the declared parameters were fitted without the trial."""
 
     before: float
@@ -47,12 +47,12 @@ def decide(evidence: Evidence, tolerance: float) -> Word:
 
 
 def box_closed(evidence: Evidence) -> float:
-    """Share of the excess that the black box alone closes."""
+    """Share of the excess that the flexible baseline alone removes."""
     return max(1 - evidence.box_before / evidence.before, 0.0)
 
 
 def explains(evidence: Evidence) -> float | None:
-    """Share of the gap to the floor that the effects close; None where the black box finds no gap to close."""
+    """Share of the gap to the noise floor that the effects close; None where the baseline finds no gap."""
     if evidence.before <= 0 or evidence.box_before >= evidence.before:
         return None
     return 1 - evidence.after / evidence.before

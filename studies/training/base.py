@@ -33,7 +33,7 @@ def fitted_base(
     if not file.is_file():
         taking_part = {chosen.trial.file for chosen in learned}
         own = [replace(one, trials=tuple(t for t in one.trials if t.file in taking_part)) for one in sets]
-        found = calibrate(
+        calibration = calibrate(
             [one for one in own if one.trials],
             forward,
             slopes=slopes,
@@ -43,5 +43,5 @@ def fitted_base(
             progress=lambda line, share: progress(f"base: {line}", round(100 * share), 100),
         )
         with whole_file(file) as unfinished:
-            write_model(found.model, unfinished)
+            write_model(calibration.model, unfinished)
     return read_model(file)

@@ -4,7 +4,7 @@ import base64
 import json
 from collections.abc import Sequence
 from importlib.resources import files
-from typing import Any
+from typing import TypedDict
 
 import numpy as np
 from jinja2 import Environment
@@ -18,13 +18,33 @@ LEVELS = 32_000  # a coordinate is stored as a whole number of the largest one's
 MOST_POINTS = 4_000  # of a frame that has no triangles: more look the same
 
 
+class ComparedPanel(TypedDict):
+    """How far a panel is from another, for the page: a line an instant [s], and one of it all."""
+
+    reference: str
+    times: list[float]
+    lines: list[str]
+    whole: str
+
+
+class PackedItem(TypedDict):
+    """A panel for the page: coordinates as whole numbers, and what is drawn of them."""
+
+    title: str
+    times: list[float]  # s
+    counts: list[int]  # points of a frame
+    points: str  # base64
+    triangles: str
+    parts: list[tuple[int, tuple[float, float, float]]]  # corners, colour
+
+
 def render_page(title: str, items: Sequence[Item], apart: Sequence[Distance | None] = ()) -> str:
     """HTML of the items side by side, with one time slider where something moves; points are rounded to the LEVELS-th
     part of the largest coordinate. apart: of every panel, how far it is from what it is compared with; none: unsaid."""
     size = max(float(np.abs(frame).max(initial=0.0)) for item in items for frame in vertices_of(item))
     scale = max(size, 1e-6) / LEVELS
-    told = [_told(distance) for distance in apart or [None] * len(items)]
-    packed = [_packed(item, scale) | {"apart": own} for item, own in zip(items, told, strict=True)]
+    compared = [_compared(distance) for distance in apart or [None] * len(items)]
+    packed = [{**_packed(item, scale), "apart": own} for item, own in zip(items, compared, strict=True)]
     data = {"scale": scale, "cloud": CLOUD, "items": packed}
     template = Environment(autoescape=True).from_string(
         files("studies.view").joinpath("page.html.j2").read_text(encoding="utf-8")
@@ -34,7 +54,7 @@ def render_page(title: str, items: Sequence[Item], apart: Sequence[Distance | No
     return template.render(title=title, items=items, data=Markup(content), key=KEY, moves=moves)
 
 
-def _packed(item: Item, scale: float) -> dict[str, Any]:
+def _packed(item: Item, scale: float) -> PackedItem:
     kept = [_thinned(frame) if item.triangles is None else frame for frame in vertices_of(item)]
     whole = [np.round(frame / scale).astype("<i2") for frame in kept]
     parts = parts_of(item)
@@ -45,15 +65,15 @@ def _packed(item: Item, scale: float) -> dict[str, Any]:
         "counts": [len(frame) for frame in whole],
         "points": _base64(np.concatenate(whole)),
         "triangles": _base64(triangles.astype("<u4")),
-        "parts": [[3 * len(part.triangles), part.colour] for part in parts],
+        "parts": [(3 * len(part.triangles), part.colour) for part in parts],
     }
 
 
-def _told(distance: Distance | None) -> dict[str, Any] | None:
+def _compared(distance: Distance | None) -> ComparedPanel | None:
     if distance is None:
         return None
     return {
-        "from": f"from {distance.reference}",
+        "reference": f"from {distance.reference}",
         "times": [round(float(t), 6) for t in distance.times],
         "lines": [errors_in_words(errors) for errors in distance.errors],
         "whole": f"{distance.when}: {errors_in_words(distance.whole)}" if distance.when else "",

@@ -2,25 +2,34 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from studies.view.items import Item
 
 # the package that writes a kind of file, besides what is always there
 NEEDS = {".glb": "pygltflib", ".pvd": "meshio", ".rrd": "rerun"}
 KINDS = (".html", ".png", ".gif", ".glb", ".pvd", ".rrd", ".csv")
-Writer = Callable[[Sequence[Item], Path], list[dict[str, Any]]]
+
+
+class PanelNote(TypedDict, total=False):
+    """What is said of a panel besides: frames that a file keeps, its distance to what it is compared with."""
+
+    frames_kept: int
+    distance: dict[str, object]
+
+
+Writer = Callable[[Sequence[Item], Path], list[PanelNote]]
 
 
 def writer(kind: str, times: Sequence[float] = (), markers: Mapping[str, tuple[float, float]] | None = None) -> Writer:
-    """Writes a file of a kind, one of KINDS; answers what is to be said of each panel besides. times: s, of a picture.
+    """Writes a file of a kind, one of KINDS; answers a note on each panel, or none. times: s, of a picture.
     markers: (u, v) m, of a table."""
     if kind in (".html", ".png", ".gif"):
         return lambda items, path: _shown(items, path, kind, times)
     if kind == ".glb":
         from studies.view.gltf import kept, save_glb
 
-        def glb(items: Sequence[Item], path: Path) -> list[dict[str, Any]]:
+        def glb(items: Sequence[Item], path: Path) -> list[PanelNote]:
             save_glb(items, path)
             return [{"frames_kept": len(kept(item))} for item in items]
 
@@ -35,14 +44,14 @@ def writer(kind: str, times: Sequence[float] = (), markers: Mapping[str, tuple[f
         def save(items: Sequence[Item], path: Path) -> None:
             save_markers(items, path, markers or {})
 
-    def plain(items: Sequence[Item], path: Path) -> list[dict[str, Any]]:
+    def plain(items: Sequence[Item], path: Path) -> list[PanelNote]:
         save(items, path)
         return []
 
     return plain
 
 
-def _shown(items: Sequence[Item], path: Path, kind: str, times: Sequence[float]) -> list[dict[str, Any]]:
+def _shown(items: Sequence[Item], path: Path, kind: str, times: Sequence[float]) -> list[PanelNote]:
     from studies.view.distance import distances
 
     apart = distances(items)

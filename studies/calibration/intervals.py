@@ -1,0 +1,73 @@
+"""The intervals of a fit: wider by the difference between engines, and whether they are reliable.
+
+How far factors are off because the simulator is not the engine that made the data is estimated by
+`benchmarks/coverage.py` on effect-free sets of the virtual rig, which is another engine. It acts on what the data say:
+where they leave a factor to the data sheet, the engine has no part in it. Intervals hold only if the model is right but
+for its factors.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.csv_table import decimal, read_rows
+from fabdesign.sensor_noise import SensorNoise
+from fabdesign.surface import CAP
+from fabdesign.units import in_mm
+from optimize.fit.fitted import Fit
+from optimize.fit.parameters import DECLARED, FitVector
+
+Array = NDArray[np.float64]
+FILE = Path(__file__).parent / "engine_difference.csv"
+EXCESS = 0.0005  # m over the noise that a right model may leave
+OUTLYING = 0.03  # share of frames far off from which on it is said
+
+
+def engine_difference(vector: FitVector = DECLARED) -> Array:
+    """(p,) standard deviations of the unknowns, mean error included; of effects' parameters none is known: 0."""
+    _, rows = read_rows(FILE)
+    values = {name: float(decimal(text, FILE, line, name)) for line, (name, text) in rows}
+    return np.array(
+        [
+            values.get(name.rpartition(".")[2], 0.0) if p.is_factor else 0.0
+            for name, p in zip(vector.names, vector.parameters, strict=True)
+        ]
+    )
+
+
+def data_share(deviation: Array, vector: FitVector = DECLARED) -> Array:
+    """(..., p) share of the data in the unknowns found, the prior's being the rest; of their own standard deviations
+    (..., p)."""
+    return np.clip(1 - np.square(deviation / vector.prior), 0.0, 1.0)
+
+
+def with_engines(fit: Fit, engines: Array | None = None) -> Array:
+    """(p, p) covariance of a fit, wider by the engines' difference as far as the data, not the data sheet, decide.
+    engines: (p,) standard deviations of the unknowns, by default those of the virtual rig."""
+    own = engine_difference(fit.vector) if engines is None else engines
+    share = data_share(np.sqrt(np.diag(fit.covariance)), fit.vector)
+    return np.asarray(fit.covariance + np.diag(np.square(share * own)))
+
+
+def noise_rms(noise: SensorNoise) -> float:
+    """m, RMS of capped distances of points that lie on the surface but for the sensor's noise and strays."""
+    reach = max(noise.stray_reach, 1e-12)
+    inner = min(reach, CAP)  # strays are even over the reach
+    stray = (inner**3 / 3 + (reach - inner) * CAP**2) / reach
+    return float(np.sqrt((1 - noise.strays) * noise.sigma**2 + noise.strays * stray))
+
+
+def excess(rms: float, noise: SensorNoise) -> float:
+    """m: what a capped RMS `rms` [m] has over the noise, in quadrature."""
+    return float(np.sqrt(max(rms**2 - noise_rms(noise) ** 2, 0.0)))
+
+
+def interval_warnings(rms: float, outlying: float, noise: SensorNoise) -> list[str]:
+    """Why the intervals of a fit that leaves `rms` [m] and a share of frames far off are not reliable."""
+    warnings = []
+    if not (left := excess(rms, noise)) <= EXCESS:
+        warnings.append(f"the fit leaves {in_mm(left):.2f} mm over the noise, expected at most {in_mm(EXCESS):g}")
+    if outlying >= OUTLYING:
+        warnings.append(f"{outlying:.0%} of the frames fitted are far off, expected under {OUTLYING:.0%}")
+    return warnings
