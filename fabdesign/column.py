@@ -67,7 +67,7 @@ def pressure(channel: int) -> Column:
     def room(case: Case) -> tuple[float, float]:
         return -float(case.program.pressure[:, channel].min()), np.inf
 
-    return Column(f"pressure {channel}", "Pa", 2e3, 2e3, moved, room)
+    return Column(f"pressure {channel}", "Pa", 100.0, 2e3, moved, room)
 
 
 def factor(name: str) -> Column:
@@ -77,7 +77,7 @@ def factor(name: str) -> Column:
         factors: Mapping[str, float] = case.factors
         return replace(case, factors={**factors, name: factors.get(name, 1.0) + by})
 
-    return Column(name, "1", 0.01, 0.02, moved)
+    return Column(name, "1", 1e-3, 0.02, moved)
 
 
 def of_effect(effect: str, parameter: str, step: float, far: float | None = None) -> Column:
@@ -116,7 +116,7 @@ def corner(muscle: int, index: int, along: tuple[float, float]) -> Column:
         muscles[muscle] = _with_path(own, tuple(path))
         return replace(case, design=replace(case.design, muscles=tuple(muscles)))
 
-    return Column(f"muscle {muscle} corner {index}", "m", 1e-4, 1e-3, moved)
+    return Column(f"muscle {muscle} corner {index}", "m", 1e-5, 1e-3, moved)
 
 
 def corner_or_still(muscle: int, index: int, along: tuple[float, float]) -> Column:

@@ -4,8 +4,10 @@ import numpy as np
 from scipy.sparse.linalg import factorized
 
 from fabdesign import column
+from fabdesign.column import move
+from fabdesign.effects.acting import specimen_of
 from fabdesign.forward import PARAMETERS
-from tests.sim_reference import ReferenceSheet
+from sim.kernels.fields import CONTRACTION_STEP, FIRST_CONTRACTION, PRESSURE_STEP, TABLE
 from tests.sim_reference_effects import ReferenceWithEffects
 
 
@@ -21,33 +23,80 @@ def kinds():
     ]
 
 
+def kinds_of_effects():
+    """A column of each further effect that adds no force of its own to a shape at rest. stroke_softening is a gain as
+    odd_muscle is, supply_droop a pressure."""
+    return [
+        column.of_effect("rest_curvature", "across", 0.1),
+        column.of_effect("rest_curvature", "twist", 0.1),
+        column.of_effect("line_loss", "share", 1e-3),
+        column.of_effect("orthotropy", "ratio", 1e-3),
+        column.of_effect("frame_tilt", "about_x", 1e-2),
+        column.of_effect("added_mass", "mass", 1e-4),
+    ]
+
+
+class KernelsLaw:
+    """A muscle law as the kernels have it at (intervals,) pressures, linear between the grid lines of their table; from
+    there it changes with the pressure as the smooth law does, by which the tangent goes too."""
+
+    def __init__(self, law, pressures):
+        self.law, self.pressures = law, pressures
+        contraction = FIRST_CONTRACTION + np.arange(TABLE[1]) * CONTRACTION_STEP
+        self.table = law.tension(np.arange(TABLE[0])[:, None] * PRESSURE_STEP, contraction)
+
+    def tension(self, pressure, contraction):
+        at = np.where(np.asarray(pressure) > 0, self.pressures, 0.0)  # idle ones: 0 is a grid line
+        more = self.law.tension(pressure, contraction) - self.law.tension(at, contraction)
+        return self._between(at, contraction) + more
+
+    def _between(self, pressure, contraction):
+        p, e = pressure / PRESSURE_STEP, (contraction - FIRST_CONTRACTION) / CONTRACTION_STEP
+        j, i = (np.clip(x.astype(int), 0, count - 2) for x, count in zip((p, e), TABLE, strict=True))
+        low, high = (self.table[j + k, i] + (e - i) * (self.table[j + k, i + 1] - self.table[j + k, i]) for k in (0, 1))
+        return low + (p - j) * (high - low)
+
+
 def sheet_of(case, n):
-    """The reference of a case: factors or the effects that `kinds` has, not both."""
-    effects = {term.name: term.values for term in case.effects}
-    if not effects:
-        return ReferenceSheet(case.design, n, case.factors)
-    assert not case.factors
-    curl = tuple(effects.get("rest_curvature", {}).get(name, 0.0) for name in ("across", "down", "twist"))
-    gains = {0: effects["odd_muscle"]["factor"]} if "odd_muscle" in effects else None
-    return ReferenceWithEffects(case.design, n, curl=curl, gains=gains)
+    """The reference of a case with any of those effects."""
+    own = {term.name: term.values for term in case.effects}
+    odd, mass = own.get("odd_muscle"), own.get("added_mass")
+    return ReferenceWithEffects(
+        specimen_of(case).design,  # in which orthotropy and frame_tilt are
+        n,
+        factors=case.factors,
+        curl=tuple(own.get("rest_curvature", {}).get(name, 0.0) for name in ("across", "down", "twist")),
+        gains={int(odd.get("channel", 0)): odd["factor"]} if odd else None,
+        loss=own.get("line_loss", {}).get("share", 0.0),
+        added=tuple({"u": 0.15, "v": 0.18, "mass": 0.0, **(mass or {})}.values()),
+    )
 
 
-def lacking(case, columns, middle, changes):
+def lacking(case, columns, middle, changes, *, smooth=True):
     """(p,) relative: what the reference's forces lack of staying in balance as a column says that the shape moves,
-    central differences in float64, as a displacement by the reference's Gauss-Newton stiffness, beside the column."""
+    central differences in float64, as a displacement by the reference's Gauss-Newton stiffness, beside the column.
+    smooth: the smooth muscle law; else that of the kernels, which differs between its grid lines."""
     n = len(middle)
     x, off = middle.astype(float).reshape(-1, 3), []
     sheet = sheet_of(case, n)
+    acting = sheet.acting(np.asarray(case.program.pressure[-1]))
+
+    def evaluated(own, there):
+        reference, pressure = sheet_of(own, n), own.program.pressure[-1]
+        if not smooth:
+            kinds = np.array(reference.kind)
+            reference.laws = {name: KernelsLaw(law, acting[kinds == name]) for name, law in reference.laws.items()}
+        return reference.evaluate(there, 0 * x, pressure)
+
     free = np.repeat(sheet.free, 3)
-    solve = factorized(sheet.evaluate(x, 0 * x, case.program.pressure[-1])[1][free][:, free].tocsc())
+    solve = factorized(evaluated(case, x)[1][free][:, free].tocsc())
     for own, change in zip(columns, changes, strict=True):
         along = change.astype(float).reshape(-1, 3)
-        by = 1e-6 / np.abs(along).max()  # 1 um at most
-        sides = []
-        for sign in (-1, 1):
-            moved = own.moved(case, sign * by)
-            there = x + sign * by * along
-            sides.append(sheet_of(moved, n).evaluate(there, 0 * x, moved.program.pressure[-1])[0].ravel()[free])
-        left = solve((sides[1] - sides[0]) / (2 * by))
-        off.append(np.linalg.norm(left) / np.linalg.norm(along))
+        largest = np.abs(along).max()
+        both = move(case, own, 1e-6 / largest if largest > 0 else own.step)  # 1 um at most; within the column's room
+        sides = [
+            evaluated(moved, x + by * along)[0].ravel()[free] for moved, by in zip(both.sides, both.by, strict=True)
+        ]
+        left = np.linalg.norm(solve((sides[1] - sides[0]) / both.width))
+        off.append(left / np.linalg.norm(along) if left > 0 else 0.0)  # 0 of what changes nothing
     return np.array(off)

@@ -31,9 +31,9 @@ class ReferenceWithEffects(ReferenceSheet):
     def __init__(
         self, design, n, *, creep=(0.0, 1.0, 0.0), hysteresis=(0.0, 0.0, 1.0), loss=0.0, gains=None, drag=0.0,
         curl=(0.0, 0.0, 0.0), threshold=(0.0, 1.0), viscous=(0.0, 0.0), patch=(0.0, 0.0, 1.0, 1.0),
-        relaxation=(0.0, 1.0), added=(0.0, 0.0, 0.0), learned=(0.0, 0.0),
+        relaxation=(0.0, 1.0), added=(0.0, 0.0, 0.0), learned=(0.0, 0.0), factors=None,
     ):  # fmt: skip
-        super().__init__(design, n)
+        super().__init__(design, n, factors)
         self.curl, self.threshold, self.viscous, self.relaxation = curl, threshold, viscous, relaxation
         self.creep, self.hysteresis, self.drag, self.learned = creep, hysteresis, drag, learned
         counts = [len(muscle.fixed_points()) - 1 for muscle in design.muscles]

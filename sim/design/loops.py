@@ -22,9 +22,11 @@ def patch_size(nodes: int, spacing: float) -> int:
     return min(4 * max(1, int(np.ceil(LOOP / spacing - 1e-9))), 4 * (nodes // 4), PATCH)
 
 
-def line_weights(t: ArrayLike, nodes: int, spacing: float, count: int) -> tuple[NDArray[np.int_], Array, Array, Array]:
+def line_weights(
+    t: ArrayLike, nodes: int, spacing: float | Array, count: int
+) -> tuple[NDArray[np.int_], Array, Array, Array]:
     """Of loops at `t` (...) [m] on a line of nodes: first node (...), weights (..., count), derivatives of these [1/m],
-    first moments [m].
+    first moments [m]. spacing: m, one for all or (..., 1).
 
     `count`: of weights, patch_size at least. B-spline weights, with knots a spacing apart at least, and Catmull-Rom
     weights, of no variance, are mixed for the loop's. Beyond the ends of the line the quadratic of three nodes goes on.

@@ -1,23 +1,40 @@
 """The grid of a design: where its nodes rest, their masses, and which are held."""
 
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.effects.specimen import Specimen
+from fabdesign.muscle import Muscle
 from sim.design.support import Support
 
 Array = NDArray[np.float64]
+Path = tuple[tuple[float, float], ...]
 FINE = 0.0025  # m between the points over which a node's mean is taken
 
 
 def node_arrays(specimen: Specimen, n: int) -> tuple[Array, Array, Array]:
     """Rest positions (n n, 3) m, lumped masses (n n,) kg and free (n n,), rows of rising v."""
-    design, fabric = specimen.design, specimen.design.fabric
+    fabric = specimen.design.fabric
     u, v = np.linspace(0, fabric.width, n), np.linspace(0, fabric.height, n)
     uu, vv = np.meshgrid(u, v)
     rest = np.stack([uu - fabric.width / 2, -vv, np.zeros_like(uu)], axis=-1).reshape(-1, 3)
+    free = np.ones((n, n))
+    support = Support.of(fabric)
+    if support.is_edge:
+        free[support.nodes] = 0
+    elif not isinstance(fabric.hung, str):
+        for pu, pv in fabric.hung:
+            free[round(pv / v[1]), round(pu / u[1])] = 0
+    return rest, masses(specimen, n), free.ravel()
+
+
+def masses(specimen: Specimen, n: int) -> Array:
+    """(n n,) kg, lumped: cloth, muscles along their paths, added ones."""
+    design, fabric = specimen.design, specimen.design.fabric
+    u, v = np.linspace(0, fabric.width, n), np.linspace(0, fabric.height, n)
     trapezoid = np.ones(n)
     trapezoid[[0, -1]] = 0.5
     cell = u[1] * v[1]
@@ -26,14 +43,7 @@ def node_arrays(specimen: Specimen, n: int) -> tuple[Array, Array, Array]:
         _add_line_mass(mass, muscle.path, design.muscle_types[muscle.type].mass_per_length, u[1], v[1])
     for at_u, at_v, added in specimen.masses:
         _add_masses(mass, np.array([at_u / u[1]]), np.array([at_v / v[1]]), added)
-    free = np.ones((n, n))
-    support = Support.of(fabric)
-    if support.is_edge:
-        free[support.nodes] = 0
-    elif not isinstance(fabric.hung, str):
-        for pu, pv in fabric.hung:
-            free[round(pv / v[1]), round(pu / u[1])] = 0
-    return rest, mass.ravel(), free.ravel()
+    return np.asarray(mass.ravel())
 
 
 def node_means(specimen: Specimen, name: str, n: int) -> Array:
@@ -54,17 +64,35 @@ def _points_within(size: float, n: int) -> Array:
     return np.asarray(ends[:-1, None] + np.diff(ends)[:, None] * (np.arange(count) + 0.5) / count)
 
 
-def _add_line_mass(mass: Array, path: tuple[tuple[float, float], ...], density: float, hu: float, hv: float) -> None:
+def _add_line_mass(mass: Array, path: Path, density: float, hu: float, hv: float) -> None:
+    for x, y, each in _line_masses(path, density, hu, hv):
+        _add_masses(mass, x, y, each)
+
+
+def _line_masses(path: Path, density: float, hu: float, hv: float) -> Iterator[tuple[Array, Array, float]]:
+    """Points of a muscle along each part of its path, in spacings, and their masses [kg]."""
     corners = np.array(path)
     for a, b in pairwise(corners):
         length = float(np.linalg.norm(b - a))
         samples = max(2, int(np.ceil(4 * length / min(hu, hv))))
         share = (np.arange(samples) + 0.5) / samples
         x, y = ((a + (b - a) * share[:, None]) / (hu, hv)).T
-        _add_masses(mass, x, y, density * length / samples)
+        yield x, y, density * length / samples
 
 
-def _add_masses(mass: Array, x: Array, y: Array, each: float) -> None:
+def muscle_masses(muscles: Sequence[tuple[Muscle, float]], spacing: tuple[float, float], n: int) -> Array:
+    """(n n,) kg that muscles of so much mass a length [kg/m] each lay on the nodes."""
+    mass = np.zeros((n, n))
+    parts = [
+        (x, y, np.full(len(x), each))
+        for muscle, density in muscles
+        for x, y, each in _line_masses(muscle.path, density, *spacing)
+    ]
+    _add_masses(mass, *(np.concatenate(values) for values in zip(*parts, strict=True)))
+    return np.asarray(mass.ravel())
+
+
+def _add_masses(mass: Array, x: Array, y: Array, each: float | Array) -> None:
     """Masses of `each` kg at columns x and rows y, to the nodes around, bilinearly."""
     i, j = (np.minimum(t.astype(int), n - 2) for t, n in ((x, mass.shape[1]), (y, mass.shape[0])))
     for row, down in ((j, j + 1 - y), (j + 1, y - j)):

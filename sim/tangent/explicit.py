@@ -1,11 +1,14 @@
-"""What a column changes before anything moves: a lane's constants, fixed points, masses and pressures, by differences.
+"""What a column changes in the forces before anything moves: the right sides of the linear solves.
 
-On the host: a case and the case moved along the column are laid on the grid alike, and what differs is put into the
-fields for one evaluation of the forces at the shape as it is.
+On the host: central differences between a case and the case moved along the column. Forces of muscles and weights
+differ in float64 (sim/tangent/muscle_forces.py). The forces of the cloth are linear in its stiffnesses and in its rest
+curvatures, each, so that a kernel may take their difference over changes of LARGE of a constant: the lanes'
+constants move that far in the direction in which the column moves them.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,137 +16,169 @@ from numpy.typing import NDArray
 from fabdesign.column import Move
 from fabdesign.effects.acting import specimen_of
 from fabdesign.effects.specimen import Specimen
-from fabdesign.forward import Case
-from sim import state
-from sim.design.lacing import lace, touched
-from sim.design.loading import fixed_points, muscle_table, node_values, side_by_side
+from fabdesign.forward import OF_MUSCLES, Case
+from sim.design.lacing import touched
+from sim.design.loading import side_by_side
+from sim.design.nodes import masses, muscle_masses
 from sim.kernels.fields import LANES
-from sim.materials import Lane, lane_constants
+from sim.materials import CONSTANTS, REST_CURVATURES, Lane, M, lane_constants
+from sim.tangent.muscle_forces import Grid, Pull, Strand, summed
 
 Array = NDArray[np.float64]
-Values = dict[str, NDArray]
+LARGE = 0.5  # of a constant
+CURVED = 20.0  # 1/m, what LARGE counts of where a curvature is zero
+OF_SOLVER = "MEAN_MASS", "WEIGHT_TENSION"
 
 
-class Laid:
-    """Cases as the kernels take them, all with the batch's numbering of muscle types and size of loops."""
-
-    def __init__(self, cases: Sequence[Case], n: int, pressure: Callable[[Case], Array]) -> None:
-        self.n, self._pressure = n, pressure
-        self._types = muscle_table(cases)
-        self._size = np.max([touched(case.design, n) for case in cases], axis=0).tolist()
-
-    def laid(self, case: Case, base: "LaidCase | None" = None) -> "LaidCase":
-        """base: of a case that it may share arrays with, where nothing that they depend on differs."""
-        specimen = specimen_of(case)
-        values: Values = {"lane": lane_constants(Lane(specimen, self.n))}
-        alike = base if base is not None and base.case.design.muscles == case.design.muscles else None
-        if alike is not None and _same_cloth(specimen, alike.specimen):
-            values |= {name: alike.values[name] for name in ("mass", *state.added("node"))}
-        else:
-            own = node_values(specimen, self.n)
-            values |= {name: own[name] for name in ("mass", *state.added("node"))}
-        if alike is not None and _same_muscles(specimen, alike.specimen):
-            values |= {name: value for name, value in alike.values.items() if name not in values}
-        else:
-            lacing = lace(case.design, self.n, *self._size)
-            values |= fixed_points(lacing, specimen, self._types, self.n)
-        return LaidCase(case, specimen, values)
-
-    def pressure(self, case: Case) -> Array:
-        """(channels,) Pa that act at rest."""
-        return self._pressure(case)
-
-
-@dataclass(frozen=True, eq=False)
 class LaidCase:
-    """values: by name, as `put` takes them, of all that a column may move, which is not where nodes rest."""
+    """A case as the forces take it, at rest under (channels,) Pa."""
 
-    case: Case
-    specimen: Specimen
-    values: Values
+    def __init__(self, case: Case, pressure: Array, n: int) -> None:
+        self.case, self.pressure, self.n = case, pressure, n
+        self.specimen = specimen_of(case)
+
+    @cached_property
+    def constants(self) -> Array:
+        """In the order of CONSTANTS; 0 for those that no force takes."""
+        lane = Lane(self.specimen, self.n)
+        return np.array([0.0 if name in OF_SOLVER else own.value(lane) for name, own in CONSTANTS.items()])
+
+    @cached_property
+    def mass(self) -> Array:
+        """(n n,) kg"""
+        return masses(self.specimen, self.n)
+
+    @cached_property
+    def gravity(self) -> Array:
+        return np.array(self.specimen.design.fabric.gravity, dtype=float)
+
+    @cached_property
+    def strands(self) -> list[Strand]:
+        design, numbers = self.specimen.design, self.specimen.muscles
+        values = zip(*(numbers[name].tolist() for name in ("gain", "lever", "pressure_loss")), strict=True)
+        return [
+            Strand(muscle, design.muscle_types[muscle.type], float(self.pressure[muscle.channel]), *own)
+            for muscle, own in zip(design.muscles, values, strict=True)
+        ]
 
 
 @dataclass(frozen=True, eq=False)
-class LaneChange:
-    """What one evaluation puts in: values by name, pressures, and the weight of each lane's forces."""
+class Sides:
+    """A case moved to both sides along a column."""
 
-    values: Mapping[str, NDArray]
-    pressure: NDArray[np.float32]  # (blocks, channels, LANES) Pa
-    weight: NDArray[np.float32]  # (blocks, LANES)
+    low: LaidCase
+    high: LaidCase
+    width: float  # between both, in the column's unit
+
+
+@dataclass(frozen=True, eq=False)
+class ClothChange:
+    """How the lanes' constants move, and what forces at both sides are to be weighted by."""
+
+    sides: tuple[NDArray[np.float32], NDArray[np.float32]]  # (blocks, constants, LANES) each
+    weight: NDArray[np.float32]  # (blocks, LANES), of the second side; the first has the negative
 
 
 class Explicit:
-    """The lanes of a batch, and each column that a lane takes as two changes of it."""
+    """The lanes of a batch, and what columns change in them."""
 
-    def __init__(self, laid: Laid, lanes: Sequence[Case], channels: int) -> None:
-        self._laid, self._channels = laid, channels
-        own = {id(case): case for case in lanes}
-        self.lanes = lanes
-        self._own = {key: laid.laid(case) for key, case in own.items()}
-        self._pressures = {key: laid.pressure(case) for key, case in own.items()}
+    def __init__(self, lanes: Sequence[Case], n: int, pressure: Callable[[Case], Array]) -> None:
+        self._n, self._pressure = n, pressure
+        unique = {id(case): LaidCase(case, pressure(case), n) for case in {id(case): case for case in lanes}.values()}
+        self._lanes = [unique[id(case)] for case in lanes]
+        self._grid = Grid(n, *np.max([touched(case.design, n) for case in lanes], axis=0).tolist())
+        fabrics = [lane.specimen.design.fabric for lane in self._lanes]
+        self._spacing = np.array([(fabric.width, fabric.height) for fabric in fabrics]) / (n - 1)
+        self.pressure = _by_lane([lane.pressure for lane in self._lanes])  # (blocks, channels, LANES) Pa
+        self.constants = side_by_side([lane_constants(Lane(lane.specimen, n)) for lane in self._lanes])
 
-    @property
-    def pressure(self) -> NDArray[np.float32]:
-        """(blocks, channels, LANES) Pa of the lanes as they are."""
-        return self._side_by_side([self._pressures[id(case)] for case in self.lanes])
+    def moved(self, moves: Sequence[Move | None]) -> list[Sides | None]:
+        """Of a move for each lane; None where there is none."""
+        return [
+            None if own is None else Sides(self._side(lane, own.sides[0]), self._side(lane, own.sides[1]), own.width)
+            for lane, own in zip(self._lanes, moves, strict=True)
+        ]
 
-    def values(self, names: Sequence[str]) -> Values:
-        """Of the lanes as they are."""
-        return {name: side_by_side([self._own[id(case)].values[name] for case in self.lanes]) for name in names}
+    def _side(self, lane: LaidCase, case: Case) -> LaidCase:
+        base = lane.case
+        same = case.program is base.program and case.effects == base.effects
+        return LaidCase(case, lane.pressure if same else self._pressure(case), self._n)
 
-    def changes(self, moves: Sequence[Move | None]) -> list[LaneChange]:
-        """For one move a lane, None where there is none: to one side, then to the other."""
-        return [self._change(moves, side) for side in range(2)]
+    def of_cloth(self, moved: Sequence[Sides | None]) -> ClothChange | None:
+        """What one column changes in the lanes' cloths; None where that is nothing."""
+        middle = np.array([lane.constants for lane in self._lanes])
+        change, weight = np.zeros_like(middle), np.zeros(len(middle))
+        for k, own in enumerate(moved):
+            if own is None or _same_cloth(own.low.specimen, own.high.specimen):
+                continue
+            slope = (own.high.constants - own.low.constants) / own.width
+            largest = np.max(np.abs(slope) / self._scale[k], initial=0.0)
+            if largest > 0:
+                change[k], weight[k] = slope * LARGE / largest, largest / (2 * LARGE)
+        if not weight.any():
+            return None
+        sides = side_by_side(list(middle - change)), side_by_side(list(middle + change))
+        return ClothChange(sides, weight.reshape(-1, LANES).astype(np.float32))
 
-    def _change(self, moves: Sequence[Move | None], side: int) -> LaneChange:
-        values, pressures, weights = [], [], []
-        for case, own in zip(self.lanes, moves, strict=True):
-            moved = case if own is None else own.sides[side]
-            values.append(self._moved(case, moved))
-            same = _same_pressures(case, moved)
-            pressures.append(self._pressures[id(case)] if same else self._laid.pressure(moved))
-            weights.append(0.0 if own is None else (2 * side - 1) / own.width)
-        base = [self._own[id(case)].values for case in self.lanes]
-        changed = [name for name in base[0] if any(v[name] is not b[name] for v, b in zip(values, base, strict=True))]
-        weight = np.array(weights, np.float32).reshape(-1, LANES)
-        return LaneChange(
-            {name: side_by_side([v[name] for v in values]) for name in changed}, self._side_by_side(pressures), weight
-        )
+    @cached_property
+    def _scale(self) -> Array:
+        """(lanes, constants): against which changes of a constant are large."""
+        scale = np.abs([lane.constants for lane in self._lanes])
+        scale[:, [M.CURVED1, M.CURVED2, M.CURVED12]] += CURVED
+        scale[:, [M.GX, M.GY, M.GZ]] += 1.0
+        return np.where(scale > 0, scale, 1.0)
 
-    def _moved(self, case: Case, moved: Case) -> Values:
-        """The moved case's values, the very arrays of the case itself where they are equal."""
-        base = self._own[id(case)]
-        if moved.design is case.design and moved.factors == case.factors and moved.effects == case.effects:
-            return base.values
-        return {
-            name: base.values[name] if np.array_equal(value, base.values[name]) else value
-            for name, value in self._laid.laid(moved, base).values.items()
-        }
+    def of_muscles(self, columns: Sequence[Sequence[Sides | None]], middle: Array) -> NDArray[np.float32]:
+        """(columns, lanes, n n, 3) N per unit: what each column changes in the lanes' muscles and weights, at their
+        shapes, middle (lanes, n n, 3) m."""
+        count = len(self._lanes)
+        pulls: list[Pull] = []
+        weights = np.zeros((len(columns) * count, *middle.shape[1:]))
+        for slot, moved in enumerate(columns):
+            for k, own in enumerate(moved):
+                if own is None:
+                    continue
+                at = slot * count + k
+                for strands, sign in zip(_unlike(own.low, own.high), (-1, 1), strict=True):
+                    pulls += [Pull(strand, k, sign / own.width, at) for strand in strands]
+                change = self._mass_change(k, own.low, own.high)
+                if change is not None:
+                    weights[at] = change[:, None] / own.width * self._lanes[k].gravity
+        forces = weights + summed(pulls, middle, self._spacing, self._grid, len(weights))
+        return forces.astype(np.float32).reshape(len(columns), count, *middle.shape[1:])
 
-    def _side_by_side(self, pressures: Sequence[Array]) -> NDArray[np.float32]:
-        return side_by_side([np.pad(own, (0, self._channels - len(own))) for own in pressures]).astype(np.float32)
+    def _mass_change(self, lane: int, low: LaidCase, high: LaidCase) -> Array | None:
+        """(n n,) kg from one side to the other; None where none is."""
+        if not _same_weight(low.specimen, high.specimen):
+            return high.mass - low.mass
+        one, other = low.specimen.design.muscles, high.specimen.design.muscles
+        moved = [(a, b) for a, b in zip(one, other, strict=True) if a.path != b.path]
+        if not moved:
+            return None
+        density = {name: own.mass_per_length for name, own in low.specimen.design.muscle_types.items()}
+        changes = [(m, sign * density[m.type]) for pair in moved for m, sign in zip(pair, (-1, 1), strict=True)]
+        return muscle_masses(changes, tuple(self._spacing[lane]), self._n)
+
+
+def _unlike(low: LaidCase, high: LaidCase) -> tuple[list[Strand], list[Strand]]:
+    """Those muscles of both sides that do not pull alike."""
+    pairs = [pair for pair in zip(low.strands, high.strands, strict=True) if not pair[0].is_like(pair[1])]
+    return [one for one, _ in pairs], [other for _, other in pairs]
 
 
 def _same_cloth(one: Specimen, other: Specimen) -> bool:
-    """Whether their nodes are alike. What differs over the cloth is a function, of which nobody knows."""
+    """Whether their constants are alike, but for those of the solver."""
+    own, others = ({k: v for k, v in s.factors.items() if k not in OF_MUSCLES} for s in (one, other))
+    curved = all(one.constants.get(name) == other.constants.get(name) for name in REST_CURVATURES)
+    return curved and own == others and one.design.fabric is other.design.fabric
+
+
+def _same_weight(one: Specimen, other: Specimen) -> bool:
+    """Whether they weigh the same, but for where their muscles lie."""
     factors = [specimen.factors.get("areal_density", 1.0) for specimen in (one, other)]
-    return (
-        one.design is other.design
-        and factors[0] == factors[1]
-        and one.masses == other.masses
-        and not one.places
-        and not other.places
-    )
+    return one.design.fabric is other.design.fabric and factors[0] == factors[1] and one.masses == other.masses
 
 
-def _same_muscles(one: Specimen, other: Specimen) -> bool:
-    """Whether their fixed points are alike, for the same muscles."""
-    return (
-        one.factors.get("damping", 1.0) == other.factors.get("damping", 1.0)
-        and one.muscles.keys() == other.muscles.keys()
-        and all(np.array_equal(values, other.muscles[name]) for name, values in one.muscles.items())
-    )
-
-
-def _same_pressures(case: Case, moved: Case) -> bool:
-    return moved.program is case.program and moved.effects == case.effects
+def _by_lane(pressures: Sequence[Array]) -> NDArray[np.float32]:
+    channels = max(1, *map(len, pressures))
+    return side_by_side([np.pad(own, (0, channels - len(own))) for own in pressures]).astype(np.float32)

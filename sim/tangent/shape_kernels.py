@@ -62,16 +62,34 @@ def _still_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32):
 
 
 @ti.kernel
+def _write_kernel(nb: ti.i32, nu: ti.i32, nv: ti.i32, slots: ti.i32, forces: ti.types.ndarray(dtype=ti.f32, ndim=5)):
+    """T.columns = forces (slots, nb, LANES, nu nv, 3), 0 where nodes are held and around the grid."""
+    for b in range(nb):
+        for slot in range(slots):
+            k = 0
+            while k < (nu + 2) * (nv + 2):
+                T.columns[b, slot * F.nodes + k] = Wide(0.0)
+                k = F.after[k]
+            for lane in range(LANES):
+                for j in range(nv):
+                    i = 0
+                    while i < nu:
+                        k = (j + 1) * (nu + 2) + i + 1
+                        for c in range(3):
+                            force = F.node[b, F.free + k][lane] * forces[slot, b, lane, j * nu + i, c]
+                            T.columns[b, slot * F.nodes + k][c * LANES + lane] = force
+                        i = F.after[i]
+
+
+@ti.kernel
 def _explicit_kernel(
-    nb: ti.i32, nu: ti.i32, nv: ti.i32, npt: ti.i32, support: ti.i32, slot: ti.i32, anew: ti.i32,
-    pressure: ti.types.ndarray(dtype=ti.f32, ndim=3),
-    weight: ti.types.ndarray(dtype=ti.f32, ndim=2),
+    nb: ti.i32, nu: ti.i32, nv: ti.i32, support: ti.i32, slot: ti.i32, weight: ti.types.ndarray(dtype=ti.f32, ndim=2),
 ):  # fmt: skip
-    """T.columns at `slot` += weight of the lane times the forces there: what moved constants change. anew: from 0."""
+    """T.columns at `slot` += weight of the lane times the forces of the cloth: what moved constants change."""
     for task in range(nb * SPREAD):
         if task % SPREAD == 0:
             b = task // SPREAD
-            forces_at_rest(b, nu, nv, npt, support, pressure)
+            fabric_force(b, nu, nv, support)
             share = Lanes(0.0)
             for lane in range(LANES):
                 share[lane] = weight[b, lane]
@@ -79,10 +97,7 @@ def _explicit_kernel(
             k = 0
             while k < (nu + 2) * (nv + 2):
                 force = thrice(share * F.node[b, F.free + k]) * F.node3[b, F.f + k]
-                before = T.columns[b, o + k]
-                if anew == 1:
-                    before = Wide(0.0)
-                T.columns[b, o + k] = before + force
+                T.columns[b, o + k] = T.columns[b, o + k] + force
                 k = F.after[k]
 
 
@@ -165,8 +180,9 @@ def _found_kernel(nb: ti.i32, slots: ti.i32, out: ti.types.ndarray(dtype=ti.i32,
                 out[b, slot, lane] = T.found[b, slot][lane]
 
 
-still, explicit, solve, read_columns, read_found = (
+still, write_columns, explicit, solve, read_columns, read_found = (
     Timed(_still_kernel),
+    Timed(_write_kernel),
     Timed(_explicit_kernel),
     Timed(_solve_kernel),
     Timed(_read_kernel),

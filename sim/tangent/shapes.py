@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.column import Column, Move, move
+from fabdesign.column import Column, move
 from fabdesign.forward import Case
 from sim.kernels.fields import LANES, F
 from sim.kernels.transfer import put, read
 from sim.tangent import fields
-from sim.tangent.explicit import Explicit, Laid
+from sim.tangent.explicit import Explicit
 from sim.tangent.linear import SOLVED
-from sim.tangent.shape_kernels import explicit, read_columns, read_found, solve, still
+from sim.tangent.shape_kernels import explicit, read_columns, read_found, solve, still, write_columns
 from sim.time.batch import Batch
 
 Array = NDArray[np.float64]
@@ -61,8 +61,7 @@ def solve_at_rest(
     fields.allocate()
     still(*batch.grid)
     cases = [lane.case for lane in lanes]
-    channels = max(1, *(case.program.pressure.shape[1] for case in cases))
-    host = Explicit(Laid(cases, batch.nu, pressure), cases, channels)
+    host = Explicit(cases, batch.nu, pressure)
     before = _positions(batch, F.x0)
     settled = _solve(batch, host, True, SETTLING)[:, -1] == SOLVED
     middle = _positions(batch, F.q)
@@ -72,7 +71,7 @@ def solve_at_rest(
     for first in range(0, max(len(lane.columns) for lane in lanes), fields.SLOTS):
         own = [lane.columns[first : first + fields.SLOTS] for lane in lanes]
         slots = max(map(len, own))
-        _put_right_sides(batch, [[columns[c] for c in some] for some in own], host)
+        _put_right_sides(batch, cases, [[columns[c] for c in some] for some in own], host, middle)
         iterations = _solve(batch, host, False, slots)
         shapes = np.empty((batch.blocks, slots, LANES, batch.nu * batch.nv, 3), np.float32)
         read_columns(*batch.grid, slots, shapes)
@@ -100,19 +99,26 @@ def _positions(batch: Batch, plane: int) -> NDArray[np.float32]:
     return out.reshape(-1, batch.nv, batch.nu, 3)
 
 
-def _put_right_sides(batch: Batch, own: Sequence[Sequence[Column]], host: Explicit) -> None:
+def _put_right_sides(
+    batch: Batch, cases: Sequence[Case], own: Sequence[Sequence[Column]], host: Explicit, middle: NDArray[np.float32]
+) -> None:
     """What each column changes in the forces at the shape as it is, to the columns' places in the fields."""
-    changed = set[str]()
-    for slot in range(max(map(len, own))):
-        moves: list[Move | None] = [
-            move(case, columns[slot], columns[slot].step) if slot < len(columns) else None
-            for case, columns in zip(host.lanes, own, strict=True)
-        ]
-        for side, change in enumerate(host.changes(moves)):
-            values = {**host.values(sorted(changed - change.values.keys())), **change.values}
-            if values:
-                put(batch.blocks, values)
-            changed = set(change.values)
-            explicit(*batch.grid, batch.points, batch.support, slot, int(side == 0), change.pressure, change.weight)
-    if changed:
-        put(batch.blocks, host.values(sorted(changed)))
+    slots = max(map(len, own))
+    moved = [
+        host.moved(
+            [
+                move(case, columns[slot], columns[slot].step) if slot < len(columns) else None
+                for case, columns in zip(cases, own, strict=True)
+            ]
+        )
+        for slot in range(slots)
+    ]
+    forces = host.of_muscles(moved, middle.astype(float).reshape(len(cases), -1, 3))
+    write_columns(*batch.grid, slots, forces.reshape(slots, batch.blocks, LANES, -1, 3))
+    changes = {slot: change for slot in range(slots) if (change := host.of_cloth(moved[slot])) is not None}
+    for slot, change in changes.items():
+        for constants, weight in zip(change.sides, (-change.weight, change.weight), strict=True):
+            put(batch.blocks, {"lane": constants})
+            explicit(*batch.grid, batch.support, slot, weight)
+    if changes:
+        put(batch.blocks, {"lane": host.constants})

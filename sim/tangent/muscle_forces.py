@@ -1,0 +1,145 @@
+"""Forces of muscles on a cloth in float64, on the host: equations 7 to 10 of docs/model.md with the smooth law itself.
+
+For right sides of derivatives: what a moved end or a pressure changes is small beside what single precision leaves of
+the forces, and the kernels' table of the law has slopes of its own between its grid lines.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fabdesign.muscle import BenchTable, Muscle, MuscleType
+from fabdesign.muscle_law import law_of
+from sim.design.loops import line_weights
+
+Array = NDArray[np.float64]
+AT_ONCE = 1_000_000  # nodes around fixed points
+
+
+@dataclass(frozen=True, eq=False)
+class Strand:
+    """One muscle of a specimen under pressure."""
+
+    muscle: Muscle
+    type: MuscleType
+    pressure: float  # Pa, at its first end
+    gain: float  # on what pressure adds to the tension
+    lever: float  # factor on the axis' offset
+    loss: float  # share of the pressure lost to its far end
+
+    def is_like(self, other: "Strand") -> bool:
+        """Whether both pull alike. Comparing types would compare their bench tables."""
+        own, others = ((s.pressure, s.gain, s.lever, s.loss, s.muscle) for s in (self, other))
+        return self.type is other.type and own == others
+
+
+@dataclass(frozen=True, eq=False)
+class Pull:
+    """What a strand does to one shape, with a weight, and to which sum of forces that is added."""
+
+    strand: Strand
+    shape: int
+    weight: float
+    sum: int
+
+
+@dataclass(frozen=True)
+class Grid:
+    """n x n nodes; a loop touches at most `across` x `down` of them."""
+
+    n: int
+    across: int
+    down: int
+
+
+def summed(pulls: Sequence[Pull], shapes: Array, spacing: Array, grid: Grid, sums: int) -> Array:
+    """(sums, n n, 3) N: forces on the nodes, times the weights. shapes (s, n n, 3) m; spacing (s, 2) m along u, v."""
+    nodes = grid.n**2
+    total = np.zeros((3, sums * nodes))
+    points = _fixed_points(pulls)
+    behind = np.cumsum([len(own) for own in points])
+    part = behind * grid.across * grid.down // AT_ONCE
+    for k in np.unique(part):
+        first, end = np.searchsorted(part, (k, k + 1))
+        place, forces = _on_nodes(pulls[first:end], points[first:end], shapes, spacing, grid)
+        for component, own in zip(total, forces, strict=True):
+            component += np.bincount(place.ravel(), own.ravel(), sums * nodes)
+    return np.moveaxis(total.reshape(3, sums, nodes), 0, -1)
+
+
+def _on_nodes(
+    pulls: Sequence[Pull], points: Sequence[Array], shapes: Array, spacing: Array, grid: Grid
+) -> tuple[NDArray[np.int_], Array]:
+    """Of the nodes around each fixed point: their place among all sums' nodes (p, down, across), forces (3, p, down,
+    across) N times the weights."""
+    of = np.repeat(np.arange(len(pulls)), [len(own) for own in points])  # (p,) the pull that a fixed point belongs to
+    at = np.concatenate(points)
+    shape = np.array([pull.shape for pull in pulls])[of]
+    (i, wu, du, _), (j, wv, dv, _) = (
+        line_weights(at[:, axis], grid.n, spacing[shape, axis, None], count)
+        for axis, count in enumerate((grid.across, grid.down))
+    )
+    touched = (j[:, None, None] + np.arange(grid.down)[:, None]) * grid.n + i[:, None, None] + np.arange(grid.across)
+    around = shapes[shape[:, None, None], touched]
+    rows, rows_u = (np.einsum("pi,pjic->pjc", weights, around) for weights in (wu, du))
+    cloth, along_u, along_v = (
+        np.einsum("pj,pjc->pc", weights, own) for weights, own in ((wv, rows), (wv, rows_u), (dv, rows))
+    )
+    area = np.cross(along_v, along_u)
+    size = np.linalg.norm(area, axis=1, keepdims=True)
+    normal = area / size
+    offset = np.array([_offset(pull.strand) for pull in pulls])[of, None]
+    force = _pulls(pulls, at, of, cloth + offset * normal) * np.array([pull.weight for pull in pulls])[of, None]
+    couple = offset * (force - np.sum(force * normal, axis=1, keepdims=True) * normal) / size
+    grad_u, grad_v = np.cross(couple, along_v), np.cross(along_u, couple)
+    by_row = wv[..., None] * force[:, None] + dv[..., None] * grad_v[:, None]
+    on_nodes = np.einsum("pi,pjc->cpji", wu, by_row) + np.einsum("pi,pj,pc->cpji", du, wv, grad_u)
+    place = np.array([pull.sum for pull in pulls])[of, None, None] * grid.n**2 + touched
+    return place, on_nodes
+
+
+def _fixed_points(pulls: Sequence[Pull]) -> list[Array]:
+    known = {id(pull.strand.muscle): pull.strand.muscle for pull in pulls}
+    points = {key: muscle.fixed_points() for key, muscle in known.items()}
+    return [points[id(pull.strand.muscle)] for pull in pulls]
+
+
+def _offset(strand: Strand) -> float:
+    """m, positive on the front."""
+    return (1 if strand.muscle.side == "front" else -1) * strand.lever * strand.type.axis_offset
+
+
+def _pulls(pulls: Sequence[Pull], at: Array, of: NDArray[np.int_], points: Array) -> Array:
+    """(p, 3) N: what the intervals pull their fixed points with. at: (p, 2) m on the flat cloth."""
+    own = of[1:] == of[:-1]
+    begin, of = np.flatnonzero(own), of[1:][own]
+    rest = np.linalg.norm(at[begin + 1] - at[begin], axis=1)
+    apart = points[begin + 1] - points[begin]
+    length = np.linalg.norm(apart, axis=1)
+    whole = np.bincount(of, rest, len(pulls))
+    through = np.cumsum(rest) - rest / 2 - (np.cumsum(whole) - whole)[of]  # to the interval's middle
+    pressure, gain, loss = np.array([(p.strand.pressure, p.strand.gain, p.strand.loss) for p in pulls])[of].T
+    tension = _tensions(
+        [pull.strand.type.bench for pull in pulls], of, pressure * (1 - loss * through / whole[of]), gain,
+        1 - length / rest,
+    )  # fmt: skip
+    pull = (tension / length)[:, None] * apart
+    force = np.zeros_like(points)
+    force[begin] += pull
+    force[begin + 1] -= pull
+    return force
+
+
+def _tensions(
+    benches: Sequence[BenchTable], of: NDArray[np.int_], pressure: Array, gain: Array, contraction: Array
+) -> Array:
+    """(intervals,) N, each by the bench table of what it is `of`."""
+    tension = np.zeros(len(of))
+    keys = np.array([id(bench) for bench in benches])[of]
+    for key, bench in {id(bench): bench for bench in benches}.items():
+        own, law = keys == key, law_of(bench)
+        idle = law.tension(0.0, contraction[own])
+        tension[own] = idle + gain[own] * (law.tension(pressure[own], contraction[own]) - idle)
+    return tension
