@@ -87,7 +87,7 @@ def test_steps_of_a_motion(later, times):
 def test_schedule_of_lanes_with_other_ends():
     def motion(ticks, jumps, due):
         rising = np.arange(float(len(ticks)))[:, None]
-        return Steps(np.array(ticks), np.array(jumps), rising, np.array(due), np.zeros(len(due)))
+        return Steps(np.array(ticks), np.array(jumps), rising, np.array(due), np.zeros(len(due)), (0.0, (), ()))
 
     motions = [
         motion([1, 1, 8, 8, 8], [True, False, False, False, False], [0, 0, 4]),
