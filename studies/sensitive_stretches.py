@@ -52,8 +52,8 @@ def find_used_frames(
     """The frames used of the trials named of each set, found in one batch. forward: see `sensitive_stretches`; without
     it sensitive stretches are not looked for. progress is told motions done and in all."""
     several, trials = len(sets) > 1, [trial for _, own in sets for trial in own]
-    if forward is None:
-        return UsedFrames(None, 0.0, several)
+    if forward is None or not trials:
+        return UsedFrames(None if forward is None else (), 0.0, several)
     spans = _spans(trials, forward, progress)
     names = [measured.name if several else "" for measured, own in sets for _ in own]
     stretches = _named(trials, spans, names)

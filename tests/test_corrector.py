@@ -153,7 +153,9 @@ def test_known_law_is_recovered_on_layouts_seen_and_unseen(trained) -> None:
         assert _off(after, truth) < 0.5 * _off(before, truth)
     for of in result.held_out.values():
         assert of.closed.surface > 0.5
-    assert result.intervals == "intervals are not calibrated: 2 trials of role fit are left for it; expected 5"
+    assert (
+        result.intervals == "intervals of motions are not calibrated: 2 trials of role fit are left for it; expected 5"
+    )
 
 
 def test_beyond_the_limit_the_answer_is_the_simulators(trained) -> None:

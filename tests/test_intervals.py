@@ -101,7 +101,7 @@ def test_too_few_trials_calibrate_nothing(measured: MeasurementSet) -> None:
     forward = Roll()
     model, said = with_spread(MODEL, measured.trials[:4], forward)
     assert model.spread is None and forward.asked == 0
-    assert said == "intervals are not calibrated: 4 trials of role fit are left for it; expected 5"
+    assert said == "intervals of motions are not calibrated: 4 trials of role fit are left for it; expected 5"
     model, said = with_spread(MODEL, measured.trials, forward, used=lambda trial: np.zeros(len(TIMES), dtype=bool))
     assert model.spread is None and "not calibrated: 0 trials" in said
 

@@ -188,10 +188,13 @@ def _with_spread(
     forward: ForwardModel,
     coarse: ForwardModel | None,
     progress: Progress,
-) -> tuple[Model, str]:
-    """On trials of role `fit` that were not fitted, whatever the reason, but for those that were found bad."""
+) -> tuple[Model, str | None]:
+    """On trials of role `fit` that were not fitted, whatever the reason, but for those that were found bad; nothing to
+    say where there are none."""
     fitted = {trial.file for trial in data.trials}
     spared = chosen_trials([t for one in sets for t in one.trials if t.role == "fit" and t.file not in fitted])
+    if not spared:
+        return model, None
     owners = {trial.file: one for one in sets for trial in one.trials}
     used = find_used_frames([(one, [t for t in spared if owners[t.file] is one]) for one in sets], coarse)
     return with_spread(

@@ -46,7 +46,7 @@ def with_spread(
     bare = replace(model, spread=None)
     predictor = forward_model(simulator, bare, sensing=True)
     if predictor.corrector is not None and not predictor.corrector.ordered:
-        return bare, "intervals are not calibrated: the corrector's points have no order"
+        return bare, "intervals of motions are not calibrated: the corrector's points have no order"
     own = [trial for trial in chosen(trials) if len(looked_at(trial, used))]
     every: list[RegionResiduals] = []
     if len(own) >= LEAST:
@@ -54,7 +54,10 @@ def with_spread(
     kept = [k for k, one in enumerate(every) if len(one.residual)]
     if len(kept) < LEAST:
         count = len(kept) if every else len(own)
-        return bare, f"intervals are not calibrated: {count} trials of role fit are left for it; expected {LEAST}"
+        return (
+            bare,
+            f"intervals of motions are not calibrated: {count} trials of role fit are left for it; expected {LEAST}",
+        )
     spread, score = spread_from([every[k] for k in kept], _folds([own[k] for k in kept]), bare)
     return replace(bare, spread=spread), (
         f"90 % intervals calibrated on {spread.trials} trials that were not fitted: mean width "
