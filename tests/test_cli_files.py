@@ -14,6 +14,7 @@ import pytest
 from fabdesign.catalogue import build
 from fabdesign.cli import commands
 from fabdesign.design_file import read_design
+from fabdesign.model import PARTS
 from fabdesign.model_file import read_model
 from tests.command_line import Diverging, Hanging, Run
 from tests.conftest import ROOT
@@ -27,6 +28,14 @@ def test_help_answers_in_half_a_second(command: str) -> None:
     after = os.times()
     # processor seconds of the one thread: what the wall clock shows where nothing else runs
     assert after.children_user + after.children_system - before.children_user - before.children_system < 0.5
+
+
+def test_the_commands_load_without_numpy_and_a_help_names_a_models_parts() -> None:
+    code = "import sys, fabdesign.cli; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], cwd=ROOT).returncode == 0
+    assert f"{', '.join(PARTS)}." in str(
+        next(one.help for one in commands.commands["predict"].params if one.name == "without")
+    )
 
 
 @pytest.mark.parametrize("command", [*commands.commands])

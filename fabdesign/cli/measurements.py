@@ -5,7 +5,6 @@ from typing import Literal
 
 import click
 
-from fabdesign.bench_file import is_bench
 from fabdesign.cli.console import (
     FILE,
     GRID,
@@ -140,6 +139,8 @@ def calibrate(
     The model's parameters are factors on the values of the data sheet. They are fitted to all sets together. --fit
     applies to each SET. A bench is a folder with bench.toml.
     """
+    from fabdesign.bench_file import is_bench
+
     benches = [source for source in sources if is_bench(source)]
     if benches and len(sources) > 1:
         raise InputError(f"{benches[0]}: a bench; expected it alone, or measurement sets")

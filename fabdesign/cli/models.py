@@ -1,12 +1,15 @@
 """Models and effects: options of commands that take a model, and the command that lists the effects."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from fabdesign.cli.console import FILE, commands, json_option, print_result, tell
 from fabdesign.errors import InputError
-from fabdesign.model import PARTS, Model
+
+if TYPE_CHECKING:
+    from fabdesign.model import Model
 
 
 def _register(context: click.Context, parameter: click.Parameter, files: tuple[Path, ...]) -> tuple[Path, ...]:
@@ -24,7 +27,7 @@ effects_option = click.option(
     help="A Python file with your own effects, which models use by name; the file is executed.",
 )  # fmt: skip
 without_option = click.option(
-    "--without", help=f"Parts of the model to leave out, separated by commas: {', '.join(PARTS)}."
+    "--without", help="Parts of the model to leave out, separated by commas: rig, sensors, corrector, spread."
 )
 
 
@@ -33,7 +36,7 @@ def parts_of(without: str | None) -> list[str]:
     return [] if without is None else without.split(",")
 
 
-def load_model(path: Path | None, without: str | None = None) -> Model | None:
+def load_model(path: Path | None, without: str | None = None) -> "Model | None":
     """The model of a file, less the parts named; what was left out, and whether it is stale, goes to standard error."""
     from fabdesign.model_file import usable_model
 

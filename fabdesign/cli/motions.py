@@ -7,7 +7,6 @@ from typing import Any
 
 import click
 
-from fabdesign.bench_file import is_bench
 from fabdesign.cli.console import (
     FILE,
     FINITE,
@@ -214,6 +213,8 @@ def evaluate(
     test are evaluated: nothing was fitted to them. SETS can also be one bench (a folder with bench.toml); its model is
     the file that calibrate wrote.
     """
+    from fabdesign.bench_file import is_bench
+
     if any(is_bench(source) for source in sets):
         _evaluate_bench(sets, model, all_trials, output, force, as_json)
         return

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import click
 
-from fabdesign.bench_file import is_bench
 from fabdesign.cli.console import (
     FILE,
     GRID,
@@ -52,6 +51,8 @@ def trace(
     The data are a measurement SET or a BENCH. The effects are chosen by model selection. The answer can be that no
     effect is missing, or that none of the known effects explains the data.
     """
+    from fabdesign.bench_file import is_bench
+
     if is_bench(source):
         _trace_bench(source, tolerance, output, force, as_json)
         return
