@@ -1,7 +1,7 @@
 """Where a design's muscles lie, as fields on a coarse grid over the cloth."""
 
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,31 +49,32 @@ def deposits(design: Design, nodes: int = NODES) -> Array:
     Length per area, spread over the four nodes around each piece, by `_DENSITY`; a straight muscle has about 1 on the
     nodes under it. What is spread so keeps its direction and side: a layout is an arrangement of the same pieces.
     """
-    fabric = design.fabric
     intervals = intervals_of(design)
     result = np.zeros((2, len(intervals), 3, nodes, nodes))
-    spacing = np.array([fabric.width, fabric.height]) / (nodes - 1)
+    if not intervals:
+        return result
+    size = np.array([design.fabric.width, design.fabric.height])
+    start, way = np.array([i.start for i in intervals]), np.array([i.end - i.start for i in intervals])
+    length = np.linalg.norm(way, axis=1)
+    u, v = (way / length[:, None]).T
     shares = (np.arange(_SAMPLES) + 0.5) / _SAMPLES
-    for i, interval in enumerate(intervals):
-        direction = (interval.end - interval.start) / interval.length
-        tensor = np.array([direction[0] ** 2, direction[1] ** 2, direction[0] * direction[1]])
-        amount = interval.length / _SAMPLES / spacing.prod() / _DENSITY
-        side = 0 if design.muscles[interval.muscle].side == "front" else 1
-        for at in interval.start + shares[:, None] * (interval.end - interval.start):
-            for row, col, weight in around(at, fabric.width, fabric.height, nodes):
-                result[side, i, :, row, col] += amount * weight * tensor
+    around = _around(start[:, None] + shares[:, None] * way[:, None], size, nodes)
+    amount = length / _SAMPLES / np.prod(size / (nodes - 1)) / _DENSITY
+    side = [0 if design.muscles[i.muscle].side == "front" else 1 for i in intervals]
+    result[side, np.arange(len(intervals))] = (
+        np.stack([u * u, v * v, u * v], axis=1)[:, :, None, None] * (amount[:, None, None] * around)[:, None]
+    )
     return result
 
 
-def around(at: Array, width: float, height: float, nodes: int) -> list[tuple[int, int, float]]:
-    """(row, column, weight) of the four nodes around (u, v) [m]: bilinear interpolation."""
-    x = np.clip(np.asarray(at) / (width, height), 0, 1) * (nodes - 1)
+def _around(at: Array, size: Array, nodes: int) -> Array:
+    """(n, nodes, nodes): sums of the bilinear weights of points (n, k, 2) [m] of a cloth of `size` (2,) m."""
+    x = np.clip(at / size, 0, 1) * (nodes - 1)
     first = np.minimum(x.astype(int), nodes - 2)
-    u, v = x - first
-    col, row = (int(k) for k in first)
-    return [
-        (row, col, (1 - u) * (1 - v)),
-        (row, col + 1, u * (1 - v)),
-        (row + 1, col, (1 - u) * v),
-        (row + 1, col + 1, u * v),
-    ]
+    u, v = np.moveaxis(x - first, -1, 0)
+    of = np.arange(len(at))[:, None]
+    result = np.zeros((len(at), nodes, nodes))
+    for right, down in product((0, 1), repeat=2):
+        weight = (u if right else 1 - u) * (v if down else 1 - v)
+        np.add.at(result, (of, first[..., 1] + down, first[..., 0] + right), weight)
+    return result

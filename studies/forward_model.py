@@ -1,8 +1,10 @@
 """A simulator and a model become the one forward model that every study asks."""
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from fabdesign.design import Design
+from fabdesign.effects.registry import effect_named
 from fabdesign.forward import ForwardModel
 from fabdesign.model import Model
 from fabdesign.predictor import Predictor
@@ -19,6 +21,15 @@ def forward_model(simulator: ForwardModel, model: Model | None, *, sensing: bool
     from corrector import load_corrector  # a few milliseconds that only a model with one costs
 
     return Predictor(simulator, model, sensing, load_corrector(model))
+
+
+def without_resistance(model: Predictor) -> Predictor | None:
+    """What derivatives of shapes at rest are cheap of and near the model's, where it has forces against motion, for
+    which the simulator has no tangent; None where it has none."""
+    kept = tuple(term for term in model.model.effects if not effect_named(term.name, "effects").resists)
+    if len(kept) == len(model.model.effects):
+        return None
+    return replace(model, model=replace(model.model, effects=kept))
 
 
 def not_corrected(model: Model, designs: Iterable[Design]) -> list[str]:

@@ -381,6 +381,27 @@ def test_a_lag_that_the_model_lacks_marks_the_intervals(tmp_path):
     assert not any(p.reliable for p in read_model(tmp_path / "model.toml").parameters.values())
 
 
+def test_factors_of_a_wrong_model_are_not_refined(tmp_path, monkeypatch):
+    """What a missing effect leaves is no reason for last steps; it ends as near, as far as that can be said."""
+    measured = write(tmp_path / "set", [100, 150, 250, 300, 200], forward=Curler(lag=0.9))
+    asked = []
+
+    def fitted():
+        motions = Curler.motions
+        monkeypatch.setattr(Curler, "motions", lambda self, c, t: asked.append(len(c)) or motions(self, c, t))
+        found = calibrate(measured, Curler(), engines=ONE_ENGINE).fit
+        monkeypatch.setattr(Curler, "motions", motions)
+        total = sum(asked)
+        asked.clear()
+        return found, total
+
+    near, few = fitted()
+    monkeypatch.setattr("studies.calibration.calibrate.EXCESS", 1.0)  # m: nothing is wrong
+    refined, many = fitted()
+    assert near.after > 2 * 0.8e-3
+    assert few < many and near.after < 1.05 * refined.after
+
+
 def test_a_diverging_trial_is_left_out_from_there_on(tmp_path):
     measured = write(tmp_path / "set", [100, 200, 395, 150])
     found = calibrate(measured, Curler(loses=True))

@@ -8,7 +8,10 @@ import pytest
 from fabdesign import column
 from fabdesign.errors import InputError
 from fabdesign.forward import Case, Term
+from fabdesign.model import EffectTerm, Model, Quantity
+from fabdesign.predictor import Predictor
 from sim import Simulator
+from studies.forward_model import without_resistance
 from tests.derivatives_reference import kinds, lacking
 from tests.sim_designs import cloth, held, laced
 
@@ -63,6 +66,21 @@ def test_effects_that_add_forces_take_differences_where_they_are_off_too():
     [found] = SIMULATOR.shape_jacobian(CASES[:1], [column.factor("bending"), creep])
     assert found.exact.tolist() == [True, False]
     assert np.abs(found.changes[1]).max() > 1e-4
+
+
+def test_slopes_without_resistance_are_exact_and_near():
+    """A search's: braid friction and drag hold little of a shape at rest, and have no tangent."""
+    friction = EffectTerm("braid_hysteresis", {"friction": Quantity(0.002, "N/kPa")})
+    model = Predictor(
+        SIMULATOR, Model(effects=(friction, EffectTerm("air_drag", {"coefficient": Quantity(1.0, "N s^2/m^4")})))
+    )
+    bare = without_resistance(model)
+    assert bare is not None and bare.model.effects == () and without_resistance(bare) is None
+    columns = [column.factor("bending"), column.pressure(0)]
+    [plain], [near] = (one.faces_jacobian(CASES[:1], columns) for one in (model, bare))
+    assert not plain.exact.any() and near.exact.all()
+    for true, change in zip(plain.changes, near.changes, strict=True):
+        assert 0 < np.linalg.norm(change - true) < 0.15 * np.linalg.norm(true)
 
 
 def test_columns_of_motions_are_those_of_the_moved_motions():

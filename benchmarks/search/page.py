@@ -142,8 +142,10 @@ def _robust(rows: Rows) -> list[str]:
     lines.append(
         "Of the nominal result and of that chosen for yield: 50 copies on the simulator; copies on the virtual"
     )
-    lines.append("rig, coarser than the rig of the targets (Chamfer of two measured clouds). A copy counts within 1.25")
-    lines.append("times the nominal result's own value there. Bound: yield higher by half, shape at most 10 % worse.")
+    lines.append(
+        "rig, coarser than the rig of the targets (Chamfer of two measured clouds). A copy counts within the median"
+    )
+    lines.append("of the nominal result's copies there. Bound: yield higher by half, shape at most 10 % worse.")
     lines.append(_given(rows))
     names = ("nominal, mm", "expected", "yield", "tolerance")
     columns = " | ".join(f"{where} {name}" for where in ("simulator:", "rig:") for name in names)

@@ -56,7 +56,8 @@ class Effect:
     show; observed(points, values): points [m] as a sensor gives them. force: the kernel's part, a
     sim.forces.added.AddedForce or "module:NAME" of one. bench(record, values): what a muscle's law sees of a record on
     its bench, which begins settled; None where one muscle does not show the effect. remembers: whether what was before
-    the present pressures still shows in the shape at rest. named: whether it stands for something physical;
+    the present pressures still shows in the shape at rest. resists: whether its force is against motion alone, so that
+    the derivatives of a shape at rest are near those without it. named: whether it stands for something physical;
     one that does not is fitted where it is asked for by its name, not with `all`, and is no answer of a trace.
     """
 
@@ -75,6 +76,7 @@ class Effect:
     force: Any = field(default=None, hash=False)
     bench: Callable[[MuscleRecord, Values], MuscleRecord] | None = None
     remembers: bool = False
+    resists: bool = False
     named: bool = True
 
     @property

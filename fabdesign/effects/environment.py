@@ -29,6 +29,7 @@ AIR_DRAG = Effect(
     },
     specimen=_air_drag_specimen,
     force="sim.effects.air_drag:AIR_DRAG",
+    resists=True,
 )
 
 

@@ -75,6 +75,7 @@ BRAID_HYSTERESIS = Effect(
     },
     specimen=_braid_hysteresis_specimen,
     force="sim.effects.braid_hysteresis:BRAID_HYSTERESIS",
+    resists=True,
     bench=_braid_hysteresis_bench,
     remembers=True,
 )
@@ -146,6 +147,7 @@ MUSCLE_VISCOSITY = Effect(
     },
     specimen=_muscle_viscosity_specimen,
     force="sim.effects.muscle_viscosity:MUSCLE_VISCOSITY",
+    resists=True,
 )
 
 

@@ -24,6 +24,7 @@ _CONVERGED = 0.01  # of a logarithm
 CLOSE = 0.05  # of log likelihood: a step that promises less is the last, and still taken
 _CLOSE_ENOUGH = 3.0  # the same where a longer horizon follows
 _PROMISED = 0.25  # of the gain that a step promised: while it gains as much, its Jacobian is updated, not made anew
+_WRONG = 2.0  # times what a right model leaves: no last steps are worth their motions
 _NEAR = 0.03  # of a logarithm: steps under it are left to the next horizon
 _LENGTHS = (1.0, 0.5, 2.0, 0.25)  # of a step, simulated at once: lanes that one motion a trial leaves empty
 _DEARER = 4.0  # times, a motion on 61 points a side than on 41
@@ -45,6 +46,7 @@ def fit(
     start: Array | None = None,
     close: float = CLOSE,
     near: bool = False,
+    expected: float = np.inf,
     progress: Progress = lambda line, share: None,
     reached: Callable[[Callable[[], Fit]], None] = lambda fit_there: None,
 ) -> Fit:
@@ -59,7 +61,10 @@ def fit(
     accuracy: of the inputs, whose errors then enter the residuals' covariance; or what they do on the last horizon,
     known from a fit of the same samples, so that models are compared by the same weights; None: the inputs are exact.
     close: of log likelihood, what the last step promises, or gains, at most. near: another fit goes on from where this
-    one ends, so that a step under 3 % ends it, and far frames count as others.
+    one ends, so that a step under 3 % ends it, and far frames count as others. expected: m RMS, what a right model
+    leaves at most. Where a fit leaves k times as much, what is left is the model's error, not chance, and log
+    likelihood counts by 1/k^2: a model that is wrong is not refined. Not for effects that begin at nothing, which
+    leave much before they are found.
     `progress` is told what is done, and about what share; `reached`, at each iteration, what makes the fit that ends
     there, for whoever interrupts it.
 
@@ -86,7 +91,7 @@ def fit(
         there = _ending(reached, problem, inputs, capped(evaluation.found.residual), iterations)
         state, more, _ = _descend(
             problem, state, weight, f"to {horizon:g} s, ", told,
-            near=True, sure=False, close=_CLOSE_ENOUGH, inputs=inputs, reached=there,
+            near=True, sure=False, close=_CLOSE_ENOUGH, expected=expected, inputs=inputs, reached=there,
         )  # fmt: skip
         _, normal = step_to_minimum(problem.samples, state, weight, 0.0, vector, inputs, np.inf)
         x, along, iterations = state.x, directions(normal, vector), iterations + more
@@ -100,14 +105,16 @@ def fit(
     line, before = f"to {last:g} s, ", capped(sheet.found.residual)
     there = _ending(reached, problem, inputs, before, iterations)
     state, more, converged = _descend(
-        problem, state, weight, line, told, near=True, sure=near, close=_CLOSE_ENOUGH, inputs=inputs, reached=there
-    )
+        problem, state, weight, line, told,
+        near=True, sure=near, close=_CLOSE_ENOUGH, expected=expected, inputs=inputs, reached=there,
+    )  # fmt: skip
     if not near:
-        iterations += more
+        iterations, wrong = iterations + more, capped(state.found.residual) > _WRONG * expected
         there = _ending(reached, problem, inputs, before, iterations)
         state, more, converged = _descend(
-            problem, state, weight, line, told, exact=False, close=close, inputs=inputs, reached=there
-        )
+            problem, state, weight, line, told, near=wrong, exact=False,
+            close=_CLOSE_ENOUGH if wrong else close, expected=expected, inputs=inputs, reached=there,
+        )  # fmt: skip
     return concluded(problem, state, inputs, before, iterations + more, converged)
 
 
@@ -156,6 +163,7 @@ def _descend(
     sure: bool = True,
     exact: bool = True,
     close: float = CLOSE,
+    expected: float = np.inf,
     inputs: InputErrors | None = None,
     reached: Reached = lambda state, iterations: None,
 ) -> tuple[Linearisation, int, bool]:
@@ -180,7 +188,8 @@ def _descend(
         best = int(np.argmax(gains))
         # where a part of a step is best, what is left of it is not slight
         longest = max(1.0, _LENGTHS[best]) * float(np.abs(step / problem.vector.scale).max())
-        small = promised < close or longest < slight or (exact and 0 < gains[best] < close)
+        enough = close * max(1.0, capped(state.found.residual) / expected) ** 2
+        small = promised < enough or longest < slight or (exact and 0 < gains[best] < enough)
         if gains[best] > 0:
             damping = damping / 10
             if small and (exact or not sure):

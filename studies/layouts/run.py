@@ -13,6 +13,7 @@ from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import HOLD, RISE, ForwardModel
 from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.output import WorkFolder, work_folder, write_text
+from fabdesign.predictor import Predictor
 from fabdesign.study_file import Study, read_study, require_searchable
 from fabdesign.units import in_mm
 from optimize.design_space import DesignSpace
@@ -22,8 +23,9 @@ from optimize.history import History
 from optimize.margins import constraint_margins
 from optimize.objective import Objective
 from optimize.search import INTERRUPTED, search
+from optimize.slopes import jacobians_for
 from optimize.starts import Start
-from studies.forward_model import forward_model
+from studies.forward_model import forward_model, without_resistance
 from studies.layouts.after import NEAR as NEAR_ENOUGH
 from studies.layouts.after import POOL, points_of, search_seconds, shrunk
 from studies.layouts.begin import first_starts, further_starts, limits_of
@@ -118,7 +120,7 @@ def _search_in(
         evaluations = Evaluations(
             objective,
             starts,
-            _stages(study, quick, fine),
+            _stages(study, quick, fine, objective),
             history,
             seconds=search_seconds(study),
             evaluations=study.limits.evaluations,
@@ -172,17 +174,20 @@ def _coarse_hold(study: Study, targets: Sequence[LoadedTarget]) -> float:
     return study.hold if len(times) < len(targets) else min(study.hold, max(0.0, max(times) - study.rise))
 
 
-def _stages(study: Study, coarse: ForwardModel, fine: ForwardModel) -> list[Stage]:
+def _stages(study: Study, coarse: Predictor, fine: Predictor, objective: Objective) -> list[Stage]:
+    """Slopes are those without forces against motion, where derivatives are known."""
+    known = jacobians_for(coarse, objective) is not None
+    own = without_resistance(coarse) if known else None
     if study.muscles is not None:
         return [
-            Stage("pressures of drawn layouts", coarse, keep=10, rounds=1, until=0.4, at_rest=True),
-            Stage("layouts", coarse, keep=4, rounds=4, vary_positions=study.positions, until=0.5),
-            Stage("best layouts", coarse, keep=2, rounds=12, vary_positions=study.positions, until=0.65),
-            Stage("full model", fine, keep=1, rounds=32, vary_positions=study.positions, slopes=coarse),
+            Stage("pressures of drawn layouts", coarse, keep=10, rounds=1, until=0.4, slopes=own, at_rest=True),
+            Stage("layouts", coarse, keep=4, rounds=4, vary_positions=study.positions, until=0.5, slopes=own),
+            Stage("best layouts", coarse, keep=2, rounds=12, vary_positions=study.positions, until=0.65, slopes=own),
+            Stage("full model", fine, keep=1, rounds=32, vary_positions=study.positions, slopes=own or coarse),
         ]
     return [
-        Stage("coarse model", coarse, keep=2, rounds=8, vary_positions=study.positions, until=0.5),
-        Stage("full model", fine, keep=2, rounds=8, vary_positions=study.positions, slopes=coarse),
+        Stage("coarse model", coarse, keep=2, rounds=8, vary_positions=study.positions, until=0.5, slopes=own),
+        Stage("full model", fine, keep=2, rounds=8, vary_positions=study.positions, slopes=own or coarse),
     ]
 
 

@@ -15,6 +15,7 @@ from optimize.fit.fitted import Fit, capped, concluded
 from optimize.fit.inputs import InputErrors
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import FitProblem
+from studies.calibration.intervals import noise_rms
 from studies.measured_data import MeasuredData
 
 FAR = 0.020  # m: a point that is farther off counts as this far
@@ -88,6 +89,7 @@ class Task:
                 start=start,
                 close=close,
                 near=near,
+                expected=np.inf if vector.terms else float(np.hypot(noise_rms(self.data.noise), self.tolerance)),
                 progress=lambda line, share: self.say(f"{named}, {len(vector.parameters)} unknowns: {line}"),
             ),
         )
