@@ -197,12 +197,13 @@ def poses(truth: Truth, folder: Path, share: float) -> Row:
 
 
 def with_model(truth: Truth, folder: Path, share: float) -> Row:
-    """The same number of evaluations over the simulator of the data sheet, and over a model with effects and a
+    """As many evaluations at most over the simulator of the data sheet, and over a model with effects and a
     corrector."""
     study = study_of(truth, [measured(truth, 0, folder)], 1e6)
     study = replace(study, limits=replace(study.limits, evaluations=round(share * EVALUATIONS)))
     row: Row = {"evaluations": study.limits.evaluations}
     for name, model in (("data_sheet", None), ("model", read_model(DEMO_MODEL))):
         result, found = timed(replace(study, model=model), folder / name)
-        row[name] = found | {"search_s": result.history[-1].seconds, "value_mm": 1e3 * result.objective}
+        done = {"search_s": result.history[-1].seconds, "evaluated": len(result.history)}
+        row[name] = found | done | {"value_mm": 1e3 * result.objective}
     return row
