@@ -34,10 +34,10 @@ def intervals_of(design: Design) -> list[Interval]:
     """All intervals, muscle by muscle."""
     intervals = []
     for m, muscle in enumerate(design.muscles):
-        done = 0.0
+        done, whole = 0.0, muscle.length
         for a, b in pairwise(muscle.fixed_points()):
             length = float(np.linalg.norm(b - a))
-            intervals.append(Interval(m, a, b, (done + length / 2) / muscle.length))
+            intervals.append(Interval(m, a, b, (done + length / 2) / whole))
             done += length
     return intervals
 
