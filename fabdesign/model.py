@@ -77,6 +77,7 @@ class Spread:
     trials: int  # calibrated on
     held: float  # share of their residuals inside, each calibrated on the others
     trained_on: str  # hash of the model that it belongs to (fabdesign.spread)
+    designs: Mapping[str, float] = field(default_factory=dict)  # name of one that has enough trials -> times all this
 
 
 @dataclass(frozen=True)

@@ -80,6 +80,7 @@ def write_model(model: Model, path: Path | str) -> None:
         document["corrector"] = {"weights": weights} | trained_on
     if model.spread is not None:
         document["spread"] = {name: getattr(model.spread, name) for name in _OF_SPREAD}
+        document["spread"]["designs"] = dict(model.spread.designs)
     document["simulator"] = {"points_per_side": model.points_per_side}
     origin = model.provenance
     items: dict[str, Any] = {
@@ -145,6 +146,7 @@ def _covariance(table: Table) -> Covariance:
 
 
 def _spread(table: Table) -> Spread:
+    designs = table.table("designs", Table({}, table.where))
     spread = Spread(
         constant=table.number("constant", least=0),
         covariance=table.number("covariance", least=0),
@@ -152,7 +154,9 @@ def _spread(table: Table) -> Spread:
         trials=table.integer("trials", least=1),
         held=table.number("held", least=0, most=1),
         trained_on=table.text("trained_on"),
+        designs={name: designs.number(name, least=0) for name in designs.names()},
     )
+    designs.finish()
     table.finish()
     return spread
 

@@ -1,14 +1,42 @@
 """Widths of prediction intervals are judged right: the score, the regions, and trials left out."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
 from benchmarks.spread import widths
-from fabdesign.spread import TWO_SIDED
+from fabdesign.model import Model
+from fabdesign.model_file import read_model, write_model
+from fabdesign.spread import TWO_SIDED, half_widths
+from studies.intervals.calibrate import spread_from
 from studies.intervals.regions import by_region
 from studies.intervals.widths import RegionResiduals, crps
+
+
+def test_a_design_with_enough_trials_has_a_width_of_its_own(tmp_path: Path) -> None:
+    """One that is predicted three times worse, and one of too few trials to say."""
+    rng = np.random.default_rng(1)
+    size = {"well": 1e-3, "badly": 3e-3, "seldom": 3e-3}
+
+    def trials(name: str, count: int) -> list[RegionResiduals]:
+        rest = np.full(400, 0.01)
+        return [RegionResiduals(name, rng.normal(0, size[name], 400), rest, rest) for _ in range(count)]
+
+    every = [one for name, count in (("well", 6), ("badly", 6), ("seldom", 2)) for one in trials(name, count)]
+    spread, _ = spread_from(every, [*range(len(every))], Model())
+    write_model(Model(spread=spread), tmp_path / "m.toml")
+    read = read_model(tmp_path / "m.toml").spread
+    assert read == spread and set(spread.designs) == {"well", "badly"}
+    for name in ("well", "badly"):
+        [fresh] = trials(name, 1)
+        half = half_widths(spread, fresh.deviation, fresh.moved, name)
+        assert float((np.abs(fresh.residual) <= half).mean()) == pytest.approx(0.9, abs=0.04)
+    assert half_widths(spread, fresh.deviation, fresh.moved, "seldom") == pytest.approx(
+        half_widths(spread, fresh.deviation, fresh.moved)
+    )
 
 
 @pytest.mark.parametrize(("residual", "sigma"), [(0.0, 1.0), (2.5, 0.7), (-0.3, 2.0)])

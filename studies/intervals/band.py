@@ -31,7 +31,7 @@ def bands(
     found: list[Array | None] = []
     for case, at, motion, rest in zip(cases, times, motions, rests(predictor, cases), strict=True):
         others = drawn_motions(predictor, coarse, [case], [at])[0] if spread.covariance else []
-        found.append(half_widths(spread, *region_terms(rest, motion, others, case.design.fabric)))
+        found.append(half_widths(spread, *region_terms(rest, motion, others, case.design.fabric), case.design.name))
     return found
 
 

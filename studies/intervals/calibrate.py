@@ -15,9 +15,8 @@ from fabdesign.units import in_mm
 from optimize.fit.clouds import evenly
 from studies.forward_model import forward_model
 from studies.intervals.draws import Used, looked_at, residuals
-from studies.intervals.widths import START, IntervalScore, RegionResiduals, calibrated, combined, left_out
+from studies.intervals.widths import LEAST, START, IntervalScore, RegionResiduals, calibrated, combined, left_out
 
-LEAST = 5  # trials, under which nothing is calibrated
 MOST = 10  # of a design
 
 
@@ -67,14 +66,14 @@ def with_spread(
 
 def spread_from(every: Sequence[RegionResiduals], folds: Sequence[int], model: Model) -> tuple[Spread, IntervalScore]:
     """Of trials' residuals, and how good it is where each fold is left out in turn."""
-    shape, factor = calibrated(every, combined, START)
-    constant, covariance, motion = TWO_SIDED * factor * np.exp(shape)
+    widths = calibrated(every, combined, START)
+    constant, covariance, motion = TWO_SIDED * widths.factor * np.exp(widths.shape)
     if not any(one.deviation.any() for one in every):
         covariance = 0.0  # nothing says how much
     sigma = np.concatenate(left_out(every, folds, combined, START))
     score = IntervalScore.of(np.concatenate([one.residual for one in every]), sigma)
     return Spread(
-        float(constant), float(covariance), float(motion), len(every), score.inside, spread_hash(model)
+        float(constant), float(covariance), float(motion), len(every), score.inside, spread_hash(model), widths.designs
     ), score
 
 
@@ -84,7 +83,7 @@ def spread_json(model: Model) -> dict[str, Any] | None:
     if own is None:
         return None
     shape = {"constant_mm": in_mm(own.constant), "covariance": own.covariance, "motion": own.motion}
-    return shape | {"trials": own.trials, "held": own.held}
+    return shape | {"trials": own.trials, "held": own.held, "designs": dict(own.designs)}
 
 
 def _folds(trials: Sequence[Trial]) -> list[int]:

@@ -51,4 +51,4 @@ def _judge(
     )
     if not len(found.residual):
         return None
-    return IntervalScore.of(found.residual, half_widths(spread, found.deviation, found.moved) / TWO_SIDED)
+    return IntervalScore.of(found.residual, half_widths(spread, found.deviation, found.moved, found.design) / TWO_SIDED)

@@ -1,6 +1,6 @@
 """How wide intervals must be: least CRPS, then scaled so that 90 % of the residuals are inside."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,7 @@ class RegionResiduals:
 
 
 Width = Callable[[Array, RegionResiduals], Array]  # of what shapes it: (n,) m, standard deviations
+LEAST = 5  # trials, under which nothing is calibrated, and no design for itself
 START = np.log([0.5e-3, 1.0, 0.01])  # of `combined`
 
 
@@ -41,15 +42,33 @@ def crps(residual: Array, sigma: Array) -> Array:
     return np.asarray(sigma * (z * (2 * ndtr(z) - 1) + 2 * density - 1 / np.sqrt(np.pi)))
 
 
-def calibrated(others: Sequence[RegionResiduals], width: Width, start: Array) -> tuple[Array, float]:
-    """What shapes the width at least CRPS, and the factor that puts 90 % of the residuals inside."""
+@dataclass(frozen=True, eq=False)
+class Widths:
+    """Standard deviations: a width's shape, and what puts 90 % of the residuals inside, of all and of a design."""
+
+    width: Width
+    shape: Array
+    factor: float
+    designs: Mapping[str, float]  # times that, of designs with enough trials
+
+    def of(self, one: RegionResiduals) -> Array:
+        """(n,) m."""
+        return self.designs.get(one.design, 1.0) * self.factor * self.width(self.shape, one)
+
+
+def calibrated(others: Sequence[RegionResiduals], width: Width, start: Array) -> Widths:
+    """The shape by least CRPS, then the factors."""
 
     def mean(shape: Array) -> float:
         return float(np.concatenate([crps(one.residual, width(shape, one)) for one in others]).mean())
 
     shape = minimize(mean, start, method="Nelder-Mead", options={"xatol": 0.02, "fatol": 1e-9}).x
-    ratios = np.concatenate([np.abs(one.residual) / width(shape, one) for one in others])
-    return shape, float(np.quantile(ratios, INSIDE)) / TWO_SIDED
+    ratios: dict[str, list[Array]] = {}
+    for one in others:
+        ratios.setdefault(one.design, []).append(np.abs(one.residual) / width(shape, one))
+    whole = float(np.quantile(np.concatenate([r for own in ratios.values() for r in own]), INSIDE))
+    own = {name: float(np.quantile(np.concatenate(r), INSIDE)) for name, r in ratios.items() if len(r) >= LEAST}
+    return Widths(width, shape, whole / TWO_SIDED, {name: value / whole for name, value in own.items()})
 
 
 def left_out(every: Sequence[RegionResiduals], folds: Sequence[int], width: Width, start: Array) -> list[Array]:
@@ -57,9 +76,9 @@ def left_out(every: Sequence[RegionResiduals], folds: Sequence[int], width: Widt
     found: list[Array] = [np.empty(0)] * len(every)
     for fold in sorted(set(folds)):
         others = [one for one, own in zip(every, folds, strict=True) if own != fold]
-        shape, factor = calibrated(others, width, start)
+        widths = calibrated(others, width, start)
         for k in (k for k, own in enumerate(folds) if own == fold):
-            found[k] = factor * width(shape, every[k])
+            found[k] = widths.of(every[k])
     return found
 
 
