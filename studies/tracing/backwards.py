@@ -158,7 +158,7 @@ def _simpler(
         fitted = plain
         if len(gains) > 1:
             vector, starts = with_shapes(known, [other for other in gains if other != label])
-            fitted = task.fit(" ".join(vector.labels), vector, known.inputs, starts, close=_CLOSE)
+            fitted = task.fit(" ".join(vector.labels), vector, known.inputs, starts, close=_CLOSE, doubted=True)
         without = LeftOut.of(fitted, task.data.folds).scored()
         alike = replace(own, squares=own.squares * without.weights / np.maximum(own.weights, 1e-12))
         if _certain(trials.gain(without, alike, task.floor), least) or (

@@ -74,9 +74,11 @@ class Task:
         *,
         close: float = CLOSE,
         near: bool = False,
+        doubted: bool = False,
     ) -> Fit:
         """As `optimize.fit.descent.fit`. named: in the folder and in what is said. inputs: what errors of them do,
-        where that is known."""
+        where that is known. doubted: whether it lacks an effect that may be needed; like one without any effect it is
+        not refined then, where it leaves far more than a right model."""
         return self._kept(
             named,
             vector,
@@ -89,10 +91,15 @@ class Task:
                 start=start,
                 close=close,
                 near=near,
-                expected=np.inf if vector.terms else float(np.hypot(noise_rms(self.data.noise), self.tolerance)),
+                expected=self._expected if doubted or not vector.terms else np.inf,
                 progress=lambda line, share: self.say(f"{named}, {len(vector.parameters)} unknowns: {line}"),
             ),
         )
+
+    @property
+    def _expected(self) -> float:
+        """m RMS, what a right model leaves at most."""
+        return float(np.hypot(noise_rms(self.data.noise), self.tolerance))
 
     def linearised(self, named: str, vector: FitVector, x: Array, inputs: InputErrors | None) -> Fit:
         """A fit that ends where it begins, with a Jacobian by differences."""
