@@ -24,11 +24,6 @@ class Interval:
     end: Array  # (2,) (u, v) m
     along: float  # share of the muscle's length at its middle
 
-    @property
-    def length(self) -> float:
-        """m, on the flat cloth."""
-        return float(np.linalg.norm(self.end - self.start))
-
 
 def intervals_of(design: Design) -> list[Interval]:
     """All intervals, muscle by muscle."""

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,6 @@ from fabdesign.spread import spread_of
 from fabdesign.table import Table, load_toml, nearest
 
 FORMAT = "fabdesign.model/1"
-_OF_SPREAD = ("constant", "covariance", "motion", "trials", "held", "trained_on")
 
 
 def read_model(path: Path | str) -> Model:
@@ -79,8 +79,7 @@ def write_model(model: Model, path: Path | str) -> None:
         weights = Path(os.path.relpath(model.corrector, path.parent)).as_posix()
         document["corrector"] = {"weights": weights} | trained_on
     if model.spread is not None:
-        document["spread"] = {name: getattr(model.spread, name) for name in _OF_SPREAD}
-        document["spread"]["designs"] = dict(model.spread.designs)
+        document["spread"] = asdict(model.spread)
     document["simulator"] = {"points_per_side": model.points_per_side}
     origin = model.provenance
     items: dict[str, Any] = {

@@ -15,11 +15,11 @@ INSIDE = 0.9
 TWO_SIDED = NormalDist().inv_cdf(0.5 + INSIDE / 2)  # half-width of an interval, in standard deviations
 
 
-def half_widths(spread: Spread, deviation: Array, moved: Array, design: str | None = None) -> Array:
+def half_widths(spread: Spread, deviation: Array, moved: Array, design: str = "") -> Array:
     """m, of any shape. deviation: m, standard deviation over models drawn from the joint covariance. moved: m since
     rest. design: its name; one that the spread does not know has the width of all together."""
     squares = spread.constant**2 + (spread.covariance * deviation) ** 2 + (spread.motion * moved) ** 2
-    return np.asarray(spread.designs.get(design or "", 1.0) * np.sqrt(squares))
+    return np.asarray(spread.designs.get(design, 1.0) * np.sqrt(squares))
 
 
 def spread_hash(model: Model) -> str:

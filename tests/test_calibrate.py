@@ -396,7 +396,7 @@ def test_factors_of_a_wrong_model_are_not_refined(tmp_path, monkeypatch):
         return found, total
 
     near, few = fitted()
-    monkeypatch.setattr("studies.calibration.calibrate.EXCESS", 1.0)  # m: nothing is wrong
+    monkeypatch.setattr("studies.calibration.calibrate.expected_rms", lambda noise: 1.0)  # m: nothing is wrong
     refined, many = fitted()
     assert near.after > 2 * 0.8e-3
     assert few < many and near.after < 1.05 * refined.after

@@ -59,7 +59,7 @@ def _bounds(rows: dict[str, Rows], others: Rows) -> list[str]:
         for row in copies
     ]
     met = [_met(row) for row in poses]
-    ratios = [slower(row) for row in rows["model"].values()]
+    ratios = [_slower(row) for row in rows["model"].values()]
     steady = [_monotone(row["cells"]) for row in grid]
     none = "not run"
     lines = [
@@ -82,7 +82,7 @@ def _faster(others: Rows) -> str:
     for name in names:
         taken = [row[name]["seconds"] for row in others.values()]
         ours = [row["ours"]["seconds"] for row in others.values()]
-        ratios = sorted(np.inf if t is None else t / o for t, o in zip(taken, ours, strict=True))
+        ratios = [np.inf if t is None else t / o for t, o in zip(taken, ours, strict=True)]
         middle = float(np.median(ratios))
         medians.append(f"{name} {middle:.1f}" if np.isfinite(middle) else f"{name} over {TIMES}")
     return ", ".join(medians)
@@ -193,11 +193,11 @@ def _model(rows: Rows) -> list[str]:
     lines.append("|---|---|---|---|---|---|")
     for name, row in rows.items():
         cells = [f"{row[k]['search_s']:.0f} | {row[k]['evaluated']}" for k in ("data_sheet", "model")]
-        lines.append(f"| {name} | {' | '.join(cells)} | {slower(row):.2f} |")
+        lines.append(f"| {name} | {' | '.join(cells)} | {_slower(row):.2f} |")
     return lines
 
 
-def slower(row: dict[str, Any]) -> float:
+def _slower(row: dict[str, Any]) -> float:
     """Times the seconds of an evaluation, with the model."""
     one, other = (row[k]["search_s"] / row[k]["evaluated"] for k in ("data_sheet", "model"))
     return float(other / one)

@@ -22,7 +22,7 @@ from optimize.fit.parameters import DECLARED, FitVector
 from studies.bad_data import Tolerance
 from studies.calibration.ambiguities import ambiguities
 from studies.calibration.fitted_model import fitted_model
-from studies.calibration.intervals import EXCESS, excess, interval_warnings, noise_rms, with_engines
+from studies.calibration.intervals import excess, expected_rms, interval_warnings, with_engines
 from studies.calibration.trial_checks import DISAGREE, implausible
 from studies.intervals.calibrate import chosen as chosen_trials
 from studies.intervals.calibrate import spread_json, with_spread
@@ -238,7 +238,7 @@ def _fit(
                     slopes=slopes,
                     vector=unknowns,
                     accuracy=data.weighed,
-                    expected=np.inf if unknowns.terms else float(np.hypot(noise_rms(data.noise), EXCESS)),
+                    expected=np.inf if unknowns.terms else expected_rms(data.noise),
                     progress=told,
                     reached=reached.append,
                 )

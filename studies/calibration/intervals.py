@@ -63,6 +63,11 @@ def excess(rms: float, noise: SensorNoise) -> float:
     return float(np.sqrt(max(rms**2 - noise_rms(noise) ** 2, 0.0)))
 
 
+def expected_rms(noise: SensorNoise, left: float = EXCESS) -> float:
+    """m: the capped RMS of which `left` [m] is over the noise, in quadrature."""
+    return float(np.hypot(noise_rms(noise), left))
+
+
 def interval_warnings(rms: float, outlying: float, noise: SensorNoise) -> list[str]:
     """Why the intervals of a fit that leaves `rms` [m] and a share of frames far off are not reliable."""
     warnings = []

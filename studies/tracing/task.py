@@ -15,7 +15,7 @@ from optimize.fit.fitted import Fit, capped, concluded
 from optimize.fit.inputs import InputErrors
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import FitProblem
-from studies.calibration.intervals import noise_rms
+from studies.calibration.intervals import expected_rms
 from studies.measured_data import MeasuredData
 
 FAR = 0.020  # m: a point that is farther off counts as this far
@@ -91,15 +91,10 @@ class Task:
                 start=start,
                 close=close,
                 near=near,
-                expected=self._expected if doubted or not vector.terms else np.inf,
+                expected=expected_rms(self.data.noise, self.tolerance) if doubted or not vector.terms else np.inf,
                 progress=lambda line, share: self.say(f"{named}, {len(vector.parameters)} unknowns: {line}"),
             ),
         )
-
-    @property
-    def _expected(self) -> float:
-        """m RMS, what a right model leaves at most."""
-        return float(np.hypot(noise_rms(self.data.noise), self.tolerance))
 
     def linearised(self, named: str, vector: FitVector, x: Array, inputs: InputErrors | None) -> Fit:
         """A fit that ends where it begins, with a Jacobian by differences."""
