@@ -58,6 +58,20 @@ def straightened(start: Start) -> Start | None:
     return start_of((straight, pressures), start[0]) if straight != [*muscles] else None
 
 
+def doubled(start: Start, muscle: int, share: float) -> Start | None:
+    """The same layout with a muscle, from 0, as two beside each other at that share of its pressures; None where that
+    breaks a limit. Errors of the two are independent, so that they average out."""
+    (muscles, pressures), space = by_muscle(start), start[0]
+    size = np.array([space.design.fabric.width, space.design.fabric.height])
+    path = _path(muscles[muscle])
+    along = (path[-1] - path[0]) / np.linalg.norm(path[-1] - path[0])
+    off = space.limits.spacing * np.array([-along[1], along[0]])
+    pair = [_with_path(muscles[muscle], path + side * off, space.limits, size) for side in (1, -1)]
+    both = np.insert(pressures, muscle, pressures[:, muscle], axis=1)
+    both[:, muscle : muscle + 2] *= share
+    return start_of(([*muscles[:muscle], *pair, *muscles[muscle + 1 :]], both), space)
+
+
 def _moved(
     layout: Layout, space: DesignSpace, counts: range, sides: Sequence[Side], corners: int, rng: Generator
 ) -> Layout:

@@ -23,13 +23,18 @@ def forward_model(simulator: ForwardModel, model: Model | None, *, sensing: bool
     return Predictor(simulator, model, sensing, load_corrector(model))
 
 
-def without_resistance(model: Predictor) -> Predictor | None:
+def without_resistance(predictor: Predictor) -> Predictor | None:
     """What derivatives of shapes at rest are cheap of and near the model's, where it has forces against motion, for
     which the simulator has no tangent; None where it has none."""
-    kept = tuple(term for term in model.model.effects if not effect_named(term.name, "effects").resists)
-    if len(kept) == len(model.model.effects):
-        return None
-    return replace(model, model=replace(model.model, effects=kept))
+    kept = unresisted(predictor.model)
+    return None if kept == predictor.model else replace(predictor, model=kept)
+
+
+def unresisted(model: Model) -> Model:
+    """The model less its forces against motion."""
+    return replace(
+        model, effects=tuple(term for term in model.effects if not effect_named(term.name, "effects").resists)
+    )
 
 
 def not_corrected(model: Model, designs: Iterable[Design]) -> list[str]:

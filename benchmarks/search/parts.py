@@ -38,6 +38,9 @@ DEMO_MODEL = ROOT / "fabdesign" / "data" / "demo_model.toml"  # trained on rig_a
 EVALUATIONS = 600  # of a search with a model, and of the same one without
 NEAR = 1.2  # times the floor, to which the seconds of searches are compared
 FEW = 4  # targets of the parts that compare two searches
+# Those that are made robust: of the twelve, the four whose nominal result's copies are farthest over it in the mean (9
+# to 11 %; of the others 0.3 to 6 %). Where copies hardly scatter there is nothing to be robust against.
+SCATTERED = ("06_5_drawn", "07_5_bent", "10_7_drawn", "11_8_drawn")
 
 Row = dict[str, Any]
 
@@ -58,8 +61,10 @@ def cases() -> Iterator[Case]:
         yield Case("reach", truth.name, lambda folder, share, truth=truth: reach(truth, folder, share))
     for seed in SEEDS:
         yield Case("grid", f"seed_{seed}", lambda folder, share, seed=seed: grid(seed, folder, share))
+    for truth in known:
+        if truth.name in SCATTERED:
+            yield Case("robust", truth.name, lambda folder, share, truth=truth: robust(truth, folder, share))
     for truth in known[:FEW]:
-        yield Case("robust", truth.name, lambda folder, share, truth=truth: robust(truth, folder, share))
         yield Case("poses", truth.name, lambda folder, share, truth=truth: poses(truth, folder, share))
     yield Case("model", known[0].name, lambda folder, share: with_model(known[0], folder, share))
 
@@ -177,6 +182,7 @@ def robust(truth: Truth, folder: Path, share: float) -> Row:
     chosen, _ = timed(replace(study, robust=asked), folder / "yield")
     on_rig = _on_rig(nominal, asked, nominal.targets[0].points, None)
     return {
+        "muscles": [len(result.design.muscles) for result in (nominal, chosen)],
         "nominal": as_json(found, asked),
         "yield": chosen.as_json()["robust"],
         "rig_nominal": on_rig,

@@ -1,5 +1,7 @@
 """Which effects a fit needs, to first order: what the joint normal distribution of its unknowns says."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from optimize.fit.clouds import Array, Indices
@@ -34,3 +36,17 @@ def conditioned(x: Array, covariance: Array, part: Indices) -> tuple[Array, Arra
     x[part] = 0.0
     covariance[part], covariance[:, part] = 0.0, 0.0
     return x, covariance
+
+
+def undecided(joint: Array, names: Sequence[str], kept: Sequence[str]) -> Array:
+    """(k, k) by which the covariance of the unknowns `kept` grows where the others, of which `joint` (p, p) is known by
+    `names`, are not zero for certain: what a model without them holds fixed they may take (law of total variance)."""
+    common = [name for name in kept if name in names]
+    own, rows = ([[*every].index(name) for name in common] for every in (names, kept))
+    gone = [i for i, name in enumerate(names) if name not in common]
+    grown = np.zeros((len(kept), len(kept)))
+    across = joint[np.ix_(own, gone)]
+    grown[np.ix_(rows, rows)] = (
+        across @ np.linalg.pinv(joint[np.ix_(gone, gone)], rcond=1e-9, hermitian=True) @ across.T
+    )
+    return grown

@@ -1,18 +1,26 @@
 """What follows a search: no more muscles than needed, and a robust layout where it is asked for."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from fabdesign.predictor import Predictor
+from fabdesign.search_terms import Robust
 from fabdesign.study_file import Study
 from fabdesign.units import in_mm
 from optimize.design_space import DesignSpace, Vector
 from optimize.evaluations import Evaluations
 from optimize.fewer import Fewer, fewer_muscles
 from optimize.start_rows import as_rows, of_rows
+from optimize.starts import Start
 from studies.layouts.begin import limits_of
+from studies.layouts.robust_search import more_robust
+from studies.layouts.robustness import most_robust, tolerance_of
 
 SHRINKING = 0.2  # of the seconds, kept for leaving muscles out where the study lets their number vary
 
-ROBUST = 0.15  # and for a robust choice, where the study asks for one
+ROBUST = 0.3  # and for a robust layout, where the study asks for one
 POOL = 8  # layouts that such a choice is made among, at most
 NEAR = 0.1  # of the nearest value: so near they lie
 
@@ -58,6 +66,34 @@ def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
     }
     evaluations.history.save(state, evaluations.elapsed)
     return fewer
+
+
+def made_robust(
+    study: Study, robust: Robust, evaluations: Evaluations, points: Sequence[Start], coarse: Predictor
+) -> tuple[list[Start], int]:
+    """`points` with the robust layout first, and how often one of its muscles was laid as two; within all of the
+    study's seconds. What was found stands in the history."""
+    objective, history = evaluations.objective, evaluations.history
+    chosen = points[most_robust(study, robust, points, objective, coarse)]
+    others = [point for point in points if point is not chosen]
+    state, row = history.load() or {}, as_rows([chosen])[0]
+    known = state.get("robust")
+    if not known or known["from"] != row or known["seconds"] < study.limits.seconds:
+        nominal = evaluations.best.value if evaluations.best else np.inf
+        found = more_robust(
+            study,
+            robust,
+            chosen,
+            objective,
+            coarse,
+            tolerance=tolerance_of(robust, nominal),
+            going=lambda: evaluations.elapsed < study.limits.seconds,
+        )
+        known = {"from": row, "row": as_rows([found.start])[0], "doubled": found.doubled}
+        state["robust"] = known | {"seconds": study.limits.seconds}
+        history.save(state, evaluations.elapsed)
+    moved = [] if known["row"] == row else of_rows([known["row"]], study.design, limits_of(study))
+    return [*moved, chosen, *others], known["doubled"]
 
 
 def fewer_said(study: Study, fewer: Fewer) -> str:

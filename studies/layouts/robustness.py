@@ -41,7 +41,8 @@ class Robustness:
 
     expected_linear, yield_linear: by derivatives; holds: whether these agree with the copies. yielded: share within
     `tolerance`. on_another_branch: copies of another stable shape, or diverged. band: (2 n,) m that the points of the
-    first pose move by, standard deviation. delicate: the muscle, from 0, and the value with it 3 mm off.
+    first pose move by, standard deviation. delicate: the muscle, from 0, and the value with it 3 mm off. doubled: how
+    often one of its muscles was laid as two.
     """
 
     nominal: float
@@ -56,6 +57,7 @@ class Robustness:
     shapes: tuple[Shape, ...]
     band: Array
     delicate: tuple[int, float]
+    doubled: int = 0
 
     @property
     def copies(self) -> int:
@@ -66,11 +68,11 @@ def first_order(
     scatter: Scatter, model: LinearShape, objective: Objective, tolerance: float, *, seed: int
 ) -> tuple[float, float]:
     """Expected value [m] and yield, by derivatives."""
-    return _mean_and_yield([objective.value(model.at(z)) for z in _normals(scatter, seed)], tolerance)
+    return _mean_and_yield([objective.value(model.at(z)) for z in normals(scatter, seed)], tolerance)
 
 
-def _normals(scatter: Scatter, seed: int) -> Array:
-    """(LINEAR_COPIES, size), even from the first few on."""
+def normals(scatter: Scatter, seed: int) -> Array:
+    """(LINEAR_COPIES, size) of copies, even from the first few on."""
     sequence = qmc.Sobol(scatter.size, rng=np.random.default_rng(seed)).random(LINEAR_COPIES)
     return np.asarray(norm.ppf(sequence))
 
@@ -112,7 +114,7 @@ def _expected(
     scatter: Scatter, about: Linear, objective: Objective, coarse: Predictor, tolerance: float, *, seed: int
 ) -> tuple[float, float]:
     """Expected value [m] and yield: by derivatives while a few copies agree with them, else by more copies."""
-    zs, values = _normals(scatter, seed), []
+    zs, values = normals(scatter, seed), []
     if about.definite:
         values = [objective.value(shape) for shape in scatter.shapes(objective, coarse, [*zs[:PROBES]])]
         if _holds([objective.value(about.model.at(z)) for z in zs[:PROBES]], values):
@@ -207,6 +209,7 @@ def as_json(robustness: Robustness, robust: Robust) -> dict[str, object]:
         },
         "band_mm": {"mean": mm(float(robustness.band.mean())), "largest": mm(float(robustness.band.max()))},
         "delicate": {"muscle": robustness.delicate[0], "off_mm": in_mm(OFF), "value_mm": mm(robustness.delicate[1])},
+        "doubled": robustness.doubled,
         "chosen_for": robust.choose,
         "said": said(robustness),
     }
@@ -223,6 +226,12 @@ def said(robustness: Robustness) -> list[str]:
         f"{in_mm(band.max()):.1f} mm at most.",
         f"Muscle {muscle} matters most: {in_mm(OFF):.0f} mm off its place it gives {in_mm(value):.2f} mm.",
     ]
+    if robustness.doubled:
+        times = "once" if robustness.doubled == 1 else f"{robustness.doubled} times"
+        lines.append(
+            f"A muscle was laid as two beside each other at less pressure, {times}: their errors are independent and "
+            "average out."
+        )
     if not robustness.holds:
         lines.append(
             "The derivatives are not valid here, as near a bifurcation: they give "

@@ -27,7 +27,7 @@ from optimize.slopes import jacobians_for
 from optimize.starts import Start
 from studies.forward_model import forward_model, without_resistance
 from studies.layouts.after import NEAR as NEAR_ENOUGH
-from studies.layouts.after import POOL, points_of, search_seconds, shrunk
+from studies.layouts.after import POOL, made_robust, points_of, search_seconds, shrunk
 from studies.layouts.begin import first_starts, further_starts, limits_of
 from studies.layouts.content import study_content
 from studies.layouts.expected import expected_within
@@ -37,7 +37,7 @@ from studies.layouts.progress import saying_a_tenth
 from studies.layouts.reach import reach_of
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult, pressures_kpa, write_best
-from studies.layouts.robustness import most_robust, robustness_of
+from studies.layouts.robustness import robustness_of
 from studies.layouts.target import LoadedTarget, load_target, target_errors
 
 HISTORY = "history.sqlite"
@@ -137,15 +137,18 @@ def _search_in(
             result = _result(study, targets, evaluations, fine, stop_reason, points, follow=follow, fewer=fewer)
             return replace(result, within=expected_within(result, objective, quick)) if follow else result
         points = [*points_of(fewer), *evaluations.finalists(POOL)]
-        chosen = most_robust(study, study.robust, points, objective, quick)
-        points.insert(0, points.pop(chosen))
+        doubled = 0
+        try:
+            points, doubled = made_robust(study, study.robust, evaluations, points, quick)
+        except KeyboardInterrupt:
+            stop_reason = INTERRUPTED
         result = _result(study, targets, evaluations, fine, stop_reason, points[:FINALISTS], fewer=fewer)
         result = replace(result, within=expected_within(result, objective, quick))
         nearest = evaluations.best.value if evaluations.best else result.objective
         layout = (result.design, result.pressures)
-        return replace(
-            result, robust=robustness_of(study, study.robust, layout, objective, quick, fine, nominal=nearest)
-        )
+        robust = robustness_of(study, study.robust, layout, objective, quick, fine, nominal=nearest)
+        own = len(result.design.muscles) == len(points[0][0].design.muscles)
+        return replace(result, robust=replace(robust, doubled=doubled if own else 0))
 
 
 def forward_models(
@@ -248,7 +251,7 @@ def _result(
     study: Study,
     targets: tuple[LoadedTarget, ...],
     evaluations: Evaluations,
-    forward: ForwardModel,
+    forward: Predictor,
     stop_reason: str,
     points: Sequence[Start] = (),
     *,
@@ -281,7 +284,11 @@ def _result(
     if reach.out_of_reach and follow:
         size = design.fabric.width, design.fabric.height
         missed = tuple(missed_at(one, t, size) for one, t in zip(shape, targets, strict=True))
-        reach = replace(reach, missed=missed, helps=helps_of(study, points[chosen], objective, forward))
+        reach = replace(
+            reach,
+            missed=missed,
+            helps=helps_of(study, points[chosen], objective, without_resistance(forward) or forward),
+        )
     return StudyResult(
         study=study,
         design=design,

@@ -24,10 +24,12 @@ from optimize.design_space import DesignSpace
 from optimize.objective import Objective, Shape
 from optimize.slopes import by_columns
 from optimize.step import LinearShape
+from studies.forward_model import unresisted
 from studies.layouts.begin import limits_of
 
 Array = NDArray[np.float64]
 STANDARD = "standard deviations"  # unit of a column
+Copy = tuple[Design, Array, Model]
 
 
 @dataclass(frozen=True)
@@ -71,37 +73,57 @@ class Scatter:
         z[first : first + 2 * self._corners[muscle]] = step / self._robust.placement
         return z
 
-    def copy(self, z: Array) -> tuple[Design, Array, Model]:
+    def copy(self, z: Array) -> Copy:
         """One copy: its layout with a channel for each muscle, (poses, muscles) Pa that stand for its pressures and
         gains, and its model."""
-        places, channels, gains, rest = np.split(z, self._ends[:-1])
-        robust, fabric = self._robust, self._design.fabric
-        shifts = np.split(robust.placement * places.reshape(-1, 2), np.cumsum(self._corners)[:-1])
+        places, _, _, rest = np.split(z, self._ends[:-1])
+        fabric = self._design.fabric
+        shifts = np.split(self._robust.placement * places.reshape(-1, 2), np.cumsum(self._corners)[:-1])
         muscles = []
         for k, (muscle, shift) in enumerate(zip(self._design.muscles, shifts, strict=True)):
             moved = np.clip(np.array(muscle.path) + shift, 0.0, [fabric.width, fabric.height])
             muscles.append(replace(muscle, channel=k, path=tuple((float(u), float(v)) for u, v in moved)))
         own = [muscle.channel for muscle in self._design.muscles]
-        factors = (1 + robust.pressure * channels[own]) * (1 + robust.muscle_gain * gains)
-        pressures = np.maximum(0.0, self._pressures[:, own] * factors)
+        pressures = np.maximum(0.0, self._pressures[:, own] * self.pull(z))
         model = drawn(self._model, self._root, rest) if len(rest) else self._model
         return replace(self._design, muscles=tuple(muscles)), pressures, model
 
+    def pull(self, z: Array) -> Array:
+        """(muscles,) factors of one copy on the muscles' pressures, which stand for its pressures and gains."""
+        _, channels, gains, _ = np.split(z, self._ends[:-1])
+        own = [muscle.channel for muscle in self._design.muscles]
+        return np.asarray((1 + self._robust.pressure * channels[own]) * (1 + self._robust.muscle_gain * gains))
+
+    def copies(self, zs: Sequence[Array]) -> list[Copy]:
+        return [self.copy(z) for z in zs]
+
     def shapes(self, objective: Objective, forward: Predictor, zs: Sequence[Array]) -> list[Shape]:
         """Of copies, in one batch; a diverged one holds NaN."""
+        return self.shapes_of(objective, forward, self.copies(zs))
+
+    def shapes_of(self, objective: Objective, forward: Predictor, copies: Sequence[Copy]) -> list[Shape]:
+        """The same of any layouts' copies."""
         points, models = [], []
-        for z in zs:
-            design, pressures, model = self.copy(z)
+        for design, pressures, model in copies:
             space = DesignSpace(design, limits_of(self._study), pressures, vary_pressures=False)
             points.append((space, np.empty(0)))
             models.append(model)
         return objective.shapes(EachWithItsModel(forward, tuple(models)), points)
 
     def case(self, objective: Objective, pose: int) -> Case:
-        """The layout as it should be, with all that the model adds."""
-        design, pressures, model = self.copy(np.zeros(self.size))
+        """The layout as it should be, as `case_of` gives it."""
+        return self.case_of(objective, pose, self.copy(np.zeros(self.size)))
+
+    def case_of(self, objective: Objective, pose: int, copy: Copy) -> Case:
+        """A copy with all that its model adds but forces against motion, of which derivatives know nothing."""
+        design, pressures, model = copy
         [case] = objective.cases(pose, [(design, pressures)])
-        return replace(case, factors=dict(model.factors), effects=model.terms)
+        return replace(case, factors=dict(model.factors), effects=unresisted(model).terms)
+
+    @property
+    def resists(self) -> bool:
+        """Whether the model has forces against motion."""
+        return unresisted(self._model) != self._model
 
     @property
     def columns(self) -> list[Column]:
@@ -120,7 +142,7 @@ class Scatter:
     def _of_model(self, k: int) -> Column:
         def moved(case: Case, by: float) -> Case:
             model = drawn(self._model, self._root, by * np.eye(len(self._root))[k])
-            return replace(case, factors=dict(model.factors), effects=model.terms)
+            return replace(case, factors=dict(model.factors), effects=unresisted(model).terms)
 
         return Column(f"covariance {k}", STANDARD, 0.2, 1.0, moved)
 
@@ -166,5 +188,7 @@ def linear(scatter: Scatter, objective: Objective, forward: Predictor) -> Linear
     else:
         cases = [scatter.case(objective, pose) for pose in range(len(objective.targets))]
         nominal, slopes, definite = by_columns(jacobians, cases, scatter.columns)
+        if scatter.resists:
+            [nominal] = scatter.shapes(objective, forward, [np.zeros(scatter.size)])
     slopes[~np.isfinite(slopes).all(axis=(1, 2, 3))] = 0.0
     return Linear(LinearShape(np.zeros(scatter.size), nominal, slopes), definite)

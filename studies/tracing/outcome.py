@@ -13,6 +13,7 @@ from fabdesign.model import EffectTerm, Model
 from fabdesign.units import in_mm
 from optimize.fit.clouds import frames_of
 from optimize.fit.fitted import Fit
+from optimize.fit.needed import undecided
 from studies.calibration.fitted_model import fitted_model
 from studies.calibration.intervals import with_engines
 from studies.measured_data import MeasuredData
@@ -221,17 +222,19 @@ class Outcome:
 
 def model_of(
     fit: Fit,
-    plain: Fit,
+    selection: Selection,
     data: MeasuredData,
     *,
     points_per_side: int,
     known: tuple[EffectTerm, ...],
     reliable: bool,
 ) -> Model:
-    """A fit as a model, with the effects known before and the factors found without effects."""
+    """A fit as a model, with the effects known before and the factors found without effects. What was not chosen may
+    still act as far as the joint fit leaves it open, so that intervals are wider by it."""
+    plain, joint = selection.plain, selection.everything
     model = fitted_model(
         fit if fit is plain else replace(fit, without_effects=plain),
-        with_engines(fit),
+        with_engines(fit) + undecided(joint.covariance, joint.vector.names, fit.vector.names),
         designs=[trial.design for trial in data.trials],
         reliable=reliable,
         points_per_side=points_per_side,

@@ -149,7 +149,7 @@ def _trace(
         remains=left,
         model=model_of(
             fitted,
-            selection.plain,
+            selection,
             data,
             points_per_side=options.grid or GRID,
             known=known.effects,
