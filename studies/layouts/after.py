@@ -73,27 +73,23 @@ def made_robust(
 ) -> tuple[list[Start], int]:
     """`points` with the robust layout first, and how often one of its muscles was laid as two; within all of the
     study's seconds. What was found stands in the history."""
-    objective, history = evaluations.objective, evaluations.history
-    chosen = points[most_robust(study, robust, points, objective, coarse)]
-    others = [point for point in points if point is not chosen]
-    state, row = history.load() or {}, as_rows([chosen])[0]
-    known = state.get("robust")
-    if not known or known["from"] != row or known["seconds"] < study.limits.seconds:
-        nominal = evaluations.best.value if evaluations.best else np.inf
+    objective, history, best = evaluations.objective, evaluations.history, evaluations.best
+    state = history.load() or {}
+    known, row = state.get("robust"), None if best is None else best.as_row()
+    if not known or known["best"] != row or known["seconds"] < study.limits.seconds:
         found = more_robust(
             study,
             robust,
-            chosen,
+            points[most_robust(study, robust, points, objective, coarse)],
             objective,
             coarse,
-            tolerance=tolerance_of(robust, nominal),
+            tolerance=tolerance_of(robust, np.inf if best is None else best.value),
             going=lambda: evaluations.elapsed < study.limits.seconds,
         )
-        known = {"from": row, "row": as_rows([found.start])[0], "doubled": found.doubled}
+        known = {"best": row, "row": as_rows([found.start])[0], "doubled": found.doubled}
         state["robust"] = known | {"seconds": study.limits.seconds}
         history.save(state, evaluations.elapsed)
-    moved = [] if known["row"] == row else of_rows([known["row"]], study.design, limits_of(study))
-    return [*moved, chosen, *others], known["doubled"]
+    return [*of_rows([known["row"]], study.design, limits_of(study)), *points], known["doubled"]
 
 
 def fewer_said(study: Study, fewer: Fewer) -> str:

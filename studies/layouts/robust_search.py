@@ -16,11 +16,11 @@ from studies.layouts.robust_descent import Copies, descend
 from studies.layouts.robustness import normals
 from studies.layouts.scatter import Scatter
 
-JUDGED = 32  # copies by which layouts are compared, others than those that the descent takes
+JUDGED = 64  # copies by which layouts are compared, others than those that the descent takes
 SHARES = (0.5, 0.6, 0.7, 0.8)  # of a muscle's pressure, in each of two: their pull is no straight line in it
 TRIED = 4  # doubled layouts, nearest first, of which copies are simulated
-GAIN = 0.01  # of the expected value,
-YIELD_GAIN = 0.03  # and of the copies, that a change must gain
+GAIN = 0.02  # of the expected value,
+YIELD_GAIN = 0.05  # and of the copies, that a change must gain
 ENOUGH = 0.97  # of the copies within the tolerance
 PATIENCE = 2  # doubled muscles in a row without a gain
 
@@ -85,7 +85,9 @@ def more_robust(
     best = moved if moved.gains_on(best, robust, 0.0) else best
     most = study.muscles.most if study.muscles is not None and study.positions else 0
     current, failed = best, 0
-    while current.muscles < most and failed < PATIENCE and best.yielded < ENOUGH and going():
+    while current.muscles < most and failed < PATIENCE and going():
+        if robust.choose == "yield" and best.yielded >= ENOUGH:
+            break
         wider = _doubled(study, robust, current.start, objective, forward)
         if wider is None:
             break

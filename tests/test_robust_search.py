@@ -1,0 +1,150 @@
+"""A layout made robust: moved for the mean of its copies, its muscles laid as two where that gains."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fabdesign.design import Design
+from fabdesign.forward import Case
+from fabdesign.model import EffectTerm, Model, Quantity
+from fabdesign.pressure_file import constant_program
+from fabdesign.search_terms import Price
+from fabdesign.study_file import MuscleChoice
+from fabdesign.study_targets import TargetFile
+from optimize.objective import Objective, Target
+from optimize.variations import doubled
+from studies.forward_model import forward_model
+from studies.layouts.robust_descent import COPIES, Copies, descend
+from studies.layouts.robust_search import YIELD_GAIN, MoreRobust, more_robust
+from studies.layouts.run import run_study
+from studies.layouts.scatter import Scatter, linear
+from tests.analytic_cloth import AnalyticCloth, WithJacobian
+from tests.test_robustness import LINE, ONE, ROBUST, STUDY, TWO, start_of, with_muscles
+
+FORWARD = forward_model(WithJacobian(11), None)
+MANY = replace(STUDY, positions=True, muscles=MuscleChoice(1, 2))
+
+
+def seen(design: Design, kpa: list[float]) -> Objective:
+    shape = AnalyticCloth(41).equilibria([Case(design, constant_program([1e3 * p for p in kpa]))])[0].astype(float)
+    return Objective([Target(np.random.default_rng(2).normal(shape, 6e-4)[::4])])
+
+
+@pytest.fixture(scope="module")
+def objective() -> Objective:
+    return seen(*ONE)
+
+
+@pytest.fixture(scope="module")
+def wide() -> Objective:
+    """Of two muscles beside each other, which one alone comes near to."""
+    pair = [
+        replace(own, path=((u, 0.03), (u, 0.17)))
+        for own, u in zip(with_muscles("front", "front").muscles, (0.094, 0.106), strict=True)
+    ]
+    return seen(replace(ONE[0], muscles=tuple(pair)), [130.0, 130.0])
+
+
+def test_copies_move_with_the_layout(objective: Objective) -> None:
+    """Two muscles on one channel, and two channels: by differences of the copies themselves."""
+    muscles = [*with_muscles("front", "back", "back").muscles]
+    muscles[1] = replace(muscles[1], channel=0, path=((0.05, 0.04), (0.09, 0.16)))
+    muscles[2] = replace(muscles[2], channel=1, path=((0.15, 0.04), (0.12, 0.16)))
+    space, x = start_of(replace(ONE[0], muscles=tuple(muscles)), [200.0, 90.0])
+    two = replace(objective, targets=[*objective.targets] * 2)
+    space = replace(space, start_pressures=np.array([[200e3, 90e3], [50e3, 250e3]]))
+    x = space.encode(space.design, space.start_pressures)
+    copies = Copies(STUDY, ROBUST, two, FORWARD, space)
+    [shape] = copies.shapes([x])
+    assert len(shape) == 2 * COPIES
+    jacobians = FORWARD.faces_jacobian
+    assert jacobians is not None
+    model = copies.model(x, shape, jacobians)
+    for own, slope in zip(1e-3 * np.eye(len(x)), model.slopes, strict=True):
+        low, high = copies.shapes([x - own, x + own])
+        assert np.abs((high - low) / 2e-3 - slope).max() < 0.02 * np.abs(slope).max() + 2e-4
+
+
+def test_the_mean_of_copies_goes_down(objective: Objective) -> None:
+    start = start_of(*TWO)
+    copies = Copies(STUDY, ROBUST, objective, FORWARD, start[0])
+    space, x = descend(STUDY, ROBUST, start, objective, FORWARD)
+    before, after = (copies.together.value(shape) for shape in copies.shapes([start[1], x]))
+    assert after < 0.97 * before
+    values = []
+    for one in (start[1], x):  # and of other copies
+        scatter = Scatter(STUDY, ROBUST, *space.decode(one))
+        zs = np.random.default_rng(9).standard_normal((200, scatter.size))
+        values.append(np.mean([objective.value(shape) for shape in scatter.shapes(objective, FORWARD, [*zs])]))
+    assert values[1] < 0.99 * values[0]
+    still = forward_model(AnalyticCloth(11), None)  # without derivatives
+    assert descend(STUDY, ROBUST, start, objective, still) is start
+    assert descend(STUDY, ROBUST, start, objective, FORWARD, going=lambda: False)[1] is start[1]
+
+
+def test_a_muscle_becomes_two_beside_each_other() -> None:
+    found = doubled(start_of(*ONE), 0, 0.6)
+    assert found is not None
+    design, pressures = found[0].decode(found[1])
+    first, second = (np.array(muscle.path) for muscle in design.muscles)
+    gap = 2 * found[0].limits.spacing
+    np.testing.assert_allclose(np.abs(first - second), [[gap, 0.0]] * 2, atol=1e-9)
+    np.testing.assert_allclose((first + second) / 2, LINE, atol=1e-9)
+    np.testing.assert_allclose(pressures, [[120e3, 120e3]])
+    assert [muscle.channel for muscle in design.muscles] == [0, 1]
+    crowded = replace(ONE[0].muscles[0], channel=1, path=((0.11, 0.03), (0.11, 0.17)))
+    assert doubled(start_of(replace(ONE[0], muscles=(*ONE[0].muscles, crowded)), [200.0, 0.0]), 0, 0.6) is None
+
+
+@pytest.mark.parametrize("choose", ["expected", "yield"])
+def test_muscles_are_doubled_while_that_gains(wide: Objective, choose: str) -> None:
+    robust = replace(ROBUST, choose=choose)
+
+    def found(price: float, most: int) -> MoreRobust:
+        study = replace(MANY, muscles=MuscleChoice(1, most), price=Price(muscle=price))
+        return more_robust(study, robust, start_of(*ONE), wide, FORWARD, tolerance=0.0029)
+
+    one, more, dear = found(0.0, 1), found(0.0, 2), found(1.0, 2)
+    assert one.muscles == dear.muscles == 1 and one.doubled == dear.doubled == 0
+    assert more.muscles == 2 and more.doubled == 1
+    assert more.expected < 0.98 * one.expected
+    assert choose == "expected" or more.yielded >= one.yielded + YIELD_GAIN
+    cut = more_robust(MANY, robust, start_of(*ONE), wide, FORWARD, tolerance=0.0029, going=lambda: False)
+    assert cut.muscles == 1
+    early = replace(wide, targets=[replace(wide.targets[0], time=0.2)])
+    start = start_of(*ONE)
+    assert more_robust(MANY, robust, start, early, FORWARD, tolerance=0.0029).start is start
+
+
+def test_a_study_says_that_muscles_were_doubled_and_does_not_search_twice(
+    wide: Objective, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    np.savetxt(tmp_path / "target.xyz", wide.targets[0].points)
+    study = replace(MANY, targets=(TargetFile(tmp_path / "target.xyz"),), robust=replace(ROBUST, copies=8))
+    study = replace(study, limits=replace(study.limits, evaluations=120))
+    result = run_study(study, tmp_path / "out", forward=WithJacobian(11))
+    kept = json.loads((tmp_path / "out" / "result.json").read_text())["robust"]
+    assert result.robust is not None and kept["doubled"] == result.robust.doubled > 0
+    assert len(result.design.muscles) > 1
+    assert any("laid as two beside each other" in line for line in kept["said"])
+    monkeypatch.setattr("studies.layouts.after.more_robust", lambda *args, **kwargs: pytest.fail("searched twice"))
+    again = run_study(study, tmp_path / "out", forward=WithJacobian(11))
+    assert again.design == result.design and again.robust is not None
+    assert again.robust.doubled == result.robust.doubled
+
+
+def test_derivatives_leave_out_forces_against_motion(objective: Objective) -> None:
+    """The shape is the whole model's, its slopes those of the model without drag."""
+    drag = EffectTerm("air_drag", {"coefficient": Quantity(2.0, "N s^2/m^4")}, "rig")
+    scatters = [
+        Scatter(replace(STUDY, model=model), ROBUST, ONE[0], np.array([[200e3]]))
+        for model in (Model(effects=(drag,)), Model())
+    ]
+    assert [scatter.resists for scatter in scatters] == [True, False]
+    assert scatters[0].case(objective, 0).effects == ()
+    assert scatters[0].copy(np.zeros(scatters[0].size))[2].effects == (drag,)
+    found, bare = (linear(scatter, objective, FORWARD).model for scatter in scatters)
+    np.testing.assert_array_equal(found.slopes, bare.slopes)
