@@ -27,7 +27,7 @@ from fabdesign.surface import Surface
 from fabdesign.trial_file import program_of
 from optimize.fit.descent import fit
 from optimize.fit.left_out import LeftOut
-from optimize.fit.needed import conditioned, cost, needed
+from optimize.fit.needed import conditioned, cost, needed, undecided
 from optimize.fit.normal import _bounded_step
 from optimize.fit.parameters import fit_vector
 from studies.measured_data import MeasuredData
@@ -242,6 +242,19 @@ def test_unknowns_are_dropped_as_their_joint_distribution_says():
     assert len(needed(where, wide, vector, NEEDED)) == 1
     where[both] = 0.01
     assert needed(where, wide, vector, NEEDED) == []
+
+
+def test_what_is_not_chosen_widens_what_is_kept():
+    """Law of total variance: known with the others at zero, and what these leave open, are the joint's own variances."""
+    root = np.random.default_rng(4).standard_normal((5, 8))
+    joint = np.linalg.inv(root @ root.T)
+    names, kept = ["membrane", "drag", "bending", "lag", "creep"], ["bending", "shape", "membrane"]
+    fixed = conditioned(np.zeros(5), joint, np.array([1, 3, 4]))[1]
+    grown = undecided(joint, names, kept)
+    own, rows = [2, 0], [0, 2]
+    np.testing.assert_allclose(fixed[np.ix_(own, own)] + grown[np.ix_(rows, rows)], joint[np.ix_(own, own)], rtol=1e-9)
+    assert (grown[1] == 0).all() and (grown[:, 1] == 0).all()  # an unknown that the joint fit has not
+    assert (undecided(joint, names, names) == 0).all()
 
 
 def test_of_several_channels_the_odd_one_stays():
