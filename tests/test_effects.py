@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from fabdesign.effects import BUILT_IN, EFFECTS
 from fabdesign.effects.acting import acting_pressure, observed, specimen_of
+from fabdesign.effects.learned import formula
 from fabdesign.effects.pneumatics import lagged
 from fabdesign.forward import Case, Term
 from fabdesign.model import EffectTerm, Model, Quantity
@@ -419,7 +420,8 @@ def test_off_are_the_bits_without():
     assert all(np.array_equal(other.middle, bare.middle) for other in others)
 
 
-GIVEN = {"learned": {"stroke": 20.0, "rate": 5.0, "quick": 0.3}}  # it is off by default
+COEFFICIENTS = {"stroke": 20.0, "rate": 5.0, "quick": 0.3}
+GIVEN = {"learned": COEFFICIENTS, "discovered": COEFFICIENTS}  # off by default
 
 
 def test_lanes_keep_their_bits_and_leave_nothing():
@@ -435,7 +437,14 @@ def test_lanes_keep_their_bits_and_leave_nothing():
 
 
 # of the prior's deviation, by site or name: over the solver's noise, which differs between processors
-SIZES = {"pneumatics": 0.05, "environment": 0.5, "added_mass": 0.05, "muscle_creep": 0.8, "learned.drag": 0.5}
+SIZES = {
+    "pneumatics": 0.05,
+    "environment": 0.5,
+    "added_mass": 0.05,
+    "muscle_creep": 0.8,
+    "learned.drag": 0.5,
+    "discovered.drag": 0.5,
+}
 SHAPES = {"muscle_creep": {"time": 0.03}, "stress_relaxation": {"time": 0.03}}  # s: seen within TIMES
 EMPTIED = replace(  # muscles lengthen
     PLAIN, program=PressureProgram(np.array([0.0, 0.03]), np.array([[200e3, 50e3], [0.0, 0.0]]), 0.1)
@@ -490,6 +499,23 @@ def test_a_coefficient_is_the_effect_that_it_stands_for(name):
     bare, learned, named = (motion.middle for motion in SIMULATOR.run([case, *cases], [TIMES] * 3))
     change = np.abs(named - bare).max()
     assert np.abs(learned - named).max() < 0.01 * change > 2e-7
+
+
+def test_a_formula_says_what_coefficients_add():
+    assert formula({"bend": 0.123, "drawn": 0.05, "spring": -3.0, "ratio": 0.0}) == (
+        "p -0.05 p (sum of the other channels / 200 kPa) +0.123 p (p / 200 kPa - 1); T -3 N e"
+    )
+    assert formula(dict.fromkeys(EFFECTS["learned"].parameters, 1.0)).count("1") >= 14
+    assert formula({}) == ""
+
+
+def test_what_is_discovered_is_learned_and_adds_to_it():
+    half, whole = {"stroke": 10.0, "down": 0.5}, {"stroke": 20.0, "down": 1.0}
+    both = replace(PLAIN, effects=(Term("learned", half), Term("discovered", half)))
+    cases = [both, *(with_effects(PLAIN, Term(name, whole)) for name in ("learned", "discovered"))]
+    added, learned, discovered = (motion.middle for motion in SIMULATOR.run(cases, [TIMES] * 3))
+    np.testing.assert_array_equal(learned, discovered)
+    np.testing.assert_allclose(added, learned, atol=1e-6)
 
 
 def test_a_learned_pressure_is_not_in_proportion_to_the_set_point():

@@ -37,6 +37,7 @@ from studies.tracing.experiment import programs
 from studies.tracing.run import DRAWN, trace_set
 from studies.tracing.task import Place, Task
 from studies.tracing.verdict import Evidence, decide, explains
+from studies.tracing.words import as_text
 from studies.used_frames import UsedFrames
 from tests.few_effects import few_effects
 
@@ -213,11 +214,32 @@ def test_nothing_is_found_where_nothing_is(tmp_path):
     )
 
 
-def test_what_no_effect_does_is_unexplained(tmp_path):
+def test_what_no_effect_does_is_unexplained(tmp_path, monkeypatch):
+    few_effects(monkeypatch, "odd_muscle", "filling_lag", "dead_time")
     outcome = trace(tmp_path, forward=Shaker(), count=5)
     assert outcome.verdict == "unexplained"
     assert outcome.effects == ()
     assert outcome.model.effects == ()
+    assert outcome.as_json()["discovered"] is None
+
+
+def test_a_formula_is_discovered_where_no_effect_of_the_list_explains(tmp_path, monkeypatch):
+    """Pressures that are not in proportion to the set point, which is none of the effects tried."""
+    few_effects(monkeypatch, "filling_lag", "dead_time")
+    outcome = trace(tmp_path, effects=(Term("learned", {"bend": 0.3}),), count=5)
+    assert outcome.verdict == "unexplained" and outcome.effects == ()
+    [effect] = outcome.model.effects
+    assert effect.name == "discovered"
+    bend = effect.parameters["bend"]
+    low, high = bend.interval90
+    assert low < bend.value < high and bend.value == pytest.approx(0.3, abs=0.06)
+    found = outcome.as_json()
+    assert set(found["discovered"]["parameters"]) == {"bend"}
+    assert found["discovered"]["formula"] == f"p {bend.value:+.3g} p (p / 200 kPa - 1)"
+    assert found["discovered"]["excess_mm"]["after"] < 0.5 * found["discovered"]["excess_mm"]["before"]
+    assert found["error"]["after"]["held_out"] < 0.7 * found["error"]["before"]["held_out"]
+    assert found["discovered"]["formula"] in as_text(outcome)
+    assert read_model(tmp_path / "out" / "model.toml").effects[0].name == "discovered"
 
 
 def test_too_few_trials_are_refused(tmp_path):
@@ -245,7 +267,7 @@ def test_unknowns_are_dropped_as_their_joint_distribution_says():
 
 
 def test_what_is_not_chosen_widens_what_is_kept():
-    """Law of total variance: known with the others at zero, and what these leave open, are the joint's own variances."""
+    """Law of total variance: known with the others at zero, and what these leave open, make the joint variances."""
     root = np.random.default_rng(4).standard_normal((5, 8))
     joint = np.linalg.inv(root @ root.T)
     names, kept = ["membrane", "drag", "bending", "lag", "creep"], ["bending", "shape", "membrane"]

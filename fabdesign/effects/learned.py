@@ -4,6 +4,8 @@ The model is linear in each about nothing. Simulated with them, a motion of anot
 search's derivatives follow from physics; a correction of points after the motion does not.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -56,9 +58,9 @@ def _specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) ->
         pressure_loss=np.clip(known("pressure_loss") + values["far"], 0.0, 1.0),
         friction_at_zero=known("friction_at_zero") + values["friction"],
         friction_slip=np.where(slip > 0, slip, SLIP),
-        learned_stroke=values["stroke"],
-        learned_spring=values["spring"],
-        learned_rate=values["rate"],
+        learned_stroke=known("learned_stroke") + values["stroke"],
+        learned_spring=known("learned_spring") + values["spring"],
+        learned_rate=known("learned_rate") + values["rate"],
     )
 
 
@@ -96,3 +98,38 @@ LEARNED = Effect(
     force="sim.effects.learned:LEARNED",
     remembers=True,
 )
+
+DISCOVERED = replace(
+    LEARNED,
+    name="discovered",
+    what="what a trace found where no named effect explains the data: few of the coefficients of `learned`",
+    looks_like="an effect that nobody has declared; its formula says where to look",
+)
+
+# What each coefficient adds, and to what: p pressure [Pa], T tension [N], e contraction, s the share of a muscle's way.
+_ADDS = {
+    "quick": ("p", "{:+.3g} (p late by 0.1 s - p)"),
+    "slow": ("p", "{:+.3g} (p late by 0.5 s - p)"),
+    "drawn": ("p", "{:+.3g} p (sum of the other channels / 200 kPa)"),
+    "bend": ("p", "{:+.3g} p (p / 200 kPa - 1)"),
+    "far": ("p", "{:+.3g} p s"),
+    "stroke": ("T", "{:+.3g} N e p / 200 kPa"),
+    "spring": ("T", "{:+.3g} N e"),
+    "rate": ("T", "{:+.3g} N s (de/dt) p / 200 kPa"),
+    "friction": ("T", "{:+.3g} N sign(de/dt)"),
+    "across": ("curvature along u", "{:+.3g} 1/m"),
+    "down": ("curvature along v", "{:+.3g} 1/m"),
+    "twist": ("twist", "{:+.3g} 1/m"),
+    "ratio": ("log(stiffness across / down)", "{:+.3g}"),
+    "drag": ("force on an area", "{:+.3g} N s^2/m^4 |v_n| v_n"),
+}
+_LOSSES = "drawn", "far", "rate", "friction", "drag"  # coefficients of what is taken away
+
+
+def formula(values: Values) -> str:
+    """What coefficients of `learned` that are not zero add, as text: "p +0.12 p (p / 200 kPa - 1); T -3 N e"."""
+    added: dict[str, list[str]] = {}
+    for name, (to, text) in _ADDS.items():
+        if value := values.get(name, 0.0):
+            added.setdefault(to, []).append(text.format(-value if name in _LOSSES else value))
+    return "; ".join(" ".join([to, *terms]) for to, terms in added.items())

@@ -13,7 +13,7 @@ from typing import Any
 from fabdesign.effects.declaration import Effect, Values
 from fabdesign.effects.environment import ADDED_MASS, AIR_DRAG, FRAME_TILT
 from fabdesign.effects.fabric import LOCAL_STIFFENING, ORTHOTROPY, REST_CURVATURE, STRESS_RELAXATION
-from fabdesign.effects.learned import LEARNED
+from fabdesign.effects.learned import DISCOVERED, LEARNED
 from fabdesign.effects.muscle import (
     BRAID_HYSTERESIS,
     MUSCLE_CREEP,
@@ -38,7 +38,7 @@ EFFECTS: dict[str, Effect] = {
         ORTHOTROPY, LOCAL_STIFFENING, STRESS_RELAXATION, REST_CURVATURE,
         AIR_DRAG, FRAME_TILT, ADDED_MASS,
         REGISTRATION_BIAS, TIME_OFFSET, SCALE_ERROR,
-        LEARNED,
+        LEARNED, DISCOVERED,
     )
 }  # fmt: skip
 BUILT_IN = tuple(EFFECTS)

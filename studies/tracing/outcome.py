@@ -19,6 +19,7 @@ from studies.calibration.intervals import with_engines
 from studies.measured_data import MeasuredData
 from studies.tracing.backwards import label_effect
 from studies.tracing.candidates import Candidate
+from studies.tracing.discovered import Discovered
 from studies.tracing.errors import TrialError, mean_of, other_layouts
 from studies.tracing.residual import Remains
 from studies.tracing.selection import Selection
@@ -44,6 +45,7 @@ class Outcome:
     remains: Remains
     model: Model
     next_experiment: Mapping[str, Any] | None
+    discovered: Discovered | None = None
 
     @property
     def name(self) -> str:
@@ -59,7 +61,9 @@ class Outcome:
 
     @property
     def after(self) -> Fit:
-        """What the model is: the declared parameters alone unless effects were found."""
+        """What the model is: the declared parameters alone unless effects or a formula were found."""
+        if self.discovered is not None:
+            return self.discovered.fit
         return self.selection.chosen if self.verdict == "effect" else self.selection.plain
 
     @cached_property
@@ -129,7 +133,7 @@ class Outcome:
                 "share_below_tenth": self.share_below_tenth,
                 "input_accuracy": self.data.accuracy.as_json(),
             },
-            "discovered": None,
+            "discovered": None if self.discovered is None else self.discovered.as_json(self.model.effects[-1]),
             "next_experiment": self.next_experiment,
             "excess": {
                 "unit": "mm",
@@ -200,6 +204,13 @@ class Outcome:
         """mm of surface RMS."""
         return in_mm(float(np.hypot(excess, self.floor)))
 
+    @property
+    def _after(self) -> float:
+        """m of excess that the model leaves of trials left out."""
+        if self.discovered is not None:
+            return self.discovered.excess
+        return self.evidence.after if self.verdict == "effect" else self.evidence.before
+
     def _error(self) -> dict[str, Any]:
         def pair(which: str, excess: float) -> dict[str, float | None]:
             fit, test = (mean_of(self.errors, role, which) for role in ("fit", "test"))
@@ -216,7 +227,7 @@ class Outcome:
             "tolerance": in_mm(self.tolerance),
             "ceiling": self._surface(self.evidence.box_before),
             "before": pair("before", self.evidence.before),
-            "after": pair("after", self.evidence.after if self.verdict == "effect" else self.evidence.before),
+            "after": pair("after", self._after),
         }
 
 

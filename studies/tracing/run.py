@@ -27,6 +27,7 @@ from studies.sensitive_stretches import sensitive_stretches
 from studies.tracing.backwards import label_effect
 from studies.tracing.black_box import baseline_score
 from studies.tracing.candidates import Candidate, candidates_of
+from studies.tracing.discovered import discover
 from studies.tracing.errors import errors_of_trials
 from studies.tracing.experiment import Explanation, next_experiment
 from studies.tracing.outcome import Outcome, model_of
@@ -111,26 +112,28 @@ def _trace(
             f"{measured.name}: {len(data.trials)} trials with frames to use; expected at least {LEAST_TRIALS}"
         )
     forward = Predictor(bare, Model(effects=known.effects), sensing=True)
-    selection = select(
-        Task(
-            data=data,
-            forward=forward,
-            tolerance=options.tolerance,
-            factors=known.factors,
-            known=[effect.name for effect in known.effects],
-            scope=muscle_scope([trial.design for trial in data.trials]),
-            checkpoint=checkpoint,
-            say=say,
-            elsewhere=_elsewhere(measured, data),
-        )
+    task = Task(
+        data=data,
+        forward=forward,
+        tolerance=options.tolerance,
+        factors=known.factors,
+        known=[effect.name for effect in known.effects],
+        scope=muscle_scope([trial.design for trial in data.trials]),
+        checkpoint=checkpoint,
+        say=say,
+        elsewhere=_elsewhere(measured, data),
     )
+    selection = select(task)
     left = remains(Residuals.of(data.samples, selection.chosen), selection.folds)
     evidence = _evidence(selection, data.samples, max(left.shares.values()))
     verdict = decide(evidence, options.tolerance)
+    discovered = discover(task, selection) if verdict == "unexplained" else None
     fitted = selection.chosen if verdict == "effect" else selection.plain
     if verdict != "effect" and selection.chosen is not selection.plain:
         left = remains(Residuals.of(data.samples, selection.plain), selection.folds)
     say("errors before and after, on the trials fitted and once on those of role test")
+    if discovered is not None:
+        fitted = discovered.fit
     before, after = (Place(found.vector, found.x) for found in (selection.plain, fitted))
     errors = errors_of_trials(every, used.stretches or (), forward, before, after, data.noise)
     candidates, alike = candidates_of(selection)
@@ -156,6 +159,7 @@ def _trace(
             reliable=verdict != "unexplained",
         ),
         next_experiment=experiment,
+        discovered=discovered,
     )
 
 

@@ -1,5 +1,6 @@
 """A trace in words."""
 
+from fabdesign.effects.learned import formula
 from fabdesign.model import EffectTerm, Quantity
 from fabdesign.units import in_mm
 from studies.tracing.outcome import Outcome
@@ -21,6 +22,13 @@ def verdict_in_words(outcome: Outcome) -> str:
         )
     if outcome.verdict == "unexplained":
         missing = "Something is missing that none of the known effects explains, alone or in combination:"
+        if outcome.discovered is not None:
+            found = outcome.discovered
+            return (
+                f"{missing} the excess over the noise is {in_mm(found.before):.2f} mm on held-out trials, and "
+                f"{in_mm(found.excess):.2f} mm with a formula that was found, which is in the model: "
+                f"{formula(outcome.model.effects[-1].term.values)}."
+            )
         if not evidence.box_certain and not evidence.effects:
             return (
                 f"{missing} the refitted model is {in_mm(evidence.fitted or 0.0):.2f} mm over the noise even on the "

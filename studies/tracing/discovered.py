@@ -1,0 +1,84 @@
+"""A term with a formula of its own, where no effect of the list explains what is missing.
+
+The basis functions that `learned` has inside the simulator are fitted together, those that the data do not need are
+dropped, and what is left is kept only if whole trials left out gain half of their excess by it.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fabdesign.effects.learned import DISCOVERED, formula
+from fabdesign.model import EffectTerm
+from fabdesign.units import in_mm
+from optimize.fit.clouds import Array
+from optimize.fit.fitted import Fit
+from optimize.fit.left_out import LeftOut
+from optimize.fit.needed import conditioned, cost
+from optimize.fit.parameters import FitVector, fit_vector
+from studies.tracing.backwards import NEEDED
+from studies.tracing.selection import Selection
+from studies.tracing.task import Task
+
+SHARE = 0.5  # of the excess of trials left out, that may stay
+
+
+@dataclass(frozen=True, eq=False)
+class Discovered:
+    """A fit with few coefficients beside the declared parameters. before, excess: m of trials left out, without and
+    with them."""
+
+    fit: Fit
+    before: float
+    excess: float
+
+    def as_json(self, effect: EffectTerm) -> dict[str, Any]:
+        """`discovered` of `trace.json`; effect: as the model has it."""
+        return {
+            "formula": formula(effect.term.values),
+            "parameters": {
+                name: {"value": q.value, "unit": q.unit, "interval90": q.interval90 and list(q.interval90)}
+                for name, q in effect.parameters.items()
+                if q.value
+            },
+            "excess_mm": {"before": in_mm(self.before), "after": in_mm(self.excess)},
+        }
+
+
+def discover(task: Task, selection: Selection) -> Discovered | None:
+    """From the data sheet, as the joint fit; None where nothing is needed or too little gained."""
+    inputs = selection.everything.inputs
+    vector = fit_vector([DISCOVERED.name], factors=task.factors, scope=task.scope)
+    whole = task.fit("discovered", vector, inputs, near=True)
+    kept, start = _needed(whole)
+    if not kept:
+        return None
+    few = _only(vector, kept)
+    found = task.fit(f"discovered, {' '.join(kept)}", few, inputs, start)
+    before, excess = (LeftOut.of(one, task.data.folds).scored().excess(task.floor) for one in (selection.plain, found))
+    return Discovered(found, before, excess) if excess <= SHARE * before else None
+
+
+def _needed(whole: Fit) -> tuple[list[str], Array]:
+    """Coefficients that cost NEEDED of log likelihood each to drop, one after another, the cheapest first; and (p,)
+    where the unknowns that stay are then, to first order."""
+    x, covariance = whole.minimum, whole.covariance
+    left = [k for k, parameter in enumerate(whole.vector.parameters) if not parameter.is_factor]
+    dropped: list[int] = []
+    while left:
+        costs = [cost(x, covariance, np.array([k])) for k in left]
+        if min(costs) >= NEEDED:
+            break
+        dropped.append(left.pop(int(np.argmin(costs))))
+        x, covariance = conditioned(x, covariance, np.array(dropped[-1:]))
+    names = [whole.vector.names[k].rpartition(".")[2] for k in left]
+    return names, np.delete(whole.vector.inside(x), dropped)
+
+
+def _only(vector: FitVector, kept: list[str]) -> FitVector:
+    """The factors and some of the coefficients."""
+    return replace(
+        vector,
+        parameters=tuple(p for p in vector.parameters if p.is_factor or p.name.rpartition(".")[2] in kept),
+    )
