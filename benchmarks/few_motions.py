@@ -53,10 +53,13 @@ class Plan:
     orders: tuple[int, ...]
 
 
+# The first of each part: its factors alone are what the others are compared with.
 PLANS = (
-    Plan("all-10", ("all",), TEN),  # the first of each part: its factors alone are what the others are compared with
-    Plan("all-5", ("all",), FIVE),
     Plan("learned-10", ("learned",), TEN),
+    Plan("learned-5", ("learned",), FIVE),
+    Plan("learned-16", ("learned",), SIXTEEN),
+    Plan("all-10", ("all",), TEN),
+    Plan("all-5", ("all",), FIVE),
     Plan("all-16", ("all",), SIXTEEN),
     Plan("learned-12", ("learned",), TWELVE),
     Plan("all-12", ("all",), TWELVE),
