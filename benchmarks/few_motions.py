@@ -90,6 +90,7 @@ def fitted(plan: Plan, measured: MeasurementSet, work: Path) -> tuple[Model, flo
             vector=unknowns(plan, measured),
             points_per_side=GRID,
             orders=plan.orders,
+            interruptible=True,  # Ctrl-C keeps what is reached, marked as not reliable
             progress=lambda line, share: print(f"{plan.name}: {line}", flush=True),
         )
         spent.write_text(f"{time.process_time() - began:.0f}")
