@@ -14,6 +14,7 @@ from fabdesign.metrics import Errors
 from fabdesign.model import EffectTerm, Model
 from fabdesign.model_file import read_model
 from fabdesign.trial_file import read_trial
+from studies.branches import Branches
 from studies.demo import measured
 from studies.demo.measured import as_html
 from studies.evaluate import evaluate_sets
@@ -82,11 +83,16 @@ def test_the_page_says_what_was_closed() -> None:
     found = read_set(DATA / measured.SET)
     shipped = Model(effects=(EffectTerm("<drag>", {}),))
     by_trial = {"076": errors(1e-3), "077": errors(1e-3), "078": errors(3e-3)}
-    errors = measured.ShippedErrors(replace(found, description="a synthetic rig"), shipped, of, 0.0, by_trial)
+    far = Branches(found.trials[2], 3e-3, np.array([3.1e-3, 0.9e-3]))
+    errors = measured.ShippedErrors(
+        replace(found, description="a synthetic rig"), shipped, of, 0.0, by_trial, {"078": far}
+    )
     page, text, values = as_html(errors), measured.as_text(errors), errors.as_json()
     assert [model["closed"] for model in values["models"]] == [None, None, pytest.approx(0.5), pytest.approx(2 / 3)]
     assert "<td>50%</td>" in page and "<td>67%</td>" in page and "&lt;drag&gt;" in page
     assert "synthetic rig" in page and "synthetic rig" in text
     [told] = errors.far_off
-    assert told.startswith("Trial 078 is off by 3.06 mm, the others by 1.17: perhaps") and told in page and told in text
+    assert told.startswith("Trial 078 is off by 3.06 mm, the others by 1.17. It took another stable shape (branch):")
+    assert "comes to 0.90 mm, without the change 3.00 mm." in told and told in page and told in text
+    assert values["another_branch"] == {"078": True}
     assert values["effects"] == ["<drag>"]

@@ -522,3 +522,23 @@ def test_a_learned_pressure_is_not_in_proportion_to_the_set_point():
     program = PressureProgram(np.zeros(1), np.array([[400e3, 0.0]]), 0.1)
     case = replace(PLAIN, program=program, effects=(Term("learned", {"bend": 0.1}),))
     assert acting_pressure(case, 4, 1e-3).means[-1] == pytest.approx([440e3, 0.0])
+
+
+def test_what_is_learned_adds_to_named_effects_in_either_order():
+    learned = Term("learned", {"down": 0.5, "far": 0.1, "friction": 0.2, "drag": 2.0, "ratio": 0.1, "quick": 0.5})
+    named = (
+        Term("rest_curvature", {"down": 1.0}),
+        Term("line_loss", {"share": 0.2}),
+        Term("braid_hysteresis", {"friction_at_zero": 0.3}),
+        Term("air_drag", {"coefficient": 3.0}),
+        Term("filling_lag", {"fill": 0.1, "empty": 0.2}),
+    )
+    program = PressureProgram(np.zeros(1), np.array([[400e3, 100e3]]), 0.1)
+    before, after = (replace(PLAIN, program=program, effects=terms) for terms in ((learned, *named), (*named, learned)))
+    one, other = specimen_of(before), specimen_of(after)
+    assert one.constants == other.constants and one.constants["rest_curvature_down"] == pytest.approx(1.5)
+    assert one.constants["air_drag"] == pytest.approx(5.0)
+    for name, expected in (("pressure_loss", 0.3), ("friction_at_zero", 0.5)):
+        assert one.muscles[name] == pytest.approx(expected) and other.muscles[name] == pytest.approx(expected)
+    pressures = [acting_pressure(case, 4, 1e-3).means for case in (before, after)]
+    assert (pressures[0] == pressures[1]).all()

@@ -8,6 +8,8 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 from benchmarks.spread import widths
+from benchmarks.spread_layouts import LAYOUTS, layout, programs, table
+from fabdesign.design_file import read_design, write_design
 from fabdesign.model import Model
 from fabdesign.model_file import read_model, write_model
 from fabdesign.spread import TWO_SIDED, half_widths
@@ -72,3 +74,31 @@ def test_intervals_that_follow_the_motion_are_narrower_where_it_is_small() -> No
     assert inside("joint covariance alone") < 0.1
     assert inside("constant") == pytest.approx(0.9, abs=0.04) and inside("all") == pytest.approx(0.9, abs=0.04)
     assert score("all") < 0.95 * score("constant")
+
+
+def test_ten_layouts_differ_and_can_be_made(tmp_path: Path) -> None:
+    designs = [layout(number) for number in range(LAYOUTS)]
+    for number, design in enumerate(designs):
+        write_design(design, tmp_path / "design.toml")
+        assert read_design(tmp_path / "design.toml") == design  # its paths lie on the cloth
+        assert 2 <= len(design.muscles) <= 6 and design.fabric == designs[0].fabric
+        for program in programs(number, design.channels):
+            assert program.pressure.shape == (2, design.channels) and program.pressure.max() <= 300e3
+    assert len({tuple(muscle.path for muscle in design.muscles) for design in designs}) == LAYOUTS
+
+
+def test_a_width_that_follows_the_motion_is_narrower_than_the_constant_that_holds_as_many() -> None:
+    rng = np.random.default_rng(2)
+
+    def trials(names: list[str]) -> list[RegionResiduals]:
+        moved = [rng.uniform(0.0, 0.1, 400) ** 2 for _ in names]
+        pairs = zip(names, moved, strict=True)
+        return [RegionResiduals(name, 0.1 * m * rng.standard_normal(400), np.full(400, 1e-6), m) for name, m in pairs]
+
+    own, others = trials(["layout_0"] * 6), trials(["layout_1"] * 3)
+    spread, _ = spread_from(own, [*range(6)], Model())
+    lines = [line.split(" | ") for line in table(Model(spread=spread), own, others).splitlines()[2:6]]
+    found = {cells[2]: (float(cells[3].rstrip("%")), float(cells[4])) for cells in lines}
+    assert found["the model"][0] == pytest.approx(90, abs=4) and found["the joint covariance alone"][0] < 10
+    assert found["a constant that holds as many"][0] == pytest.approx(found["the model"][0], abs=1)
+    assert found["the model"][1] < found["a constant that holds as many"][1]

@@ -22,9 +22,10 @@ def terms_of(case: Case) -> tuple[Term, ...]:
 
 
 def active(case: Case) -> Iterator[tuple[Effect, dict[str, float], Term]]:
-    """Each effect that is not off, with all its values. Raises InputError for an unknown one or a bad value."""
-    for term in terms_of(case):
-        effect = effect_named(term.name, "effects")
+    """Each effect that is not off, with all its values; what is learned comes last, since it adds to what named effects
+    set. Raises InputError for an unknown one or a bad value."""
+    terms = [(effect_named(term.name, "effects"), term) for term in terms_of(case)]
+    for effect, term in sorted(terms, key=lambda each: not each[0].named):
         check_values(effect, term.values, "effects")
         if not effect.is_off(term.values):
             yield effect, effect.values(term.values), term

@@ -19,6 +19,7 @@ from fabdesign.predictor import Predictor
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
+from studies.branches import CURLS, TILTS, Branches, branches_of
 from studies.forward_model import forward_model
 from studies.measured_data import noise_of
 from studies.report import html_of
@@ -40,6 +41,7 @@ class ShippedErrors:
     errors: dict[str, Errors]  # m, by the model's name, in this order
     share_left_out: float  # of the frames
     by_trial: Mapping[str, Errors]  # m, of the whole model
+    branches: Mapping[str, Branches]  # of the trials that are far off
 
     @property
     def effects_in_words(self) -> str:
@@ -51,12 +53,10 @@ class ShippedErrors:
     def far_off(self) -> list[str]:
         """A sentence on each trial whose corrected motion is off by twice as much as the others': a mean hides it."""
         surface = {name: e.surface_rms for name, e in self.by_trial.items()}
-        others = {name: [x for key, x in surface.items() if key != name] for name in surface}
         return [
-            f"Trial {name} is off by {in_mm(x):.2f} mm, the others by {in_mm(float(np.mean(others[name]))):.2f}: "
-            "perhaps another stable shape, to which no model here leads."
-            for name, x in surface.items()
-            if others[name] and x > FAR_OFF * np.mean(others[name])
+            f"Trial {name} is off by {in_mm(surface[name]):.2f} mm, the others by {in_mm(others):.2f}. "
+            + branch_in_words(self.branches[name])
+            for name, others in far_off(surface).items()
         ]
 
     def rows(self) -> list[tuple[str, Errors, float | None]]:
@@ -73,8 +73,31 @@ class ShippedErrors:
             "unjudged_share": self.share_left_out,
             "effects": [effect.name for effect in self.shipped.effects],
             "by_trial": {name: e.millimetres() for name, e in self.by_trial.items()},
+            "another_branch": {name: found.much_nearer for name, found in self.branches.items()},
             "models": [{"name": name, **errors.millimetres(), "closed": share} for name, errors, share in self.rows()],
         }
+
+
+def far_off(surface: Mapping[str, float]) -> dict[str, float]:
+    """The trials that are off by twice as much as the others, and the others' mean. surface: m, by trial."""
+    others = {name: [x for key, x in surface.items() if key != name] for name in surface}
+    means = {name: float(np.mean(own)) for name, own in others.items() if own}
+    return {name: mean for name, mean in means.items() if surface[name] > FAR_OFF * mean}
+
+
+def branch_in_words(found: Branches) -> str:
+    """Whether a trial that is far off lies on another branch, as simulated from starts that differ a little."""
+    changed = f"the frame tilted by up to {max(TILTS):g} degrees or the cloth curved by up to {max(CURLS):g} 1/m more"
+    nearest = f"{in_mm(found.nearest):.2f} mm, without the change {in_mm(found.own):.2f} mm"
+    if found.much_nearer:
+        return (
+            "It took another stable shape (branch): a small change of the start leads there. With "
+            f"{changed}, the model without its corrector comes to {nearest}."
+        )
+    return (
+        "It is not another stable shape (branch), as far as small changes of the start show. With "
+        f"{changed}, the model without its corrector comes to {nearest}."
+    )
 
 
 def evaluate_shipped(*, forward: ForwardModel | None = None) -> ShippedErrors:
@@ -100,7 +123,11 @@ def evaluate_shipped(*, forward: ForwardModel | None = None) -> ShippedErrors:
     each = {name: _each(trials, frames, noise, forward_model(fine, own, sensing=True)) for name, own in models.items()}
     by_trial = {trial.name: own for trial, own in zip(trials, each[CORRECTED], strict=True)}
     means = {name: mean_errors(own) for name, own in each.items()}
-    return ShippedErrors(measured, shipped, means, used.share_left_out, by_trial)
+    far = far_off({name: e.surface_rms for name, e in by_trial.items()})
+    other = branches_of([t for t in trials if t.name in far], forward_model(fine, uncorrected, sensing=True))
+    return ShippedErrors(
+        measured, shipped, means, used.share_left_out, by_trial, {found.trial.name: found for found in other}
+    )
 
 
 def _each(
