@@ -159,7 +159,7 @@ def _robust(rows: Rows) -> list[str]:
         "Of the nominal result and of that chosen for yield: 50 copies on the simulator; copies on the virtual"
     )
     lines.append(
-        "rig, coarser than the rig of the targets (Chamfer of two measured clouds). A copy counts within the median"
+        "rig, in longer steps than the targets were (Chamfer of two measured clouds). A copy counts within the median"
     )
     lines.append(
         "of the nominal result's copies there. Bound: yield higher by half, shape at most 10 % worse. Targets: the"
