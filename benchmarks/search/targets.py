@@ -21,8 +21,8 @@ from studies.rig.specimen import TrialTask, control_points, prepare
 RISE, HOLD = 1.0, 3.0  # s, of the motion to a target
 ELEMENT, STEP = 0.01, 1 / 960  # m, s of the rig: coarser than its own, which costs far more
 POINTS = 3362
-# of copies with scatter, of which there are hundreds. Elements of 20 mm cost a tenth, but hold pairs of muscles that lie
-# 12 mm apart in one, and were 1.4 mm of Chamfer off on the nominal result of target 06
+# of copies with scatter, of which there are hundreds. Elements of 20 mm cost a tenth, but hold pairs of muscles 12 mm
+# apart in one, and were 1.4 mm of Chamfer off on the nominal result of target 06
 COPIES = Resolution(element=ELEMENT, step=1 / 240)
 COPY_RISE, COPY_END = 0.5, 2.0  # s
 POSES = 2
