@@ -13,6 +13,7 @@ from optimize.design_space import DesignSpace
 from optimize.evaluations import Evaluations, Stage
 from optimize.history import History
 from optimize.objective import Objective, Target
+from studies.forward_model import forward_model
 from studies.layouts.begin import limits_of
 from studies.layouts.loading_path import loading_paths
 from studies.layouts.report import Section, render_report
@@ -112,7 +113,8 @@ def result_of(folder: Path, forward, *pressures):
         evaluations = Evaluations(Objective([Target(cloud)]), starts, stages, history, seconds=100, evaluations=100)
         evaluations.evaluate(0, [(k, x) for k, (_, x) in enumerate(starts)])
         assert evaluations.best.start == 0 and len(evaluations.finalists()) == len(pressures)
-        return _result(study, (LoadedTarget(cloud, None, "rolled"),), evaluations, forward, "ended")
+        model = forward_model(forward, None)  # as a study makes it
+        return _result(study, (LoadedTarget(cloud, None, "rolled"),), evaluations, model, "ended")
 
 
 def test_of_designs_equally_near_one_with_a_sure_loading_path_wins(tmp_path: Path) -> None:
