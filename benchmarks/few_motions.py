@@ -35,13 +35,13 @@ from studies.calibration.fitted_model import muscle_scope
 from studies.measured_data import noise_of
 from studies.sensitive_stretches import GRID
 from studies.training.data import choose
+from studies.training.train import KEPT_BACK
 
 FIVE = (0, 38, 75)
 TEN = (*FIVE, 19, 28, 57, 66)
 SIXTEEN = (*TEN, 9, 33, 47, 52)
 TWELVE = (0, 10, 20, 30, 40, 50, 61, 71)
 FIRST, EVERY = 5, 6  # frames
-KEPT_BACK = 0.15  # as `train` does it
 
 
 @dataclass(frozen=True)

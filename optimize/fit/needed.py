@@ -1,6 +1,6 @@
 """Which effects a fit needs, to first order: what the joint normal distribution of its unknowns says."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -11,15 +11,22 @@ from optimize.fit.parameters import FitVector
 def needed(x: Array, covariance: Array, vector: FitVector, least: float) -> list[str]:
     """The terms that cost at least `least` of log likelihood each to drop, one after another, the cheapest first, with
     all other unknowns moving along. x (p,), covariance (p, p)."""
-    left = {label: vector.part(label) for label in vector.labels}
-    x, covariance = x.copy(), covariance.copy()
+    return [*eliminated(x, covariance, {label: vector.part(label) for label in vector.labels}, least)[0]]
+
+
+def eliminated(
+    x: Array, covariance: Array, parts: Mapping[str, Indices], least: float
+) -> tuple[dict[str, Indices], Array]:
+    """The parts that cost at least `least` each to drop, one after another, the cheapest first, and (p,) where all
+    unknowns are then, those dropped at zero."""
+    left = {**parts}
     while left:
-        costs = {label: cost(x, covariance, part) for label, part in left.items()}
-        cheapest = min(costs, key=lambda label: costs[label])
+        costs = {name: cost(x, covariance, part) for name, part in left.items()}
+        cheapest = min(costs, key=lambda name: costs[name])
         if costs[cheapest] >= least:
             break
         x, covariance = conditioned(x, covariance, left.pop(cheapest))
-    return [*left]
+    return left, x
 
 
 def cost(x: Array, covariance: Array, part: Indices) -> float:
@@ -43,10 +50,7 @@ def undecided(joint: Array, names: Sequence[str], kept: Sequence[str]) -> Array:
     `names`, are not zero for certain: what a model without them holds fixed they may take (law of total variance)."""
     common = [name for name in kept if name in names]
     own, rows = ([[*every].index(name) for name in common] for every in (names, kept))
-    gone = [i for i, name in enumerate(names) if name not in common]
+    gone = np.array([i for i, name in enumerate(names) if name not in common], dtype=np.intp)
     grown = np.zeros((len(kept), len(kept)))
-    across = joint[np.ix_(own, gone)]
-    grown[np.ix_(rows, rows)] = (
-        across @ np.linalg.pinv(joint[np.ix_(gone, gone)], rcond=1e-9, hermitian=True) @ across.T
-    )
+    grown[np.ix_(rows, rows)] = (joint - conditioned(np.zeros(len(joint)), joint, gone)[1])[np.ix_(own, own)]
     return grown

@@ -66,10 +66,7 @@ class Calibration:
             {
                 "name": effect.name,
                 "scope": effect.scope,
-                "parameters": {
-                    name: {"value": q.value, "unit": q.unit, "interval90": q.interval90 and list(q.interval90)}
-                    for name, q in effect.parameters.items()
-                },
+                "parameters": {name: q.as_json() for name, q in effect.parameters.items()},
             }
             for effect in self.model.effects
         ]

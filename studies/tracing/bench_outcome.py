@@ -77,7 +77,6 @@ def _effect(effect: EffectTerm, explained: float | None) -> dict[str, Any]:
         "name": effect.name,
         "site": site,
         "scope": effect.scope or scope,
-        "parameters": {n: {"value": q.value, "unit": q.unit, "interval90": q.interval90 and list(q.interval90)}
-                       for n, q in effect.parameters.items()},
+        "parameters": {n: q.as_json() for n, q in effect.parameters.items()},
         "explains": explained,
-    }  # fmt: skip
+    }

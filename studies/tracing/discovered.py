@@ -15,7 +15,7 @@ from fabdesign.units import in_mm
 from optimize.fit.clouds import Array
 from optimize.fit.fitted import Fit
 from optimize.fit.left_out import LeftOut
-from optimize.fit.needed import conditioned, cost
+from optimize.fit.needed import eliminated
 from optimize.fit.parameters import FitVector, fit_vector
 from studies.tracing.backwards import NEEDED
 from studies.tracing.selection import Selection
@@ -37,11 +37,7 @@ class Discovered:
         """`discovered` of `trace.json`; effect: as the model has it."""
         return {
             "formula": formula(effect.term.values),
-            "parameters": {
-                name: {"value": q.value, "unit": q.unit, "interval90": q.interval90 and list(q.interval90)}
-                for name, q in effect.parameters.items()
-                if q.value
-            },
+            "parameters": {name: q.as_json() for name, q in effect.parameters.items() if q.value},
             "excess_mm": {"before": in_mm(self.before), "after": in_mm(self.excess)},
         }
 
@@ -63,17 +59,14 @@ def discover(task: Task, selection: Selection) -> Discovered | None:
 def _needed(whole: Fit) -> tuple[list[str], Array]:
     """Coefficients that cost NEEDED of log likelihood each to drop, one after another, the cheapest first; and (p,)
     where the unknowns that stay are then, to first order."""
-    x, covariance = whole.minimum, whole.covariance
-    left = [k for k, parameter in enumerate(whole.vector.parameters) if not parameter.is_factor]
-    dropped: list[int] = []
-    while left:
-        costs = [cost(x, covariance, np.array([k])) for k in left]
-        if min(costs) >= NEEDED:
-            break
-        dropped.append(left.pop(int(np.argmin(costs))))
-        x, covariance = conditioned(x, covariance, np.array(dropped[-1:]))
-    names = [whole.vector.names[k].rpartition(".")[2] for k in left]
-    return names, np.delete(whole.vector.inside(x), dropped)
+    coefficients = {
+        name: np.array([k])
+        for k, (name, p) in enumerate(zip(whole.vector.names, whole.vector.parameters, strict=True))
+        if not p.is_factor
+    }
+    left, x = eliminated(whole.minimum, whole.covariance, coefficients, NEEDED)
+    dropped = [int(part[0]) for name, part in coefficients.items() if name not in left]
+    return [name.rpartition(".")[2] for name in left], np.delete(whole.vector.inside(x), dropped)
 
 
 def _only(vector: FitVector, kept: list[str]) -> FitVector:

@@ -152,10 +152,7 @@ class Outcome:
             "name": effect.name,
             "site": declared.site,
             "scope": effect.scope or declared.scope,
-            "parameters": {
-                name: {"value": q.value, "unit": q.unit, "interval90": q.interval90 and list(q.interval90)}
-                for name, q in effect.parameters.items()
-            },
+            "parameters": {name: q.as_json() for name, q in effect.parameters.items()},
             "explains": self.explained.get(effect.name),
         }
 

@@ -129,11 +129,11 @@ def _trace(
     verdict = decide(evidence, options.tolerance)
     discovered = discover(task, selection) if verdict == "unexplained" else None
     fitted = selection.chosen if verdict == "effect" else selection.plain
+    if discovered is not None:
+        fitted = discovered.fit
     if verdict != "effect" and selection.chosen is not selection.plain:
         left = remains(Residuals.of(data.samples, selection.plain), selection.folds)
     say("errors before and after, on the trials fitted and once on those of role test")
-    if discovered is not None:
-        fitted = discovered.fit
     before, after = (Place(found.vector, found.x) for found in (selection.plain, fitted))
     errors = errors_of_trials(every, used.stretches or (), forward, before, after, data.noise)
     candidates, alike = candidates_of(selection)
