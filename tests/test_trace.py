@@ -25,13 +25,15 @@ from fabdesign.sensor_noise import SensorNoise
 from fabdesign.splits import fit_trials
 from fabdesign.surface import Surface
 from fabdesign.trial_file import program_of
-from optimize.fit.descent import fit
+from optimize.fit.descent import STEP, fit
 from optimize.fit.left_out import LeftOut
-from optimize.fit.needed import conditioned, cost, needed, undecided
+from optimize.fit.needed import NEEDED, conditioned, cost, needed, undecided
 from optimize.fit.normal import _bounded_step
 from optimize.fit.parameters import fit_vector
+from optimize.fit.problem import FitProblem
 from studies.measured_data import MeasuredData
-from studies.tracing.backwards import NEEDED, backwards, gains_of, parts_of, sparse, worth
+from studies.tracing.backwards import backwards, gains_of, parts_of, sparse, worth
+from studies.tracing.decoys import decoy_columns, decoys_beside, turned
 from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
 from studies.tracing.run import DRAWN, trace_set
@@ -389,13 +391,53 @@ def test_each_of_several_effects_is_confirmed_by_a_fit_without_it(late, unhurrie
     with work_folder(tmp_path / "out", made_by="trace") as work:
         task = Task(
             data, forward, 0.5e-3, {}, known=[], scope=None, checkpoint=Checkpoint(work, {}),
-            say=lambda line: said.append(line.partition(",")[0]),
+            say=lambda line: said.append(line.partition(",")[0]) if "unknowns" in line else None,
         )  # fmt: skip
-        found, small = backwards(task, joint, unhurried)
+        found, small, decoys = backwards(task, joint, unhurried)
+        beside_nothing = decoys_beside(task, unhurried, joint.vector)
     assert sorted(found.vector.labels) == ["filling_lag", "supply_droop"]
     assert not small
     assert {name for name in said if " " in name} == {"filling_lag supply_droop"}
     assert {name for name in said if " " not in name} == {"filling_lag", "supply_droop"}
+    assert len(decoys.gains) == 2 * len(joint.vector.labels)
+    assert decoys.taken(0.5e-3) == 0 and decoys.chance < 0.2e-3
+    lag = gains_of(parts_of(found.vector), LeftOut.of(found, data.folds), data.noise.sigma)["filling_lag"][0]
+    assert (
+        decoys.chance < beside_nothing.chance < 0.7 * lag
+    )  # what is missing leaves structure, that decoys take less of
+
+
+def test_decoys_have_the_columns_of_other_pressures_of_their_design(late):
+    _, data = late
+    samples = [*data.samples[:4]]
+    assert turned(samples, (0, 1, 0, 2)) == [[1, 2, 3, 0], [3, 3, 1, 1]]
+    assert turned(samples, (0, 0, 0, 0)) == []
+    alone = replace(samples[3], trial=replace(samples[3].trial, design_name="other"))
+    assert turned([*samples[:3], alone], (0, 1, 2, 3)) == []
+
+
+def test_a_column_of_a_decoy_is_what_another_trials_motion_does_at_this_ones_points(late):
+    """Against the same done by hand, for one trial and one effect, at frames that are not the other's."""
+    joint, data = late
+    forward = Predictor(Curler(), Model(), sensing=True)
+    problem = FitProblem(data.samples, forward, forward, joint.vector)
+    part = joint.vector.part("filling_lag")[:1]
+    order = [1, 2, 3, 0]
+    (found,) = decoy_columns(problem, joint.state, {"filling_lag": part}, [order])
+    step = joint.vector.steps(joint.x, np.diag(STEP * joint.vector.scale))[part[0]]
+    moved, still = (
+        [problem.forward.motions([joint.vector.case(s.trial, x)], [s.times])[0] for s in data.samples]
+        for x in (joint.x + step, joint.x)
+    )
+    rows = np.flatnonzero(joint.state.found.sample == 0)
+    change = _middle(moved[1].astype(float)) - _middle(still[1].astype(float))
+    match, side = joint.state.found, 41
+    for row in rows[::40]:
+        corners = match.vertex[row] % (side * side)
+        at = match.weights[row] @ change[match.frame[row]][corners]
+        assert found[row, 0] == pytest.approx(
+            -at @ match.normal[row] / step[part[0]], abs=0.02 * np.abs(found[rows]).max()
+        )
 
 
 class Stiffer(Curler):
@@ -422,7 +464,7 @@ def test_an_effect_within_the_tolerance_stays_where_it_matters_to_another_layout
             checkpoint=Checkpoint(work, {}), say=lambda line: None, elsewhere=[other],
         )  # fmt: skip
         assert worth(replace(task, elsewhere=()), joint) == (["filling_lag"], ["supply_droop"])
-        found, small = backwards(task, joint, unhurried)
+        found, small, _ = backwards(task, joint, unhurried)
     assert sorted(found.vector.labels) == ["filling_lag", "supply_droop"]
     assert not small
 

@@ -140,6 +140,11 @@ def force_of(effect: Effect) -> Any:
     return getattr(importlib.import_module(module), name)
 
 
+def label_effect(label: str) -> str:
+    """The effect's name in the label of one of its terms."""
+    return label.partition(":")[0]
+
+
 def labels_of(terms: Sequence[Term]) -> tuple[str, ...]:
     """Of each term: its effect's name; of several of one effect "NAME:VALUE,..." by its chosen parameters."""
     names = [term.name for term in terms]

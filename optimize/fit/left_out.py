@@ -15,6 +15,7 @@ from optimize.fit.normal import Normal, whitened
 STRAY = 5.0  # times the frame's robust deviation: a point farther off is no part of an error
 LARGEST = 0.020  # m: a residual farther off counts as this far
 _DRAWS = 2000  # of trials, for an interval
+Gain = tuple[float, tuple[float, float]]  # m of excess, in quadrature, and 90 %
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +94,11 @@ class LeftOut:
         own = self._parts[0].sum(axis=0)
         return np.asarray(0.5 * (own + own.T) + np.diag(1 / self.prior**2))
 
+    @property
+    def gradient(self) -> Array:
+        """(p,), tempered, of all trials, without the prior's."""
+        return np.asarray(self._parts[1].sum(axis=0))
+
     def scored(self, off: Indices | Sequence[int] = ()) -> Scored:
         """With the unknowns `off` at zero in every fold, the others fitted to the other folds."""
         hessian, gradient = self._parts
@@ -117,7 +123,7 @@ class LeftOut:
                 squares[s], weights[s] = counts[rows] @ np.square(moved), counts[rows].sum()
         return Scored(squares, weights)
 
-    def gain(self, worse: Scored, better: Scored, floor: float) -> tuple[float, tuple[float, float]]:
+    def gain(self, worse: Scored, better: Scored, floor: float) -> Gain:
         """m of excess that `better` takes of what `worse` leaves, in quadrature, and 90 % by resampling folds."""
         fold = np.asarray(self.folds)
         table = np.array(

@@ -7,6 +7,8 @@ import numpy as np
 from optimize.fit.clouds import Array, Indices
 from optimize.fit.parameters import FitVector
 
+NEEDED = 8.0  # of log likelihood: what costs less to drop is dropped; four standard deviations of one parameter
+
 
 def needed(x: Array, covariance: Array, vector: FitVector, least: float) -> list[str]:
     """The terms that cost at least `least` of log likelihood each to drop, one after another, the cheapest first, with

@@ -1,6 +1,6 @@
 """Motions at some unknowns beside the measured points, and how they change with each unknown."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import isqrt
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.sheet import Sheet, sheets_of
-from optimize.fit.clouds import Array, Indices, Match, Sample, derivatives, match, nodes_of
+from optimize.fit.clouds import Array, Indices, Match, Motion, Sample, derivatives, match, nodes_of
 from optimize.fit.parameters import DECLARED, FitVector
 
 _AT_ONCE = 192  # motions in memory
@@ -64,25 +64,33 @@ class FitProblem:
 
     def differences(self, evaluation: Evaluation, others: Sequence[Sequence[Case]]) -> Array:
         """(N, k) m: change of each residual from the evaluation's motions to those of k times a case a sample."""
+        parts = [columns(evaluation, changes) for changes in self.changes(evaluation, others)]
+        return np.concatenate(parts, axis=1)
+
+    def changes(self, evaluation: Evaluation, others: Sequence[Sequence[Case]]) -> Iterator[list[Motion]]:
+        """Some of the k after others: (some, F, n, n, 3) m a sample, what the mid-surface does from the evaluation's
+        motions to those of k times a case a sample."""
         if self.slopes == self.forward:
             base = evaluation.sheets
         else:
             cases = [self.vector.case(s.trial, evaluation.x) for s in self.samples]
             base = sheets_of(self.slopes)(cases, self._times)
-        face = isqrt(evaluation.sheets[0].points.shape[1] // 2)
-        nodes = nodes_of(evaluation.found, base[0].middle.shape[1], face)
-        parts, at_once = [], max(1, _AT_ONCE // len(self.samples))
+        at_once = max(1, _AT_ONCE // len(self.samples))
         for first in range(0, len(others), at_once):
             some = others[first : first + at_once]
             moved = sheets_of(self.slopes)([case for row in some for case in row], len(some) * self._times)
-            changes = [
+            yield [
                 np.stack([moved[k * len(base) + s].middle - sheet.middle for k in range(len(some))])
                 for s, sheet in enumerate(base)
             ]
-            parts.append(derivatives(evaluation.found, nodes, changes))
-        return np.concatenate(parts, axis=1)
 
     @property
     def _times(self) -> list[Array]:
         """s, of each sample."""
         return [sample.times for sample in self.samples]
+
+
+def columns(evaluation: Evaluation, changes: Sequence[Motion]) -> Array:
+    """(N, k) m: change of each residual by changes (k, F, n, n, 3) m of the mid-surface, a sample each."""
+    face = isqrt(evaluation.sheets[0].points.shape[1] // 2)
+    return derivatives(evaluation.found, nodes_of(evaluation.found, changes[0].shape[2], face), changes)

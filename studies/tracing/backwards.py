@@ -7,25 +7,25 @@ from functools import partial
 import numpy as np
 
 from fabdesign.effects import EFFECTS
+from fabdesign.effects.registry import label_effect
 from fabdesign.forward import Term
 from optimize.fit.clouds import Array, Indices
 from optimize.fit.fitted import Fit
-from optimize.fit.left_out import LeftOut
-from optimize.fit.needed import conditioned, cost, needed
+from optimize.fit.left_out import Gain, LeftOut
+from optimize.fit.needed import NEEDED, conditioned, cost, needed
 from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.problem import Evaluation
+from studies.tracing.decoys import Decoys, decoys_beside
 from studies.tracing.task import Place, Task
 
-NEEDED = 8.0  # of log likelihood: what costs less to drop is dropped; four standard deviations of one parameter
 _CLOSE = 0.5  # of log likelihood: where a fit ends that is judged at the minimum of its linearised residuals
 _NONE = np.zeros(0, dtype=np.intp)
-Gain = tuple[float, tuple[float, float]]
 
 
-def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list[str]]:
-    """The fit with the effects that are needed, None without any; and effects that are certain but gain too little.
-    plain: the declared parameters alone, by the weights of `everything`."""
+def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list[str], Decoys | None]:
+    """The fit with the effects that are needed, None without any; effects that are certain but gain too little; and
+    decoys beside that fit. plain: the declared parameters alone, by the weights of `everything`."""
     labels, small = worth(task, everything)
     known = everything
     while labels:
@@ -38,16 +38,20 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list
         # effects take up what it lacks
         least = max(task.tolerance, trials.scored().excess(task.floor)) if len(gains) > 1 else task.tolerance
         weak = _weakest(gains, least, partial(_elsewhere, task, known, []))
+        if weak is None:
+            decoys = decoys_beside(task, known, everything.vector)
+            least = max(least, decoys.chance)
+            weak = _weakest(gains, least, partial(_elsewhere, task, known, []))
         if weak is not None:
             small.append(weak)
             labels = [label for label in known.vector.labels if label != weak]
             continue
         simpler = _simpler(task, known, plain, trials, gains, least)
         if simpler is None:
-            return known, small
+            return known, small, decoys
         small += set(known.vector.labels) - set(simpler.vector.labels)
         known, labels = simpler, [*simpler.vector.labels]
-    return None, small
+    return None, small, None
 
 
 def gains_of(parts: Mapping[str, Indices], left: LeftOut, floor: float, off: Indices = _NONE) -> dict[str, Gain]:
@@ -60,11 +64,6 @@ def gains_of(parts: Mapping[str, Indices], left: LeftOut, floor: float, off: Ind
 def parts_of(vector: FitVector) -> dict[str, Indices]:
     """Which unknowns are those of each term, by its label."""
     return {label: vector.part(label) for label in vector.labels}
-
-
-def label_effect(label: str) -> str:
-    """The effect's name in the label of one of its terms."""
-    return label.partition(":")[0]
 
 
 def sparse(everything: Fit, labels: Sequence[str]) -> list[str]:

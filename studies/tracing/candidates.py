@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from fabdesign.effects import EFFECTS
+from fabdesign.effects.registry import label_effect
 from optimize.fit.left_out import LeftOut, Scored
-from studies.tracing.backwards import NEEDED, label_effect
+from optimize.fit.needed import NEEDED
 from studies.tracing.selection import ALIKE, Selection
 
 

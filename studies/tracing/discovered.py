@@ -15,9 +15,8 @@ from fabdesign.units import in_mm
 from optimize.fit.clouds import Array
 from optimize.fit.fitted import Fit
 from optimize.fit.left_out import LeftOut
-from optimize.fit.needed import eliminated
+from optimize.fit.needed import NEEDED, eliminated
 from optimize.fit.parameters import FitVector, fit_vector
-from studies.tracing.backwards import NEEDED
 from studies.tracing.selection import Selection
 from studies.tracing.task import Task
 

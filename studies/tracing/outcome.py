@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fabdesign.effects import EFFECTS
+from fabdesign.effects.registry import label_effect
 from fabdesign.forward import ForwardModel
 from fabdesign.model import EffectTerm, Model
 from fabdesign.units import in_mm
@@ -17,7 +18,6 @@ from optimize.fit.needed import undecided
 from studies.calibration.fitted_model import fitted_model
 from studies.calibration.intervals import with_engines
 from studies.measured_data import MeasuredData
-from studies.tracing.backwards import label_effect
 from studies.tracing.candidates import Candidate
 from studies.tracing.discovered import Discovered
 from studies.tracing.errors import TrialError, mean_of, other_layouts
@@ -92,6 +92,12 @@ class Outcome:
         if self.selection.small:
             names = ", ".join(label_effect(label) for label in self.selection.small)
             lines.append(f"certain but within the tolerance, so not added: {names}")
+        if (decoys := self.selection.decoys) is not None and decoys.gains:
+            lines.append(
+                f"of {len(decoys.gains)} decoys (an effect driven by another trial's pressures) "
+                f"{decoys.taken(self.tolerance) or 'none'} would have been called missing beside what was found; one "
+                f"in twenty gains {in_mm(decoys.chance):.2f} mm or more"
+            )
         lines += [
             f"{effect.name}: what looks the same is {EFFECTS[effect.name].looks_like}"
             for effect in self.effects
@@ -133,6 +139,7 @@ class Outcome:
                 "share_below_tenth": self.share_below_tenth,
                 "input_accuracy": self.data.accuracy.as_json(),
             },
+            "decoys": None if self.selection.decoys is None else self.selection.decoys.as_json(self.tolerance),
             "discovered": None if self.discovered is None else self.discovered.as_json(self.model.effects[-1]),
             "next_experiment": self.next_experiment,
             "excess": {

@@ -9,7 +9,7 @@ from typing import Any
 from fabdesign import SIMULATOR
 from fabdesign.checkpoint import Checkpoint, sha256
 from fabdesign.effects import EFFECTS
-from fabdesign.effects.registry import check_values, effect_named
+from fabdesign.effects.registry import check_values, effect_named, label_effect
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
 from fabdesign.model import Model
@@ -24,7 +24,6 @@ from optimize.fit.left_out import LeftOut
 from studies.calibration.fitted_model import muscle_scope
 from studies.measured_data import Density, MeasuredData, TooLittle
 from studies.sensitive_stretches import sensitive_stretches
-from studies.tracing.backwards import label_effect
 from studies.tracing.black_box import baseline_score
 from studies.tracing.candidates import Candidate, candidates_of
 from studies.tracing.discovered import discover
@@ -38,7 +37,7 @@ from studies.tracing.task import Place, Task
 from studies.tracing.verdict import Evidence, decide
 from studies.used_frames import Stretch, UsedFrames, share_left_out
 
-ALGORITHM = 9  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
+ALGORITHM = 10  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 TOLERANCE = 0.5e-3  # m of excess
 TRIALS = 16  # at most, spread over those allowed
 LEAST_TRIALS = 3  # with different pressures

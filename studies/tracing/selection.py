@@ -12,10 +12,11 @@ import numpy as np
 
 from optimize.fit.descent import horizons
 from optimize.fit.fitted import Fit
-from optimize.fit.left_out import LeftOut
-from optimize.fit.needed import needed
+from optimize.fit.left_out import Gain, LeftOut
+from optimize.fit.needed import NEEDED, needed
 from optimize.fit.parameters import FitVector, fit_vector
-from studies.tracing.backwards import NEEDED, Gain, backwards, gains_of, parts_of, sparse
+from studies.tracing.backwards import backwards, gains_of, parts_of, sparse
+from studies.tracing.decoys import Decoys
 from studies.tracing.task import Task
 
 EARLY = 1.0  # s, of the horizons before the last: a column costs a motion as long
@@ -29,7 +30,7 @@ class Selection:
     """everything: the joint fit; to first order about `plain` where that is adequate. plain: the declared parameters
     alone. chosen: with what is needed; `plain` itself where that is nothing. small: effects that are certain but within
     the tolerance. nothing: m RMS that terms left out of the joint fit on its way could move the residuals by at most,
-    by label."""
+    by label. decoys: beside what is chosen; None without effects."""
 
     everything: Fit
     plain: Fit
@@ -38,6 +39,7 @@ class Selection:
     floor: float
     small: tuple[str, ...]
     nothing: Mapping[str, float]
+    decoys: Decoys | None = None
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -76,10 +78,10 @@ def select(task: Task) -> Selection:
         start = early.x[index]
     everything = task.fit("every effect", vector, start=start, near=True)
     plain = task.weighed(plain, everything.inputs)
-    found, small = backwards(task, everything, plain)
+    found, small, decoys = backwards(task, everything, plain)
     if found is None:
         plain = task.fit("plain to its end", plain.vector, everything.inputs, plain.minimum)
-    return Selection(everything, plain, found or plain, task.data.folds, task.floor, tuple(small), nothing)
+    return Selection(everything, plain, found or plain, task.data.folds, task.floor, tuple(small), nothing, decoys)
 
 
 def _excess(task: Task, fitted: Fit) -> float:

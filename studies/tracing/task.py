@@ -125,7 +125,7 @@ class Task:
             told = np.array([found.before, found.iterations, found.converged], dtype=float)
             return {"x": found.x, "jacobian": found.state.jacobian, "told": told, **own}
 
-        kept = self.checkpoint.arrays(f"fit_{_file_name(named)}", arrays)
+        kept = self.checkpoint.arrays(f"fit_{file_name(named)}", arrays)
         if fresh:
             return fresh[0]
         if inputs is None and "columns" in kept:
@@ -136,5 +136,6 @@ class Task:
         return concluded(problem, state, inputs, before, int(iterations), bool(converged))
 
 
-def _file_name(named: str) -> str:
+def file_name(named: str) -> str:
+    """Of a piece in the folder."""
     return "".join(c if c.isalnum() or c == "_" else "-" for c in named)
