@@ -10,6 +10,7 @@ from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
 from fabdesign.output import Inputs, new_folder
+from fabdesign.rig_limits_file import read_rig_limits
 from fabdesign.table import Table, load_toml, nearest
 from fabdesign.trial import USUAL, Accuracy, MeasurementSet, Role, Trial
 from fabdesign.trial_file import TrialData, write_trial
@@ -32,6 +33,7 @@ def read_set(path: Path | str) -> MeasurementSet:
     description = root.text("description", "")
     frame_rate = root.number("frame_rate", None, above=0)
     accuracy = _accuracy(root.table("accuracy", None))
+    limits = read_rig_limits(root, path)
     files = root.table("designs")
     designs = {key: read_design(path.parent / files.text(key)) for key in files.names()}
     trials: list[Trial] = []
@@ -57,7 +59,7 @@ def read_set(path: Path | str) -> MeasurementSet:
     root.finish()
     if not trials:
         raise InputError(f"{path}: no [[trials]]")
-    return MeasurementSet(name, designs, tuple(trials), description, frame_rate, accuracy)
+    return MeasurementSet(name, designs, tuple(trials), description, frame_rate, accuracy, limits)
 
 
 def _accuracy(table: Table | None) -> Accuracy:

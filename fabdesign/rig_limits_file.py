@@ -9,19 +9,24 @@ from fabdesign.effort import LONGEST
 from fabdesign.table import Table
 from fabdesign.units import from_kpa, in_kpa
 
+HIGHEST = 300e3  # Pa, of programs that nobody named, where the muscles allow it
+
 
 @dataclass(frozen=True)
 class RigLimits:
     """SI."""
 
-    pressure: float  # Pa
+    pressure: float = HIGHEST  # Pa
     rate: float = np.inf  # Pa/s
     duration: float = 3.0  # s, of a program
     channels: int | None = None
 
 
-def read_rig_limits(root: Table, path: Path, *, pressure: float, duration: float = 3.0) -> RigLimits:
-    """Of the study at `path`, whose table may leave all of it out; then `pressure` [Pa] and `duration` [s] hold.
+USUAL_LIMITS = RigLimits()
+
+
+def read_rig_limits(root: Table, path: Path, *, pressure: float = HIGHEST, duration: float = 3.0) -> RigLimits:
+    """Of the study or set at `path`, whose table may leave all of it out; then `pressure` [Pa] and `duration` [s] hold.
     Raises InputError."""
     table = root.table("rig_limits", None) or Table({}, f"{path}: rig_limits")
     given = table.take("pressure", None)

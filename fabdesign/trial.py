@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.pressure import PressureProgram, require_pressures
+from fabdesign.rig_limits_file import USUAL_LIMITS, RigLimits
 from fabdesign.trial_file import TrialData, program_of, read_trial, read_trial_pressures
 from fabdesign.trial_place import require_on_cloth
 
@@ -88,3 +89,4 @@ class MeasurementSet:
     description: str = ""
     frame_rate: float | None = None  # Hz, nominal; a trial's own times rule
     accuracy: Accuracy = USUAL  # of the trials' pressures and the frame's level
+    rig_limits: RigLimits = USUAL_LIMITS  # of further trials

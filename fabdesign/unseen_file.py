@@ -17,7 +17,7 @@ from fabdesign.model_file import read_model
 from fabdesign.model_sampling import joint_root
 from fabdesign.pressure import PressureProgram, limits
 from fabdesign.pressure_file import read_pressures
-from fabdesign.rig_limits_file import RigLimits, read_rig_limits
+from fabdesign.rig_limits_file import USUAL_LIMITS, RigLimits, read_rig_limits
 from fabdesign.shape_output import ShapeOutput, read_shape_outputs
 from fabdesign.study_file import FORMAT, require_kind
 from fabdesign.table import Table, load_toml
@@ -25,9 +25,7 @@ from fabdesign.trial import MeasurementSet
 from fabdesign.units import pascals
 
 GRID = 21  # points a side, where there is no model whose factors belong to a grid
-HIGHEST = 300e3  # Pa, of poses and programs that the study does not name, where the muscles allow it
 FREE = "measured.free:"  # as an error says it
-_RIG = RigLimits(HIGHEST)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +65,7 @@ class UnseenStudy:
     points_per_side: int = GRID
     rise: float = RISE
     hold: float = HOLD
-    rig: RigLimits = _RIG
+    rig: RigLimits = USUAL_LIMITS
     seconds: float | None = None
 
 
@@ -92,7 +90,7 @@ def unseen_of(
 ) -> UnseenStudy:
     """A study from the table of its file at `path`, whose other keys have been taken. measured: in place of the set
     that the table names. Raises InputError."""
-    rig = read_rig_limits(root, path, pressure=HIGHEST)
+    rig = read_rig_limits(root, path)
     unsewn = None if design is None or model is None else _unsewn(root, path, rig, design, model)
     table = root.table("measured", None)
     free: tuple[str, ...] = ()

@@ -200,6 +200,7 @@ BAD_SETS = [
     ('name = "x"', 'name = "x"\nframe_rate = 0', "above 0"),
     ("[designs]", "accuracy = {pressure = 2}\n[designs]", "accuracy: pressure = 2; expected a number from 0 to 1"),
     ("[designs]", "accuracy = {level = 1}\n[designs]", "unknown key level"),
+    ("[designs]", "rig_limits = {rate = 0}\n[designs]", "rig_limits: rate = 0; expected a number above 0"),
 ]
 
 

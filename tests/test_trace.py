@@ -21,6 +21,7 @@ from fabdesign.model_file import read_model
 from fabdesign.output import work_folder
 from fabdesign.predictor import Predictor
 from fabdesign.pressure import PressureProgram
+from fabdesign.rig_limits_file import RigLimits
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.splits import fit_trials
 from fabdesign.surface import Surface
@@ -33,10 +34,12 @@ from optimize.fit.parameters import fit_vector
 from optimize.fit.problem import FitProblem
 from studies.measured_data import MeasuredData
 from studies.tracing.backwards import backwards, gains_of, parts_of, sparse, worth
+from studies.tracing.candidates import candidates_of
 from studies.tracing.decoys import decoy_columns, decoys_beside, turned
 from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
 from studies.tracing.run import DRAWN, trace_set
+from studies.tracing.selection import Selection
 from studies.tracing.task import Place, Task
 from studies.tracing.verdict import Evidence, decide, explains
 from studies.tracing.words import as_text
@@ -385,26 +388,59 @@ def test_several_effects_are_found_together_and_no_other(late):
     assert found.normal.scale == pytest.approx(data.noise.sigma, rel=0.1)
 
 
-def test_each_of_several_effects_is_confirmed_by_a_fit_without_it(late, unhurried, tmp_path):
+@pytest.fixture(scope="module")
+def selected(late, unhurried, tmp_path_factory):
+    """What `backwards` gives of the joint fit, decoys beside the declared parameters alone, and the fits that it asked
+    for."""
     joint, data = late
     forward, said = Predictor(Curler(), Model(), sensing=True), []
-    with work_folder(tmp_path / "out", made_by="trace") as work:
+    with work_folder(tmp_path_factory.mktemp("selected") / "out", made_by="trace") as work:
         task = Task(
             data, forward, 0.5e-3, {}, known=[], scope=None, checkpoint=Checkpoint(work, {}),
             say=lambda line: said.append(line.partition(",")[0]) if "unknowns" in line else None,
         )  # fmt: skip
         found, small, decoys = backwards(task, joint, unhurried)
         beside_nothing = decoys_beside(task, unhurried, joint.vector)
+    return found, small, decoys, beside_nothing, said
+
+
+def test_each_of_several_effects_is_confirmed_by_a_fit_without_it(selected):
+    found, small, _, _, said = selected
     assert sorted(found.vector.labels) == ["filling_lag", "supply_droop"]
     assert not small
     assert {name for name in said if " " in name} == {"filling_lag supply_droop"}
     assert {name for name in said if " " not in name} == {"filling_lag", "supply_droop"}
+
+
+def test_no_decoy_gains_beside_what_is_there(late, selected):
+    (joint, data), (found, _, decoys, beside_nothing, _) = late, selected
     assert len(decoys.gains) == 2 * len(joint.vector.labels)
     assert decoys.taken(0.5e-3) == 0 and decoys.chance < 0.2e-3
     lag = gains_of(parts_of(found.vector), LeftOut.of(found, data.folds), data.noise.sigma)["filling_lag"][0]
-    assert (
-        decoys.chance < beside_nothing.chance < 0.7 * lag
-    )  # what is missing leaves structure, that decoys take less of
+    # what is missing leaves structure, which decoys take less of
+    assert decoys.chance < beside_nothing.chance < 0.7 * lag
+
+
+def test_a_model_with_another_effect_instead_is_where_the_residuals_are_least(late, unhurried, selected, monkeypatch):
+    """Against the same done slowly, with each point."""
+    (joint, data), (found, *_) = late, selected
+    monkeypatch.setattr("studies.tracing.candidates.ALIKE", 0.15)
+    selection = Selection(joint, unhurried, found, data.folds, data.noise.sigma, (), {})
+    _, instead = candidates_of(selection)
+    assert [*instead] == ["time_offset"]  # 0.18 of what the lag does, 0.06 of what the droop does
+    explanation = instead["time_offset"]
+    assert explanation.name == "supply_droop and time_offset"
+    assert explanation.vector.labels == ("supply_droop", "time_offset")
+    part, other = found.vector.part("filling_lag"), joint.vector.part("time_offset")
+    kept = np.setdiff1d(np.arange(len(found.x)), part)
+    jacobian = np.concatenate([found.state.jacobian[:, kept], joint.state.jacobian[:, other]], axis=1)
+    prior = np.concatenate([found.vector.prior[kept], joint.vector.prior[other]])
+    x = np.concatenate([found.x[kept], np.zeros(len(other))])
+    precise = found.normal.tempering * _precision(found)
+    residual = found.state.found.residual - found.state.jacobian[:, part] @ found.x[part]
+    slope = jacobian.T @ precise @ residual + x / prior**2
+    least = x - np.linalg.solve(jacobian.T @ precise @ jacobian + np.diag(1 / prior**2), slope)
+    np.testing.assert_allclose(explanation.x, explanation.vector.inside(least), atol=1e-3 * np.abs(least).max())
 
 
 def test_decoys_have_the_columns_of_other_pressures_of_their_design(late):
@@ -537,6 +573,17 @@ def test_trials_left_out_are_predicted_from_the_others(late):
 
 def test_programs_keep_the_limits():
     design = build("basic")
-    for program in programs(design, highest=250e3).values():
+    for program in programs(design, RigLimits(pressure=250e3)).values():
         assert program.pressure.shape[1] == design.channels
         assert program.pressure.min() >= 0 and program.pressure.max() <= 250e3
+
+
+def test_programs_keep_what_the_laboratory_can_do():
+    slow = RigLimits(pressure=200e3, rate=250e3, duration=2.0)
+    found = programs(build("basic"), slow)
+    assert found and {*found} < {*programs(build("basic"))}
+    for program in found.values():
+        assert program.duration == 2.0
+        assert not program.pressure[0].any()  # a step at 0 s is none that takes time
+        rates = np.abs(np.diff(program.pressure, axis=0)).max(axis=1) / np.diff(program.time)
+        assert rates.max() <= 250e3 * (1 + 1e-9)

@@ -23,8 +23,9 @@ from fabdesign.surface import Surface
 from fabdesign.trial_file import program_of
 from fabdesign.unseen_file import read_unseen
 from studies.check.study import study_findings
+from studies.tracing.experiment import fastest
 from studies.unseen.draws import Draws
-from studies.unseen.measurement import after, fastest, spread
+from studies.unseen.measurement import after, spread
 from studies.unseen.report import as_text
 from studies.unseen.run import run_unseen
 from tests.command_line import Run, one_line

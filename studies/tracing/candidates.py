@@ -8,6 +8,8 @@ from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
 from optimize.fit.left_out import LeftOut, Scored
 from optimize.fit.needed import NEEDED
+from optimize.fit.parameters import FitVector
+from studies.tracing.experiment import Explanation
 from studies.tracing.selection import ALIKE, Selection
 
 
@@ -24,8 +26,9 @@ class Candidate:
     detectable: dict[str, float]
 
 
-def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], tuple[str, ...]]:
-    """Every effect of the joint fit, the largest gain first; and what would do as well as one of those chosen."""
+def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], dict[str, Explanation]]:
+    """Every effect of the joint fit, the largest gain first; and by name what would do as well as one of those chosen,
+    as the model that has it instead."""
     everything, chosen = selection.everything, selection.chosen
     taken = {label_effect(label) for label in chosen.vector.labels}
     others = [label for label in everything.vector.labels if label_effect(label) not in taken]
@@ -50,7 +53,7 @@ def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], tuple[st
     for candidate in sorted(candidates, key=lambda c: c.gain):
         best[candidate.name] = candidate
     ranked = sorted(best.values(), key=lambda c: (-c.chosen, -c.gain))
-    return tuple(ranked), _alike(wide, selection, places)
+    return tuple(ranked), _alternatives(wide, selection, places)
 
 
 def _chosen(wide: LeftOut, none: Scored, added: np.ndarray, label: str, selection: Selection) -> Candidate:
@@ -90,12 +93,12 @@ def _detectable(wide: LeftOut, off: np.ndarray, part: np.ndarray, label: str) ->
     return smallest
 
 
-def _alike(wide: LeftOut, selection: Selection, places: dict[str, np.ndarray]) -> tuple[str, ...]:
-    """Effects that, one by one, would take what one of those chosen does: cosine over ALIKE, less what the other
-    unknowns of the model can take."""
+def _alternatives(wide: LeftOut, selection: Selection, places: dict[str, np.ndarray]) -> dict[str, Explanation]:
+    """Effects that would take what one of those chosen does (cosine over ALIKE, less what the other unknowns of the
+    model can take), and the model with each in that one's place, to first order."""
     chosen = selection.chosen
     total = wide.information
-    names: list[str] = []
+    found: dict[str, Explanation] = {}
     for label in chosen.vector.labels:
         part = chosen.vector.part(label)
         others = np.setdiff1d(np.arange(len(chosen.x)), part)
@@ -106,5 +109,23 @@ def _alike(wide: LeftOut, selection: Selection, places: dict[str, np.ndarray]) -
         for other, columns in places.items():
             inverse = np.linalg.pinv(left[np.ix_(columns, columns)], rcond=1e-9, hermitian=True)
             if own[columns] @ inverse @ own[columns] > ALIKE**2 * size > 0:
-                names.append(label_effect(other))
-    return tuple(dict.fromkeys(names))
+                found.setdefault(label_effect(other), _instead(wide, selection, label, other, columns))
+    return found
+
+
+def _instead(wide: LeftOut, selection: Selection, label: str, other: str, columns: np.ndarray) -> Explanation:
+    """The model with a term `other`, whose unknowns are `columns` of `wide`, in place of the chosen `label`."""
+    chosen, joint = selection.chosen.vector, selection.everything.vector
+    part = chosen.part(label)
+    kept = np.setdiff1d(np.arange(len(chosen.names)), part)
+    free = np.concatenate([kept, columns])
+    slope = wide.gradient + wide.x / wide.prior**2 - wide.information[:, part] @ wide.x[part]
+    x = wide.x[free] - np.linalg.solve(wide.information[np.ix_(free, free)], slope[free])
+    terms = [term for own, term in zip(chosen.labels, chosen.terms, strict=True) if own != label]
+    vector = FitVector(
+        (*(chosen.parameters[k] for k in kept), *(joint.parameters[k] for k in joint.part(other))),
+        chosen.factors,
+        (*terms, joint.terms[joint.labels.index(other)]),
+    )
+    names = [label_effect(own) for own in chosen.labels if own != label]
+    return Explanation(" and ".join([*names, label_effect(other)]), vector, vector.inside(x))

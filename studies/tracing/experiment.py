@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from fabdesign.design import Design
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.pressure import PressureProgram, limits
+from fabdesign.rig_limits_file import USUAL_LIMITS, RigLimits
 from fabdesign.units import in_kpa, in_mm
 from optimize.fit.clouds import Array
 from optimize.fit.parameters import FitVector
 
-SECONDS = 3.0  # of a program
-HIGHEST = 300e3  # Pa, where the muscles allow it
 LEAST_DIFFERENCE = 0.3e-3  # m RMS, under which no program tells explanations apart in one trial
 _FRAMES = 16
 _STEP = 0.5  # prior standard deviations, of the differences by the declared parameters
@@ -30,9 +29,10 @@ class Explanation:
     x: Array
 
 
-def programs(design: Design, *, highest: float = HIGHEST, seconds: float = SECONDS) -> dict[str, PressureProgram]:
-    """Steps, staircases and ramps within the muscles' limits: every channel alone in turn, one face, the other, all."""
-    most = np.minimum(limits(design), highest)
+def programs(design: Design, rig: RigLimits = USUAL_LIMITS) -> dict[str, PressureProgram]:
+    """Steps, staircases and ramps within the limits of the muscles and the rig: every channel alone in turn, one face,
+    the other, all."""
+    most, seconds = np.minimum(limits(design), rig.pressure), rig.duration
     on = {(m.channel, m.side) for m in design.muscles}
     faces = {s: np.array([(c, s) in on for c in range(design.channels)]) for s in ("front", "back")}
     groups = {f"the {side}": where for side, where in faces.items() if where.any()}
@@ -53,7 +53,16 @@ def programs(design: Design, *, highest: float = HIGHEST, seconds: float = SECON
     candidates["each channel alone in turn"] = _rows(np.arange(len(most)) * seconds / len(most), alone, seconds)
     both = np.tril(np.ones((len(most), len(most)))) * most * 0.7
     candidates["one channel more at a time"] = _rows(np.arange(len(most)) * seconds / len(most), both, seconds)
-    return candidates
+    return {name: program for name, program in candidates.items() if fastest(program) <= rig.rate * (1 + 1e-9)}
+
+
+def fastest(program: PressureProgram) -> float:
+    """Pa/s: the largest change of a set point over the time to the next one; infinite for a step at 0 s."""
+    if program.pressure[0].any():
+        return float("inf")
+    if len(program.time) < 2:
+        return 0.0
+    return float((np.abs(np.diff(program.pressure, axis=0)).max(axis=1) / np.diff(program.time)).max())
 
 
 def _rows(times: Any, pressures: Any, seconds: float) -> PressureProgram:
@@ -61,7 +70,11 @@ def _rows(times: Any, pressures: Any, seconds: float) -> PressureProgram:
 
 
 def next_experiment(
-    design: Design, forward: ForwardModel, explanations: Sequence[Explanation], noise: float
+    design: Design,
+    forward: ForwardModel,
+    explanations: Sequence[Explanation],
+    noise: float,
+    rig: RigLimits = USUAL_LIMITS,
 ) -> Mapping[str, Any] | None:
     """The program and how well it separates the explanations: expected_gain is the least RMS distance [mm] between
     two of them that the declared parameters could not take. None for fewer than two, and where no program does.
@@ -70,8 +83,8 @@ def next_experiment(
     """
     if len(explanations) < 2:
         return None
-    tried = programs(design)
-    times = np.linspace(SECONDS / _FRAMES, SECONDS, _FRAMES)
+    tried = programs(design, rig)
+    times = np.linspace(rig.duration / _FRAMES, rig.duration, _FRAMES)
     first = explanations[0]
     factors = [k for k, parameter in enumerate(first.vector.parameters) if parameter.is_factor]
     cases: list[Case] = []

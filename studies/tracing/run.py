@@ -25,7 +25,7 @@ from studies.calibration.fitted_model import muscle_scope
 from studies.measured_data import Density, MeasuredData, TooLittle
 from studies.sensitive_stretches import sensitive_stretches
 from studies.tracing.black_box import baseline_score
-from studies.tracing.candidates import Candidate, candidates_of
+from studies.tracing.candidates import candidates_of
 from studies.tracing.discovered import discover
 from studies.tracing.errors import errors_of_trials
 from studies.tracing.experiment import Explanation, next_experiment
@@ -135,9 +135,9 @@ def _trace(
     say("errors before and after, on the trials fitted and once on those of role test")
     before, after = (Place(found.vector, found.x) for found in (selection.plain, fitted))
     errors = errors_of_trials(every, used.stretches or (), forward, before, after, data.noise)
-    candidates, alike = candidates_of(selection)
+    candidates, instead = candidates_of(selection)
     say("what to measure next")
-    experiment = _experiment(data.trials[0], forward, selection, candidates, data.noise.sigma, verdict)
+    experiment = _experiment(measured, data, forward, selection, [*instead.values()], verdict)
     return Outcome(
         verdict=verdict,
         evidence=evidence,
@@ -146,7 +146,7 @@ def _trace(
         data=data,
         forward=forward,
         candidates=candidates,
-        alike=alike,
+        alike=tuple(instead),
         errors=tuple(errors),
         remains=left,
         model=model_of(
@@ -212,21 +212,25 @@ def _evidence(selection: Selection, samples: Sequence[Sample], left: float) -> E
 
 
 def _experiment(
-    trial: Trial,
+    measured: MeasurementSet,
+    data: MeasuredData,
     forward: ForwardModel,
     selection: Selection,
-    candidates: Sequence[Candidate],
-    noise: float,
+    instead: Sequence[Explanation],
     verdict: str,
 ) -> Experiment:
-    """Between the model and what else the data leave possible: the declared parameters alone, and the joint fit."""
+    """Between the model and what else the data leave possible: models with other effects `instead`, else the declared
+    parameters alone, and the joint fit."""
     if verdict == "adequate":
         return None
     fits = {"none": selection.plain, "every effect": selection.everything}
     if selection.chosen is not selection.plain:
-        fits = {" and ".join(label_effect(label) for label in selection.labels): selection.chosen, **fits}
+        own = {" and ".join(label_effect(label) for label in selection.labels): selection.chosen}
+        fits = own if instead else {**own, **fits}
     explanations = [Explanation(name, found.vector, found.x) for name, found in fits.items()]
-    return next_experiment(trial.design, forward, explanations, noise)
+    return next_experiment(
+        data.trials[0].design, forward, [*explanations, *instead], data.noise.sigma, measured.rig_limits
+    )
 
 
 def _content(measured: MeasurementSet, trials: tuple[Trial, ...], known: Model, options: Options) -> dict[str, str]:

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.forward import ForwardModel
-from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import constant_program
 from fabdesign.rig_limits_file import RigLimits
 from fabdesign.unseen_file import CandidateMeasurement, Unsewn
@@ -73,16 +72,5 @@ def candidates_of(unsewn: Unsewn, rig: RigLimits) -> list[CandidateMeasurement]:
     """Those of the study; else steps, staircases and ramps on the design that the rig can do."""
     if unsewn.candidates:
         return [*unsewn.candidates]
-    named = programs(unsewn.design, highest=rig.pressure, seconds=rig.duration)
-    return [
-        CandidateMeasurement(name, unsewn.design, p) for name, p in named.items() if fastest(p) <= rig.rate * (1 + 1e-9)
-    ]
-
-
-def fastest(program: PressureProgram) -> float:
-    """Pa/s: the largest change of a set point over the time to the next one; infinite for a step at 0 s."""
-    if program.pressure[0].any():
-        return float("inf")
-    if len(program.time) < 2:
-        return 0.0
-    return float((np.abs(np.diff(program.pressure, axis=0)).max(axis=1) / np.diff(program.time)).max())
+    named = programs(unsewn.design, rig)
+    return [CandidateMeasurement(name, unsewn.design, program) for name, program in named.items()]
