@@ -94,12 +94,18 @@ SEVERAL = (
 
 
 def make(rig: Rig, folder: Path, *, workers: int | None = None) -> None:
-    """Measure it on the virtual rig, into `folder`."""
-    effects = tuple(EffectSetting(name, values) for name, values in rig.effects.items())
+    """Measure its six programs on the virtual rig, into `folder`, the last of role test."""
     rng = np.random.default_rng([rig.seed, 1])
+    measure(rig, programs(rig.design.channels, rng), folder, test_trials=1, workers=workers)
+
+
+def measure(
+    rig: Rig, told: list[PressureProgram], folder: Path, *, test_trials: int = 0, workers: int | None = None
+) -> None:
+    """Measure pressure programs on the virtual rig, into `folder`."""
+    effects = tuple(EffectSetting(name, values) for name, values in rig.effects.items())
     truth = GroundTruth(rig.seed, rig.factors, effects)
-    told = programs(rig.design.channels, rng)
-    run_rig(rig.design, told, out=folder, truth=truth, test_trials=1, workers=workers, force=True)
+    run_rig(rig.design, told, out=folder, truth=truth, test_trials=test_trials, workers=workers, force=True)
 
 
 def programs(channels: int, rng: np.random.Generator) -> list[PressureProgram]:
