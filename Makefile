@@ -25,9 +25,9 @@ verify-sim: .venv/.ready-test
 verify-cluster: .venv/.ready-test
 	$(PYTHON) -m pytest tests/verify/test_verify_cluster.py tests/test_cluster.py
 
-# traces of the synthetic rig's sets whose effects are known; hours, goes on where it stood; its part of docs/results/trace.md
+# traces of the virtual rig's sets whose effects are known; a day, goes on where it stood, QUICK=1 for six sets; its part of docs/results/trace.md
 verify-trace: .venv/.ready-test
-	$(PYTHON) -m benchmarks.trace .benchmarks/trace --page
+	$(PYTHON) -m benchmarks.trace .benchmarks/trace --page $(if $(QUICK),--quick)
 
 # what a motion costs, beside bounds and others, 20 minutes; writes its part of docs/results/simulator.md
 bench-sim: .venv/.ready-bench

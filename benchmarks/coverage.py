@@ -6,8 +6,8 @@
 
 Each set: a catalogue layout, factors drawn from calibration's prior, four trials of 1.5 s with random pressures to fit
 and one more to hold out. Two sets at a time; those already calibrated, in FOLDER/results_61.jsonl, are not done again.
-`engine` writes studies/calibration/engine_difference.csv, `test` docs/results/coverage.md, or coverage_41.md with
-41 points a side.
+`engine` writes its column of studies/calibration/engine_difference.csv, `test` docs/results/coverage.md, or
+coverage_41.md with 41 points a side.
 """
 
 import argparse
@@ -21,9 +21,9 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import t as student
 
+from benchmarks.engines import write_column
 from benchmarks.machine import commit
 from fabdesign.catalogue import build
-from fabdesign.csv_table import write_rows
 from fabdesign.forward import PARAMETERS, Case
 from fabdesign.measurement_set import read_set
 from fabdesign.metrics import trial_errors
@@ -35,7 +35,7 @@ from optimize.fit.parameters import PRIOR
 from sim import Simulator
 from studies.calibration.calibrate import calibrate
 from studies.calibration.fitted_model import QUANTILE
-from studies.calibration.intervals import FILE, data_share, engine_difference
+from studies.calibration.intervals import data_share, engine_difference
 from studies.measured_data import noise_of
 from studies.rig import run_rig
 from studies.rig.ground_truth import GroundTruth
@@ -187,8 +187,7 @@ def main() -> None:
     given = parser.parse_args()
     rows = results(given.kind, given.folder, given.grid)
     if given.kind == "engine":
-        values = [(name, round(float(s), 4)) for name, s in zip(PARAMETERS, engine_term(rows), strict=True)]
-        write_rows(FILE, ("parameter", "standard_deviation_of_log"), values)
+        write_column("virtual_rig", engine_term(rows))
     else:
         name = "coverage.md" if given.grid == GRID else f"coverage_{given.grid}.md"
         write_text(Path("docs/results") / name, page(rows, engine_difference(), given.grid))

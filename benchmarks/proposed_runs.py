@@ -106,7 +106,7 @@ def main() -> None:
     parser.add_argument("names", nargs="*", help="of sets with an effect of the list; all by default")
     parser.add_argument("-o", "--output", type=Path, required=True)
     options = parser.parse_args()
-    rigs = [rig for rig in RIGS if rig.right not in ("adequate", "unexplained")]
+    rigs = [rig for rig in RIGS if rig.kind == "one"]
     rows = {}
     for rig in rigs:
         if not options.names or rig.name in options.names:

@@ -1,11 +1,12 @@
-"""The synthetic rig's sets on which traces are judged: one effect each, or none; and some with several.
+"""The virtual rig's sets on which traces are judged, and what is right on each.
 
 Rigs of a catalogue layout, their factors drawn from calibration's prior; six trials of 1.5 s at 30 Hz (a step on and
-off, a staircase, a ramp, channels in turn, random levels twice), the last of role test. Effects that are none of the
-simulator's list are right where they are called unexplained; those of another form (docs/rig.md) where the listed
-effect is named.
+off, a staircase, a ramp, channels in turn, random levels twice), the last of role test. Kinds: one effect of the list
+at two sizes, or by another law (docs/rig.md), right where it is named; none; several at once; outside the list, or
+withheld from it, right where it is called unexplained or a look-alike is named that says so.
 """
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,14 +24,16 @@ from studies.rig.ground_truth import GroundTruth
 
 SECONDS = 1.5
 HIGHEST = 350e3  # Pa
-UNLISTED = ("wind", "spring")
 NULLS = 24  # sets without an effect
+LOOK_ALIKE = {"wind": "frame_tilt"}  # an effect that says of itself that the other looks the same
 
 
 @dataclass(frozen=True)
 class Rig:
-    """A specimen. layout: name and number of muscles. effects: by name, their values."""
+    """A specimen. kind: "one", "none", "several", "outside" or "withheld". layout: name and number of muscles. effects:
+    by name, their values."""
 
+    kind: str
     name: str
     layout: tuple[str, int]
     seed: int
@@ -39,9 +42,14 @@ class Rig:
     @property
     def right(self) -> str:
         """The verdict, or the effects' names."""
-        if not self.effects:
-            return "adequate"
-        return "unexplained" if set(UNLISTED) & set(self.effects) else " + ".join(OF.get(e, e) for e in self.effects)
+        if self.kind in ("outside", "withheld"):
+            return "unexplained"
+        return " + ".join(OF.get(e, e) for e in self.effects) or "adequate"
+
+    @property
+    def withheld(self) -> str | None:
+        """The effect that the trace does not know."""
+        return next((OF.get(name, name) for name in self.effects if self.kind == "withheld"), None)
 
     @property
     def design(self) -> Design:
@@ -58,39 +66,91 @@ class Rig:
         told = [f"{e} ({', '.join(f'{name} {x:g}' for name, x in v.items())})" for e, v in self.effects.items()]
         return ", ".join(told) or "nothing"
 
+    def is_right(self, names: Sequence[str], verdict: str, indistinguishable: Sequence[str]) -> bool:
+        """Whether a trace's answer is: effects found, verdict, and names that it could not tell from the last."""
+        if self.right in ("adequate", "unexplained"):
+            alike = [LOOK_ALIKE.get(name, "") for name in self.effects]
+            return verdict == self.right or (self.right == "unexplained" and [*names] == alike)
+        wanted = set(self.right.split(" + "))
+        return wanted == {*names} or (len(wanted) == len(names) == 1 and wanted <= {*indistinguishable})
+
 
 VERTICAL, SIDE, CROSS, BASIC = ("vertical", 3), ("side", 4), ("cross", 2), ("basic", 4)
-RIGS = (
-    Rig("hysteresis", VERTICAL, 9000, {"braid_hysteresis": {"friction": 0.03, "slip": 0.008}}),
-    Rig("creep", CROSS, 9001, {"creep_of_two_times": {"share": 1.0, "quick": 0.2, "slow": 1.0}}),
-    Rig("odd", VERTICAL, 9002, {"odd_muscle": {"channel": 1, "factor": 0.45}}),
-    Rig("lag", CROSS, 9003, {"lag_of_two_volumes": {"line": 0.1, "muscle": 0.1}}),
-    Rig("dead", BASIC, 9004, {"dead_time": {"delay": 0.1}}),
-    Rig("droop", VERTICAL, 9005, {"droop_by_flow": {"share": 0.35}}),
-    Rig("loss", CROSS, 9006, {"line_loss": {"share": 0.7}}),
-    Rig("orthotropy", CROSS, 9007, {"orthotropy_of_bending": {"ratio": 3.0}}),
-    Rig("drag", CROSS, 9008, {"air_drag": {"coefficient": 60.0}}),
-    Rig("tilt", SIDE, 9009, {"frame_tilt": {"about_x": 2.5}}),
-    Rig("wind", BASIC, 9010, {"wind": {"z": 0.5}}),
-    Rig("spring", VERTICAL, 9011, {"spring": {"stiffness": 0.4}}),
-    *(Rig(f"none_{k}", (VERTICAL, SIDE, CROSS, BASIC)[k % 4], 9012 + k) for k in range(NULLS)),
-)
-# blind too: each effect by itself explains too little of what they do together
-SEVERAL = (
-    Rig(
-        "three_basic", BASIC, 9100,
-        {"filling_lag": {"fill": 0.08, "empty": 0.12}, "orthotropy": {"ratio": 0.6}, "air_drag": {"coefficient": 20.0}},
-    ),
-    Rig(
-        "three_vertical", VERTICAL, 9101,
-        {"dead_time": {"delay": 0.05}, "supply_droop": {"share": 0.1}, "rest_curvature": {"down": 1.2}},
-    ),
-    Rig(
-        "four_side", SIDE, 9102,
-        {"filling_lag": {"fill": 0.1, "empty": 0.1}, "line_loss": {"share": 0.3}, "frame_tilt": {"about_x": 1.0},
-         "muscle_creep": {"share": 0.2, "time": 0.8}},
-    ),
+LAYOUTS = VERTICAL, SIDE, CROSS, BASIC
+# of each effect its values, and those that the larger size has instead
+SIZES: dict[str, tuple[dict[str, float], dict[str, float]]] = {
+    "threshold_pressure": ({"threshold": 20.0, "width": 10.0}, {"threshold": 60.0}),
+    "braid_hysteresis": ({"friction": 0.01, "slip": 0.008}, {"friction": 0.03}),
+    "muscle_creep": ({"share": 0.2, "time": 0.6}, {"share": 0.6}),
+    "muscle_viscosity": ({"contracting": 30.0, "lengthening": 15.0}, {"contracting": 100.0, "lengthening": 50.0}),
+    "stroke_softening": ({"loss": 0.1, "trials": 2.0}, {"loss": 0.3}),
+    "odd_muscle": ({"channel": 1, "factor": 0.85}, {"factor": 0.6}),
+    "filling_lag": ({"fill": 0.05, "empty": 0.08}, {"fill": 0.15, "empty": 0.25}),
+    "dead_time": ({"delay": 0.03}, {"delay": 0.1}),
+    "supply_droop": ({"share": 0.05}, {"share": 0.15}),
+    "line_loss": ({"share": 0.2}, {"share": 0.6}),
+    "orthotropy": ({"ratio": 0.7}, {"ratio": 0.4}),
+    "local_stiffening": ({"radius": 0.04, "factor": 3.0}, {"factor": 10.0}),
+    "stress_relaxation": ({"share": 0.2, "time": 0.6}, {"share": 0.5}),
+    "rest_curvature": ({"down": 0.8}, {"down": 2.5}),
+    "loop_slip": ({"friction": 0.02, "grip": 0.02}, {"friction": 0.08, "grip": 0.08}),
+    "air_drag": ({"coefficient": 10.0}, {"coefficient": 40.0}),
+    "frame_tilt": ({"about_x": 1.0}, {"about_x": 3.0}),
+    "added_mass": ({"mass": 0.003}, {"mass": 0.010}),
+    "registration_bias": ({"z": 0.002}, {"z": 0.006}),
+    "time_offset": ({"offset": 0.03}, {"offset": 0.08}),
+    "scale_error": ({"scale": 0.01}, {"scale": 0.03}),
+    "lag_of_two_volumes": ({"line": 0.04, "muscle": 0.04}, {"line": 0.1, "muscle": 0.1}),
+    "creep_of_two_times": ({"share": 0.3, "quick": 0.2, "slow": 1.0}, {"share": 1.0}),
+    "orthotropy_of_bending": ({"ratio": 2.0}, {"ratio": 4.0}),
+    "droop_by_flow": ({"share": 0.15}, {"share": 0.35}),
+    "wind": ({"z": 0.2}, {"z": 0.5}),
+    "spring": ({"stiffness": 0.2}, {"stiffness": 0.5}),
+    "seam_snap": ({"factor": 4.0}, {"factor": 10.0}),
+    "heating": ({"loss": 0.2}, {"loss": 0.5}),
+    "crosstalk": ({"share": 0.1}, {"share": 0.25}),
+}  # fmt: skip
+UNLISTED = "wind", "spring", "seam_snap", "heating", "crosstalk"
+WITHHELD = (
+    "filling_lag", "orthotropy", "muscle_creep", "line_loss", "supply_droop", "braid_hysteresis", "frame_tilt",
+    "rest_curvature", "odd_muscle", "dead_time",
 )  # fmt: skip
+TOGETHER = (
+    ("filling_lag", "orthotropy"), ("dead_time", "rest_curvature"), ("odd_muscle", "frame_tilt"),
+    ("muscle_creep", "line_loss"), ("braid_hysteresis", "supply_droop"), ("stress_relaxation", "filling_lag"),
+    ("orthotropy", "added_mass", "filling_lag"), ("rest_curvature", "supply_droop", "dead_time"),
+    ("frame_tilt", "muscle_viscosity", "line_loss"), ("filling_lag", "orthotropy", "air_drag"),
+    ("filling_lag", "line_loss", "frame_tilt", "muscle_creep"),
+    ("rest_curvature", "orthotropy", "supply_droop", "braid_hysteresis"),
+)  # fmt: skip
+
+
+def _sized(effect: str, large: bool) -> dict[str, dict[str, float]]:
+    values, more = SIZES[effect]
+    return {effect: {**values, **more} if large else values}
+
+
+def _rigs() -> Iterator[Rig]:
+    """The larger of each pair first, which half of the layouts see; seeds that nothing was tuned on."""
+    listed = [name for name in SIZES if name not in UNLISTED]
+    for large in (True, False):
+        for k, name in enumerate(listed):
+            yield Rig("one", f"{name}_{2 if large else 1}", LAYOUTS[k % 4], 9200 + 2 * k + large, _sized(name, large))
+    for k in range(NULLS):
+        yield Rig("none", f"none_{k}", LAYOUTS[k % 4], 9012 + k)
+    for k, names in enumerate(TOGETHER):
+        effects = {name: values for one in names for name, values in _sized(one, large=True).items()}
+        yield Rig("several", f"several_{k}", LAYOUTS[k % 4], 9300 + k, effects)
+    for k, name in enumerate(UNLISTED):
+        for large in (True, False):
+            seed = 9400 + 2 * k + large
+            yield Rig("outside", f"{name}_{2 if large else 1}", LAYOUTS[k % 4], seed, _sized(name, large))
+    for k, name in enumerate(WITHHELD):
+        yield Rig("withheld", f"without_{name}", LAYOUTS[k % 4], 9500 + k, _sized(name, large=True))
+
+
+RIGS = tuple(_rigs())
+QUICK = "filling_lag_2", "frame_tilt_2", "orthotropy_2", "none_0", "none_1", "none_2"
 
 
 def make(rig: Rig, folder: Path, *, workers: int | None = None) -> None:
