@@ -64,10 +64,10 @@ class FitProblem:
 
     def differences(self, evaluation: Evaluation, others: Sequence[Sequence[Case]]) -> Array:
         """(N, k) m: change of each residual from the evaluation's motions to those of k times a case a sample."""
-        parts = [columns(evaluation, changes) for changes in self.changes(evaluation, others)]
+        parts = [columns(evaluation, moved) for moved in self.displacements(evaluation, others)]
         return np.concatenate(parts, axis=1)
 
-    def changes(self, evaluation: Evaluation, others: Sequence[Sequence[Case]]) -> Iterator[list[Motion]]:
+    def displacements(self, evaluation: Evaluation, others: Sequence[Sequence[Case]]) -> Iterator[list[Motion]]:
         """Some of the k after others: (some, F, n, n, 3) m a sample, what the mid-surface does from the evaluation's
         motions to those of k times a case a sample."""
         if self.slopes == self.forward:

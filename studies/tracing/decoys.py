@@ -103,7 +103,7 @@ def decoy_columns(
     steps = vector.steps(x, np.diag(STEP * vector.scale))[unknowns]
     others = [[vector.case(s.trial, x + step) for s in samples] for step in steps]
     found: list[list[Array]] = [[] for _ in orders]
-    for changes in problem.changes(evaluation, others):
+    for changes in problem.displacements(evaluation, others):
         for order, own in zip(orders, found, strict=True):
             own.append(columns(evaluation, [_at(samples[s], samples[t], changes[t]) for s, t in enumerate(order)]))
     lengths = steps[np.arange(len(unknowns)), unknowns]
