@@ -12,8 +12,6 @@ from optimize.fit.fitted import Fit
 from optimize.fit.inputs import InputErrors
 from optimize.fit.normal import Normal, whitened
 
-STRAY = 5.0  # times the frame's robust deviation: a point farther off is no part of an error
-LARGEST = 0.020  # m: a residual farther off counts as this far
 _DRAWS = 2000  # of trials, for an interval
 
 
@@ -69,8 +67,9 @@ class LeftOut:
 
     @cached_property
     def residual(self) -> Array:
-        """(N,) m, cut at LARGEST, zero where not kept."""
-        return np.where(self.kept, np.clip(np.nan_to_num(self.found.residual), -LARGEST, LARGEST), 0.0)
+        """(N,) m, cut at the loss's largest, zero where not kept."""
+        most = self.found.loss.largest
+        return np.where(self.kept, np.clip(np.nan_to_num(self.found.residual), -most, most), 0.0)
 
     @cached_property
     def white(self) -> Array:
@@ -93,17 +92,16 @@ class LeftOut:
         own = self._parts[0].sum(axis=0)
         return np.asarray(0.5 * (own + own.T) + np.diag(1 / self.prior**2))
 
-    def scored(self, off: Indices | Sequence[int] = ()) -> Scored:
-        """With the unknowns `off` at zero in every fold, the others fitted to the other folds."""
+    def steps(self, off: Indices | Sequence[int] = ()) -> dict[int, Array]:
+        """(p,) of the unknowns with each fold left out, those `off` to zero in every fold; of one fold its own."""
         hessian, gradient = self._parts
         gone, fold = np.asarray(off, dtype=np.intp), np.asarray(self.folds)
         free = np.setdiff1d(np.arange(len(self.x)), gone)
         back = np.zeros(len(self.x))
         back[gone] = -self.x[gone]
         precision = np.diag(1 / self.prior[free] ** 2)
-        squares, weights = np.zeros(len(fold)), np.zeros(len(fold))
-        counts, jacobian = self.normal.counts, np.nan_to_num(self.jacobian)
         several = len(np.unique(fold)) > 1
+        steps = {}
         for out in np.unique(fold):
             used = fold != out if several else fold == out
             own = hessian[used].sum(axis=0)
@@ -111,9 +109,24 @@ class LeftOut:
             step = back.copy()
             left = own[np.ix_(free, free)] + precision
             step[free] = -np.linalg.solve(left, slope[free] + precision @ self.x[free])
+            steps[int(out)] = step
+        return steps
+
+    def jackknife(self, off: Indices | Sequence[int] = ()) -> Array:
+        """(p, p) covariance of the unknowns, by how far leaving out each fold moves them."""
+        steps = np.array([*self.steps(off).values()])
+        centred = steps - steps.mean(axis=0)
+        return np.asarray((len(steps) - 1) / len(steps) * centred.T @ centred)
+
+    def scored(self, off: Indices | Sequence[int] = ()) -> Scored:
+        """With the unknowns `off` at zero in every fold, the others fitted to the other folds."""
+        fold = np.asarray(self.folds)
+        squares, weights = np.zeros(len(fold)), np.zeros(len(fold))
+        counts, jacobian, most = self.normal.counts, np.nan_to_num(self.jacobian), self.found.loss.largest
+        for out, step in self.steps(off).items():
             for s in np.flatnonzero(fold == out):
                 rows = np.flatnonzero((self.found.sample == s) & self.kept)
-                moved = np.clip(self.residual[rows] + jacobian[rows] @ step, -LARGEST, LARGEST)
+                moved = np.clip(self.residual[rows] + jacobian[rows] @ step, -most, most)
                 squares[s], weights[s] = counts[rows] @ np.square(moved), counts[rows].sum()
         return Scored(squares, weights)
 
@@ -136,7 +149,7 @@ def not_strays(match: Match) -> NDArray[np.bool_]:
     for points in frames_of(match)[1]:
         own = size[points]
         if np.isfinite(own).all():
-            kept[points] = own <= STRAY * max(1.4826 * float(np.median(own)), 1e-4)
+            kept[points] = own <= match.loss.stray * max(1.4826 * float(np.median(own)), 1e-4)
     return kept
 
 
