@@ -92,16 +92,17 @@ class LeftOut:
         own = self._parts[0].sum(axis=0)
         return np.asarray(0.5 * (own + own.T) + np.diag(1 / self.prior**2))
 
-    def steps(self, off: Indices | Sequence[int] = ()) -> dict[int, Array]:
-        """(p,) of the unknowns with each fold left out, those `off` to zero in every fold; of one fold its own."""
+    def scored(self, off: Indices | Sequence[int] = ()) -> Scored:
+        """With the unknowns `off` at zero in every fold, the others fitted to the other folds."""
         hessian, gradient = self._parts
         gone, fold = np.asarray(off, dtype=np.intp), np.asarray(self.folds)
         free = np.setdiff1d(np.arange(len(self.x)), gone)
         back = np.zeros(len(self.x))
         back[gone] = -self.x[gone]
         precision = np.diag(1 / self.prior[free] ** 2)
+        squares, weights = np.zeros(len(fold)), np.zeros(len(fold))
+        counts, jacobian, most = self.normal.counts, np.nan_to_num(self.jacobian), self.found.loss.largest
         several = len(np.unique(fold)) > 1
-        steps = {}
         for out in np.unique(fold):
             used = fold != out if several else fold == out
             own = hessian[used].sum(axis=0)
@@ -109,21 +110,6 @@ class LeftOut:
             step = back.copy()
             left = own[np.ix_(free, free)] + precision
             step[free] = -np.linalg.solve(left, slope[free] + precision @ self.x[free])
-            steps[int(out)] = step
-        return steps
-
-    def jackknife(self, off: Indices | Sequence[int] = ()) -> Array:
-        """(p, p) covariance of the unknowns, by how far leaving out each fold moves them."""
-        steps = np.array([*self.steps(off).values()])
-        centred = steps - steps.mean(axis=0)
-        return np.asarray((len(steps) - 1) / len(steps) * centred.T @ centred)
-
-    def scored(self, off: Indices | Sequence[int] = ()) -> Scored:
-        """With the unknowns `off` at zero in every fold, the others fitted to the other folds."""
-        fold = np.asarray(self.folds)
-        squares, weights = np.zeros(len(fold)), np.zeros(len(fold))
-        counts, jacobian, most = self.normal.counts, np.nan_to_num(self.jacobian), self.found.loss.largest
-        for out, step in self.steps(off).items():
             for s in np.flatnonzero(fold == out):
                 rows = np.flatnonzero((self.found.sample == s) & self.kept)
                 moved = np.clip(self.residual[rows] + jacobian[rows] @ step, -most, most)
