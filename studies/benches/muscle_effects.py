@@ -2,7 +2,7 @@
 
 The law and viscosity enter linearly (a coarse tensor product of B-splines, without the wishes of MuscleLaw): for every
 value of the effects' parameters they are solved for, and the parameters move by Gauss-Newton on what is left (Golub and
-Pereyra 1973, doi:10.1137/0710036). Intervals are 90 %, from the sandwich over blocks of rows.
+Pereyra 1973, doi:10.1137/0710036), in the descent that fits clouds. Intervals are 90 %.
 """
 
 from collections.abc import Callable, Collection, Sequence
