@@ -3,20 +3,21 @@
 import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.forward import SIDE
-from fabdesign.surface import Surface
+from fabdesign.surface import CAP, Surface
 from fabdesign.trial import Trial
 from fabdesign.trial_file import TrialData
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Motion = NDArray[np.floating[Any]]
+FAR = 2.0  # times the usual median residual: an outlying frame, which counts less
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +65,31 @@ def cut(sample: Sample, until: float) -> Sample:
     return replace(sample, times=sample.times[:count], clouds=sample.clouds[:count])
 
 
+@dataclass(frozen=True)
+class Loss:
+    """Limits on what one residual, or one frame, can do; by default those of clouds."""
+
+    huber: float = 1.345  # of the scale: 95 % efficient on normal noise (Huber 1981)
+    far: float = FAR
+    stray: float = 5.0  # times the frame's robust deviation: a point farther off is no part of an error
+    largest: float = 0.020  # m: a residual farther off counts as this far where trials are left out
+    cap: float = CAP  # m, the same in the RMS that a fit reports
+    smallest: float = 1e-6  # m, of the scale, for clouds without noise
+
+    def scale(self, residual: Array) -> float:
+        """Robust standard deviation."""
+        return max(1.4826 * float(np.median(np.abs(residual))), self.smallest)
+
+    def of(self, t: Array) -> Array:
+        """(N,) -log likelihood of residuals in units of their scale (Huber's function)."""
+        size = np.abs(t)
+        return np.where(size <= self.huber, 0.5 * t * t, self.huber * (size - 0.5 * self.huber))
+
+
+CLOUDS = Loss()
+ROWS = Loss(far=np.inf, stray=np.inf, largest=np.inf, cap=np.inf, smallest=1e-12)  # of a bench, in its output's unit
+
+
 @dataclass(frozen=True, eq=False)
 class Match:
     """Each measured point (N of them, all samples in a row) with the nearest place on the model's surface.
@@ -78,6 +104,16 @@ class Match:
     weights: Array  # (N, 3) barycentric
     sample: Indices  # (N,)
     frame: Indices  # (N,) within its sample
+    _: KW_ONLY
+    loss: Loss = CLOUDS
+    block: Indices | None = None  # (N,) which points share the model's error; None: those of half a second of a trial
+
+    @staticmethod
+    def of_rows(residual: Array, record: Indices, block: Indices) -> "Match":
+        """Of a bench's rows: (N,) in the output's unit, which have no place on a surface. record, block: (N,)."""
+        none = np.zeros((len(residual), 3))
+        corners, frame = none.astype(np.intp), np.zeros(len(residual), dtype=np.intp)
+        return Match(residual, none, corners, none, record, frame, loss=ROWS, block=block)
 
 
 def match(samples: Sequence[Sample], motions: Sequence[Motion]) -> Match:

@@ -7,16 +7,15 @@ from itertools import pairwise
 import numpy as np
 
 from fabdesign.forward import ForwardModel
-from fabdesign.surface import CAP
 from fabdesign.trial import Accuracy
 from fabdesign.units import in_mm
-from optimize.fit.clouds import Array, Indices, Sample, cut
+from optimize.fit.clouds import FAR, Array, Indices, Sample, cut
 from optimize.fit.fitted import Fit, capped, concluded
 from optimize.fit.inputs import InputErrors, input_errors
 from optimize.fit.needed import needed
-from optimize.fit.normal import BLOCK, FAR, Normal, directions, loss, step_to_minimum
+from optimize.fit.normal import BLOCK, Normal, directions, loss, step_to_minimum
 from optimize.fit.parameters import DECLARED, FitVector
-from optimize.fit.problem import Evaluation, FitProblem, Linearisation
+from optimize.fit.problem import BenchProblem, Evaluation, FitProblem, Linearisation, Problem
 
 STEP = 0.03  # of a logarithm, in the first finite differences
 _ITERATIONS = 20
@@ -118,6 +117,18 @@ def fit(
     return concluded(problem, state, inputs, before, iterations + more, converged)
 
 
+def fit_bench(problem: BenchProblem) -> Fit:
+    """As `fit`, of a bench: from the vector's start, on all rows at once."""
+    vector = problem.vector
+    weight, progress = np.diag(1 / vector.prior**2), lambda line, share: None
+    evaluation = problem.evaluate([vector.start])[0]
+    before = capped(evaluation.found.residual, evaluation.found.loss.cap)
+    state = problem.linearise(evaluation, np.diag(STEP * vector.scale))
+    state, first, _ = _descend(problem, state, weight, "", progress, near=True, sure=False, close=_CLOSE_ENOUGH)
+    state, more, converged = _descend(problem, state, weight, "", progress, exact=False)
+    return concluded(problem, state, None, before, first + more, converged)
+
+
 def _ending(
     reached: Callable[[Callable[[], Fit]], None],
     problem: FitProblem,
@@ -153,7 +164,7 @@ def horizons(samples: Sequence[Sample]) -> list[float]:
 
 
 def _descend(
-    problem: FitProblem,
+    problem: Problem,
     state: Linearisation,
     weight: Array,
     named: str,
@@ -232,5 +243,6 @@ def _updated(state: Linearisation, other: Evaluation) -> Array:
     """The Jacobian at another place, by what the residuals did on the way."""
     step = other.x - state.x
     missed = other.found.residual - state.found.residual - state.jacobian @ step
-    usable = np.isfinite(missed) & (np.abs(other.found.residual) < CAP) & (np.abs(state.found.residual) < CAP)
+    most = state.found.loss.cap
+    usable = np.isfinite(missed) & (np.abs(other.found.residual) < most) & (np.abs(state.found.residual) < most)
     return np.asarray(state.jacobian + np.outer(np.where(usable, missed, 0.0), step / max(float(step @ step), 1e-30)))

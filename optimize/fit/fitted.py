@@ -8,9 +8,9 @@ import numpy as np
 from fabdesign.surface import CAP
 from optimize.fit.clouds import Array, Match, Sample, frames_of
 from optimize.fit.inputs import InputErrors
-from optimize.fit.normal import FAR, Normal, scatter, step_to_minimum
+from optimize.fit.normal import Normal, scatter, step_to_minimum
 from optimize.fit.parameters import FitVector
-from optimize.fit.problem import FitProblem, Linearisation
+from optimize.fit.problem import Linearisation, Problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class Fit:
 
 
 def concluded(
-    problem: FitProblem,
+    problem: Problem,
     state: Linearisation,
     inputs: InputErrors | None,
     before: float,
@@ -68,8 +68,8 @@ def concluded(
         minimum=vector.inside(state.x + step),
         covariance=_covariance(normal, weight),
         before=before,
-        after=capped(found.residual),
-        by_trial=np.array([capped(found.residual[found.sample == s]) for s in range(len(samples))]),
+        after=capped(found.residual, found.loss.cap),
+        by_trial=np.array([capped(found.residual[found.sample == s], found.loss.cap) for s in range(len(samples))]),
         outlying=_share_outlying(found),
         lost=_lost(samples, found),
         iterations=iterations,
@@ -89,17 +89,17 @@ def _covariance(normal: Normal, weight: Array) -> Array:
     return np.asarray(bread @ meat @ bread)
 
 
-def capped(residual: Array) -> float:
+def capped(residual: Array, cap: float = CAP) -> float:
     """m, RMS of what is not lost."""
     kept = residual[np.isfinite(residual)]
-    return float(np.sqrt(np.mean(np.square(np.clip(kept, -CAP, CAP))))) if len(kept) else float("nan")
+    return float(np.sqrt(np.mean(np.square(np.clip(kept, -cap, cap))))) if len(kept) else float("nan")
 
 
 def _share_outlying(found: Match) -> float:
-    """Share of frames whose median residual is over FAR times the usual one, or lost."""
+    """Share of frames whose median residual is over the loss's `far` times the usual one, or lost."""
     size = np.where(np.isfinite(found.residual), np.abs(found.residual), np.inf)
     medians = np.array([np.median(size[points]) for points in frames_of(found)[1]])
-    return float(np.mean(medians > FAR * np.median(medians)))
+    return float(np.mean(medians > found.loss.far * max(np.median(medians), 1e-30)))
 
 
 def _lost(samples: Sequence[Sample], found: Match) -> tuple[tuple[str, float], ...]:

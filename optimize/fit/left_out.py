@@ -12,8 +12,6 @@ from optimize.fit.fitted import Fit
 from optimize.fit.inputs import InputErrors
 from optimize.fit.normal import Normal, whitened
 
-STRAY = 5.0  # times the frame's robust deviation: a point farther off is no part of an error
-LARGEST = 0.020  # m: a residual farther off counts as this far
 _DRAWS = 2000  # of trials, for an interval
 Gain = tuple[float, tuple[float, float]]  # m of excess, in quadrature, and 90 %
 
@@ -70,8 +68,9 @@ class LeftOut:
 
     @cached_property
     def residual(self) -> Array:
-        """(N,) m, cut at LARGEST, zero where not kept."""
-        return np.where(self.kept, np.clip(np.nan_to_num(self.found.residual), -LARGEST, LARGEST), 0.0)
+        """(N,) m, cut at the loss's largest, zero where not kept."""
+        most = self.found.loss.largest
+        return np.where(self.kept, np.clip(np.nan_to_num(self.found.residual), -most, most), 0.0)
 
     @cached_property
     def white(self) -> Array:
@@ -108,7 +107,7 @@ class LeftOut:
         back[gone] = -self.x[gone]
         precision = np.diag(1 / self.prior[free] ** 2)
         squares, weights = np.zeros(len(fold)), np.zeros(len(fold))
-        counts, jacobian = self.normal.counts, np.nan_to_num(self.jacobian)
+        counts, jacobian, most = self.normal.counts, np.nan_to_num(self.jacobian), self.found.loss.largest
         several = len(np.unique(fold)) > 1
         for out in np.unique(fold):
             used = fold != out if several else fold == out
@@ -119,7 +118,7 @@ class LeftOut:
             step[free] = -np.linalg.solve(left, slope[free] + precision @ self.x[free])
             for s in np.flatnonzero(fold == out):
                 rows = np.flatnonzero((self.found.sample == s) & self.kept)
-                moved = np.clip(self.residual[rows] + jacobian[rows] @ step, -LARGEST, LARGEST)
+                moved = np.clip(self.residual[rows] + jacobian[rows] @ step, -most, most)
                 squares[s], weights[s] = counts[rows] @ np.square(moved), counts[rows].sum()
         return Scored(squares, weights)
 
@@ -142,7 +141,7 @@ def not_strays(match: Match) -> NDArray[np.bool_]:
     for points in frames_of(match)[1]:
         own = size[points]
         if np.isfinite(own).all():
-            kept[points] = own <= STRAY * max(1.4826 * float(np.median(own)), 1e-4)
+            kept[points] = own <= match.loss.stray * max(1.4826 * float(np.median(own)), 1e-4)
     return kept
 
 

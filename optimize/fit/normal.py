@@ -9,21 +9,18 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import lsq_linear
 
 from fabdesign.errors import SimulationError
-from optimize.fit.clouds import Array, Indices, Match, Sample, frames_of
+from optimize.fit.clouds import FAR, Array, Indices, Loss, Match, Sample, frames_of
 from optimize.fit.inputs import InputErrors
 from optimize.fit.parameters import DECLARED, FitVector
 from optimize.fit.problem import Evaluation, Linearisation
 
-HUBER = 1.345  # of the scale: 95 % efficient on normal noise (Huber 1981)
 BLOCK = 0.5  # s: residuals of one trial within it count as one observation, about half a swing of the cloth
 MODES = 10  # observations that the points of such a block count as at most: about the shapes a model's error takes
 BENT = 2.0  # times what is not proportional in errors of the inputs, for those that were not tried
-FAR = 2.0  # times the usual median residual: an outlying frame, which counts less
 _CHANGE = 0.2e-3  # m, RMS of the residuals' change that later differences aim at: ten times the noise of two motions
 _SHORTEST, _LONGEST = 0.1, 1.5  # of such a difference, in standard deviations of the prior
 _LARGEST = 0.4  # of a logarithm, in one iteration
 _REWEIGHTED = 6  # times, in one iteration
-_SMALLEST_SCALE = 1e-6  # m, for clouds without noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +62,8 @@ def step_to_minimum(
         gradient = normal.tempering * normal.gradient + weight @ state.x
         damped = normal.information + weight + damping * np.diag(np.diag(normal.information))
         last, step = step, _bounded_step(damped, gradient, state.x, vector)
-        step = step * min(1.0, _LARGEST / max(float(np.abs(step / vector.scale).max()), 1e-12))
-        if np.abs((step - last) / vector.scale).max() < 1e-4:
+        step = step * min(1.0, _LARGEST / max(float(np.abs(step / vector.scale).max(initial=0.0)), 1e-12))
+        if np.abs((step - last) / vector.scale).max(initial=0.0) < 1e-4:
             break
     return step, normal
 
@@ -128,17 +125,17 @@ def normal_equations(
     r, j = found.residual[sound], jacobian[sound]
     _, cluster = np.unique(clusters(samples, found)[sound], return_inverse=True)
     left, sharp = r + j @ step, np.ones(len(r))
-    scale = _scale(left)
+    scale = found.loss.scale(left)
     if inputs is not None:
         u, bent = inputs.columns[sound], inputs.bent[sound]
         sharp = 1 / (1 + np.square(BENT * bent / scale))
-        left = _cleaned(left, u, sharp, cluster, scale)
-        scale = _scale(left[sharp > 0.5]) if (sharp > 0.5).any() else scale
+        left = _cleaned(left, u, sharp, cluster, scale, found.loss)
+        scale = found.loss.scale(left[sharp > 0.5]) if (sharp > 0.5).any() else scale
         sharp = 1 / (1 + np.square(BENT * bent / scale))
-    frames = sharp * _frame_weights(found, sound, left * np.sqrt(sharp), far)
+    frames = sharp * _frame_weights(found, sound, left * np.sqrt(sharp), max(far, found.loss.far))
     most = MODES * (cluster.max() + 1) / max(float(frames.sum()), 1e-12)
     frames = frames * min(1.0, most)  # before errors of the inputs take their part, which bounds what is left by itself
-    w = frames * np.minimum(1.0, HUBER * scale / np.maximum(np.abs(left) * np.sqrt(sharp), 1e-12)) / scale**2
+    w = frames * np.minimum(1.0, found.loss.huber * scale / np.maximum(np.abs(left) * np.sqrt(sharp), 1e-12)) / scale**2
     white = j if inputs is None else j - _explained(j, u, w, cluster)[0]
     scores = np.zeros((cluster.max() + 1, len(weight)))
     np.add.at(scores, cluster, white * (w * (r + j @ step))[:, None])
@@ -193,9 +190,9 @@ def whitened(columns: Array, normal: Normal, inputs: InputErrors | None) -> Arra
     return out
 
 
-def _cleaned(left: Array, u: Array, sharp: Array, cluster: Indices, scale: float) -> Array:
+def _cleaned(left: Array, u: Array, sharp: Array, cluster: Indices, scale: float, counted: Loss) -> Array:
     """(N,) m: the residual less what errors of the inputs explain of it."""
-    bounded = sharp * np.minimum(1.0, HUBER * scale / np.maximum(np.abs(left), 1e-12)) / scale**2
+    bounded = sharp * np.minimum(1.0, counted.huber * scale / np.maximum(np.abs(left), 1e-12)) / scale**2
     return np.asarray(left - _explained(left[:, None], u, bounded, cluster)[0][:, 0])
 
 
@@ -236,31 +233,27 @@ def loss(
     if both.sum() < 0.9 * (np.isfinite(old.found.residual) & (normal.frames > 0)).sum():
         return float("inf")
     _, cluster = np.unique(clusters(samples, old.found)[both], return_inverse=True)
-    size = [_size(e.found.residual[both], normal, both, cluster, inputs) for e in (new, old)]
+    size = [_size(e.found.residual[both], e.found.loss, normal, both, cluster, inputs) for e in (new, old)]
     return normal.tempering * (size[0] - size[1]) + 0.5 * float(new.x @ weight @ new.x - old.x @ weight @ old.x)
 
 
 def _size(
-    residual: Array, normal: Normal, rows: NDArray[np.bool_], cluster: Indices, inputs: InputErrors | None
+    residual: Array,
+    counted: Loss,
+    normal: Normal,
+    rows: NDArray[np.bool_],
+    cluster: Indices,
+    inputs: InputErrors | None,
 ) -> float:
     """Of -log likelihood, with the errors of the inputs that make it least."""
     scale, frames = normal.scale, normal.frames[rows]
     if inputs is None:
-        return float((frames * _huber(residual / scale)).sum())
+        return float((frames * counted.of(residual / scale)).sum())
     u = inputs.columns[rows]
-    bounded = frames * np.minimum(1.0, HUBER * scale / np.maximum(np.abs(residual), 1e-12)) / scale**2
+    bounded = frames * np.minimum(1.0, counted.huber * scale / np.maximum(np.abs(residual), 1e-12)) / scale**2
     explained, paid = _explained(residual[:, None], u, bounded, cluster)
     left = residual - explained[:, 0]
-    return float((frames * _huber(left / scale)).sum()) + 0.5 * float(paid[0])
-
-
-def _huber(t: Array) -> Array:
-    size = np.abs(t)
-    return np.where(size <= HUBER, 0.5 * t * t, HUBER * (size - 0.5 * HUBER))
-
-
-def _scale(residual: Array) -> float:
-    return max(1.4826 * float(np.median(np.abs(residual))), _SMALLEST_SCALE)
+    return float((frames * counted.of(left / scale)).sum()) + 0.5 * float(paid[0])
 
 
 def _frame_weights(match: Match, sound: NDArray[np.bool_], residual: Array, most: float) -> Array:
@@ -268,12 +261,14 @@ def _frame_weights(match: Match, sound: NDArray[np.bool_], residual: Array, most
     frame, groups = frames_of(match, sound)
     size = np.abs(residual)
     medians = np.array([np.median(size[points]) for points in groups])
-    far = medians / (most * max(float(np.median(medians)), _SMALLEST_SCALE))
+    far = medians / (most * max(float(np.median(medians)), match.loss.smallest))
     return np.asarray(np.square(1 / np.maximum(1.0, far))[frame])
 
 
 def clusters(samples: Sequence[Sample], match: Match) -> Indices:
-    """Trial and block of time of each point."""
+    """Trial and block of time of each point, or the block that is stated."""
+    if match.block is not None:
+        return match.block
     result = np.empty(len(match.sample), dtype=np.intp)
     for s, sample in enumerate(samples):
         rows = match.sample == s

@@ -1,6 +1,6 @@
-"""Motions at some unknowns beside the measured points, and how they change with each unknown."""
+"""What is measured beside what a forward says at some unknowns, and how that changes with each unknown."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import isqrt
 
@@ -17,7 +17,7 @@ _AT_ONCE = 192  # motions in memory
 @dataclass(frozen=True, eq=False)
 class Evaluation:
     x: Array  # (p,) the unknowns
-    sheets: Sequence[Sheet]  # a sample
+    sheets: Sequence[Sheet]  # a sample; none of a bench
     found: Match
 
 
@@ -26,8 +26,57 @@ class Linearisation(Evaluation):
     jacobian: Array  # (N, p) m
 
 
+class Problem:
+    """What a descent asks of trials and of a bench alike."""
+
+    samples: Sequence[Sample]
+    vector: FitVector
+
+    def evaluate(self, xs: Sequence[Array]) -> list[Evaluation]:
+        """All in one batch."""
+        raise NotImplementedError
+
+    def changes(self, evaluation: Evaluation, rows: Array) -> Array:
+        """(N, k): of each residual by k steps (k, p) of the unknowns."""
+        raise NotImplementedError
+
+    def linearise(
+        self, evaluation: Evaluation, along: Array, old: Array | None = None, fresh: Indices | None = None
+    ) -> Linearisation:
+        """With the Jacobian by differences along the rows of `along` (p, p), within limits. fresh: the columns that are
+        made; the others stay as in `old` (N, p), and no row of `along` mixes both."""
+        chosen = np.arange(len(along)) if fresh is None else fresh
+        rows = self.vector.steps(evaluation.x, along)[chosen]
+        columns = self.changes(evaluation, rows) @ np.linalg.inv(rows[:, chosen]).T
+        jacobian = np.empty((len(columns), len(along))) if old is None else old.copy()
+        jacobian[:, chosen] = columns
+        return self.with_jacobian(evaluation, jacobian)
+
+    def with_jacobian(self, evaluation: Evaluation, jacobian: Array) -> Linearisation:
+        return Linearisation(evaluation.x, evaluation.sheets, evaluation.found, jacobian)
+
+
 @dataclass(frozen=True, eq=False)
-class FitProblem:
+class BenchProblem(Problem):
+    """Records of a bench, whose forward is their specimen's law. residuals(x): (N,) in the output's unit, law less
+    measured; record, block: (N,) of each row, and which rows share the law's error."""
+
+    residuals: Callable[[Array], Array]
+    record: Indices
+    block: Indices
+    vector: FitVector
+    samples: Sequence[Sample] = ()
+
+    def evaluate(self, xs: Sequence[Array]) -> list[Evaluation]:
+        return [Evaluation(x, (), Match.of_rows(self.residuals(x), self.record, self.block)) for x in xs]
+
+    def changes(self, evaluation: Evaluation, rows: Array) -> Array:
+        moved = [self.residuals(evaluation.x + row) - evaluation.found.residual for row in rows]
+        return np.array(moved).reshape(len(rows), -1).T
+
+
+@dataclass(frozen=True, eq=False)
+class FitProblem(Problem):
     """The samples, the unknowns, and the engines that make motions and differences of them."""
 
     samples: Sequence[Sample]
@@ -46,21 +95,9 @@ class FitProblem:
             for x, own in zip(xs, parts, strict=True)
         ]
 
-    def linearise(
-        self, evaluation: Evaluation, along: Array, old: Array | None = None, fresh: Indices | None = None
-    ) -> Linearisation:
-        """With the Jacobian by differences along the rows of `along` (p, p), within limits. fresh: the columns that are
-        made; the others stay as in `old` (N, p), and no row of `along` mixes both."""
-        chosen = np.arange(len(along)) if fresh is None else fresh
-        rows = self.vector.steps(evaluation.x, along)[chosen]
+    def changes(self, evaluation: Evaluation, rows: Array) -> Array:
         others = [[self.vector.case(s.trial, evaluation.x + row) for s in self.samples] for row in rows]
-        columns = self.differences(evaluation, others) @ np.linalg.inv(rows[:, chosen]).T
-        jacobian = np.empty((len(columns), len(along))) if old is None else old.copy()
-        jacobian[:, chosen] = columns
-        return self.with_jacobian(evaluation, jacobian)
-
-    def with_jacobian(self, evaluation: Evaluation, jacobian: Array) -> Linearisation:
-        return Linearisation(evaluation.x, evaluation.sheets, evaluation.found, jacobian)
+        return self.differences(evaluation, others)
 
     def differences(self, evaluation: Evaluation, others: Sequence[Sequence[Case]]) -> Array:
         """(N, k) m: change of each residual from the evaluation's motions to those of k times a case a sample."""

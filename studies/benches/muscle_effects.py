@@ -2,7 +2,7 @@
 
 The law and viscosity enter linearly (a coarse tensor product of B-splines, without the wishes of MuscleLaw): for every
 value of the effects' parameters they are solved for, and the parameters move by Gauss-Newton on what is left (Golub and
-Pereyra 1973, doi:10.1137/0710036). Intervals are 90 %, from the sandwich over blocks of rows.
+Pereyra 1973, doi:10.1137/0710036), in the descent that fits clouds. Intervals are 90 %.
 """
 
 from collections.abc import Callable, Collection, Sequence
@@ -16,14 +16,15 @@ from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.forward import MUSCLE_TYPES, PARAMETERS, Term
 from fabdesign.model import EffectTerm, Quantity
+from optimize.fit.descent import fit_bench
 from optimize.fit.parameters import FitVector, fit_vector
+from optimize.fit.problem import BenchProblem
 from studies.benches.rows import Rows, motion_columns
 
 Array = NDArray[np.float64]
 _SPANS = (4, 6)  # of pressure and contraction
 _RIDGE = 1e-4  # of the law's coefficients, relative to the tension's size
 _QUANTILE = 1.645
-_STEP = 0.02  # of the prior's deviation, for differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,30 +56,18 @@ def _of_another_bench(name: str) -> bool:
 
 def fit_effects(rows_of: Callable[[tuple[Term, ...]], Rows], vector: FitVector) -> FittedEffects:
     """rows_of(terms): the records' rows with the effects in them."""
-    from scipy.optimize import least_squares
-
     plain = rows_of(())
     spans, acting = _Spans.of(plain), {term.name for term in vector.terms}
 
     def left(x: Array) -> Array:
         return spans.left(rows_of(vector.terms_at(vector.inside(x))), acting)
 
-    x, low, high = vector.start, *vector.limits
-    for _ in range(2):  # the second with the noise that the first leaves
-        noise = max(float(np.sqrt(np.mean(left(x) ** 2))), 1e-9)
-
-        def residual(x: Array, noise: float = noise) -> Array:
-            return np.concatenate([left(x) / noise, x / vector.prior])
-
-        fitted = least_squares(
-            residual, np.clip(x, low, high), bounds=(low, high), x_scale=vector.prior, diff_step=_STEP, max_nfev=25
-        )
-        x = fitted.x
-    deviation = np.sqrt(np.diag(_covariance(fitted.jac, fitted.fun, plain.block)))
-    terms = vector.terms_at(x)
+    fitted = fit_bench(BenchProblem(left, np.zeros_like(plain.block), plain.block, vector))
+    deviation = np.sqrt(np.diag(fitted.covariance))
+    terms = vector.terms_at(fitted.x)
     quantities = {
         p.name: Quantity(p.value(v), p.unit, (p.value(v - _QUANTILE * s), p.value(v + _QUANTILE * s)))
-        for p, v, s in zip(vector.parameters, x, deviation, strict=True)
+        for p, v, s in zip(vector.parameters, fitted.x, deviation, strict=True)
     }
     return FittedEffects(terms, tuple(_with_intervals(term, quantities) for term in terms))
 
@@ -90,14 +79,6 @@ def _with_intervals(term: Term, quantities: dict[str, Quantity]) -> EffectTerm:
         for key, value in effect.values(term.values).items()
     }
     return EffectTerm(term.name, values, term.scope or effect.scope)
-
-
-def _covariance(jacobian: Array, residual: Array, block: NDArray[np.intp]) -> Array:
-    """(p, p) sandwich: rows of a block share their error. The prior's rows, behind the data's, count as one each."""
-    inverse = np.linalg.inv(jacobian.T @ jacobian)
-    own = np.concatenate([block, block.max() + 1 + np.arange(len(residual) - len(block))])
-    scores = np.array([jacobian[own == b].T @ residual[own == b] for b in np.unique(own)])
-    return np.asarray(inverse @ (scores.T @ scores) @ inverse + inverse)
 
 
 @dataclass(frozen=True)

@@ -37,11 +37,11 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list
         # beside a stronger one an effect must gain more than all leave: that one's law is not quite right, and small
         # effects take up what it lacks
         least = max(task.tolerance, trials.scored().excess(task.floor)) if len(gains) > 1 else task.tolerance
-        weak = _weakest(gains, least, partial(_elsewhere, task, known, []))
+        weak = weakest(gains, least, partial(_elsewhere, task, known, []))
         if weak is None:
             decoys = decoys_beside(task, known, everything.vector)
             least = max(least, decoys.chance)
-            weak = _weakest(gains, least, partial(_elsewhere, task, known, []))
+            weak = weakest(gains, least, partial(_elsewhere, task, known, []))
         if weak is not None:
             small.append(weak)
             labels = [label for label in known.vector.labels if label != weak]
@@ -114,7 +114,7 @@ def worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     while labels:
         off = _unknowns(vector, gone := [label for label in vector.labels if label not in labels])
         gains = gains_of({label: vector.part(label) for label in labels}, trials, task.floor, off)
-        weak = _weakest(gains, task.tolerance, partial(_elsewhere, task, everything, gone))
+        weak = weakest(gains, task.tolerance, partial(_elsewhere, task, everything, gone))
         if weak is None:
             break
         small.append(weak)
@@ -122,7 +122,9 @@ def worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     return labels, small
 
 
-def _weakest(gains: Mapping[str, Gain], least: float, elsewhere: Callable[[str], float]) -> str | None:
+def weakest(
+    gains: Mapping[str, Gain], least: float, elsewhere: Callable[[str], float] = lambda label: 0.0
+) -> str | None:
     """The effect that trials left out gain least by, of those for which that is not certain or under `least` [m], and
     what it does `elsewhere` too: with and without it, to first order."""
     rising = sorted(gains, key=lambda label: gains[label][0])

@@ -15,16 +15,16 @@ from fabdesign.json_file import write_json
 from fabdesign.model import EffectTerm, Model, Provenance, Quantity
 from fabdesign.model_file import write_model
 from fabdesign.output import new_folder, write_text
-from optimize.fit.clouds import Indices, evenly
+from optimize.fit.clouds import Array, Indices, evenly
+from optimize.fit.left_out import Scored
 from studies.benches.records import require_columns, unit_of
 from studies.tracing.bench_candidates import Shape, Signals, shapes_of, signals_of
+from studies.tracing.bench_fit import BenchTask, JointFit, alike, candidates_of, select
 from studies.tracing.bench_law import law
 from studies.tracing.bench_outcome import BenchOutcome, Curve
-from studies.tracing.bench_ranking import Array, BenchScore, excess_of, gain_interval
 from studies.tracing.bench_report import render_bench
-from studies.tracing.bench_selection import Columns, coefficients_of, select
 from studies.tracing.black_box import WIDTHS, kernel_of, left_out, standardised
-from studies.tracing.verdict import Evidence, decide, explains
+from studies.tracing.verdict import Evidence, decide
 
 TOLERANCE = 0.02  # of the largest output
 LEAST_RECORDS = 3  # records of role fit
@@ -58,22 +58,21 @@ def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) 
     rows = [evenly(len(r.columns[output]), _ROWS) for r in records]
     measured = [r.columns[output] for r in records]
     residual = np.concatenate([(p - m)[k] for p, m, k in zip(laws, measured, rows, strict=True)])
-    trial = np.repeat(np.arange(len(records)), [len(k) for k in rows])
+    record = np.repeat(np.arange(len(records)), [len(k) for k in rows])
     limit = tolerance * max(float(np.abs(m).max()) for m in measured)
     floor = min(_floor(measured), _rms(residual))
     shapes = shapes_of(bench.specimen, signals, unit_of(bench.specimen))
     tables = [_table(shape, signals, rows) for shape in shapes]
-    say(f"ranking {len({s.effect for s in shapes})} candidates on {len(records)} records")
-    box = _box_squares(signals, rows, trial, residual)
-    columns = Columns(shapes, tables, residual, trial)
-    selected = select(columns, floor, limit)
-    own, left = BenchScore(None, box, np.zeros(0)), selected.last.excess
+    task = BenchTask(shapes, tables, residual, record, floor, limit)
+    say(f"{len(task.effects)} effects together on {len(records)} records")
+    none, chosen = task.fit(), select(task)
+    left = chosen.fit.state.found.residual
+    box, beside = (_baseline(signals, rows, record, values) for values in (residual, left))
     evidence = Evidence(
-        selected.first.excess, left, len(selected.added), excess_of(selected.grams, own, floor), left,
-        gain_interval(selected.grams, selected.first.none, own, floor, np.random.default_rng(0))[0] > 0,
+        none.scored.excess(floor), chosen.scored.excess(floor), len(chosen.places), box.excess(floor),
+        beside.excess(floor), none.left_out.gain(none.scored, box, floor)[1][0] > 0,
+        left=1 - float(beside.squares.sum() / np.square(left).sum()),
     )  # fmt: skip
-    coefficients, deviation = coefficients_of(selected.base, residual, trial)
-    after = residual + selected.base @ coefficients
     return BenchOutcome(
         bench=bench,
         unit=unit_of(bench.specimen),
@@ -81,14 +80,13 @@ def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) 
         evidence=evidence,
         tolerance=limit,
         floor=floor,
-        first=selected.first,
-        found=_effects(columns, selected.added, coefficients, deviation),
-        shares={} if explains(evidence) is None else selected.gains,
-        indistinguishable=selected.alike,
-        refused=selected.refused,
-        fit=(_rms(residual), _rms(after)),
-        test=_tested(bench, output, [shapes[k] for k in selected.added], coefficients),
-        curves=_curves(records, bench, rows, measured, residual, after, trial),
+        candidates=candidates_of(task),
+        found=_effects(task, chosen),
+        gains={label: gain for label, (gain, _) in chosen.gains(floor).items()},
+        indistinguishable=alike(task, chosen),
+        fit=(_rms(residual), _rms(left)),
+        test=_tested(bench, output, [shapes[k] for k in chosen.places], chosen.fit.x),
+        curves=_curves(records, bench, rows, measured, residual, left, record),
     )
 
 
@@ -115,16 +113,17 @@ def _table(shape: Shape, signals: Sequence[Signals], rows: Sequence[Indices]) ->
     return {name: np.concatenate([part[name][k] for part, k in zip(parts, rows, strict=True)]) for name in parts[0]}
 
 
-def _effects(columns: Columns, added: Sequence[int], coefficients: Array, deviation: Array) -> tuple[EffectTerm, ...]:
-    terms, first = [], 0
-    for shape, names in ((columns.shapes[k], [*columns.tables[k]]) for k in added):
-        quantities = {
-            name: Quantity(float(c), shape.units[name], (float(c - 1.645 * s), float(c + 1.645 * s)))
-            for name, c, s in zip(names, coefficients[first:], deviation[first:], strict=False)
-        }
-        quantities |= {name: Quantity(float(v), shape.units[name]) for name, v in shape.values.items()}
-        terms.append(EffectTerm(shape.effect, quantities))
-        first += len(names)
+def _effects(task: BenchTask, chosen: JointFit) -> tuple[EffectTerm, ...]:
+    vector = chosen.fit.vector
+    strengths = {
+        p.name: Quantity(p.value(x), p.unit, (p.value(x - 1.645 * s), p.value(x + 1.645 * s)))
+        for p, x, s in zip(vector.parameters, chosen.fit.x, task.deviation(chosen), strict=True)
+    }
+    terms = []
+    for label, shape in zip(vector.labels, (task.shapes[k] for k in chosen.places), strict=True):
+        own = {name.partition(".")[2]: q for name, q in strengths.items() if name.startswith(f"{label}.")}
+        fixed = {name: Quantity(float(v), shape.units[name]) for name, v in shape.values.items()}
+        terms.append(EffectTerm(label, own | fixed))
     return tuple(terms)
 
 
@@ -133,8 +132,8 @@ def _floor(measured: Sequence[Array]) -> float:
     return float(np.median([np.sqrt(np.mean(np.diff(m, 3) ** 2) / 20) for m in measured if len(m) > 8]))
 
 
-def _box_squares(signals: Sequence[Signals], rows: Sequence[Indices], trial: Indices, residual: Array) -> Array:
-    """(records,) squares that a kernel regression leaves of records that it was not trained on."""
+def _baseline(signals: Sequence[Signals], rows: Sequence[Indices], trial: Indices, residual: Array) -> Scored:
+    """What a kernel regression leaves of records that it was not trained on."""
     parts, kept, first = [], [], 0
     for s, k in zip(signals, rows, strict=True):
         columns = [s.law, np.gradient(s.law)]
@@ -151,7 +150,7 @@ def _box_squares(signals: Sequence[Signals], rows: Sequence[Indices], trial: Ind
     for out in range(len(squares)):
         left = wanted[record == out] - left_out(kernels, wanted, [np.array([True])], record, out)
         squares[out] = float(np.mean(left**2)) * np.sum(trial == out)
-    return squares
+    return Scored(squares, np.bincount(trial).astype(np.float64))
 
 
 def _curves(

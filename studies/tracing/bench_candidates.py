@@ -7,8 +7,8 @@ import numpy as np
 
 from fabdesign.bench import BenchRecord, Specimen
 from fabdesign.units import in_kpa
+from optimize.fit.clouds import Array
 from studies.benches.cylinder import friction_state
-from studies.tracing.bench_ranking import Array
 
 PATHS = {
     "displacement": 1.0,

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 
 from fabdesign.bench import Bench, BenchRecord
+from optimize.fit.clouds import Array
 from studies.benches.actuator import Hold, StaticCurve, hold_of
 from studies.benches.muscle import BenchMuscle
 from studies.benches.strip import StripLaw
-from studies.tracing.bench_ranking import Array
 
 _MOVED = 0.05  # of the level held: what counts as moved
 

@@ -9,11 +9,10 @@ import numpy as np
 from fabdesign.bench import Bench
 from fabdesign.effects import EFFECTS
 from fabdesign.model import EffectTerm
-from studies.tracing.bench_ranking import Array, Ranking
-from studies.tracing.verdict import Evidence, Word
+from optimize.fit.clouds import Array
+from studies.tracing.bench_fit import BenchCandidate
+from studies.tracing.verdict import Evidence, Word, explains
 
-_SITES = {"stress_relaxation": ("fabric", "fabric"), "muscle_viscosity": ("muscle", "muscle type"),
-          "stroke_softening": ("muscle", "rig")}  # fmt: skip
 Curve = tuple[str, Array, Array, Array, Array]  # a record: its name, the rows' place, measured, before, after
 
 
@@ -27,26 +26,35 @@ class BenchOutcome:
     evidence: Evidence
     tolerance: float
     floor: float
-    first: Ranking
+    candidates: tuple[BenchCandidate, ...]
     found: tuple[EffectTerm, ...]
-    shares: Mapping[str, float]
+    gains: Mapping[str, float]  # by effect, of those chosen
     indistinguishable: tuple[str, ...]
-    refused: tuple[str, ...]  # candidates that would explain some, but only with a sign that they cannot have
     fit: tuple[float, float]  # before, after
     test: tuple[float, float] | None  # the same on records of role test, looked at once; None without any
     curves: tuple[Curve, ...]
+
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """Candidates that would explain some, but only with a sign that they cannot have."""
+        return tuple(c.effect for c in self.candidates if c.refused)
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Of the gap, what each effect closes; of several, by what its absence costs."""
+        whole, costs = explains(self.evidence), {name: max(gain, 0.0) ** 2 for name, gain in self.gains.items()}
+        return {} if whole is None else {k: whole * cost / max(sum(costs.values()), 1e-30) for k, cost in costs.items()}
 
     def as_json(self) -> dict[str, Any]:
         """`trace.json`."""
         added = self.verdict == "effect"
         crossed = (self.evidence.before, self.evidence.after)
         held_out = self.test or tuple(float(np.hypot(excess, self.floor)) for excess in crossed)
-        rows = [{"name": "none", "held_out": self.first.none_held_out, "gain": 0.0, "interval90": [0.0, 0.0],
-                 "adequate": self.evidence.before <= self.tolerance}]  # fmt: skip
-        rows += [
+        none = BenchCandidate("none", 0.0, (0.0, 0.0), float(np.hypot(self.evidence.before, self.floor)), False)
+        rows = [
             {"name": c.effect, "held_out": c.held_out, "gain": c.gain, "interval90": list(c.interval90),
-             "adequate": max(self.evidence.before - c.gain, 0.0) <= self.tolerance}
-            for c in self.first.candidates
+             "adequate": c.held_out <= float(np.hypot(self.tolerance, self.floor))}
+            for c in (none, *self.candidates)
         ]  # fmt: skip
         return {
             "format": "fabdesign.trace/1",
@@ -71,12 +79,11 @@ class BenchOutcome:
 
 
 def _effect(effect: EffectTerm, explained: float | None) -> dict[str, Any]:
-    declared = EFFECTS.get(effect.name)
-    site, scope = (declared.site, declared.scope) if declared else _SITES[effect.name]
+    declared = EFFECTS[effect.name]
     return {
         "name": effect.name,
-        "site": site,
-        "scope": effect.scope or scope,
+        "site": declared.site,
+        "scope": effect.scope or declared.scope,
         "parameters": {n: q.as_json() for n, q in effect.parameters.items()},
         "explains": explained,
     }

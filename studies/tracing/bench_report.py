@@ -37,9 +37,9 @@ def bench_in_words(outcome: BenchOutcome) -> str:
 def as_text(outcome: BenchOutcome) -> str:
     """For the terminal."""
     lines = [f"{outcome.verdict}: {bench_in_words(outcome)}"]
-    for c in outcome.first.candidates:
+    for c in outcome.candidates:
         gain, low, high = (_shown(v, outcome.unit) for v in (c.gain, *c.interval90))
-        sign = ", only with a sign that it cannot have" if c.effect in outcome.refused else ""
+        sign = ", only with a sign that it cannot have" if c.refused else ""
         lines.append(f"  {c.effect:<18} gains {gain} (90 % {low} to {high}){sign}")
     lines.append(f"the flexible baseline leaves {_shown(outcome.evidence.box_before, outcome.unit)}")
     return "\n".join(lines)
@@ -54,7 +54,7 @@ def render_bench(outcome: BenchOutcome) -> str:
     error = outcome.as_json()["error"]
     bars = {"noise": error["noise_floor"], "flexible baseline": error["ceiling"], "after": error["after"]["held_out"],
             "before": error["before"]["held_out"]}  # fmt: skip
-    names = [c.effect + (" (wrong sign)" if c.effect in outcome.refused else "") for c in outcome.first.candidates]
+    names = [c.effect + (" (wrong sign)" if c.refused else "") for c in outcome.candidates]
     figures: dict[str, PlotlyFigure] = {
         "bars": {
             "data": [{"type": "bar", "orientation": "h", "y": [*bars], "x": [*bars.values()]}],
@@ -62,10 +62,10 @@ def render_bench(outcome: BenchOutcome) -> str:
         },
         "candidates": {
             "data": [{"type": "scatter", "mode": "markers", "y": names,
-                      "x": [c.gain for c in outcome.first.candidates],
+                      "x": [c.gain for c in outcome.candidates],
                       "error_x": {"type": "data", "symmetric": False,
-                                  "array": [max(c.interval90[1] - c.gain, 0) for c in outcome.first.candidates],
-                                  "arrayminus": [max(c.gain - c.interval90[0], 0) for c in outcome.first.candidates]}}],
+                                  "array": [max(c.interval90[1] - c.gain, 0) for c in outcome.candidates],
+                                  "arrayminus": [max(c.gain - c.interval90[0], 0) for c in outcome.candidates]}}],
             "layout": {"xaxis": {"title": f"gain, {outcome.unit}"}, "margin": {"l": 150}},
         },
     }  # fmt: skip
