@@ -20,7 +20,7 @@ from optimize.fit.problem import BenchProblem, Evaluation, FitProblem, Linearisa
 STEP = 0.03  # of a logarithm, in the first finite differences
 _ITERATIONS = 20
 _CONVERGED = 0.01  # of a logarithm
-CLOSE = 0.05  # of log likelihood: a step that promises less is the last, and still taken
+_CLOSE = 0.007  # of log likelihood, an unknown: a step that promises less in all is the last, and still taken
 _CLOSE_ENOUGH = 3.0  # the same where a longer horizon follows
 _PROMISED = 0.25  # of the gain that a step promised: while it gains as much, its Jacobian is updated, not made anew
 _WRONG = 2.0  # times what a right model leaves: no last steps are worth their motions
@@ -43,7 +43,7 @@ def fit(
     vector: FitVector = DECLARED,
     accuracy: Accuracy | InputErrors | None = None,
     start: Array | None = None,
-    close: float = CLOSE,
+    close: float | None = None,
     near: bool = False,
     expected: float = np.inf,
     progress: Progress = lambda line, share: None,
@@ -59,8 +59,9 @@ def fit(
     always made where the factors are: those of another place seem to converge percents off.
     accuracy: of the inputs, whose errors then enter the residuals' covariance; or what they do on the last horizon,
     known from a fit of the same samples, so that models are compared by the same weights; None: the inputs are exact.
-    close: of log likelihood, what the last step promises, or gains, at most. near: another fit goes on from where this
-    one ends, so that a step under 3 % ends it, and far frames count as others. expected: m RMS, what a right model
+    close: of log likelihood, what the last step promises, or gains, at most; by default 0.007 for each unknown.
+    near: another fit goes on from where this one ends, so that a step under 3 % ends it, and far frames count as
+    others. expected: m RMS, what a right model
     leaves at most. Where a fit leaves k times as much, what is left is the model's error, not chance, and log
     likelihood counts by 1/k^2: a model that is wrong is not refined. Not for effects that begin at nothing, which
     leave much before they are found.
@@ -112,7 +113,7 @@ def fit(
         there = _ending(reached, problem, inputs, before, iterations)
         state, more, converged = _descend(
             problem, state, weight, line, told, near=wrong, exact=False,
-            close=_CLOSE_ENOUGH if wrong else close, expected=expected, inputs=inputs, reached=there,
+            close=_CLOSE_ENOUGH if wrong else _least(close, vector), expected=expected, inputs=inputs, reached=there,
         )  # fmt: skip
     return concluded(problem, state, inputs, before, iterations + more, converged)
 
@@ -125,8 +126,13 @@ def fit_bench(problem: BenchProblem) -> Fit:
     before = capped(evaluation.found.residual, evaluation.found.loss.cap)
     state = problem.linearise(evaluation, np.diag(STEP * vector.scale))
     state, first, _ = _descend(problem, state, weight, "", progress, near=True, sure=False, close=_CLOSE_ENOUGH)
-    state, more, converged = _descend(problem, state, weight, "", progress, exact=False)
+    state, more, converged = _descend(problem, state, weight, "", progress, exact=False, close=_least(None, vector))
     return concluded(problem, state, None, before, first + more, converged)
+
+
+def _least(close: float | None, vector: FitVector) -> float:
+    """Of log likelihood: `close`, or as much for each unknown, since by chance alone the fit of each is off by half."""
+    return _CLOSE * len(vector.parameters) if close is None else close
 
 
 def _ending(
@@ -173,7 +179,7 @@ def _descend(
     near: bool = False,
     sure: bool = True,
     exact: bool = True,
-    close: float = CLOSE,
+    close: float,
     expected: float = np.inf,
     inputs: InputErrors | None = None,
     reached: Reached = lambda state, iterations: None,

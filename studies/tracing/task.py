@@ -10,7 +10,7 @@ from fabdesign.forward import ForwardModel
 from fabdesign.sheet import sheets_of
 from fabdesign.trial import Trial
 from optimize.fit.clouds import Array
-from optimize.fit.descent import CLOSE, STEP, fit
+from optimize.fit.descent import STEP, fit
 from optimize.fit.fitted import Fit, capped, concluded
 from optimize.fit.inputs import InputErrors
 from optimize.fit.parameters import FitVector
@@ -72,7 +72,7 @@ class Task:
         inputs: InputErrors | None = None,
         start: Array | None = None,
         *,
-        close: float = CLOSE,
+        close: float | None = None,
         near: bool = False,
         doubted: bool = False,
     ) -> Fit:
