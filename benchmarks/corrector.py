@@ -1,16 +1,21 @@
-"""What a trained corrector is worth beside simple baselines, on trials that it has not seen, all on the same frames.
+"""What models and their correctors are worth beside simple baselines, on trials that none of them has seen.
 
-    python -m benchmarks.corrector SET --field M.toml [--paper P.toml] [--test DESIGN] --cache FOLDER -o TABLE.md
+    python -m benchmarks.corrector SET --model NAME=M.toml ... [--test DESIGN ...] [--drop TRIAL ...] --cache FOLDER \\
+        -o TABLE.md
 
-Rows: the data sheet, the model without its corrector, the correctors, and three baselines that need no network: the
-mean residual field of the design's trials, that of the trial with the nearest pressures, and the trial's own residual
-of the frame before, carried on (which needs its measurement). Residuals are heights over the simulated mid-surface,
-node by node. Trials: those that the field model's file lists as held out, and those of role `test` of designs learned
-from; `--test DESIGN` takes the trials of a design of role `test` alone, to be looked at once.
+Judged are the trials of role `fit` that every model's file lists as held out, less those that one of them was fitted
+to and those of `--drop`, and the trials of role `test` of each `--test DESIGN`: all models on the same frames. Rows,
+for each grid that a model was fitted on: the data sheet; the factors alone, fitted without effects, of the first model
+on that grid; each model without its corrector, and with it; and three baselines that add residuals to the factors
+alone: the mean residual field of the design's trials that a model was fitted to (of all such trials, where the design
+has none), that of the trial with the nearest pressures, and the trial's own residual of the frame before, carried on
+(which needs its measurement, so that it is no prediction). Residuals are heights over the simulated mid-surface, node
+by node. A trial is worse where its surface RMS is above that of the factors alone. An unordered answer has no surface.
 """
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +25,7 @@ from benchmarks.machine import commit
 from corrector.examples import offsets
 from corrector.load import load_corrector
 from corrector.shape import FINE, LocalFrames, displaced, middle_of
-from fabdesign.corrector import with_history
+from fabdesign.corrector import central_hash, with_history
 from fabdesign.forward import Case
 from fabdesign.measurement_set import read_set
 from fabdesign.metrics import Errors, closed, mean_errors, trial_errors
@@ -28,11 +33,13 @@ from fabdesign.model import Model
 from fabdesign.model_file import read_model
 from fabdesign.output import write_text
 from fabdesign.predictor import Predictor
-from fabdesign.trial import Trial
+from fabdesign.sensor_noise import SensorNoise
+from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.units import in_mm
 from studies.measured_data import noise_of
 from studies.training.train import unordered_errors
 
-FIRST, EVERY = 5, 3  # frames: the sixth, and every third from there on
+FIRST, EVERY = 5, 6  # frames: the sixth, and every sixth from there on
 HISTORY = tuple(k / 30 for k in range(1, 10))  # s, that both networks find theirs in
 Motion = NDArray[np.float32]
 
@@ -44,9 +51,10 @@ class Simulated:
         self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
 
-    def of(self, trials: Sequence[Trial], model: Model, name: str) -> dict[str, Motion]:
-        """(U, 2 n, 3) m at `with_history(trial.times, HISTORY)`, by the trial's name."""
-        missing = [t for t in trials if not self._file(name, t).is_file()]
+    def of(self, trials: Sequence[Trial], model: Model) -> dict[str, Motion]:
+        """(U, 2 n, 3) m at `with_history(trial.times, HISTORY)`, without a corrector, by the trial's name."""
+        model = model.without(["corrector"])
+        missing = [t for t in trials if not self._file(model, t).is_file()]
         if missing:
             from sim import Simulator
 
@@ -56,11 +64,20 @@ class Simulated:
                 cases = [Case(t.design, t.program, order=t.order) for t in part]
                 wanted = [with_history(t.times, HISTORY)[0] for t in part]
                 for trial, motion in zip(part, predictor.motions(cases, wanted), strict=True):
-                    np.save(self._file(name, trial), motion)
-        return {t.name: np.load(self._file(name, t)) for t in trials}
+                    np.save(self._file(model, trial), motion)
+        return {t.name: np.load(self._file(model, t)) for t in trials}
 
-    def _file(self, name: str, trial: Trial) -> Path:
-        return self.folder / f"{name}-{trial.name}.npy"
+    def _file(self, model: Model, trial: Trial) -> Path:
+        return self.folder / f"{central_hash(model)[:16]}-{model.points_per_side}-{trial.name}.npy"
+
+
+@dataclass(frozen=True)
+class Row:
+    """What answers, on how many points a side, and the errors of each trial by its name."""
+
+    name: str
+    points_per_side: int
+    errors: Mapping[str, Errors]
 
 
 def frames_of(trial: Trial) -> NDArray[np.intp]:
@@ -77,7 +94,7 @@ def residuals(trial: Trial, motion: Motion, frames: NDArray[np.intp]) -> NDArray
 
 def moved(trial: Trial, motion: Motion, heights: NDArray[np.float32]) -> Motion:
     """The simulated frames with their mid-surface moved by heights (F, FINE, FINE) m along its normal."""
-    points, fabric = _plain(trial, motion)[frames_of(trial)], trial.design.fabric
+    points, fabric = _judged(trial, motion), trial.design.fabric
     normal = LocalFrames.of(middle_of(points, 41), fabric.width, fabric.height, FINE).normal
     return displaced(points, heights[..., None] * normal, fabric.thickness)
 
@@ -86,7 +103,16 @@ def _plain(trial: Trial, motion: Motion) -> Motion:
     return motion[with_history(trial.times, HISTORY)[1][0]]
 
 
-def corrected(model: Model) -> Callable[[Trial, Motion], Motion]:
+def _judged(trial: Trial, motion: Motion) -> Motion:
+    return _plain(trial, motion)[frames_of(trial)]
+
+
+def _judged_of(trials: Sequence[Trial], motions: Mapping[str, Motion]) -> dict[str, Motion]:
+    return {trial.name: _judged(trial, motions[trial.name]) for trial in trials}
+
+
+def corrected(model: Model) -> tuple[Callable[[Trial, Motion], Motion], bool]:
+    """What makes a trial's corrected frames of its simulated motion, and whether their points are ordered."""
     found = load_corrector(model)
 
     def answer(trial: Trial, motion: Motion) -> Motion:
@@ -99,97 +125,138 @@ def corrected(model: Model) -> Callable[[Trial, Motion], Motion]:
         case = Case(trial.design, trial.program, model.factors, model.terms, trial.order)
         return found.correct([case], [times], [motion[row]])[0]
 
-    return answer
+    return answer, found.ordered
+
+
+def judged_on(
+    measured: MeasurementSet, models: Sequence[Model], *, tests: Sequence[str] = (), dropped: Sequence[str] = ()
+) -> tuple[list[Trial], list[Trial]]:
+    """Trials judged, and those of role `fit` that a model or its corrector was fitted to."""
+    fitted = {name for model in models for name in model.provenance.fitted}
+    held = set.intersection(*(set(model.provenance.held_out) for model in models)) - fitted
+
+    def named(trial: Trial, names: set[str]) -> bool:
+        return f"{measured.name}/{trial.name}" in names
+
+    fit = [trial for trial in measured.trials if trial.role == "fit"]
+    asked = [trial for trial in fit if named(trial, held) and trial.name not in dropped]
+    asked += [t for t in measured.trials if t.role == "test" and t.design_name in tests and not named(t, fitted)]
+    return asked, [trial for trial in fit if named(trial, fitted)]
+
+
+def rows_of(
+    models: Mapping[str, Model], asked: Sequence[Trial], learned: Sequence[Trial], cache: Simulated
+) -> Iterator[Row]:
+    """The first two of a grid are the data sheet and the factors alone."""
+    designs = dict.fromkeys(trial.design_name for trial in asked)
+    noises = {name: noise_of([t for t in asked if t.design_name == name]) for name in designs}
+    for grid in dict.fromkeys(model.points_per_side for model in models.values()):
+        own = {name: model for name, model in models.items() if model.points_per_side == grid}
+        sheet = cache.of(asked, Model(points_per_side=grid))
+        yield Row("data sheet", grid, _errors(asked, _judged_of(asked, sheet), noises))
+        plain = cache.of([*asked, *learned], next(iter(own.values())).before)
+        alone = Row("factors alone", grid, _errors(asked, _judged_of(asked, plain), noises))
+        yield alone
+        for name, answers in _baselines(plain, asked, learned).items():
+            yield Row(f"factors alone, {name}", grid, _errors(asked, answers, noises))
+        for name, model in own.items():
+            bare = cache.of(asked, model)
+            if model.effects or model.corrector is None:
+                yield Row(name, grid, _errors(asked, _judged_of(asked, bare), noises))
+            if model.corrector is not None:
+                answer, ordered = corrected(model)
+                answers = {trial.name: answer(trial, bare[trial.name]) for trial in asked}
+                floors = None if ordered else alone.errors
+                yield Row(f"{name}, corrected", grid, _errors(asked, answers, noises, floors))
+
+
+def _errors(
+    asked: Sequence[Trial],
+    answers: Mapping[str, Motion],
+    noises: Mapping[str, SensorNoise],
+    floors: Mapping[str, Errors] | None = None,
+) -> dict[str, Errors]:
+    """Of the trials that have an answer. floors: of unordered answers, errors whose Chamfer floor they have."""
+    found = {}
+    for trial in (t for t in asked if t.name in answers):
+        frames, answer = trial.load().frames, answers[trial.name]
+        clouds = [frames[k] for k in frames_of(trial)]
+        if floors is None:
+            found[trial.name] = trial_errors(clouds, answer, noises[trial.design_name], seed=trial.order)
+        else:
+            found[trial.name] = unordered_errors(clouds, answer, floors[trial.name].chamfer_floor)
+    return found
+
+
+def _baselines(
+    plain: Mapping[str, Motion], asked: Sequence[Trial], learned: Sequence[Trial]
+) -> dict[str, dict[str, Motion]]:
+    fields = {t.name: residuals(t, plain[t.name], frames_of(t)) for t in learned}
+    mean, nearest, last = dict[str, Motion](), dict[str, Motion](), dict[str, Motion]()
+    for trial in asked:
+        motion = plain[trial.name]
+        own = [t for t in learned if t.design_name == trial.design_name]
+        mean[trial.name] = moved(trial, motion, np.mean([fields[t.name] for t in own or learned], axis=0))
+        if own:
+            apart = [float(np.abs(t.program.pressure - trial.program.pressure).sum()) for t in own]
+            nearest[trial.name] = moved(trial, motion, fields[own[int(np.argmin(apart))].name])
+        last[trial.name] = moved(trial, motion, residuals(trial, motion, frames_of(trial) - 1))
+    return {"mean residual field": mean, "nearest trial's residual": nearest, "last frame's residual": last}
+
+
+def table(rows: Sequence[Row], asked: Sequence[Trial]) -> str:
+    """Surface RMS, share of the excess removed over the factors alone of the same grid, trials made worse, Chamfer."""
+    groups: dict[str, list[str]] = {}
+    for trial in asked:
+        groups.setdefault(f"*{trial.design_name}*" + " of role test" * (trial.role == "test"), []).append(trial.name)
+    head = " | ".join(f"{title}, {len(own)}: surface RMS | closed | worse | Chamfer" for title, own in groups.items())
+    lines = [f"| | points a side | {head} |", "|---" * (2 + 4 * len(groups)) + "|"]
+    alone = {row.points_per_side: row for row in rows if row.name == "factors alone"}
+    for row in rows:
+        cells = [cell for names in groups.values() for cell in _cells(row, alone[row.points_per_side], names)]
+        lines.append(f"| {row.name} | {row.points_per_side} | {' | '.join(cells)} |")
+    floors = [mean_errors([rows[0].errors[name] for name in names]) for names in groups.values()]
+    shown = " | ".join(f"{in_mm(e.surface_floor):.2f} | | | {in_mm(e.chamfer_floor):.2f}" for e in floors)
+    lines.append(f"| noise floor | | {shown} |")
+    for row in rows:
+        each = ", ".join(f"{name} {in_mm(errors.surface_rms):.2f}" for name, errors in row.errors.items())
+        lines.append(f"\n{row.name}, {row.points_per_side} points a side, by trial: {each}")
+    return "\n".join(lines) + "\n"
+
+
+def _cells(row: Row, alone: Row, names: Sequence[str]) -> list[str]:
+    """Four, empty where the row says nothing of these trials."""
+    if not all(name in row.errors for name in names):
+        return [""] * 4
+    mean, before = (mean_errors([one.errors[name] for name in names]) for one in (row, alone))
+    chamfer = f"{in_mm(mean.chamfer):.2f}"
+    if not np.isfinite(mean.surface_rms):
+        return ["", "", "", chamfer]
+    share = closed(before, mean).surface
+    told = ["", ""]
+    if row is not alone and share is not None:
+        worse = sum(row.errors[name].surface_rms > alone.errors[name].surface_rms for name in names)
+        told = [f"{100 * share:.0f} %", f"{worse}"]
+    return [f"{in_mm(mean.surface_rms):.2f}", *told, chamfer]
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("set", type=Path)
-    parser.add_argument("--field", type=Path, required=True)
-    parser.add_argument("--paper", type=Path)
-    parser.add_argument("--test", help="A design whose trials of role test are looked at, alone.")
+    parser.add_argument("--model", action="append", required=True, metavar="NAME=M.toml")
+    parser.add_argument("--test", action="append", default=[], help="A design whose trials of role test are judged.")
+    parser.add_argument("--drop", action="append", default=[], help="A trial that is not judged.")
     parser.add_argument("--cache", type=Path, required=True)
     parser.add_argument("-o", "--output", type=Path, required=True)
     options = parser.parse_args()
-    measured, field = read_set(options.set), read_model(options.field)
-    base = field.without(["corrector"])
-    learned_names = {name.split("/")[1] for name in field.provenance.fitted}
-    held_names = {name.split("/")[1] for name in field.provenance.held_out}
-    fit = [t for t in measured.trials if t.role == "fit"]
-    learned = [t for t in fit if t.name in learned_names and t.name not in held_names]
-    designs = {t.design_name for t in learned}
-    if options.test:
-        asked = [t for t in measured.trials if t.role == "test" and t.design_name == options.test]
-    else:
-        asked = [t for t in fit if t.name in held_names and t.name not in learned_names]
-        asked += [t for t in measured.trials if t.role == "test" and t.design_name in designs]
-    cache = Simulated(options.cache)
-    ways: dict[str, Callable[[Trial, Motion], Motion]] = {"field": corrected(field)}
-    if options.paper:
-        ways["paper"] = corrected(read_model(options.paper))
-    sheet = cache.of(asked, Model(points_per_side=base.points_per_side), "sheet")
-    based = cache.of([*asked, *learned], base, "base")
-    rows = []
-    for name in sorted({t.design_name for t in asked}):
-        for role in ("fit", "test"):
-            trials = [t for t in asked if t.design_name == name and t.role == role]
-            if trials:
-                rows.append((name, role, len(trials), _table(trials, sheet, based, ways, learned)))
-    text = _markdown(rows)
+    measured = read_set(options.set)
+    models = {name: read_model(file) for name, _, file in (item.partition("=") for item in options.model)}
+    asked, learned = judged_on(measured, [*models.values()], tests=options.test, dropped=options.drop)
+    rows = [*rows_of(models, asked, learned, Simulated(options.cache))]
+    head = f"`python -m benchmarks.corrector`, commit {commit()}; mm, frames 6 to the end, every sixth."
+    text = f"{head}\n\n{table(rows, asked)}"
     write_text(options.output, text)
     print(text)
-
-
-def _table(trials, sheet, based, ways, learned) -> dict[str, Errors]:  # type: ignore[no-untyped-def]
-    noise = noise_of(trials)
-    same = [t for t in learned if t.design_name == trials[0].design_name]
-    fields = {t.name: residuals(t, based[t.name], frames_of(t)) for t in same}
-    found: dict[str, list[Errors]] = {}
-    for trial in trials:
-        clouds = [trial.load().frames[k] for k in frames_of(trial)]
-        motion, frames = based[trial.name], frames_of(trial)
-        answers = {
-            "data sheet": _plain(trial, sheet[trial.name])[frames],
-            "without corrector": _plain(trial, motion)[frames],
-        }
-        answers |= {name: way(trial, motion) for name, way in ways.items()}
-        if same:
-            nearest = min(same, key=lambda t: float(np.abs(t.program.pressure - trial.program.pressure).sum()))
-            answers["mean residual field"] = moved(trial, motion, np.mean([*fields.values()], axis=0))
-            answers["nearest trial's residual"] = moved(trial, motion, fields[nearest.name])
-        answers["last frame's residual"] = moved(trial, motion, residuals(trial, motion, frames - 1))
-        floor = None
-        for name, answer in answers.items():
-            if name == "paper":
-                assert floor is not None
-                errors = unordered_errors(clouds, answer, floor)
-            else:
-                errors = trial_errors(clouds, answer, noise, seed=trial.order)
-                floor = errors.chamfer_floor
-            found.setdefault(name, []).append(errors)
-    return {name: mean_errors(each) for name, each in found.items()}
-
-
-def _markdown(rows) -> str:  # type: ignore[no-untyped-def]
-    lines = [f"`python -m benchmarks.corrector`, commit {commit()}; mm, frames 6 to the end, every third.", ""]
-    for name, role, count, table in rows:
-        lines += [
-            f"*{name}*, {count} trials {'of role test' if role == 'test' else 'held out'}:",
-            "",
-            "| | surface RMS | floor | closed | Chamfer | floor |",
-            "|---|---|---|---|---|---|",
-        ]
-        for way, e in table.items():
-            share = closed(table["without corrector"], e).surface
-            ordered = np.isfinite(e.surface_rms)
-            surface = (f"{1e3 * e.surface_rms:.2f}", f"{1e3 * e.surface_floor:.2f}") if ordered else ("", "")
-            told = f"{share:.0%}" if ordered and share is not None and way != "without corrector" else ""
-            lines.append(
-                f"| {way} | {surface[0]} | {surface[1]} | {told} | {1e3 * e.chamfer:.2f} "
-                f"| {1e3 * e.chamfer_floor:.2f} |"
-            )
-        lines.append("")
-    return "\n".join(lines)
 
 
 if __name__ == "__main__":

@@ -1,27 +1,81 @@
 """What the demo ships beside its target: a few trials of a measured set, thinned, and a model trained on that set.
 
+    python -m benchmarks.demo_model SET [--free EFFECTS] [--work FOLDER] [-o fabdesign/data]
     python -m benchmarks.demo_model SET --model M.toml [-o fabdesign/data]
 
-M.toml is what `fabdesign calibrate SET -o M0.toml`, with the effects that the set shows (`--free`, or `fabdesign trace
-SET --model M0.toml -o T` and its T/model.toml), and `fabdesign train SET --model M0.toml -o M.toml` made.
-The trials are those of one design with the role `test`, which nothing is fitted to. Of each every third frame and 800
-points of a frame are kept.
+The first fits factors and effects and trains the corrector, as `fabdesign train SET --free EFFECTS -o
+FOLDER/model.toml` does, on trials of role `fit` alone, where FOLDER has no model yet; stopped, the same command goes
+on. The second takes a model that is there.
+The trials that are shipped are those of one design with the role `test`, which nothing is fitted to. Of each every
+third frame and 800 points of a frame are kept.
 """
 
 import argparse
 import shutil
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from fabdesign import interface
 from fabdesign.measurement_set import NewTrial, read_set, write_set
+from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.model_file import read_model, write_model
-from fabdesign.trial import Trial, TrialData
+from fabdesign.trial import MeasurementSet, Trial
+from fabdesign.trial_file import TrialData
 from studies.demo.measured import MODEL, SET
 
 DESIGN = "basic"
 EVERY, POINTS = 3, 800
+# What a trace and a fit of all effects found on the set that the demo is made of (docs/results/corrector.md).
+FREE = (
+    "rest_curvature",
+    "orthotropy",
+    "air_drag",
+    "braid_hysteresis.friction",
+    "filling_lag",
+    "supply_droop",
+    "line_loss",
+)
+
+
+def trained(measured: Path, work: Path, *, free: Sequence[str] = FREE, grid: int = POINTS_PER_SIDE) -> Path:
+    """The file of a model with these effects and a corrector, trained on `grid` points a side; made where `work` has
+    none. Raises InputError as `fabdesign train`."""
+    file = work / "model.toml"
+    if not file.is_file():
+        work.mkdir(parents=True, exist_ok=True)
+        interface.train(
+            measured, file, free=free, grid=grid, progress=lambda line, share: print(line, flush=True), say=print
+        )
+    return file
+
+
+def ship(measured: MeasurementSet, model: Model, output: Path) -> Path:
+    """Write the trials and the model to `output`; the model's weights. Raises ValueError for a model that has seen the
+    trials, or that has no corrector, and where there is no such trial."""
+    tests = [trial for trial in measured.trials if trial.design_name == DESIGN and trial.role == "test"]
+    if not tests:
+        raise ValueError(f"{measured.name}: no trial of {DESIGN} of role test")
+    if seen := {f"{measured.name}/{t.name}" for t in tests} & set(model.provenance.fitted):
+        raise ValueError(f"the model has seen {', '.join(sorted(seen))}; expected one that has not")
+    if model.corrector is None:
+        raise ValueError("the model has no corrector; expected one that `fabdesign train` made")
+    shutil.rmtree(output / SET, ignore_errors=True)  # its mark was taken away
+    write_set(
+        output / SET,
+        {DESIGN: tests[0].design},
+        (NewTrial(t.name, t.design_name, t.order, t.role, thinned(t)) for t in tests),
+        name=SET,
+        description=f"{len(tests)} {DESIGN} trials of {measured.name}, thinned; {measured.description}",
+        made_by="demo_model",
+    )
+    (output / SET / ".fabdesign").unlink(missing_ok=True)
+    weights = (output / MODEL).with_suffix(".safetensors")
+    shutil.copyfile(model.corrector, weights)
+    write_model(replace(model, corrector=weights), output / MODEL)
+    return weights
 
 
 def thinned(trial: Trial) -> TrialData:
@@ -37,27 +91,17 @@ def thinned(trial: Trial) -> TrialData:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("set", type=Path)
-    parser.add_argument("--model", type=Path, required=True)
+    parser.add_argument("--model", type=Path, help="A trained model; without it one is fitted and trained.")
+    parser.add_argument("--free", default=",".join(FREE), help="Effects to fit, as `train --free` takes them.")
+    parser.add_argument("--grid", type=int, default=POINTS_PER_SIDE, help="Points a side of the fit.")
+    parser.add_argument("--work", type=Path, default=Path("build/demo_model"), help="Where the model is kept.")
     parser.add_argument("-o", "--output", type=Path, default=Path("fabdesign/data"))
     options = parser.parse_args()
-    measured, model = read_set(options.set), read_model(options.model)
-    tests = [trial for trial in measured.trials if trial.design_name == DESIGN and trial.role == "test"]
-    if seen := {f"{measured.name}/{t.name}" for t in tests} & set(model.provenance.fitted):
-        parser.error(f"{options.model} has seen {', '.join(sorted(seen))}; expected a model that has not")
-    shutil.rmtree(options.output / SET, ignore_errors=True)  # its mark was taken away
-    write_set(
-        options.output / SET,
-        {DESIGN: tests[0].design},
-        (NewTrial(t.name, t.design_name, t.order, t.role, thinned(t)) for t in tests),
-        name=SET,
-        description=f"{len(tests)} {DESIGN} trials of {measured.name}, thinned; {measured.description}",
-        made_by="demo_model",
-    )
-    (options.output / SET / ".fabdesign").unlink(missing_ok=True)
-    weights = (options.output / MODEL).with_suffix(".safetensors")
-    assert model.corrector is not None
-    shutil.copyfile(model.corrector, weights)
-    write_model(replace(model, corrector=weights), options.output / MODEL)
+    file = options.model or trained(options.set, options.work, free=options.free.split(","), grid=options.grid)
+    try:
+        weights = ship(read_set(options.set), read_model(file), options.output)
+    except ValueError as error:
+        parser.error(f"{file}: {error}")
     print(f"{options.output / SET}, {options.output / MODEL}: {weights.stat().st_size / 1e6:.2f} MB of weights")
 
 

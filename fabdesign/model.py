@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fabdesign import SIMULATOR
 from fabdesign.forward import MUSCLE_TYPES, OF_MUSCLES, SIDE, Term
+from fabdesign.learned_range import LearnedRange
 
 POINTS_PER_SIDE = SIDE  # of the simulator's grid, unless something else is asked for
 PARTS = ("rig", "sensors", "corrector", "spread")  # what may be left out of a model
@@ -119,6 +120,7 @@ class Model:
     covariance: Covariance | None = None
     corrector_hash: str | None = None  # of the parameters and effects that it was trained on (fabdesign.corrector)
     spread: Spread | None = None  # None: its motions have no intervals
+    learned_range: LearnedRange | None = None  # of what was fitted without a physical name; None: nothing, or not known
 
     @property
     def factors(self) -> dict[str, float]:
@@ -146,6 +148,7 @@ class Model:
             without_effects=None,
             covariance=None,
             spread=None,
+            learned_range=None,
         )
 
     def without(self, parts: Collection[str]) -> "Model":

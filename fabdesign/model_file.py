@@ -14,10 +14,12 @@ from fabdesign.effect_file import effect_items, read_effect, read_interval, read
 from fabdesign.effort import COARSEST, FINEST
 from fabdesign.errors import InputError
 from fabdesign.forward import FACTOR_RANGE, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
+from fabdesign.learned_range import LearnedRange
 from fabdesign.model import PARTS, POINTS_PER_SIDE, Covariance, Model, Parameter, Provenance, Spread
 from fabdesign.output import write_text
 from fabdesign.spread import spread_of
 from fabdesign.table import Table, load_toml, nearest
+from fabdesign.units import kilopascals
 
 FORMAT = "fabdesign.model/1"
 
@@ -46,8 +48,18 @@ def read_model(path: Path | str) -> Model:
     origin = Provenance() if provenance is None else _provenance(provenance)
     covariance = _covariance(root.table("covariance")) if "covariance" in root else None
     spread = _spread(root.table("spread")) if "spread" in root else None
+    learned = _learned_range(root.table("learned_range")) if "learned_range" in root else None
     model = Model(
-        parameters, effects, corrector, points_per_side, origin, without_effects, covariance, corrector_hash, spread
+        parameters,
+        effects,
+        corrector,
+        points_per_side,
+        origin,
+        without_effects,
+        covariance,
+        corrector_hash,
+        spread,
+        learned,
     )
     root.finish()
     if corrector_hash not in (None, central_hash(model)):
@@ -80,6 +92,10 @@ def write_model(model: Model, path: Path | str) -> None:
         document["corrector"] = {"weights": weights} | trained_on
     if model.spread is not None:
         document["spread"] = asdict(model.spread)
+    if (learned := model.learned_range) is not None:
+        in_kpa = {"pressure": kilopascals(learned.pressure), "rate": kilopascals(learned.rate)}
+        numbers = {name: tomlkit.value(f"{number.normalize():f}") for name, number in in_kpa.items()}
+        document["learned_range"] = {**numbers, "channels": learned.channels}
     document["simulator"] = {"points_per_side": model.points_per_side}
     origin = model.provenance
     items: dict[str, Any] = {
@@ -158,6 +174,18 @@ def _spread(table: Table) -> Spread:
     designs.finish()
     table.finish()
     return spread
+
+
+def _learned_range(table: Table) -> LearnedRange:
+    for name in ("pressure", "rate"):
+        table.number(name, least=0)
+    learned = LearnedRange(
+        pressure=table.kilopascals("pressure"),
+        rate=table.kilopascals("rate"),
+        channels=table.integer("channels", least=0),
+    )
+    table.finish()
+    return learned
 
 
 def _provenance(table: Table) -> Provenance:

@@ -1,6 +1,6 @@
 """A simulator and a model become the one forward model that every study asks."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from fabdesign.design import Design
@@ -8,6 +8,7 @@ from fabdesign.effects.registry import effect_named
 from fabdesign.forward import ForwardModel
 from fabdesign.model import Model
 from fabdesign.predictor import Predictor
+from fabdesign.pressure import PressureProgram
 
 
 def forward_model(simulator: ForwardModel, model: Model | None, *, sensing: bool = False) -> Predictor:
@@ -52,3 +53,14 @@ def not_corrected(model: Model, designs: Iterable[Design]) -> list[str]:
                 f"than its limit of {trust.limit:.2f}; its motions are the simulator's"
             )
     return lines
+
+
+def extrapolated(model: Model | None, programs: Sequence[PressureProgram]) -> list[str]:
+    """A line where the pressures go beyond those that the model's coefficients without a physical name were fitted to;
+    none for a model without such coefficients, or whose file does not say what they were fitted to."""
+    if model is None or model.learned_range is None:
+        return []
+    if all(effect_named(term.name, "effects").named for term in model.effects):
+        return []
+    line = model.learned_range.beyond(programs)
+    return [] if line is None else [line]

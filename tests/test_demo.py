@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from sheets import rolled_sheet
 
+from benchmarks import demo_model
 from fabdesign.forward import Case
 from fabdesign.measurement_set import read_set
 from fabdesign.metrics import Errors
 from fabdesign.model import EffectTerm, Model
-from fabdesign.model_file import read_model
+from fabdesign.model_file import read_model, write_model
 from fabdesign.trial_file import read_trial
 from studies.branches import Branches
 from studies.demo import measured
@@ -39,6 +40,41 @@ def test_the_demo_set_is_a_part_of_the_measured_one(data: Path) -> None:
         assert part.pressure.tolist() == whole.pressure[rows].tolist()
         for row, frame in zip(rows, part.frames, strict=True):
             assert {*map(tuple, frame.tolist())} <= {*map(tuple, whole.frames[row].tolist())}
+
+
+def test_the_shipped_set_is_what_the_command_makes(data: Path, tmp_path: Path) -> None:
+    shipped, rig = read_model(DATA / measured.MODEL), read_set(data / "rig_a")
+    demo_model.ship(rig, shipped, tmp_path)
+    again = read_model(tmp_path / measured.MODEL)
+    assert again.corrector == tmp_path / "demo_model.safetensors" and shipped.corrector is not None
+    assert again.corrector.read_bytes() == shipped.corrector.read_bytes()
+    assert again.parameters == shipped.parameters and again.provenance == shipped.provenance
+    made, known = read_set(tmp_path / measured.SET), read_set(DATA / measured.SET)
+    assert [trial.name for trial in made.trials] == [trial.name for trial in known.trials]
+    for one, other in zip(made.trials, known.trials, strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(one.load().frames, other.load().frames, strict=True))
+    seen = replace(shipped, provenance=replace(shipped.provenance, fitted=(f"rig_a/{made.trials[0].name}",)))
+    with pytest.raises(ValueError, match="has seen"):
+        demo_model.ship(rig, seen, tmp_path)
+
+
+def test_without_a_model_the_command_trains_one_and_keeps_it(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def train(measured_set: Path, out: Path, **options: object) -> None:
+        asked.append(options["free"])
+        (out.parent / "demo_model.safetensors").write_bytes((DATA / "demo_model.safetensors").read_bytes())
+        write_model(replace(read_model(DATA / measured.MODEL), corrector=out.parent / "demo_model.safetensors"), out)
+
+    monkeypatch.setattr(demo_model.interface, "train", train)
+    command = ["demo_model", str(data / "rig_a"), "--work", str(tmp_path / "work"), "-o", str(tmp_path / "out")]
+    monkeypatch.setattr("sys.argv", command)
+    for _ in range(2):
+        demo_model.main()
+    assert asked == [[*demo_model.FREE]]  # once
+    assert read_model(tmp_path / "out" / measured.MODEL).corrector == tmp_path / "out" / "demo_model.safetensors"
 
 
 class Rolling:

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.forward import PARAMETERS
+from fabdesign.learned_range import LearnedRange
 from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
 from fabdesign.model_file import read_model, write_model
 from tests.conftest import ROOT
@@ -50,6 +51,7 @@ models = st.builds(
     covariance=st.none() | st.just(Covariance(("bending", "filling_lag.fill"), np.array([[0.1, 0.2], [0.2, 3]]))),
     corrector=st.none(),
     points_per_side=st.integers(9, 161),
+    learned_range=st.none() | st.builds(LearnedRange, floats(0, 1e6), floats(0, 1e9), st.integers(0, 99)),
     provenance=st.builds(Provenance, lists, lists, lists, texts, texts, st.none() | st.integers(0, 2**31)),
 )
 

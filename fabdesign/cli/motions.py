@@ -89,7 +89,9 @@ def simulate(
     from fabdesign.forward import HOLD, RISE
     from fabdesign.motion_file import mesh_paths, square_triangles, write_mesh, write_motion
     from fabdesign.output import new_file, new_files
+    from fabdesign.pressure import rising_program
     from fabdesign.pressure_file import constant_program, read_pressures
+    from studies.forward_model import extrapolated
     from studies.predict import frame_times, moved, rested
 
     loaded = read_design(design)
@@ -119,6 +121,9 @@ def simulate(
         from sim import Simulator
 
         rise, hold = RISE if rise is None else rise, HOLD if hold is None else hold
+        acting = rising_program(program.pressure[-1], rise, rise) if equilibrium else program
+        for line in extrapolated(fitted, [acting]):
+            tell(line)
         simulator = Simulator(side, self_contact=self_contact, rise=rise, hold=hold)
         if equilibrium:
             motion = rested(simulator, loaded, program, model=fitted, order=order)

@@ -80,6 +80,8 @@ def calibrate(
             interruptible=True,
             progress=progress,
         )
+        if base.learned_range is not None and calibration.model.learned_range is None:  # what was learned is held
+            calibration = replace(calibration, model=replace(calibration.model, learned_range=base.learned_range))
         if unfinished is not None:
             write_model(calibration.model, unfinished)
     if calibration.fit.interrupted:

@@ -50,7 +50,7 @@ def evaluate(
     from studies.coarser_grid import enough_points
     from studies.evaluate import evaluate_sets
     from studies.evaluation_report import write_evaluation
-    from studies.forward_model import not_corrected
+    from studies.forward_model import extrapolated, not_corrected
     from studies.sensitive_stretches import GRID as COARSE
 
     fitted = _model(model, without, say)
@@ -66,7 +66,10 @@ def evaluate(
 
     with _folder(out, "evaluate", force, paths_of(measured, model)) as unfinished, computing(cluster):
         trials = [trial for read in sets for trial in read.trials]
-        for line in not_corrected(fitted, (trial.design for trial in trials if trial.role in roles)):
+        asked = [trial for trial in trials if trial.role in roles]
+        for line in not_corrected(fitted, (trial.design for trial in asked)):
+            say(line)
+        for line in extrapolated(fitted, [trial.program for trial in asked]):
             say(line)
         forward = simulator(grid) if grid else enough_points(fitted, trials, simulator, tell=say)
         evaluation = evaluate_sets(
@@ -107,7 +110,7 @@ def predict(
     are done, with a warning.
     """
     from studies.coarser_grid import enough_points
-    from studies.forward_model import not_corrected
+    from studies.forward_model import extrapolated, not_corrected
     from studies.predict import folders_of, predicted, trials_of
     from studies.predict import predict as predict_trials
     from studies.sensitive_stretches import GRID as COARSE
@@ -127,6 +130,8 @@ def predict(
 
     with _folder(out, "predict", force, paths_of(measured, model, design)) as unfinished, computing(cluster):
         for line in not_corrected(fitted, (trial.design for trial in trials)):
+            say(line)
+        for line in extrapolated(fitted, [trial.program for trial in trials]):
             say(line)
         forward = simulator(grid) if grid else enough_points(fitted, trials, simulator, tell=say)
         coarse = simulator(COARSE) if fitted.spread is not None else None

@@ -23,7 +23,7 @@ from fabdesign.interface.arguments import (
 )
 from fabdesign.interface.results import Motion, Sweep
 from fabdesign.model import Model
-from fabdesign.pressure import PressureProgram
+from fabdesign.pressure import PressureProgram, rising_program
 from fabdesign.units import in_kpa
 
 FRAME_RATE = 60.0  # Hz, as `fabdesign simulate` has it
@@ -57,12 +57,15 @@ def simulate(
     >>> motion.time.shape, motion.faces.shape
     ((7,), (7, 2, 41, 41, 3))
     """
+    from studies.forward_model import extrapolated
     from studies.predict import frame_times, require_motions
 
     given, lone = pairs(design, pressures)
     fitted = one_model(model, without)
     side = grid or (fitted or Model()).points_per_side
     times = [frame_times(p, duration=duration, frame_rate=frame_rate, points_per_side=side) for _, p in given]
+    for line in extrapolated(fitted, [program for _, program in given]):
+        warn(line)
     with computing(cluster):
         forward = simulator(side, self_contact=self_contact)
 
@@ -100,10 +103,13 @@ def equilibrium(
     >>> bool(shape.faces[0, 0, -1, :, 2].mean() > 0.01)  # m: muscles in front pull the lower edge towards the viewer
     True
     """
+    from studies.forward_model import extrapolated
     from studies.predict import require_shapes
 
     given, lone = pairs(design, pressures)
     fitted = one_model(model, without)
+    for line in extrapolated(fitted, [rising_program(p.pressure[-1], rise, rise) for _, p in given]):
+        warn(line)
     with computing(cluster):
         forward = simulator(
             grid or (fitted or Model()).points_per_side, self_contact=self_contact, rise=rise, hold=hold

@@ -159,7 +159,7 @@ def calibrate(
     model = fitted_model(
         fitted,
         covariance,
-        designs=[trial.design for trial in data.trials],
+        trials=data.trials,
         reliable=not why,
         points_per_side=points_per_side,
         provenance=data.provenance(),

@@ -7,7 +7,9 @@ import numpy as np
 from fabdesign.design import Design
 from fabdesign.effects import EFFECTS
 from fabdesign.forward import MUSCLE_TYPES, OF_MUSCLES
+from fabdesign.learned_range import LearnedRange
 from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
+from fabdesign.trial import Trial
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitParameter
 
@@ -18,14 +20,14 @@ def fitted_model(
     fit: Fit,
     covariance: np.ndarray,
     *,
-    designs: Sequence[Design],
+    trials: Sequence[Trial],
     reliable: bool,
     points_per_side: int,
     provenance: Provenance,
 ) -> Model:
-    """covariance: (p, p) of the fit's unknowns, whatever the intervals hold included."""
+    """covariance: (p, p) of the fit's unknowns, whatever the intervals hold included. trials: that were fitted."""
     deviation = np.sqrt(np.diag(covariance))
-    muscles = muscle_scope(designs)
+    muscles = muscle_scope([trial.design for trial in trials])
     parameters, quantities = {}, {}
     for parameter, x, s in zip(fit.vector.parameters, fit.x, deviation, strict=True):
         interval = parameter.value(x - QUANTILE * s), parameter.value(x + QUANTILE * s)
@@ -36,9 +38,10 @@ def fitted_model(
             quantities[parameter.name] = Quantity(parameter.value(x), parameter.unit, interval)
     for name, factor in fit.vector.factors:
         parameters.setdefault(name, Parameter(factor))
-    effects = []
+    effects, unnamed = [], False
     for label, term in zip(fit.vector.labels, fit.vector.terms_at(fit.x), strict=True):
         declared = EFFECTS[term.name]
+        unnamed |= not declared.named and len(fit.vector.part(label)) > 0
         values = {
             key: quantities.get(f"{label}.{key}", Quantity(value, declared.parameters[key].unit))
             for key, value in declared.values(term.values).items()
@@ -52,6 +55,7 @@ def fitted_model(
         provenance=provenance,
         without_effects=None if fit.without_effects is None else _plain(fit.without_effects),
         covariance=Covariance(fit.vector.names, covariance),
+        learned_range=LearnedRange.of(trial.program for trial in trials) if unnamed else None,
     )
 
 

@@ -250,7 +250,7 @@ def model_of(
     model = fitted_model(
         fit if fit is plain else replace(fit, without_effects=plain),
         with_engines(fit) + undecided(joint.covariance, joint.vector.names, fit.vector.names),
-        designs=[trial.design for trial in data.trials],
+        trials=data.trials,
         reliable=reliable,
         points_per_side=points_per_side,
         provenance=data.provenance(),
