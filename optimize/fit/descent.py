@@ -113,7 +113,7 @@ def fit(
         there = _ending(reached, problem, inputs, before, iterations)
         state, more, converged = _descend(
             problem, state, weight, line, told, near=wrong, exact=False,
-            close=_CLOSE_ENOUGH if wrong else _least(close, vector), expected=expected, inputs=inputs, reached=there,
+            close=_CLOSE_ENOUGH if wrong else close, expected=expected, inputs=inputs, reached=there,
         )  # fmt: skip
     return concluded(problem, state, inputs, before, iterations + more, converged)
 
@@ -126,13 +126,8 @@ def fit_bench(problem: BenchProblem) -> Fit:
     before = capped(evaluation.found.residual, evaluation.found.loss.cap)
     state = problem.linearise(evaluation, np.diag(STEP * vector.scale))
     state, first, _ = _descend(problem, state, weight, "", progress, near=True, sure=False, close=_CLOSE_ENOUGH)
-    state, more, converged = _descend(problem, state, weight, "", progress, exact=False, close=_least(None, vector))
+    state, more, converged = _descend(problem, state, weight, "", progress, exact=False)
     return concluded(problem, state, None, before, first + more, converged)
-
-
-def _least(close: float | None, vector: FitVector) -> float:
-    """Of log likelihood: `close`, or as much for each unknown, since by chance alone the fit of each is off by half."""
-    return _CLOSE * len(vector.parameters) if close is None else close
 
 
 def _ending(
@@ -179,7 +174,7 @@ def _descend(
     near: bool = False,
     sure: bool = True,
     exact: bool = True,
-    close: float,
+    close: float | None = None,
     expected: float = np.inf,
     inputs: InputErrors | None = None,
     reached: Reached = lambda state, iterations: None,
@@ -194,6 +189,8 @@ def _descend(
     need where the fit stands are as old as the first Jacobian, unless a step gains nothing."""
     slight, far = (_NEAR, np.inf) if near else (_CONVERGED, FAR)
     vector, damping, whole = problem.vector, 0.0, exact
+    if close is None:  # by chance alone the fit of each unknown is off by half of log likelihood
+        close = _CLOSE * len(vector.parameters)
     for iteration in range(1, _ITERATIONS + 1):
         step, normal = step_to_minimum(problem.samples, state, weight, damping, problem.vector, inputs, far)
         promised = -loss(problem.samples, state, _promised(state, step), normal, weight, inputs)
