@@ -41,9 +41,9 @@ class Keyed:
         truth, found = true_factors(key), read_model(model)
         ends = np.log([_interval(found, name) for name in PARAMETERS])
         total = np.ptp(ends, axis=1) / 2 / QUANTILE
-        own = total
+        own, engines = total, engine_difference()
         for _ in range(_ROUNDS):
-            taken = np.square(total) - np.square(data_share(own) * engine_difference())
+            taken = np.square(total) - np.square(data_share(own) * engines)
             own = np.sqrt(np.maximum(taken, _SMALLEST**2))
         return Keyed(key.parent.name, ends.mean(axis=1) - truth, total, own)
 

@@ -44,7 +44,7 @@ def with_run(folder: Path, rig: Rig, measured: MeasurementSet, found: dict[str, 
     own, whole = folder / "runs" / f"{rig.name}_{runs}", folder / "sets" / f"{rig.name}_{runs}"
     if not (whole / "set.toml").is_file():
         told = found["next_experiment"]["program"]
-        pressure = from_kpa(1.0) * np.array(told["pressure_kpa"])
+        pressure = from_kpa(np.array(told["pressure_kpa"]))
         program = PressureProgram(np.array(told["time_s"]), pressure, float(told["duration_s"]))
         measure(rig, [program], own)
         (run,) = read_set(own).trials

@@ -95,8 +95,8 @@ class LeftOut:
 
     @property
     def gradient(self) -> Array:
-        """(p,), tempered, of all trials, without the prior's."""
-        return np.asarray(self._parts[1].sum(axis=0))
+        """(p,), tempered, of all trials, with the prior's."""
+        return np.asarray(self._parts[1].sum(axis=0) + self.x / self.prior**2)
 
     def scored(self, off: Indices | Sequence[int] = ()) -> Scored:
         """With the unknowns `off` at zero in every fold, the others fitted to the other folds."""

@@ -18,6 +18,7 @@ from fabdesign.output import new_folder, write_text
 from optimize.fit.clouds import Array, Indices, evenly
 from optimize.fit.left_out import Scored
 from studies.benches.records import require_columns, unit_of
+from studies.calibration.fitted_model import QUANTILE
 from studies.tracing.bench_candidates import Shape, Signals, shapes_of, signals_of
 from studies.tracing.bench_fit import BenchTask, JointFit, alike, candidates_of, select
 from studies.tracing.bench_law import law
@@ -67,7 +68,8 @@ def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) 
     say(f"{len(task.effects)} effects together on {len(records)} records")
     none, chosen = task.fit(), select(task)
     left = chosen.fit.state.found.residual
-    box, beside = (_baseline(signals, rows, record, values) for values in (residual, left))
+    box = _baseline(signals, rows, record, residual)
+    beside = _baseline(signals, rows, record, left) if chosen.places else box
     evidence = Evidence(
         none.scored.excess(floor), chosen.scored.excess(floor), len(chosen.places), box.excess(floor),
         beside.excess(floor), none.left_out.gain(none.scored, box, floor)[1][0] > 0,
@@ -116,7 +118,7 @@ def _table(shape: Shape, signals: Sequence[Signals], rows: Sequence[Indices]) ->
 def _effects(task: BenchTask, chosen: JointFit) -> tuple[EffectTerm, ...]:
     vector = chosen.fit.vector
     strengths = {
-        p.name: Quantity(p.value(x), p.unit, (p.value(x - 1.645 * s), p.value(x + 1.645 * s)))
+        p.name: Quantity(p.value(x), p.unit, (p.value(x - QUANTILE * s), p.value(x + QUANTILE * s)))
         for p, x, s in zip(vector.parameters, chosen.fit.x, task.deviation(chosen), strict=True)
     }
     terms = []

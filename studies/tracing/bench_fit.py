@@ -17,6 +17,7 @@ from optimize.fit.left_out import Gain, LeftOut, Scored
 from optimize.fit.needed import NEEDED, conditioned, eliminated
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.problem import BenchProblem
+from studies.calibration.fitted_model import QUANTILE
 from studies.tracing.backwards import gains_of, parts_of, weakest
 from studies.tracing.bench_candidates import Shape
 from studies.tracing.verdict import STRUCTURE
@@ -182,7 +183,7 @@ def candidates_of(task: BenchTask) -> tuple[BenchCandidate, ...]:
 
 def _wrong_sign(task: BenchTask, alone: JointFit) -> bool:
     """Whether a strength is less than it can be for certain."""
-    most = alone.fit.x + 1.645 * task.deviation(alone, any_sign=True)
+    most = alone.fit.x + QUANTILE * task.deviation(alone, any_sign=True)
     return any(m < lowest(name) for m, name in zip(most.tolist(), alone.fit.vector.names, strict=True))
 
 

@@ -11,7 +11,7 @@ from fabdesign.effects import EFFECTS
 from fabdesign.model import EffectTerm
 from optimize.fit.clouds import Array
 from studies.tracing.bench_fit import BenchCandidate
-from studies.tracing.verdict import Evidence, Word, explains
+from studies.tracing.verdict import Evidence, Word, shared_out
 
 Curve = tuple[str, Array, Array, Array, Array]  # a record: its name, the rows' place, measured, before, after
 
@@ -42,8 +42,7 @@ class BenchOutcome:
     @property
     def shares(self) -> dict[str, float]:
         """Of the gap, what each effect closes; of several, by what its absence costs."""
-        whole, costs = explains(self.evidence), {name: max(gain, 0.0) ** 2 for name, gain in self.gains.items()}
-        return {} if whole is None else {k: whole * cost / max(sum(costs.values()), 1e-30) for k, cost in costs.items()}
+        return shared_out(self.evidence, self.gains)
 
     def as_json(self) -> dict[str, Any]:
         """`trace.json`."""

@@ -119,7 +119,7 @@ def _instead(wide: LeftOut, selection: Selection, label: str, other: str, column
     part = chosen.part(label)
     kept = np.setdiff1d(np.arange(len(chosen.names)), part)
     free = np.concatenate([kept, columns])
-    slope = wide.gradient + wide.x / wide.prior**2 - wide.information[:, part] @ wide.x[part]
+    slope = wide.gradient - wide.information[:, part] @ wide.x[part]
     x = wide.x[free] - np.linalg.solve(wide.information[np.ix_(free, free)], slope[free])
     terms = [term for own, term in zip(chosen.labels, chosen.terms, strict=True) if own != label]
     vector = FitVector(

@@ -90,7 +90,7 @@ def _judged(task: Task, known: Fit, joint: FitVector) -> list[tuple[Gain, bool]]
 def _cost(beside: LeftOut, count: int) -> float:
     """Of log likelihood, at the minimum to first order, what the last `count` unknowns cost to switch off."""
     covariance = np.linalg.inv(beside.information)
-    x = beside.x - covariance @ (beside.gradient + beside.x / beside.prior**2)
+    x = beside.x - covariance @ beside.gradient
     return cost(x, np.asarray(covariance, dtype=np.float64), np.arange(len(x) - count, len(x)))
 
 

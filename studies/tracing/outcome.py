@@ -23,7 +23,7 @@ from studies.tracing.discovered import Discovered
 from studies.tracing.errors import TrialError, mean_of, other_layouts
 from studies.tracing.residual import Remains
 from studies.tracing.selection import Selection
-from studies.tracing.verdict import Evidence, Word, explains
+from studies.tracing.verdict import Evidence, Word, shared_out
 
 FORMAT = "fabdesign.trace/1"
 _LITTLE = 0.1  # of its share, below which a frame's weight is told
@@ -164,13 +164,10 @@ class Outcome:
         }
 
     @cached_property
-    def explained(self) -> dict[str, float | None]:
+    def explained(self) -> dict[str, float]:
         """Share of the gap that each effect closes; of several, by what its absence costs."""
-        whole = explains(self.evidence)
-        if whole is None:
-            return {}
-        costs = {label_effect(name): max(gain, 0.0) ** 2 for name, (gain, _) in self.selection.gains.items()}
-        return {name: whole * cost / max(sum(costs.values()), 1e-30) for name, cost in costs.items()}
+        gains = {label_effect(label): gain for label, (gain, _) in self.selection.gains.items()}
+        return shared_out(self.evidence, gains)
 
     @property
     def floor(self) -> float:

@@ -1,5 +1,6 @@
 """What a trace says: adequate, an effect, or unexplained."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -56,3 +57,11 @@ def explains(evidence: Evidence) -> float | None:
     if evidence.before <= 0 or evidence.box_before >= evidence.before:
         return None
     return 1 - evidence.after / evidence.before
+
+
+def shared_out(evidence: Evidence, gains: Mapping[str, float]) -> dict[str, float]:
+    """Of that share, what each effect closes; of several, by what its absence costs. gains: m of excess, by effect."""
+    whole, costs = explains(evidence), {name: max(gain, 0.0) ** 2 for name, gain in gains.items()}
+    if whole is None:
+        return {}
+    return {name: whole * cost / max(sum(costs.values()), 1e-30) for name, cost in costs.items()}
