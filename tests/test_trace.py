@@ -38,6 +38,7 @@ from studies.tracing.candidates import candidates_of
 from studies.tracing.decoys import decoy_columns, decoys_beside, turned
 from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
+from studies.tracing.reduction import begin_without, reduced
 from studies.tracing.run import DRAWN, trace_set
 from studies.tracing.selection import Selection
 from studies.tracing.task import Place, Task
@@ -410,6 +411,64 @@ def test_each_of_several_effects_is_confirmed_by_a_fit_without_it(selected):
     assert not small
     assert {name for name in said if " " in name} == {"filling_lag supply_droop"}
     assert {name for name in said if " " not in name} == {"filling_lag", "supply_droop"}
+
+
+class Counting(Predictor):
+    """Counts the motions that it makes."""
+
+    made = 0
+
+    def motions(self, cases, times):
+        self.made += len(cases)
+        return super().motions(cases, times)
+
+
+def test_where_many_cannot_go_at_once_few_go_at_a_time_by_the_joint_fits_jacobian(late, tmp_path, monkeypatch):
+    joint, data = late
+    forward = Counting(Curler(), Model(), sensing=True)
+    wanted, most, said = ["filling_lag", "supply_droop"], 3, []
+
+    def snapping(task, known, labels):
+        """More than so many at once, and the cloth is elsewhere."""
+        begin = begin_without(task, known, labels)
+        return replace(begin, rms=begin.rms + 2e-3) if len(labels) > most else begin
+
+    with work_folder(tmp_path / "out", made_by="trace") as work:
+        task = Task(data, forward, 0.5e-3, {}, [], None, Checkpoint(work, {}), say=said.append)
+        assert reduced(task, joint, wanted) == (joint, wanted)  # which any fit of them may begin from
+        monkeypatch.setattr("studies.tracing.reduction.begin_without", snapping)
+        forward.made = 0
+        found, labels = reduced(task, joint, wanted)
+    others = len(joint.vector.labels) - len(wanted)
+    steps = [line for line in said if "mm RMS without" in line]
+    assert labels == wanted and len(steps) >= (others - most) / most
+    assert all(1 <= line.partition(";")[0].count(",") + 1 <= most for line in steps)
+    assert len(wanted) <= len(found.vector.labels) <= len(wanted) + most
+    assert found.after < joint.after + 0.05e-3
+    columns = len(joint.x) * len(data.trials)
+    assert forward.made < 2 * columns  # not a Jacobian for each step
+    # where it ends is the minimum of a fit of the same unknowns with a Jacobian of its own
+    slow = fit(data.samples, forward, vector=found.vector, accuracy=joint.inputs, start=found.x, near=True)
+    moved = np.abs(slow.x - found.x) / np.sqrt(np.diag(slow.covariance))
+    assert moved.max() < 0.5
+
+
+def test_what_cannot_go_alone_stays(late, tmp_path, monkeypatch):
+    joint, data = late
+
+    def stuck(task, known, labels):
+        begin = begin_without(task, known, labels)
+        return replace(begin, promised=0.0) if "filling_lag" in labels else begin
+
+    monkeypatch.setattr("studies.tracing.reduction.begin_without", stuck)
+    with work_folder(tmp_path / "out", made_by="trace") as work:
+        task = Task(
+            data, Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], None, Checkpoint(work, {}),
+            say=lambda line: None,
+        )  # fmt: skip
+        found, labels = reduced(task, joint, ["supply_droop"])
+    assert labels == ["filling_lag", "supply_droop"]
+    assert {*labels} <= {*found.vector.labels}
 
 
 def test_no_decoy_gains_beside_what_is_there(late, selected):

@@ -45,6 +45,7 @@ def fit(
     start: Array | None = None,
     close: float | None = None,
     near: bool = False,
+    jacobian: Array | None = None,
     expected: float = np.inf,
     progress: Progress = lambda line, share: None,
     reached: Callable[[Callable[[], Fit]], None] = lambda fit_there: None,
@@ -61,10 +62,10 @@ def fit(
     known from a fit of the same samples, so that models are compared by the same weights; None: the inputs are exact.
     close: of log likelihood, what the last step promises, or gains, at most; by default 0.007 for each unknown.
     near: another fit goes on from where this one ends, so that a step under 3 % ends it, and far frames count as
-    others. expected: m RMS, what a right model
-    leaves at most. Where a fit leaves k times as much, what is left is the model's error, not chance, and log
-    likelihood counts by 1/k^2: a model that is wrong is not refined. Not for effects that begin at nothing, which
-    leave much before they are found.
+    others. jacobian: (N, p) m, of a place near `start`: another is made only where its steps gain too little.
+    expected: m RMS, what a right model leaves at most. Where a fit leaves k times as much, what is left is the model's
+    error, not chance, and log likelihood counts by 1/k^2: a model that is wrong is not refined. Not for effects that
+    begin at nothing, which leave much before they are found.
     `progress` is told what is done, and about what share; `reached`, at each iteration, what makes the fit that ends
     there, for whoever interrupts it.
 
@@ -100,13 +101,14 @@ def fit(
     *evaluations, sheet = problem.evaluate([*starts, np.zeros(len(x))])
     evaluation = min(evaluations, key=lambda one: capped(one.found.residual))
     inputs = input_errors(problem, evaluation, accuracy) if isinstance(accuracy, Accuracy) else accuracy
-    state = problem.linearise(evaluation, along)
+    state = problem.linearise(evaluation, along) if jacobian is None else problem.with_jacobian(evaluation, jacobian)
     told = parts(progress, *ends)[-1]
     line, before = f"to {last:g} s, ", capped(sheet.found.residual)
     there = _ending(reached, problem, inputs, before, iterations)
     state, more, converged = _descend(
         problem, state, weight, line, told,
-        near=True, sure=near, close=_CLOSE_ENOUGH, expected=expected, inputs=inputs, reached=there,
+        near=True, sure=near and jacobian is None, exact=jacobian is None,
+        close=_CLOSE_ENOUGH, expected=expected, inputs=inputs, reached=there,
     )  # fmt: skip
     if not near:
         iterations, wrong = iterations + more, capped(state.found.residual) > _WRONG * expected

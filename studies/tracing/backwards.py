@@ -17,6 +17,7 @@ from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.problem import Evaluation
 from studies.tracing.decoys import Decoys, decoys_beside
+from studies.tracing.reduction import reduced
 from studies.tracing.task import Place, Task
 
 _CLOSE = 0.5  # of log likelihood: where a fit ends that is judged at the minimum of its linearised residuals
@@ -27,31 +28,36 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list
     """The fit with the effects that are needed, None without any; effects that are certain but gain too little; and
     decoys beside that fit. plain: the declared parameters alone, by the weights of `everything`."""
     labels, small = worth(task, everything)
-    known = everything
-    while labels:
-        if known is everything or set(labels) != set(known.vector.labels):
-            vector, starts = with_shapes(known, labels)
-            known = task.fit(" ".join(labels), vector, everything.inputs, starts, close=_CLOSE)
+    if not labels:
+        return None, small, None
+    known = _with_shapes(task, *reduced(task, everything, labels))
+    held: list[str] = []  # what a fit without it loses, though to first order it gains too little
+    while True:
         trials = LeftOut.of(known, task.data.folds)
         gains = gains_of(parts_of(known.vector), trials, task.floor)
+        doubtful = {label: gain for label, gain in gains.items() if label not in held}
         # beside a stronger one an effect must gain more than all leave: that one's law is not quite right, and small
         # effects take up what it lacks
         least = max(task.tolerance, trials.scored().excess(task.floor)) if len(gains) > 1 else task.tolerance
-        weak = weakest(gains, least, partial(_elsewhere, task, known, []))
+        weak = weakest(doubtful, least, partial(_elsewhere, task, known, []))
         if weak is None:
             decoys = decoys_beside(task, known, everything.vector)
             least = max(least, decoys.chance)
-            weak = weakest(gains, least, partial(_elsewhere, task, known, []))
-        if weak is not None:
-            small.append(weak)
-            labels = [label for label in known.vector.labels if label != weak]
-            continue
-        simpler = _simpler(task, known, plain, trials, gains, least)
-        if simpler is None:
-            return known, small, decoys
-        small += set(known.vector.labels) - set(simpler.vector.labels)
-        known, labels = simpler, [*simpler.vector.labels]
-    return None, small, None
+            weak = weakest(doubtful, least, partial(_elsewhere, task, known, []))
+        if weak is None:
+            found = _simpler(task, known, plain, trials, gains, least)
+            if found is None:
+                return known, small, decoys
+            simpler, weak = found
+        elif len(gains) > 1:
+            simpler = _with_shapes(task, known, [label for label in gains if label != weak])
+            if _loses(task, known, simpler, trials, least):
+                held.append(weak)
+                continue
+        small.append(weak)
+        if len(gains) == 1:
+            return None, small, None
+        known = simpler
 
 
 def gains_of(parts: Mapping[str, Indices], left: LeftOut, floor: float, off: Indices = _NONE) -> dict[str, Gain]:
@@ -98,6 +104,11 @@ def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
     terms = tuple(_chosen_only(term) for term in vector.terms)
     whole = FitVector(tuple(parameters), vector.factors, terms)
     return whole, np.array([[of.get(p.name, p.start) for p in parameters] for of in known])
+
+
+def _with_shapes(task: Task, known: Fit, labels: Sequence[str]) -> Fit:
+    vector, starts = with_shapes(known, labels)
+    return task.fit(" ".join(labels), vector, known.inputs, starts, close=_CLOSE)
 
 
 def _chosen_only(term: Term) -> Term:
@@ -150,25 +161,28 @@ def _unknowns(vector: FitVector, labels: Sequence[str]) -> Indices:
 
 def _simpler(
     task: Task, known: Fit, plain: Fit, trials: LeftOut, gains: Mapping[str, Gain], least: float
-) -> Fit | None:
-    """A fit without one of the effects that does as well: what is not linear may take its place, and which of two gains
-    more to first order may be wrong. plain: that of the declared parameters alone. As well: trials left out lose too
-    little, and either the data do too, or other layouts differ by too little."""
-    own, place = trials.scored(), Place(known.vector, known.x)
+) -> tuple[Fit, str] | None:
+    """A fit without one of the effects that does as well, and which: what is not linear may take its place, and which
+    of two gains more to first order may be wrong. plain: that of the declared parameters alone. As well: trials left
+    out lose too little, and either the data do too, or other layouts differ by too little."""
     for label in sorted(gains, key=lambda label: gains[label][0]):
         fitted = plain
         if len(gains) > 1:
             vector, starts = with_shapes(known, [other for other in gains if other != label])
             fitted = task.fit(" ".join(vector.labels), vector, known.inputs, starts, close=_CLOSE, doubted=True)
-        without = LeftOut.of(fitted, task.data.folds).scored()
-        alike = replace(own, squares=own.squares * without.weights / np.maximum(own.weights, 1e-12))
-        if _certain(trials.gain(without, alike, task.floor), least) or (
-            _lost(task, known, fitted) >= NEEDED
-            and task.differs_elsewhere(place, Place(fitted.vector, fitted.x)) >= least
-        ):
-            continue
-        return fitted
+        if not _loses(task, known, fitted, trials, least):
+            return fitted, label
     return None
+
+
+def _loses(task: Task, known: Fit, simpler: Fit, trials: LeftOut, least: float) -> bool:
+    """Whether a fit with fewer effects does not do as well. trials: left out, of `known`."""
+    own, without = trials.scored(), LeftOut.of(simpler, task.data.folds).scored()
+    alike = replace(own, squares=own.squares * without.weights / np.maximum(own.weights, 1e-12))
+    return _certain(trials.gain(without, alike, task.floor), least) or (
+        _lost(task, known, simpler) >= NEEDED
+        and task.differs_elsewhere(Place(known.vector, known.x), Place(simpler.vector, simpler.x)) >= least
+    )
 
 
 def _lost(task: Task, known: Fit, other: Fit) -> float:

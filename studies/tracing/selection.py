@@ -10,17 +10,19 @@ from functools import cached_property
 
 import numpy as np
 
+from optimize.fit.clouds import Array
 from optimize.fit.descent import horizons
 from optimize.fit.fitted import Fit
 from optimize.fit.left_out import Gain, LeftOut
 from optimize.fit.needed import NEEDED, needed
 from optimize.fit.parameters import FitVector, fit_vector
-from studies.tracing.backwards import backwards, gains_of, parts_of, sparse
+from studies.tracing.backwards import backwards, gains_of, parts_of, sparse, with_shapes
 from studies.tracing.decoys import Decoys
 from studies.tracing.task import Task
 
 EARLY = 1.0  # s, of the horizons before the last: a column costs a motion as long
 KNOWN = 0.35  # of the prior's standard deviation, over which the data say little of an unknown
+SLIGHT = 2.0  # times the tolerance: what leaves no more is near the minimum, and the joint fit begins there
 _EARLY_CLOSE = 3.0  # of log likelihood: where a fit ends that others follow
 ALIKE = 0.98  # cosine from which on two effects are one answer
 
@@ -58,17 +60,19 @@ def select(task: Task) -> Selection:
     need, then what trials left out gain too little by. What stays is fitted with its shapes and asked once more, and of
     several each by a fit without it.
 
-    The horizon grows, as in any fit; what a horizon says for certain to be next to nothing is left out of the later
-    ones: a column costs a motion of every trial."""
+    Where the declared parameters leave little, the residuals are nearly linear about them, and the joint fit begins
+    there: from the data sheet a cloth that snaps leads it astray. The horizon grows, as in any fit; what a horizon says
+    for certain to be next to nothing is left out of the later ones: a column costs a motion of every trial."""
     fabric = task.data.trials[0].design.fabric
     size = fabric.width, fabric.height
     every = fit_vector(["all"], factors=task.factors, scope=task.scope, channels=task.channels, size=size)
     vector = without(every, task.known)
     plain = task.fit("plain", vector.without_effects, near=True)
-    if _excess(task, plain) <= task.tolerance:
+    excess = _excess(task, plain)
+    if excess <= task.tolerance:
         return _adequate(task, vector, task.fit("plain to its end", plain.vector, plain.inputs, plain.minimum))
     nothing: dict[str, float] = {}
-    start = vector.start
+    start = _beside(vector, plain.x) if excess <= SLIGHT * task.tolerance else vector.start
     for horizon in [h for h in horizons(task.data.samples)[:-1] if h <= EARLY]:
         shorter = replace(task, data=task.data.until(horizon))
         early = shorter.fit(f"every effect to {horizon:g} s", vector, start=start, close=_EARLY_CLOSE, near=True)
@@ -80,7 +84,9 @@ def select(task: Task) -> Selection:
     plain = task.weighed(plain, everything.inputs)
     found, small, decoys = backwards(task, everything, plain)
     if found is None:
-        plain = task.fit("plain to its end", plain.vector, everything.inputs, plain.minimum)
+        without_effects, starts = with_shapes(everything, [])
+        starts = np.array([plain.minimum, *starts])
+        plain = task.fit("plain to its end", without_effects, everything.inputs, starts)
     return Selection(everything, plain, found or plain, task.data.folds, task.floor, tuple(small), nothing, decoys)
 
 
@@ -91,11 +97,16 @@ def _excess(task: Task, fitted: Fit) -> float:
 
 def _adequate(task: Task, vector: FitVector, plain: Fit) -> Selection:
     """What the declared parameters explain: effects take part to first order."""
-    x = np.zeros(len(vector.start))
-    x[: len(plain.x)] = plain.x
-    everything = task.linearised("every effect beside them", vector, x, plain.inputs)
+    everything = task.linearised("every effect beside them", vector, _beside(vector, plain.x), plain.inputs)
     small = sparse(everything, needed(everything.minimum, everything.covariance, vector, NEEDED))
     return Selection(everything, plain, plain, task.data.folds, task.floor, tuple(small), {})
+
+
+def _beside(vector: FitVector, factors: Array) -> Array:
+    """(p,) of a vector's unknowns: factors, and effects at nothing."""
+    x = np.zeros(len(vector.parameters))
+    x[: len(factors)] = factors
+    return x
 
 
 def negligible(early: Fit, tolerance: float) -> dict[str, float]:

@@ -75,6 +75,7 @@ class Task:
         close: float | None = None,
         near: bool = False,
         doubted: bool = False,
+        jacobian: Array | None = None,
     ) -> Fit:
         """As `optimize.fit.descent.fit`. named: in the folder and in what is said. inputs: what errors of them do,
         where that is known. doubted: whether it lacks an effect that may be needed; like one without any effect it is
@@ -91,10 +92,17 @@ class Task:
                 start=start,
                 close=close,
                 near=near,
+                jacobian=jacobian,
                 expected=expected_rms(self.data.noise, self.tolerance) if doubted or not vector.terms else np.inf,
                 progress=lambda line, share: self.say(f"{named}, {len(vector.parameters)} unknowns: {line}"),
             ),
         )
+
+    def nearest(self, vector: FitVector, xs: Sequence[Array]) -> tuple[float, Array]:
+        """m RMS of the residuals capped at 10 mm, and the place of `xs` where that is least."""
+        found = self._problem(vector).evaluate(xs)
+        best = min(found, key=lambda one: capped(one.found.residual))
+        return capped(best.found.residual), best.x
 
     def linearised(self, named: str, vector: FitVector, x: Array, inputs: InputErrors | None) -> Fit:
         """A fit that ends where it begins, with a Jacobian by differences."""

@@ -1,0 +1,93 @@
+"""From the joint fit to what the data need of it, as many effects at a time as leave what first order promises.
+
+Cloths that snap make a long step lose its way: where many effects whose parts nearly cancel go at once, the fit without
+them begins far off and ends at a false minimum, at which effects that are there gain nothing.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from itertools import count
+
+import numpy as np
+
+from fabdesign.forward import Term
+from fabdesign.units import in_mm
+from optimize.fit.clouds import Array
+from optimize.fit.fitted import Fit, capped
+from optimize.fit.needed import conditioned, cost
+from optimize.fit.parameters import FitVector
+from studies.tracing.task import Task
+
+
+@dataclass(frozen=True, eq=False)
+class Begin:
+    """Where a fit without some effects begins. jacobian: (N, p) m, of the fit with them. rms, promised: m of residuals
+    capped at 10 mm, as simulated and to first order."""
+
+    vector: FitVector
+    x: Array
+    jacobian: Array
+    rms: float
+    promised: float
+
+
+def reduced(task: Task, joint: Fit, labels: Collection[str]) -> tuple[Fit, list[str]]:
+    """From where a fit of the terms `labels` alone may begin: the joint fit, or one without some of its other terms;
+    and their labels there, with those of what must stay beside them.
+
+    Where the tolerance more than first order promises is left without all the others, in quadrature, only half as many
+    go at once, the cheapest first, and what stays is fitted before the next, by the joint fit's own Jacobian as long as
+    that leads on. One that leaves more by itself, fitted too, stays."""
+    known, wanted = joint, _terms(joint, labels)
+    for stage in count(1):
+        gone = _cheapest_first(known, wanted)
+        if not gone or _holds(task, begin := begin_without(task, known, gone)):
+            return known, [k for k, t in zip(known.vector.labels, known.vector.terms, strict=True) if t in wanted]
+        while len(gone) > 1 and not _holds(task, begin):
+            gone = gone[: (len(gone) + 1) // 2]
+            begin = begin_without(task, known, gone)
+        without = f"{in_mm(begin.rms):.3f} mm RMS without {', '.join(gone)}"
+        task.say(f"{without}; to first order {in_mm(begin.promised):.3f}")
+        fitted = task.fit(f"fewer {stage}", begin.vector, known.inputs, begin.x, near=True, jacobian=begin.jacobian)
+        if more(fitted.after, begin.promised) > task.tolerance:
+            wanted += _terms(known, gone)
+        else:
+            known = fitted
+    raise AssertionError("unreachable")
+
+
+def begin_without(task: Task, known: Fit, labels: Collection[str]) -> Begin:
+    """Without the terms `labels`: the better of where the joint covariance says the others then are and where they
+    are with them."""
+    part = np.concatenate([known.vector.part(label) for label in labels])
+    there = known.vector.inside(conditioned(known.minimum, known.covariance, part)[0])
+    vector, index = known.vector.only([label for label in known.vector.labels if label not in labels])
+    promised = known.state.found.residual + known.state.jacobian @ (there - known.x)
+    rms, x = task.nearest(vector, [there[index], known.x[index]])
+    return Begin(vector, x, known.state.jacobian[:, index], rms, capped(promised))
+
+
+def more(rms: float, than: float) -> float:
+    """m, in quadrature."""
+    return float(np.sqrt(max(rms**2 - than**2, 0.0)))
+
+
+def _holds(task: Task, begin: Begin) -> bool:
+    return more(begin.rms, begin.promised) <= task.tolerance
+
+
+def _terms(known: Fit, labels: Collection[str]) -> list[Term]:
+    """A label changes where it is the last of its effect; its term does not."""
+    return [term for label, term in zip(known.vector.labels, known.vector.terms, strict=True) if label in labels]
+
+
+def _cheapest_first(known: Fit, wanted: Sequence[Term]) -> list[str]:
+    """The labels of all other terms, in the order in which they go to first order."""
+    x, covariance = known.minimum, known.covariance
+    left = [k for k, t in zip(known.vector.labels, known.vector.terms, strict=True) if t not in wanted]
+    gone: list[str] = []
+    while left:
+        gone.append(min(left, key=lambda label: cost(x, covariance, known.vector.part(label))))
+        left.remove(gone[-1])
+        x, covariance = conditioned(x, covariance, known.vector.part(gone[-1]))
+    return gone
