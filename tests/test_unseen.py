@@ -25,7 +25,7 @@ from fabdesign.unseen_file import read_unseen
 from studies.check.study import study_findings
 from studies.tracing.experiment import fastest
 from studies.unseen.draws import Draws
-from studies.unseen.measurement import after, spread
+from studies.unseen.measurement import after, in_turn, spread
 from studies.unseen.report import as_text
 from studies.unseen.run import run_unseen
 from tests.command_line import Run, one_line
@@ -130,6 +130,7 @@ def test_shapes_have_intervals_and_the_best_measurement_is_said(folder: Path) ->
     assert next(iter(found["candidates"])) == "200,200"
     assert found["candidates"]["0,0"]["left_mm"] == pytest.approx(found["spread_mm"])  # at rest nothing is learned
     assert found["candidates"]["200,200"]["left_mm"] < 0.3 * found["spread_mm"]
+    assert [*found["in_turn_mm"]] == ["200,200", "0,0"]
     assert found["due_to_mm"]["damping"] == pytest.approx(0, abs=1e-3)
     assert found["program"]["pressure_kpa"] == [[200, 200]]
     assert (folder / "out" / "report.html").read_text().count("<svg") == 1
@@ -174,6 +175,16 @@ def test_information_is_that_of_a_linear_gaussian_model() -> None:
     assert spread(b, np.eye(2)) == pytest.approx(2.0)
     # the second number is measured with noise as large as its prior: its variance is halved
     assert after(b, np.diag([0.0, 1.0])) == pytest.approx(np.sqrt(1 + 0.5 + 1.5))
+
+
+def test_measurements_in_turn_do_not_tell_the_same_twice() -> None:
+    b = np.eye(3)
+    both = {"a": np.diag([9.0, 0, 0]), "much like a": np.diag([8.0, 0, 0]), "b": np.diag([0, 3.0, 0])}
+    assert sorted(both, key=lambda name: after(b, both[name])) == ["a", "much like a", "b"]
+    found = in_turn(b, both, 2)
+    assert [*found] == ["a", "b"]
+    assert [*found.values()] == pytest.approx([np.sqrt(0.1 + 2), np.sqrt(0.1 + 0.25 + 1)])
+    assert [*in_turn(b, both, 5)] == ["a", "b", "much like a"]
 
 
 def test_a_rig_that_is_slow_gets_programs_that_it_can_run(folder: Path) -> None:

@@ -5,7 +5,7 @@ are A z plus noise. After it z has covariance (1 + A^T A / noise^2)^-1, whatever
 Verdinelli 1995), and the shape that times B on both sides.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +66,18 @@ def spread(b: Array, covariance: Array) -> float:
 def after(b: Array, gained: Array) -> float:
     """m RMS of what a measurement of this information leaves of the shapes' spread."""
     return spread(b, np.asarray(np.linalg.inv(np.eye(len(gained)) + gained)))
+
+
+def in_turn(b: Array, gained: Mapping[str, Array], count: int) -> dict[str, float]:
+    """At most `count` measurements, each the one that tells most beside those before it, and m RMS that they leave
+    together. gained: (n, n), what `information` says of each."""
+    found: dict[str, float] = {}
+    known = np.zeros((b.shape[1], b.shape[1]))
+    while len(found) < min(count, len(gained)):
+        left = {name: after(b, known + own) for name, own in gained.items() if name not in found}
+        best = min(left, key=lambda name: left[name])
+        found[best], known = left[best], known + gained[best]
+    return found
 
 
 def candidates_of(unsewn: Unsewn, rig: RigLimits) -> list[CandidateMeasurement]:

@@ -125,6 +125,9 @@ def as_text(result: UnseenResult) -> str:
             f"the best measurement: {name}, on {best['design']}; it reduces {measurement['spread_mm']:.2f} mm RMS "
             f"to {best['left_mm']:.2f}"
         )
+        more = [f"{name} ({mm:.2f})" for name, mm in [*measurement["in_turn_mm"].items()][1:]]
+        if more:
+            lines.append(f"beside it, in this order: {', '.join(more)}")
     for name, left in (result.get("left_out") or {}).items():
         if left is None:
             lines.append(f"{name} left out: not started, because the time was used")

@@ -45,12 +45,14 @@ class CandidateResult(TypedDict):
 
 class Measurement(TypedDict):
     """What a measurement would tell. due_to: spread by each unknown's own part, in the covariance's order; candidates:
-    the best first, and its program."""
+    the best first, and its program. in_turn: those that tell most together, each beside those before it, and the spread
+    that they leave."""
 
     spread_mm: float
     due_to_mm: dict[str, float]
     candidates: dict[str, CandidateResult]
     program: ProposedProgram | None
+    in_turn_mm: dict[str, float]
 
 
 class CorrectorStatement(TypedDict):

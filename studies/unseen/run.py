@@ -20,12 +20,13 @@ from studies.layouts.content import flat, shortened
 from studies.sensitive_stretches import GRID
 from studies.unseen.draws import Draws
 from studies.unseen.left_out import left_out
-from studies.unseen.measurement import after, candidates_of, information, pose_slopes, spread
+from studies.unseen.measurement import Array, after, candidates_of, in_turn, information, pose_slopes, spread
 from studies.unseen.prediction import corrector_statement, intervals_statement, predicted
 from studies.unseen.report import write_report
 from studies.unseen.result import CandidateResult, Measurement, PoseResult, ProposedProgram, UnseenResult
 
-ALGORITHM = 1  # of what a study's folder keeps: raised where it is no longer what this code would compute
+IN_TURN = 3  # measurements that are proposed together
+ALGORITHM = 2  # of what a study's folder keeps: raised where it is no longer what this code would compute
 
 
 def run_unseen(
@@ -90,9 +91,11 @@ def _add_unsewn(
         candidates = candidates_of(unsewn, study.rig)
         progress(f"what {len(candidates)} measurements would tell")
         left: dict[str, CandidateResult] = {}
+        told: dict[str, Array] = {}
         for candidate, gained in zip(candidates, information(candidates, draws, forward), strict=True):
             if np.isfinite(gained).all():
                 left[candidate.name] = {"design": candidate.design.name, "left_mm": in_mm(after(b, gained))}
+                told[candidate.name] = gained
         ranked = dict(sorted(left.items(), key=lambda item: item[1]["left_mm"]))
         now = in_mm(spread(b, np.eye(len(draws.names))))
         best = next((c for c in candidates if ranked and c.name == next(iter(ranked))), None)
@@ -102,7 +105,8 @@ def _add_unsewn(
             "duration_s": best.program.duration,
         }  # fmt: skip
         shares = {name: in_mm(spread(b[:, k : k + 1], np.eye(1))) for k, name in enumerate(draws.names)}
-        return {"spread_mm": now, "due_to_mm": shares, "candidates": ranked, "program": program}
+        several = {name: in_mm(value) for name, value in in_turn(b, told, IN_TURN).items()}
+        return {"spread_mm": now, "due_to_mm": shares, "candidates": ranked, "program": program, "in_turn_mm": several}
 
     result["design"] = unsewn.design.name
     result["model_points_per_side"] = unsewn.model.points_per_side
