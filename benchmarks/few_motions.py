@@ -8,6 +8,10 @@ the smaller number is part of the larger. Places below 26 and below 10 are those
 the trials of *basic* at every seventh place from 4 on, none of which is fitted, and *vertical*, whose trials are of
 role test. The models of twelve trials are judged on the trials that `train` keeps back and `calibrate` did not fit.
 
+`learned-told-10` has the five trials of `learned-5` and five more of those not judged, by designs and pressures alone:
+those that by its covariance tell most together of the motions of all (studies/unseen/measurement.py), but for those
+that the simulator calls sensitive in over a fifth of their frames.
+
 Surface RMS at every sixth frame, each motion once on 21 points a side. A model is fitted where FOLDER has none, without
 the intervals of motions, which take no part here. `calibrate` fits 16 trials at most, so there is no row of more.
 Shares closed are of the excess of the factors alone of 10 trials, or of the twelve.
@@ -16,11 +20,13 @@ Shares closed are of the excess of the factors alone of 10 trials, or of the twe
 import argparse
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from benchmarks.machine import commit
-from fabdesign.forward import Case
+from fabdesign.forward import Case, ForwardModel
 from fabdesign.measurement_set import read_set
 from fabdesign.metrics import Errors, closed, mean_errors, trial_errors
 from fabdesign.model import Model
@@ -29,19 +35,23 @@ from fabdesign.output import write_text
 from fabdesign.predictor import Predictor
 from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
+from fabdesign.unseen_file import CandidateMeasurement
 from optimize.fit.parameters import FitVector, fit_vector
 from studies.calibration.calibrate import calibrate
 from studies.calibration.fitted_model import muscle_scope
 from studies.measured_data import noise_of
-from studies.sensitive_stretches import GRID
+from studies.sensitive_stretches import GRID, find_used_frames
 from studies.training.data import choose
 from studies.training.train import KEPT_BACK
+from studies.unseen.draws import Draws
+from studies.unseen.measurement import in_turn, information
 
 FIVE = (0, 38, 75)
 TEN = (*FIVE, 19, 28, 57, 66)
 SIXTEEN = (*TEN, 9, 33, 47, 52)
 TWELVE = (0, 10, 20, 30, 40, 50, 61, 71)
 FIRST, EVERY = 5, 6  # frames
+SENSITIVE = 0.2  # share of a trial's frames, above which it is not asked for
 
 
 @dataclass(frozen=True)
@@ -51,12 +61,14 @@ class Plan:
     name: str
     free: tuple[str, ...]
     orders: tuple[int, ...]
+    after: str | None = None  # a plan whose model says which trials are fitted besides, as many again
 
 
 # The first of each part: its factors alone are what the others are compared with.
 PLANS = (
     Plan("learned-10", ("learned",), TEN),
     Plan("learned-5", ("learned",), FIVE),
+    Plan("learned-told-10", ("learned",), FIVE, after="learned-5"),
     Plan("learned-16", ("learned",), SIXTEEN),
     Plan("all-10", ("all",), TEN),
     Plan("all-5", ("all",), FIVE),
@@ -82,20 +94,41 @@ def fitted(plan: Plan, measured: MeasurementSet, work: Path) -> tuple[Model, flo
     if not file.is_file():
         work.mkdir(parents=True, exist_ok=True)
         began, simulator = time.process_time(), Simulator(GRID)
+        trials = [t for t in measured.trials if t.role == "fit" and t.order in plan.orders]
+        if plan.after:
+            [first] = (one for one in PLANS if one.name == plan.after)
+            more = told(fitted(first, measured, work)[0], measured, trials, simulator)
+            print(f"{plan.name}: {', '.join(f'{t.name} of {t.design_name}' for t in more)}", flush=True)
+            trials += more
+            began = time.process_time()
         found = calibrate(
-            measured,
+            replace(measured, trials=tuple(trials)),
             simulator,
             slopes=simulator,
             coarse=simulator,
             vector=unknowns(plan, measured),
             points_per_side=GRID,
-            orders=plan.orders,
             interruptible=True,  # Ctrl-C keeps what is reached, marked as not reliable
             progress=lambda line, share: print(f"{plan.name}: {line}", flush=True),
         )
         spent.write_text(f"{time.process_time() - began:.0f}")
         write_model(found.model, file)
     return read_model(file), float(spent.read_text())
+
+
+def told(model: Model, measured: MeasurementSet, trials: Sequence[Trial], forward: ForwardModel) -> list[Trial]:
+    """As many trials more as there are `trials`, which the model was fitted to, of those that tell most together."""
+    taken = {trial.name for trial in [*trials, *judged_on(measured, [PLANS[0]])]}
+    candidates = [t for t in measured.trials if t.role == "fit" and t.name not in taken]
+    used = find_used_frames([(measured, candidates)], forward)
+    candidates = [t for t in candidates if used.at(measured, t).mean() > 1 - SENSITIVE]
+    shown = [CandidateMeasurement(t.name, t.design, t.program) for t in candidates]
+    draws = Draws(model, candidates[0].design)
+    gained = information(shown, draws, Predictor(forward, Model(), sensing=True))
+    known = {c.name: own for c, own in zip(shown, gained, strict=True) if np.isfinite(own).all()}
+    of_all = np.asarray(np.linalg.cholesky(sum(known.values()) + 1e-9 * np.eye(len(draws.names))).T, dtype=float)
+    chosen = in_turn(of_all, known, len(trials))
+    return [t for t in candidates if t.name in chosen]
 
 
 def judged_on(measured: MeasurementSet, plans: Sequence[Plan]) -> list[Trial]:
