@@ -9,6 +9,7 @@ import numpy as np
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
 from fabdesign.forward import Term
+from fabdesign.units import in_mm
 from optimize.fit.clouds import Array, Indices
 from optimize.fit.fitted import Fit
 from optimize.fit.left_out import Gain, LeftOut
@@ -31,14 +32,17 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list
     if not labels:
         return None, small, None
     known = _with_shapes(task, *reduced(task, everything, labels))
+    # beside a stronger one an effect must gain more than all effects together leave: where that one's law is not quite
+    # right, small ones take up what it lacks
+    left_of_all = LeftOut.of(everything, task.data.folds).scored().excess(task.floor)
     held: list[str] = []  # what a fit without it loses, though to first order it gains too little
     while True:
         trials = LeftOut.of(known, task.data.folds)
         gains = gains_of(parts_of(known.vector), trials, task.floor)
+        least = max(task.tolerance, left_of_all) if len(gains) > 1 else task.tolerance
+        told = ", ".join(f"{label} {in_mm(gain):.2f}" for label, (gain, _) in gains.items())
+        task.say(f"mm of excess that trials left out gain by each: {told}; least {in_mm(least):.2f}")
         doubtful = {label: gain for label, gain in gains.items() if label not in held}
-        # beside a stronger one an effect must gain more than all leave: that one's law is not quite right, and small
-        # effects take up what it lacks
-        least = max(task.tolerance, trials.scored().excess(task.floor)) if len(gains) > 1 else task.tolerance
         weak = weakest(doubtful, least, partial(_elsewhere, task, known, []))
         if weak is None:
             decoys = decoys_beside(task, known, everything.vector)
