@@ -33,7 +33,7 @@ from optimize.fit.normal import _bounded_step
 from optimize.fit.parameters import fit_vector
 from optimize.fit.problem import FitProblem
 from studies.measured_data import MeasuredData
-from studies.tracing.backwards import backwards, gains_of, parts_of, sparse, worth
+from studies.tracing.backwards import _label_in, backwards, gains_of, parts_of, sparse, worth
 from studies.tracing.candidates import candidates_of
 from studies.tracing.decoys import decoy_columns, decoys_beside, turned
 from studies.tracing.errors import TrialError, other_layouts
@@ -285,7 +285,8 @@ def test_what_is_not_chosen_widens_what_is_kept():
     assert (undecided(joint, names, names) == 0).all()
 
 
-def test_of_several_channels_the_odd_one_stays():
+def test_of_several_places_one_stays_and_each_channel_is_a_muscle_of_its_own(monkeypatch):
+    few_effects(monkeypatch, "dead_time", "odd_muscle", "added_mass")
     vector = fit_vector(["all"], channels=3)
     assert [label for label in vector.labels if label.startswith("odd")] == [
         "odd_muscle:0",
@@ -294,14 +295,20 @@ def test_of_several_channels_the_odd_one_stays():
     ]
     x = np.zeros(len(vector.parameters))
     x[vector.part("odd_muscle:1")], x[vector.part("odd_muscle:2")], x[vector.part("dead_time")] = -0.4, 0.1, 0.05
+    here, there, *_ = places = [label for label in vector.labels if label.startswith("added_mass")]
+    x[vector.part(here)], x[vector.part(there)] = 0.002, 0.004
 
     class Found:
         pass
 
     found = Found()
     found.minimum, found.vector, found.covariance = x, vector, 1e-4 * np.eye(len(x))
-    assert sparse(found, ["dead_time", "odd_muscle:1", "odd_muscle:2"]) == ["dead_time", "odd_muscle:1"]
+    assert len(places) == 4
+    assert sparse(found, ["dead_time", "odd_muscle:1", "odd_muscle:2"]) == ["dead_time", "odd_muscle:1", "odd_muscle:2"]
+    assert sparse(found, [here, "dead_time", there]) == ["dead_time", there]
     own, index = vector.only(["odd_muscle:1"])
+    assert own.labels == ("odd_muscle",) and _label_in(vector, own.terms[0]) == "odd_muscle:1"
+    assert _label_in(own, vector.terms[vector.labels.index("odd_muscle:1")]) == "odd_muscle"
     assert own.names[-1] == "odd_muscle.factor" and own.terms_at(x[index])[0].values["channel"] == 1
     assert own.terms_at(x[index])[0].values["factor"] == pytest.approx(np.exp(-0.4))
 

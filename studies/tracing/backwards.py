@@ -31,7 +31,7 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list
     labels, small = worth(task, everything)
     if not labels:
         return None, small, None
-    known = _with_shapes(task, *reduced(task, everything, labels))
+    known = most = _with_shapes(task, *reduced(task, everything, labels))
     # beside a stronger one an effect must gain more than all effects together leave: where that one's law is not quite
     # right, small ones take up what it lacks
     left_of_all = LeftOut.of(everything, task.data.folds).scored().excess(task.floor)
@@ -49,13 +49,13 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list
             least = max(least, decoys.chance)
             weak = weakest(doubtful, least, partial(_elsewhere, task, known, []))
         if weak is None:
-            found = _simpler(task, known, plain, trials, gains, least)
+            found = _simpler(task, known, most, plain, gains, least)
             if found is None:
                 return known, small, decoys
             simpler, weak = found
         elif len(gains) > 1:
             simpler = _with_shapes(task, known, [label for label in gains if label != weak])
-            if _loses(task, known, simpler, trials, least):
+            if _loses(task, most, simpler, least):
                 held.append(weak)
                 continue
         small.append(weak)
@@ -77,12 +77,14 @@ def parts_of(vector: FitVector) -> dict[str, Indices]:
 
 
 def sparse(everything: Fit, labels: Sequence[str]) -> list[str]:
-    """Of several places or channels of one effect, the one that costs most to drop: the sparse case."""
+    """Of several places of one effect, the one that costs most to drop: a fit moves it to where it is. Channels are
+    muscles of their own, which are asked for one by one."""
     x, covariance = everything.minimum, everything.covariance
     costs = {label: cost(x, covariance, everything.vector.part(label)) for label in labels}
     best: dict[str, str] = {}
     for label in sorted(labels, key=lambda label: costs[label]):
-        best[label_effect(label)] = label
+        effect = EFFECTS[label_effect(label)]
+        best[effect.name if any(not effect.parameters[name].whole for name in effect.chosen) else label] = label
     return [label for label in labels if label in best.values()]
 
 
@@ -164,28 +166,30 @@ def _unknowns(vector: FitVector, labels: Sequence[str]) -> Indices:
 
 
 def _simpler(
-    task: Task, known: Fit, plain: Fit, trials: LeftOut, gains: Mapping[str, Gain], least: float
+    task: Task, known: Fit, most: Fit, plain: Fit, gains: Mapping[str, Gain], least: float
 ) -> tuple[Fit, str] | None:
-    """A fit without one of the effects that does as well, and which: what is not linear may take its place, and which
-    of two gains more to first order may be wrong. plain: that of the declared parameters alone. As well: trials left
-    out lose too little, and either the data do too, or other layouts differ by too little."""
+    """A fit without one of the effects that does as well as that with `most`, and which: what is not linear may take
+    its place, and which of two gains more to first order may be wrong. plain: that of the declared parameters alone."""
     for label in sorted(gains, key=lambda label: gains[label][0]):
         fitted = plain
         if len(gains) > 1:
             vector, starts = with_shapes(known, [other for other in gains if other != label])
             fitted = task.fit(" ".join(vector.labels), vector, known.inputs, starts, close=_CLOSE, doubted=True)
-        if not _loses(task, known, fitted, trials, least):
+        if not _loses(task, most, fitted, least):
             return fitted, label
     return None
 
 
-def _loses(task: Task, known: Fit, simpler: Fit, trials: LeftOut, least: float) -> bool:
-    """Whether a fit with fewer effects does not do as well. trials: left out, of `known`."""
+def _loses(task: Task, most: Fit, simpler: Fit, least: float) -> bool:
+    """Whether a fit with fewer effects does not do as well as that with `most`: what goes one after another must not
+    add up. As well: trials left out lose too little, and either the data do too, or other layouts differ by too
+    little."""
+    trials = LeftOut.of(most, task.data.folds)
     own, without = trials.scored(), LeftOut.of(simpler, task.data.folds).scored()
     alike = replace(own, squares=own.squares * without.weights / np.maximum(own.weights, 1e-12))
     return _certain(trials.gain(without, alike, task.floor), least) or (
-        _lost(task, known, simpler) >= NEEDED
-        and task.differs_elsewhere(Place(known.vector, known.x), Place(simpler.vector, simpler.x)) >= least
+        _lost(task, most, simpler) >= NEEDED
+        and task.differs_elsewhere(Place(most.vector, most.x), Place(simpler.vector, simpler.x)) >= least
     )
 
 
@@ -193,7 +197,18 @@ def _lost(task: Task, known: Fit, other: Fit) -> float:
     """Of log likelihood and prior, what a fit with fewer effects loses."""
     x = np.zeros(len(known.x))
     places = {name: k for k, name in enumerate(known.vector.names)}
+    labels = {
+        label: _label_in(known.vector, t) for label, t in zip(other.vector.labels, other.vector.terms, strict=True)
+    }
     for name, value in zip(other.vector.names, other.x, strict=True):
-        x[places[name]] = value
+        label, dot, key = name.rpartition(".")
+        x[places[f"{labels.get(label, label)}{dot}{key}"]] = value
     there = Evaluation(x, other.state.sheets, other.state.found)
     return loss(task.data.samples, known.state, there, known.normal, np.diag(1 / known.vector.prior**2), known.inputs)
+
+
+def _label_in(vector: FitVector, term: Term) -> str:
+    """Of a term in a vector: that of the same effect, of several in the same channel."""
+    own = [(label, other) for label, other in zip(vector.labels, vector.terms, strict=True) if other.name == term.name]
+    whole = _chosen_only(term).values
+    return own[0][0] if len(own) == 1 else next(label for label, other in own if _chosen_only(other).values == whole)

@@ -127,5 +127,5 @@ def _instead(wide: LeftOut, selection: Selection, label: str, other: str, column
         chosen.factors,
         (*terms, joint.terms[joint.labels.index(other)]),
     )
-    names = [label_effect(own) for own in chosen.labels if own != label]
-    return Explanation(" and ".join([*names, label_effect(other)]), vector, vector.inside(x))
+    names = dict.fromkeys(label_effect(own) for own in (*(k for k in chosen.labels if k != label), other))
+    return Explanation(" and ".join(names), vector, vector.inside(x))

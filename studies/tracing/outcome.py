@@ -71,8 +71,14 @@ class Outcome:
         """Those that the verdict stands by, the one whose absence costs most first."""
         if self.verdict != "effect":
             return ()
-        by_name = {effect.name: effect for effect in self.model.effects}
-        return tuple(by_name[label_effect(label)] for label in self.selection.labels)
+        return tuple(self._by_label[label] for label in self.selection.labels)
+
+    @cached_property
+    def _by_label(self) -> dict[str, EffectTerm]:
+        """Of those chosen, by their label in the fit."""
+        chosen = self.selection.chosen.vector.labels
+        own = self.model.effects[len(self.model.effects) - len(chosen) :]
+        return dict(zip(chosen, own, strict=True))
 
     @property
     def indistinguishable(self) -> tuple[str, ...]:
@@ -90,7 +96,7 @@ class Outcome:
         """Lines for people."""
         lines = []
         if self.selection.small:
-            names = ", ".join(label_effect(label) for label in self.selection.small)
+            names = ", ".join(dict.fromkeys(label_effect(label) for label in self.selection.small))
             lines.append(f"certain but within the tolerance, so not added: {names}")
         if (decoys := self.selection.decoys) is not None and decoys.gains:
             lines.append(
@@ -100,7 +106,7 @@ class Outcome:
             )
         lines += [
             f"{effect.name}: what looks the same is {EFFECTS[effect.name].looks_like}"
-            for effect in self.effects
+            for effect in {effect.name: effect for effect in self.effects}.values()
             if EFFECTS[effect.name].looks_like
         ]
         if self.share_below_tenth:
@@ -117,7 +123,7 @@ class Outcome:
         return {
             "format": FORMAT,
             "verdict": self.verdict,
-            "effects": [self._effect(effect) for effect in self.effects],
+            "effects": [self._effect(label) for label in self.selection.labels] if self.effects else [],
             "indistinguishable": list(self.indistinguishable),
             "candidates": self._candidates(),
             "error": self._error(),
@@ -153,20 +159,21 @@ class Outcome:
             "said": self.said,
         }
 
-    def _effect(self, effect: EffectTerm) -> dict[str, Any]:
+    def _effect(self, label: str) -> dict[str, Any]:
+        effect = self._by_label[label]
         declared = EFFECTS[effect.name]
         return {
             "name": effect.name,
             "site": declared.site,
             "scope": effect.scope or declared.scope,
             "parameters": {name: q.as_json() for name, q in effect.parameters.items()},
-            "explains": self.explained.get(effect.name),
+            "explains": self.explained.get(label),
         }
 
     @cached_property
     def explained(self) -> dict[str, float]:
         """Share of the gap that each effect closes; of several, by what its absence costs."""
-        gains = {label_effect(label): gain for label, (gain, _) in self.selection.gains.items()}
+        gains = {label: gain for label, (gain, _) in self.selection.gains.items()}
         return shared_out(self.evidence, gains)
 
     @property

@@ -225,7 +225,8 @@ def _experiment(
         return None
     fits = {"none": selection.plain, "every effect": selection.everything}
     if selection.chosen is not selection.plain:
-        own = {" and ".join(label_effect(label) for label in selection.labels): selection.chosen}
+        names = dict.fromkeys(label_effect(label) for label in selection.labels)
+        own = {" and ".join(names): selection.chosen}
         fits = own if instead else {**own, **fits}
     explanations = [Explanation(name, found.vector, found.x) for name, found in fits.items()]
     return next_experiment(
