@@ -31,7 +31,7 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list
     labels, small = worth(task, everything)
     if not labels:
         return None, small, None
-    known = most = _with_shapes(task, *reduced(task, everything, labels))
+    known = most = _fit_of(task, *reduced(task, everything, labels))
     # beside a stronger one an effect must gain more than all effects together leave: where that one's law is not quite
     # right, small ones take up what it lacks
     left_of_all = LeftOut.of(everything, task.data.folds).scored().excess(task.floor)
@@ -54,7 +54,7 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list
                 return known, small, decoys
             simpler, weak = found
         elif len(gains) > 1:
-            simpler = _with_shapes(task, known, [label for label in gains if label != weak])
+            simpler = _fit_of(task, known, [label for label in gains if label != weak])
             if _loses(task, most, simpler, least):
                 held.append(weak)
                 continue
@@ -112,9 +112,14 @@ def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
     return whole, np.array([[of.get(p.name, p.start) for p in parameters] for of in known])
 
 
-def _with_shapes(task: Task, known: Fit, labels: Sequence[str]) -> Fit:
+def _fit_of(task: Task, known: Fit, labels: Sequence[str], *, doubted: bool = False) -> Fit:
+    """From where a fit with more effects is, and with its Jacobian where that has all shapes already."""
     vector, starts = with_shapes(known, labels)
-    return task.fit(" ".join(labels), vector, known.inputs, starts, close=_CLOSE)
+    fewer, index = known.vector.only(labels)
+    jacobian = known.state.jacobian[:, index] if fewer.names == vector.names else None
+    return task.fit(
+        " ".join(vector.labels), vector, known.inputs, starts, close=_CLOSE, doubted=doubted, jacobian=jacobian
+    )
 
 
 def _chosen_only(term: Term) -> Term:
@@ -173,8 +178,7 @@ def _simpler(
     for label in sorted(gains, key=lambda label: gains[label][0]):
         fitted = plain
         if len(gains) > 1:
-            vector, starts = with_shapes(known, [other for other in gains if other != label])
-            fitted = task.fit(" ".join(vector.labels), vector, known.inputs, starts, close=_CLOSE, doubted=True)
+            fitted = _fit_of(task, known, [other for other in gains if other != label], doubted=True)
         if not _loses(task, most, fitted, least):
             return fitted, label
     return None
