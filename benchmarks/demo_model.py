@@ -1,18 +1,17 @@
 """What the demo ships beside its target: a few trials of a measured set, thinned, and a model trained on that set.
 
-    python -m benchmarks.demo_model SET [--free EFFECTS] [--work FOLDER] [-o fabdesign/data]
+    python -m benchmarks.demo_model SET [--work FOLDER] [-o fabdesign/data]
     python -m benchmarks.demo_model SET --model M.toml [-o fabdesign/data]
 
-The first fits factors and effects and trains the corrector, as `fabdesign train SET --free EFFECTS -o
-FOLDER/model.toml` does, on trials of role `fit` alone, where FOLDER has no model yet; stopped, the same command goes
-on. The second takes a model that is there.
+The first asks what the set lacks and trains the corrector on that, as `fabdesign trace SET -o FOLDER/trace` and
+`fabdesign train SET --model FOLDER/trace/model.toml -o FOLDER/model.toml` do, on trials of role `fit` alone, where
+FOLDER has no model yet; stopped, the same command goes on. The second takes a model that is there.
 The trials that are shipped are those of one design with the role `test`, which nothing is fitted to. Of each every
 third frame and 800 points of a frame are kept.
 """
 
 import argparse
 import shutil
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,7 +19,7 @@ import numpy as np
 
 from fabdesign import interface
 from fabdesign.measurement_set import NewTrial, read_set, write_set
-from fabdesign.model import POINTS_PER_SIDE, Model
+from fabdesign.model import Model
 from fabdesign.model_file import read_model, write_model
 from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.trial_file import TrialData
@@ -28,28 +27,22 @@ from studies.demo.measured import MODEL, SET
 
 DESIGN = "basic"
 EVERY, POINTS = 3, 800
-# What a trace and a fit of all effects found on the set that the demo is made of (docs/results/corrector.md).
-FREE = (
-    "rest_curvature",
-    "orthotropy",
-    "air_drag",
-    "braid_hysteresis.friction",
-    "filling_lag",
-    "supply_droop",
-    "line_loss",
-)
 
 
-def trained(measured: Path, work: Path, *, free: Sequence[str] = FREE, grid: int = POINTS_PER_SIDE) -> Path:
-    """The file of a model with these effects and a corrector, trained on `grid` points a side; made where `work` has
-    none. Raises InputError as `fabdesign train`."""
+def trained(measured: Path, work: Path) -> Path:
+    """The file of a model with the effects that a trace finds and a corrector; made where `work` has none. Raises
+    InputError as `fabdesign trace` and `train`."""
     file = work / "model.toml"
     if not file.is_file():
         work.mkdir(parents=True, exist_ok=True)
-        interface.train(
-            measured, file, free=free, grid=grid, progress=lambda line, share: print(line, flush=True), say=print
-        )
+        found = interface.trace(measured, work / "trace", progress=_told, say=print)
+        print(f"{found.verdict}: {', '.join(effect.name for effect in found.model.effects) or 'no effect'}", flush=True)
+        interface.train(measured, file, model=found.model, progress=_told, say=print)
     return file
+
+
+def _told(line: str, share: float | None) -> None:
+    print(line, flush=True)
 
 
 def ship(measured: MeasurementSet, model: Model, output: Path) -> Path:
@@ -91,13 +84,11 @@ def thinned(trial: Trial) -> TrialData:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("set", type=Path)
-    parser.add_argument("--model", type=Path, help="A trained model; without it one is fitted and trained.")
-    parser.add_argument("--free", default=",".join(FREE), help="Effects to fit, as `train --free` takes them.")
-    parser.add_argument("--grid", type=int, default=POINTS_PER_SIDE, help="Points a side of the fit.")
+    parser.add_argument("--model", type=Path, help="A trained model; without it one is made.")
     parser.add_argument("--work", type=Path, default=Path("build/demo_model"), help="Where the model is kept.")
     parser.add_argument("-o", "--output", type=Path, default=Path("fabdesign/data"))
     options = parser.parse_args()
-    file = options.model or trained(options.set, options.work, free=options.free.split(","), grid=options.grid)
+    file = options.model or trained(options.set, options.work)
     try:
         weights = ship(read_set(options.set), read_model(file), options.output)
     except ValueError as error:

@@ -35,7 +35,7 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list
     # beside a stronger one an effect must gain more than all effects together leave: where that one's law is not quite
     # right, small ones take up what it lacks
     left_of_all = LeftOut.of(everything, task.data.folds).scored().excess(task.floor)
-    held: list[str] = []  # what a fit without it loses, though to first order it gains too little
+    held: list[str] = []  # what a fit without it loses; with fewer others beside it, that loses all the more
     while True:
         trials = LeftOut.of(known, task.data.folds)
         gains = gains_of(parts_of(known.vector), trials, task.floor)
@@ -49,7 +49,7 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list
             least = max(least, decoys.chance)
             weak = weakest(doubtful, least, partial(_elsewhere, task, known, []))
         if weak is None:
-            found = _simpler(task, known, most, plain, gains, least)
+            found = _simpler(task, known, most, plain, gains, least, held)
             if found is None:
                 return known, small, decoys
             simpler, weak = found
@@ -171,16 +171,18 @@ def _unknowns(vector: FitVector, labels: Sequence[str]) -> Indices:
 
 
 def _simpler(
-    task: Task, known: Fit, most: Fit, plain: Fit, gains: Mapping[str, Gain], least: float
+    task: Task, known: Fit, most: Fit, plain: Fit, gains: Mapping[str, Gain], least: float, held: list[str]
 ) -> tuple[Fit, str] | None:
     """A fit without one of the effects that does as well as that with `most`, and which: what is not linear may take
-    its place, and which of two gains more to first order may be wrong. plain: that of the declared parameters alone."""
-    for label in sorted(gains, key=lambda label: gains[label][0]):
+    its place, and which of two gains more to first order may be wrong. plain: that of the declared parameters alone.
+    held: not asked again; those that are found to be needed are added."""
+    for label in sorted(gains.keys() - {*held}, key=lambda label: gains[label][0]):
         fitted = plain
         if len(gains) > 1:
             fitted = _fit_of(task, known, [other for other in gains if other != label], doubted=True)
         if not _loses(task, most, fitted, least):
             return fitted, label
+        held.append(label)
     return None
 
 
