@@ -478,6 +478,18 @@ def test_what_cannot_go_alone_stays(late, tmp_path, monkeypatch):
     assert {*labels} <= {*found.vector.labels}
 
 
+def test_a_fit_ends_where_even_its_linear_minimum_leaves_too_much(late, unhurried):
+    joint, data = late
+    forward = Predictor(Curler(), Model(), sensing=True)
+    vector = joint.vector.without_effects
+    ended, gone_on = (
+        fit(data.samples, forward, vector=vector, accuracy=joint.inputs, start=vector.start, hopeless=hopeless)
+        for hopeless in (0.3 * unhurried.after, 1.2 * unhurried.after)
+    )
+    assert not ended.converged and ended.iterations < gone_on.iterations
+    assert gone_on.converged and gone_on.after < ended.after
+
+
 def test_no_decoy_gains_beside_what_is_there(late, selected):
     (joint, data), (found, _, decoys, beside_nothing, _) = late, selected
     assert len(decoys.gains) == 2 * len(joint.vector.labels)

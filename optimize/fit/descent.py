@@ -47,6 +47,7 @@ def fit(
     near: bool = False,
     jacobian: Array | None = None,
     expected: float = np.inf,
+    hopeless: float = np.inf,
     progress: Progress = lambda line, share: None,
     reached: Callable[[Callable[[], Fit]], None] = lambda fit_there: None,
 ) -> Fit:
@@ -65,7 +66,8 @@ def fit(
     others. jacobian: (N, p) m, of a place near `start`: another is made only where its steps gain too little.
     expected: m RMS, what a right model leaves at most. Where a fit leaves k times as much, what is left is the model's
     error, not chance, and log likelihood counts by 1/k^2: a model that is wrong is not refined. Not for effects that
-    begin at nothing, which leave much before they are found.
+    begin at nothing, which leave much before they are found. hopeless: m RMS: where the minimum of the linearised
+    residuals leaves more, on all frames, the fit ends.
     `progress` is told what is done, and about what share; `reached`, at each iteration, what makes the fit that ends
     there, for whoever interrupts it.
 
@@ -108,14 +110,14 @@ def fit(
     state, more, converged = _descend(
         problem, state, weight, line, told,
         near=True, sure=near and jacobian is None, exact=jacobian is None,
-        close=_CLOSE_ENOUGH, expected=expected, inputs=inputs, reached=there,
+        close=_CLOSE_ENOUGH, expected=expected, hopeless=hopeless, inputs=inputs, reached=there,
     )  # fmt: skip
     if not near:
         iterations, wrong = iterations + more, capped(state.found.residual) > _WRONG * expected
         there = _ending(reached, problem, inputs, before, iterations)
         state, more, converged = _descend(
             problem, state, weight, line, told, near=wrong, exact=False,
-            close=_CLOSE_ENOUGH if wrong else close, expected=expected, inputs=inputs, reached=there,
+            close=_CLOSE_ENOUGH if wrong else close, expected=expected, hopeless=hopeless, inputs=inputs, reached=there,
         )  # fmt: skip
     return concluded(problem, state, inputs, before, iterations + more, converged)
 
@@ -178,6 +180,7 @@ def _descend(
     exact: bool = True,
     close: float | None = None,
     expected: float = np.inf,
+    hopeless: float = np.inf,
     inputs: InputErrors | None = None,
     reached: Reached = lambda state, iterations: None,
 ) -> tuple[Linearisation, int, bool]:
@@ -195,10 +198,13 @@ def _descend(
         close = _CLOSE * len(vector.parameters)
     for iteration in range(1, _ITERATIONS + 1):
         step, normal = step_to_minimum(problem.samples, state, weight, damping, problem.vector, inputs, far)
-        promised = -loss(problem.samples, state, _promised(state, step), normal, weight, inputs)
+        linear = _promised(state, step)
+        promised = -loss(problem.samples, state, linear, normal, weight, inputs)
         line = f"{named}iteration {iteration}: {in_mm(capped(state.found.residual)):.3f} mm RMS"
         progress(line, iteration / (iteration + 2))
         reached(state, iteration - 1)
+        if exact and capped(linear.found.residual) > hopeless:
+            return state, iteration, False
         evaluations = problem.evaluate([problem.vector.inside(state.x + length * step) for length in _LENGTHS])
         gains = [-loss(problem.samples, state, other, normal, weight, inputs) for other in evaluations]
         best = int(np.argmax(gains))

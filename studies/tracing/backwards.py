@@ -22,6 +22,7 @@ from studies.tracing.reduction import reduced
 from studies.tracing.task import Place, Task
 
 _CLOSE = 0.5  # of log likelihood: where a fit ends that is judged at the minimum of its linearised residuals
+_MUCH = 1.2  # times what a fit may lose of trials left out, in quadrature: what loses more even of those fitted ends
 _NONE = np.zeros(0, dtype=np.intp)
 
 
@@ -112,13 +113,14 @@ def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
     return whole, np.array([[of.get(p.name, p.start) for p in parameters] for of in known])
 
 
-def _fit_of(task: Task, known: Fit, labels: Sequence[str], *, doubted: bool = False) -> Fit:
-    """From where a fit with more effects is, and with its Jacobian where that has all shapes already."""
+def _fit_of(task: Task, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf) -> Fit:
+    """From where a fit with more effects is, and with its Jacobian where that has all shapes already. hopeless: m RMS,
+    of a fit that need not be refined."""
     vector, starts = with_shapes(known, labels)
     fewer, index = known.vector.only(labels)
     jacobian = known.state.jacobian[:, index] if fewer.names == vector.names else None
     return task.fit(
-        " ".join(vector.labels), vector, known.inputs, starts, close=_CLOSE, doubted=doubted, jacobian=jacobian
+        " ".join(vector.labels), vector, known.inputs, starts, close=_CLOSE, hopeless=hopeless, jacobian=jacobian
     )
 
 
@@ -179,7 +181,8 @@ def _simpler(
     for label in sorted(gains.keys() - {*held}, key=lambda label: gains[label][0]):
         fitted = plain
         if len(gains) > 1:
-            fitted = _fit_of(task, known, [other for other in gains if other != label], doubted=True)
+            others = [other for other in gains if other != label]
+            fitted = _fit_of(task, known, others, hopeless=float(np.hypot(most.after, _MUCH * least)))
         if not _loses(task, most, fitted, least):
             return fitted, label
         held.append(label)

@@ -74,12 +74,11 @@ class Task:
         *,
         close: float | None = None,
         near: bool = False,
-        doubted: bool = False,
+        hopeless: float = np.inf,
         jacobian: Array | None = None,
     ) -> Fit:
         """As `optimize.fit.descent.fit`. named: in the folder and in what is said. inputs: what errors of them do,
-        where that is known. doubted: whether it lacks an effect that may be needed; like one without any effect it is
-        not refined then, where it leaves far more than a right model."""
+        where that is known. One without any effect is not refined where it leaves far more than a right model."""
         return self._kept(
             named,
             vector,
@@ -93,7 +92,8 @@ class Task:
                 close=close,
                 near=near,
                 jacobian=jacobian,
-                expected=expected_rms(self.data.noise, self.tolerance) if doubted or not vector.terms else np.inf,
+                expected=np.inf if vector.terms else expected_rms(self.data.noise, self.tolerance),
+                hopeless=hopeless,
                 progress=lambda line, share: self.say(f"{named}, {len(vector.parameters)} unknowns: {line}"),
             ),
         )
