@@ -13,7 +13,7 @@ from optimize.fit.clouds import FAR, Array, Indices, Sample, cut
 from optimize.fit.fitted import Fit, capped, concluded
 from optimize.fit.inputs import InputErrors, input_errors
 from optimize.fit.needed import needed
-from optimize.fit.normal import BLOCK, Normal, directions, loss, step_to_minimum
+from optimize.fit.normal import BLOCK, LARGEST, Normal, directions, loss, step_to_minimum
 from optimize.fit.parameters import DECLARED, FitVector
 from optimize.fit.problem import BenchProblem, Evaluation, FitProblem, Linearisation, Problem
 
@@ -203,7 +203,8 @@ def _descend(
         line = f"{named}iteration {iteration}: {in_mm(capped(state.found.residual)):.3f} mm RMS"
         progress(line, iteration / (iteration + 2))
         reached(state, iteration - 1)
-        if exact and capped(linear.found.residual) > hopeless:
+        whole_way = float(np.abs(step / vector.scale).max(initial=0.0)) < LARGEST * (1 - 1e-9)  # is not cut
+        if exact and whole_way and capped(linear.found.residual) > hopeless:
             return state, iteration, False
         evaluations = problem.evaluate([problem.vector.inside(state.x + length * step) for length in _LENGTHS])
         gains = [-loss(problem.samples, state, other, normal, weight, inputs) for other in evaluations]

@@ -19,7 +19,7 @@ MODES = 10  # observations that the points of such a block count as at most: abo
 BENT = 2.0  # times what is not proportional in errors of the inputs, for those that were not tried
 _CHANGE = 0.2e-3  # m, RMS of the residuals' change that later differences aim at: ten times the noise of two motions
 _SHORTEST, _LONGEST = 0.1, 1.5  # of such a difference, in standard deviations of the prior
-_LARGEST = 0.4  # of a logarithm, in one iteration
+LARGEST = 0.4  # of a logarithm, in one iteration
 _REWEIGHTED = 6  # times, in one iteration
 
 
@@ -62,7 +62,7 @@ def step_to_minimum(
         gradient = normal.tempering * normal.gradient + weight @ state.x
         damped = normal.information + weight + damping * np.diag(np.diag(normal.information))
         last, step = step, _bounded_step(damped, gradient, state.x, vector)
-        step = step * min(1.0, _LARGEST / max(float(np.abs(step / vector.scale).max(initial=0.0)), 1e-12))
+        step = step * min(1.0, LARGEST / max(float(np.abs(step / vector.scale).max(initial=0.0)), 1e-12))
         if np.abs((step - last) / vector.scale).max(initial=0.0) < 1e-4:
             break
     return step, normal
