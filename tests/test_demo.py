@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from benchmarks import demo_model
 from fabdesign.forward import Case
 from fabdesign.measurement_set import read_set
 from fabdesign.metrics import Errors
-from fabdesign.model import EffectTerm, Model, Parameter
+from fabdesign.model import EffectTerm, Model
 from fabdesign.model_file import read_model, write_model
 from fabdesign.trial_file import read_trial
 from studies.branches import Branches
@@ -62,23 +61,19 @@ def test_the_shipped_set_is_what_the_command_makes(data: Path, tmp_path: Path) -
 def test_without_a_model_the_command_trains_one_and_keeps_it(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    asked, found = [], Model({"bending": Parameter(1.2)})
-
-    def trace(measured_set: Path, out: Path, **options: object) -> SimpleNamespace:
-        return SimpleNamespace(verdict="effect", model=found)
+    asked = []
 
     def train(measured_set: Path, out: Path, **options: object) -> None:
-        asked.append(options["model"])
+        asked.append(options["free"])
         (out.parent / "demo_model.safetensors").write_bytes((DATA / "demo_model.safetensors").read_bytes())
         write_model(replace(read_model(DATA / measured.MODEL), corrector=out.parent / "demo_model.safetensors"), out)
 
-    monkeypatch.setattr(demo_model.interface, "trace", trace)
     monkeypatch.setattr(demo_model.interface, "train", train)
     command = ["demo_model", str(data / "rig_a"), "--work", str(tmp_path / "work"), "-o", str(tmp_path / "out")]
     monkeypatch.setattr("sys.argv", command)
     for _ in range(2):
         demo_model.main()
-    assert asked == [found]  # once
+    assert asked == [["all"]]  # once
     assert read_model(tmp_path / "out" / measured.MODEL).corrector == tmp_path / "out" / "demo_model.safetensors"
 
 

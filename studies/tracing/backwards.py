@@ -33,14 +33,15 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list
     if not labels:
         return None, small, None
     known = most = _fit_of(task, *reduced(task, everything, labels))
-    # beside a stronger one an effect must gain more than all effects together leave: where that one's law is not quite
-    # right, small ones take up what it lacks
     left_of_all = LeftOut.of(everything, task.data.folds).scored().excess(task.floor)
     held: list[str] = []  # what a fit without it loses; with fewer others beside it, that loses all the more
     while True:
         trials = LeftOut.of(known, task.data.folds)
         gains = gains_of(parts_of(known.vector), trials, task.floor)
-        least = max(task.tolerance, left_of_all) if len(gains) > 1 else task.tolerance
+        # beside a stronger one an effect must gain more than is left, by those that stay or by all: where that one's law
+        # is not quite right, small ones take up what it lacks
+        left = min(left_of_all, trials.scored().excess(task.floor))
+        least = max(task.tolerance, left) if len(gains) > 1 else task.tolerance
         told = ", ".join(f"{label} {in_mm(gain):.2f}" for label, (gain, _) in gains.items())
         task.say(f"mm of excess that trials left out gain by each: {told}; least {in_mm(least):.2f}")
         doubtful = {label: gain for label, gain in gains.items() if label not in held}
