@@ -38,8 +38,8 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list
     while True:
         trials = LeftOut.of(known, task.data.folds)
         gains = gains_of(parts_of(known.vector), trials, task.floor)
-        # beside a stronger one an effect must gain more than is left, by those that stay or by all: where that one's law
-        # is not quite right, small ones take up what it lacks
+        # beside a stronger one an effect must gain more than is left, by those that stay or by all: where its law is
+        # not quite right, small ones take up what it lacks
         left = min(left_of_all, trials.scored().excess(task.floor))
         least = max(task.tolerance, left) if len(gains) > 1 else task.tolerance
         told = ", ".join(f"{label} {in_mm(gain):.2f}" for label, (gain, _) in gains.items())
