@@ -6,7 +6,6 @@ them begins far off and ends at a false minimum, at which effects that are there
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from itertools import count
 
 import numpy as np
 
@@ -38,14 +37,15 @@ def reduced(task: Task, joint: Fit, labels: Collection[str]) -> tuple[Fit, list[
     Where the tolerance more than first order promises is left without all the others, in quadrature, only half as many
     go at once, the cheapest first, and what stays is fitted before the next, by the joint fit's own Jacobian as long as
     that leads on. One that leaves more by itself, fitted too, stays."""
-    known, wanted = joint, _terms(joint, labels)
-    for stage in count(1):
-        gone = _cheapest_first(known, wanted)
-        if not gone or _holds(task, begin := begin_without(task, known, gone)):
-            return known, [k for k, t in zip(known.vector.labels, known.vector.terms, strict=True) if t in wanted]
+    known, wanted, stage = joint, _terms(joint, labels), 0
+    while gone := _cheapest_first(known, wanted):
+        begin = begin_without(task, known, gone)
+        if _holds(task, begin):
+            break
         while len(gone) > 1 and not _holds(task, begin):
             gone = gone[: (len(gone) + 1) // 2]
             begin = begin_without(task, known, gone)
+        stage += 1
         without = f"{in_mm(begin.rms):.3f} mm RMS without {', '.join(gone)}"
         task.say(f"{without}; to first order {in_mm(begin.promised):.3f}")
         fitted = task.fit(f"fewer {stage}", begin.vector, known.inputs, begin.x, near=True, jacobian=begin.jacobian)
@@ -53,7 +53,7 @@ def reduced(task: Task, joint: Fit, labels: Collection[str]) -> tuple[Fit, list[
             wanted += _terms(known, gone)
         else:
             known = fitted
-    raise AssertionError("unreachable")
+    return known, [k for k, t in zip(known.vector.labels, known.vector.terms, strict=True) if t in wanted]
 
 
 def begin_without(task: Task, known: Fit, labels: Collection[str]) -> Begin:
