@@ -79,14 +79,12 @@ def parts_of(vector: FitVector) -> dict[str, Indices]:
 
 
 def sparse(everything: Fit, labels: Sequence[str]) -> list[str]:
-    """Of several places of one effect, the one that costs most to drop: a fit moves it to where it is. Channels are
-    muscles of their own, which are asked for one by one."""
+    """Of several places or channels of one effect, the one that costs most to drop: the sparse case."""
     x, covariance = everything.minimum, everything.covariance
     costs = {label: cost(x, covariance, everything.vector.part(label)) for label in labels}
     best: dict[str, str] = {}
     for label in sorted(labels, key=lambda label: costs[label]):
-        effect = EFFECTS[label_effect(label)]
-        best[effect.name if any(not effect.parameters[name].whole for name in effect.chosen) else label] = label
+        best[label_effect(label)] = label
     return [label for label in labels if label in best.values()]
 
 
@@ -134,8 +132,9 @@ def worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     """The terms that the joint fit says the data need, and of those the ones that trials left out gain too little by,
     to first order. Shapes are not fitted yet, so what is left says nothing."""
     vector, small = everything.vector, list[str]()
-    labels = sparse(everything, needed(everything.minimum, everything.covariance, vector, NEEDED))
+    certain = needed(everything.minimum, everything.covariance, vector, NEEDED)
     trials = LeftOut.of(everything, task.data.folds)
+    labels = _with_channels(task, trials, vector, certain, sparse(everything, certain))
     while labels:
         off = _unknowns(vector, gone := [label for label in vector.labels if label not in labels])
         gains = gains_of({label: vector.part(label) for label in labels}, trials, task.floor, off)
@@ -145,6 +144,26 @@ def worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
         small.append(weak)
         labels.remove(weak)
     return labels, small
+
+
+def _with_channels(
+    task: Task, trials: LeftOut, vector: FitVector, certain: Sequence[str], few: Sequence[str]
+) -> list[str]:
+    """Those that are sparse, and the other channels of their effects where trials left out gain by them together, and
+    they are no more than half of all: most channels at once stand in for the gain. A place moves to where it is in a
+    fit."""
+    channels = [label for label in certain if _sits_in_a_channel(label)]
+    kept = [label for label in certain if label in few or (label in channels and 2 * len(channels) <= task.channels)]
+    one, all_of_them = (
+        trials.scored(_unknowns(vector, [label for label in vector.labels if label not in own])) for own in (few, kept)
+    )
+    several = len(kept) > len(few) and _certain(trials.gain(one, all_of_them, task.floor), task.tolerance)
+    return kept if several else [*few]
+
+
+def _sits_in_a_channel(label: str) -> bool:
+    effect = EFFECTS[label_effect(label)]
+    return bool(effect.chosen) and all(effect.parameters[name].whole for name in effect.chosen)
 
 
 def weakest(
