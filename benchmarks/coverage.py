@@ -69,7 +69,7 @@ def excess(found: Model, known: Model, measured: MeasurementSet, simulator: Simu
     cases = [Case(trial.design, trial.program, factors) for factors in ({}, found.factors, known.factors)]
     motions = simulator.motions(cases, [trial.times] * len(cases))
     errors = [trial_errors(clouds, motion, noise, seed=trial.order) for motion in motions]
-    return [float(np.sqrt(max(e.surface_rms**2 - e.surface_floor**2, 0.0))) for e in errors]
+    return [e.excess for e in errors]
 
 
 def calibrated(seed: int, folder: Path, grid: int) -> dict:

@@ -39,11 +39,16 @@ class Errors:
     @property
     def excess(self) -> float:
         """m of surface RMS over its floor, in quadrature; 0 within it."""
-        return max(self.surface_rms**2 - self.surface_floor**2, 0.0) ** 0.5
+        return over(self.surface_rms, self.surface_floor)
 
     def millimetres(self) -> dict[str, float]:
         """The four errors by name, mm."""
         return {name: in_mm(value) for name, value in asdict(self).items() if name != "beyond"}
+
+
+def over(rms: float, floor: float) -> float:
+    """What an RMS has over its floor, in quadrature; 0 within it."""
+    return float(np.sqrt(max(rms**2 - floor**2, 0.0)))
 
 
 def mean_errors(each: Sequence[Errors]) -> Errors:
@@ -250,9 +255,7 @@ def closed(before: Errors, after: Errors) -> Closed:
     The floors are those of `after`, the surface closer to the truth.
     """
     gap = before.chamfer - after.chamfer_floor
-    excess_before, excess_after = (
-        float(np.sqrt(max(errors.surface_rms**2 - after.surface_floor**2, 0.0))) for errors in (before, after)
-    )
+    excess_before, excess_after = (over(errors.surface_rms, after.surface_floor) for errors in (before, after))
     return Closed(
         surface=1 - excess_after / excess_before if excess_before > 0 else None,
         chamfer=(before.chamfer - after.chamfer) / gap if gap > 0 else None,

@@ -6,7 +6,7 @@ import importlib.util
 import shutil
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -143,6 +143,11 @@ def force_of(effect: Effect) -> Any:
 def label_effect(label: str) -> str:
     """The effect's name in the label of one of its terms."""
     return label.partition(":")[0]
+
+
+def effects_of(labels: Iterable[str]) -> list[str]:
+    """The effects' names in labels of terms, each once."""
+    return [*dict.fromkeys(label_effect(label) for label in labels)]
 
 
 def labels_of(terms: Sequence[Term]) -> tuple[str, ...]:

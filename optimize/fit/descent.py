@@ -203,14 +203,15 @@ def _descend(
         line = f"{named}iteration {iteration}: {in_mm(capped(state.found.residual)):.3f} mm RMS"
         progress(line, iteration / (iteration + 2))
         reached(state, iteration - 1)
-        whole_way = float(np.abs(step / vector.scale).max(initial=0.0)) < LARGEST * (1 - 1e-9)  # is not cut
-        if exact and whole_way and capped(linear.found.residual) > hopeless:
+        longest = float(np.abs(step / vector.scale).max())
+        uncut = longest < LARGEST * (1 - 1e-9)
+        if exact and uncut and capped(linear.found.residual) > hopeless:
             return state, iteration, False
         evaluations = problem.evaluate([problem.vector.inside(state.x + length * step) for length in _LENGTHS])
         gains = [-loss(problem.samples, state, other, normal, weight, inputs) for other in evaluations]
         best = int(np.argmax(gains))
         # where a part of a step is best, what is left of it is not slight
-        longest = max(1.0, _LENGTHS[best]) * float(np.abs(step / problem.vector.scale).max())
+        longest *= max(1.0, _LENGTHS[best])
         enough = close * max(1.0, capped(state.found.residual) / expected) ** 2
         small = promised < enough or longest < slight or (exact and 0 < gains[best] < enough)
         if gains[best] > 0:
@@ -241,8 +242,8 @@ def _needed_columns(vector: FitVector, places: Sequence[Array], normal: Normal, 
     """All but those of effects that the data, as far as they are linear, need at none of the places (p,)."""
     covariance = np.asarray(np.linalg.inv(normal.information + weight), dtype=np.float64)
     kept = {label for x in places for label in needed(x, covariance, vector, _LITTLE)}
-    gone = [vector.part(label) for label in vector.labels if label not in kept]
-    return np.setdiff1d(np.arange(len(weight)), np.concatenate([np.zeros(0, np.intp), *gone]))
+    gone = vector.parts(label for label in vector.labels if label not in kept)
+    return np.setdiff1d(np.arange(len(weight)), gone)
 
 
 def _promised(state: Linearisation, step: Array) -> Evaluation:

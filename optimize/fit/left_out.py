@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.metrics import over
 from optimize.fit.clouds import Array, Indices, Match, frames_of
 from optimize.fit.fitted import Fit
 from optimize.fit.inputs import InputErrors
@@ -29,7 +30,7 @@ class Scored:
 
     def excess(self, floor: float) -> float:
         """m over the noise `floor` [m], in quadrature."""
-        return float(np.sqrt(max(self.rms() ** 2 - floor**2, 0.0)))
+        return over(self.rms(), floor)
 
 
 @dataclass(frozen=True, eq=False)

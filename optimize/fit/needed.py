@@ -1,6 +1,6 @@
 """Which effects a fit needs, to first order: what the joint normal distribution of its unknowns says."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -22,13 +22,23 @@ def eliminated(
     """The parts that cost at least `least` each to drop, one after another, the cheapest first, and (p,) where all
     unknowns are then, those dropped at zero."""
     left = {**parts}
+    for name, price, without in cheapest_first(x, covariance, parts):
+        if price >= least:
+            break
+        del left[name]
+        x = without
+    return left, x
+
+
+def cheapest_first(x: Array, covariance: Array, parts: Mapping[str, Indices]) -> Iterator[tuple[str, float, Array]]:
+    """All parts, one after another, each the one that costs least to drop beside those before it: its name, what it
+    costs, and (p,) where all unknowns are without it."""
+    left = {**parts}
     while left:
         costs = {name: cost(x, covariance, part) for name, part in left.items()}
-        cheapest = min(costs, key=lambda name: costs[name])
-        if costs[cheapest] >= least:
-            break
-        x, covariance = conditioned(x, covariance, left.pop(cheapest))
-    return left, x
+        name = min(costs, key=lambda name: costs[name])
+        x, covariance = conditioned(x, covariance, left.pop(name))
+        yield name, costs[name], x
 
 
 def cost(x: Array, covariance: Array, part: Indices) -> float:

@@ -124,6 +124,10 @@ class FitVector:
         """Which unknowns are those of a term."""
         return np.flatnonzero([name.rpartition(".")[0] == label and "." in name for name in self.names])
 
+    def parts(self, labels: Iterable[str]) -> NDArray[np.intp]:
+        """Those of several terms, one after another."""
+        return np.concatenate([np.zeros(0, dtype=np.intp), *(self.part(label) for label in labels)])
+
     def only(self, labels: Collection[str]) -> tuple["FitVector", NDArray[np.intp]]:
         """The factors and the terms of `labels`, named as they then are, and which of the unknowns these keep."""
         kept = [label in labels for label in self.labels]

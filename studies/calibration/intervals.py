@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from fabdesign.csv_table import decimal, read_rows
 from fabdesign.forward import PARAMETERS
+from fabdesign.metrics import over
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.surface import CAP
 from fabdesign.units import in_mm
@@ -72,7 +73,7 @@ def noise_rms(noise: SensorNoise) -> float:
 
 def excess(rms: float, noise: SensorNoise) -> float:
     """m: what a capped RMS `rms` [m] has over the noise, in quadrature."""
-    return float(np.sqrt(max(rms**2 - noise_rms(noise) ** 2, 0.0)))
+    return over(rms, noise_rms(noise))
 
 
 def expected_rms(noise: SensorNoise, left: float = EXCESS) -> float:

@@ -1,8 +1,8 @@
 """Backwards from the joint fit: what the data do not need, or what trials left out gain too little by, is dropped."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from fabdesign.forward import Term
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Array, Indices
 from optimize.fit.fitted import Fit
-from optimize.fit.left_out import Gain, LeftOut
+from optimize.fit.left_out import Gain, LeftOut, Scored
 from optimize.fit.needed import NEEDED, conditioned, cost, needed
 from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
@@ -32,38 +32,45 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list
     labels, small = worth(task, everything)
     if not labels:
         return None, small, None
-    known = most = _fit_of(task, *reduced(task, everything, labels))
+    known = _fit_of(task, *reduced(task, everything, labels))
+    most = Most(task, known)
     left_of_all = LeftOut.of(everything, task.data.folds).scored().excess(task.floor)
     held: list[str] = []  # what a fit without it loses; with fewer others beside it, that loses all the more
+    gains, left_of_known = _left_out(task, known)
     while True:
-        trials = LeftOut.of(known, task.data.folds)
-        gains = gains_of(parts_of(known.vector), trials, task.floor)
         # beside a stronger one an effect must gain more than is left, by those that stay or by all: where its law is
         # not quite right, small ones take up what it lacks
-        left = min(left_of_all, trials.scored().excess(task.floor))
-        least = max(task.tolerance, left) if len(gains) > 1 else task.tolerance
+        least = max(task.tolerance, min(left_of_all, left_of_known)) if len(gains) > 1 else task.tolerance
         told = ", ".join(f"{label} {in_mm(gain):.2f}" for label, (gain, _) in gains.items())
         task.say(f"mm of excess that trials left out gain by each: {told}; least {in_mm(least):.2f}")
         doubtful = {label: gain for label, gain in gains.items() if label not in held}
         weak = weakest(doubtful, least, partial(_elsewhere, task, known, []))
         if weak is None:
             decoys = decoys_beside(task, known, everything.vector)
-            least = max(least, decoys.chance)
-            weak = weakest(doubtful, least, partial(_elsewhere, task, known, []))
+            if decoys.chance > least:
+                least = decoys.chance
+                weak = weakest(doubtful, least, partial(_elsewhere, task, known, []))
         if weak is None:
-            found = _simpler(task, known, most, plain, gains, least, held)
+            found = _simpler(known, most, plain, gains, least, held)
             if found is None:
                 return known, small, decoys
             simpler, weak = found
         elif len(gains) > 1:
             simpler = _fit_of(task, known, [label for label in gains if label != weak])
-            if _loses(task, most, simpler, least):
+            if most.loses(simpler, least):
                 held.append(weak)
                 continue
         small.append(weak)
         if len(gains) == 1:
             return None, small, None
         known = simpler
+        gains, left_of_known = _left_out(task, known)
+
+
+def _left_out(task: Task, known: Fit) -> tuple[dict[str, Gain], float]:
+    """What trials left out gain by each effect of a fit, and m of excess that it leaves of them."""
+    trials = LeftOut.of(known, task.data.folds)
+    return gains_of(parts_of(known.vector), trials, task.floor), trials.scored().excess(task.floor)
 
 
 def gains_of(parts: Mapping[str, Indices], left: LeftOut, floor: float, off: Indices = _NONE) -> dict[str, Gain]:
@@ -92,10 +99,10 @@ def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
     """The factors and these terms with all of their parameters that are no choice of a whole number, and (2, p) where
     a joint fit says they are with the others off: to first order, and as they are with the others there, which is
     nearer where these are far from small."""
-    gone = [joint.vector.part(label) for label in joint.vector.labels if label not in labels]
+    gone = joint.vector.parts(label for label in joint.vector.labels if label not in labels)
     places = [joint.minimum]
-    if gone:
-        places.insert(0, conditioned(joint.minimum, joint.covariance, np.concatenate(gone))[0])
+    if len(gone):
+        places.insert(0, conditioned(joint.minimum, joint.covariance, gone)[0])
     vector, index = joint.vector.only(labels)
     known = [dict(zip(vector.names, vector.inside(x[index]), strict=True)) for x in places]
     parameters = [p for p in vector.parameters if p.is_factor]
@@ -136,7 +143,7 @@ def worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     trials = LeftOut.of(everything, task.data.folds)
     labels = _with_channels(task, trials, vector, certain, sparse(everything, certain))
     while labels:
-        off = _unknowns(vector, gone := [label for label in vector.labels if label not in labels])
+        off = vector.parts(gone := [label for label in vector.labels if label not in labels])
         gains = gains_of({label: vector.part(label) for label in labels}, trials, task.floor, off)
         weak = weakest(gains, task.tolerance, partial(_elsewhere, task, everything, gone))
         if weak is None:
@@ -155,7 +162,7 @@ def _with_channels(
     channels = [label for label in certain if _sits_in_a_channel(label)]
     kept = [label for label in certain if label in few or (label in channels and 2 * len(channels) <= task.channels)]
     one, all_of_them = (
-        trials.scored(_unknowns(vector, [label for label in vector.labels if label not in own])) for own in (few, kept)
+        trials.scored(vector.parts([label for label in vector.labels if label not in own])) for own in (few, kept)
     )
     several = len(kept) > len(few) and _certain(trials.gain(one, all_of_them, task.floor), task.tolerance)
     return kept if several else [*few]
@@ -183,17 +190,12 @@ def _certain(gain: Gain, least: float) -> bool:
 def _elsewhere(task: Task, joint: Fit, gone: Sequence[str], label: str) -> float:
     """m by which a fit with terms `gone` off differs on other layouts where one more is, to first order."""
     vector, x, covariance = joint.vector, joint.minimum, joint.covariance
-    with_it, without = (conditioned(x, covariance, _unknowns(vector, labels))[0] for labels in (gone, [*gone, label]))
+    with_it, without = (conditioned(x, covariance, vector.parts(labels))[0] for labels in (gone, [*gone, label]))
     return task.differs_elsewhere(Place(vector, vector.inside(with_it)), Place(vector, vector.inside(without)))
 
 
-def _unknowns(vector: FitVector, labels: Sequence[str]) -> Indices:
-    """Of these terms."""
-    return np.concatenate([_NONE, *(vector.part(label) for label in labels)])
-
-
 def _simpler(
-    task: Task, known: Fit, most: Fit, plain: Fit, gains: Mapping[str, Gain], least: float, held: list[str]
+    known: Fit, most: "Most", plain: Fit, gains: Mapping[str, Gain], least: float, held: list[str]
 ) -> tuple[Fit, str] | None:
     """A fit without one of the effects that does as well as that with `most`, and which: what is not linear may take
     its place, and which of two gains more to first order may be wrong. plain: that of the declared parameters alone.
@@ -202,24 +204,40 @@ def _simpler(
         fitted = plain
         if len(gains) > 1:
             others = [other for other in gains if other != label]
-            fitted = _fit_of(task, known, others, hopeless=float(np.hypot(most.after, _MUCH * least)))
-        if not _loses(task, most, fitted, least):
+            fitted = _fit_of(most.task, known, others, hopeless=float(np.hypot(most.fit.after, _MUCH * least)))
+        if not most.loses(fitted, least):
             return fitted, label
         held.append(label)
     return None
 
 
-def _loses(task: Task, most: Fit, simpler: Fit, least: float) -> bool:
-    """Whether a fit with fewer effects does not do as well as that with `most`: what goes one after another must not
-    add up. As well: trials left out lose too little, and either the data do too, or other layouts differ by too
-    little."""
-    trials = LeftOut.of(most, task.data.folds)
-    own, without = trials.scored(), LeftOut.of(simpler, task.data.folds).scored()
-    alike = replace(own, squares=own.squares * without.weights / np.maximum(own.weights, 1e-12))
-    return _certain(trials.gain(without, alike, task.floor), least) or (
-        _lost(task, most, simpler) >= NEEDED
-        and task.differs_elsewhere(Place(most.vector, most.x), Place(simpler.vector, simpler.x)) >= least
-    )
+@dataclass(frozen=True, eq=False)
+class Most:
+    """The fit with most effects, which those with fewer are compared with: what goes one after another must not add
+    up."""
+
+    task: Task
+    fit: Fit
+
+    @cached_property
+    def trials(self) -> LeftOut:
+        return LeftOut.of(self.fit, self.task.data.folds)
+
+    @cached_property
+    def scored(self) -> Scored:
+        """Of trials left out."""
+        return self.trials.scored()
+
+    def loses(self, simpler: Fit, least: float) -> bool:
+        """Whether a fit with fewer effects does not do as well. As well: trials left out lose under `least` [m], or not
+        for certain, and either the data lose too little, or other layouts differ by too little."""
+        task, own = self.task, self.scored
+        without = LeftOut.of(simpler, task.data.folds).scored()
+        alike = replace(own, squares=own.squares * without.weights / np.maximum(own.weights, 1e-12))
+        return _certain(self.trials.gain(without, alike, task.floor), least) or (
+            _lost(task, self.fit, simpler) >= NEEDED
+            and task.differs_elsewhere(Place(self.fit.vector, self.fit.x), Place(simpler.vector, simpler.x)) >= least
+        )
 
 
 def _lost(task: Task, known: Fit, other: Fit) -> float:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fabdesign.effects import EFFECTS
-from fabdesign.effects.registry import label_effect
+from fabdesign.effects.registry import effects_of, label_effect
 from optimize.fit.left_out import LeftOut, Scored
 from optimize.fit.needed import NEEDED
 from optimize.fit.parameters import FitVector
@@ -127,5 +127,5 @@ def _instead(wide: LeftOut, selection: Selection, label: str, other: str, column
         chosen.factors,
         (*terms, joint.terms[joint.labels.index(other)]),
     )
-    names = dict.fromkeys(label_effect(own) for own in (*(k for k in chosen.labels if k != label), other))
+    names = effects_of([*(own for own in chosen.labels if own != label), other])
     return Explanation(" and ".join(names), vector, vector.inside(x))

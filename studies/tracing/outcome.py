@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from fabdesign.effects import EFFECTS
-from fabdesign.effects.registry import label_effect
+from fabdesign.effects.registry import effects_of
 from fabdesign.forward import ForwardModel
 from fabdesign.model import EffectTerm, Model
 from fabdesign.units import in_mm
@@ -96,7 +96,7 @@ class Outcome:
         """Lines for people."""
         lines = []
         if self.selection.small:
-            names = ", ".join(dict.fromkeys(label_effect(label) for label in self.selection.small))
+            names = ", ".join(effects_of(self.selection.small))
             lines.append(f"certain but within the tolerance, so not added: {names}")
         if (decoys := self.selection.decoys) is not None and decoys.gains:
             lines.append(

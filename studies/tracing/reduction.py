@@ -7,13 +7,12 @@ them begins far off and ends at a false minimum, at which effects that are there
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from fabdesign.forward import Term
+from fabdesign.metrics import over
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Array
 from optimize.fit.fitted import Fit, capped
-from optimize.fit.needed import conditioned, cost
+from optimize.fit.needed import cheapest_first, conditioned
 from optimize.fit.parameters import FitVector
 from studies.tracing.task import Task
 
@@ -49,17 +48,17 @@ def reduced(task: Task, joint: Fit, labels: Collection[str]) -> tuple[Fit, list[
         without = f"{in_mm(begin.rms):.3f} mm RMS without {', '.join(gone)}"
         task.say(f"{without}; to first order {in_mm(begin.promised):.3f}")
         fitted = task.fit(f"fewer {stage}", begin.vector, known.inputs, begin.x, near=True, jacobian=begin.jacobian)
-        if more(fitted.after, begin.promised) > task.tolerance:
+        if over(fitted.after, begin.promised) > task.tolerance:
             wanted += _terms(known, gone)
         else:
             known = fitted
-    return known, [k for k, t in zip(known.vector.labels, known.vector.terms, strict=True) if t in wanted]
+    return known, _labels(known, wanted)
 
 
 def begin_without(task: Task, known: Fit, labels: Collection[str]) -> Begin:
     """Without the terms `labels`: the better of where the joint covariance says the others then are and where they
     are with them."""
-    part = np.concatenate([known.vector.part(label) for label in labels])
+    part = known.vector.parts(labels)
     there = known.vector.inside(conditioned(known.minimum, known.covariance, part)[0])
     vector, index = known.vector.only([label for label in known.vector.labels if label not in labels])
     promised = known.state.found.residual + known.state.jacobian @ (there - known.x)
@@ -67,13 +66,8 @@ def begin_without(task: Task, known: Fit, labels: Collection[str]) -> Begin:
     return Begin(vector, x, known.state.jacobian[:, index], rms, capped(promised))
 
 
-def more(rms: float, than: float) -> float:
-    """m, in quadrature."""
-    return float(np.sqrt(max(rms**2 - than**2, 0.0)))
-
-
 def _holds(task: Task, begin: Begin) -> bool:
-    return more(begin.rms, begin.promised) <= task.tolerance
+    return over(begin.rms, begin.promised) <= task.tolerance
 
 
 def _terms(known: Fit, labels: Collection[str]) -> list[Term]:
@@ -81,13 +75,12 @@ def _terms(known: Fit, labels: Collection[str]) -> list[Term]:
     return [term for label, term in zip(known.vector.labels, known.vector.terms, strict=True) if label in labels]
 
 
+def _labels(known: Fit, terms: Sequence[Term]) -> list[str]:
+    return [label for label, term in zip(known.vector.labels, known.vector.terms, strict=True) if term in terms]
+
+
 def _cheapest_first(known: Fit, wanted: Sequence[Term]) -> list[str]:
     """The labels of all other terms, in the order in which they go to first order."""
-    x, covariance = known.minimum, known.covariance
-    left = [k for k, t in zip(known.vector.labels, known.vector.terms, strict=True) if t not in wanted]
-    gone: list[str] = []
-    while left:
-        gone.append(min(left, key=lambda label: cost(x, covariance, known.vector.part(label))))
-        left.remove(gone[-1])
-        x, covariance = conditioned(x, covariance, known.vector.part(gone[-1]))
-    return gone
+    kept = _labels(known, wanted)
+    others = {label: known.vector.part(label) for label in known.vector.labels if label not in kept}
+    return [name for name, *_ in cheapest_first(known.minimum, known.covariance, others)]

@@ -9,7 +9,7 @@ from typing import Any
 from fabdesign import SIMULATOR
 from fabdesign.checkpoint import Checkpoint, sha256
 from fabdesign.effects import EFFECTS
-from fabdesign.effects.registry import check_values, effect_named, label_effect
+from fabdesign.effects.registry import check_values, effect_named, effects_of
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
 from fabdesign.model import Model
@@ -225,8 +225,7 @@ def _experiment(
         return None
     fits = {"none": selection.plain, "every effect": selection.everything}
     if selection.chosen is not selection.plain:
-        names = dict.fromkeys(label_effect(label) for label in selection.labels)
-        own = {" and ".join(names): selection.chosen}
+        own = {" and ".join(effects_of(selection.labels)): selection.chosen}
         fits = own if instead else {**own, **fits}
     explanations = [Explanation(name, found.vector, found.x) for name, found in fits.items()]
     return next_experiment(
