@@ -21,12 +21,13 @@ from optimize.fit.clouds import Match, Sample, derivatives, match, nodes_of
 from optimize.fit.descent import _descend, horizons
 from optimize.fit.normal import Normal, directions
 from optimize.fit.parameters import DECLARED, PRIOR, fit_vector
-from optimize.fit.problem import Evaluation, Linearisation
+from optimize.fit.problem import Evaluation, Problem
 from sim.motion import faces
 from studies.bad_data import sound_trials
 from studies.calibration.calibrate import DRAWN, calibrate
 from studies.calibration.intervals import engine_difference, interval_warnings, noise_rms
 from studies.calibration.report import as_text
+from tests.few_effects import few_effects
 
 TIMES = np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 0.9, 1.2])
 ONE_ENGINE = np.zeros(7)  # the clouds are the forward model's own
@@ -191,6 +192,26 @@ def test_ctrl_c_keeps_the_values_reached(measured):
     assert found.model.parameters["damping"].factor == pytest.approx(1.3, rel=0.02)
 
 
+def test_effects_that_are_certainly_nothing_early_on_are_off_in_the_end(measured, monkeypatch, tmp_path):
+    few_effects(monkeypatch, "time_offset", "dead_time")
+    monkeypatch.setattr("studies.calibration.calibrate.EXCESS", 0.02)  # four trials of eight frames say little
+    said = []
+    found = calibrate(
+        exact(measured), Curler(), vector=fit_vector(["all"]), progress=lambda line, share: said.append((line, share))
+    )
+    shares = [share for _, share in said]
+    assert shares == sorted(shares) and shares[-1] < 1
+    names = found.fit.vector.names
+    assert "dead_time.delay" in names  # this cloth has none, so that nothing is known of it
+    assert "time_offset.offset" not in names
+    assert found.model.covariance.names == names
+    write_model(found.model, tmp_path / "model.toml")
+    effects = {effect.name: effect.parameters for effect in read_model(tmp_path / "model.toml").effects}
+    held = effects["time_offset"]["offset"]
+    assert held.value == 0.0 and -0.02 < held.interval90[0] <= 0.0 <= held.interval90[1] < 0.02
+    assert found.fit.without_effects is not None and found.fit.before == found.fit.without_effects.before
+
+
 def test_sets_and_designs_are_fitted_together(measured, tmp_path):
     """Orders are those of each set; a set may hold several designs; the provenance names SET/TRIAL."""
     trials = [
@@ -312,7 +333,7 @@ def test_slopes_that_are_too_small_by_half_do_not_keep_the_descent_from_its_end(
     sample = Sample(None, np.unique(times), ())
     frame = np.searchsorted(sample.times, times)
 
-    class Line:
+    class Line(Problem):
         samples, vector = (sample,), DECLARED
 
         def evaluate(self, xs):
@@ -322,9 +343,6 @@ def test_slopes_that_are_too_small_by_half_do_not_keep_the_descent_from_its_end(
                 Evaluation(x, [], Match(r, none, none.astype(np.intp), none, zeros, frame))
                 for x, r in zip(xs, left, strict=True)
             ]
-
-        def with_jacobian(self, evaluation, jacobian):
-            return Linearisation(evaluation.x, [], evaluation.found, jacobian)
 
         def linearise(self, evaluation, along, old=None, fresh=None):
             return self.with_jacobian(evaluation, slopes / 1.95)

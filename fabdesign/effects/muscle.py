@@ -194,4 +194,5 @@ ODD_MUSCLE = Effect(
         "factor": EffectParameter("1", "on its gain", 0.8, (0.05, 5.0), 0.2, off=1.0, transform="log"),
     },
     specimen=_odd_muscle_specimen,
+    adds_up_to="muscle_gain",
 )

@@ -220,7 +220,7 @@ def _descend(
                 return problem.with_jacobian(evaluations[best], state.jacobian), iteration, True
             there: Evaluation = evaluations[best]
             if not small and gains[best] > _PROMISED * promised:
-                state, exact = problem.with_jacobian(there, _updated(state, there)), False
+                state, exact = problem.with_jacobian(there, _updated(problem, state, there)), False
                 continue
         elif small and exact:
             return state, iteration, True
@@ -252,9 +252,9 @@ def _promised(state: Linearisation, step: Array) -> Evaluation:
     return Evaluation(state.x + step, state.sheets, found)
 
 
-def _updated(state: Linearisation, other: Evaluation) -> Array:
+def _updated(problem: Problem, state: Linearisation, other: Evaluation) -> Array:
     """The Jacobian at another place, by what the residuals did on the way."""
-    step = other.x - state.x
+    step = problem.moving(other.x - state.x)
     missed = other.found.residual - state.found.residual - state.jacobian @ step
     most = state.found.loss.cap
     usable = np.isfinite(missed) & (np.abs(other.found.residual) < most) & (np.abs(state.found.residual) < most)

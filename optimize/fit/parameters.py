@@ -128,6 +128,19 @@ class FitVector:
         """Those of several terms, one after another."""
         return np.concatenate([np.zeros(0, dtype=np.intp), *(self.part(label) for label in labels)])
 
+    def idle(self, channels: int) -> Array:
+        """(k, p) unit directions along which no motion of designs with so many channels changes: a factor up, and all
+        choices of an effect that adds up to it down as much, where all are unknown."""
+        rows = []
+        for effect in {term.name: EFFECTS[term.name] for term in self.terms}.values():
+            own = [label for label, term in zip(self.labels, self.terms, strict=True) if term.name == effect.name]
+            part = self.parts(own)
+            if effect.adds_up_to in self.names and len(part) == len(own) == channels:
+                row = np.zeros(len(self.parameters))
+                row[self.names.index(effect.adds_up_to)], row[part] = 1.0, -1.0
+                rows.append(row / np.linalg.norm(row))
+        return np.array(rows).reshape(len(rows), len(self.parameters))
+
     def only(self, labels: Collection[str]) -> tuple["FitVector", NDArray[np.intp]]:
         """The factors and the terms of `labels`, named as they then are, and which of the unknowns these keep."""
         kept = [label in labels for label in self.labels]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import isqrt
 
 import numpy as np
@@ -40,17 +41,27 @@ class Problem:
         """(N, k): of each residual by k steps (k, p) of the unknowns."""
         raise NotImplementedError
 
+    @property
+    def idle(self) -> Array:
+        """(k, p) unit directions of the unknowns, at right angles, along which nothing changes."""
+        return np.zeros((0, len(self.vector.parameters)))
+
+    def moving(self, rows: Array) -> Array:
+        """(..., p) steps, or slopes, less what of them is along the idle directions."""
+        return np.asarray(rows - (rows @ self.idle.T) @ self.idle)
+
     def linearise(
         self, evaluation: Evaluation, along: Array, old: Array | None = None, fresh: Indices | None = None
     ) -> Linearisation:
         """With the Jacobian by differences along the rows of `along` (p, p), within limits. fresh: the columns that are
-        made; the others stay as in `old` (N, p), and no row of `along` mixes both."""
+        made; the others stay as in `old` (N, p), and no row of `along` mixes both. Their noise would tell how far to go
+        along an idle direction; priors alone do."""
         chosen = np.arange(len(along)) if fresh is None else fresh
         rows = self.vector.steps(evaluation.x, along)[chosen]
         columns = self.changes(evaluation, rows) @ np.linalg.inv(rows[:, chosen]).T
         jacobian = np.empty((len(columns), len(along))) if old is None else old.copy()
         jacobian[:, chosen] = columns
-        return self.with_jacobian(evaluation, jacobian)
+        return self.with_jacobian(evaluation, self.moving(jacobian))
 
     def with_jacobian(self, evaluation: Evaluation, jacobian: Array) -> Linearisation:
         return Linearisation(evaluation.x, evaluation.sheets, evaluation.found, jacobian)
@@ -83,6 +94,12 @@ class FitProblem(Problem):
     forward: ForwardModel
     slopes: ForwardModel
     vector: FitVector = DECLARED
+
+    @cached_property
+    def idle(self) -> Array:
+        """A factor up, and every choice of an effect that adds up to it down as much."""
+        channels = max(sample.trial.design.channels for sample in self.samples)
+        return self.vector.idle(channels)
 
     def evaluate(self, xs: Sequence[Array]) -> list[Evaluation]:
         """All in one batch."""

@@ -15,17 +15,18 @@ from fabdesign.sensor_noise import SensorNoise
 from fabdesign.splits import fit_trials
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import in_mm
-from optimize.fit.clouds import Sample, evenly
+from optimize.fit.clouds import Array, Sample, evenly
 from optimize.fit.descent import Progress, fit, parts
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import DECLARED, FitVector
 from studies.bad_data import Tolerance
 from studies.calibration.ambiguities import ambiguities
 from studies.calibration.fitted_model import fitted_model
-from studies.calibration.intervals import excess, expected_rms, interval_warnings, with_engines
+from studies.calibration.intervals import EXCESS, excess, expected_rms, interval_warnings, with_engines
 from studies.calibration.trial_checks import DISAGREE, implausible
 from studies.intervals.calibrate import chosen as chosen_trials
 from studies.intervals.calibrate import spread_json, with_spread
+from studies.joint_fit import Nothing, joint_fit
 from studies.measured_data import Density, MeasuredData
 from studies.sensitive_stretches import find_used_frames
 from studies.used_frames import UsedFrames
@@ -140,7 +141,7 @@ def calibrate(
     data = MeasuredData.of(sets, chosen, used, DRAWN, seed=seed)
     bare, forward = forward, Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
-    fitted = _fit(data, forward, slopes, vector, progress, interruptible)
+    fitted, nothing = _fit(data, forward, slopes, vector, progress, interruptible)
     if lines := {} if fitted.interrupted else _implausible(fitted, data.samples, forward):
         tolerance = Tolerance(skip_bad, [*skipped])
         for line in lines.values():
@@ -149,7 +150,7 @@ def calibrate(
         data = data.without(lines)
         if not data.samples:
             raise InputError(f"{', '.join(s.name for s in sets)}: no trial to fit is left; the first: {skipped[0]}")
-        fitted = _fit(data, forward, slopes, vector, progress, interruptible)
+        fitted, nothing = _fit(data, forward, slopes, vector, progress, interruptible)
     covariance = with_engines(fitted, engines)
     deviation = np.sqrt(np.diag(covariance))
     why = interval_warnings(fitted.after, fitted.outlying, data.noise)
@@ -163,6 +164,7 @@ def calibrate(
         reliable=not why,
         points_per_side=points_per_side,
         provenance=data.provenance(),
+        nothing=nothing,
     )
     if intervals and not fitted.interrupted:
         model, said = _with_spread(model, sets, data, bare, coarse, progress)
@@ -216,43 +218,43 @@ def _fit(
     vector: FitVector,
     progress: Progress,
     interruptible: bool,
-) -> Fit:
-    """With effects, from the data sheet too: where the fit without them ends may be far off, in a false minimum. Where
-    that is interrupted, the better of both is kept."""
-    stages = [(vector, progress)]
-    if vector.terms:
-        early, late = parts(progress, _WITHOUT_EFFECTS)
-        stages = [(vector.without_effects, lambda line, share: early(f"no effects, {line}", share)), (vector, late)]
-    fits: list[Fit] = []
-    interrupted = False
-    for unknowns, told in stages:
-        reached: deque[Callable[[], Fit]] = deque(maxlen=1)  # makes the fit that ends where this one stands
-        try:
-            fits.append(
-                fit(
-                    data.samples,
-                    forward,
-                    slopes=slopes,
-                    vector=unknowns,
-                    accuracy=data.weighed,
-                    expected=np.inf if unknowns.terms else expected_rms(data.noise),
-                    progress=told,
-                    reached=reached.append,
-                )
-            )
-        except KeyboardInterrupt:
-            if not (interruptible and (reached or fits)):
-                raise
-            fits += [replace(make(), interrupted=True) for make in reached]
-            interrupted = True
-            break
-    first, *later = fits
-    if not later:
-        return replace(first, interrupted=interrupted)
-    [fitted] = later
-    if interrupted and not _better(fitted, first):
-        return replace(first, interrupted=True)
-    return replace(fitted, before=first.before, without_effects=first)
+) -> tuple[Fit, dict[str, Nothing]]:
+    """With effects, from the data sheet too: where the fit without them ends may be far off, in a false minimum. What
+    turns out to be nothing on the way is off in the end. Where that is interrupted, the better of both is kept."""
+    reached: deque[Callable[[], Fit]] = deque(maxlen=1)  # makes the fit that ends where this one stands
+    plain: Fit | None = None
+    first, second = parts(progress, _WITHOUT_EFFECTS) if vector.terms else (progress, progress)
+
+    def fitted(data: MeasuredData, own: FitVector, start: Array | None, horizon: float | None, told: Progress) -> Fit:
+        reached.clear()
+        return fit(
+            data.samples,
+            forward if horizon is None or slopes is None else slopes,
+            slopes=slopes,
+            vector=own,
+            accuracy=data.weighed,
+            start=start,
+            near=horizon is not None,
+            expected=np.inf if own.terms else expected_rms(data.noise),
+            progress=told if own.terms or not vector.terms else lambda line, share: told(f"no effects, {line}", share),
+            reached=reached.append,
+        )
+
+    try:
+        plain = fitted(data, vector.without_effects, None, None, first)
+        if not vector.terms:
+            return plain, {}
+        found, nothing = joint_fit(data, vector, vector.start, EXCESS, fitted, second)
+        return replace(found, before=plain.before, without_effects=plain), nothing
+    except KeyboardInterrupt:
+        if not (interruptible and (reached or plain)):
+            raise
+        there = [replace(make(), interrupted=True) for make in reached]
+        if plain is None:
+            return there[0], {}
+        if there and _better(there[0], plain):
+            return replace(there[0], before=plain.before, without_effects=plain), {}
+        return replace(plain, interrupted=True), {}
 
 
 def _better(fitted: Fit, other: Fit) -> bool:

@@ -1,17 +1,19 @@
 """A fit as a model: values with intervals, what each belongs to, and what is known of them jointly."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
 from fabdesign.design import Design
-from fabdesign.effects import EFFECTS
+from fabdesign.effects import EFFECTS, Effect
 from fabdesign.forward import MUSCLE_TYPES, OF_MUSCLES
 from fabdesign.learned_range import LearnedRange
 from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
 from fabdesign.trial import Trial
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitParameter
+from studies.joint_fit import Nothing
 
 QUANTILE = 1.645  # two-sided 90 %
 
@@ -24,8 +26,10 @@ def fitted_model(
     reliable: bool,
     points_per_side: int,
     provenance: Provenance,
+    nothing: Mapping[str, Nothing] = MappingProxyType({}),
 ) -> Model:
-    """covariance: (p, p) of the fit's unknowns, whatever the intervals hold included. trials: that were fitted."""
+    """covariance: (p, p) of the fit's unknowns, whatever the intervals hold included. trials: that were fitted.
+    nothing: terms that the fit is without, which the model has, off, if it has no other of the same effect."""
     deviation = np.sqrt(np.diag(covariance))
     muscles = muscle_scope([trial.design for trial in trials])
     parameters, quantities = {}, {}
@@ -46,8 +50,9 @@ def fitted_model(
             key: quantities.get(f"{label}.{key}", Quantity(value, declared.parameters[key].unit))
             for key, value in declared.values(term.values).items()
         }
-        own = muscles if declared.scope == "muscle type" else declared.scope
-        effects.append(EffectTerm(term.name, values, term.scope or own))
+        effects.append(EffectTerm(term.name, values, term.scope or _scope(declared, muscles)))
+    present = {effect.name for effect in effects}  # another choice of one of these would name its unknowns anew
+    effects += [_off(of, muscles) for of in nothing.values() if of.term.name not in present]
     return Model(
         parameters,
         tuple(effects),
@@ -57,6 +62,23 @@ def fitted_model(
         covariance=Covariance(fit.vector.names, covariance),
         learned_range=LearnedRange.of(trial.program for trial in trials) if unnamed else None,
     )
+
+
+def _scope(effect: Effect, muscles: str | None) -> str | None:
+    return muscles if effect.scope == "muscle type" else effect.scope
+
+
+def _off(of: Nothing, muscles: str | None) -> EffectTerm:
+    """A term at nothing, with intervals that hold it."""
+    declared = EFFECTS[of.term.name]
+    values = {
+        key: Quantity(value, declared.parameters[key].unit) for key, value in declared.values(of.term.values).items()
+    }
+    for parameter, x, s in zip(of.parameters, of.x, of.deviation, strict=True):
+        low, high = parameter.value(min(x - QUANTILE * s, 0.0)), parameter.value(max(x + QUANTILE * s, 0.0))
+        key = parameter.name.rpartition(".")[2]
+        values[key] = Quantity(parameter.value(0.0), parameter.unit, (low, high))
+    return EffectTerm(of.term.name, values, of.term.scope or _scope(declared, muscles))
 
 
 def _plain(fit: Fit) -> dict[str, Parameter]:

@@ -156,11 +156,9 @@ def worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
 def _with_channels(
     task: Task, trials: LeftOut, vector: FitVector, certain: Sequence[str], few: Sequence[str]
 ) -> list[str]:
-    """Those that are sparse, and the other channels of their effects where trials left out gain by them together, and
-    they are no more than half of all: most channels at once stand in for the gain. A place moves to where it is in a
-    fit."""
-    channels = [label for label in certain if _sits_in_a_channel(label)]
-    kept = [label for label in certain if label in few or (label in channels and 2 * len(channels) <= task.channels)]
+    """Those that are sparse, and the other channels of their effects where trials left out gain by them together. A
+    place moves to where it is in a fit."""
+    kept = [label for label in certain if label in few or _sits_in_a_channel(label)]
     one, all_of_them = (
         trials.scored(vector.parts([label for label in vector.labels if label not in own])) for own in (few, kept)
     )

@@ -47,7 +47,8 @@ def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], dict[str
     candidates += [_other(wide, none, added, places[label], label, selection) for label in others]
     excess = none.excess(selection.floor)
     candidates += [
-        Candidate(label_effect(label), 0.0, (0.0, most), excess, False, {}) for label, most in selection.nothing.items()
+        Candidate(label_effect(label), 0.0, (0.0, of.most), excess, False, {})
+        for label, of in selection.nothing.items()
     ]
     best: dict[str, Candidate] = {}
     for candidate in sorted(candidates, key=lambda c: c.gain):

@@ -1,7 +1,6 @@
 """What the data need: one joint fit of every effect, then those dropped again that the data do not need.
 
-A fit without an effect goes to a false minimum, where a lag becomes damping; around it the wrong names come first.
-Where all may act, the fit finds its way, and what is not there comes out as nothing.
+Around the false minimum that a fit without them goes to the wrong names come first.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,19 +10,18 @@ from functools import cached_property
 import numpy as np
 
 from optimize.fit.clouds import Array
-from optimize.fit.descent import horizons
+from optimize.fit.descent import Progress
 from optimize.fit.fitted import Fit
 from optimize.fit.left_out import Gain, LeftOut
 from optimize.fit.needed import NEEDED, needed
 from optimize.fit.parameters import FitVector, fit_vector
+from studies.joint_fit import Nothing, joint_fit
+from studies.measured_data import MeasuredData
 from studies.tracing.backwards import backwards, gains_of, parts_of, sparse, with_shapes
 from studies.tracing.decoys import Decoys
 from studies.tracing.task import Task
 
-EARLY = 1.0  # s, of the horizons before the last: a column costs a motion as long
-KNOWN = 0.35  # of the prior's standard deviation, over which the data say little of an unknown
 SLIGHT = 2.0  # times the tolerance: what leaves no more is near the minimum, and the joint fit begins there
-_EARLY_CLOSE = 3.0  # of log likelihood: where a fit ends that others follow
 ALIKE = 0.98  # cosine from which on two effects are one answer
 
 
@@ -31,8 +29,8 @@ ALIKE = 0.98  # cosine from which on two effects are one answer
 class Selection:
     """everything: the joint fit; to first order about `plain` where that is adequate. plain: the declared parameters
     alone. chosen: with what is needed; `plain` itself where that is nothing. small: effects that are certain but within
-    the tolerance. nothing: m RMS that terms left out of the joint fit on its way could move the residuals by at most,
-    by label. decoys: beside what is chosen; None without effects."""
+    the tolerance. nothing: terms left out of the joint fit on its way, by label. decoys: beside what is chosen; None
+    without effects."""
 
     everything: Fit
     plain: Fit
@@ -40,7 +38,7 @@ class Selection:
     folds: Sequence[int]
     floor: float
     small: tuple[str, ...]
-    nothing: Mapping[str, float]
+    nothing: Mapping[str, Nothing]
     decoys: Decoys | None = None
 
     @property
@@ -67,20 +65,13 @@ def select(task: Task) -> Selection:
     size = fabric.width, fabric.height
     every = fit_vector(["all"], factors=task.factors, scope=task.scope, channels=task.channels, size=size)
     vector = without(every, task.known)
-    plain = task.fit("plain", vector.without_effects, near=True)
+    factors = vector.without_effects
+    plain, _ = _joint(task, "plain", factors, factors.start)
     excess = _excess(task, plain)
     if excess <= task.tolerance:
         return _adequate(task, vector, task.fit("plain to its end", plain.vector, plain.inputs, plain.minimum))
-    nothing: dict[str, float] = {}
     start = _beside(vector, plain.x) if excess <= SLIGHT * task.tolerance else vector.start
-    for horizon in [h for h in horizons(task.data.samples)[:-1] if h <= EARLY]:
-        shorter = replace(task, data=task.data.until(horizon))
-        early = shorter.fit(f"every effect to {horizon:g} s", vector, start=start, close=_EARLY_CLOSE, near=True)
-        gone = negligible(early, task.tolerance)
-        nothing |= gone
-        vector, index = vector.only([label for label in vector.labels if label not in gone])
-        start = early.x[index]
-    everything = task.fit("every effect", vector, start=start, near=True)
+    everything, nothing = _joint(task, "every effect", vector, start)
     plain = task.weighed(plain, everything.inputs)
     found, small, decoys = backwards(task, everything, plain)
     if found is None:
@@ -88,6 +79,16 @@ def select(task: Task) -> Selection:
         starts = np.array([plain.minimum, *starts])
         plain = task.fit("plain to its end", without_effects, everything.inputs, starts)
     return Selection(everything, plain, found or plain, task.data.folds, task.floor, tuple(small), nothing, decoys)
+
+
+def _joint(task: Task, named: str, vector: FitVector, start: Array) -> tuple[Fit, dict[str, Nothing]]:
+    """A piece each horizon."""
+
+    def fitted(data: MeasuredData, own: FitVector, start: Array, horizon: float | None, told: Progress) -> Fit:
+        until = named if horizon is None else f"{named} to {horizon:g} s"
+        return replace(task, data=data).fit(until, own, start=start, near=True)
+
+    return joint_fit(task.data, vector, start, task.tolerance, fitted)
 
 
 def _excess(task: Task, fitted: Fit) -> float:
@@ -107,28 +108,6 @@ def _beside(vector: FitVector, factors: Array) -> Array:
     x = np.zeros(len(vector.parameters))
     x[: len(factors)] = factors
     return x
-
-
-def negligible(early: Fit, tolerance: float) -> dict[str, float]:
-    """The terms that are well known and, two standard deviations off, move the residuals by less than half the
-    `tolerance` [m] RMS, less what the other unknowns can take of that; and by how much [m] at most."""
-    normal, vector = early.normal, early.vector
-    share = normal.scale**2 / max(normal.tempering * float(normal.frames.sum()), 1e-12)
-    ridged = normal.sensitivity + share * np.diag(1 / vector.prior**2)
-    deviation = np.sqrt(np.diag(early.covariance))
-    found = {}
-    for label in vector.labels:
-        part = vector.part(label)
-        others = np.setdiff1d(np.arange(len(early.x)), part)
-        across = normal.sensitivity[np.ix_(part, others)]
-        left = normal.sensitivity[np.ix_(part, part)] - across @ np.linalg.solve(
-            ridged[np.ix_(others, others)], across.T
-        )
-        size = np.abs(early.x[part]) + 2 * deviation[part]
-        most = float(size @ np.sqrt(np.maximum(np.diag(left), 0.0)))
-        if (deviation[part] <= KNOWN * vector.prior[part]).all() and most <= 0.5 * tolerance:
-            found[label] = most
-    return found
 
 
 def without(vector: FitVector, known: Sequence[str]) -> FitVector:
