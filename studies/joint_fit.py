@@ -12,13 +12,14 @@ import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.forward import Term
-from optimize.fit.clouds import Array
+from optimize.fit.clouds import Array, evenly
 from optimize.fit.descent import Progress, horizons, parts
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitParameter, FitVector
 from studies.measured_data import MeasuredData
 
 EARLY = 1.0  # s, of the horizons before the last: a column costs a motion as long
+EARLY_TRIALS = 8  # of these at most: they lead near, where the last horizon begins with all
 KNOWN = 0.35  # of the prior's standard deviation, over which the data say little of an unknown
 
 # of so much data, from a start (p,); the horizon [s], None: the last; and what tells its share of the work
@@ -51,8 +52,9 @@ def joint_fit(
     *shorter, last = horizons(data.samples)
     shorter = [horizon for horizon in shorter if horizon <= EARLY]
     *told, told_last = parts(progress, *(np.cumsum(shorter) / (sum(shorter) + last)).tolist())
+    few = data.only(evenly(len(data.trials), EARLY_TRIALS).tolist())
     for horizon, own in zip(shorter, told, strict=True):
-        early = fitted(data.until(horizon), vector, start, horizon, own)
+        early = fitted(few.until(horizon), vector, start, horizon, own)
         gone = negligible(early, tolerance)
         nothing |= gone
         vector, index = vector.only([label for label in vector.labels if label not in gone])

@@ -91,7 +91,10 @@ class MeasuredData:
 
     def without(self, gone: Collection[int]) -> "MeasuredData":
         """Less some trials, by their places."""
-        kept = [k for k in range(len(self.trials)) if k not in gone]
+        return self.only([k for k in range(len(self.trials)) if k not in gone])
+
+    def only(self, kept: Sequence[int]) -> "MeasuredData":
+        """Some trials, by their places."""
         return replace(self, trials=tuple(self.trials[k] for k in kept), samples=tuple(self.samples[k] for k in kept))
 
     def until(self, horizon: float) -> "MeasuredData":

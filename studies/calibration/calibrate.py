@@ -33,7 +33,7 @@ from studies.used_frames import UsedFrames
 
 TRIALS = 16  # fitted at most, spread over those allowed
 DRAWN = Density(until=1.5, frames=30, points=300)
-_WITHOUT_EFFECTS = 0.6  # of the work, where effects are fitted after it
+_WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
 
 
 @dataclass(frozen=True, eq=False)
@@ -223,7 +223,7 @@ def _fit(
     turns out to be nothing on the way is off in the end. Where that is interrupted, the better of both is kept."""
     reached: deque[Callable[[], Fit]] = deque(maxlen=1)  # makes the fit that ends where this one stands
     plain: Fit | None = None
-    first, second = parts(progress, _WITHOUT_EFFECTS) if vector.terms else (progress, progress)
+    first, second = parts(progress, _WITHOUT_EFFECTS)
 
     def fitted(data: MeasuredData, own: FitVector, start: Array | None, horizon: float | None, told: Progress) -> Fit:
         reached.clear()
@@ -241,9 +241,10 @@ def _fit(
         )
 
     try:
-        plain = fitted(data, vector.without_effects, None, None, first)
         if not vector.terms:
-            return plain, {}
+            return fitted(data, vector, None, None, progress), {}
+        factors = vector.without_effects
+        plain, _ = joint_fit(data, factors, factors.start, EXCESS, fitted, first)
         found, nothing = joint_fit(data, vector, vector.start, EXCESS, fitted, second)
         return replace(found, before=plain.before, without_effects=plain), nothing
     except KeyboardInterrupt:
