@@ -12,7 +12,7 @@ from benchmarks import demo_model
 from fabdesign.forward import Case
 from fabdesign.measurement_set import read_set
 from fabdesign.metrics import Errors
-from fabdesign.model import EffectTerm, Model
+from fabdesign.model import EffectTerm, Model, Quantity
 from fabdesign.model_file import read_model, write_model
 from fabdesign.trial_file import read_trial
 from studies.branches import Branches
@@ -117,18 +117,23 @@ def test_the_page_says_what_was_closed() -> None:
     names = (measured.SHEET, measured.CALIBRATED, measured.EFFECTS, measured.CORRECTED)
     of = dict(zip(names, map(errors, (4e-3, 3e-3, 1.5e-3, 1e-3)), strict=True))
     found = read_set(DATA / measured.SET)
-    shipped = Model(effects=(EffectTerm("<drag>", {}),))
+    odd = [
+        EffectTerm("odd_muscle", {"channel": Quantity(k, "1"), "factor": Quantity(factor, "1")})
+        for k, factor in enumerate((0.9, 0.8, 1.0))
+    ]
+    off = EffectTerm("dead_time", {"delay": Quantity(0.0, "s", (0.0, 0.01))})
+    shipped = Model(effects=(EffectTerm("air_drag", {}), *odd, off))
     by_trial = {"076": errors(1e-3), "077": errors(1e-3), "078": errors(3e-3)}
     far = Branches(found.trials[2], 3e-3, np.array([3.1e-3, 0.9e-3]))
     errors = measured.ShippedErrors(
-        replace(found, description="a synthetic rig"), shipped, of, 0.0, by_trial, {"078": far}
+        replace(found, description="a <synthetic rig>"), shipped, of, 0.0, by_trial, {"078": far}
     )
     page, text, values = as_html(errors), measured.as_text(errors), errors.as_json()
     assert [model["closed"] for model in values["models"]] == [None, None, pytest.approx(0.5), pytest.approx(2 / 3)]
-    assert "<td>50%</td>" in page and "<td>67%</td>" in page and "&lt;drag&gt;" in page
-    assert "synthetic rig" in page and "synthetic rig" in text
+    assert "<td>50%</td>" in page and "<td>67%</td>" in page and "&lt;synthetic rig&gt;" in page
+    assert "synthetic rig" in text and "Effects in the model: air drag, odd muscle." in text
     [told] = errors.far_off
     assert told.startswith("Trial 078 is off by 3.06 mm, the others by 1.17. It took another stable shape (branch):")
     assert "comes to 0.90 mm, without the change 3.00 mm." in told and told in page and told in text
     assert values["another_branch"] == {"078": True}
-    assert values["effects"] == ["<drag>"]
+    assert values["effects"] == ["air_drag", "odd_muscle"]

@@ -150,6 +150,11 @@ def effects_of(labels: Iterable[str]) -> list[str]:
     return [*dict.fromkeys(label_effect(label) for label in labels)]
 
 
+def acting_effects(terms: Iterable[Term]) -> list[str]:
+    """The names of the effects that change anything, each once."""
+    return [*dict.fromkeys(term.name for term in terms if not EFFECTS[term.name].is_off(term.values))]
+
+
 def labels_of(terms: Sequence[Term]) -> tuple[str, ...]:
     """Of each term: its effect's name; of several of one effect "NAME:VALUE,..." by its chosen parameters."""
     names = [term.name for term in terms]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.effects.registry import acting_effects
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.measurement_set import read_set
 from fabdesign.metrics import Errors, closed, mean_errors, trial_errors
@@ -46,7 +47,7 @@ class ShippedErrors:
     @property
     def effects_in_words(self) -> str:
         """What the shipped model has besides its factors."""
-        names = [effect.name.replace("_", " ") for effect in self.shipped.effects]
+        names = [name.replace("_", " ") for name in acting_effects(self.shipped.terms)]
         return f"Effects in the model: {', '.join(names)}." if names else "The model has no effects."
 
     @property
@@ -71,7 +72,7 @@ class ShippedErrors:
             "set": self.measured.name,
             "trials": len(self.measured.trials),
             "unjudged_share": self.share_left_out,
-            "effects": [effect.name for effect in self.shipped.effects],
+            "effects": acting_effects(self.shipped.terms),
             "by_trial": {name: e.millimetres() for name, e in self.by_trial.items()},
             "another_branch": {name: found.much_nearer for name, found in self.branches.items()},
             "models": [{"name": name, **errors.millimetres(), "closed": share} for name, errors, share in self.rows()],
