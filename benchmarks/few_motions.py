@@ -36,9 +36,9 @@ from fabdesign.predictor import Predictor
 from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
 from fabdesign.unseen_file import CandidateMeasurement
-from optimize.fit.parameters import FitVector, fit_vector
+from optimize.fit.free import fit_vector
+from optimize.fit.parameters import FitVector
 from studies.calibration.calibrate import calibrate
-from studies.calibration.fitted_model import muscle_scope
 from studies.measured_data import noise_of
 from studies.sensitive_stretches import GRID, find_used_frames
 from studies.training.data import choose
@@ -81,9 +81,7 @@ PLANS = (
 
 def unknowns(plan: Plan, measured: MeasurementSet) -> FitVector:
     """As the command makes them."""
-    designs = [*measured.designs.values()]
-    cloth, channels = designs[0].fabric, max(design.channels for design in designs)
-    return fit_vector(plan.free, scope=muscle_scope(designs), channels=channels, size=(cloth.width, cloth.height))
+    return fit_vector(plan.free, designs=[*measured.designs.values()])
 
 
 def fitted(plan: Plan, measured: MeasurementSet, work: Path) -> tuple[Model, float]:

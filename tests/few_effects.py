@@ -7,4 +7,4 @@ from fabdesign.effects.registry import EFFECTS
 
 def few_effects(monkeypatch: pytest.MonkeyPatch, *names: str) -> None:
     """That "all" means these."""
-    monkeypatch.setattr("optimize.fit.parameters.EFFECTS", {name: EFFECTS[name] for name in (*names, "discovered")})
+    monkeypatch.setattr("optimize.fit.free.EFFECTS", {name: EFFECTS[name] for name in (*names, "discovered")})

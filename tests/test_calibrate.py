@@ -19,8 +19,9 @@ from fabdesign.trial import Accuracy
 from fabdesign.trial_file import write_trial
 from optimize.fit.clouds import Match, Sample, derivatives, match, nodes_of
 from optimize.fit.descent import _descend, horizons
+from optimize.fit.free import fit_vector
 from optimize.fit.normal import Normal, directions
-from optimize.fit.parameters import DECLARED, PRIOR, fit_vector
+from optimize.fit.parameters import DECLARED, PRIOR
 from optimize.fit.problem import Evaluation, Problem
 from sim.motion import faces
 from studies.bad_data import sound_trials

@@ -9,7 +9,7 @@ from fabdesign.effects import EFFECTS
 from fabdesign.forward import PARAMETERS, Case, Term
 from fabdesign.pressure import PressureProgram
 from fabdesign.sensor_noise import SensorNoise
-from optimize.fit.parameters import fit_vector
+from optimize.fit.free import fit_vector
 from sim import Simulator
 from studies.calibration.calibrate import calibrate
 from tests.simulated_set import simulated_set
@@ -40,8 +40,29 @@ def test_all_are_the_strengths_of_every_effect_at_each_of_its_choices():
             if e.named and e.name != "odd_muscle"
         )
     )
-    of_channels = [name for name in fit_vector(["all"], channels=3).names if name.startswith("odd_muscle")]
+    of_channels = [
+        name
+        for name in fit_vector(["all"], designs=[build("vertical", muscles=3)]).names
+        if name.startswith("odd_muscle")
+    ]
     assert of_channels == [f"odd_muscle:{channel}.factor" for channel in range(3)]
+
+
+def test_every_term_of_a_model_stays_and_is_free_by_its_effects_name():
+    odd = [Term("odd_muscle", {"channel": float(k), "factor": 0.9 - k / 10}) for k in (0, 2)]
+    lag = Term("filling_lag", {"fill": 0.2, "empty": 0.1})
+    designs = [build("vertical", muscles=3)]
+    held = fit_vector(["dead_time"], terms=[*odd, lag], designs=designs)
+    assert held.terms[:3] == (*odd, lag) and held.terms_at(held.start)[:3] == (*odd, lag)
+    for free in ["odd_muscle"], ["odd_muscle", "all"], ["all"]:
+        vector = fit_vector(free, terms=[*odd, lag], designs=designs)
+        ours = [name for name in vector.names if name.startswith("odd_muscle")]
+        assert ours == ["odd_muscle:0.factor", "odd_muscle:2.factor"]
+        assert vector.terms_at(vector.start)[:3] == (*odd, lag)  # where the model has them
+    one = fit_vector(["odd_muscle:channel=2"], terms=[*odd, lag], designs=designs)
+    assert [name for name in one.names if "." in name] == ["odd_muscle:2.factor"]
+    added = fit_vector(["odd_muscle:channel=1"], terms=[*odd, lag], designs=designs)
+    assert [name for name in added.names if "." in name] == ["odd_muscle:1.factor"] and len(added.terms) == 4
 
 
 def test_two_effects_are_found_among_four(tmp_path):

@@ -13,7 +13,7 @@ from fabdesign.model import EffectTerm, Model
 from fabdesign.model_file import read_model, write_model
 from fabdesign.pressure import PressureProgram, rising_program
 from fabdesign.pressure_file import constant_program
-from optimize.fit.parameters import fit_vector
+from optimize.fit.free import fit_vector
 from studies.calibration.calibrate import calibrate
 from studies.forward_model import extrapolated
 from tests.test_calibrate import TIMES, Curler, write

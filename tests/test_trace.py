@@ -28,10 +28,10 @@ from fabdesign.splits import fit_trials
 from fabdesign.surface import Surface
 from fabdesign.trial_file import program_of
 from optimize.fit.descent import STEP, _updated, fit
+from optimize.fit.free import fit_vector
 from optimize.fit.left_out import LeftOut
 from optimize.fit.needed import NEEDED, conditioned, cost, needed, undecided
 from optimize.fit.normal import _bounded_step
-from optimize.fit.parameters import fit_vector
 from optimize.fit.problem import Evaluation, FitProblem
 from studies.measured_data import MeasuredData
 from studies.tracing.backwards import _label_in, backwards, gains_of, parts_of, sparse, worth
@@ -288,7 +288,7 @@ def test_what_is_not_chosen_widens_what_is_kept():
 
 def test_of_several_channels_or_places_the_odd_one_stays(monkeypatch):
     few_effects(monkeypatch, "dead_time", "odd_muscle", "added_mass")
-    vector = fit_vector(["all"], channels=3)
+    vector = fit_vector(["all"], designs=[build("vertical", muscles=3)])
     assert [label for label in vector.labels if label.startswith("odd")] == [
         "odd_muscle:0",
         "odd_muscle:1",
@@ -373,7 +373,7 @@ def late(tmp_path_factory):
     effects = Term("filling_lag", {"fill": 0.3, "empty": 0.3}), Term("supply_droop", {"share": 0.15})
     measured = write(tmp_path_factory.mktemp("late") / "set", effects=effects, count=5)
     data = MeasuredData.of([measured], fit_trials(measured.trials), UsedFrames(None, 0.0), DRAWN, seed=0)
-    vector = fit_vector(["all"], channels=2)
+    vector = fit_vector(["all"], designs=[build("cross")])
     forward = Predictor(Curler(), Model(), sensing=True)
     found = fit(data.samples, forward, vector=vector, accuracy=data.accuracy)
     return found, data
@@ -674,7 +674,7 @@ def test_a_gain_up_and_every_channel_down_as_much_is_left_to_the_priors(monkeypa
     few_effects(monkeypatch, "odd_muscle")
     trial = SimpleNamespace(design=build("cross"), program=None, order=0)
     channels = trial.design.channels
-    vector = fit_vector(["all"], channels=channels)
+    vector = fit_vector(["all"], designs=[trial.design])
     (idle,) = vector.idle(channels)
     x = np.full(len(idle), 0.05)
     one, other = (specimen_of(vector.case(trial, at)).muscles["gain"] for at in (x, x + 0.3 * idle))

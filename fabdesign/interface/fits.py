@@ -186,19 +186,10 @@ def train(
 
 def _unknowns(free: Sequence[str], fix: Sequence[str], base: Model, sets: Sequence[MeasurementSet]) -> "FitVector":
     """What a fit of these sets moves. Raises InputError."""
-    from optimize.fit.parameters import fit_vector
-    from studies.calibration.fitted_model import muscle_scope
+    from optimize.fit.free import fit_vector
 
     designs = [design for one in sets for design in one.designs.values()]
-    return fit_vector(
-        free,
-        fix,
-        factors=base.factors,
-        terms=base.terms,
-        scope=muscle_scope(designs),
-        channels=max(design.channels for design in designs),
-        size=(designs[0].fabric.width, designs[0].fabric.height),
-    )
+    return fit_vector(free, fix, factors=base.factors, terms=base.terms, designs=designs)
 
 
 @contextmanager

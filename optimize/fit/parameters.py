@@ -3,7 +3,7 @@
 The unknown of a parameter is x = t(value) - t(centre), t the logarithm or nothing; its prior is normal about zero.
 """
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
@@ -11,11 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.effects import Effect
-from fabdesign.effects.registry import EFFECTS, check_values, effect_named, labels_of
-from fabdesign.errors import InputError
-from fabdesign.forward import FACTOR_RANGE, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS, Case, Term
-from fabdesign.table import nearest
+from fabdesign.effects.registry import EFFECTS, labels_of
+from fabdesign.forward import FACTOR_RANGE, MUSCLE_TYPES, PARAMETERS, Case, Term
 from fabdesign.trial import Trial
 
 Array = NDArray[np.float64]
@@ -24,7 +21,6 @@ Array = NDArray[np.float64]
 # same where stiffness, weight, damping and muscles' gain are all twice as much.
 PRIOR = dict.fromkeys(PARAMETERS, 0.15) | {"areal_density": 0.05, "damping": 0.30}
 TYPICAL = 0.15  # standard deviation that counts as one of a factor where steps are judged
-START = 0.5  # of the way from off to its typical value, where a strength begins
 
 
 @dataclass(frozen=True)
@@ -185,95 +181,3 @@ class FitVector:
 _ILL = 1e6
 
 DECLARED = FitVector(tuple(FitParameter(name, PRIOR[name]) for name in PARAMETERS))
-
-
-def fit_vector(
-    free: Sequence[str] = (),
-    fixed: Sequence[str] = (),
-    *,
-    factors: dict[str, float] | None = None,
-    terms: Iterable[Term] = (),
-    scope: str | None = None,
-    channels: int = 0,
-    size: tuple[float, float] = (0.2, 0.2),
-    where: str = "--free",
-) -> FitVector:
-    """The declared parameters less those `fixed`, and what `free` adds: EFFECT (all of its parameters),
-    EFFECT.PARAMETER, EFFECT:PARAMETER=VALUE (one that is chosen, not fitted), muscle_types.NAME.PARAMETER, or "all":
-    the strengths of every effect, of one that is somewhere or in some channel at every choice that it declares.
-
-    factors, terms: a model's: what is held has their values, and what is free begins there. scope: of the muscles'
-    effects that are added. channels, size: of the designs, and of their cloth [m]. Raises InputError.
-    """  # fmt: skip
-    for name in fixed:
-        if name not in PARAMETERS:
-            raise InputError(f"--fix {name}: expected one of {', '.join(PARAMETERS)}{nearest(name, PARAMETERS)}")
-    known = factors or {}
-    held = {name: factor for name, factor in known.items() if name.rpartition(".")[2] in fixed}
-    parameters = [
-        replace(p, start=p.unknown(known.get(p.name, 1.0))) for p in DECLARED.parameters if p.name not in fixed
-    ]
-    acting = {term.name: term for term in terms}
-    for item in (name for asked in free for name in (_every_strength() if asked == "all" else [asked])):
-        if item.startswith(MUSCLE_TYPES):
-            parameters.append(_of_muscles(item, where))
-            continue
-        name, _, given = item.partition(":")
-        name, _, only = name.partition(".")
-        effect = effect_named(name, f"{where} {item}")
-        term = acting.get(name) or Term(name, {}, scope if effect.scope == "muscle type" else None)
-        if given:
-            key, _, value = given.partition("=")
-            try:
-                number = float(value)
-            except ValueError:
-                raise InputError(f"{where} {item}: expected {name}:PARAMETER=NUMBER") from None
-            check_values(effect, {key: number}, f"{where} {item}")
-            term = replace(term, values={**term.values, key: number})
-        acting[name] = term
-        parameters += _of_effect(effect, only, item, term, {p.name for p in parameters}, where)
-    terms = [*acting.values()]
-    for effect in EFFECTS.values() if "all" in free else ():
-        if effect.named and effect.chosen and effect.name not in acting:
-            own = [
-                Term(effect.name, values, scope if effect.scope == "muscle type" else None)
-                for values in effect.choices(channels, dict(zip("uv", size, strict=True)))
-            ]
-            terms += own
-            for label in FitVector((), (), tuple(own)).labels:
-                parameters += [_strength(effect, key, f"{label}.{key}") for key in effect.strengths]
-    return FitVector(tuple(parameters), tuple(held.items()), tuple(terms))
-
-
-def _strength(effect: Effect, key: str, name: str) -> FitParameter:
-    """An unknown of an effect that begins at its centre."""
-    p = effect.parameters[key]
-    return FitParameter(name, p.deviation, p.centre, p.transform, p.unit, p.bounds)
-
-
-def _every_strength() -> list[str]:
-    """EFFECT.PARAMETER each."""
-    named = [effect for effect in EFFECTS.values() if effect.named and not effect.chosen]
-    return [f"{effect.name}.{name}" for effect in named for name in effect.strengths]
-
-
-def _of_muscles(item: str, where: str) -> FitParameter:
-    name = item.rpartition(".")[2]
-    if name not in OF_MUSCLES:
-        raise InputError(f"{where} {item}: expected {MUSCLE_TYPES}NAME.{' or '.join(OF_MUSCLES)}")
-    return FitParameter(item, PRIOR[name])
-
-
-def _of_effect(effect: Effect, only: str, item: str, term: Term, known: set[str], where: str) -> list[FitParameter]:
-    if only and only not in effect.parameters:
-        check_values(effect, {only: 0.0}, f"{where} {item}")  # raises
-    found = []
-    for key, parameter in effect.parameters.items():
-        name = f"{effect.name}.{key}"
-        if parameter.whole or (only and key != only) or name in known or f":{key}=" in item:
-            continue
-        unknown = _strength(effect, key, name)
-        begin = term.values.get(key, parameter.typical)
-        share = START if parameter.off is not None and key not in term.values else 1.0
-        found.append(replace(unknown, start=share * unknown.unknown(begin)))
-    return found

@@ -17,7 +17,8 @@ from fabdesign.errors import InputError
 from fabdesign.forward import MUSCLE_TYPES, PARAMETERS, Term
 from fabdesign.model import EffectTerm, Quantity
 from optimize.fit.descent import fit_bench
-from optimize.fit.parameters import FitVector, fit_vector
+from optimize.fit.free import fit_vector
+from optimize.fit.parameters import FitVector
 from optimize.fit.problem import BenchProblem
 from studies.benches.rows import Rows, motion_columns
 

@@ -5,13 +5,13 @@ from types import MappingProxyType
 
 import numpy as np
 
-from fabdesign.design import Design
 from fabdesign.effects import EFFECTS, Effect
 from fabdesign.forward import MUSCLE_TYPES, OF_MUSCLES
 from fabdesign.learned_range import LearnedRange
 from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
 from fabdesign.trial import Trial
 from optimize.fit.fitted import Fit
+from optimize.fit.free import muscle_scope
 from optimize.fit.parameters import FitParameter
 from studies.joint_fit import Nothing
 
@@ -84,12 +84,6 @@ def _off(of: Nothing, muscles: str | None) -> EffectTerm:
 def _plain(fit: Fit) -> dict[str, Parameter]:
     values = {p.name: Parameter(p.value(x)) for p, x in zip(fit.vector.parameters, fit.x, strict=True)}
     return values | {name: Parameter(factor) for name, factor in fit.vector.factors if name not in values}
-
-
-def muscle_scope(designs: Sequence[Design]) -> str | None:
-    """Of the one muscle type that all designs use; None where there are several, or none."""
-    types = {muscle.type for design in designs for muscle in design.muscles}
-    return f"{MUSCLE_TYPES}{types.pop()}" if len(types) == 1 else None
 
 
 def _scope_of(parameter: FitParameter, muscles: str | None) -> str | None:

@@ -12,7 +12,7 @@ from fabdesign.sensitivity_file import read_sensitivity
 from fabdesign.study_file import read_kind, read_study
 from fabdesign.table import nearest, parse_toml
 from fabdesign.unseen_file import FREE, read_unseen
-from optimize.fit.parameters import fit_vector
+from optimize.fit.free import fit_vector
 from studies.benches.records import SIZES, require_columns, require_sizes
 from studies.check.design import design_findings, spacing
 from studies.check.findings import Findings, failures

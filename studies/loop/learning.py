@@ -16,9 +16,8 @@ from fabdesign.model_file import read_model, write_model
 from fabdesign.output import WorkFolder
 from fabdesign.trial import Accuracy, MeasurementSet
 from fabdesign.units import in_mm
-from optimize.fit.parameters import fit_vector
+from optimize.fit.free import fit_vector
 from studies.calibration.calibrate import Calibration, calibrate
-from studies.calibration.fitted_model import muscle_scope
 from studies.evaluate import DesignResult, evaluate_sets
 from studies.loop.record import Learned, TracedEffects
 from studies.sensitive_stretches import GRID
@@ -142,7 +141,7 @@ def _calibrated(
     vector = fit_vector(
         [effect.name for effect in start.effects],
         terms=start.terms,
-        scope=muscle_scope([design for measured in sets for design in measured.designs.values()]),
+        designs=[design for measured in sets for design in measured.designs.values()],
     )
     return calibrate(
         sets,

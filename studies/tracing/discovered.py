@@ -14,9 +14,10 @@ from fabdesign.model import EffectTerm
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Array
 from optimize.fit.fitted import Fit
+from optimize.fit.free import fit_vector
 from optimize.fit.left_out import LeftOut
 from optimize.fit.needed import NEEDED, eliminated
-from optimize.fit.parameters import FitVector, fit_vector
+from optimize.fit.parameters import FitVector
 from studies.tracing.selection import Selection
 from studies.tracing.task import Task
 
@@ -44,7 +45,7 @@ class Discovered:
 def discover(task: Task, selection: Selection) -> Discovered | None:
     """From the data sheet, as the joint fit; None where nothing is needed or too little gained."""
     inputs = selection.everything.inputs
-    vector = fit_vector([DISCOVERED.name], factors=task.factors, scope=task.scope)
+    vector = fit_vector([DISCOVERED.name], factors=task.factors, designs=task.designs)
     whole = task.fit("discovered", vector, inputs, near=True)
     kept, start = _needed(whole)
     if not kept:

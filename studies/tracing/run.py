@@ -21,7 +21,6 @@ from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Sample, evenly
 from optimize.fit.left_out import LeftOut
-from studies.calibration.fitted_model import muscle_scope
 from studies.measured_data import Density, MeasuredData, TooLittle
 from studies.sensitive_stretches import sensitive_stretches
 from studies.tracing.black_box import baseline_score
@@ -117,7 +116,6 @@ def _trace(
         tolerance=options.tolerance,
         factors=known.factors,
         known=[effect.name for effect in known.effects],
-        scope=muscle_scope([trial.design for trial in data.trials]),
         checkpoint=checkpoint,
         say=say,
         elsewhere=_elsewhere(measured, data),

@@ -12,9 +12,10 @@ import numpy as np
 from optimize.fit.clouds import Array
 from optimize.fit.descent import Progress
 from optimize.fit.fitted import Fit
+from optimize.fit.free import fit_vector
 from optimize.fit.left_out import Gain, LeftOut
 from optimize.fit.needed import NEEDED, needed
-from optimize.fit.parameters import FitVector, fit_vector
+from optimize.fit.parameters import FitVector
 from studies.joint_fit import Nothing, joint_fit
 from studies.measured_data import MeasuredData
 from studies.tracing.backwards import backwards, gains_of, parts_of, sparse, with_shapes
@@ -61,9 +62,7 @@ def select(task: Task) -> Selection:
     Where the declared parameters leave little, the residuals are nearly linear about them, and the joint fit begins
     there: from the data sheet a cloth that snaps leads it astray. The horizon grows, as in any fit; what a horizon says
     for certain to be next to nothing is left out of the later ones: a column costs a motion of every trial."""
-    fabric = task.data.trials[0].design.fabric
-    size = fabric.width, fabric.height
-    every = fit_vector(["all"], factors=task.factors, scope=task.scope, channels=task.channels, size=size)
+    every = fit_vector(["all"], factors=task.factors, designs=task.designs)
     vector = without(every, task.known)
     factors = vector.without_effects
     plain, _ = _joint(task, "plain", factors, factors.start)

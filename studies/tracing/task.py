@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fabdesign.checkpoint import Arrays, Checkpoint
+from fabdesign.design import Design
 from fabdesign.forward import ForwardModel
 from fabdesign.sheet import sheets_of
 from fabdesign.trial import Trial
@@ -40,7 +41,6 @@ class Task:
     tolerance: float  # m of excess
     factors: dict[str, float]
     known: Sequence[str]
-    scope: str | None  # of the muscles' effects
     checkpoint: Checkpoint
     say: Say
     elsewhere: Sequence[Trial] = ()
@@ -51,8 +51,9 @@ class Task:
         return self.data.noise.sigma
 
     @property
-    def channels(self) -> int:
-        return max(trial.design.channels for trial in self.data.trials)
+    def designs(self) -> list[Design]:
+        """Of the trials fitted."""
+        return [trial.design for trial in self.data.trials]
 
     def differs_elsewhere(self, one: Place, other: Place) -> float:
         """m, RMS between the motions of two models, on the layout of `elsewhere` where it is most; 0 without any."""

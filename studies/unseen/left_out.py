@@ -14,9 +14,8 @@ from fabdesign.output import whole_file
 from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
 from optimize.fit.clouds import evenly
-from optimize.fit.parameters import fit_vector
+from optimize.fit.free import fit_vector
 from studies.calibration.calibrate import calibrate
-from studies.calibration.fitted_model import muscle_scope
 from studies.evaluate import SetEvaluation, evaluate_sets
 from studies.forward_model import forward_model
 
@@ -36,7 +35,7 @@ def left_out(
 ) -> dict[str, Any]:
     """Errors of the data sheet and of what the other designs' trials of role `fit` gave, on at most `trials` trials of
     the design `name`; an overlay of one of them goes to `picture` (PNG). free: effects fitted besides
-    (`calibration.parameters.fit_vector`); the errors without them, of factors fitted alone, are then said too. coarse:
+    (`optimize.fit.free.fit_vector`); the errors without them, of factors fitted alone, are then said too. coarse:
     as `calibrate` and `evaluate` take it; sensitive stretches are neither fitted nor evaluated. What
     `evaluate` says of a design and of these stretches, the model's factors and effects, and how many trials were
     fitted. Raises InputError where nothing is left to fit or to evaluate."""
@@ -49,7 +48,7 @@ def left_out(
         replace(measured, trials=others),
         forward,
         coarse=coarse,
-        vector=fit_vector(free, scope=muscle_scope([measured.designs[trial.design_name] for trial in others])),
+        vector=fit_vector(free, designs=[measured.designs[trial.design_name] for trial in others]),
         points_per_side=points_per_side,
         seed=seed,
         progress=lambda line, share: progress(f"without {name}: {line}"),

@@ -14,7 +14,7 @@ from fabdesign.output import WorkFolder, work_folder
 from fabdesign.spread import spread_of
 from fabdesign.units import in_kpa, in_mm
 from fabdesign.unseen_file import FREE, UnseenStudy, Unsewn, read_unseen
-from optimize.fit.parameters import fit_vector
+from optimize.fit.free import fit_vector
 from studies.forward_model import forward_model
 from studies.layouts.content import flat, shortened
 from studies.sensitive_stretches import GRID
