@@ -33,6 +33,7 @@ from studies.used_frames import UsedFrames
 
 TRIALS = 16  # fitted at most, spread over those allowed
 DRAWN = Density(until=1.5, frames=30, points=300)
+_MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
 
 
@@ -234,7 +235,7 @@ def _fit(
             vector=own,
             accuracy=data.weighed,
             start=start,
-            near=horizon is not None,
+            near=horizon is not None or len(own.parameters) > _MANY,
             expected=np.inf if own.terms else expected_rms(data.noise),
             progress=told if own.terms or not vector.terms else lambda line, share: told(f"no effects, {line}", share),
             reached=reached.append,
