@@ -87,5 +87,6 @@ def negligible(early: Fit, tolerance: float) -> dict[str, Nothing]:
 
 
 def _may_go(term: Term, parameters: Sequence[FitParameter]) -> bool:
+    """Not what a model gave, whether it is fitted or held."""
     keys = {parameter.name.rpartition(".")[2] for parameter in parameters}
-    return keys <= {*EFFECTS[term.name].strengths} - term.values.keys()
+    return bool(keys) and keys <= {*EFFECTS[term.name].strengths} - term.values.keys()

@@ -8,7 +8,7 @@ from sheets import rolled_sheet
 
 from fabdesign.catalogue import build
 from fabdesign.errors import InputError, SimulationError
-from fabdesign.forward import PARAMETERS
+from fabdesign.forward import PARAMETERS, Term
 from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
 from fabdesign.model_file import read_model, write_model
 from fabdesign.sensor_noise import SensorNoise
@@ -194,12 +194,17 @@ def test_ctrl_c_keeps_the_values_reached(measured):
 
 
 def test_effects_that_are_certainly_nothing_early_on_are_off_in_the_end(measured, monkeypatch, tmp_path):
-    few_effects(monkeypatch, "time_offset", "dead_time")
     monkeypatch.setattr("studies.calibration.calibrate.EXCESS", 0.02)  # four trials of eight frames say little
     said = []
+    few_effects(monkeypatch, "time_offset", "scale_error", "dead_time")
+    model = Term("scale_error", {"scale": 0.0}), Term("air_drag", {"coefficient": 1.0})
     found = calibrate(
-        exact(measured), Curler(), vector=fit_vector(["all"]), progress=lambda line, share: said.append((line, share))
+        exact(measured),
+        Curler(),
+        vector=fit_vector(["all"], terms=model),
+        progress=lambda line, share: said.append((line, share)),
     )
+    assert found.fit.vector.terms[:2] == model  # fitted and held: what a model gave stays
     shares = [share for _, share in said]
     assert shares == sorted(shares) and shares[-1] < 1
     names = found.fit.vector.names
