@@ -103,7 +103,7 @@ def test_a_range_holds_what_lies_in_it_and_nothing_else(item: tuple[str, object]
     name, expected = item
     shown = expected.low + place * (expected.high - expected.low)
     lines = [*beyond(name, shown / expected.shown, expected)]
-    inside = expected.low * (1 + 1e-9) < shown < expected.high * (1 - 1e-9)
+    inside = expected.low + 1e-9 * abs(expected.low) < shown < expected.high - 1e-9 * abs(expected.high)
     outside = shown < expected.low - 1e-6 or shown > expected.high + 1e-6
     assert not (inside and lines)
     assert len(lines) == 1 or not outside

@@ -405,7 +405,7 @@ def selected(late, unhurried, tmp_path_factory):
     forward, said = Predictor(Curler(), Model(), sensing=True), []
     with work_folder(tmp_path_factory.mktemp("selected") / "out", made_by="trace") as work:
         task = Task(
-            data, forward, 0.5e-3, {}, known=[], scope=None, checkpoint=Checkpoint(work, {}),
+            data, forward, 0.5e-3, {}, known=[], checkpoint=Checkpoint(work, {}),
             say=lambda line: said.append(line.partition(",")[0]) if "unknowns" in line else None,
         )  # fmt: skip
         found, small, decoys = backwards(task, joint, unhurried)
@@ -442,7 +442,7 @@ def test_where_many_cannot_go_at_once_few_go_at_a_time_by_the_joint_fits_jacobia
         return replace(begin, rms=begin.rms + 2e-3) if len(labels) > most else begin
 
     with work_folder(tmp_path / "out", made_by="trace") as work:
-        task = Task(data, forward, 0.5e-3, {}, [], None, Checkpoint(work, {}), say=said.append)
+        task = Task(data, forward, 0.5e-3, {}, [], Checkpoint(work, {}), say=said.append)
         assert reduced(task, joint, wanted) == (joint, wanted)  # which any fit of them may begin from
         monkeypatch.setattr("studies.tracing.reduction.begin_without", snapping)
         forward.made = 0
@@ -471,7 +471,7 @@ def test_what_cannot_go_alone_stays(late, tmp_path, monkeypatch):
     monkeypatch.setattr("studies.tracing.reduction.begin_without", stuck)
     with work_folder(tmp_path / "out", made_by="trace") as work:
         task = Task(
-            data, Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], None, Checkpoint(work, {}),
+            data, Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
             say=lambda line: None,
         )  # fmt: skip
         found, labels = reduced(task, joint, ["supply_droop"])
@@ -575,7 +575,7 @@ def test_an_effect_within_the_tolerance_stays_where_it_matters_to_another_layout
     other = replace(trial, design_name="other", design=replace(trial.design, name="other"))
     with work_folder(tmp_path / "out", made_by="trace") as work:
         task = Task(
-            data, Predictor(Stiffer(), Model(), sensing=True), tolerance, {}, known=[], scope=None,
+            data, Predictor(Stiffer(), Model(), sensing=True), tolerance, {}, known=[],
             checkpoint=Checkpoint(work, {}), say=lambda line: None, elsewhere=[other],
         )  # fmt: skip
         assert worth(replace(task, elsewhere=()), joint) == (["filling_lag"], ["supply_droop"])
@@ -593,7 +593,7 @@ def test_models_are_compared_on_the_layout_where_they_differ_most(late, tmp_path
     forward = Predictor(Stiffer(), Model(), sensing=True)
     with work_folder(tmp_path / "out", made_by="trace") as work:
         task = Task(
-            data, forward, 0.5e-3, {}, [], None, Checkpoint(work, {}), say=lambda line: None, elsewhere=trials
+            data, forward, 0.5e-3, {}, [], Checkpoint(work, {}), say=lambda line: None, elsewhere=trials
         )  # fmt: skip
     one, other = (Place(joint.vector, x) for x in (joint.x, joint.x * 0.9))
     motions = [
