@@ -64,13 +64,17 @@ def select(task: Task) -> Selection:
     for certain to be next to nothing is left out of the later ones: a column costs a motion of every trial."""
     every = fit_vector(["all"], factors=task.factors, designs=task.designs)
     vector = without(every, task.known)
-    factors = vector.without_effects
-    plain, _ = _joint(task, "plain", factors, factors.start)
+    plain = task.fit("plain", vector.without_effects, near=True)
     excess = _excess(task, plain)
     if excess <= task.tolerance:
         return _adequate(task, vector, task.fit("plain to its end", plain.vector, plain.inputs, plain.minimum))
     start = _beside(vector, plain.x) if excess <= SLIGHT * task.tolerance else vector.start
-    everything, nothing = _joint(task, "every effect", vector, start)
+
+    def fitted(data: MeasuredData, own: FitVector, start: Array, horizon: float | None, told: Progress) -> Fit:
+        named = "every effect" if horizon is None else f"every effect to {horizon:g} s"
+        return replace(task, data=data).fit(named, own, start=start, near=True)
+
+    everything, nothing = joint_fit(task.data, vector, start, task.tolerance, fitted)
     plain = task.weighed(plain, everything.inputs)
     found, small, decoys = backwards(task, everything, plain)
     if found is None:
@@ -78,16 +82,6 @@ def select(task: Task) -> Selection:
         starts = np.array([plain.minimum, *starts])
         plain = task.fit("plain to its end", without_effects, everything.inputs, starts)
     return Selection(everything, plain, found or plain, task.data.folds, task.floor, tuple(small), nothing, decoys)
-
-
-def _joint(task: Task, named: str, vector: FitVector, start: Array) -> tuple[Fit, dict[str, Nothing]]:
-    """A piece each horizon."""
-
-    def fitted(data: MeasuredData, own: FitVector, start: Array, horizon: float | None, told: Progress) -> Fit:
-        until = named if horizon is None else f"{named} to {horizon:g} s"
-        return replace(task, data=data).fit(until, own, start=start, near=True)
-
-    return joint_fit(task.data, vector, start, task.tolerance, fitted)
 
 
 def _excess(task: Task, fitted: Fit) -> float:
