@@ -224,7 +224,7 @@ def _fit(
     turns out to be nothing on the way is off in the end. Where that is interrupted, the better of both is kept."""
     reached: deque[Callable[[], Fit]] = deque(maxlen=1)  # makes the fit that ends where this one stands
     plain: Fit | None = None
-    first, second = parts(progress, _WITHOUT_EFFECTS)
+    early, late = parts(progress, _WITHOUT_EFFECTS)
 
     def fitted(data: MeasuredData, own: FitVector, start: Array | None, horizon: float | None, told: Progress) -> Fit:
         reached.clear()
@@ -237,7 +237,7 @@ def _fit(
             start=start,
             near=horizon is not None or len(own.parameters) > _MANY,
             expected=np.inf if own.terms else expected_rms(data.noise),
-            progress=told if own.terms or not vector.terms else lambda line, share: told(f"no effects, {line}", share),
+            progress=told,
             reached=reached.append,
         )
 
@@ -245,8 +245,10 @@ def _fit(
         if not vector.terms:
             return fitted(data, vector, None, None, progress), {}
         factors = vector.without_effects
-        plain, _ = joint_fit(data, factors, factors.start, EXCESS, fitted, first)
-        found, nothing = joint_fit(data, vector, vector.start, EXCESS, fitted, second)
+        plain, _ = joint_fit(
+            data, factors, factors.start, EXCESS, fitted, lambda line, share: early(f"no effects, {line}", share)
+        )
+        found, nothing = joint_fit(data, vector, vector.start, EXCESS, fitted, late)
         return replace(found, before=plain.before, without_effects=plain), nothing
     except KeyboardInterrupt:
         if not (interruptible and (reached or plain)):

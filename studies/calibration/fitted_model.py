@@ -5,8 +5,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from fabdesign.effects import EFFECTS, Effect
-from fabdesign.forward import MUSCLE_TYPES, OF_MUSCLES
+from fabdesign.effects import EFFECTS
+from fabdesign.forward import MUSCLE_TYPES, OF_MUSCLES, Term
 from fabdesign.learned_range import LearnedRange
 from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Provenance, Quantity
 from fabdesign.trial import Trial
@@ -44,15 +44,14 @@ def fitted_model(
         parameters.setdefault(name, Parameter(factor))
     effects, unnamed = [], False
     for label, term in zip(fit.vector.labels, fit.vector.terms_at(fit.x), strict=True):
-        declared = EFFECTS[term.name]
-        unnamed |= not declared.named and len(fit.vector.part(label)) > 0
-        values = {
-            key: quantities.get(f"{label}.{key}", Quantity(value, declared.parameters[key].unit))
-            for key, value in declared.values(term.values).items()
-        }
-        effects.append(EffectTerm(term.name, values, term.scope or _scope(declared, muscles)))
+        unnamed |= not EFFECTS[term.name].named and len(fit.vector.part(label)) > 0
+        effects.append(_effect(label, term, quantities, muscles))
     present = {effect.name for effect in effects}  # another choice of one of these would name its unknowns anew
-    effects += [_off(of, muscles) for of in nothing.values() if of.term.name not in present]
+    effects += [
+        _effect(label, of.term, _at_nothing(of), muscles)
+        for label, of in nothing.items()
+        if of.term.name not in present
+    ]
     return Model(
         parameters,
         tuple(effects),
@@ -64,21 +63,24 @@ def fitted_model(
     )
 
 
-def _scope(effect: Effect, muscles: str | None) -> str | None:
-    return muscles if effect.scope == "muscle type" else effect.scope
-
-
-def _off(of: Nothing, muscles: str | None) -> EffectTerm:
-    """A term at nothing, with intervals that hold it."""
-    declared = EFFECTS[of.term.name]
+def _effect(label: str, term: Term, quantities: Mapping[str, Quantity], muscles: str | None) -> EffectTerm:
+    """quantities: of those of its parameters that were fitted, by LABEL.PARAMETER."""
+    declared = EFFECTS[term.name]
     values = {
-        key: Quantity(value, declared.parameters[key].unit) for key, value in declared.values(of.term.values).items()
+        key: quantities.get(f"{label}.{key}", Quantity(value, declared.parameters[key].unit))
+        for key, value in declared.values(term.values).items()
     }
+    own = muscles if declared.scope == "muscle type" else declared.scope
+    return EffectTerm(term.name, values, term.scope or own)
+
+
+def _at_nothing(of: Nothing) -> dict[str, Quantity]:
+    """With intervals that hold it."""
+    found = {}
     for parameter, x, s in zip(of.parameters, of.x, of.deviation, strict=True):
         low, high = parameter.value(min(x - QUANTILE * s, 0.0)), parameter.value(max(x + QUANTILE * s, 0.0))
-        key = parameter.name.rpartition(".")[2]
-        values[key] = Quantity(parameter.value(0.0), parameter.unit, (low, high))
-    return EffectTerm(of.term.name, values, of.term.scope or _scope(declared, muscles))
+        found[parameter.name] = Quantity(parameter.value(0.0), parameter.unit, (low, high))
+    return found
 
 
 def _plain(fit: Fit) -> dict[str, Parameter]:

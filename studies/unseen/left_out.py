@@ -48,7 +48,7 @@ def left_out(
         replace(measured, trials=others),
         forward,
         coarse=coarse,
-        vector=fit_vector(free, designs=[measured.designs[trial.design_name] for trial in others]),
+        vector=fit_vector(free, designs=[trial.design for trial in others]),
         points_per_side=points_per_side,
         seed=seed,
         progress=lambda line, share: progress(f"without {name}: {line}"),
