@@ -13,20 +13,17 @@ import numpy as np
 from fabdesign.effects import EFFECTS
 from fabdesign.forward import Term
 from optimize.fit.clouds import Array, evenly
-from optimize.fit.descent import STEP, Progress, horizons, parts
+from optimize.fit.descent import Progress, horizons, parts
 from optimize.fit.fitted import Fit
-from optimize.fit.normal import directions
 from optimize.fit.parameters import FitParameter, FitVector
 from studies.measured_data import MeasuredData
 
 EARLY = 1.0  # s, of the horizons before the last: a column costs a motion as long
 EARLY_TRIALS = 8  # of these at most: they lead near, where the last horizon begins with all
-UNSEEN = 1e-6  # m RMS, by a small step of an unknown: what tells nothing of how far to move it
 KNOWN = 0.35  # of the prior's standard deviation, over which the data say little of an unknown
 
-# of so much data, from a start (p,), with first differences along the rows of (p, p), None: of single unknowns; the
-# horizon [s], None: the last; and what tells its share of the work
-FitUntil = Callable[[MeasuredData, FitVector, Array, Array | None, float | None, Progress], Fit]
+# of so much data, from a start (p,); the horizon [s], None: the last; and what tells its share of the work
+FitUntil = Callable[[MeasuredData, FitVector, Array, float | None, Progress], Fit]
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,24 +52,14 @@ def joint_fit(
     *shorter, last = horizons(data.samples)
     shorter = [horizon for horizon in shorter if horizon <= EARLY]
     *told, told_last = parts(progress, *(np.cumsum(shorter) / (sum(shorter) + last)).tolist())
-    few, along = data.only(evenly(len(data.trials), EARLY_TRIALS).tolist()), None
+    few = data.only(evenly(len(data.trials), EARLY_TRIALS).tolist())
     for horizon, own in zip(shorter, told, strict=True):
-        early = fitted(few.until(horizon), vector, start, along, horizon, own)
+        early = fitted(few.until(horizon), vector, start, horizon, own)
         gone = negligible(early, tolerance)
         nothing |= gone
         vector, index = vector.only([label for label in vector.labels if label not in gone])
-        start, along = early.x[index], onward(early)[np.ix_(index, index)]
-    return fitted(data, vector, start, along, None, told_last), nothing
-
-
-def onward(early: Fit) -> Array:
-    """(p, p), a row each: what the first differences of a longer horizon are along. Effects that a shorter one did not
-    show are moved a little: how far, nobody knows yet."""
-    rows, little = directions(early.normal, early.vector), STEP * early.vector.scale
-    for k, unknown in enumerate(early.vector.parameters):
-        if not unknown.is_factor and early.sensitivity[k, k] * little[k] ** 2 <= UNSEEN**2:
-            rows[k, k] = little[k]
-    return rows
+        start = early.x[index]
+    return fitted(data, vector, start, None, told_last), nothing
 
 
 def negligible(early: Fit, tolerance: float) -> dict[str, Nothing]:

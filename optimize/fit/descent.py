@@ -43,7 +43,6 @@ def fit(
     vector: FitVector = DECLARED,
     accuracy: Accuracy | InputErrors | None = None,
     start: Array | None = None,
-    along: Array | None = None,
     close: float | None = None,
     near: bool = False,
     jacobian: Array | None = None,
@@ -57,8 +56,7 @@ def fit(
     The horizon grows: the first half second alone, then the first second, and so on. Cloth that buckles late goes one
     way or another at factors a hair apart; what came before leads to factors near enough, and has fewer false minima.
     start: (p,) or (k, p) where it begins, on all frames at once, of several where the residuals are least; without it,
-    at the vector's start with the first horizon. along: (p, p) a row each, what the first differences are along, of
-    one that has been fitted to a part of the samples; by default single unknowns.
+    at the vector's start with the first horizon.
     `slopes`, a cheaper engine, makes all differences, and the motions too until the last horizon. Differences are
     always made where the factors are: those of another place seem to converge percents off.
     accuracy: of the inputs, whose errors then enter the residuals' covariance; or what they do on the last horizon,
@@ -82,8 +80,7 @@ def fit(
     weight = np.diag(1 / vector.prior**2)
     slopes = forward if slopes is None else slopes
     starts = np.atleast_2d(vector.start if start is None else start)
-    x, iterations = starts[0], 0
-    along = np.diag(STEP * vector.scale) if along is None else along
+    x, along, iterations = starts[0], np.diag(STEP * vector.scale), 0
     *early, last = horizons(samples)
     if start is not None:
         early = []

@@ -226,14 +226,7 @@ def _fit(
     plain: Fit | None = None
     early, late = parts(progress, _WITHOUT_EFFECTS)
 
-    def fitted(
-        data: MeasuredData,
-        own: FitVector,
-        start: Array | None,
-        along: Array | None,
-        horizon: float | None,
-        told: Progress,
-    ) -> Fit:
+    def fitted(data: MeasuredData, own: FitVector, start: Array | None, horizon: float | None, told: Progress) -> Fit:
         reached.clear()
         return fit(
             data.samples,
@@ -242,7 +235,6 @@ def _fit(
             vector=own,
             accuracy=data.weighed,
             start=start,
-            along=along,
             near=horizon is not None or len(own.parameters) > _MANY,
             expected=np.inf if own.terms else expected_rms(data.noise),
             progress=told,
@@ -251,7 +243,7 @@ def _fit(
 
     try:
         if not vector.terms:
-            return fitted(data, vector, None, None, None, progress), {}
+            return fitted(data, vector, None, None, progress), {}
         factors = vector.without_effects
         plain, _ = joint_fit(
             data, factors, factors.start, EXCESS, fitted, lambda line, share: early(f"no effects, {line}", share)

@@ -70,11 +70,9 @@ def select(task: Task) -> Selection:
         return _adequate(task, vector, task.fit("plain to its end", plain.vector, plain.inputs, plain.minimum))
     start = _beside(vector, plain.x) if excess <= SLIGHT * task.tolerance else vector.start
 
-    def fitted(
-        data: MeasuredData, own: FitVector, start: Array, along: Array | None, horizon: float | None, told: Progress
-    ) -> Fit:
+    def fitted(data: MeasuredData, own: FitVector, start: Array, horizon: float | None, told: Progress) -> Fit:
         named = "every effect" if horizon is None else f"every effect to {horizon:g} s"
-        return replace(task, data=data).fit(named, own, start=start, along=along, near=True)
+        return replace(task, data=data).fit(named, own, start=start, near=True)
 
     everything, nothing = joint_fit(task.data, vector, start, task.tolerance, fitted)
     plain = task.weighed(plain, everything.inputs)
