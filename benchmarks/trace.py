@@ -17,6 +17,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from benchmarks.machine import ROOT, commit, processor
 from benchmarks.trace_sets import QUICK, RIGS, Rig, make
 from fabdesign.effects import EFFECTS
@@ -29,7 +31,7 @@ from studies.tracing.run import trace_set
 PAGE = ROOT / "docs" / "results" / "trace.md"
 BEGIN, END = "<!-- table -->", "<!-- end of table -->"
 
-LARGE = 2.5  # mm of excess, after the declared parameters were fitted
+SIZES = (0.0, "under the tolerance"), (0.5, "0.5 to 1 mm"), (1.0, "1 to 2.5 mm"), (2.5, "2.5 mm or more")  # of excess
 
 
 def examine(rig: Rig, measured: Path, out: Path) -> dict[str, Any]:
@@ -62,13 +64,15 @@ def examine(rig: Rig, measured: Path, out: Path) -> dict[str, Any]:
 
 @contextmanager
 def _without(name: str | None) -> Iterator[None]:
-    """An effect taken from the list."""
-    effect = EFFECTS.pop(name) if name else None
+    """An effect taken from the list, and put back in its place: kept work knows effects by their order."""
+    whole = dict(EFFECTS)
+    if name:
+        del EFFECTS[name]
     try:
         yield
     finally:
-        if name and effect is not None:
-            EFFECTS[name] = effect
+        EFFECTS.clear()
+        EFFECTS.update(whole)
 
 
 def factors_inside(rig: Rig, model: Model) -> int:
@@ -97,8 +101,7 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         every = [rig for rig in RIGS if rig.kind == kind]
         lines.append(_counted(said, len(every), [by_name[rig.name] for rig in every if rig.name in by_name]))
     run = [(rig, by_name[rig.name]) for rig in RIGS if rig.name in by_name]
-    large = [row for rig, row in run if rig.kind == "one" and row["excess_before"] >= LARGE]
-    lines += ["", _share(f"One effect that leaves {LARGE:g} mm of excess or more: right", large)]
+    lines += ["", *_by_size([row for rig, row in run if rig.kind == "one"])]
     factors = [row["factors"] for rig, row in run if rig.kind != "none" or row["is_right"]]
     lines += [f"True factors inside their 90 % intervals: {sum(factors)} of {7 * len(factors)}.", ""]
     lines += [
@@ -117,8 +120,17 @@ def _counted(said: str, count: int, rows: Sequence[dict[str, Any]]) -> str:
     return f"| {said} | {len(rows)} of {count} | {right} ({between}) | {wrong} | {taken} |"
 
 
-def _share(said: str, rows: Sequence[dict[str, Any]]) -> str:
-    return f"{said} {sum(row['is_right'] for row in rows)} of {len(rows)}."
+def _by_size(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Of one effect, by the excess that the declared parameters leave without it."""
+    lines = ["| one effect leaves, after the declared parameters were fitted | run | named | adequate | other |"]
+    lines.append("|---" * 5 + "|")
+    for (least, said), most in zip(SIZES, [*(size for size, _ in SIZES[1:]), np.inf], strict=True):
+        own = [row for row in rows if least <= row["excess_before"] < most]
+        named = sum(row["is_right"] for row in own)
+        adequate = sum(row["answer"] == "adequate" for row in own)
+        between = " ({:.0%} to {:.0%})".format(*wilson(named, len(own))) if own else ""
+        lines.append(f"| {said} | {len(own)} | {named}{between} | {adequate} | {len(own) - named - adequate} |")
+    return [*lines, ""]
 
 
 def _line(rig: Rig, r: dict[str, Any]) -> str:
