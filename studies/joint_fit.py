@@ -7,6 +7,8 @@ later ones, where a column costs a motion of every trial.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Protocol
 
 import numpy as np
 
@@ -16,14 +18,33 @@ from optimize.fit.clouds import Array, evenly
 from optimize.fit.descent import Progress, horizons, parts
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitParameter, FitVector
+from studies.calibration.intervals import expected_rms
 from studies.measured_data import MeasuredData
 
 EARLY = 1.0  # s, of the horizons before the last: a column costs a motion as long
 EARLY_TRIALS = 8  # of these at most: they lead near, where the last horizon begins with all
+ALIKE = 0.98  # cosine from which on two effects are one answer
 KNOWN = 0.35  # of the prior's standard deviation, over which the data say little of an unknown
 
-# of so much data, from a start (p,); the horizon [s], None: the last; and what tells its share of the work
-FitUntil = Callable[[MeasuredData, FitVector, Array, float | None, Progress], Fit]
+
+class FitUntil(Protocol):
+    """What makes the fit of a horizon."""
+
+    def __call__(
+        self,
+        data: MeasuredData,
+        vector: FitVector,
+        start: Array,
+        /,
+        *,
+        named: str,
+        horizon: float | None,
+        expected: float,
+        progress: Progress,
+    ) -> Fit:
+        """Of so much data, from a start (p,). horizon: s, None: the last. expected: as optimize.fit.descent.fit takes
+        it. progress: is told its share of the work."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,22 +70,38 @@ def joint_fit(
     """The fit of all frames, and the terms that it is without, by label: what cannot matter beside `tolerance` [m], of
     those whose strengths alone are fitted and that no model gave. fitted: makes the fit of each horizon."""
     nothing: dict[str, Nothing] = {}
+    right = expected_rms(data.noise, tolerance)
+    expected = np.inf if vector.terms else right  # with effects at nothing much is left before they are found
     *shorter, last = horizons(data.samples)
     shorter = [horizon for horizon in shorter if horizon <= EARLY]
     *told, told_last = parts(progress, *(np.cumsum(shorter) / (sum(shorter) + last)).tolist())
     few = data.only(evenly(len(data.trials), EARLY_TRIALS).tolist())
     for horizon, own in zip(shorter, told, strict=True):
-        early = fitted(few.until(horizon), vector, start, horizon, own)
+        until = partial(fitted, few.until(horizon), horizon=horizon, progress=own)
+        early = until(vector, start, named=f"to {horizon:g} s", expected=expected)
+        if vector.terms and horizon == shorter[0] and early.after > right:
+            early = _from_factors(early, until)
         gone = negligible(early, tolerance)
         nothing |= gone
         vector, index = vector.only([label for label in vector.labels if label not in gone])
         start = early.x[index]
-    return fitted(data, vector, start, None, told_last), nothing
+    return fitted(data, vector, start, named="", horizon=None, expected=expected, progress=told_last), nothing
+
+
+def _from_factors(early: Fit, until: Callable[..., Fit]) -> Fit:
+    """The better of a fit that leaves too much and one that begins with effects at nothing, where the factors alone
+    lead: a cloth that buckles has false minima on either way."""
+    plain = early.vector.without_effects
+    factors = until(plain, plain.start, named="factors first", expected=np.inf).x
+    begin = np.concatenate([factors, np.zeros(len(early.x) - len(factors))])
+    other = until(early.vector, begin, named="from those factors", expected=np.inf)
+    return min(early, other, key=lambda one: one.after)
 
 
 def negligible(early: Fit, tolerance: float) -> dict[str, Nothing]:
     """The terms that are well known and, two standard deviations off, move the residuals by less than half the
-    `tolerance` [m] RMS, less what the other unknowns can take of that."""
+    `tolerance` [m] RMS, less what the other unknowns can take of that. What looks like a term that stays, stays: which
+    of both it is, nobody knows yet."""
     normal, vector = early.normal, early.vector
     share = normal.scale**2 / max(normal.tempering * float(normal.frames.sum()), 1e-12)
     ridged = normal.sensitivity + share * np.diag(1 / vector.prior**2)
@@ -83,6 +120,27 @@ def negligible(early: Fit, tolerance: float) -> dict[str, Nothing]:
         known = (deviation[part] <= KNOWN * vector.prior[part]).all()
         if known and most <= 0.5 * tolerance and _may_go(term, parameters):
             found[label] = Nothing(term, parameters, early.x[part], deviation[part], most)
+    alike = _alike(early, ridged, [label for label in vector.labels if label not in found], tolerance)
+    return {label: term for label, term in found.items() if label not in alike}
+
+
+def _alike(early: Fit, ridged: Array, stays: Sequence[str], tolerance: float) -> set[str]:
+    """The other terms of which an unknown, less what factors can take, does what one of those that stay can do, and
+    within its prior more than `tolerance` [m]. ridged: (p, p), with the priors."""
+    vector = early.vector
+    factors = np.array([k for k, p in enumerate(vector.parameters) if p.is_factor], dtype=np.intp)
+    s = early.sensitivity
+    left = s - s[:, factors] @ np.linalg.solve(ridged[np.ix_(factors, factors)], s[factors])
+    found = set()
+    for label in vector.labels:
+        for k in vector.part(label):
+            size = left[k, k]
+            if label in stays or np.sqrt(max(size, 0.0)) * vector.prior[k] < tolerance:
+                continue
+            for other in map(vector.part, stays):
+                inverse = np.linalg.pinv(left[np.ix_(other, other)], rcond=1e-9, hermitian=True)
+                if left[k, other] @ inverse @ left[other, k] > ALIKE**2 * size:
+                    found.add(label)
     return found
 
 

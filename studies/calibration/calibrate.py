@@ -226,7 +226,17 @@ def _fit(
     plain: Fit | None = None
     early, late = parts(progress, _WITHOUT_EFFECTS)
 
-    def fitted(data: MeasuredData, own: FitVector, start: Array | None, horizon: float | None, told: Progress) -> Fit:
+    def fitted(
+        data: MeasuredData,
+        own: FitVector,
+        start: Array | None,
+        /,
+        *,
+        horizon: float | None = None,
+        expected: float,
+        progress: Progress,
+        **_: object,
+    ) -> Fit:
         reached.clear()
         return fit(
             data.samples,
@@ -236,14 +246,14 @@ def _fit(
             accuracy=data.weighed,
             start=start,
             near=horizon is not None or len(own.parameters) > _MANY,
-            expected=np.inf if own.terms else expected_rms(data.noise),
-            progress=told,
+            expected=expected,
+            progress=progress,
             reached=reached.append,
         )
 
     try:
         if not vector.terms:
-            return fitted(data, vector, None, None, progress), {}
+            return fitted(data, vector, None, expected=expected_rms(data.noise), progress=progress), {}
         factors = vector.without_effects
         plain, _ = joint_fit(
             data, factors, factors.start, EXCESS, fitted, lambda line, share: early(f"no effects, {line}", share)

@@ -9,8 +9,9 @@ from fabdesign.effects.registry import effects_of, label_effect
 from optimize.fit.left_out import LeftOut, Scored
 from optimize.fit.needed import NEEDED
 from optimize.fit.parameters import FitVector
+from studies.joint_fit import ALIKE
 from studies.tracing.experiment import Explanation
-from studies.tracing.selection import ALIKE, Selection
+from studies.tracing.selection import Selection
 
 
 @dataclass(frozen=True)

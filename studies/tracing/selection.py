@@ -10,7 +10,6 @@ from functools import cached_property
 import numpy as np
 
 from optimize.fit.clouds import Array
-from optimize.fit.descent import Progress
 from optimize.fit.fitted import Fit
 from optimize.fit.free import fit_vector
 from optimize.fit.left_out import Gain, LeftOut
@@ -23,7 +22,6 @@ from studies.tracing.decoys import Decoys
 from studies.tracing.task import Task
 
 SLIGHT = 2.0  # times the tolerance: what leaves no more is near the minimum, and the joint fit begins there
-ALIKE = 0.98  # cosine from which on two effects are one answer
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,9 +68,9 @@ def select(task: Task) -> Selection:
         return _adequate(task, vector, task.fit("plain to its end", plain.vector, plain.inputs, plain.minimum))
     start = _beside(vector, plain.x) if excess <= SLIGHT * task.tolerance else vector.start
 
-    def fitted(data: MeasuredData, own: FitVector, start: Array, horizon: float | None, told: Progress) -> Fit:
-        named = "every effect" if horizon is None else f"every effect to {horizon:g} s"
-        return replace(task, data=data).fit(named, own, start=start, near=True)
+    def fitted(data: MeasuredData, own: FitVector, start: Array, *, named: str, expected: float, **_: object) -> Fit:
+        named = f"every effect {named}".strip()
+        return replace(task, data=data).fit(named, own, start=start, near=True, expected=expected)
 
     everything, nothing = joint_fit(task.data, vector, start, task.tolerance, fitted)
     plain = task.weighed(plain, everything.inputs)

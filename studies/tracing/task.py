@@ -75,11 +75,15 @@ class Task:
         *,
         close: float | None = None,
         near: bool = False,
+        expected: float | None = None,
         hopeless: float = np.inf,
         jacobian: Array | None = None,
     ) -> Fit:
         """As `optimize.fit.descent.fit`. named: in the folder and in what is said. inputs: what errors of them do,
-        where that is known. One without any effect is not refined where it leaves far more than a right model."""
+        where that is known. expected: by default, one without any effect is not refined where it leaves far more than
+        a right model."""
+        if expected is None:
+            expected = np.inf if vector.terms else expected_rms(self.data.noise, self.tolerance)
         return self._kept(
             named,
             vector,
@@ -93,7 +97,7 @@ class Task:
                 close=close,
                 near=near,
                 jacobian=jacobian,
-                expected=np.inf if vector.terms else expected_rms(self.data.noise, self.tolerance),
+                expected=expected,
                 hopeless=hopeless,
                 progress=lambda line, share: self.say(f"{named}, {len(vector.parameters)} unknowns: {line}"),
             ),
