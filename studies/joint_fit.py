@@ -23,7 +23,6 @@ from studies.measured_data import MeasuredData
 
 EARLY = 1.0  # s, of the horizons before the last: a column costs a motion as long
 EARLY_TRIALS = 8  # of these at most: they lead near, where the last horizon begins with all
-ALIKE = 0.98  # cosine from which on two effects are one answer
 KNOWN = 0.35  # of the prior's standard deviation, over which the data say little of an unknown
 
 
@@ -100,8 +99,7 @@ def _from_factors(early: Fit, until: Callable[..., Fit]) -> Fit:
 
 def negligible(early: Fit, tolerance: float) -> dict[str, Nothing]:
     """The terms that are well known and, two standard deviations off, move the residuals by less than half the
-    `tolerance` [m] RMS, less what the other unknowns can take of that. What looks like a term that stays, stays: which
-    of both it is, nobody knows yet."""
+    `tolerance` [m] RMS, less what the other unknowns can take of that."""
     normal, vector = early.normal, early.vector
     share = normal.scale**2 / max(normal.tempering * float(normal.frames.sum()), 1e-12)
     ridged = normal.sensitivity + share * np.diag(1 / vector.prior**2)
@@ -120,27 +118,6 @@ def negligible(early: Fit, tolerance: float) -> dict[str, Nothing]:
         known = (deviation[part] <= KNOWN * vector.prior[part]).all()
         if known and most <= 0.5 * tolerance and _may_go(term, parameters):
             found[label] = Nothing(term, parameters, early.x[part], deviation[part], most)
-    alike = _alike(early, ridged, [label for label in vector.labels if label not in found], tolerance)
-    return {label: term for label, term in found.items() if label not in alike}
-
-
-def _alike(early: Fit, ridged: Array, stays: Sequence[str], tolerance: float) -> set[str]:
-    """The other terms of which an unknown, less what factors can take, does what one of those that stay can do, and
-    within its prior more than `tolerance` [m]. ridged: (p, p), with the priors."""
-    vector = early.vector
-    factors = np.array([k for k, p in enumerate(vector.parameters) if p.is_factor], dtype=np.intp)
-    s = early.sensitivity
-    left = s - s[:, factors] @ np.linalg.solve(ridged[np.ix_(factors, factors)], s[factors])
-    found = set()
-    for label in vector.labels:
-        for k in vector.part(label):
-            size = left[k, k]
-            if label in stays or np.sqrt(max(size, 0.0)) * vector.prior[k] < tolerance:
-                continue
-            for other in map(vector.part, stays):
-                inverse = np.linalg.pinv(left[np.ix_(other, other)], rcond=1e-9, hermitian=True)
-                if left[k, other] @ inverse @ left[other, k] > ALIKE**2 * size:
-                    found.add(label)
     return found
 
 

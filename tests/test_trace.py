@@ -27,15 +27,16 @@ from fabdesign.sensor_noise import SensorNoise
 from fabdesign.splits import fit_trials
 from fabdesign.surface import Surface
 from fabdesign.trial_file import program_of
-from optimize.fit.descent import STEP, _updated, fit
+from optimize.fit.descent import STEP, _updated, fit, horizons
 from optimize.fit.free import fit_vector
 from optimize.fit.left_out import LeftOut
 from optimize.fit.needed import NEEDED, conditioned, cost, needed, undecided
 from optimize.fit.normal import _bounded_step
 from optimize.fit.problem import Evaluation, FitProblem
+from studies.joint_fit import joint_fit
 from studies.measured_data import MeasuredData
 from studies.tracing.backwards import _label_in, backwards, gains_of, parts_of, sparse, worth
-from studies.tracing.candidates import candidates_of
+from studies.tracing.candidates import alike, candidates_of
 from studies.tracing.decoys import decoy_columns, decoys_beside, turned
 from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
@@ -491,6 +492,38 @@ def test_a_fit_ends_where_even_its_linear_minimum_leaves_too_much(late, unhurrie
     assert gone_on.after < ended.after
 
 
+def test_effects_that_do_the_same_in_the_joint_fit_are_alike(late):
+    """A clock that is late and pressures that are, whatever the factors take of both."""
+    joint, _ = late
+    vector = joint.vector
+    late_pressure, late_clock = (int(vector.part(label)[0]) for label in ("dead_time", "time_offset"))
+    for cosine, expected in ((0.999, ["time_offset"]), (0.9, [])):
+        cosines = np.eye(len(joint.x))
+        cosines[late_pressure, late_clock] = cosines[late_clock, late_pressure] = cosine
+        cosines[0, [late_pressure, late_clock]] = cosines[[late_pressure, late_clock], 0] = 0.5
+        told = replace(joint.normal, sensitivity=cosines * np.outer(1 / vector.prior, 1 / vector.prior))
+        others = [label for label in vector.labels if label != "dead_time"]
+        assert alike(replace(joint, normal=told), "dead_time", others) == expected
+
+
+def test_a_joint_fit_that_leaves_too_much_begins_again_where_the_factors_alone_lead(late):
+    joint, data = late
+    asked = []
+
+    def fitted(data, vector, start, /, *, named, expected, horizon, **_):
+        asked.append((named, len(start), float(np.abs(start[len(vector.without_effects.parameters) :]).sum())))
+        x = np.full(len(vector.parameters), 0.01)
+        left = {"to 0.5 s": 9e-3, "from those factors": 3e-3}.get(named, 1e-3)
+        return replace(joint, vector=vector, x=x, after=left) if vector.terms else SimpleNamespace(x=x)
+
+    few = data.until(1.0)
+    assert horizons(few.samples) == [0.5, 1.0]
+    joint_fit(few, joint.vector, joint.vector.start, 0.5e-3, fitted)
+    assert [named for named, *_ in asked] == ["to 0.5 s", "factors first", "from those factors", ""]
+    assert asked[1][1] == len(joint.vector.without_effects.parameters)
+    assert asked[2][2] == 0 < asked[0][2]
+
+
 def test_no_decoy_gains_beside_what_is_there(late, selected):
     (joint, data), (found, _, decoys, beside_nothing, _) = late, selected
     assert len(decoys.gains) == 2 * len(joint.vector.labels)
@@ -504,6 +537,7 @@ def test_a_model_with_another_effect_instead_is_where_the_residuals_are_least(la
     """Against the same done slowly, with each point."""
     (joint, data), (found, *_) = late, selected
     monkeypatch.setattr("studies.tracing.candidates.ALIKE", 0.15)
+    monkeypatch.setattr("studies.tracing.candidates.alike", lambda *_: [])  # where the joint fit is: above
     selection = Selection(joint, unhurried, found, data.folds, data.noise.sigma, (), {})
     _, instead = candidates_of(selection)
     [(name, explanation)] = instead.items()  # a late clock does a fifth of what the lag does, and nothing of the droop

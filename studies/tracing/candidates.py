@@ -1,17 +1,20 @@
 """What each effect would take, and which the data cannot tell from those chosen: linear algebra on the joint fit."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import effects_of, label_effect
+from optimize.fit.fitted import Fit
 from optimize.fit.left_out import LeftOut, Scored
 from optimize.fit.needed import NEEDED
 from optimize.fit.parameters import FitVector
-from studies.joint_fit import ALIKE
 from studies.tracing.experiment import Explanation
 from studies.tracing.selection import Selection
+
+ALIKE = 0.98  # cosine from which on two effects are one answer
 
 
 @dataclass(frozen=True)
@@ -97,8 +100,9 @@ def _detectable(wide: LeftOut, off: np.ndarray, part: np.ndarray, label: str) ->
 
 def _alternatives(wide: LeftOut, selection: Selection, places: dict[str, np.ndarray]) -> dict[str, Explanation]:
     """Effects that would take what one of those chosen does (cosine over ALIKE, less what the other unknowns of the
-    model can take), and the model with each in that one's place, to first order."""
-    chosen = selection.chosen
+    model can take), or did where the joint fit is: where the chosen one has the whole of what both had there, a swing
+    of the cloth is elsewhere by then. And the model with each in that one's place, to first order."""
+    chosen, joint = selection.chosen, selection.everything
     total = wide.information
     found: dict[str, Explanation] = {}
     for label in chosen.vector.labels:
@@ -108,9 +112,11 @@ def _alternatives(wide: LeftOut, selection: Selection, places: dict[str, np.ndar
         left = data - data[:, others] @ np.linalg.solve(total[np.ix_(others, others)], data[others])
         own = left[:, part] @ chosen.x[part]
         size = float(chosen.x[part] @ own[part])
+        same = [k for k in joint.vector.labels if label_effect(k) == label_effect(label)]
+        there = alike(joint, same[0], [*places]) if len(same) == 1 else []
         for other, columns in places.items():
             inverse = np.linalg.pinv(left[np.ix_(columns, columns)], rcond=1e-9, hermitian=True)
-            if own[columns] @ inverse @ own[columns] > ALIKE**2 * size > 0:
+            if other in there or own[columns] @ inverse @ own[columns] > ALIKE**2 * size > 0:
                 found.setdefault(label_effect(other), _instead(wide, selection, label, other, columns))
     return found
 
@@ -131,3 +137,18 @@ def _instead(wide: LeftOut, selection: Selection, label: str, other: str, column
     )
     names = effects_of([*(own for own in chosen.labels if own != label), other])
     return Explanation(" and ".join(names), vector, vector.inside(x))
+
+
+def alike(fitted: Fit, label: str, others: Sequence[str]) -> list[str]:
+    """Those of the terms `others` of a fit that do what an unknown of the term `label` does (cosine over ALIKE), less
+    what factors can take."""
+    vector, s = fitted.vector, fitted.sensitivity
+    factors = np.array([k for k, p in enumerate(vector.parameters) if p.is_factor], dtype=np.intp)
+    left = s - s[:, factors] @ np.linalg.pinv(s[np.ix_(factors, factors)], rcond=1e-9, hermitian=True) @ s[factors]
+    found = []
+    for other in others:
+        own = vector.part(other)
+        inverse = np.linalg.pinv(left[np.ix_(own, own)], rcond=1e-9, hermitian=True)
+        if any(left[k, own] @ inverse @ left[own, k] > ALIKE**2 * left[k, k] > 0 for k in vector.part(label)):
+            found.append(other)
+    return found
