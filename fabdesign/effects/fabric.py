@@ -73,7 +73,7 @@ LOCAL_STIFFENING = Effect(
     "an edge",
     source="stiffness as a function of place; docs/effects.md",
     parameters={
-        "u": EffectParameter("m", "across, of the disc's middle", 0.1, (0.0, 5.0), 0.05, tried=(0.25, 0.75)),
+        "u": EffectParameter("m", "across, of the disc's middle", 0.1, (0.0, 5.0), 0.05, tried=(0.25, 0.5, 0.75)),
         "v": EffectParameter("m", "down", 0.1, (0.0, 5.0), 0.05, tried=(0.4, 0.85)),
         "radius": EffectParameter("m", "of the disc", 0.03, (0.002, 2.0), 0.5, transform="log"),
         "factor": EffectParameter("1", "on the stiffness", 4.0, (0.05, 20.0), 0.7, off=1.0, transform="log"),
