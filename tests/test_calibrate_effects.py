@@ -22,7 +22,7 @@ PUT_IN = (
 )
 
 
-PLACED = "local_stiffening", "added_mass"  # at four places
+PLACES = {"local_stiffening": 6, "added_mass": 4}  # that are tried
 
 
 def test_all_are_the_strengths_of_every_effect_at_each_of_its_choices():
@@ -34,11 +34,7 @@ def test_all_are_the_strengths_of_every_effect_at_each_of_its_choices():
         len({*names})
         == len(names)
         == 7
-        + sum(
-            len(e.strengths) * (4 if e.name in PLACED else 1)
-            for e in EFFECTS.values()
-            if e.named and e.name != "odd_muscle"
-        )
+        + sum(len(e.strengths) * PLACES.get(e.name, 1) for e in EFFECTS.values() if e.named and e.name != "odd_muscle")
     )
     of_channels = [
         name
