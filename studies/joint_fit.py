@@ -2,7 +2,8 @@
 
 A fit without an effect goes to a false minimum, where a lag becomes damping. Where all may act, the fit finds its way,
 and what is not there comes out as nothing: what one horizon says for certain to be next to nothing takes no part in the
-later ones, where a column costs a motion of every trial.
+later ones, where a column costs a motion of every trial. Where cloth buckles, that way has false minima too, and what
+the factors alone lead to may be nearer.
 """
 
 from collections.abc import Callable, Sequence
