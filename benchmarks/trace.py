@@ -114,10 +114,14 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
 
 def _counted(said: str, count: int, rows: Sequence[dict[str, Any]]) -> str:
     right, wrong = sum(r["is_right"] for r in rows), sum(bool(r["wrong_names"]) for r in rows)
-    between = "{:.0%} to {:.0%}".format(*wilson(right, len(rows))) if rows else ""
     decoys = [r["decoys"] for r in rows if r["decoys"]]
     taken = f"{sum(d['taken'] for d in decoys)} of {sum(d['tried'] for d in decoys)}" if decoys else ""
-    return f"| {said} | {len(rows)} of {count} | {right} ({between}) | {wrong} | {taken} |"
+    return f"| {said} | {len(rows)} of {count} | {right} ({_between(right, len(rows))}) | {wrong} | {taken} |"
+
+
+def _between(right: int, count: int) -> str:
+    """90 %, of none nothing."""
+    return "{:.0%} to {:.0%}".format(*wilson(right, count)) if count else ""
 
 
 def _by_size(rows: Sequence[dict[str, Any]]) -> list[str]:
@@ -128,7 +132,7 @@ def _by_size(rows: Sequence[dict[str, Any]]) -> list[str]:
         own = [row for row in rows if least <= row["excess_before"] < most]
         named = sum(row["is_right"] for row in own)
         adequate = sum(row["answer"] == "adequate" for row in own)
-        between = " ({:.0%} to {:.0%})".format(*wilson(named, len(own))) if own else ""
+        between = f" ({_between(named, len(own))})" if own else ""
         lines.append(f"| {said} | {len(own)} | {named}{between} | {adequate} | {len(own) - named - adequate} |")
     return [*lines, ""]
 

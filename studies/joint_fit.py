@@ -93,9 +93,15 @@ def _from_factors(early: Fit, until: Callable[..., Fit]) -> Fit:
     lead: a cloth that buckles has false minima on either way."""
     plain = early.vector.without_effects
     factors = until(plain, plain.start, named="factors first", expected=np.inf).x
-    begin = np.concatenate([factors, np.zeros(len(early.x) - len(factors))])
-    other = until(early.vector, begin, named="from those factors", expected=np.inf)
+    other = until(early.vector, beside(early.vector, factors), named="from those factors", expected=np.inf)
     return min(early, other, key=lambda one: one.after)
+
+
+def beside(vector: FitVector, factors: Array) -> Array:
+    """(p,) of a vector's unknowns: factors, and effects at nothing."""
+    x = np.zeros(len(vector.parameters))
+    x[: len(factors)] = factors
+    return x
 
 
 def negligible(early: Fit, tolerance: float) -> dict[str, Nothing]:

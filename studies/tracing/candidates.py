@@ -115,8 +115,7 @@ def _alternatives(wide: LeftOut, selection: Selection, places: dict[str, np.ndar
         same = [k for k in joint.vector.labels if label_effect(k) == label_effect(label)]
         there = alike(joint, same[0], [*places]) if len(same) == 1 else []
         for other, columns in places.items():
-            inverse = np.linalg.pinv(left[np.ix_(columns, columns)], rcond=1e-9, hermitian=True)
-            if other in there or own[columns] @ inverse @ own[columns] > ALIKE**2 * size > 0:
+            if other in there or _does(left, columns, own, size):
                 found.setdefault(label_effect(other), _instead(wide, selection, label, other, columns))
     return found
 
@@ -145,10 +144,15 @@ def alike(fitted: Fit, label: str, others: Sequence[str]) -> list[str]:
     vector, s = fitted.vector, fitted.sensitivity
     factors = np.array([k for k, p in enumerate(vector.parameters) if p.is_factor], dtype=np.intp)
     left = s - s[:, factors] @ np.linalg.pinv(s[np.ix_(factors, factors)], rcond=1e-9, hermitian=True) @ s[factors]
-    found = []
-    for other in others:
-        own = vector.part(other)
-        inverse = np.linalg.pinv(left[np.ix_(own, own)], rcond=1e-9, hermitian=True)
-        if any(left[k, own] @ inverse @ left[own, k] > ALIKE**2 * left[k, k] > 0 for k in vector.part(label)):
-            found.append(other)
-    return found
+    return [
+        other
+        for other in others
+        if any(_does(left, vector.part(other), left[k], left[k, k]) for k in vector.part(label))
+    ]
+
+
+def _does(left: np.ndarray, columns: np.ndarray, change: np.ndarray, size: float) -> bool:
+    """Whether unknowns `columns` can do what a change does whose products with all unknowns are `change` (p,), and with
+    itself `size`. left: (p, p), products of the unknowns."""
+    inverse = np.linalg.pinv(left[np.ix_(columns, columns)], rcond=1e-9, hermitian=True)
+    return bool(change[columns] @ inverse @ change[columns] > ALIKE**2 * size > 0)

@@ -15,7 +15,7 @@ from optimize.fit.free import fit_vector
 from optimize.fit.left_out import Gain, LeftOut
 from optimize.fit.needed import NEEDED, needed
 from optimize.fit.parameters import FitVector
-from studies.joint_fit import Nothing, joint_fit
+from studies.joint_fit import Nothing, beside, joint_fit
 from studies.measured_data import MeasuredData
 from studies.tracing.backwards import backwards, gains_of, parts_of, sparse, with_shapes
 from studies.tracing.decoys import Decoys
@@ -66,7 +66,7 @@ def select(task: Task) -> Selection:
     excess = _excess(task, plain)
     if excess <= task.tolerance:
         return _adequate(task, vector, task.fit("plain to its end", plain.vector, plain.inputs, plain.minimum))
-    start = _beside(vector, plain.x) if excess <= SLIGHT * task.tolerance else vector.start
+    start = beside(vector, plain.x) if excess <= SLIGHT * task.tolerance else vector.start
 
     def fitted(data: MeasuredData, own: FitVector, start: Array, *, named: str, expected: float, **_: object) -> Fit:
         named = f"every effect {named}".strip()
@@ -89,16 +89,9 @@ def _excess(task: Task, fitted: Fit) -> float:
 
 def _adequate(task: Task, vector: FitVector, plain: Fit) -> Selection:
     """What the declared parameters explain: effects take part to first order."""
-    everything = task.linearised("every effect beside them", vector, _beside(vector, plain.x), plain.inputs)
+    everything = task.linearised("every effect beside them", vector, beside(vector, plain.x), plain.inputs)
     small = sparse(everything, needed(everything.minimum, everything.covariance, vector, NEEDED))
     return Selection(everything, plain, plain, task.data.folds, task.floor, tuple(small), {})
-
-
-def _beside(vector: FitVector, factors: Array) -> Array:
-    """(p,) of a vector's unknowns: factors, and effects at nothing."""
-    x = np.zeros(len(vector.parameters))
-    x[: len(factors)] = factors
-    return x
 
 
 def without(vector: FitVector, known: Sequence[str]) -> FitVector:
