@@ -73,8 +73,10 @@ def to_unit(points: Floats) -> NDArray[np.float32]:
 
 
 def drawn(points: Floats, count: int, rng: np.random.Generator) -> Floats:
-    """`count` of the points (n, 3), or all."""
-    return points if len(points) <= count else points[rng.choice(len(points), count, replace=False)]
+    """(count, 3): of the points (n, 3) each at most once, or where they are fewer, all, and some of them again."""
+    if len(points) > count:
+        return points[rng.choice(len(points), count, replace=False)]
+    return np.concatenate([points, points[rng.choice(len(points), count - len(points))]])  # a batch is of one size
 
 
 def chamfer_squared(one: Tensor, other: Tensor) -> Tensor:

@@ -72,6 +72,18 @@ def test_a_training_that_was_stopped_ends_the_same(measured: Path, tmp_path: Pat
     assert all(np.array_equal(first[name], second[name]) for name in first)
 
 
+@pytest.mark.parametrize(("have", "count"), [(9, 4), (4, 4), (4, 9), (4, 11)])
+def test_as_many_points_are_drawn_as_are_asked_for(have: int, count: int) -> None:
+    pytest.importorskip("torch")
+    from corrector.paper import drawn
+
+    points = np.arange(3.0 * have).reshape(have, 3)
+    got = drawn(points, count, np.random.default_rng(0))
+    _, times = np.unique(got[:, 0], return_counts=True)
+    assert got.shape == (count, 3) and {*map(tuple, got)} <= {*map(tuple, points)}
+    assert len(times) == min(have, count), "each at least once, or at most once"
+
+
 def test_frames_must_be_evenly_spaced(tmp_path: Path) -> None:
     pytest.importorskip("torch")
     uneven = measure(tmp_path / "set", LEARNED[:1], trials=2, times=np.array([0.1, 0.2, 0.4, 0.5, 0.6, 0.7]))
