@@ -7,7 +7,7 @@ the factors alone lead to may be nearer.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol
 
@@ -69,32 +69,71 @@ def joint_fit(
 ) -> tuple[Fit, dict[str, Nothing]]:
     """The fit of all frames, and the terms that it is without, by label: what cannot matter beside `tolerance` [m], of
     those whose strengths alone are fitted and that no model gave. fitted: makes the fit of each horizon."""
-    nothing: dict[str, Nothing] = {}
     right = expected_rms(data.noise, tolerance)
-    expected = np.inf if vector.terms else right  # with effects at nothing much is left before they are found
+    stages = _stages(data, fitted, np.inf if vector.terms else right, progress)  # effects at nothing leave much
+    way, again = _Way(vector, start), not vector.terms
+    for k, stage in enumerate(stages):
+        way = _on(way, stage, tolerance)
+        if not again and way.left > right:
+            again, other = True, _from_factors(vector, stages[0])
+            for before in stages[: k + 1]:
+                other = _on(other, before, tolerance)
+            way = min(way, other, key=lambda one: one.left)
+    assert way.fit is not None
+    return way.fit, way.nothing
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """A fit between horizons: its unknowns, where they are, and what was left out. named: in what is said."""
+
+    vector: FitVector
+    x: Array
+    named: str = ""
+    nothing: dict[str, Nothing] = field(default_factory=dict)
+    fit: Fit | None = None
+
+    @property
+    def left(self) -> float:
+        """m RMS, capped."""
+        return np.inf if self.fit is None else self.fit.after
+
+
+@dataclass(frozen=True, eq=False)
+class _Stage:
+    """A horizon. named: in what is said."""
+
+    fitted: Callable[..., Fit]
+    named: str
+    is_last: bool
+
+
+def _stages(data: MeasuredData, fitted: FitUntil, expected: float, progress: Progress) -> list[_Stage]:
     *shorter, last = horizons(data.samples)
     shorter = [horizon for horizon in shorter if horizon <= EARLY]
-    *told, told_last = parts(progress, *(np.cumsum(shorter) / (sum(shorter) + last)).tolist())
+    told = parts(progress, *(np.cumsum(shorter) / (sum(shorter) + last)).tolist())
     few = data.only(evenly(len(data.trials), EARLY_TRIALS).tolist())
-    for horizon, own in zip(shorter, told, strict=True):
-        until = partial(fitted, few.until(horizon), horizon=horizon, progress=own)
-        early = until(vector, start, named=f"to {horizon:g} s", expected=expected)
-        if vector.terms and horizon == shorter[0] and early.after > right:
-            early = _from_factors(early, until)
-        gone = negligible(early, tolerance)
-        nothing |= gone
-        vector, index = vector.only([label for label in vector.labels if label not in gone])
-        start = early.x[index]
-    return fitted(data, vector, start, named="", horizon=None, expected=expected, progress=told_last), nothing
+    lengths = [*((h, few.until(h), f"to {h:g} s") for h in shorter), (None, data, "")]
+    return [
+        _Stage(partial(fitted, seen, horizon=h, expected=expected, progress=own), named, h is None)
+        for (h, seen, named), own in zip(lengths, told, strict=True)
+    ]
 
 
-def _from_factors(early: Fit, until: Callable[..., Fit]) -> Fit:
-    """The better of a fit that leaves too much and one that begins with effects at nothing, where the factors alone
-    lead: a cloth that buckles has false minima on either way."""
-    plain = early.vector.without_effects
-    factors = until(plain, plain.start, named="factors first", expected=np.inf).x
-    other = until(early.vector, beside(early.vector, factors), named="from those factors", expected=np.inf)
-    return min(early, other, key=lambda one: one.after)
+def _on(way: _Way, stage: _Stage, tolerance: float) -> _Way:
+    """Over one horizon; what cannot matter takes no part in the next."""
+    found = stage.fitted(way.vector, way.x, named=f"{way.named} {stage.named}".strip())
+    gone = {} if stage.is_last else negligible(found, tolerance)
+    vector, index = way.vector.only([label for label in way.vector.labels if label not in gone])
+    return _Way(vector, found.x[index], way.named, way.nothing | gone, found)
+
+
+def _from_factors(vector: FitVector, first: _Stage) -> _Way:
+    """Where the factors alone lead over the first horizon, and effects at nothing: a cloth that buckles has false
+    minima on either way."""
+    plain = vector.without_effects
+    factors = first.fitted(plain, plain.start, named=f"factors {first.named}".strip()).x
+    return _Way(vector, beside(vector, factors), "from factors")
 
 
 def beside(vector: FitVector, factors: Array) -> Array:

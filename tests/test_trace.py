@@ -275,16 +275,30 @@ def test_unknowns_are_dropped_as_their_joint_distribution_says():
 
 
 def test_what_is_not_chosen_widens_what_is_kept():
-    """Law of total variance: known with the others at zero, and what these leave open, make the joint variances."""
+    """Law of total variance: known with the others at zero, and what these leave open, make the joint variances; where
+    the joint fit is elsewhere, the mean square from where the unknown was found."""
     root = np.random.default_rng(4).standard_normal((5, 8))
     joint = np.linalg.inv(root @ root.T)
     names, kept = ["membrane", "drag", "bending", "lag", "creep"], ["bending", "shape", "membrane"]
     fixed = conditioned(np.zeros(5), joint, np.array([1, 3, 4]))[1]
-    grown = undecided(joint, names, kept)
     own, rows = [2, 0], [0, 2]
+    x, found = np.array([0.3, 0.0, -0.2, 0.1, 0.0]), np.array([-0.2, 9.0, 0.3])
+    grown = undecided(x, joint, names, found, kept)
     np.testing.assert_allclose(fixed[np.ix_(own, own)] + grown[np.ix_(rows, rows)], joint[np.ix_(own, own)], rtol=1e-9)
     assert (grown[1] == 0).all() and (grown[:, 1] == 0).all()  # an unknown that the joint fit has not
-    assert (undecided(joint, names, names) == 0).all()
+    assert (undecided(x, joint, names, x, names) == 0).all()
+    apart = undecided(x + [0.5, 0, 0, 0, 0], joint, names, found, kept) - grown
+    np.testing.assert_allclose(apart, np.diag([0, 0, 0.25]), atol=1e-12)
+
+
+def test_factors_are_plausible_within_what_their_prior_holds():
+    """chi squared of seven degrees of freedom is over 24.32 once in a thousand."""
+    vector = fit_vector(["dead_time"])
+    x = vector.prior * np.sqrt(24.3 / 7)
+    assert vector.is_plausible(x)
+    assert not vector.is_plausible(1.001 * x)
+    x[vector.part("dead_time")] *= 100  # of effects none is asked
+    assert vector.is_plausible(x)
 
 
 def test_of_several_channels_or_places_the_odd_one_stays(monkeypatch):
@@ -506,22 +520,30 @@ def test_effects_that_do_the_same_in_the_joint_fit_are_alike(late):
         assert alike(replace(joint, normal=told), "dead_time", others) == expected
 
 
-def test_a_joint_fit_that_leaves_too_much_begins_again_where_the_factors_alone_lead(late):
+@pytest.mark.parametrize("bad", ["to 0.5 s", "", "nowhere"])
+def test_a_joint_fit_that_leaves_too_much_begins_again_where_the_factors_alone_lead(late, bad):
+    """Over the first horizon or a later one; the better of both goes on."""
     joint, data = late
     asked = []
 
     def fitted(data, vector, start, /, *, named, expected, horizon, **_):
         asked.append((named, len(start), float(np.abs(start[len(vector.without_effects.parameters) :]).sum())))
         x = np.full(len(vector.parameters), 0.01)
-        left = {"to 0.5 s": 9e-3, "from those factors": 3e-3}.get(named, 1e-3)
+        left = 9e-3 if named == bad else 0.5e-3
         return replace(joint, vector=vector, x=x, after=left) if vector.terms else SimpleNamespace(x=x)
 
     few = data.until(1.0)
     assert horizons(few.samples) == [0.5, 1.0]
-    joint_fit(few, joint.vector, joint.vector.start, 0.5e-3, fitted)
-    assert [named for named, *_ in asked] == ["to 0.5 s", "factors first", "from those factors", ""]
-    assert asked[1][1] == len(joint.vector.without_effects.parameters)
-    assert asked[2][2] == 0 < asked[0][2]
+    found, _ = joint_fit(few, joint.vector, joint.vector.start, 0.5e-3, fitted)
+    told = [named for named, *_ in asked]
+    first, again = "to 0.5 s", ["factors to 0.5 s", "from factors to 0.5 s"]
+    expected = {first: [first, *again, "from factors"], "": [first, "", *again, "from factors"]}
+    assert told == expected.get(bad, [first, ""])
+    assert found.after == 0.5e-3
+    if bad in told:
+        factors, effects = (asked[told.index(named)] for named in again)
+        assert factors[1] == len(joint.vector.without_effects.parameters)
+        assert effects[2] == 0 < asked[0][2]
 
 
 def test_no_decoy_gains_beside_what_is_there(late, selected):

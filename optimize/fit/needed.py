@@ -57,12 +57,15 @@ def conditioned(x: Array, covariance: Array, part: Indices) -> tuple[Array, Arra
     return x, covariance
 
 
-def undecided(joint: Array, names: Sequence[str], kept: Sequence[str]) -> Array:
-    """(k, k) by which the covariance of the unknowns `kept` grows where the others, of which `joint` (p, p) is known by
-    `names`, are not zero for certain: what a model without them holds fixed they may take (law of total variance)."""
+def undecided(x: Array, joint: Array, names: Sequence[str], found: Array, kept: Sequence[str]) -> Array:
+    """(k, k) by which the covariance of the unknowns `kept`, found at `found` (k,), grows where the others of a joint
+    fit x (p,), known to `joint` (p, p), by `names`, are not zero for certain: they may take what a model without them
+    holds fixed, and the joint fit has the unknowns elsewhere (law of total variance, and the means' difference)."""
     common = [name for name in kept if name in names]
     own, rows = ([[*every].index(name) for name in common] for every in (names, kept))
     gone = np.array([i for i, name in enumerate(names) if name not in common], dtype=np.intp)
     grown = np.zeros((len(kept), len(kept)))
-    grown[np.ix_(rows, rows)] = (joint - conditioned(np.zeros(len(joint)), joint, gone)[1])[np.ix_(own, own)]
+    apart = x[own] - found[rows]
+    taken = joint - conditioned(np.zeros(len(joint)), joint, gone)[1]
+    grown[np.ix_(rows, rows)] = taken[np.ix_(own, own)] + np.outer(apart, apart)
     return grown

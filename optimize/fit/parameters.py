@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from fabdesign.effects.registry import EFFECTS, labels_of
 from fabdesign.forward import FACTOR_RANGE, MUSCLE_TYPES, PARAMETERS, Case, Term
@@ -93,6 +94,11 @@ class FitVector:
 
     def inside(self, x: Array) -> Array:
         return np.clip(x, *self.limits)
+
+    def is_plausible(self, x: Array) -> bool:
+        """Whether the factors at x are among those of 999 in 1000 of their prior: chi squared of their distance."""
+        own = np.array([p.is_factor for p in self.parameters])
+        return float(np.square(x / self.prior)[own].sum()) <= float(chdtri(max(own.sum(), 1), _RARE))
 
     def factors_at(self, x: Array) -> dict[str, float]:
         own = {p.name: p.value(v) for p, v in zip(self.parameters, x, strict=True) if p.is_factor}
@@ -179,5 +185,6 @@ class FitVector:
 
 
 _ILL = 1e6
+_RARE = 0.001
 
 DECLARED = FitVector(tuple(FitParameter(name, PRIOR[name]) for name in PARAMETERS))

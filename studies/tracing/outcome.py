@@ -98,6 +98,11 @@ class Outcome:
         if self.selection.small:
             names = ", ".join(effects_of(self.selection.small))
             lines.append(f"certain but within the tolerance, so not added: {names}")
+        if not self.after.vector.is_plausible(self.after.x):
+            lines.append(
+                "the declared parameters are farther from the data sheet than those of one specimen in a thousand "
+                f"({_strained(self.after)}): what is missing may hide in them"
+            )
         if (decoys := self.selection.decoys) is not None and decoys.gains:
             lines.append(
                 f"of {len(decoys.gains)} decoys (an effect driven by another trial's pressures) "
@@ -239,6 +244,13 @@ class Outcome:
         }
 
 
+def _strained(fit: Fit) -> str:
+    """The factors that are over two standard deviations of their prior from the data sheet, and their values."""
+    vector = fit.vector
+    far = [k for k, p in enumerate(vector.parameters) if p.is_factor and abs(fit.x[k]) > 2 * p.deviation]
+    return ", ".join(f"{vector.names[k].replace('_', ' ')} {vector.parameters[k].value(fit.x[k]):.2f}" for k in far)
+
+
 def model_of(
     fit: Fit,
     selection: Selection,
@@ -251,9 +263,10 @@ def model_of(
     """A fit as a model, with the effects known before and the factors found without effects. What was not chosen may
     still act as far as the joint fit leaves it open, so that intervals are wider by it."""
     plain, joint = selection.plain, selection.everything
+    minimum = joint.vector.inside(joint.minimum)
     model = fitted_model(
         fit if fit is plain else replace(fit, without_effects=plain),
-        with_engines(fit) + undecided(joint.covariance, joint.vector.names, fit.vector.names),
+        with_engines(fit) + undecided(minimum, joint.covariance, joint.vector.names, fit.x, fit.vector.names),
         trials=data.trials,
         reliable=reliable,
         points_per_side=points_per_side,

@@ -58,15 +58,17 @@ def select(task: Task) -> Selection:
     several each by a fit without it.
 
     Where the declared parameters leave little, the residuals are nearly linear about them, and the joint fit begins
-    there: from the data sheet a cloth that snaps leads it astray. The horizon grows, as in any fit; what a horizon says
+    there: from the data sheet a cloth that snaps leads it astray. Not where they had to go where no specimen is: an
+    effect hides in them then. The horizon grows, as in any fit; what a horizon says
     for certain to be next to nothing is left out of the later ones: a column costs a motion of every trial."""
     every = fit_vector(["all"], factors=task.factors, designs=task.designs)
     vector = without(every, task.known)
     plain = task.fit("plain", vector.without_effects, near=True)
     excess = _excess(task, plain)
-    if excess <= task.tolerance:
+    plausible = plain.vector.is_plausible(plain.x)
+    if excess <= task.tolerance and plausible:
         return _adequate(task, vector, task.fit("plain to its end", plain.vector, plain.inputs, plain.minimum))
-    start = beside(vector, plain.x) if excess <= SLIGHT * task.tolerance else vector.start
+    start = beside(vector, plain.x) if excess <= SLIGHT * task.tolerance and plausible else vector.start
 
     def fitted(data: MeasuredData, own: FitVector, start: Array, *, named: str, expected: float, **_: object) -> Fit:
         named = f"every effect {named}".strip()
