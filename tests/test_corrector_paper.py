@@ -92,12 +92,15 @@ def test_frames_must_be_evenly_spaced(tmp_path: Path) -> None:
     assert not (tmp_path / "m.toml").exists()
 
 
-def test_the_chamfer_loss_and_its_gradient_are_those_of_all_pairs() -> None:
+@pytest.mark.parametrize("device", ["cpu", "cuda"])
+def test_the_chamfer_loss_and_its_gradient_are_those_of_all_pairs(device: str) -> None:
     torch = pytest.importorskip("torch", reason="training needs the extra corrector")
     from corrector.paper import chamfer_squared
 
+    if device == "cuda" and not torch.cuda.is_available():
+        pytest.skip("no GPU here")
     rng = np.random.default_rng(3)
-    one, other = (torch.tensor(rng.normal(size=(2, n, 3)), requires_grad=True) for n in (7, 5))
+    one, other = (torch.tensor(rng.normal(size=(2, n, 3)), requires_grad=True, device=device) for n in (7, 5))
     apart = (one[:, :, None] - other[:, None]).square().sum(dim=3)
     slow = (apart.amin(dim=2).mean(dim=1) + apart.amin(dim=1).mean(dim=1)).mean()
     fast = chamfer_squared(one, other)
@@ -105,4 +108,4 @@ def test_the_chamfer_loss_and_its_gradient_are_those_of_all_pairs() -> None:
     for mine, right in zip(
         torch.autograd.grad(fast, (one, other)), torch.autograd.grad(slow, (one, other)), strict=True
     ):
-        np.testing.assert_allclose(mine, right, rtol=1e-6, atol=1e-12)
+        np.testing.assert_allclose(mine.cpu(), right.cpu(), rtol=1e-6, atol=1e-12)
