@@ -33,6 +33,7 @@ from optimize.fit.left_out import LeftOut
 from optimize.fit.needed import NEEDED, conditioned, cost, needed, undecided
 from optimize.fit.normal import _bounded_step
 from optimize.fit.problem import Evaluation, FitProblem
+from studies.calibration.intervals import far_factors
 from studies.joint_fit import joint_fit
 from studies.measured_data import MeasuredData
 from studies.tracing.backwards import _label_in, backwards, gains_of, parts_of, sparse, worth
@@ -299,6 +300,11 @@ def test_factors_are_plausible_within_what_their_prior_holds():
     assert not vector.is_plausible(1.001 * x)
     x[vector.part("dead_time")] *= 100  # of effects none is asked
     assert vector.is_plausible(x)
+    assert far_factors(SimpleNamespace(vector=vector, x=x)) == []
+    x[:7] = 0.0
+    x[vector.names.index("muscle_gain")] = -0.8  # 5.3 standard deviations
+    (line,) = far_factors(SimpleNamespace(vector=vector, x=x))
+    assert "(muscle gain 0.45)" in line
 
 
 def test_of_several_channels_or_places_the_odd_one_stays(monkeypatch):

@@ -22,7 +22,7 @@ from optimize.fit.parameters import DECLARED, FitVector
 from studies.bad_data import Tolerance
 from studies.calibration.ambiguities import ambiguities
 from studies.calibration.fitted_model import fitted_model
-from studies.calibration.intervals import EXCESS, excess, expected_rms, interval_warnings, with_engines
+from studies.calibration.intervals import EXCESS, excess, expected_rms, far_factors, interval_warnings, with_engines
 from studies.calibration.trial_checks import DISAGREE, implausible
 from studies.intervals.calibrate import chosen as chosen_trials
 from studies.intervals.calibrate import spread_json, with_spread
@@ -154,7 +154,7 @@ def calibrate(
         fitted, nothing = _fit(data, forward, slopes, vector, progress, interruptible)
     covariance = with_engines(fitted, engines)
     deviation = np.sqrt(np.diag(covariance))
-    why = interval_warnings(fitted.after, fitted.outlying, data.noise)
+    why = [*interval_warnings(fitted.after, fitted.outlying, data.noise), *far_factors(fitted)]
     if fitted.interrupted:
         why.append(f"interrupted after {fitted.iterations} iterations, before the best values were reached")
     said = None

@@ -89,3 +89,16 @@ def interval_warnings(rms: float, outlying: float, noise: SensorNoise) -> list[s
     if outlying >= OUTLYING:
         warnings.append(f"{outlying:.0%} of the frames fitted are far off, expected under {OUTLYING:.0%}")
     return warnings
+
+
+def far_factors(fit: Fit) -> list[str]:
+    """That the factors are not plausible, and which; nothing where they are."""
+    vector, x = fit.vector, fit.x
+    if vector.is_plausible(x):
+        return []
+    of = zip(vector.parameters, x, strict=True)
+    far = [f"{p.name.replace('_', ' ')} {p.value(v):.2f}" for p, v in of if p.is_factor and abs(v) > 2 * p.deviation]
+    return [
+        f"the factors are farther from the data sheet than those of one specimen in a thousand ({', '.join(far)}): an "
+        "effect that the model lacks may hide in them"
+    ]

@@ -16,7 +16,7 @@ from optimize.fit.clouds import frames_of
 from optimize.fit.fitted import Fit
 from optimize.fit.needed import undecided
 from studies.calibration.fitted_model import fitted_model
-from studies.calibration.intervals import with_engines
+from studies.calibration.intervals import far_factors, with_engines
 from studies.measured_data import MeasuredData
 from studies.tracing.candidates import Candidate
 from studies.tracing.discovered import Discovered
@@ -98,11 +98,7 @@ class Outcome:
         if self.selection.small:
             names = ", ".join(effects_of(self.selection.small))
             lines.append(f"certain but within the tolerance, so not added: {names}")
-        if not self.after.vector.is_plausible(self.after.x):
-            lines.append(
-                "the declared parameters are farther from the data sheet than those of one specimen in a thousand "
-                f"({_strained(self.after)}): what is missing may hide in them"
-            )
+        lines += far_factors(self.after)
         if (decoys := self.selection.decoys) is not None and decoys.gains:
             lines.append(
                 f"of {len(decoys.gains)} decoys (an effect driven by another trial's pressures) "
@@ -242,13 +238,6 @@ class Outcome:
             "before": pair("before", self.evidence.before),
             "after": pair("after", self._after),
         }
-
-
-def _strained(fit: Fit) -> str:
-    """The factors that are over two standard deviations of their prior from the data sheet, and their values."""
-    vector = fit.vector
-    far = [k for k, p in enumerate(vector.parameters) if p.is_factor and abs(fit.x[k]) > 2 * p.deviation]
-    return ", ".join(f"{vector.names[k].replace('_', ' ')} {vector.parameters[k].value(fit.x[k]):.2f}" for k in far)
 
 
 def model_of(
