@@ -18,6 +18,7 @@ from fabdesign.forward import Term
 from optimize.fit.clouds import Array, evenly
 from optimize.fit.descent import Progress, horizons, parts
 from optimize.fit.fitted import Fit
+from optimize.fit.needed import NEEDED, alike, needed
 from optimize.fit.parameters import FitParameter, FitVector
 from studies.calibration.intervals import expected_rms
 from studies.measured_data import MeasuredData
@@ -145,7 +146,8 @@ def beside(vector: FitVector, factors: Array) -> Array:
 
 def negligible(early: Fit, tolerance: float) -> dict[str, Nothing]:
     """The terms that are well known and, two standard deviations off, move the residuals by less than half the
-    `tolerance` [m] RMS, less what the other unknowns can take of that."""
+    `tolerance` [m] RMS, less what the other unknowns can take of that. Not what does the same as one that is needed: it
+    is next to nothing beside that one alone, and may be the one that acts."""
     normal, vector = early.normal, early.vector
     share = normal.scale**2 / max(normal.tempering * float(normal.frames.sum()), 1e-12)
     ridged = normal.sensitivity + share * np.diag(1 / vector.prior**2)
@@ -164,7 +166,9 @@ def negligible(early: Fit, tolerance: float) -> dict[str, Nothing]:
         known = (deviation[part] <= KNOWN * vector.prior[part]).all()
         if known and most <= 0.5 * tolerance and _may_go(term, parameters):
             found[label] = Nothing(term, parameters, early.x[part], deviation[part], most)
-    return found
+    certain = needed(early.minimum, early.covariance, vector, NEEDED)
+    same = {other for label in certain for other in alike(early.sensitivity, vector, label, [*found])}
+    return {label: of for label, of in found.items() if label not in same}
 
 
 def _may_go(term: Term, parameters: Sequence[FitParameter]) -> bool:

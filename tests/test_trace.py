@@ -30,14 +30,14 @@ from fabdesign.trial_file import program_of
 from optimize.fit.descent import STEP, _updated, fit, horizons
 from optimize.fit.free import fit_vector
 from optimize.fit.left_out import LeftOut
-from optimize.fit.needed import NEEDED, conditioned, cost, needed, undecided
+from optimize.fit.needed import NEEDED, alike, conditioned, cost, needed, undecided
 from optimize.fit.normal import _bounded_step
 from optimize.fit.problem import Evaluation, FitProblem
 from studies.calibration.intervals import far_factors
-from studies.joint_fit import joint_fit
+from studies.joint_fit import joint_fit, negligible
 from studies.measured_data import MeasuredData
 from studies.tracing.backwards import _label_in, backwards, gains_of, parts_of, sparse, worth
-from studies.tracing.candidates import alike, candidates_of
+from studies.tracing.candidates import candidates_of
 from studies.tracing.decoys import decoy_columns, decoys_beside, turned
 from studies.tracing.errors import TrialError, other_layouts
 from studies.tracing.experiment import programs
@@ -521,9 +521,29 @@ def test_effects_that_do_the_same_in_the_joint_fit_are_alike(late):
         cosines = np.eye(len(joint.x))
         cosines[late_pressure, late_clock] = cosines[late_clock, late_pressure] = cosine
         cosines[0, [late_pressure, late_clock]] = cosines[[late_pressure, late_clock], 0] = 0.5
-        told = replace(joint.normal, sensitivity=cosines * np.outer(1 / vector.prior, 1 / vector.prior))
+        sensitivity = cosines * np.outer(1 / vector.prior, 1 / vector.prior)
         others = [label for label in vector.labels if label != "dead_time"]
-        assert alike(replace(joint, normal=told), "dead_time", others) == expected
+        assert alike(sensitivity, vector, "dead_time", others) == expected
+
+
+@pytest.mark.parametrize(("cosine", "goes"), [(0.9999, False), (0.97, True)])
+def test_what_does_the_same_as_an_effect_that_is_needed_is_not_left_out(late, cosine, goes):
+    """Beside the late clock, which is there, late pressures are next to nothing: either may be the one that acts."""
+    joint, _ = late
+    vector = joint.vector
+    late_pressure, late_clock = (int(vector.part(label)[0]) for label in ("dead_time", "time_offset"))
+    cosines = np.eye(len(joint.x))
+    cosines[late_pressure, late_clock] = cosines[late_clock, late_pressure] = cosine
+    deviation = 0.01 * vector.prior
+    x = np.zeros(len(joint.x))
+    x[late_clock] = 100 * deviation[late_clock]
+    sensitivity = cosines * np.outer(1e-3 / vector.prior, 1e-3 / vector.prior)  # a millimetre each
+    early = replace(
+        joint, x=x, minimum=x, covariance=np.diag(deviation**2), normal=replace(joint.normal, sensitivity=sensitivity)
+    )
+    found = negligible(early, 0.5e-3)
+    assert "time_offset" not in found and "filling_lag" in found
+    assert ("dead_time" in found) is goes
 
 
 @pytest.mark.parametrize("bad", ["to 0.5 s", "", "nowhere"])
@@ -564,7 +584,7 @@ def test_no_decoy_gains_beside_what_is_there(late, selected):
 def test_a_model_with_another_effect_instead_is_where_the_residuals_are_least(late, unhurried, selected, monkeypatch):
     """Against the same done slowly, with each point."""
     (joint, data), (found, *_) = late, selected
-    monkeypatch.setattr("studies.tracing.candidates.ALIKE", 0.15)
+    monkeypatch.setattr("optimize.fit.needed.ALIKE", 0.15)
     monkeypatch.setattr("studies.tracing.candidates.alike", lambda *_: [])  # where the joint fit is: above
     selection = Selection(joint, unhurried, found, data.folds, data.noise.sigma, (), {})
     _, instead = candidates_of(selection)

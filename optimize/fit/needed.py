@@ -1,6 +1,6 @@
 """Which effects a fit needs, to first order: what the joint normal distribution of its unknowns says."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -8,6 +8,7 @@ from optimize.fit.clouds import Array, Indices
 from optimize.fit.parameters import FitVector
 
 NEEDED = 8.0  # of log likelihood: what costs less to drop is dropped; four standard deviations of one parameter
+ALIKE = 0.98  # cosine from which on two effects are one answer
 
 
 def needed(x: Array, covariance: Array, vector: FitVector, least: float) -> list[str]:
@@ -69,3 +70,23 @@ def undecided(x: Array, joint: Array, names: Sequence[str], found: Array, kept: 
     taken = joint - conditioned(np.zeros(len(joint)), joint, gone)[1]
     grown[np.ix_(rows, rows)] = taken[np.ix_(own, own)] + np.outer(apart, apart)
     return grown
+
+
+def alike(sensitivity: Array, vector: FitVector, label: str, others: Iterable[str]) -> list[str]:
+    """Those of the terms `others` of a fit that do what an unknown of the term `label` does (cosine over ALIKE), less
+    what factors can take. sensitivity: (p, p) as Fit has it."""
+    s = sensitivity
+    factors = np.array([k for k, p in enumerate(vector.parameters) if p.is_factor], dtype=np.intp)
+    left = s - s[:, factors] @ np.linalg.pinv(s[np.ix_(factors, factors)], rcond=1e-9, hermitian=True) @ s[factors]
+    return [
+        other
+        for other in others
+        if any(does(left, vector.part(other), left[k], left[k, k]) for k in vector.part(label))
+    ]
+
+
+def does(left: Array, columns: Indices, change: Array, size: float) -> bool:
+    """Whether unknowns `columns` can do what a change does whose products with all unknowns are `change` (p,), and with
+    itself `size`. left: (p, p), products of the unknowns."""
+    inverse = np.linalg.pinv(left[np.ix_(columns, columns)], rcond=1e-9, hermitian=True)
+    return bool(change[columns] @ inverse @ change[columns] > ALIKE**2 * size > 0)

@@ -1,20 +1,16 @@
 """What each effect would take, and which the data cannot tell from those chosen: linear algebra on the joint fit."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import effects_of, label_effect
-from optimize.fit.fitted import Fit
 from optimize.fit.left_out import LeftOut, Scored
-from optimize.fit.needed import NEEDED
+from optimize.fit.needed import NEEDED, alike, does
 from optimize.fit.parameters import FitVector
 from studies.tracing.experiment import Explanation
 from studies.tracing.selection import Selection
-
-ALIKE = 0.98  # cosine from which on two effects are one answer
 
 
 @dataclass(frozen=True)
@@ -113,9 +109,9 @@ def _alternatives(wide: LeftOut, selection: Selection, places: dict[str, np.ndar
         own = left[:, part] @ chosen.x[part]
         size = float(chosen.x[part] @ own[part])
         same = [k for k in joint.vector.labels if label_effect(k) == label_effect(label)]
-        there = alike(joint, same[0], [*places]) if len(same) == 1 else []
+        there = alike(joint.sensitivity, joint.vector, same[0], [*places]) if len(same) == 1 else []
         for other, columns in places.items():
-            if other in there or _does(left, columns, own, size):
+            if other in there or does(left, columns, own, size):
                 found.setdefault(label_effect(other), _instead(wide, selection, label, other, columns))
     return found
 
@@ -136,23 +132,3 @@ def _instead(wide: LeftOut, selection: Selection, label: str, other: str, column
     )
     names = effects_of([*(own for own in chosen.labels if own != label), other])
     return Explanation(" and ".join(names), vector, vector.inside(x))
-
-
-def alike(fitted: Fit, label: str, others: Sequence[str]) -> list[str]:
-    """Those of the terms `others` of a fit that do what an unknown of the term `label` does (cosine over ALIKE), less
-    what factors can take."""
-    vector, s = fitted.vector, fitted.sensitivity
-    factors = np.array([k for k, p in enumerate(vector.parameters) if p.is_factor], dtype=np.intp)
-    left = s - s[:, factors] @ np.linalg.pinv(s[np.ix_(factors, factors)], rcond=1e-9, hermitian=True) @ s[factors]
-    return [
-        other
-        for other in others
-        if any(_does(left, vector.part(other), left[k], left[k, k]) for k in vector.part(label))
-    ]
-
-
-def _does(left: np.ndarray, columns: np.ndarray, change: np.ndarray, size: float) -> bool:
-    """Whether unknowns `columns` can do what a change does whose products with all unknowns are `change` (p,), and with
-    itself `size`. left: (p, p), products of the unknowns."""
-    inverse = np.linalg.pinv(left[np.ix_(columns, columns)], rcond=1e-9, hermitian=True)
-    return bool(change[columns] @ inverse @ change[columns] > ALIKE**2 * size > 0)
