@@ -370,6 +370,8 @@ def test_a_step_ends_where_the_quadratic_model_is_least_within_the_bounds(seed):
         (Evidence(3e-3, 2.2e-3, 1, 0.8e-3, 0.6e-3, True), "unexplained"),  # the best leaves structure
         (Evidence(6e-3, 2e-3, 1, 2.4e-3, 1.6e-3, True, 0.5), "unexplained"),  # that goes with the cloth's pose
         (Evidence(6e-3, 0.4e-3, 1, 2.4e-3, 0.3e-3, True, 0.5), "effect"),  # within the tolerance, whatever is left
+        (Evidence(2e-3, 1.6e-3, 1, 2e-3, 1.6e-3, False, fitted_after=0.3e-3), "effect"),  # of the trials fitted too
+        (Evidence(2e-3, 1.6e-3, 1, 2e-3, 1.6e-3, False, 0.5, fitted_after=0.3e-3), "unexplained"),
     ],
 )
 def test_the_verdict_is_that_of_the_rules(evidence, verdict):

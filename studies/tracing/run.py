@@ -206,6 +206,7 @@ def _evidence(selection: Selection, samples: Sequence[Sample], left: float) -> E
         box_certain=plain.gain(before.scored, box, floor)[1][0] > 0,
         left=left,
         fitted=before.scored.excess(floor),
+        fitted_after=after.scored.excess(floor),
     )
 
 

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
+
 Word = Literal["adequate", "effect", "unexplained"]
 SHARE_OF_A_CAUSE = 0.6  # of the gap, that effects must close to be its cause
 LEAST_SHARE = 0.5  # of it, where that is more than the baseline removes: what leaves more than half is not the cause
@@ -27,6 +29,7 @@ class Evidence:
     box_certain: bool
     left: float = 0.0  # share of what the effects leave that one kind of feature takes of trials left out
     fitted: float | None = None  # m that the refitted model leaves of the trials that it was fitted to; None: `before`
+    fitted_after: float = np.inf  # m, the same with all effects
 
 
 def decide(evidence: Evidence, tolerance: float) -> Word:
@@ -42,6 +45,8 @@ def decide(evidence: Evidence, tolerance: float) -> Word:
         return "effect"
     if evidence.left > STRUCTURE:  # the nearest of the wrong names
         return "unexplained"
+    if evidence.fitted_after <= tolerance:  # a trial left out may need a factor that the others do not fix
+        return "effect"
     closed = 1 - evidence.after / evidence.before
     needed = min(SHARE_OF_A_CAUSE, max(LEAST_SHARE, 1.2 * box_closed(evidence)))
     return "effect" if closed >= needed else "unexplained"

@@ -42,8 +42,11 @@ def verdict_in_words(outcome: Outcome) -> str:
     named = " and ".join(effect_in_words(effect) for effect in outcome.effects)
     sentence = (
         f"Missing was {named}: on held-out trials the excess over the noise is {before} without and {left:.2f} mm "
-        "with it."
+        "with it"
     )
+    if evidence.after > outcome.tolerance >= evidence.fitted_after:
+        sentence += f", which leaves {in_mm(evidence.fitted_after):.2f} mm of the trials that it was fitted to"
+    sentence += "."
     if outcome.indistinguishable:
         sentence += f" These data cannot distinguish it from {', '.join(outcome.indistinguishable)}."
     return sentence
