@@ -219,8 +219,8 @@ def _experiment(
     verdict: str,
 ) -> Experiment:
     """Between the model and what else the data leave possible: models with other effects `instead`, else the declared
-    parameters alone, and the joint fit."""
-    if verdict == "adequate":
+    parameters alone, and the joint fit. None where the model is adequate, and no effect is certain all the same."""
+    if verdict == "adequate" and selection.chosen is selection.plain and not selection.small:
         return None
     fits = {"none": selection.plain, "every effect": selection.everything}
     if selection.chosen is not selection.plain:
