@@ -67,16 +67,19 @@ def joint_fit(
     tolerance: float,
     fitted: FitUntil,
     progress: Progress = lambda line, share: None,
+    *,
+    patient: bool = False,
 ) -> tuple[Fit, dict[str, Nothing]]:
     """The fit of all frames, and the terms that it is without, by label: what cannot matter beside `tolerance` [m], of
-    those whose strengths alone are fitted and that no model gave. fitted: makes the fit of each horizon."""
+    those whose strengths alone are fitted and that no model gave. fitted: makes the fit of each horizon. patient:
+    whether it begins again where a later horizon leaves too much, too, not the first alone."""
     right = expected_rms(data.noise, tolerance)
     stages = _stages(data, fitted, np.inf if vector.terms else right, progress)  # effects at nothing leave much
-    way, again = _Way(vector, start), not vector.terms
+    way, once = _Way(vector, start), bool(vector.terms)
     for k, stage in enumerate(stages):
         way = _on(way, stage, tolerance)
-        if not again and way.left > right:
-            again, other = True, _from_factors(vector, stages[0])
+        if once and way.left > right and (patient or k == 0):
+            once, other = False, _from_factors(vector, stages[0])
             for before in stages[: k + 1]:
                 other = _on(other, before, tolerance)
             way = min(way, other, key=lambda one: one.left)

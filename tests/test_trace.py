@@ -548,9 +548,9 @@ def test_what_does_the_same_as_an_effect_that_is_needed_is_not_left_out(late, co
     assert ("dead_time" in found) is goes
 
 
-@pytest.mark.parametrize("bad", ["to 0.5 s", "", "nowhere"])
-def test_a_joint_fit_that_leaves_too_much_begins_again_where_the_factors_alone_lead(late, bad):
-    """Over the first horizon or a later one; the better of both goes on."""
+@pytest.mark.parametrize(("bad", "patient"), [("to 0.5 s", False), ("", True), ("", False), ("nowhere", True)])
+def test_a_joint_fit_that_leaves_too_much_begins_again_where_the_factors_alone_lead(late, bad, patient):
+    """Over the first horizon, or with patience a later one; the better of both goes on."""
     joint, data = late
     asked = []
 
@@ -562,13 +562,15 @@ def test_a_joint_fit_that_leaves_too_much_begins_again_where_the_factors_alone_l
 
     few = data.until(1.0)
     assert horizons(few.samples) == [0.5, 1.0]
-    found, _ = joint_fit(few, joint.vector, joint.vector.start, 0.5e-3, fitted)
+    found, _ = joint_fit(few, joint.vector, joint.vector.start, 0.5e-3, fitted, patient=patient)
     told = [named for named, *_ in asked]
     first, again = "to 0.5 s", ["factors to 0.5 s", "from factors to 0.5 s"]
-    expected = {first: [first, *again, "from factors"], "": [first, "", *again, "from factors"]}
-    assert told == expected.get(bad, [first, ""])
-    assert found.after == 0.5e-3
-    if bad in told:
+    if bad == first:
+        assert told == [first, *again, "from factors"]
+    else:
+        assert told == [first, "", *([*again, "from factors"] if bad == "" and patient else [])]
+    assert found.after == (9e-3 if bad == "" and not patient else 0.5e-3)
+    if again[0] in told:
         factors, effects = (asked[told.index(named)] for named in again)
         assert factors[1] == len(joint.vector.without_effects.parameters)
         assert effects[2] == 0 < asked[0][2]

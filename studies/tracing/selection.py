@@ -74,7 +74,7 @@ def select(task: Task) -> Selection:
         named = f"every effect {named}".strip()
         return replace(task, data=data).fit(named, own, start=start, near=True, expected=expected)
 
-    everything, nothing = joint_fit(task.data, vector, start, task.tolerance, fitted)
+    everything, nothing = joint_fit(task.data, vector, start, task.tolerance, fitted, patient=True)
     plain = task.weighed(plain, everything.inputs)
     found, small, decoys = backwards(task, everything, plain)
     if found is None:
