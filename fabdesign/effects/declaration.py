@@ -59,7 +59,8 @@ class Effect:
     the present pressures still shows in the shape at rest. resists: whether its force is against motion alone, so that
     the derivatives of a shape at rest are near those without it. named: whether it stands for something physical;
     one that does not is fitted where it is asked for by its name, not with `all`, and is no answer of a trace.
-    adds_up_to: the factor that the strengths of all its choices, moved alike, are the same as.
+    adds_up_to: the factor that the strengths of all its choices, moved alike, are the same as. same_from_rest: the
+    effect that does the same wherever motions begin at rest.
     """
 
     name: str
@@ -80,6 +81,7 @@ class Effect:
     resists: bool = False
     named: bool = True
     adds_up_to: str = ""
+    same_from_rest: str = ""
 
     @property
     def strengths(self) -> tuple[str, ...]:

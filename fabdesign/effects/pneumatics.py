@@ -103,6 +103,7 @@ DEAD_TIME = Effect(
     parameters={"delay": EffectParameter("s", "delay", 0.04, (0.0, 1.0), 0.05, off=0.0)},
     pressure=_dead_time_pressure,
     bench=_dead_time_bench,
+    same_from_rest="time_offset",
 )
 
 

@@ -63,6 +63,7 @@ TIME_OFFSET = Effect(
     source="clocks of regulator and camera; docs/effects.md",
     parameters={"offset": EffectParameter("s", "offset", 0.05, (-0.5, 1.0), 0.05, off=0.0)},
     clock=_time_offset_clock,
+    same_from_rest="dead_time",
 )
 
 

@@ -21,7 +21,7 @@ from studies.tracing.decoys import Decoys, decoys_beside
 from studies.tracing.reduction import reduced
 from studies.tracing.task import Place, Task
 
-_CLOSE = 0.5  # of log likelihood: where a fit ends that is judged at the minimum of its linearised residuals
+CLOSE = 0.5  # of log likelihood: where a fit ends that is judged at the minimum of its linearised residuals
 _MUCH = 1.2  # times what a fit may lose of trials left out, in quadrature: what loses more even of those fitted ends
 _NONE = np.zeros(0, dtype=np.intp)
 
@@ -126,7 +126,7 @@ def _fit_of(task: Task, known: Fit, labels: Sequence[str], *, hopeless: float = 
     fewer, index = known.vector.only(labels)
     jacobian = known.state.jacobian[:, index] if fewer.names == vector.names else None
     return task.fit(
-        " ".join(vector.labels), vector, known.inputs, starts, close=_CLOSE, hopeless=hopeless, jacobian=jacobian
+        " ".join(vector.labels), vector, known.inputs, starts, close=CLOSE, hopeless=hopeless, jacobian=jacobian
     )
 
 
@@ -229,13 +229,17 @@ class Most:
     def loses(self, simpler: Fit, least: float) -> bool:
         """Whether a fit with fewer effects does not do as well. As well: trials left out lose under `least` [m], or not
         for certain, and either the data lose too little, or other layouts differ by too little."""
-        task, own = self.task, self.scored
-        without = LeftOut.of(simpler, task.data.folds).scored()
-        alike = replace(own, squares=own.squares * without.weights / np.maximum(own.weights, 1e-12))
-        return _certain(self.trials.gain(without, alike, task.floor), least) or (
+        task = self.task
+        return self.predicts_better(simpler, least) or (
             _lost(task, self.fit, simpler) >= NEEDED
             and task.differs_elsewhere(Place(self.fit.vector, self.fit.x), Place(simpler.vector, simpler.x)) >= least
         )
+
+    def predicts_better(self, other: Fit, least: float) -> bool:
+        """Whether trials left out lose `least` [m] by another fit, and that for certain."""
+        without, own = LeftOut.of(other, self.task.data.folds).scored(), self.scored
+        alike = replace(own, squares=own.squares * without.weights / np.maximum(own.weights, 1e-12))
+        return _certain(self.trials.gain(without, alike, self.task.floor), least)
 
 
 def _lost(task: Task, known: Fit, other: Fit) -> float:

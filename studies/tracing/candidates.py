@@ -1,16 +1,21 @@
-"""What each effect would take, and which the data cannot tell from those chosen: linear algebra on the joint fit."""
+"""What each effect would take, and which the data cannot tell from those chosen: linear algebra on the joint fit, but
+for pairs that are the same from rest."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import effects_of, label_effect
+from optimize.fit.fitted import Fit
+from optimize.fit.free import fit_vector
 from optimize.fit.left_out import LeftOut, Scored
 from optimize.fit.needed import NEEDED, alike, does
 from optimize.fit.parameters import FitVector
+from studies.tracing.backwards import CLOSE, Most
 from studies.tracing.experiment import Explanation
 from studies.tracing.selection import Selection
+from studies.tracing.task import Task
 
 
 @dataclass(frozen=True)
@@ -55,6 +60,33 @@ def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], dict[str
         best[candidate.name] = candidate
     ranked = sorted(best.values(), key=lambda c: (-c.chosen, -c.gain))
     return tuple(ranked), _alternatives(wide, selection, places)
+
+
+def same_from_rest(task: Task, selection: Selection) -> dict[str, Explanation]:
+    """By name, effects that do the same as one chosen wherever motions begin at rest, as the model with it instead:
+    fitted, since Jacobians of two places tell them apart, and left out where trials left out lose by it."""
+    chosen, found = selection.chosen, dict[str, Explanation]()
+    taken = {*effects_of(chosen.vector.labels), *task.known}
+    for label in chosen.vector.labels:
+        other = EFFECTS[label_effect(label)].same_from_rest
+        if other in EFFECTS and other not in taken:
+            vector = _exchanged(chosen, label, fit_vector([other], designs=task.designs))
+            fitted = task.fit(f"{other} for {label}", vector, chosen.inputs, vector.start, close=CLOSE)
+            if not Most(task, chosen).predicts_better(fitted, task.tolerance):
+                found[other] = Explanation(" and ".join(effects_of(vector.labels)), vector, fitted.x)
+    return found
+
+
+def _exchanged(fitted: Fit, label: str, other: FitVector) -> FitVector:
+    """Of a fit, the vector that begins where it is, with the effect of `other` in place of the term `label`: its
+    strengths begin at that one's, in order."""
+    vector, part = fitted.vector, fitted.vector.part(label)
+    begun = [replace(p, start=float(x)) for p, x in zip(vector.parameters, fitted.x, strict=True)]
+    own = [p for p in other.parameters if not p.is_factor]
+    own = [replace(p, start=begun[k].start) for p, k in zip(own, part, strict=False)] + own[len(part) :]
+    terms = [term for known, term in zip(vector.labels, vector.terms, strict=True) if known != label]
+    kept = [p for k, p in enumerate(begun) if k not in part]
+    return FitVector((*kept, *own), vector.factors, (*terms, *other.terms))
 
 
 def _chosen(wide: LeftOut, none: Scored, added: np.ndarray, label: str, selection: Selection) -> Candidate:

@@ -24,7 +24,7 @@ from optimize.fit.left_out import LeftOut
 from studies.measured_data import Density, MeasuredData, TooLittle
 from studies.sensitive_stretches import sensitive_stretches
 from studies.tracing.black_box import baseline_score
-from studies.tracing.candidates import candidates_of
+from studies.tracing.candidates import candidates_of, same_from_rest
 from studies.tracing.discovered import discover
 from studies.tracing.errors import errors_of_trials
 from studies.tracing.experiment import Explanation, next_experiment
@@ -36,7 +36,7 @@ from studies.tracing.task import Place, Task
 from studies.tracing.verdict import Evidence, decide
 from studies.used_frames import Stretch, UsedFrames, share_left_out
 
-ALGORITHM = 18  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
+ALGORITHM = 19  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 TOLERANCE = 0.5e-3  # m of excess
 TRIALS = 16  # at most, spread over those allowed
 LEAST_TRIALS = 3  # with different pressures
@@ -134,6 +134,8 @@ def _trace(
     before, after = (Place(found.vector, found.x) for found in (selection.plain, fitted))
     errors = errors_of_trials(every, used.stretches or (), forward, before, after, data.noise)
     candidates, instead = candidates_of(selection)
+    if verdict == "effect":
+        instead |= same_from_rest(task, selection)
     say("what to measure next")
     experiment = _experiment(measured, data, forward, selection, [*instead.values()], verdict)
     return Outcome(
