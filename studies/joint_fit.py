@@ -75,20 +75,20 @@ def joint_fit(
     whether it begins again where a later horizon leaves too much, too, not the first alone."""
     right = expected_rms(data.noise, tolerance)
     stages = _stages(data, fitted, np.inf if vector.terms else right, progress)  # effects at nothing leave much
-    way, once = _Way(vector, start), bool(vector.terms)
+    descent, once = _Descent(vector, start), bool(vector.terms)
     for k, stage in enumerate(stages):
-        way = _on(way, stage, tolerance)
-        if once and way.left > right and (patient or k == 0):
+        descent = _on(descent, stage, tolerance)
+        if once and descent.left > right and (patient or k == 0):
             once, other = False, _from_factors(vector, stages[0])
             for before in stages[: k + 1]:
                 other = _on(other, before, tolerance)
-            way = min(way, other, key=lambda one: one.left)
-    assert way.fit is not None
-    return way.fit, way.nothing
+            descent = min(descent, other, key=lambda one: one.left)
+    assert descent.fit is not None
+    return descent.fit, descent.nothing
 
 
 @dataclass(frozen=True, eq=False)
-class _Way:
+class _Descent:
     """A fit between horizons: its unknowns, where they are, and what was left out. named: in what is said."""
 
     vector: FitVector
@@ -124,20 +124,20 @@ def _stages(data: MeasuredData, fitted: FitUntil, expected: float, progress: Pro
     ]
 
 
-def _on(way: _Way, stage: _Stage, tolerance: float) -> _Way:
+def _on(descent: _Descent, stage: _Stage, tolerance: float) -> _Descent:
     """Over one horizon; what cannot matter takes no part in the next."""
-    found = stage.fitted(way.vector, way.x, named=f"{way.named} {stage.named}".strip())
+    found = stage.fitted(descent.vector, descent.x, named=f"{descent.named} {stage.named}".strip())
     gone = {} if stage.is_last else negligible(found, tolerance)
-    vector, index = way.vector.only([label for label in way.vector.labels if label not in gone])
-    return _Way(vector, found.x[index], way.named, way.nothing | gone, found)
+    vector, index = descent.vector.only([label for label in descent.vector.labels if label not in gone])
+    return _Descent(vector, found.x[index], descent.named, descent.nothing | gone, found)
 
 
-def _from_factors(vector: FitVector, first: _Stage) -> _Way:
+def _from_factors(vector: FitVector, first: _Stage) -> _Descent:
     """Where the factors alone lead over the first horizon, and effects at nothing: a cloth that buckles has false
     minima on either way."""
     plain = vector.without_effects
     factors = first.fitted(plain, plain.start, named=f"factors {first.named}".strip()).x
-    return _Way(vector, beside(vector, factors), "from factors")
+    return _Descent(vector, beside(vector, factors), "from factors")
 
 
 def beside(vector: FitVector, factors: Array) -> Array:
