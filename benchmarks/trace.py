@@ -41,13 +41,14 @@ def examine(rig: Rig, measured: Path, out: Path) -> dict[str, Any]:
         outcome = trace_set(read_set(measured), out, inputs=[measured], say=lambda line: print(f"{rig.name}: {line}"))
     found, evidence = outcome.as_json(), outcome.evidence
     names = [effect["name"] for effect in found["effects"]]
+    is_right = rig.is_right(names, found["verdict"], found["indistinguishable"])
     return {
         "rig": rig.name,
         "answer": " + ".join(names) or found["verdict"],
         "discovered": found["discovered"] and found["discovered"]["formula"],
         "indistinguishable": found["indistinguishable"],
-        "is_right": rig.is_right(names, found["verdict"], found["indistinguishable"]),
-        "wrong_names": [n for n in names if n not in rig.right.split(" + ")],
+        "is_right": is_right,
+        "wrong_names": [n for n in names if not is_right and n not in rig.right.split(" + ")],
         "decoys": found["decoys"],
         "below_tenth": found["weights"]["share_below_tenth"],
         "factors": factors_inside(rig, outcome.model),
