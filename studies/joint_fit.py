@@ -75,11 +75,11 @@ def joint_fit(
     whether it begins again where a later horizon leaves too much, too, not the first alone."""
     right = expected_rms(data.noise, tolerance)
     stages = _stages(data, fitted, np.inf if vector.terms else right, progress)  # effects at nothing leave much
-    descent, once = _Descent(vector, start), bool(vector.terms)
+    descent, untried = _Descent(vector, start), bool(vector.terms)
     for k, stage in enumerate(stages):
         descent = _on(descent, stage, tolerance)
-        if once and descent.left > right and (patient or k == 0):
-            once, other = False, _from_factors(vector, stages[0])
+        if untried and descent.left > right and (patient or k == 0):
+            untried, other = False, _from_factors(vector, stages[0])
             for before in stages[: k + 1]:
                 other = _on(other, before, tolerance)
             descent = min(descent, other, key=lambda one: one.left)

@@ -60,7 +60,7 @@ class Effect:
     the derivatives of a shape at rest are near those without it. named: whether it stands for something physical;
     one that does not is fitted where it is asked for by its name, not with `all`, and is no answer of a trace.
     adds_up_to: the factor that the strengths of all its choices, moved alike, are the same as. same_from_rest: the
-    effect that does the same wherever motions begin at rest.
+    effect that does the same, parameter for parameter, wherever motions begin at rest.
     """
 
     name: str

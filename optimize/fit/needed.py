@@ -76,7 +76,7 @@ def alike(sensitivity: Array, vector: FitVector, label: str, others: Iterable[st
     """Those of the terms `others` of a fit that do what an unknown of the term `label` does (cosine over ALIKE), less
     what factors can take. sensitivity: (p, p) as Fit has it."""
     s = sensitivity
-    factors = np.array([k for k, p in enumerate(vector.parameters) if p.is_factor], dtype=np.intp)
+    factors = np.flatnonzero(vector.are_factors)
     left = s - s[:, factors] @ np.linalg.pinv(s[np.ix_(factors, factors)], rcond=1e-9, hermitian=True) @ s[factors]
     return [
         other

@@ -90,8 +90,8 @@ def directions(normal: Normal, vector: FitVector = DECLARED) -> Array:
     """
     prior = vector.prior
     rows = np.zeros((len(prior), len(prior)))
-    factor = np.array([p.is_factor for p in vector.parameters])
-    for group in (np.flatnonzero(factor), *np.flatnonzero(~factor)[:, None]):
+    factors = vector.are_factors
+    for group in (np.flatnonzero(factors), *np.flatnonzero(~factors)[:, None]):
         if len(group):
             own = np.ix_(group, group)
             squares, vectors = np.linalg.eigh(normal.sensitivity[own] * np.outer(prior[group], prior[group]))

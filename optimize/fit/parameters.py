@@ -74,6 +74,11 @@ class FitVector:
         return np.array([parameter.deviation for parameter in self.parameters])
 
     @cached_property
+    def are_factors(self) -> NDArray[np.bool_]:
+        """(p,) which of the unknowns are factors, not parameters of effects."""
+        return np.array([parameter.is_factor for parameter in self.parameters], dtype=bool)
+
+    @cached_property
     def scale(self) -> Array:
         """(p,) of x that counts as much as 1 of a factor's logarithm, where the length of a step is judged."""
         return np.array([1.0 if p.is_factor else p.deviation / TYPICAL for p in self.parameters])
@@ -97,8 +102,8 @@ class FitVector:
 
     def is_plausible(self, x: Array) -> bool:
         """Whether the factors at x are among those of 999 in 1000 of their prior: chi squared of their distance."""
-        own = np.array([p.is_factor for p in self.parameters])
-        return float(np.square(x / self.prior)[own].sum()) <= float(chdtri(max(own.sum(), 1), _RARE))
+        own = np.square(x / self.prior)[self.are_factors]
+        return float(own.sum()) <= float(chdtri(max(len(own), 1), _RARE))
 
     def factors_at(self, x: Array) -> dict[str, float]:
         own = {p.name: p.value(v) for p, v in zip(self.parameters, x, strict=True) if p.is_factor}

@@ -96,8 +96,8 @@ def far_factors(fit: Fit) -> list[str]:
     vector, x = fit.vector, fit.x
     if vector.is_plausible(x):
         return []
-    of = zip(vector.parameters, x, strict=True)
-    far = [f"{p.name.replace('_', ' ')} {p.value(v):.2f}" for p, v in of if p.is_factor and abs(v) > 2 * p.deviation]
+    own = np.flatnonzero(vector.are_factors & (np.abs(x) > 2 * vector.prior))
+    far = [f"{vector.names[k].replace('_', ' ')} {vector.parameters[k].value(x[k]):.2f}" for k in own]
     return [
         f"the factors are farther from the data sheet than those of one specimen in a thousand ({', '.join(far)}): an "
         "effect that the model lacks may hide in them"

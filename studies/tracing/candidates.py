@@ -1,13 +1,12 @@
 """What each effect would take, and which the data cannot tell from those chosen: linear algebra on the joint fit, but
 for pairs that are the same from rest."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import effects_of, label_effect
-from optimize.fit.fitted import Fit
 from optimize.fit.free import fit_vector
 from optimize.fit.left_out import LeftOut, Scored
 from optimize.fit.needed import NEEDED, alike, does
@@ -66,27 +65,29 @@ def same_from_rest(task: Task, selection: Selection) -> dict[str, Explanation]:
     """By name, effects that do the same as one chosen wherever motions begin at rest, as the model with it instead:
     fitted, since Jacobians of two places tell them apart, and left out where trials left out lose by it."""
     chosen, found = selection.chosen, dict[str, Explanation]()
-    taken = {*effects_of(chosen.vector.labels), *task.known}
+    most, taken = Most(task, chosen), {*effects_of(chosen.vector.labels), *task.known}
     for label in chosen.vector.labels:
         other = EFFECTS[label_effect(label)].same_from_rest
         if other in EFFECTS and other not in taken:
-            vector = _exchanged(chosen, label, fit_vector([other], designs=task.designs))
-            fitted = task.fit(f"{other} for {label}", vector, chosen.inputs, vector.start, close=CLOSE)
-            if not Most(task, chosen).predicts_better(fitted, task.tolerance):
+            vector, kept = _in_place(chosen.vector, label, fit_vector([other], designs=task.designs), other)
+            start = np.concatenate([chosen.x[kept], chosen.x[chosen.vector.part(label)]])
+            fitted = task.fit(f"{other} for {label}", vector, chosen.inputs, start, close=CLOSE)
+            if not most.predicts_better(fitted, task.tolerance):
                 found[other] = Explanation(" and ".join(effects_of(vector.labels)), vector, fitted.x)
     return found
 
 
-def _exchanged(fitted: Fit, label: str, other: FitVector) -> FitVector:
-    """Of a fit, the vector that begins where it is, with the effect of `other` in place of the term `label`: its
-    strengths begin at that one's, in order."""
-    vector, part = fitted.vector, fitted.vector.part(label)
-    begun = [replace(p, start=float(x)) for p, x in zip(vector.parameters, fitted.x, strict=True)]
-    own = [p for p in other.parameters if not p.is_factor]
-    own = [replace(p, start=begun[k].start) for p, k in zip(own, part, strict=False)] + own[len(part) :]
-    terms = [term for known, term in zip(vector.labels, vector.terms, strict=True) if known != label]
-    kept = [p for k, p in enumerate(begun) if k not in part]
-    return FitVector((*kept, *own), vector.factors, (*terms, *other.terms))
+def _in_place(vector: FitVector, label: str, source: FitVector, other: str) -> tuple[FitVector, np.ndarray]:
+    """A vector with the term `other` of a vector `source`, last, in place of its own `label`, and which of its unknowns
+    are kept."""
+    kept = np.setdiff1d(np.arange(len(vector.names)), vector.part(label))
+    terms = [term for own, term in zip(vector.labels, vector.terms, strict=True) if own != label]
+    exchanged = FitVector(
+        (*(vector.parameters[k] for k in kept), *(source.parameters[k] for k in source.part(other))),
+        vector.factors,
+        (*terms, source.terms[source.labels.index(other)]),
+    )
+    return exchanged, kept
 
 
 def _chosen(wide: LeftOut, none: Scored, added: np.ndarray, label: str, selection: Selection) -> Candidate:
@@ -150,17 +151,11 @@ def _alternatives(wide: LeftOut, selection: Selection, places: dict[str, np.ndar
 
 def _instead(wide: LeftOut, selection: Selection, label: str, other: str, columns: np.ndarray) -> Explanation:
     """The model with a term `other`, whose unknowns are `columns` of `wide`, in place of the chosen `label`."""
-    chosen, joint = selection.chosen.vector, selection.everything.vector
+    chosen = selection.chosen.vector
     part = chosen.part(label)
-    kept = np.setdiff1d(np.arange(len(chosen.names)), part)
+    vector, kept = _in_place(chosen, label, selection.everything.vector, other)
     free = np.concatenate([kept, columns])
     slope = wide.gradient - wide.information[:, part] @ wide.x[part]
     x = wide.x[free] - np.linalg.solve(wide.information[np.ix_(free, free)], slope[free])
-    terms = [term for own, term in zip(chosen.labels, chosen.terms, strict=True) if own != label]
-    vector = FitVector(
-        (*(chosen.parameters[k] for k in kept), *(joint.parameters[k] for k in joint.part(other))),
-        chosen.factors,
-        (*terms, joint.terms[joint.labels.index(other)]),
-    )
     names = effects_of([*(own for own in chosen.labels if own != label), other])
     return Explanation(" and ".join(names), vector, vector.inside(x))

@@ -86,7 +86,7 @@ def next_experiment(
     tried = programs(design, rig)
     times = np.linspace(rig.duration / _FRAMES, rig.duration, _FRAMES)
     first = explanations[0]
-    factors = [k for k, parameter in enumerate(first.vector.parameters) if parameter.is_factor]
+    factors = np.flatnonzero(first.vector.are_factors).tolist()
     cases: list[Case] = []
     for program in tried.values():
         cases += [Case(design, program, e.vector.factors_at(e.x), e.vector.terms_at(e.x)) for e in explanations]

@@ -59,8 +59,8 @@ def select(task: Task) -> Selection:
 
     Where the declared parameters leave little, the residuals are nearly linear about them, and the joint fit begins
     there: from the data sheet a cloth that snaps leads it astray. Not where they had to go where no specimen is: an
-    effect hides in them then. The horizon grows, as in any fit; what a horizon says
-    for certain to be next to nothing is left out of the later ones: a column costs a motion of every trial."""
+    effect hides in them then. The horizon grows, as in any fit; what a horizon says for certain to be next to nothing
+    is left out of the later ones: a column costs a motion of every trial."""
     every = fit_vector(["all"], factors=task.factors, designs=task.designs)
     vector = without(every, task.known)
     plain = task.fit("plain", vector.without_effects, near=True)

@@ -1,10 +1,9 @@
 """What a trace says: adequate, an effect, or unexplained."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
-
-import numpy as np
 
 Word = Literal["adequate", "effect", "unexplained"]
 SHARE_OF_A_CAUSE = 0.6  # of the gap, that effects must close to be its cause
@@ -29,7 +28,7 @@ class Evidence:
     box_certain: bool
     left: float = 0.0  # share of what the effects leave that one kind of feature takes of trials left out
     fitted: float | None = None  # m that the refitted model leaves of the trials that it was fitted to; None: `before`
-    fitted_after: float = np.inf  # m, the same with all effects
+    fitted_after: float = math.inf  # m, the same with all effects
 
 
 def decide(evidence: Evidence, tolerance: float) -> Word:
