@@ -26,8 +26,8 @@ from fabdesign.pressure import rising_program
 from studies.loop.run import run_loop
 
 PAGE = ROOT / "docs" / "results" / "loop.md"
-ELEMENT, STEP = 0.02, 1 / 480  # m, s of the rig: coarser than its own, which costs 20 times as much
-GRID = 11  # points a side of the search, the trace and the fit
+ELEMENT, STEP = 0.0125, 1 / 480  # m, s of the rig: coarser than its own
+GRID = 21  # points a side of the search, the trace and the fit
 RISE, HOLD = 0.5, 1.5  # s
 EVALUATIONS = 2000  # of each search
 POINTS = 3362  # of a target
