@@ -1,9 +1,8 @@
 """What the field corrector learns from: measured heights, their errors, and what each basis function would do."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,6 @@ from corrector.response import weight_over_stiffness
 from corrector.shape import FINE, LocalFrames, middle_of
 from fabdesign.corrector import with_history
 from fabdesign.forward import Case
-from fabdesign.output import whole_file
 from fabdesign.surface import Surface, face_triangles
 from fabdesign.units import in_mm
 
@@ -127,12 +125,3 @@ class Examples:
 
     def __len__(self) -> int:
         return len(self.goal)
-
-    def save(self, path: Path) -> None:
-        with whole_file(path) as temporary, temporary.open("wb") as stream:
-            np.savez(stream, **{field.name: getattr(self, field.name) for field in fields(self)})
-
-    @staticmethod
-    def load(path: Path) -> "Examples":
-        with np.load(path) as arrays:
-            return Examples(**{field.name: arrays[field.name] for field in fields(Examples)})

@@ -35,10 +35,12 @@ class Checkpoint:
     """The pieces of one piece of work, in files of `pieces` in its folder.
 
     seconds: after so much computing no further piece is begun; None: no limit. Raises OtherContent, which says what
-    differs, where the folder holds pieces of other content, unless it is worked in anew.
+    differs, where the folder holds pieces of other content, unless it is worked in anew, or they go by `force`.
     """
 
-    def __init__(self, work: WorkFolder, content: Mapping[str, str], *, seconds: float | None = None) -> None:
+    def __init__(
+        self, work: WorkFolder, content: Mapping[str, str], *, seconds: float | None = None, force: bool = False
+    ) -> None:
         self._work, self._seconds = work, seconds
         self._folder = work.folder / FOLDER
         file = self._folder / _CONTENT
@@ -46,9 +48,11 @@ class Checkpoint:
             known = json.loads(file.read_text(encoding="utf-8"))
             if known == content:
                 return
-            if not work.anew:
+            if not (work.anew or force):
                 require_same(known, content, work.folder, "other work")
             work.clear()
+            for piece in self._folder.glob("*"):
+                piece.unlink()
         self._folder.mkdir(exist_ok=True)
         self._write(_CONTENT, dict(content))
 
@@ -59,13 +63,18 @@ class Checkpoint:
         return float(sum(json.loads(file.read_text(encoding="utf-8"))["seconds"] for file in files))
 
     def has(self, name: str) -> bool:
-        """Whether a piece by `get` is kept."""
-        return (self._folder / f"{name}.json").is_file()
+        """Whether a piece is kept."""
+        return any(self._file(name, ending).is_file() for ending in ("json", "npz"))
+
+    def own(self, *files: str) -> Path:
+        """The folder of the pieces, where others write `files`, each of them whole."""
+        self._work.claim(*(f"{FOLDER}/{file}" for file in files))
+        return self._folder
 
     def get(self, name: str, compute: Callable[[], Any]) -> Any:
         """What JSON can hold: what is kept of this name, else computed and kept; None where there is no time to begin
         it."""
-        file = self._folder / f"{name}.json"
+        file = self._file(name, "json")
         if not file.is_file():
             if self._seconds is not None and self.spent >= self._seconds:
                 return None
@@ -76,7 +85,7 @@ class Checkpoint:
 
     def arrays(self, name: str, compute: Callable[[], Arrays]) -> Arrays:
         """The same of arrays by name."""
-        file = self._folder / f"{name}.npz"
+        file = self._file(name, "npz")
         if file.is_file():
             try:
                 with np.load(file, allow_pickle=False) as kept:
@@ -84,13 +93,16 @@ class Checkpoint:
             except (OSError, ValueError, zipfile.BadZipFile):
                 pass  # damaged: it is computed again
         arrays = compute()
-        self._work.claim(f"{FOLDER}/{file.name}")
+        self.own(file.name)
         with whole_file(file) as temporary, temporary.open("wb") as stream:
             np.savez(stream, **arrays)  # type: ignore[arg-type]
         return arrays
 
+    def _file(self, name: str, ending: str) -> Path:
+        return self._folder / f"{''.join(c if c.isalnum() or c == '_' else '-' for c in name)}.{ending}"
+
     def _write(self, name: str, content: Any) -> None:
-        self._work.claim(f"{FOLDER}/{name}")
+        self.own(name)
         write_text(self._folder / name, json.dumps(content) + "\n")
 
 

@@ -23,12 +23,13 @@ from fabdesign.catalogue import build, standard
 from fabdesign.corrector import with_history
 from fabdesign.design import Design
 from fabdesign.errors import InputError
-from fabdesign.forward import Case
+from fabdesign.forward import PARAMETERS, Case
 from fabdesign.measurement_set import NewTrial, TrialData, read_set, write_set
 from fabdesign.model import Model, Parameter
 from fabdesign.model_file import read_model, write_model
 from fabdesign.pressure import PressureProgram
 from fabdesign.surface import Surface
+from optimize.fit.free import fit_vector
 from optimize.fit.parameters import FitParameter, FitVector
 from studies.forward_model import not_corrected
 from studies.training.data import choose, frames_learned
@@ -271,6 +272,34 @@ def test_the_base_is_fitted_to_the_trials_that_are_learned_from(tmp_path: Path) 
     assert again.model.factors == result.model.factors
 
 
+def test_a_base_that_was_stopped_goes_on_with_the_horizon_that_it_was_at(tmp_path: Path) -> None:
+    measured = measure(tmp_path / "set", LEARNED[:1], trials=4, times=np.arange(1, 11) * 0.1)
+    vector = fit_vector(["scale_error"], fixed=[name for name in PARAMETERS if name != "muscle_gain"])
+    options = {"base": Model(), "vector": vector, "forward": Weak()}
+    lines: list[str] = []
+
+    def told(what: str, done: int, total: int) -> None:
+        lines.append(what)
+
+    whole = _train(measured, tmp_path / "whole.toml", progress=told, **options)
+    base = [line for line in lines if line.startswith("base: ")]
+    early, late = ([line for line in base if line.startswith(f"base: to {until} s")] for until in ("0.5", "1"))
+    assert early and late
+
+    def stop(what: str, done: int, total: int) -> None:
+        if what == late[0]:
+            raise Stopped
+
+    with pytest.raises(Stopped):
+        _train(measured, tmp_path / "again.toml", progress=stop, **options)
+    lines.clear()
+    again = _train(measured, tmp_path / "again.toml", progress=told, **options)
+    assert [line for line in lines if line.startswith("base: ")] == late
+    assert again.model.factors == whole.model.factors and again.model.terms == whole.model.terms
+    (gain,) = (p.factor for name, p in again.model.parameters.items() if name.endswith("muscle_gain"))
+    assert gain == pytest.approx(1.4, abs=0.02)
+
+
 class Tosser(Bending):
     """From 0.2 s on it lies to one side or the other, as the frame leans, where the first channel has over 150 kPa."""
 
@@ -310,7 +339,7 @@ def test_a_training_that_was_stopped_goes_on_and_ends_the_same(tmp_path: Path) -
     with pytest.raises(Stopped):
         _train(measured, tmp_path / "again.toml", progress=stop)
     assert not (tmp_path / "again.toml").exists()
-    with pytest.raises(InputError, match="other plan"):
+    with pytest.raises(InputError, match="plan differs"):
         _train(measured, tmp_path / "again.toml", plan=Regression(folds=2))
     forward, told = Bending(), []
     again = _train(measured, tmp_path / "again.toml", forward=forward, progress=lambda *said: told.append(said))

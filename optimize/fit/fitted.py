@@ -1,10 +1,11 @@
-"""Where a fit ended, and what is known about it: `Fit`."""
+"""Where a fit ended, and what is known about it: `Fit`; and how it is kept."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from fabdesign.checkpoint import Arrays, Checkpoint
 from fabdesign.surface import CAP
 from optimize.fit.clouds import Array, Match, Sample, frames_of
 from optimize.fit.inputs import InputErrors
@@ -78,6 +79,33 @@ def concluded(
         normal=normal,
         inputs=inputs,
     )
+
+
+def kept(
+    checkpoint: Checkpoint,
+    named: str,
+    problem: Problem,
+    compute: Callable[[], Fit],
+    inputs: InputErrors | None = None,
+) -> Fit:
+    """The fit `named` of a problem: that of the checkpoint, else computed and kept. Kept are where it ended, its
+    Jacobian, and what errors of the inputs do, unless that is given; the motions there are made again."""
+    fresh: list[Fit] = []
+
+    def arrays() -> Arrays:
+        fresh.append(found := compute())
+        own = {} if inputs is not None or found.inputs is None else vars(found.inputs)
+        told = np.array([found.before, found.iterations, found.converged], dtype=float)
+        return {"x": found.x, "jacobian": found.state.jacobian, "told": told, **own}
+
+    there = checkpoint.arrays(f"fit_{named}", arrays)
+    if fresh:
+        return fresh[0]
+    if inputs is None and "columns" in there:
+        inputs = InputErrors(there["columns"], there["bent"])
+    state = problem.with_jacobian(problem.evaluate([there["x"]])[0], there["jacobian"])
+    before, iterations, converged = there["told"].tolist()
+    return concluded(problem, state, inputs, before, int(iterations), bool(converged))
 
 
 def _covariance(normal: Normal, weight: Array) -> Array:

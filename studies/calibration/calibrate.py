@@ -3,10 +3,12 @@
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from fabdesign.checkpoint import Checkpoint
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
 from fabdesign.model import POINTS_PER_SIDE, Model
@@ -17,8 +19,9 @@ from fabdesign.trial import MeasurementSet
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Array, Sample, evenly
 from optimize.fit.descent import Progress, fit, parts
-from optimize.fit.fitted import Fit
+from optimize.fit.fitted import Fit, kept
 from optimize.fit.parameters import DECLARED, FitVector
+from optimize.fit.problem import FitProblem
 from studies.bad_data import Tolerance
 from studies.calibration.ambiguities import ambiguities
 from studies.calibration.fitted_model import fitted_model
@@ -114,6 +117,7 @@ def calibrate(
     engines: np.ndarray | None = None,
     intervals: bool = False,
     interruptible: bool = False,
+    checkpoint: Checkpoint | None = None,
     progress: Progress = lambda line, share: None,
 ) -> Calibration:
     """The unknowns of `vector`, by default the seven factors of `fabdesign.forward.PARAMETERS`, from the trials of role
@@ -129,7 +133,8 @@ def calibrate(
     default those of the virtual rig.
     Errors of the pressures and the frame's level are weighed by the sets' accuracy.
     intervals: whether those of motions are calibrated too, on the trials of role `fit` that were not fitted.
-    interruptible: Ctrl-C ends the fit where its last iteration began, with a warning.
+    interruptible: Ctrl-C ends the fit where its last iteration began, with a warning. checkpoint: keeps the fit of each
+    horizon.
     Raises InputError for an implausible trial and where no trial is left, SimulationError where every motion diverges.
     """
     sets = [measured] if isinstance(measured, MeasurementSet) else [*measured]
@@ -142,7 +147,7 @@ def calibrate(
     data = MeasuredData.of(sets, chosen, used, DRAWN, seed=seed)
     bare, forward = forward, Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
-    fitted, nothing = _fit(data, forward, slopes, vector, progress, interruptible)
+    fitted, nothing = _fit(data, forward, slopes, vector, progress, interruptible, checkpoint)
     if lines := {} if fitted.interrupted else _implausible(fitted, data.samples, forward):
         tolerance = Tolerance(skip_bad, [*skipped])
         for line in lines.values():
@@ -151,7 +156,7 @@ def calibrate(
         data = data.without(lines)
         if not data.samples:
             raise InputError(f"{', '.join(s.name for s in sets)}: no trial to fit is left; the first: {skipped[0]}")
-        fitted, nothing = _fit(data, forward, slopes, vector, progress, interruptible)
+        fitted, nothing = _fit(data, forward, slopes, vector, progress, interruptible, checkpoint)
     covariance = with_engines(fitted, engines)
     deviation = np.sqrt(np.diag(covariance))
     why = [*interval_warnings(fitted.after, fitted.outlying, data.noise), *far_factors(fitted)]
@@ -219,6 +224,7 @@ def _fit(
     vector: FitVector,
     progress: Progress,
     interruptible: bool,
+    checkpoint: Checkpoint | None,
 ) -> tuple[Fit, dict[str, Nothing]]:
     """With effects, from the data sheet too: where the fit without them ends may be far off, in a false minimum. What
     turns out to be nothing on the way is off in the end. Where that is interrupted, the better of both is kept."""
@@ -227,36 +233,46 @@ def _fit(
     early, late = parts(progress, _WITHOUT_EFFECTS)
 
     def fitted(
-        data: MeasuredData,
+        seen: MeasuredData,
         own: FitVector,
         start: Array | None,
         /,
         *,
+        named: str = "",
         horizon: float | None = None,
         expected: float,
         progress: Progress,
-        **_: object,
+        of: str = "effects",
     ) -> Fit:
-        reached.clear()
-        return fit(
-            data.samples,
-            forward if horizon is None or slopes is None else slopes,
-            slopes=slopes,
-            vector=own,
-            accuracy=data.weighed,
-            start=start,
-            near=horizon is not None or len(own.parameters) > _MANY,
-            expected=expected,
-            progress=progress,
-            reached=reached.append,
-        )
+        engine = forward if horizon is None or slopes is None else slopes
+
+        def compute() -> Fit:
+            reached.clear()
+            return fit(
+                seen.samples,
+                engine,
+                slopes=slopes,
+                vector=own,
+                accuracy=seen.weighed,
+                start=start,
+                near=horizon is not None or len(own.parameters) > _MANY,
+                expected=expected,
+                progress=progress,
+                reached=reached.append,
+            )
+
+        if checkpoint is None:
+            return compute()
+        problem = FitProblem(seen.samples, engine, slopes or engine, own)
+        return kept(checkpoint, f"{of} of {len(data.trials)} trials {named}", problem, compute)
 
     try:
         if not vector.terms:
             return fitted(data, vector, None, expected=expected_rms(data.noise), progress=progress), {}
         factors = vector.without_effects
+        alone = partial(fitted, of="factors")
         plain, _ = joint_fit(
-            data, factors, factors.start, EXCESS, fitted, lambda line, share: early(f"no effects, {line}", share)
+            data, factors, factors.start, EXCESS, alone, lambda line, share: early(f"no effects, {line}", share)
         )
         found, nothing = joint_fit(data, vector, vector.start, EXCESS, fitted, late)
         return replace(found, before=plain.before, without_effects=plain), nothing

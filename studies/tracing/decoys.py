@@ -19,7 +19,7 @@ from optimize.fit.left_out import Gain, LeftOut
 from optimize.fit.needed import NEEDED, cost
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import Evaluation, FitProblem, columns
-from studies.tracing.task import Task, file_name
+from studies.tracing.task import Task
 
 TURNS = 2  # decoys of an effect: each trial has the columns of the next of its design, or of the one after that
 CHANCE = 0.95  # quantile of the decoys' gains that an effect must gain more than
@@ -57,7 +57,7 @@ def decoys_beside(task: Task, known: Fit, joint: FitVector) -> Decoys:
         task.say("decoys: effects driven by other trials' pressures")
         return _judged(task, known, joint)
 
-    kept = task.checkpoint.get(f"decoys_{file_name(' '.join(known.vector.labels))}", judged)
+    kept = task.checkpoint.get(f"decoys_{' '.join(known.vector.labels)}", judged)
     return Decoys(tuple((gain, (low, high)) for (gain, (low, high)), _ in kept), tuple(needed for _, needed in kept))
 
 

@@ -5,14 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fabdesign.checkpoint import Arrays, Checkpoint
+from fabdesign.checkpoint import Checkpoint
 from fabdesign.design import Design
 from fabdesign.forward import ForwardModel
 from fabdesign.sheet import sheets_of
 from fabdesign.trial import Trial
 from optimize.fit.clouds import Array
 from optimize.fit.descent import STEP, fit
-from optimize.fit.fitted import Fit, capped, concluded
+from optimize.fit.fitted import Fit, capped, concluded, kept
 from optimize.fit.inputs import InputErrors
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import FitProblem
@@ -129,26 +129,4 @@ class Task:
         return FitProblem(self.data.samples, self.forward, self.forward, vector)
 
     def _kept(self, named: str, vector: FitVector, inputs: InputErrors | None, compute: Callable[[], Fit]) -> Fit:
-        """A fit of which stands in the folder where it ended, and its Jacobian; the motions there are made again."""
-        fresh: list[Fit] = []
-
-        def arrays() -> Arrays:
-            fresh.append(found := compute())
-            own = {} if inputs is not None or found.inputs is None else vars(found.inputs)
-            told = np.array([found.before, found.iterations, found.converged], dtype=float)
-            return {"x": found.x, "jacobian": found.state.jacobian, "told": told, **own}
-
-        kept = self.checkpoint.arrays(f"fit_{file_name(named)}", arrays)
-        if fresh:
-            return fresh[0]
-        if inputs is None and "columns" in kept:
-            inputs = InputErrors(kept["columns"], kept["bent"])
-        problem = self._problem(vector)
-        state = problem.with_jacobian(problem.evaluate([kept["x"]])[0], kept["jacobian"])
-        before, iterations, converged = kept["told"].tolist()
-        return concluded(problem, state, inputs, before, int(iterations), bool(converged))
-
-
-def file_name(named: str) -> str:
-    """Of a piece in the folder."""
-    return "".join(c if c.isalnum() or c == "_" else "-" for c in named)
+        return kept(self.checkpoint, named, self._problem(vector), compute, inputs)

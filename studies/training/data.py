@@ -1,21 +1,23 @@
-"""From measured sets to what a network learns from: trials chosen, motions simulated once, kept in the work folder."""
+"""From measured sets to what a network learns from: trials chosen, a base fitted to them, its motions, each once."""
 
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.checkpoint import Arrays, Checkpoint
 from fabdesign.corrector import with_history
 from fabdesign.effort import batches
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.model import Model
-from fabdesign.npz_file import open_npz
-from fabdesign.output import WorkFolder, whole_file
 from fabdesign.splits import split
 from fabdesign.trial import MeasurementSet, Trial
 from optimize.fit.clouds import evenly
+from optimize.fit.parameters import FitVector
+from studies.calibration.calibrate import calibrate
 from studies.sensitive_stretches import find_used_frames
 from studies.used_frames import UsedFrames
 
@@ -30,7 +32,7 @@ class Chosen:
     """A trial that takes part."""
 
     name: str  # SET/TRIAL
-    key: str  # of its files in the work folder
+    key: str  # of what is kept of it
     trial: Trial
     case: Case  # with the base model's factors and effects
     used: NDArray[np.bool_]  # (T,) mask of its frames; sensitive ones are left out
@@ -100,35 +102,62 @@ def frames_learned(chosen: Chosen) -> NDArray[np.intp]:
     return np.asarray(usable[evenly(len(usable), FRAMES)])
 
 
+def fitted_base(
+    sets: Sequence[MeasurementSet],
+    learned: Sequence[Chosen],
+    vector: FitVector,
+    forward: ForwardModel,
+    checkpoint: Checkpoint,
+    *,
+    slopes: ForwardModel | None,
+    points_per_side: int,
+    seed: int,
+    progress: Progress,
+) -> Model:
+    """The model that a corrector stands on, as `calibrate` fits it, but to none of the trials that are held out."""
+    taking_part = {chosen.trial.file for chosen in learned}
+    own = [replace(one, trials=tuple(t for t in one.trials if t.file in taking_part)) for one in sets]
+    return calibrate(
+        [one for one in own if one.trials],
+        forward,
+        slopes=slopes,
+        vector=vector,
+        points_per_side=points_per_side,
+        seed=seed,
+        checkpoint=checkpoint,
+        progress=lambda line, share: progress(f"base: {line}", round(100 * share), 100),
+    ).model
+
+
 def simulated(
     trials: Sequence[Chosen],
     times_of: Callable[[Chosen], NDArray[np.float64]],
     history: tuple[float, ...],
     forward: ForwardModel,
-    work: WorkFolder,
+    checkpoint: Checkpoint,
     *,
     progress: Progress,
 ) -> list[NDArray[np.float32]]:
-    """(U, 2 n, 3) m each trial's motion at `with_history(times, history)`; those that the work folder has are read.
+    """(U, 2 n, 3) m each trial's motion at `with_history(times, history)`; those that are kept are read.
 
     Raises SimulationError where a motion diverges.
     """
-    names = {c.key: f"motions/{c.key}-{len(times_of(c))}-{len(history)}.npz" for c in trials}
-    missing = [chosen for chosen in trials if not (work.folder / names[chosen.key]).is_file()]
-    work.claim(*names.values())
+
+    def motions(some: Sequence[Chosen]) -> list[Arrays]:
+        wanted = [with_history(times_of(chosen), history)[0] for chosen in some]
+        found = forward.motions([chosen.case for chosen in some], wanted)
+        for chosen, motion in zip(some, found, strict=True):
+            if not np.isfinite(motion).all():
+                raise SimulationError(f"{chosen.name}: the motion diverged; nothing written")
+        return [{"points": motion} for motion in found]
+
+    names = {c.key: f"motion_{c.key}-{len(times_of(c))}-{len(history)}" for c in trials}
+    missing = [chosen for chosen in trials if not checkpoint.has(names[chosen.key])]
     done = len(trials) - len(missing)
     for part in batches([2 * len(times_of(chosen)) for chosen in missing], _AT_ONCE):
         batch = missing[part]
-        wanted = [with_history(times_of(chosen), history)[0] for chosen in batch]
-        for chosen, motion in zip(batch, forward.motions([c.case for c in batch], wanted), strict=True):
-            if not np.isfinite(motion).all():
-                raise SimulationError(f"{chosen.name}: the motion diverged; nothing written")
-            with whole_file(work.folder / names[chosen.key]) as file, file.open("wb") as stream:
-                np.savez(stream, points=motion)
+        for chosen, motion in zip(batch, motions(batch), strict=True):
+            checkpoint.arrays(names[chosen.key], partial(dict, motion))
         done += len(batch)
         progress("simulated", done, len(trials))
-    result = []
-    for name in names.values():
-        with open_npz(work.folder / name, "a motion's points") as arrays:
-            result.append(arrays.get("points"))
-    return result
+    return [checkpoint.arrays(names[c.key], lambda c=c: motions([c])[0])["points"] for c in trials]  # type: ignore[misc]

@@ -1,6 +1,7 @@
 """The field corrector's training: examples, coefficients, and the limit of its trust."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,8 @@ from corrector.designs import described, distance
 from corrector.examples import Examples
 from corrector.inputs import HISTORY, MuscleFields
 from corrector.regression import Regression, best_penalty, coefficients_of, relative_error
+from fabdesign.checkpoint import Arrays, Checkpoint
 from fabdesign.forward import ForwardModel
-from fabdesign.output import WorkFolder
 from fabdesign.splits import by_program, folds
 from studies.training.data import Chosen, Progress, check_one_cloth, frames_learned, simulated
 
@@ -22,11 +23,11 @@ Coefficients = NDArray[np.float64]
 
 
 def train(
-    trials: Sequence[Chosen], forward: ForwardModel, plan: Regression, work: WorkFolder, *, progress: Progress
+    trials: Sequence[Chosen], forward: ForwardModel, plan: Regression, checkpoint: Checkpoint, *, progress: Progress
 ) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
     """The coefficients, and what is known of them: designs learned from, what was chosen, the limit of trust."""
     check_one_cloth(trials)
-    examples = _examples(trials, forward, work, progress)
+    examples = _examples(trials, forward, checkpoint, progress)
     designs = {chosen.trial.design_name: chosen.trial.design for chosen in trials}
     known = {name: described(design) for name, design in designs.items()}
     penalty = best_penalty(examples, _folds(trials, plan), plan, least_effects())
@@ -104,20 +105,28 @@ def errors_mm(examples: Sequence[Examples], coefficients: Coefficients | None = 
     return float(np.mean(np.concatenate([e.errors(coefficients) for e in examples])))
 
 
-def _examples(trials: Sequence[Chosen], forward: ForwardModel, work: WorkFolder, progress: Progress) -> list[Examples]:
-    files = [f"examples/{chosen.key}.npz" for chosen in trials]
-    work.claim(*files)
-    missing = [chosen for chosen, name in zip(trials, files, strict=True) if not (work.folder / name).is_file()]
-    motions = simulated(missing, _times_learned, HISTORY, forward, work, progress=progress) if missing else []
+def _examples(
+    trials: Sequence[Chosen], forward: ForwardModel, checkpoint: Checkpoint, progress: Progress
+) -> list[Examples]:
+    names = [f"examples_{chosen.key}" for chosen in trials]
+    missing = [chosen for chosen, name in zip(trials, names, strict=True) if not checkpoint.has(name)]
+    simulated(missing, _times_learned, HISTORY, forward, checkpoint, progress=progress)
     layouts: dict[int, MuscleFields] = {}
-    for k, (chosen, motion) in enumerate(zip(missing, motions, strict=True)):
-        trial = chosen.trial
-        if id(trial.design) not in layouts:
-            layouts[id(trial.design)] = MuscleFields.of(trial.design)
-        examples = Examples.of(chosen.case, layouts[id(trial.design)], _times_learned(chosen), motion, _clouds(chosen))
-        examples.save(work.folder / f"examples/{chosen.key}.npz")
-        progress("matched", len(trials) - len(missing) + k + 1, len(trials))
-    return [Examples.load(work.folder / name) for name in files]
+
+    def examples(chosen: Chosen) -> Arrays:
+        (motion,) = simulated([chosen], _times_learned, HISTORY, forward, checkpoint, progress=progress)
+        design = chosen.trial.design
+        if id(design) not in layouts:
+            layouts[id(design)] = MuscleFields.of(design)
+        layout = layouts[id(design)]
+        return vars(Examples.of(chosen.case, layout, _times_learned(chosen), motion, _clouds(chosen)))
+
+    found = []
+    for k, (chosen, name) in enumerate(zip(trials, names, strict=True)):
+        found.append(Examples(**checkpoint.arrays(name, partial(examples, chosen))))
+        if chosen in missing:
+            progress("matched", k + 1, len(trials))
+    return found
 
 
 def _times_learned(chosen: Chosen) -> NDArray[np.float64]:

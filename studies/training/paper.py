@@ -9,27 +9,27 @@ from numpy.typing import NDArray
 from corrector.designs import described
 from corrector.paper import FRAMES
 from corrector.paper_training import PaperTraining, TrainingPairs, train_paper
+from fabdesign.checkpoint import Checkpoint
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
-from fabdesign.output import WorkFolder
 from studies.training.data import Chosen, Progress, simulated
 
 _PARTS = ("simulated", "measured", "following")
 
 
 def train(
-    trials: Sequence[Chosen], forward: ForwardModel, plan: PaperTraining, work: WorkFolder, *, progress: Progress
+    trials: Sequence[Chosen], forward: ForwardModel, plan: PaperTraining, checkpoint: Checkpoint, *, progress: Progress
 ) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
     """The weights, and what is to be known about them. Raises InputError where frames are not evenly spaced alike, or
     too few."""
     rate = _frame_rate(trials)
-    motions = simulated(trials, lambda chosen: chosen.trial.times, (), forward, work, progress=progress)
+    motions = simulated(trials, lambda chosen: chosen.trial.times, (), forward, checkpoint, progress=progress)
     pairs = [
         TrainingPairs(motion, chosen.trial.load().frames, chosen.used)
         for chosen, motion in zip(trials, motions, strict=True)
     ]
-    work.claim(*(f"paper-{part}.pt" for part in _PARTS))
-    weights = train_paper(pairs, plan, work.folder, progress=progress)
+    folder = checkpoint.own(*(f"paper-{part}.pt" for part in _PARTS))
+    weights = train_paper(pairs, plan, folder, progress=progress)
     designs = {chosen.trial.design_name: chosen.trial.design for chosen in trials}
     return weights, about(plan, rate, [described(design) for design in designs.values()])
 

@@ -1,7 +1,6 @@
 """Train a corrector on measured sets, and say what it is worth on trials that it has not seen."""
 
 import importlib.metadata
-import json
 import platform
 import shutil
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -14,16 +13,14 @@ from numpy.typing import NDArray
 
 from corrector.load import load_corrector, write_weights
 from fabdesign import SIMULATOR, __version__
-from fabdesign.checkpoint import sha256
+from fabdesign.checkpoint import Checkpoint, sha256
 from fabdesign.corrector import Trust, central_hash
 from fabdesign.distances import chamfer
-from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
-from fabdesign.json_file import write_json
 from fabdesign.metrics import Closed, Errors, closed, mean_errors, trial_errors
 from fabdesign.model import Model
 from fabdesign.model_file import write_model
-from fabdesign.output import MARK, WorkFolder, others_in, own_files, work_folder
+from fabdesign.output import others_in, work_folder
 from fabdesign.predictor import Predictor
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import in_mm
@@ -31,15 +28,12 @@ from optimize.fit.parameters import FitVector
 from studies.evaluate import ERRORS
 from studies.intervals.calibrate import spread_json, with_spread
 from studies.measured_data import noise_of
-from studies.training.base import fitted_base
-from studies.training.data import Chosen, Progress, case_of, choose, simulated
+from studies.training.data import Chosen, Progress, case_of, choose, fitted_base, simulated
 from studies.used_frames import UsedFrames
 
 Network = Literal["field", "paper"]
 KEPT_BACK = 0.15  # share of the trials that are not learned from and say what the corrector is worth
-ALGORITHM = 6  # of what an unfinished training keeps: raised where it is no longer what this code would compute
-_RUN = "run.json"
-_MADE_BY = "train"
+ALGORITHM = 7  # of what an unfinished training keeps: raised where it is no longer what this code would compute
 
 
 @dataclass(frozen=True)
@@ -128,22 +122,22 @@ def train(
     train_network, plan = _network(network, plan, seed)
     folder = goes_to.with_suffix(".training")
     content = _content(learned, base, vector, network, plan)
-    with work_folder(folder, made_by=_MADE_BY) as work:
-        _same_run(work, content, folder, force)
+    with work_folder(folder, made_by="train") as work:
+        checkpoint = Checkpoint(work, content, force=force)
         if vector is not None:
             base = fitted_base(
                 sets,
                 learned,
                 vector,
                 simulator,
-                work,
+                checkpoint,
                 slopes=slopes,
                 points_per_side=base.points_per_side,
                 seed=seed,
                 progress=progress,
             )
             learned, held = ([replace(c, case=case_of(c.trial, base)) for c in side] for side in (learned, held))
-        weights, about = train_network(learned, forward, plan, work, progress=progress)
+        weights, about = train_network(learned, forward, plan, checkpoint, progress=progress)
         about = dict(about) | {"trained_on": central_hash(base)}
         beside = output.with_suffix(".safetensors")
         write_weights(beside, weights, about)
@@ -153,7 +147,7 @@ def train(
             corrector_hash=central_hash(base),
             provenance=_provenance(base, sets, learned, held, seed, network),
         )
-        tested = _tested(model, held, forward, work, seed, progress) if held else {}
+        tested = _tested(model, held, forward, checkpoint, seed, progress) if held else {}
         model, intervals = _with_spread(model, held, simulator, coarse, progress)
         write_model(model, output)
     if next(others_in(folder), None) is None:
@@ -198,45 +192,27 @@ def _network(network: Network, plan: Any, seed: int) -> tuple[Callable[..., Any]
 
 def _content(
     learned: Sequence[Chosen], base: Model, vector: FitVector | None, network: Network, plan: Any
-) -> dict[str, Any]:
+) -> dict[str, str]:
     """What makes a training the same."""
     return {
         "network": network,
-        "trials": [chosen.name for chosen in learned],
-        "unjudged": [np.flatnonzero(~chosen.used).tolist() for chosen in learned],
+        "trials": ", ".join(chosen.name for chosen in learned),
+        "unjudged": repr([np.flatnonzero(~chosen.used).tolist() for chosen in learned]),
         "model": central_hash(base),
-        "points_per_side": base.points_per_side,
+        "points_per_side": str(base.points_per_side),
         "free": repr(vector),
-        "plan": json.loads(json.dumps(asdict(plan))),
-        "files": [sha256(chosen.trial.file) for chosen in learned],
-        "simulator": SIMULATOR,
-        "algorithm": ALGORITHM,
+        "plan": repr(plan),
+        "files": ", ".join(sha256(chosen.trial.file) for chosen in learned),
+        "simulator": str(SIMULATOR),
+        "algorithm": str(ALGORITHM),
     }
-
-
-def _same_run(work: WorkFolder, content: Mapping[str, Any], folder: Path, force: bool) -> None:
-    file = work.folder / _RUN
-    if file.is_file():
-        known = json.loads(file.read_text(encoding="utf-8"))
-        different = [name for name in content if known.get(name) != content[name]]
-        if not different:
-            return
-        if not force:
-            raise InputError(
-                f"{folder}: holds an unfinished training with other {', '.join(different)}; expected the same, or "
-                "--force to drop it"
-            )
-        for name in own_files(folder) - {MARK}:
-            (folder / name).unlink()
-    work.claim(_RUN)
-    write_json(file, content)
 
 
 def _tested(
     model: Model,
     held: Sequence[Chosen],
     forward: ForwardModel,
-    work: WorkFolder,
+    checkpoint: Checkpoint,
     seed: int,
     progress: Progress,
 ) -> dict[str, HeldOutErrors]:
@@ -251,10 +227,10 @@ def _tested(
         own = [chosen for chosen in held if chosen.trial.design_name == name]
         noise = noise_of([chosen.trial for chosen in own])
         sheet, before, after = list[Errors](), list[Errors](), list[Errors]()
-        plain = simulated(own, times, (), forward, work, progress=progress)
+        plain = simulated(own, times, (), forward, checkpoint, progress=progress)
         by_sheet = [replace(c, key=f"{c.key}-sheet", case=case_of(c.trial, Model())) for c in own]
-        declared = simulated(by_sheet, times, (), forward, work, progress=progress) if model.parameters else None
-        wanted = simulated(own, times, corrector.history(), forward, work, progress=progress)
+        declared = simulated(by_sheet, times, (), forward, checkpoint, progress=progress) if model.parameters else None
+        wanted = simulated(own, times, corrector.history(), forward, checkpoint, progress=progress)
         for k, (chosen, simple, motion) in enumerate(zip(own, plain, wanted, strict=True)):
             trial = chosen.trial
             answer = corrector.correct([chosen.case], [trial.times], [motion])[0]
