@@ -105,6 +105,9 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
     lines += ["", *_by_size([row for rig, row in run if rig.kind == "one"])]
     factors = [row["factors"] for rig, row in run if rig.kind != "none" or row["is_right"]]
     lines += [f"True factors inside their 90 % intervals: {sum(factors)} of {7 * len(factors)}.", ""]
+    left = [row["excess_after"] / row["excess_before"] for _, row in run if row["is_right"] and row["decoys"]]
+    if left:
+        lines += [f"Excess that what was found leaves of trials left out: {np.median(left):.0%} in the median.", ""]
     lines += [
         "| set | put in | answer | not told from | role test, before, after, floor [mm] | excess, before, after [mm] "
         "| factors inside, of 7 | CPU s, wall s | commit |",

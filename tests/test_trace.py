@@ -36,7 +36,7 @@ from optimize.fit.problem import Evaluation, FitProblem
 from studies.calibration.intervals import far_factors
 from studies.joint_fit import joint_fit, negligible
 from studies.measured_data import MeasuredData
-from studies.tracing.backwards import _label_in, backwards, gains_of, parts_of, sparse, worth
+from studies.tracing.backwards import _alone, _label_in, backwards, gains_of, parts_of, sparse, worth
 from studies.tracing.candidates import candidates_of
 from studies.tracing.decoys import decoy_columns, decoys_beside, turned
 from studies.tracing.errors import TrialError, other_layouts
@@ -442,7 +442,8 @@ def selected(late, unhurried, tmp_path_factory):
             data, forward, 0.5e-3, {}, known=[], checkpoint=Checkpoint(work, {}),
             say=lambda line: said.append(line.partition(",")[0]) if "unknowns" in line else None,
         )  # fmt: skip
-        found, small, decoys = backwards(task, joint, unhurried)
+        plain, found, small, decoys = backwards(task, joint, unhurried)
+        assert plain is unhurried  # of several effects none goes
         beside_nothing = decoys_beside(task, unhurried, joint.vector)
     return found, small, decoys, beside_nothing, said
 
@@ -453,6 +454,21 @@ def test_each_of_several_effects_is_confirmed_by_a_fit_without_it(selected):
     assert not small
     assert {name for name in said if " " in name} == {"filling_lag supply_droop"}
     assert {name for name in said if " " not in name} == {"filling_lag", "supply_droop"}
+
+
+def test_the_declared_parameters_begin_beside_the_effects_too(late, unhurried, tmp_path):
+    """Where by themselves they are in a false minimum, an effect would be called missing that is none."""
+    joint, data = late
+    away = replace(unhurried, minimum=unhurried.vector.inside(unhurried.minimum + 1.0))
+    with work_folder(tmp_path / "out", made_by="trace") as work:
+        task = Task(
+            data, Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
+            say=lambda line: None,
+        )  # fmt: skip
+        assert task.nearest(away.vector, [away.minimum])[0] > 2 * unhurried.after
+        found = _alone(task, joint, away)
+    assert not found.vector.terms
+    assert found.after < 1.02 * unhurried.after
 
 
 class Counting(Predictor):
@@ -676,7 +692,7 @@ def test_an_effect_within_the_tolerance_stays_where_it_matters_to_another_layout
             checkpoint=Checkpoint(work, {}), say=lambda line: None, elsewhere=[other],
         )  # fmt: skip
         assert worth(replace(task, elsewhere=()), joint) == (["filling_lag"], ["supply_droop"])
-        found, small, _ = backwards(task, joint, unhurried)
+        _, found, small, _ = backwards(task, joint, unhurried)
     assert sorted(found.vector.labels) == ["filling_lag", "supply_droop"]
     assert not small
 

@@ -26,12 +26,14 @@ _MUCH = 1.2  # times what a fit may lose of trials left out, in quadrature: what
 _NONE = np.zeros(0, dtype=np.intp)
 
 
-def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list[str], Decoys | None]:
-    """The fit with the effects that are needed, None without any; effects that are certain but gain too little; and
-    decoys beside that fit. plain: the declared parameters alone, by the weights of `everything`."""
+def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[str], Decoys | None]:
+    """The declared parameters alone; the fit with the effects that are needed, the same without any; effects that are
+    certain but gain too little; and decoys beside that fit. plain: where the declared parameters ended by themselves,
+    by the weights of `everything`."""
     labels, small = worth(task, everything)
     if not labels:
-        return None, small, None
+        alone = _alone(task, everything, plain)
+        return alone, alone, small, None
     known = _fit_of(task, *reduced(task, everything, labels))
     most = Most(task, known)
     left_of_all = LeftOut.of(everything, task.data.folds).scored().excess(task.floor)
@@ -51,9 +53,11 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list
                 least = decoys.chance
                 weak = weakest(doubtful, least, partial(_elsewhere, task, known, []))
         if weak is None:
+            if len(gains) == 1:
+                plain = _alone(task, known, plain)
             found = _simpler(known, most, plain, gains, least, held)
             if found is None:
-                return known, small, decoys
+                return plain, known, small, decoys
             simpler, weak = found
         elif len(gains) > 1:
             simpler = _fit_of(task, known, [label for label in gains if label != weak])
@@ -62,7 +66,8 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit | None, list
                 continue
         small.append(weak)
         if len(gains) == 1:
-            return None, small, None
+            alone = _alone(task, known, plain)
+            return alone, alone, small, None
         known = simpler
         gains, left_of_known = _left_out(task, known)
 
@@ -128,6 +133,13 @@ def _fit_of(task: Task, known: Fit, labels: Sequence[str], *, hopeless: float = 
     return task.fit(
         " ".join(vector.labels), vector, known.inputs, starts, close=CLOSE, hopeless=hopeless, jacobian=jacobian
     )
+
+
+def _alone(task: Task, known: Fit, plain: Fit) -> Fit:
+    """The declared parameters, from where they are by themselves or beside the effects of a fit, whichever is nearer:
+    what one of their false minima leaves is nothing that an effect explains."""
+    vector, starts = with_shapes(known, [])
+    return task.fit("plain to its end", vector, known.inputs, np.array([plain.minimum, *starts]))
 
 
 def _chosen_only(term: Term) -> Term:

@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import numpy as np
-
 from optimize.fit.clouds import Array
 from optimize.fit.fitted import Fit
 from optimize.fit.free import fit_vector
@@ -17,7 +15,7 @@ from optimize.fit.needed import NEEDED, needed
 from optimize.fit.parameters import FitVector
 from studies.joint_fit import Nothing, beside, joint_fit
 from studies.measured_data import MeasuredData
-from studies.tracing.backwards import backwards, gains_of, parts_of, sparse, with_shapes
+from studies.tracing.backwards import backwards, gains_of, parts_of, sparse
 from studies.tracing.decoys import Decoys
 from studies.tracing.task import Task
 
@@ -76,12 +74,8 @@ def select(task: Task) -> Selection:
 
     everything, nothing = joint_fit(task.data, vector, start, task.tolerance, fitted, patient=True)
     plain = task.weighed(plain, everything.inputs)
-    found, small, decoys = backwards(task, everything, plain)
-    if found is None:
-        without_effects, starts = with_shapes(everything, [])
-        starts = np.array([plain.minimum, *starts])
-        plain = task.fit("plain to its end", without_effects, everything.inputs, starts)
-    return Selection(everything, plain, found or plain, task.data.folds, task.floor, tuple(small), nothing, decoys)
+    plain, chosen, small, decoys = backwards(task, everything, plain)
+    return Selection(everything, plain, chosen, task.data.folds, task.floor, tuple(small), nothing, decoys)
 
 
 def _excess(task: Task, fitted: Fit) -> float:
