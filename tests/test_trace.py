@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +13,7 @@ from sheets import rolled_sheet
 
 from fabdesign.catalogue import build
 from fabdesign.checkpoint import Checkpoint
+from fabdesign.effects import EFFECTS
 from fabdesign.effects.acting import acting_pressure, specimen_of
 from fabdesign.errors import InputError
 from fabdesign.forward import PARAMETERS, Case, Term
@@ -36,7 +38,17 @@ from optimize.fit.problem import Evaluation, FitProblem
 from studies.calibration.intervals import far_factors
 from studies.joint_fit import joint_fit, negligible
 from studies.measured_data import MeasuredData
-from studies.tracing.backwards import _alone, _label_in, backwards, gains_of, parts_of, sparse, worth
+from studies.tracing.backwards import (
+    CAUSE,
+    _alone,
+    _label_in,
+    backwards,
+    gains_of,
+    parts_of,
+    sparse,
+    strength,
+    worth,
+)
 from studies.tracing.candidates import candidates_of
 from studies.tracing.decoys import decoy_columns, decoys_beside, turned
 from studies.tracing.errors import TrialError, other_layouts
@@ -454,6 +466,24 @@ def test_each_of_several_effects_is_confirmed_by_a_fit_without_it(selected):
     assert not small
     assert {name for name in said if " " in name} == {"filling_lag supply_droop"}
     assert {name for name in said if " " not in name} == {"filling_lag", "supply_droop"}
+
+
+def test_an_effect_that_is_next_to_nothing_is_no_cause(late, unhurried, tmp_path, monkeypatch):
+    """However much trials left out gain by it: that shows where a cloth is about to snap."""
+    joint, data = late
+    droop, lag = (strength(joint, label) for label in ("supply_droop", "filling_lag"))
+    assert droop == pytest.approx(0.15 / EFFECTS["supply_droop"].parameters["share"].deviation, rel=0.2)
+    assert min(droop, lag) > CAUSE and abs(droop - lag) > 0.2
+    less, more = sorted(["supply_droop", "filling_lag"], key=partial(strength, joint))
+    monkeypatch.setattr("studies.tracing.backwards.CAUSE", (droop + lag) / 2)
+    with work_folder(tmp_path / "out", made_by="trace") as work:
+        task = Task(
+            data, Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
+            say=lambda line: None,
+        )  # fmt: skip
+        _, found, small, _ = backwards(task, joint, unhurried)
+    assert [*found.vector.labels] == [more]
+    assert small == [less]
 
 
 def test_the_declared_parameters_begin_beside_the_effects_too(late, unhurried, tmp_path):

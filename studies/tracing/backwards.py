@@ -22,6 +22,7 @@ from studies.tracing.reduction import reduced
 from studies.tracing.task import Place, Task
 
 CLOSE = 0.5  # of log likelihood: where a fit ends that is judged at the minimum of its linearised residuals
+CAUSE = 0.3  # of its prior's deviation, at its strongest: an effect that is less is in any careful build
 _MUCH = 1.2  # times what a fit may lose of trials left out, in quadrature: what loses more even of those fitted ends
 _NONE = np.zeros(0, dtype=np.intp)
 
@@ -40,6 +41,18 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
     held: list[str] = []  # what a fit without it loses; with fewer others beside it, that loses all the more
     gains, left_of_known = _left_out(task, known)
     while True:
+        # what is next to nothing shows only where a cloth is about to snap, and there as much as anything does
+        slight = min(gains, key=partial(strength, known))
+        if strength(known, slight) < CAUSE:
+            task.say(f"{slight} is {strength(known, slight):.2f} of what is usual: no cause")
+            small.append(slight)
+            if len(gains) == 1:
+                alone = _alone(task, known, plain)
+                return alone, alone, small, None
+            known = _fit_of(task, known, [label for label in gains if label != slight])
+            most, held = Most(task, known), []
+            gains, left_of_known = _left_out(task, known)
+            continue
         # beside a stronger one an effect must gain more than is left, by those that stay or by all: where its law is
         # not quite right, small ones take up what it lacks
         least = max(task.tolerance, min(left_of_all, left_of_known)) if len(gains) > 1 else task.tolerance
@@ -70,6 +83,13 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
             return alone, alone, small, None
         known = simpler
         gains, left_of_known = _left_out(task, known)
+
+
+def strength(known: Fit, label: str) -> float:
+    """Of an effect of a fit, the strongest of its strengths, in deviations of their priors."""
+    keys, vector = EFFECTS[label_effect(label)].strengths, known.vector
+    own = [k for k in vector.part(label) if vector.parameters[k].name.rpartition(".")[2] in keys]
+    return float((np.abs(known.x[own]) / vector.prior[own]).max())
 
 
 def _left_out(task: Task, known: Fit) -> tuple[dict[str, Gain], float]:

@@ -97,7 +97,7 @@ class Outcome:
         lines = []
         if self.selection.small:
             names = ", ".join(effects_of(self.selection.small))
-            lines.append(f"certain but within the tolerance, so not added: {names}")
+            lines.append(f"certain but within the tolerance, or too small for a cause, so not added: {names}")
         lines += far_factors(self.after)
         if (decoys := self.selection.decoys) is not None and decoys.gains:
             lines.append(

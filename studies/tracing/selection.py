@@ -26,8 +26,8 @@ SLIGHT = 2.0  # times the tolerance: what leaves no more is near the minimum, an
 class Selection:
     """everything: the joint fit; to first order about `plain` where that is adequate. plain: the declared parameters
     alone. chosen: with what is needed; `plain` itself where that is nothing. small: effects that are certain but within
-    the tolerance. nothing: terms left out of the joint fit on its way, by label. decoys: beside what is chosen; None
-    without effects."""
+    the tolerance, or too small for a cause. nothing: terms left out of the joint fit on its way, by label. decoys:
+    beside what is chosen; None without effects."""
 
     everything: Fit
     plain: Fit
