@@ -41,18 +41,6 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
     held: list[str] = []  # what a fit without it loses; with fewer others beside it, that loses all the more
     gains, left_of_known = _left_out(task, known)
     while True:
-        # what is next to nothing shows only where a cloth is about to snap, and there as much as anything does
-        slight = min(gains, key=partial(strength, known))
-        if strength(known, slight) < CAUSE:
-            task.say(f"{slight} is {strength(known, slight):.2f} of what is usual: no cause")
-            small.append(slight)
-            if len(gains) == 1:
-                alone = _alone(task, known, plain)
-                return alone, alone, small, None
-            known = _fit_of(task, known, [label for label in gains if label != slight])
-            most, held = Most(task, known), []
-            gains, left_of_known = _left_out(task, known)
-            continue
         # beside a stronger one an effect must gain more than is left, by those that stay or by all: where its law is
         # not quite right, small ones take up what it lacks
         least = max(task.tolerance, min(left_of_all, left_of_known)) if len(gains) > 1 else task.tolerance
@@ -69,9 +57,16 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
             if len(gains) == 1:
                 plain = _alone(task, known, plain)
             found = _simpler(known, most, plain, gains, least, held)
-            if found is None:
-                return plain, known, small, decoys
-            simpler, weak = found
+            if found is not None:
+                simpler, weak = found
+            else:  # what is next to nothing shows only where a cloth is about to snap, and there as much as anything
+                weak = min(gains, key=partial(strength, known))
+                if strength(known, weak) >= CAUSE:
+                    return plain, known, small, decoys
+                task.say(f"{weak} is {strength(known, weak):.2f} of what is usual: no cause")
+                if len(gains) > 1:
+                    simpler = _fit_of(task, known, [label for label in gains if label != weak])
+                    most, held = Most(task, simpler), []
         elif len(gains) > 1:
             simpler = _fit_of(task, known, [label for label in gains if label != weak])
             if most.loses(simpler, least):
