@@ -30,7 +30,6 @@ from fabdesign.model_file import read_model, write_model
 from fabdesign.pressure import PressureProgram
 from fabdesign.surface import Surface
 from optimize.fit.free import fit_vector
-from optimize.fit.parameters import FitParameter, FitVector
 from studies.forward_model import not_corrected
 from studies.training.data import choose, frames_learned
 from tests.command_line import one_line
@@ -243,37 +242,8 @@ class Weak(Bending):
 
 
 def test_the_base_is_fitted_to_the_trials_that_are_learned_from(tmp_path: Path) -> None:
-    """The factor that the set was measured with comes out; a stopped training does not fit it again."""
-    measured = measure(tmp_path / "set", LEARNED[:1], trials=4)
-    vector = FitVector((FitParameter("muscle_gain", 0.3),))
-    forward = Weak()
-    result = _train(measured, tmp_path / "m.toml", base=Model(), vector=vector, forward=forward)
-    assert result.model.parameters["muscle_gain"].factor == pytest.approx(1.4, abs=0.02)
-    assert result.base == "factors fitted to the same trials"
-    (held,) = result.held_out.values()
-    assert held.sheet.surface_rms > 2 * held.before.surface_rms
-    assert set(result.model.provenance.held_out) and not set(result.model.provenance.held_out) & set(
-        result.model.provenance.fitted
-    )
-
-    def stop(what: str, done: int, total: int) -> None:
-        if what == "matched":
-            raise Stopped
-
-    with pytest.raises(Stopped):
-        _train(measured, tmp_path / "n.toml", base=Model(), vector=vector, progress=stop, forward=forward)
-    asked: list[str] = []
-
-    def told(what: str, done: int, total: int) -> None:
-        asked.append(what)
-
-    again = _train(measured, tmp_path / "n.toml", base=Model(), vector=vector, progress=told, forward=forward)
-    assert not [what for what in asked if what.startswith("base")]
-    assert again.model.factors == result.model.factors
-
-
-def test_a_base_that_was_stopped_goes_on_with_the_horizon_that_it_was_at(tmp_path: Path) -> None:
-    measured = measure(tmp_path / "set", LEARNED[:1], trials=4, times=np.arange(1, 11) * 0.1)
+    """The factor that the set was measured with comes out; a stopped training goes on with the horizon it was at."""
+    measured = measure(tmp_path / "set", LEARNED[:1], trials=4, times=np.arange(1, 6) * 0.2)
     vector = fit_vector(["scale_error"], fixed=[name for name in PARAMETERS if name != "muscle_gain"])
     options = {"base": Model(), "vector": vector, "forward": Weak()}
     lines: list[str] = []
@@ -281,9 +251,16 @@ def test_a_base_that_was_stopped_goes_on_with_the_horizon_that_it_was_at(tmp_pat
     def told(what: str, done: int, total: int) -> None:
         lines.append(what)
 
-    whole = _train(measured, tmp_path / "whole.toml", progress=told, **options)
-    base = [line for line in lines if line.startswith("base: ")]
-    early, late = ([line for line in base if line.startswith(f"base: to {until} s")] for until in ("0.5", "1"))
+    result = _train(measured, tmp_path / "m.toml", progress=told, **options)
+    (gain,) = (p.factor for name, p in result.model.parameters.items() if name.endswith("muscle_gain"))
+    assert gain == pytest.approx(1.4, abs=0.02)
+    assert result.base == "factors and effects fitted to the same trials"
+    (held,) = result.held_out.values()
+    assert held.sheet.surface_rms > 2 * held.before.surface_rms
+    assert set(result.model.provenance.held_out) and not set(result.model.provenance.held_out) & set(
+        result.model.provenance.fitted
+    )
+    early, late = ([line for line in lines if line.startswith(f"base: to {until} s")] for until in ("0.5", "1"))
     assert early and late
 
     def stop(what: str, done: int, total: int) -> None:
@@ -291,13 +268,11 @@ def test_a_base_that_was_stopped_goes_on_with_the_horizon_that_it_was_at(tmp_pat
             raise Stopped
 
     with pytest.raises(Stopped):
-        _train(measured, tmp_path / "again.toml", progress=stop, **options)
+        _train(measured, tmp_path / "n.toml", progress=stop, **options)
     lines.clear()
-    again = _train(measured, tmp_path / "again.toml", progress=told, **options)
+    again = _train(measured, tmp_path / "n.toml", progress=told, **options)
     assert [line for line in lines if line.startswith("base: ")] == late
-    assert again.model.factors == whole.model.factors and again.model.terms == whole.model.terms
-    (gain,) = (p.factor for name, p in again.model.parameters.items() if name.endswith("muscle_gain"))
-    assert gain == pytest.approx(1.4, abs=0.02)
+    assert again.model.factors == result.model.factors and again.model.terms == result.model.terms
 
 
 class Tosser(Bending):
@@ -348,6 +323,11 @@ def test_a_training_that_was_stopped_goes_on_and_ends_the_same(tmp_path: Path) -
     assert not (tmp_path / "again.training").exists()
     first, second = (load_corrector(r.model) for r in (whole, again))
     assert np.array_equal(first.seen, second.seen) and np.array_equal(first.unseen, second.unseen)
+    with pytest.raises(Stopped):
+        _train(measured, tmp_path / "other.toml", progress=stop)
+    told.clear()
+    _train(measured, tmp_path / "other.toml", plan=Regression(folds=2), force=True, progress=lambda *s: told.append(s))
+    assert [done for what, done, _ in told if what == "matched"] == [1, 2, 3]  # anew
 
 
 def test_an_edited_model_is_refused(trained, tmp_path: Path) -> None:
