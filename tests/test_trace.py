@@ -468,22 +468,27 @@ def test_each_of_several_effects_is_confirmed_by_a_fit_without_it(selected):
     assert {name for name in said if " " not in name} == {"filling_lag", "supply_droop"}
 
 
-def test_an_effect_that_is_next_to_nothing_is_no_cause(late, unhurried, tmp_path, monkeypatch):
+def test_an_effect_that_is_next_to_nothing_is_no_cause(selected, late, unhurried, tmp_path, monkeypatch):
     """However much trials left out gain by it: that shows where a cloth is about to snap."""
     joint, data = late
-    droop, lag = (strength(joint, label) for label in ("supply_droop", "filling_lag"))
+    found = selected[0]
+    droop, lag = (strength(found, label) for label in ("supply_droop", "filling_lag"))
     assert droop == pytest.approx(0.15 / EFFECTS["supply_droop"].parameters["share"].deviation, rel=0.2)
-    assert min(droop, lag) > CAUSE and abs(droop - lag) > 0.2
-    less, more = sorted(["supply_droop", "filling_lag"], key=partial(strength, joint))
-    monkeypatch.setattr("studies.tracing.backwards.CAUSE", (droop + lag) / 2)
+    assert min(droop, lag) > CAUSE and droop != lag
+    chosen = Selection(joint, unhurried, found, data.folds, data.noise.sigma, (), {})
+    assert sorted(chosen.labels) == ["filling_lag", "supply_droop"] and not chosen.slight
+    less, more = sorted(chosen.labels, key=partial(strength, found))
+    monkeypatch.setattr("studies.tracing.selection.CAUSE", (droop + lag) / 2)
+    assert (chosen.labels, chosen.slight) == ((more,), (less,))
+    monkeypatch.setattr("studies.tracing.backwards.CAUSE", 2 * max(droop, lag))
     with work_folder(tmp_path / "out", made_by="trace") as work:
         task = Task(
             data, Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
             say=lambda line: None,
         )  # fmt: skip
-        _, found, small, _ = backwards(task, joint, unhurried)
-    assert [*found.vector.labels] == [more]
-    assert small == [less]
+        plain, none, small, _ = backwards(task, joint, unhurried)
+    assert none is plain and not none.vector.labels
+    assert sorted(small) == ["filling_lag", "supply_droop"]
 
 
 def test_the_declared_parameters_begin_beside_the_effects_too(late, unhurried, tmp_path):

@@ -59,10 +59,10 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
             found = _simpler(known, most, plain, gains, least, held)
             if found is not None:
                 simpler, weak = found
+            elif any(strength(known, label) >= CAUSE for label in gains):
+                return plain, known, small, decoys
             else:  # what is next to nothing shows only where a cloth is about to snap, and there as much as anything
                 weak = min(gains, key=partial(strength, known))
-                if strength(known, weak) >= CAUSE:
-                    return plain, known, small, decoys
                 task.say(f"{weak} is {strength(known, weak):.2f} of what is usual: no cause")
                 if len(gains) > 1:
                     simpler = _fit_of(task, known, [label for label in gains if label != weak])

@@ -66,7 +66,7 @@ def same_from_rest(task: Task, selection: Selection) -> dict[str, Explanation]:
     fitted, since Jacobians of two places tell them apart, and left out where trials left out lose by it."""
     chosen, found = selection.chosen, dict[str, Explanation]()
     most, taken = Most(task, chosen), {*effects_of(chosen.vector.labels), *task.known}
-    for label in chosen.vector.labels:
+    for label in selection.labels:
         other = EFFECTS[label_effect(label)].same_from_rest
         if other in EFFECTS and other not in taken:
             vector, kept = _in_place(chosen.vector, label, fit_vector([other], designs=task.designs), other)
@@ -95,7 +95,7 @@ def _chosen(wide: LeftOut, none: Scored, added: np.ndarray, label: str, selectio
     without = wide.scored(np.concatenate([added, part]))
     gain, interval = wide.gain(without, none, selection.floor)
     return Candidate(
-        label_effect(label), gain, interval, none.excess(selection.floor), True,
+        label_effect(label), gain, interval, none.excess(selection.floor), label in selection.labels,
         _detectable(wide, added, part, label),
     )  # fmt: skip
 
@@ -134,7 +134,7 @@ def _alternatives(wide: LeftOut, selection: Selection, places: dict[str, np.ndar
     chosen, joint = selection.chosen, selection.everything
     total = wide.information
     found: dict[str, Explanation] = {}
-    for label in chosen.vector.labels:
+    for label in selection.labels:
         part = chosen.vector.part(label)
         others = np.setdiff1d(np.arange(len(chosen.x)), part)
         data = total - np.diag(1 / wide.prior**2)

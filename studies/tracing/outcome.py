@@ -98,6 +98,9 @@ class Outcome:
         if self.selection.small:
             names = ", ".join(effects_of(self.selection.small))
             lines.append(f"certain but within the tolerance, or too small for a cause, so not added: {names}")
+        if self.verdict == "effect" and self.selection.slight:
+            names = ", ".join(effects_of(self.selection.slight))
+            lines.append(f"too small for a cause, in the model since it predicts trials left out better: {names}")
         lines += far_factors(self.after)
         if (decoys := self.selection.decoys) is not None and decoys.gains:
             lines.append(

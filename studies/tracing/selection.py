@@ -15,7 +15,7 @@ from optimize.fit.needed import NEEDED, needed
 from optimize.fit.parameters import FitVector
 from studies.joint_fit import Nothing, beside, joint_fit
 from studies.measured_data import MeasuredData
-from studies.tracing.backwards import backwards, gains_of, parts_of, sparse
+from studies.tracing.backwards import CAUSE, backwards, gains_of, parts_of, sparse, strength
 from studies.tracing.decoys import Decoys
 from studies.tracing.task import Task
 
@@ -26,8 +26,8 @@ SLIGHT = 2.0  # times the tolerance: what leaves no more is near the minimum, an
 class Selection:
     """everything: the joint fit; to first order about `plain` where that is adequate. plain: the declared parameters
     alone. chosen: with what is needed; `plain` itself where that is nothing. small: effects that are certain but within
-    the tolerance, or too small for a cause. nothing: terms left out of the joint fit on its way, by label. decoys:
-    beside what is chosen; None without effects."""
+    the tolerance, or like all others too small for a cause. nothing: terms left out of the joint fit on its way, by
+    label. decoys: beside what is chosen; None without effects."""
 
     everything: Fit
     plain: Fit
@@ -40,9 +40,15 @@ class Selection:
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """Of the effects chosen, the one whose absence costs most first."""
+        """Of the effects chosen that are causes, the one whose absence costs most first."""
         gains = self.gains
-        return tuple(sorted(self.chosen.vector.labels, key=lambda label: -gains[label][0]))
+        causes = [label for label in gains if strength(self.chosen, label) >= CAUSE]
+        return tuple(sorted(causes, key=lambda label: -gains[label][0]))
+
+    @property
+    def slight(self) -> tuple[str, ...]:
+        """Of the effects chosen, those too small for a cause: trials left out gain by them beside one."""
+        return tuple(label for label in self.gains if label not in self.labels)
 
     @cached_property
     def gains(self) -> dict[str, Gain]:
