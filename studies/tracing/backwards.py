@@ -41,6 +41,8 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
     held: list[str] = []  # what a fit without it loses; with fewer others beside it, that loses all the more
     gains, left_of_known = _left_out(task, known)
     while True:
+        if len(gains) == 1:
+            plain = _alone(task, known, plain)
         # beside a stronger one an effect must gain more than is left, by those that stay or by all: where its law is
         # not quite right, small ones take up what it lacks
         least = max(task.tolerance, min(left_of_all, left_of_known)) if len(gains) > 1 else task.tolerance
@@ -54,8 +56,6 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
                 least = decoys.chance
                 weak = weakest(doubtful, least, partial(_elsewhere, task, known, []))
         if weak is None:
-            if len(gains) == 1:
-                plain = _alone(task, known, plain)
             found = _simpler(known, most, plain, gains, least, held)
             if found is not None:
                 simpler, weak = found
@@ -74,8 +74,7 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
                 continue
         small.append(weak)
         if len(gains) == 1:
-            alone = _alone(task, known, plain)
-            return alone, alone, small, None
+            return plain, plain, small, None
         known = simpler
         gains, left_of_known = _left_out(task, known)
 

@@ -129,6 +129,29 @@ def fitted_base(
     ).model
 
 
+def simulate(
+    trials: Sequence[Chosen],
+    times_of: Callable[[Chosen], NDArray[np.float64]],
+    history: tuple[float, ...],
+    forward: ForwardModel,
+    checkpoint: Checkpoint,
+    *,
+    progress: Progress,
+) -> None:
+    """Keep each trial's motion at `with_history(times, history)` that is not kept yet, many at once.
+
+    Raises SimulationError where a motion diverges.
+    """
+    missing = [chosen for chosen in trials if not checkpoint.has(_name(chosen, times_of, history))]
+    done = len(trials) - len(missing)
+    for part in batches([2 * len(times_of(chosen)) for chosen in missing], _AT_ONCE):
+        batch = missing[part]
+        for chosen, motion in zip(batch, _motions(batch, times_of, history, forward), strict=True):
+            checkpoint.arrays(_name(chosen, times_of, history), partial(dict, motion))
+        done += len(batch)
+        progress("simulated", done, len(trials))
+
+
 def simulated(
     trials: Sequence[Chosen],
     times_of: Callable[[Chosen], NDArray[np.float64]],
@@ -138,26 +161,28 @@ def simulated(
     *,
     progress: Progress,
 ) -> list[NDArray[np.float32]]:
-    """(U, 2 n, 3) m each trial's motion at `with_history(times, history)`; those that are kept are read.
+    """(U, 2 n, 3) m each trial's motion, as `simulate` keeps it."""
+    simulate(trials, times_of, history, forward, checkpoint, progress=progress)
 
-    Raises SimulationError where a motion diverges.
-    """
+    def again(chosen: Chosen) -> Arrays:
+        return _motions([chosen], times_of, history, forward)[0]
 
-    def motions(some: Sequence[Chosen]) -> list[Arrays]:
-        wanted = [with_history(times_of(chosen), history)[0] for chosen in some]
-        found = forward.motions([chosen.case for chosen in some], wanted)
-        for chosen, motion in zip(some, found, strict=True):
-            if not np.isfinite(motion).all():
-                raise SimulationError(f"{chosen.name}: the motion diverged; nothing written")
-        return [{"points": motion} for motion in found]
+    return [checkpoint.arrays(_name(c, times_of, history), partial(again, c))["points"] for c in trials]
 
-    names = {c.key: f"motion_{c.key}-{len(times_of(c))}-{len(history)}" for c in trials}
-    missing = [chosen for chosen in trials if not checkpoint.has(names[chosen.key])]
-    done = len(trials) - len(missing)
-    for part in batches([2 * len(times_of(chosen)) for chosen in missing], _AT_ONCE):
-        batch = missing[part]
-        for chosen, motion in zip(batch, motions(batch), strict=True):
-            checkpoint.arrays(names[chosen.key], partial(dict, motion))
-        done += len(batch)
-        progress("simulated", done, len(trials))
-    return [checkpoint.arrays(names[c.key], lambda c=c: motions([c])[0])["points"] for c in trials]  # type: ignore[misc]
+
+def _name(chosen: Chosen, times_of: Callable[[Chosen], NDArray[np.float64]], history: tuple[float, ...]) -> str:
+    return f"motion_{chosen.key}-{len(times_of(chosen))}-{len(history)}"
+
+
+def _motions(
+    some: Sequence[Chosen],
+    times_of: Callable[[Chosen], NDArray[np.float64]],
+    history: tuple[float, ...],
+    forward: ForwardModel,
+) -> list[Arrays]:
+    wanted = [with_history(times_of(chosen), history)[0] for chosen in some]
+    found = forward.motions([chosen.case for chosen in some], wanted)
+    for chosen, motion in zip(some, found, strict=True):
+        if not np.isfinite(motion).all():
+            raise SimulationError(f"{chosen.name}: the motion diverged; nothing written")
+    return [{"points": motion} for motion in found]

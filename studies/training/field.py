@@ -15,7 +15,7 @@ from corrector.regression import Regression, best_penalty, coefficients_of, rela
 from fabdesign.checkpoint import Arrays, Checkpoint
 from fabdesign.forward import ForwardModel
 from fabdesign.splits import by_program, folds
-from studies.training.data import Chosen, Progress, check_one_cloth, frames_learned, simulated
+from studies.training.data import Chosen, Progress, check_one_cloth, frames_learned, simulate, simulated
 
 _GAIN = 0.95  # of the error before, at most, where a correction counts as of use
 
@@ -110,7 +110,7 @@ def _examples(
 ) -> list[Examples]:
     names = [f"examples_{chosen.key}" for chosen in trials]
     missing = [chosen for chosen, name in zip(trials, names, strict=True) if not checkpoint.has(name)]
-    simulated(missing, _times_learned, HISTORY, forward, checkpoint, progress=progress)
+    simulate(missing, _times_learned, HISTORY, forward, checkpoint, progress=progress)
     layouts: dict[int, MuscleFields] = {}
 
     def examples(chosen: Chosen) -> Arrays:
