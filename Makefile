@@ -4,12 +4,16 @@ PYTHON := .venv/bin/python
 EXTRAS := clouds,cluster,corrector,dev,dxf,export,mesh,mocap,optuna,ros,studio,tables# without corrector, tests that need PyTorch skip
 SETUP := pyproject.toml constraints.txt scripts/setup.sh
 
-.PHONY: demo test lint clean docs reference wheel wheel-test verify-sim verify-cluster verify-trace bench-sim bench-search loop
+.PHONY: demo test coverage lint clean docs reference wheel wheel-test verify-sim verify-cluster verify-trace bench-sim bench-search loop
 
 demo: .venv/.ready-demo
 	.venv/bin/fabdesign demo -o demo
 
 test: lint
+	$(PYTHON) -m pytest -m "not verify" -n 2 --dist worksteal
+
+# the tests once more, and which lines they reach; half as much processor time again
+coverage: .venv/.ready-test
 	$(PYTHON) -m pytest -m "not verify" -n 2 --dist worksteal --cov --cov-report=term
 
 lint: .venv/.ready-test

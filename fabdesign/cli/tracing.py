@@ -17,6 +17,7 @@ from fabdesign.cli.console import (
     tell,
 )
 from fabdesign.cli.models import effects_option
+from fabdesign.cli.progress import described
 from fabdesign.units import from_mm
 
 
@@ -57,10 +58,9 @@ def trace(
         _trace_bench(source, tolerance, output, force, as_json)
         return
     from fabdesign import interface
-    from studies.tracing.live import TraceLine
     from studies.tracing.words import as_text
 
-    with TraceLine(f"trace {source.name}") as line:
+    with described("tracing") as shown:
         outcome = interface.trace(
             source,
             output,
@@ -69,7 +69,7 @@ def trace(
             grid=grid,
             seed=seed,
             force=force,
-            progress=lambda text, _: line.show(text),
+            progress=shown,
             say=tell,
         ).found
     print_result(outcome.as_json(), f"{output}: {as_text(outcome)}", as_json)
@@ -78,9 +78,8 @@ def trace(
 def _trace_bench(source: Path, tolerance: float | None, output: Path, force: bool, as_json: bool) -> None:
     from studies.tracing.bench import TOLERANCE, trace_bench
     from studies.tracing.bench_report import as_text
-    from studies.tracing.live import TraceLine
 
     share = TOLERANCE if tolerance is None else tolerance / 100
-    with TraceLine(f"trace {source.name}") as line:
-        outcome = trace_bench(source, output, tolerance=share, force=force, say=line.show)
+    with described("tracing") as shown:
+        outcome = trace_bench(source, output, tolerance=share, force=force, say=lambda line: shown(line, None))
     print_result(outcome.as_json(), f"{output}: {as_text(outcome)}", as_json)
