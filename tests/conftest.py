@@ -15,6 +15,7 @@ settings.load_profile("shared")
 
 # beside a busy core, waiting threads that spin cost ten times what the work does
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 ROOT = Path(__file__).parents[1]
 

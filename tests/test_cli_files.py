@@ -38,6 +38,20 @@ def test_the_commands_load_without_numpy_and_a_help_names_a_models_parts() -> No
     )
 
 
+@pytest.mark.parametrize(("given", "taken"), [(None, "1"), ("3", "3")])
+def test_matrices_take_one_thread_unless_the_environment_says_otherwise(given: str | None, taken: str) -> None:
+    code = (
+        "import os, sys, fabdesign.cli; sys.argv = ['fabdesign', 'check', 'none']\n"
+        "try: fabdesign.cli.main()\nexcept SystemExit: print(os.environ['OPENBLAS_NUM_THREADS'])"
+    )
+    own = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    environment = own | ({} if given is None else {"OPENBLAS_NUM_THREADS": given})
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == f"{taken}\n"
+
+
 @pytest.mark.parametrize("command", [*commands.commands])
 def test_every_command_takes_json(command: str) -> None:
     found = commands.commands[command]

@@ -1,5 +1,6 @@
 """The command line. Each command parses, calls one function and prints; heavy imports stay inside the commands."""
 
+import os
 import signal
 import sys
 from collections.abc import Iterator
@@ -48,6 +49,8 @@ class Terminated(BaseException):
 def main() -> None:
     """Run the command line: exit 0 on success, 2 on bad input 1 on other failures, 130 and 143 where it was stopped
     by Ctrl-C and by SIGTERM, each with one line."""
+    # before numpy: matrices are small here, and on a busy machine threads that wait for each other cost ten times them
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         with _ended_by_signals(), notes_told():
             commands.main(prog_name="fabdesign", standalone_mode=False)
