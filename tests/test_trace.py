@@ -206,6 +206,18 @@ def test_the_report_is_whole_and_says_the_answer(lagging):
     assert "http://" not in page.split("<body>")[1].split("srcdoc")[0]
 
 
+@pytest.mark.parametrize(
+    ("millimetres", "told"), [(2.0, ["trials of role test are 2.00 mm over the noise"]), (0.9, [])]
+)
+def test_trials_of_role_test_that_are_far_off_are_told(lagging, millimetres, told):
+    outcome = lagging[1]
+    own = [replace(e.after, surface_rms=np.hypot(1e-3 * millimetres, outcome.floor)) for e in outcome.errors]
+    errors = tuple(
+        replace(e, after=far if e.role == "test" else e.after) for e, far in zip(outcome.errors, own, strict=True)
+    )
+    assert [line.split(":")[0] for line in replace(outcome, errors=errors).said if "role test" in line] == told
+
+
 def test_the_same_call_goes_on_from_what_is_kept_and_another_set_is_refused(lagging, tmp_path):
     folder, outcome = lagging
 

@@ -10,6 +10,7 @@ import numpy as np
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import effects_of
 from fabdesign.forward import ForwardModel
+from fabdesign.metrics import over
 from fabdesign.model import EffectTerm, Model
 from fabdesign.units import in_mm
 from optimize.fit.clouds import frames_of
@@ -23,7 +24,7 @@ from studies.tracing.discovered import Discovered
 from studies.tracing.errors import TrialError, mean_of, other_layouts
 from studies.tracing.residual import Remains
 from studies.tracing.selection import Selection
-from studies.tracing.verdict import Evidence, Word, shared_out
+from studies.tracing.verdict import GROSS, Evidence, Word, shared_out
 
 FORMAT = "fabdesign.trace/1"
 _LITTLE = 0.1  # of its share, below which a frame's weight is told
@@ -102,6 +103,13 @@ class Outcome:
             names = ", ".join(effects_of(self.selection.slight))
             lines.append(f"too small for a cause, in the model since it predicts trials left out better: {names}")
         lines += far_factors(self.after)
+        measured = mean_of(self.errors, "test", "after")
+        left = 0.0 if measured is None else over(measured, self.floor)
+        if self.verdict != "unexplained" and left > GROSS * self.tolerance:
+            lines.append(
+                f"trials of role test are {in_mm(left):.2f} mm over the noise: what acts there shows too little in "
+                "those fitted; give some of them the role fit"
+            )
         if (decoys := self.selection.decoys) is not None and decoys.gains:
             lines.append(
                 f"of {len(decoys.gains)} decoys (an effect driven by another trial's pressures) "
