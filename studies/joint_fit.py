@@ -6,9 +6,10 @@ later ones, where a column costs a motion of every trial. Where cloth buckles, t
 the factors alone lead to may be nearer.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
@@ -127,7 +128,7 @@ def _stages(data: MeasuredData, fitted: FitUntil, expected: float, progress: Pro
 def _on(descent: _Descent, stage: _Stage, tolerance: float) -> _Descent:
     """Over one horizon; what cannot matter takes no part in the next."""
     found = stage.fitted(descent.vector, descent.x, named=f"{descent.named} {stage.named}".strip())
-    gone = {} if stage.is_last else negligible(found, tolerance)
+    gone = {} if stage.is_last else negligible(found, tolerance, descent.nothing)
     vector, index = descent.vector.only([label for label in descent.vector.labels if label not in gone])
     return _Descent(vector, found.x[index], descent.named, descent.nothing | gone, found)
 
@@ -147,10 +148,13 @@ def beside(vector: FitVector, factors: Array) -> Array:
     return x
 
 
-def negligible(early: Fit, tolerance: float) -> dict[str, Nothing]:
+def negligible(
+    early: Fit, tolerance: float, before: Mapping[str, Nothing] = MappingProxyType({})
+) -> dict[str, Nothing]:
     """The terms that are well known and, two standard deviations off, move the residuals by less than half the
-    `tolerance` [m] RMS, less what the other unknowns can take of that. Not what does the same as one that is needed: it
-    is next to nothing beside that one alone, and may be the one that acts."""
+    `tolerance` [m] RMS, less what the other unknowns can take of that: all of them together with those gone `before`,
+    in quadrature, the least first, since each of a cloth's muscles may be a little odd. Not what does the same as one
+    that is needed: it is next to nothing beside that one alone, and may be the one that acts."""
     normal, vector = early.normal, early.vector
     share = normal.scale**2 / max(normal.tempering * float(normal.frames.sum()), 1e-12)
     ridged = normal.sensitivity + share * np.diag(1 / vector.prior**2)
@@ -171,7 +175,10 @@ def negligible(early: Fit, tolerance: float) -> dict[str, Nothing]:
             found[label] = Nothing(term, parameters, early.x[part], deviation[part], most)
     certain = needed(early.minimum, early.covariance, vector, NEEDED)
     same = {other for label in certain for other in alike(early.sensitivity, vector, label, [*found])}
-    return {label: of for label, of in found.items() if label not in same}
+    small = sorted((label for label in found if label not in same), key=lambda label: found[label].most)
+    already = sum(of.most**2 for of in before.values())
+    together = np.sqrt(already + np.cumsum([found[label].most ** 2 for label in small]))
+    return {label: found[label] for label, most in zip(small, together, strict=True) if most <= 0.5 * tolerance}
 
 
 def _may_go(term: Term, parameters: Sequence[FitParameter]) -> bool:

@@ -622,6 +622,22 @@ def test_what_does_the_same_as_an_effect_that_is_needed_is_not_left_out(late, co
     assert ("dead_time" in found) is goes
 
 
+def test_what_is_left_out_is_small_together_with_what_is_left_out_before(late):
+    joint, _ = late
+    vector, x = joint.vector, np.zeros(len(joint.x))
+    early = replace(
+        joint, x=x, minimum=x, covariance=np.diag((0.01 * vector.prior) ** 2),
+        normal=replace(joint.normal, sensitivity=np.diag((1e-3 / vector.prior) ** 2)),
+    )  # fmt: skip
+    every = negligible(early, 0.5e-3)
+    assert len(every) >= 3
+    least = sorted(every, key=lambda label: every[label].most)
+    two = 2.001 * float(np.hypot(every[least[0]].most, every[least[1]].most))
+    assert list(negligible(early, two)) == least[:2]
+    assert list(negligible(early, two, {"earlier": every[least[1]]})) == least[:1]
+    assert negligible(early, two, {"earlier": every[least[0]], "other": every[least[1]]}) == {}
+
+
 @pytest.mark.parametrize(("bad", "patient"), [("to 0.5 s", False), ("", True), ("", False), ("nowhere", True)])
 def test_a_joint_fit_that_leaves_too_much_begins_again_where_the_factors_alone_lead(late, bad, patient):
     """Over the first horizon, or with patience a later one; the better of both goes on."""
