@@ -9,7 +9,6 @@ the factors alone lead to may be nearer.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
@@ -148,9 +147,7 @@ def beside(vector: FitVector, factors: Array) -> Array:
     return x
 
 
-def negligible(
-    early: Fit, tolerance: float, before: Mapping[str, Nothing] = MappingProxyType({})
-) -> dict[str, Nothing]:
+def negligible(early: Fit, tolerance: float, before: Mapping[str, Nothing]) -> dict[str, Nothing]:
     """The terms that are well known and, two standard deviations off, move the residuals by less than half the
     `tolerance` [m] RMS, less what the other unknowns can take of that: all of them together with those gone `before`,
     in quadrature, the least first, since each of a cloth's muscles may be a little odd. Not what does the same as one

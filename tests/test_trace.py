@@ -617,7 +617,7 @@ def test_what_does_the_same_as_an_effect_that_is_needed_is_not_left_out(late, co
     early = replace(
         joint, x=x, minimum=x, covariance=np.diag(deviation**2), normal=replace(joint.normal, sensitivity=sensitivity)
     )
-    found = negligible(early, 0.5e-3)
+    found = negligible(early, 0.5e-3, {})
     assert "time_offset" not in found and "filling_lag" in found
     assert ("dead_time" in found) is goes
 
@@ -629,11 +629,11 @@ def test_what_is_left_out_is_small_together_with_what_is_left_out_before(late):
         joint, x=x, minimum=x, covariance=np.diag((0.01 * vector.prior) ** 2),
         normal=replace(joint.normal, sensitivity=np.diag((1e-3 / vector.prior) ** 2)),
     )  # fmt: skip
-    every = negligible(early, 0.5e-3)
+    every = negligible(early, 0.5e-3, {})
     assert len(every) >= 3
     least = sorted(every, key=lambda label: every[label].most)
     two = 2.001 * float(np.hypot(every[least[0]].most, every[least[1]].most))
-    assert list(negligible(early, two)) == least[:2]
+    assert list(negligible(early, two, {})) == least[:2]
     assert list(negligible(early, two, {"earlier": every[least[1]]})) == least[:1]
     assert negligible(early, two, {"earlier": every[least[0]], "other": every[least[1]]}) == {}
 

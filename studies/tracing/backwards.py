@@ -65,10 +65,10 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
                 weak = min(gains, key=partial(strength, known))
                 task.say(f"{weak} is {strength(known, weak):.2f} of what is usual: no cause")
                 if len(gains) > 1:
-                    simpler = _fit_of(task, known, [label for label in gains if label != weak])
+                    simpler = _fit_without(task, known, weak)
                     most, held = Most(task, simpler), []
         elif len(gains) > 1:
-            simpler = _fit_of(task, known, [label for label in gains if label != weak])
+            simpler = _fit_without(task, known, weak)
             if most.loses(simpler, least):
                 held.append(weak)
                 continue
@@ -149,6 +149,11 @@ def _fit_of(task: Task, known: Fit, labels: Sequence[str], *, hopeless: float = 
     )
 
 
+def _fit_without(task: Task, known: Fit, label: str, *, hopeless: float = np.inf) -> Fit:
+    """As `_fit_of`, of all effects of a fit but one."""
+    return _fit_of(task, known, [other for other in known.vector.labels if other != label], hopeless=hopeless)
+
+
 def _alone(task: Task, known: Fit, plain: Fit) -> Fit:
     """The declared parameters, from where they are by themselves or beside the effects of a fit, whichever is nearer:
     what one of their false minima leaves is nothing that an effect explains."""
@@ -227,8 +232,8 @@ def _simpler(
     for label in sorted(gains.keys() - {*held}, key=lambda label: gains[label][0]):
         fitted = plain
         if len(gains) > 1:
-            others = [other for other in gains if other != label]
-            fitted = _fit_of(most.task, known, others, hopeless=float(np.hypot(most.fit.after, _MUCH * least)))
+            hopeless = float(np.hypot(most.fit.after, _MUCH * least))
+            fitted = _fit_without(most.task, known, label, hopeless=hopeless)
         if not most.loses(fitted, least):
             return fitted, label
         held.append(label)

@@ -48,7 +48,8 @@ class Selection:
     @property
     def slight(self) -> tuple[str, ...]:
         """Of the effects chosen, those too small for a cause: trials left out gain by them beside one."""
-        return tuple(label for label in self.gains if label not in self.labels)
+        causes = self.labels
+        return tuple(label for label in self.gains if label not in causes)
 
     @cached_property
     def gains(self) -> dict[str, Gain]:
