@@ -182,6 +182,7 @@ ARRAYS: list[Array] = [
     Array("down", lambda s: 4 * s.points * s.modes, LOADED, "loops by rows"),
     Array("coarse_down", lambda s: 3 * s.points * COARSE_DOWN, LOADED, "loops by the coarse space's modes down"),
     Array("reduce", lambda s: 10, CARRIED, "sums over nodes and what follows (sim/solver/conjugate_gradients.py)"),
+    Array("aged", lambda s: 1, WORK, "share by which the memory of a stress follows it in this step"),
     Array("row", lambda s: 8, WORK, "functionals at a fixed point"),
     Array("row3", lambda s: 2 * PATCH, WORK, "rows of the nodes around a fixed point", vector=True),
     Array("patch3", lambda s: PATCH * PATCH, WORK, "the nodes around a fixed point; the coarse space", vector=True),

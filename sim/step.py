@@ -23,6 +23,7 @@ from sim.forces.added import AddedForce, remember
 from sim.forces.cloth import fabric_force
 from sim.forces.contact import contact
 from sim.forces.muscles import points_pos, points_rate, pull, sample, spread, tension
+from sim.forces.stress import age_stress
 from sim.kernels.fields import LANES, SPREAD, F, Timed, X
 from sim.kernels.transfer import halt, record
 from sim.kernels.vectors import thrice
@@ -108,6 +109,10 @@ def _advance(added: tuple[AddedForce, ...]) -> Timed:
     return Timed(advance_kernel)
 
 
+def _stressed(added: tuple[AddedForce, ...]) -> bool:  # taichi knows no generators
+    return any(force.stressed for force in added)
+
+
 @ti.func
 def step(
     b, m, nu, nv, npt, support, smoothing, iterations, frame_updates, tolerance, kept, added: ti.template(),
@@ -125,7 +130,7 @@ def step(
     i = 0
     last = iterations
     while i <= last + kept:
-        fabric_force(b, nu, nv, support)
+        fabric_force(b, nu, nv, support, ti.static(_stressed(added)))
         if npt > 0:
             muscles(b, nu, npt, added)
         contact(b, nu)
@@ -167,6 +172,8 @@ def begin(b, m, npt, added: ti.template(), scheme: ti.template(), pressure: ti.t
             k = F.after[k]
         lane = F.after[lane]
     for force in ti.static(added):
+        if ti.static(force.stressed):
+            age_stress(b)
         if ti.static(force.has_pressure):
             k = 0
             while k < npt:

@@ -23,7 +23,7 @@ SCHEME = Scheme(1 / 480, Integrator.GENERALISED_ALPHA)
 def _forces(n: ti.i32):
     ti.loop_config(serialize=True)
     for _ in range(1):
-        fabric_force(0, n, n, int(Support.NONE))
+        fabric_force(0, n, n, int(Support.NONE), False)
 
 
 def main() -> None:

@@ -45,7 +45,7 @@ def _forces_kernel(nu: ti.i32, nv: ti.i32, repeats: ti.i32):
     for task in range(SPREAD):  # as the solver's own loop over blocks: the first iteration is all there is
         if task == 0:
             for _ in range(repeats):
-                fabric_force(0, nu, nv, FREE)
+                fabric_force(0, nu, nv, FREE, False)
 
 
 @ti.kernel

@@ -60,7 +60,7 @@ def _local_stiffening_specimen(specimen: Specimen, values: Values, muscles: NDAr
         factor = 1.0 + (values["factor"] - 1.0) * inside
         return np.asarray(factor * (1.0 if before is None else 1.0 + before(u, v)) - 1.0)
 
-    return specimen.with_constants(stressed=1.0).with_place("stiffer", stiffer)
+    return specimen.with_place("stiffer", stiffer)
 
 
 LOCAL_STIFFENING = Effect(
@@ -79,13 +79,13 @@ LOCAL_STIFFENING = Effect(
         "factor": EffectParameter("1", "on the stiffness", 4.0, (0.05, 20.0), 0.7, off=1.0, transform="log"),
     },
     specimen=_local_stiffening_specimen,
-    force="sim.effects.cloth_stress:CLOTH_STRESS",
+    force="sim.forces.stress:CLOTH_STRESS",
 )
 
 
 # Stress relaxation: part of the cloth's stress goes with time at constant strain.
 def _stress_relaxation_specimen(specimen: Specimen, values: Values, muscles: NDArray[np.bool_]) -> Specimen:
-    return specimen.with_constants(stressed=1.0, relaxed_share=values["share"], relaxed_time=values["time"])
+    return specimen.with_constants(relaxed_share=values["share"], relaxed_time=values["time"])
 
 
 STRESS_RELAXATION = Effect(
@@ -104,7 +104,7 @@ STRESS_RELAXATION = Effect(
         "time": EffectParameter("s", "time constant", 0.7, (0.02, 100.0), 0.8, transform="log"),
     },
     specimen=_stress_relaxation_specimen,
-    force="sim.effects.cloth_stress:CLOTH_STRESS",
+    force="sim.forces.stress:CLOTH_STRESS",
     remembers=True,
 )
 

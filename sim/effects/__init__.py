@@ -3,7 +3,6 @@
 from sim.effects import (
     air_drag,
     braid_hysteresis,
-    cloth_stress,
     learned,
     muscle_creep,
     muscle_viscosity,
@@ -11,5 +10,5 @@ from sim.effects import (
 )  # fmt: skip
 
 __all__ = [
-    "air_drag", "braid_hysteresis", "cloth_stress", "learned", "muscle_creep", "muscle_viscosity", "threshold_pressure",
+    "air_drag", "braid_hysteresis", "learned", "muscle_creep", "muscle_viscosity", "threshold_pressure",
 ]  # fmt: skip

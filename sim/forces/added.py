@@ -41,6 +41,7 @@ class AddedForce:
     cloth: Callable[..., Any] | None = None
     lent: Callable[..., Any] | None = None
     tension: Callable[..., Any] | None = None
+    stressed: bool = False  # changes the elastic stress of the cloth, in the cloth's own forces (sim/forces/stress.py)
     # remembered ones, and loaded ones: on intervals numbers of the specimen's muscles, on nodes of its places, by name
     planes: tuple[Plane, ...] = ()
     constants: Mapping[str, Constant] = field(default_factory=dict, hash=False)  # M.NAME, from the specimen

@@ -3,13 +3,14 @@
 import taichi as ti
 
 from sim.design.support import BOTTOM, LEFT, RIGHT
+from sim.forces.stress import relaxed, stiffer
 from sim.kernels.fields import F
 from sim.kernels.vectors import cross, difference, dot, load, parts, store, thrice
 from sim.materials import M
 
 
 @ti.func
-def star_row(b, nu, nv, j):
+def star_row(b, nu, nv, j, stressed: ti.template()):
     """node normals, curvatures, bending moments, and the moments' couples on the normal"""
     s = nu + 2
     i = 0
@@ -66,6 +67,10 @@ def star_row(b, nu, nv, j):
             * F.lane[b, M.IHV]
             + hh * F.lane[b, M.IHV] * F.lane[b, M.D12] * F.lane[b, M.IHU] * k1
         ) * A
+        if ti.static(stressed):
+            here = stiffer(b, k, k)
+            M1 = relaxed(b, F.relaxed_1 + k, F.relaxed_1_next + k, here * M1)
+            M2 = relaxed(b, F.relaxed_2 + k, F.relaxed_2_next + k, here * M2)
         F.node[b, F.s1 + k] = M1
         F.node[b, F.s2 + k] = M2
         # couple on the normal, tangential part
@@ -81,7 +86,7 @@ def star_row(b, nu, nv, j):
 
 
 @ti.func
-def clamp_pass(b, nu, nv, support):
+def clamp_pass(b, nu, nv, support, stressed: ti.template()):
     """Half a cell of bending between the held normal (0, 0, 1) of a clamped edge and the first edges of the cloth."""
     count, h, width, stiffness, curved = clamped_edge(b, nu, nv, support)
     i = 0
@@ -93,7 +98,10 @@ def clamp_pass(b, nu, nv, support):
         dx, dy, dz = difference(b, F.q + k, F.q + e)
         il = 1.0 / ti.sqrt(dx * dx + dy * dy + dz * dz)
         tz = dz * il
-        m = w * F.lane[b, M.CLAMPED] * stiffness * width * 2.0 / h * (tz - 0.5 * h * curved) * il
+        m = w * F.lane[b, M.CLAMPED] * stiffness * width * 2.0 / h * (tz - 0.5 * h * curved)
+        if ti.static(stressed):
+            m = relaxed(b, F.relaxed_clamp + k, F.relaxed_clamp_next + k, stiffer(b, k, k) * m)
+        m *= il
         fx, fy, fz = load(b, F.f + e)
         store(b, F.f + e, fx + m * tz * dx * il, fy + m * tz * dy * il, fz - m * (1.0 - tz * tz))
         i = F.after[i]

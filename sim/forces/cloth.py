@@ -16,26 +16,26 @@ from sim.time.scheme import CA, CV
 
 
 @ti.func
-def fabric_force(b, nu, nv, support):
+def fabric_force(b, nu, nv, support, stressed: ti.template()):
     """v = cv (q - x0) + hv, and f = forces of the cloth - M a: row by row, each stage as soon as the rows that it
-    reads are there, so that they still lie in the cache."""
+    reads are there, so that they still lie in the cache. stressed: whether effects change its elastic stress."""
     for j in range(-1, nv + 2):
         if j + 1 < nv:
             velocity_row(b, nu, nv, j + 1)
         if 0 <= j < nv - 1:
-            cell_row(b, nu, nv, j)
-            edge_row(b, nu, nv, j, False)
+            cell_row(b, nu, nv, j, stressed)
+            edge_row(b, nu, nv, j, False, stressed)
         if 0 <= j < nv:
-            edge_row(b, nu, nv, j, True)
+            edge_row(b, nu, nv, j, True, stressed)
         if 1 <= j <= nv:
-            star_row(b, nu, nv, j - 1)
-            edge_force_row(b, nu, nv, j - 1, True)
+            star_row(b, nu, nv, j - 1, stressed)
+            edge_force_row(b, nu, nv, j - 1, True, stressed)
         if 2 <= j <= nv:
-            edge_force_row(b, nu, nv, j - 2, False)
+            edge_force_row(b, nu, nv, j - 2, False, stressed)
         if j >= 2:
             gather_row(b, nu, nv, j - 2)
     if 0 <= support < EDGES:
-        clamp_pass(b, nu, nv, support)
+        clamp_pass(b, nu, nv, support, stressed)
 
 
 @ti.func

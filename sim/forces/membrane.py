@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from sim.forces.stress import relaxed, relaxed_more, stiffer
 from sim.kernels.fields import F
 from sim.kernels.vectors import Wide, difference, dot, load, store, thrice
 from sim.materials import M
@@ -23,11 +24,13 @@ def velocity_row(b, nu, nv, j):
 
 
 @ti.func
-def edge_row(b, nu, nv, j, along_u: ti.template()):
+def edge_row(b, nu, nv, j, along_u: ti.template(), stressed: ti.template()):
     """Tangents, strains and tensions of the edges along u or v that begin in row j."""
     t = ti.static(F.tu if along_u else F.tv)
     strain = ti.static(F.eu if along_u else F.ev)
     tension = ti.static(F.su if along_u else F.sv)
+    memory = ti.static(F.relaxed_u if along_u else F.relaxed_v)
+    successor = ti.static(F.relaxed_u_next if along_u else F.relaxed_v_next)
     s = nu + 2
     step = 1 if ti.static(along_u) else s
     count = nu - 1 if ti.static(along_u) else nu
@@ -58,18 +61,22 @@ def edge_row(b, nu, nv, j, along_u: ti.template()):
         r = dot(vx, vy, vz, tx, ty, tz)
         store(b, t + k, tx, ty, tz)
         F.node[b, strain + k] = ep
-        F.node[b, tension + k] = w * (kA * ep + A * up * up * (quadratic + cubic * up) + vA * r)
+        elastic = w * (kA * ep + A * up * up * (quadratic + cubic * up))
+        if ti.static(stressed):
+            elastic = relaxed(b, memory + k, successor + k, stiffer(b, k, e) * elastic)
+        F.node[b, tension + k] = elastic + w * vA * r
         i = F.after[i]
 
 
 @ti.func
-def edge_force_row(b, nu, nv, j, along_u: ti.template()):
+def edge_force_row(b, nu, nv, j, along_u: ti.template(), stressed: ti.template()):
     """What these edges pull their nodes with: tension, and the bending moments of both ends."""
     t = ti.static(F.tu if along_u else F.tv)
     tension = ti.static(F.su if along_u else F.sv)
     moment = ti.static(F.s1 if along_u else F.s2)
     other = ti.static(F.ev if along_u else F.eu)
     out = ti.static(F.pu if along_u else F.pv)
+    successor = ti.static(F.relaxed_u_next if along_u else F.relaxed_v_next)
     s = nu + 2
     step = 1 if ti.static(along_u) else s
     sideways = s if ti.static(along_u) else 1
@@ -88,16 +95,15 @@ def edge_force_row(b, nu, nv, j, along_u: ti.template()):
         yx = Mk * ax - Me * bx
         yy = Mk * ay - Me * by
         yz = Mk * az - Me * bz
-        T = (
-            F.node[b, tension + k]
-            + kc
-            * (
-                F.node[b, other + k]
-                + F.node[b, other + e]
-                + F.node[b, other + k - sideways]
-                + F.node[b, other + e - sideways]
-            )
-        ) * ih
+        ahead = F.node[b, other + k] + F.node[b, other + e]  # of the cells on both sides
+        behind = F.node[b, other + k - sideways] + F.node[b, other + e - sideways]
+        coupled = kc * (ahead + behind)
+        if ti.static(stressed):
+            here = stiffer(b, k, e)
+            before, after = stiffer(b, k - sideways, e - sideways), stiffer(b, k + sideways, e + sideways)
+            coupled = 0.5 * kc * ((here + after) * ahead + (before + here) * behind)
+            coupled = relaxed_more(b, successor + k, coupled)
+        T = (F.node[b, tension + k] + coupled) * ih
         store(b, out + k, T * tx + ih * yx, T * ty + ih * yy, T * tz + ih * yz)
         i = F.after[i]
     if ti.static(along_u):  # the last column carries no edge, and was scratch

@@ -2,6 +2,7 @@
 
 import taichi as ti
 
+from sim.forces.stress import relaxed, stiffer
 from sim.kernels.fields import F
 from sim.kernels.vectors import cross, dot, parts, store
 from sim.materials import M
@@ -20,7 +21,7 @@ def edge_means(b, k, s):
 
 
 @ti.func
-def cell_row(b, nu, nv, j):
+def cell_row(b, nu, nv, j, stressed: ti.template()):
     s = nu + 2
     SA = F.lane[b, M.S] * F.lane[b, M.AREA]
     VA = 0.5 * F.lane[b, M.VISCOSITY] * F.lane[b, M.AREA]
@@ -48,10 +49,14 @@ def cell_row(b, nu, nv, j):
         du, dv, _ = edge_means(b, F.v + k, s)
         wx, wy, wz = parts(du)
         yx, yy, yz = parts(dv)
-        tau = -0.5 * (SA * g + VA * (dot(gx, gy, gz, wx, wy, wz) + dot(hx, hy, hz, yx, yy, yz)))
         dx, dy, dz = parts(mixed)
         nd = dot(nx, ny, nz, dx, dy, dz)
-        moment = TA * (nd - free_twist)
+        shear, moment = SA * g, TA * (nd - free_twist)
+        if ti.static(stressed):
+            here = 0.5 * (stiffer(b, k, k + 1) + stiffer(b, k + s, k + s + 1))
+            shear = relaxed(b, F.relaxed_shear + k, F.relaxed_shear_next + k, here * shear)
+            moment = relaxed(b, F.relaxed_twist + k, F.relaxed_twist_next + k, here * moment)
+        tau = -0.5 * (shear + VA * (dot(gx, gy, gz, wx, wy, wz) + dot(hx, hy, hz, yx, yy, yz)))
         # twist couple on the normal, tangential part
         mc = 0.5 * moment * il
         cx, cy, cz = mc * (dx - nd * nx), mc * (dy - nd * ny), mc * (dz - nd * nz)

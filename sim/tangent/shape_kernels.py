@@ -30,7 +30,7 @@ def forces_at_rest(b, nu, nv, npt, support, pressure: ti.template()):
             F.point[b, X.pressure + k][lane] = F.point[b, X.pressure_share + k][lane] * acting
             k = F.after[k]
         lane = F.after[lane]
-    fabric_force(b, nu, nv, support)
+    fabric_force(b, nu, nv, support, False)
     if npt > 0:
         muscles(b, nu, npt, NOTHING_ADDED)
 
@@ -89,7 +89,7 @@ def _explicit_kernel(
     for task in range(nb * SPREAD):
         if task % SPREAD == 0:
             b = task // SPREAD
-            fabric_force(b, nu, nv, support)
+            fabric_force(b, nu, nv, support, False)
             share = Lanes(0.0)
             for lane in range(LANES):
                 share[lane] = weight[b, lane]
