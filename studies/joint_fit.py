@@ -7,7 +7,7 @@ the factors alone lead to may be nearer.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Protocol
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.forward import Term
-from optimize.fit.clouds import Array, evenly
+from optimize.fit.clouds import Array, Indices, evenly
 from optimize.fit.descent import Progress, horizons, parts
 from optimize.fit.fitted import Fit
 from optimize.fit.needed import NEEDED, alike, needed
@@ -51,13 +51,15 @@ class FitUntil(Protocol):
 @dataclass(frozen=True, eq=False)
 class Nothing:
     """A term that is off: where a shorter horizon had its unknowns x (k,), and their standard deviations. most: m RMS
-    by which it could move the residuals."""
+    by which it could move the residuals. moved: m^2, the mean square by which leaving it out moves them, beyond what
+    those that went before it do."""
 
     term: Term
     parameters: tuple[FitParameter, ...]
     x: Array
     deviation: Array
     most: float
+    moved: float
 
 
 def joint_fit(
@@ -148,34 +150,46 @@ def beside(vector: FitVector, factors: Array) -> Array:
 
 
 def negligible(early: Fit, tolerance: float, before: Mapping[str, Nothing]) -> dict[str, Nothing]:
-    """The terms that are well known and, two standard deviations off, move the residuals by less than half the
-    `tolerance` [m] RMS, less what the other unknowns can take of that: all of them together with those gone `before`,
-    in quadrature, the least first, since each of a cloth's muscles may be a little odd. Not what does the same as one
-    that is needed: it is next to nothing beside that one alone, and may be the one that acts."""
-    normal, vector = early.normal, early.vector
-    share = normal.scale**2 / max(normal.tempering * float(normal.frames.sum()), 1e-12)
-    ridged = normal.sensitivity + share * np.diag(1 / vector.prior**2)
-    deviation = np.sqrt(np.diag(early.covariance))
+    """The terms that are well known and, left out all together, move the residuals by less than half the `tolerance`
+    [m] RMS, with what went `before` in quadrature, the least first: each of a cloth's muscles may be a little odd. Not
+    what does the same as one that is needed: it is next to nothing beside that one alone, and may be the one that acts.
+    """
+    vector, deviation = early.vector, np.sqrt(np.diag(early.covariance))
     found = {}
     for label, term in zip(vector.labels, vector.terms, strict=True):
         part = vector.part(label)
-        others = np.setdiff1d(np.arange(len(early.x)), part)
-        across = normal.sensitivity[np.ix_(part, others)]
-        left = normal.sensitivity[np.ix_(part, part)] - across @ np.linalg.solve(
-            ridged[np.ix_(others, others)], across.T
-        )
-        size = np.abs(early.x[part]) + 2 * deviation[part]
-        most = float(size @ np.sqrt(np.maximum(np.diag(left), 0.0)))
         parameters = tuple(vector.parameters[k] for k in part)
-        known = (deviation[part] <= KNOWN * vector.prior[part]).all()
-        if known and most <= 0.5 * tolerance and _may_go(term, parameters):
-            found[label] = Nothing(term, parameters, early.x[part], deviation[part], most)
+        if (deviation[part] <= KNOWN * vector.prior[part]).all() and _may_go(term, parameters):
+            size = np.abs(early.x[part]) + 2 * deviation[part]
+            most = float(size @ np.sqrt(np.maximum(np.diag(_unique(early, part)), 0.0)))
+            found[label] = Nothing(term, parameters, early.x[part], deviation[part], most, _moved(early, part))
     certain = needed(early.minimum, early.covariance, vector, NEEDED)
     same = {other for label in certain for other in alike(early.sensitivity, vector, label, [*found])}
-    small = sorted((label for label in found if label not in same), key=lambda label: found[label].most)
-    already = sum(of.most**2 for of in before.values())
-    together = np.sqrt(already + np.cumsum([found[label].most ** 2 for label in small]))
-    return {label: found[label] for label, most in zip(small, together, strict=True) if most <= 0.5 * tolerance}
+    already = sum(of.moved for of in before.values())
+    gone, so_far = dict[str, Nothing](), 0.0
+    for label in sorted(found.keys() - same, key=lambda label: found[label].moved):
+        together = _moved(early, vector.parts([*gone, label]))
+        if already + together <= (0.5 * tolerance) ** 2:
+            gone[label], so_far = replace(found[label], moved=together - so_far), together
+    return gone
+
+
+def _moved(fit: Fit, part: Indices) -> float:
+    """m^2, the mean square by which the residuals move where some unknowns are left out, as far as is known of these:
+    of x, and of its covariance."""
+    unique, x = _unique(fit, part), fit.x[part]
+    return float(x @ unique @ x + np.sum(unique * fit.covariance[np.ix_(part, part)]))
+
+
+def _unique(fit: Fit, part: Indices) -> Array:
+    """(k, k) m^2: sensitivity to some unknowns, less what all others can take of it."""
+    normal = fit.normal
+    share = normal.scale**2 / max(normal.tempering * float(normal.frames.sum()), 1e-12)
+    ridged = normal.sensitivity + share * np.diag(1 / fit.vector.prior**2)
+    others = np.setdiff1d(np.arange(len(fit.x)), part)
+    across = normal.sensitivity[np.ix_(part, others)]
+    taken = across @ np.linalg.solve(ridged[np.ix_(others, others)], across.T)
+    return np.asarray(normal.sensitivity[np.ix_(part, part)] - taken)
 
 
 def _may_go(term: Term, parameters: Sequence[FitParameter]) -> bool:

@@ -631,11 +631,27 @@ def test_what_is_left_out_is_small_together_with_what_is_left_out_before(late):
     )  # fmt: skip
     every = negligible(early, 0.5e-3, {})
     assert len(every) >= 3
-    least = sorted(every, key=lambda label: every[label].most)
-    two = 2.001 * float(np.hypot(every[least[0]].most, every[least[1]].most))
+    least = [*every]
+    two = 2.001 * float(np.sqrt(every[least[0]].moved + every[least[1]].moved))
     assert list(negligible(early, two, {})) == least[:2]
     assert list(negligible(early, two, {"earlier": every[least[1]]})) == least[:1]
     assert negligible(early, two, {"earlier": every[least[0]], "other": every[least[1]]}) == {}
+
+
+def test_what_moves_the_residuals_alike_is_not_left_out_together(late):
+    """Two unknowns that can stand in for each other are nothing one by one; without both it is another matter."""
+    joint, _ = late
+    vector, x = joint.vector, np.zeros(len(joint.x))
+    first, second = (int(vector.part(label)[0]) for label in ("supply_droop", "dead_time"))
+    cosines = np.eye(len(x))
+    cosines[first, second] = cosines[second, first] = 0.995
+    x[[first, second]] = 0.2 * vector.prior[[first, second]]  # 0.4 mm together, 0.02 each that the other cannot take
+    early = replace(
+        joint, x=x, minimum=x, covariance=np.diag((0.1 * vector.prior) ** 2),
+        normal=replace(joint.normal, sensitivity=cosines * np.outer(1e-3 / vector.prior, 1e-3 / vector.prior)),
+    )  # fmt: skip
+    assert len({"supply_droop", "dead_time"} & negligible(early, 0.5e-3, {}).keys()) == 1
+    assert {"supply_droop", "dead_time"} <= negligible(early, 1.2e-3, {}).keys()
 
 
 @pytest.mark.parametrize(("bad", "patient"), [("to 0.5 s", False), ("", True), ("", False), ("nowhere", True)])
