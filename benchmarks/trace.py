@@ -14,6 +14,7 @@ import json
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ SIZES = (0.0, "under the tolerance"), (0.5, "0.5 to 1 mm"), (1.0, "1 to 2.5 mm")
 def examine(rig: Rig, measured: Path, out: Path) -> dict[str, Any]:
     """Trace it, and say whether the answer is right. mm."""
     begin = time.process_time(), time.monotonic()
-    with _without(rig.withheld):
+    with withheld(rig.withheld):
         outcome = trace_set(read_set(measured), out, inputs=[measured], say=lambda line: print(f"{rig.name}: {line}"))
     found, evidence = outcome.as_json(), outcome.evidence
     names = [effect["name"] for effect in found["effects"]]
@@ -64,15 +65,14 @@ def examine(rig: Rig, measured: Path, out: Path) -> dict[str, Any]:
 
 
 @contextmanager
-def _without(name: str | None) -> Iterator[None]:
-    """An effect taken from the list, and put back in its place: kept work knows effects by their order."""
+def withheld(name: str | None) -> Iterator[None]:
+    """An effect that no fit is told of; what moves a cloth to see how stable it is still has it."""
     whole = dict(EFFECTS)
     if name:
-        del EFFECTS[name]
+        EFFECTS[name] = replace(EFFECTS[name], named=False)
     try:
         yield
     finally:
-        EFFECTS.clear()
         EFFECTS.update(whole)
 
 

@@ -5,12 +5,14 @@ from types import SimpleNamespace
 
 import pytest
 
+from benchmarks.trace import withheld
 from fabdesign.effects import BUILT_IN, EFFECTS, Effect, EffectParameter
 from fabdesign.effects.acting import acting_pressure
 from fabdesign.effects.registry import effect_named, register_file
 from fabdesign.effects.table import markdown_table
 from fabdesign.errors import InputError
 from fabdesign.forward import Term
+from optimize.fit.free import fit_vector
 from tests.command_line import one_line
 from tests.conftest import ROOT
 from tests.sim_designs import held, laced
@@ -86,3 +88,11 @@ def test_a_bad_file_is_one_line(text, problem, tmp_path):
 def test_the_page_s_table_is_the_declarations():
     page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
     assert markdown_table({name: EFFECTS[name] for name in BUILT_IN}) in page
+
+
+def test_an_effect_that_is_withheld_is_in_no_fit():
+    """It still moves the cloth, as where a trace tilts the frame to see whether a motion is near a bifurcation."""
+    with withheld("frame_tilt"):
+        assert "frame_tilt" not in fit_vector(["all"]).labels
+        assert effect_named("frame_tilt", "here").parameters
+    assert "frame_tilt" in fit_vector(["all"]).labels

@@ -68,7 +68,7 @@ def same_from_rest(task: Task, selection: Selection) -> dict[str, Explanation]:
     most, taken = Most(task, chosen), {*effects_of(chosen.vector.labels), *task.known}
     for label in selection.labels:
         other = EFFECTS[label_effect(label)].same_from_rest
-        if other in EFFECTS and other not in taken:
+        if other and EFFECTS[other].named and other not in taken:
             vector, kept = _in_place(chosen.vector, label, fit_vector([other], designs=task.designs), other)
             start = np.concatenate([chosen.x[kept], chosen.x[chosen.vector.part(label)]])
             fitted = task.fit(f"{other} for {label}", vector, chosen.inputs, start, close=CLOSE)
