@@ -16,6 +16,9 @@ motion starts, and as long as the rise and the hold of an equilibrium take over 
 steps leave stable, such as 1 - exp(-AGES / tau). What a constant or a loaded plane makes zero must add zero: lanes with
 and without a force may ride in one block.
 
+What changes the elastic stress of the cloth is asked for where the cloth's own forces are made: `stressed`
+(sim/forces/stress.py).
+
 Limits: the preconditioner knows the stiffness of `tension` and `lent`, not that of `cloth`; memory ages by whole steps
 with the state of the evaluation, of first order in the step.
 """
@@ -41,7 +44,7 @@ class AddedForce:
     cloth: Callable[..., Any] | None = None
     lent: Callable[..., Any] | None = None
     tension: Callable[..., Any] | None = None
-    stressed: bool = False  # changes the elastic stress of the cloth, in the cloth's own forces (sim/forces/stress.py)
+    stressed: bool = False
     # remembered ones, and loaded ones: on intervals numbers of the specimen's muscles, on nodes of its places, by name
     planes: tuple[Plane, ...] = ()
     constants: Mapping[str, Constant] = field(default_factory=dict, hash=False)  # M.NAME, from the specimen
