@@ -33,7 +33,8 @@ class Steps:
     pressure: Array  # (S, channels) Pa, means
     due: NDArray[np.int_]  # (T,) the step that each frame falls into
     theta: Array  # (T,) and at which fraction of it
-    pattern: tuple[float, tuple[int, ...], tuple[int, ...]]  # end [s] and jumps: motions alike in it ride together
+    # end [s], number of steps, jumps: motions alike in it ride together, others beside those with as many steps
+    pattern: tuple[float, int, tuple[int, ...], tuple[int, ...]]
 
 
 def steps_of(acting: ActingPressure, times: Array, jumps: Jumps, *, calm: int) -> Steps:
@@ -48,7 +49,7 @@ def steps_of(acting: ActingPressure, times: Array, jumps: Jumps, *, calm: int) -
         pressure=acting.between(edges),
         due=due,
         theta=np.clip((times - instants[due]) / np.diff(instants)[due], 0.0, 1.0),
-        pattern=(times[-1] if len(times) else 0.0, jumps.large, jumps.every),
+        pattern=(times[-1] if len(times) else 0.0, len(edges), jumps.large, jumps.every),
     )
 
 
