@@ -17,17 +17,18 @@ from numpy.typing import NDArray
 from benchmarks.machine import commit
 from corrector.paper import PaperCorrector
 from corrector.paper_training import PaperTraining
-from fabdesign.corrector import with_history
+from fabdesign.checkpoint import Checkpoint
+from fabdesign.corrector import central_hash, with_history
 from fabdesign.measurement_set import read_set
 from fabdesign.metrics import Errors, mean_errors, trial_errors
 from fabdesign.model_file import read_model
-from fabdesign.output import WorkFolder, work_folder, write_text
+from fabdesign.output import work_folder, write_text
 from fabdesign.predictor import Predictor
 from sim import Simulator
 from studies.measured_data import noise_of
 from studies.sensitive_stretches import GRID
 from studies.training import paper
-from studies.training.data import Chosen, choose, simulated
+from studies.training.data import Chosen, KeptMotions, choose
 from studies.training.train import unordered_errors
 
 KEPT_BACK = 0.2  # of a trial's frames
@@ -39,10 +40,14 @@ def say(what: str, done: int, total: int) -> None:
 
 
 def errors_of(
-    trials: list[Chosen], away: list[NDArray[np.bool_]], network: PaperCorrector, forward: Predictor, work: WorkFolder
+    trials: list[Chosen],
+    away: list[NDArray[np.bool_]],
+    network: PaperCorrector,
+    forward: Predictor,
+    checkpoint: Checkpoint,
 ) -> list[tuple[str, Errors, Errors]]:
     """Of each trial its design, and its errors before and after on the frames `away`."""
-    motions = simulated(trials, lambda c: c.trial.times, network.history(), forward, work, progress=say)
+    motions = KeptMotions(forward, checkpoint, say, history=network.history()).of(trials)
     noise = noise_of([chosen.trial for chosen in trials])
     found = []
     for chosen, motion, kept_back in zip(trials, motions, away, strict=True):
@@ -93,8 +98,10 @@ def main() -> None:
     shown = [replace(c, used=c.used & ~kept_back) for c, kept_back in zip(trials, away, strict=True)]
     forward = Predictor(Simulator(base.points_per_side), sensing=True)
     with work_folder(options.work, made_by="paper_split") as work:
-        weights, about = paper.train(shown, forward, PaperTraining.here(SEED), work, progress=say)
-        found = errors_of(trials, away, PaperCorrector.of(weights, about), forward, work)
+        plan = PaperTraining.here(SEED)
+        checkpoint = Checkpoint(work, {"set": str(options.set), "model": central_hash(base), "plan": repr(plan)})
+        weights, about = paper.train(shown, forward, plan, checkpoint, progress=say)
+        found = errors_of(trials, away, PaperCorrector.of(weights, about), forward, checkpoint)
     text = table(found)
     write_text(options.output, text)
     print(text)

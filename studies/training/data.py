@@ -129,60 +129,47 @@ def fitted_base(
     ).model
 
 
-def simulate(
-    trials: Sequence[Chosen],
-    times_of: Callable[[Chosen], NDArray[np.float64]],
-    history: tuple[float, ...],
-    forward: ForwardModel,
-    checkpoint: Checkpoint,
-    *,
-    progress: Progress,
-) -> None:
-    """Keep each trial's motion at `with_history(times, history)` that is not kept yet, many at once.
-
-    Raises SimulationError where a motion diverges.
-    """
-    missing = [chosen for chosen in trials if not checkpoint.has(_name(chosen, times_of, history))]
-    done = len(trials) - len(missing)
-    for part in batches([2 * len(times_of(chosen)) for chosen in missing], _AT_ONCE):
-        batch = missing[part]
-        for chosen, motion in zip(batch, _motions(batch, times_of, history, forward), strict=True):
-            checkpoint.arrays(_name(chosen, times_of, history), partial(dict, motion))
-        done += len(batch)
-        progress("simulated", done, len(trials))
+def _all_times(chosen: Chosen) -> NDArray[np.float64]:
+    return chosen.trial.times
 
 
-def simulated(
-    trials: Sequence[Chosen],
-    times_of: Callable[[Chosen], NDArray[np.float64]],
-    history: tuple[float, ...],
-    forward: ForwardModel,
-    checkpoint: Checkpoint,
-    *,
-    progress: Progress,
-) -> list[NDArray[np.float32]]:
-    """(U, 2 n, 3) m each trial's motion, as `simulate` keeps it."""
-    simulate(trials, times_of, history, forward, checkpoint, progress=progress)
+@dataclass(frozen=True, eq=False)
+class KeptMotions:
+    """Motions of trials at `with_history(times(trial), history)`, each simulated once and kept in a training's folder.
+    Raises SimulationError where one diverges."""
 
-    def again(chosen: Chosen) -> Arrays:
-        return _motions([chosen], times_of, history, forward)[0]
+    forward: ForwardModel
+    checkpoint: Checkpoint
+    progress: Progress
+    times: Callable[[Chosen], NDArray[np.float64]] = _all_times
+    history: tuple[float, ...] = ()
 
-    return [checkpoint.arrays(_name(c, times_of, history), partial(again, c))["points"] for c in trials]
+    def simulate(self, trials: Sequence[Chosen]) -> None:
+        """Keep those that are not kept yet, many at once."""
+        missing = [chosen for chosen in trials if not self.checkpoint.has(self._name(chosen))]
+        done = len(trials) - len(missing)
+        for part in batches([2 * len(self.times(chosen)) for chosen in missing], _AT_ONCE):
+            batch = missing[part]
+            for chosen, motion in zip(batch, self._simulated(batch), strict=True):
+                self.checkpoint.arrays(self._name(chosen), partial(dict, motion))
+            done += len(batch)
+            self.progress("simulated", done, len(trials))
 
+    def of(self, trials: Sequence[Chosen]) -> list[NDArray[np.float32]]:
+        """(U, 2 n, 3) m of each."""
+        self.simulate(trials)
+        return [self.checkpoint.arrays(self._name(c), partial(self._again, c))["points"] for c in trials]
 
-def _name(chosen: Chosen, times_of: Callable[[Chosen], NDArray[np.float64]], history: tuple[float, ...]) -> str:
-    return f"motion_{chosen.key}-{len(times_of(chosen))}-{len(history)}"
+    def _again(self, chosen: Chosen) -> Arrays:
+        return self._simulated([chosen])[0]
 
+    def _name(self, chosen: Chosen) -> str:
+        return f"motion_{chosen.key}-{len(self.times(chosen))}-{len(self.history)}"
 
-def _motions(
-    some: Sequence[Chosen],
-    times_of: Callable[[Chosen], NDArray[np.float64]],
-    history: tuple[float, ...],
-    forward: ForwardModel,
-) -> list[Arrays]:
-    wanted = [with_history(times_of(chosen), history)[0] for chosen in some]
-    found = forward.motions([chosen.case for chosen in some], wanted)
-    for chosen, motion in zip(some, found, strict=True):
-        if not np.isfinite(motion).all():
-            raise SimulationError(f"{chosen.name}: the motion diverged; nothing written")
-    return [{"points": motion} for motion in found]
+    def _simulated(self, some: Sequence[Chosen]) -> list[Arrays]:
+        wanted = [with_history(self.times(chosen), self.history)[0] for chosen in some]
+        found = self.forward.motions([chosen.case for chosen in some], wanted)
+        for chosen, motion in zip(some, found, strict=True):
+            if not np.isfinite(motion).all():
+                raise SimulationError(f"{chosen.name}: the motion diverged; nothing written")
+        return [{"points": motion} for motion in found]

@@ -15,7 +15,7 @@ from corrector.regression import Regression, best_penalty, coefficients_of, rela
 from fabdesign.checkpoint import Arrays, Checkpoint
 from fabdesign.forward import ForwardModel
 from fabdesign.splits import by_program, folds
-from studies.training.data import Chosen, Progress, check_one_cloth, frames_learned, simulate, simulated
+from studies.training.data import Chosen, KeptMotions, Progress, check_one_cloth, frames_learned
 
 _GAIN = 0.95  # of the error before, at most, where a correction counts as of use
 
@@ -110,11 +110,12 @@ def _examples(
 ) -> list[Examples]:
     names = [f"examples_{chosen.key}" for chosen in trials]
     missing = [chosen for chosen, name in zip(trials, names, strict=True) if not checkpoint.has(name)]
-    simulate(missing, _times_learned, HISTORY, forward, checkpoint, progress=progress)
+    motions = KeptMotions(forward, checkpoint, progress, _times_learned, HISTORY)
+    motions.simulate(missing)
     layouts: dict[int, MuscleFields] = {}
 
     def examples(chosen: Chosen) -> Arrays:
-        (motion,) = simulated([chosen], _times_learned, HISTORY, forward, checkpoint, progress=progress)
+        (motion,) = motions.of([chosen])
         design = chosen.trial.design
         if id(design) not in layouts:
             layouts[id(design)] = MuscleFields.of(design)

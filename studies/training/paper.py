@@ -12,7 +12,7 @@ from corrector.paper_training import PaperTraining, TrainingPairs, train_paper
 from fabdesign.checkpoint import Checkpoint
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
-from studies.training.data import Chosen, Progress, simulated
+from studies.training.data import Chosen, KeptMotions, Progress
 
 _PARTS = ("simulated", "measured", "following")
 
@@ -23,7 +23,7 @@ def train(
     """The weights, and what is to be known about them. Raises InputError where frames are not evenly spaced alike, or
     too few."""
     rate = _frame_rate(trials)
-    motions = simulated(trials, lambda chosen: chosen.trial.times, (), forward, checkpoint, progress=progress)
+    motions = KeptMotions(forward, checkpoint, progress).of(trials)
     pairs = [
         TrainingPairs(motion, chosen.trial.load().frames, chosen.used)
         for chosen, motion in zip(trials, motions, strict=True)

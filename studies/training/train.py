@@ -28,7 +28,7 @@ from optimize.fit.parameters import FitVector
 from studies.evaluate import ERRORS
 from studies.intervals.calibrate import spread_json, with_spread
 from studies.measured_data import noise_of
-from studies.training.data import Chosen, Progress, case_of, choose, fitted_base, simulated
+from studies.training.data import Chosen, KeptMotions, Progress, case_of, choose, fitted_base
 from studies.used_frames import UsedFrames
 
 Network = Literal["field", "paper"]
@@ -217,20 +217,16 @@ def _tested(
     progress: Progress,
 ) -> dict[str, HeldOutErrors]:
     """Errors on the trials held out, with and without the corrector."""
-    corrector = load_corrector(model)
-
-    def times(chosen: Chosen) -> NDArray[np.float64]:
-        return chosen.trial.times
-
+    corrector, motions = load_corrector(model), KeptMotions(forward, checkpoint, progress)
     errors: dict[str, HeldOutErrors] = {}
     for name in sorted({chosen.trial.design_name for chosen in held}):
         own = [chosen for chosen in held if chosen.trial.design_name == name]
         noise = noise_of([chosen.trial for chosen in own])
         sheet, before, after = list[Errors](), list[Errors](), list[Errors]()
-        plain = simulated(own, times, (), forward, checkpoint, progress=progress)
+        plain = motions.of(own)
         by_sheet = [replace(c, key=f"{c.key}-sheet", case=case_of(c.trial, Model())) for c in own]
-        declared = simulated(by_sheet, times, (), forward, checkpoint, progress=progress) if model.parameters else None
-        wanted = simulated(own, times, corrector.history(), forward, checkpoint, progress=progress)
+        declared = motions.of(by_sheet) if model.parameters else None
+        wanted = replace(motions, history=corrector.history()).of(own)
         for k, (chosen, simple, motion) in enumerate(zip(own, plain, wanted, strict=True)):
             trial = chosen.trial
             answer = corrector.correct([chosen.case], [trial.times], [motion])[0]
