@@ -51,8 +51,8 @@ class FitUntil(Protocol):
 @dataclass(frozen=True, eq=False)
 class Nothing:
     """A term that is off: where a shorter horizon had its unknowns x (k,), and their standard deviations. most: m RMS
-    by which it could move the residuals. moved: m^2, the mean square by which leaving it out moves them, beyond what
-    those that went before it do."""
+    by which it could move the residuals. moved: m^2, the mean square by which leaving it out moves those of the trial
+    that it moves most, beyond what those that went before it do."""
 
     term: Term
     parameters: tuple[FitParameter, ...]
@@ -150,46 +150,63 @@ def beside(vector: FitVector, factors: Array) -> Array:
 
 
 def negligible(early: Fit, tolerance: float, before: Mapping[str, Nothing]) -> dict[str, Nothing]:
-    """The terms that are well known and, left out all together, move the residuals by less than half the `tolerance`
-    [m] RMS, with what went `before` in quadrature, the least first: each of a cloth's muscles may be a little odd. Not
-    what does the same as one that is needed: it is next to nothing beside that one alone, and may be the one that acts.
-    """
-    vector, deviation = early.vector, np.sqrt(np.diag(early.covariance))
+    """The terms that are well known and, left out all together, move the residuals of no trial by more than half the
+    `tolerance` [m] RMS, with what went `before` in quadrature, the least first: each of a cloth's muscles may be a
+    little odd, and be driven in one trial alone. Not what does the same as one that is needed: it is next to nothing
+    beside that one alone, and may be the one that acts."""
+    vector, deviation, moves = early.vector, np.sqrt(np.diag(early.covariance)), _Moves(early)
     found = {}
     for label, term in zip(vector.labels, vector.terms, strict=True):
         part = vector.part(label)
         parameters = tuple(vector.parameters[k] for k in part)
         if (deviation[part] <= KNOWN * vector.prior[part]).all() and _may_go(term, parameters):
             size = np.abs(early.x[part]) + 2 * deviation[part]
-            most = float(size @ np.sqrt(np.maximum(np.diag(_unique(early, part)), 0.0)))
-            found[label] = Nothing(term, parameters, early.x[part], deviation[part], most, _moved(early, part))
+            found[label] = Nothing(
+                term, parameters, early.x[part], deviation[part], moves.at_most(part, size), moves.expected(part)
+            )
     certain = needed(early.minimum, early.covariance, vector, NEEDED)
     same = {other for label in certain for other in alike(early.sensitivity, vector, label, [*found])}
     already = sum(of.moved for of in before.values())
     gone, so_far = dict[str, Nothing](), 0.0
     for label in sorted(found.keys() - same, key=lambda label: found[label].moved):
-        together = _moved(early, vector.parts([*gone, label]))
+        together = moves.expected(vector.parts([*gone, label]))
         if already + together <= (0.5 * tolerance) ** 2:
             gone[label], so_far = replace(found[label], moved=together - so_far), together
     return gone
 
 
-def _moved(fit: Fit, part: Indices) -> float:
-    """m^2, the mean square by which the residuals move where some unknowns are left out, as far as is known of these:
-    of x, and of its covariance."""
-    unique, x = _unique(fit, part), fit.x[part]
-    return float(x @ unique @ x + np.sum(unique * fit.covariance[np.ix_(part, part)]))
+class _Moves:
+    """By how much the residuals of a fit move where some unknowns are left out and the others take what they can."""
 
+    def __init__(self, fit: Fit) -> None:
+        self.fit, normal = fit, fit.normal
+        share = normal.scale**2 / max(normal.tempering * float(normal.frames.sum()), 1e-12)
+        self._ridged = normal.sensitivity + share * np.diag(1 / fit.vector.prior**2)
+        trial, jacobian = fit.state.found.sample, np.nan_to_num(fit.state.jacobian)
+        own = [trial == one for one in np.unique(trial)]
+        weights = normal.frames * len(own) / max(float(normal.frames.sum()), 1e-12)
+        self._of_trials = [(jacobian[rows] * weights[rows, None]).T @ jacobian[rows] for rows in own]  # m^2, (p, p)
 
-def _unique(fit: Fit, part: Indices) -> Array:
-    """(k, k) m^2: sensitivity to some unknowns, less what all others can take of it."""
-    normal = fit.normal
-    share = normal.scale**2 / max(normal.tempering * float(normal.frames.sum()), 1e-12)
-    ridged = normal.sensitivity + share * np.diag(1 / fit.vector.prior**2)
-    others = np.setdiff1d(np.arange(len(fit.x)), part)
-    across = normal.sensitivity[np.ix_(part, others)]
-    taken = across @ np.linalg.solve(ridged[np.ix_(others, others)], across.T)
-    return np.asarray(normal.sensitivity[np.ix_(part, part)] - taken)
+    def at_most(self, part: Indices, size: Array) -> float:
+        """m RMS, by unknowns of so many units, all to the same side."""
+        unique = self._kept(part).T @ self.fit.normal.sensitivity[:, part]
+        return float(size @ np.sqrt(np.maximum(np.diag(unique), 0.0)))
+
+    def expected(self, part: Indices) -> float:
+        """m^2, mean square of the trial that moves most, as far as the unknowns are known: of x and its covariance."""
+        kept, x = self._kept(part), self.fit.x[part]
+        squares = np.outer(x, x) + self.fit.covariance[np.ix_(part, part)]
+        return max(float(np.sum((kept.T @ one @ kept) * squares)) for one in self._of_trials)
+
+    def _kept(self, part: Indices) -> Array:
+        """(p, k): these unknowns, less what the others do to make up for them."""
+        others = np.setdiff1d(np.arange(len(self._ridged)), part)
+        kept = np.zeros((len(self._ridged), len(part)))
+        kept[part] = np.eye(len(part))
+        kept[others] = -np.linalg.solve(
+            self._ridged[np.ix_(others, others)], self.fit.normal.sensitivity[np.ix_(others, part)]
+        )
+        return kept
 
 
 def _may_go(term: Term, parameters: Sequence[FitParameter]) -> bool:
