@@ -7,7 +7,7 @@ the factors alone lead to may be nearer.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol
 
@@ -15,7 +15,7 @@ import numpy as np
 
 from fabdesign.effects import EFFECTS
 from fabdesign.forward import Term
-from optimize.fit.clouds import Array, Indices, evenly
+from optimize.fit.clouds import Array, evenly
 from optimize.fit.descent import Progress, horizons, parts
 from optimize.fit.fitted import Fit
 from optimize.fit.needed import NEEDED, alike, needed
@@ -51,15 +51,13 @@ class FitUntil(Protocol):
 @dataclass(frozen=True, eq=False)
 class Nothing:
     """A term that is off: where a shorter horizon had its unknowns x (k,), and their standard deviations. most: m RMS
-    by which it could move the residuals. moved: m^2, the mean square by which leaving it out moves those of the trial
-    that it moves most, beyond what those that went before it do."""
+    by which it could move the residuals."""
 
     term: Term
     parameters: tuple[FitParameter, ...]
     x: Array
     deviation: Array
     most: float
-    moved: float
 
 
 def joint_fit(
@@ -150,63 +148,34 @@ def beside(vector: FitVector, factors: Array) -> Array:
 
 
 def negligible(early: Fit, tolerance: float, before: Mapping[str, Nothing]) -> dict[str, Nothing]:
-    """The terms that are well known and, left out all together, move the residuals of no trial by more than half the
-    `tolerance` [m] RMS, with what went `before` in quadrature, the least first: each of a cloth's muscles may be a
-    little odd, and be driven in one trial alone. Not what does the same as one that is needed: it is next to nothing
-    beside that one alone, and may be the one that acts."""
-    vector, deviation, moves = early.vector, np.sqrt(np.diag(early.covariance)), _Moves(early)
+    """The terms that are well known and, two standard deviations off, move the residuals by less than half the
+    `tolerance` [m] RMS, less what the other unknowns can take of that: all of them together with those gone `before`,
+    in quadrature, the least first, since each of a cloth's muscles may be a little odd. Not what does the same as one
+    that is needed: it is next to nothing beside that one alone, and may be the one that acts."""
+    normal, vector = early.normal, early.vector
+    share = normal.scale**2 / max(normal.tempering * float(normal.frames.sum()), 1e-12)
+    ridged = normal.sensitivity + share * np.diag(1 / vector.prior**2)
+    deviation = np.sqrt(np.diag(early.covariance))
     found = {}
     for label, term in zip(vector.labels, vector.terms, strict=True):
         part = vector.part(label)
+        others = np.setdiff1d(np.arange(len(early.x)), part)
+        across = normal.sensitivity[np.ix_(part, others)]
+        left = normal.sensitivity[np.ix_(part, part)] - across @ np.linalg.solve(
+            ridged[np.ix_(others, others)], across.T
+        )
+        size = np.abs(early.x[part]) + 2 * deviation[part]
+        most = float(size @ np.sqrt(np.maximum(np.diag(left), 0.0)))
         parameters = tuple(vector.parameters[k] for k in part)
-        if (deviation[part] <= KNOWN * vector.prior[part]).all() and _may_go(term, parameters):
-            size = np.abs(early.x[part]) + 2 * deviation[part]
-            found[label] = Nothing(
-                term, parameters, early.x[part], deviation[part], moves.at_most(part, size), moves.expected(part)
-            )
+        known = (deviation[part] <= KNOWN * vector.prior[part]).all()
+        if known and most <= 0.5 * tolerance and _may_go(term, parameters):
+            found[label] = Nothing(term, parameters, early.x[part], deviation[part], most)
     certain = needed(early.minimum, early.covariance, vector, NEEDED)
     same = {other for label in certain for other in alike(early.sensitivity, vector, label, [*found])}
-    already = sum(of.moved for of in before.values())
-    gone, so_far = dict[str, Nothing](), 0.0
-    for label in sorted(found.keys() - same, key=lambda label: found[label].moved):
-        together = moves.expected(vector.parts([*gone, label]))
-        if already + together <= (0.5 * tolerance) ** 2:
-            gone[label], so_far = replace(found[label], moved=together - so_far), together
-    return gone
-
-
-class _Moves:
-    """By how much the residuals of a fit move where some unknowns are left out and the others take what they can."""
-
-    def __init__(self, fit: Fit) -> None:
-        self.fit, normal = fit, fit.normal
-        share = normal.scale**2 / max(normal.tempering * float(normal.frames.sum()), 1e-12)
-        self._ridged = normal.sensitivity + share * np.diag(1 / fit.vector.prior**2)
-        trial, jacobian = fit.state.found.sample, np.nan_to_num(fit.state.jacobian)
-        own = [trial == one for one in np.unique(trial)]
-        weights = normal.frames * len(own) / max(float(normal.frames.sum()), 1e-12)
-        self._of_trials = [(jacobian[rows] * weights[rows, None]).T @ jacobian[rows] for rows in own]  # m^2, (p, p)
-
-    def at_most(self, part: Indices, size: Array) -> float:
-        """m RMS, by unknowns of so many units, all to the same side."""
-        unique = self._kept(part).T @ self.fit.normal.sensitivity[:, part]
-        return float(size @ np.sqrt(np.maximum(np.diag(unique), 0.0)))
-
-    def expected(self, part: Indices) -> float:
-        """m^2, mean square of the trial that moves most, as far as the unknowns are known: of x and its covariance."""
-        kept, x = self._kept(part), self.fit.x[part]
-        squares = np.outer(x, x) + self.fit.covariance[np.ix_(part, part)]
-        return max(float(np.sum((kept.T @ one @ kept) * squares)) for one in self._of_trials)
-
-    def _kept(self, part: Indices) -> Array:
-        """(p, k): these unknowns, less what the others do to make up for them."""
-        others = np.setdiff1d(np.arange(len(self._ridged)), part)
-        kept = np.zeros((len(self._ridged), len(part)))
-        kept[part] = np.eye(len(part))
-        kept[others] = -np.linalg.solve(
-            self._ridged[np.ix_(others, others)], self.fit.normal.sensitivity[np.ix_(others, part)]
-        )
-        return kept
+    small = sorted((label for label in found if label not in same), key=lambda label: found[label].most)
+    already = sum(of.most**2 for of in before.values())
+    together = np.sqrt(already + np.cumsum([found[label].most ** 2 for label in small]))
+    return {label: found[label] for label, most in zip(small, together, strict=True) if most <= 0.5 * tolerance}
 
 
 def _may_go(term: Term, parameters: Sequence[FitParameter]) -> bool:
