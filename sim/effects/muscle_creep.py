@@ -3,24 +3,21 @@ the share of it that had crept on the bench already."""
 
 import taichi as ti
 
-from sim.forces.added import AddedForce
+from sim.forces.added import AddedForce, aged
 from sim.kernels.fields import F, X
 from sim.state import LOADED, REMEMBERED, Plane
-from sim.time.scheme import AGES
-
-SHORTEST = 1e-6  # s
 
 
 @ti.func
 def _lent(b, k):
     share = F.point[b, X.creep_share + k]
-    aged = 1.0 - ti.exp(-F.scheme[b, AGES] / ti.max(F.point[b, X.creep_time + k], SHORTEST))
+    follows = aged(b, F.point[b, X.creep_time + k])
     before = F.point[b, X.creep + k]
     limit = share * ti.max(F.point[b, X.eps + k], 0.0)
-    crept = before + aged * (limit - before)
+    crept = before + follows * (limit - before)
     F.point[b, X.creep_next + k] = crept
     on_bench = F.point[b, X.creep_on_bench + k]
-    return crept - on_bench * limit, (aged - on_bench) * share
+    return crept - on_bench * limit, (follows - on_bench) * share
 
 
 MUSCLE_CREEP = AddedForce(

@@ -13,7 +13,7 @@ Memory: a plane NAME declared as REMEMBERED holds it as the step before left it.
 F.scheme[b, AGES] and writes the result to NAME_next, in every evaluation anew: that becomes NAME when the step is done
 (`remember`), so that nothing ages by being evaluated twice. AGES is the step in a motion, zero on the way to where a
 motion starts, and as long as the rise and the hold of an equilibrium take over its few steps, so use a form that long
-steps leave stable, such as 1 - exp(-AGES / tau). What a constant or a loaded plane makes zero must add zero: lanes with
+steps leave stable: `aged`, 1 - exp(-AGES / tau). What a constant or a loaded plane makes zero must add zero: lanes with
 and without a force may ride in one block.
 
 What changes the elastic stress of the cloth is asked for where the cloth's own forces are made: `stressed`
@@ -33,6 +33,9 @@ from sim import materials, state
 from sim.kernels.fields import F, X
 from sim.materials import Constant
 from sim.state import NEXT, Plane
+from sim.time.scheme import AGES
+
+SHORTEST = 1e-6  # s, of a time constant
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,12 @@ class AddedForce:
         state.declare(*self.planes)
         for name, constant in self.constants.items():
             materials.declare(name, constant)
+
+
+@ti.func
+def aged(b, time):
+    """Share by which a memory with this time constant [s] follows in a step."""
+    return 1.0 - ti.exp(-F.scheme[b, AGES] / ti.max(time, SHORTEST))
 
 
 @ti.func

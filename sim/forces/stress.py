@@ -8,25 +8,23 @@ where a batch has added forces (`stressed` in sim/forces/cloth.py): in all of it
 
 import taichi as ti
 
-from sim.forces.added import AddedForce
+from sim.forces.added import AddedForce, aged
 from sim.kernels.fields import LANES, F
 from sim.materials import Constant, M
 from sim.state import LOADED, REMEMBERED, Plane
 from sim.time.scheme import AGES
 
-SHORTEST = 1e-6  # s
-
 
 @ti.func
 def age_stress(b):
     """By how much memory follows in this step."""
-    aged = 1.0 - ti.exp(-F.scheme[b, AGES] / ti.max(F.lane[b, M.RELAXED_TIME], SHORTEST))
+    share = aged(b, F.lane[b, M.RELAXED_TIME])
     lane = 0
     while lane < LANES:
         if F.scheme[b, AGES][lane] == 0.0:  # on the way to where a motion starts
-            aged[lane] = 1.0
+            share[lane] = 1.0
         lane = F.after[lane]
-    F.aged[b, 0] = aged
+    F.aged[b, 0] = share
 
 
 @ti.func
