@@ -41,6 +41,7 @@ from studies.measured_data import MeasuredData
 from studies.tracing.backwards import (
     CAUSE,
     _alone,
+    _enough,
     _label_in,
     backwards,
     gains_of,
@@ -279,6 +280,7 @@ def test_what_is_the_same_from_rest_is_named_beside_what_was_found(tmp_path, mon
     """By a fit, where the linear comparison of two places would tell them apart."""
     few_effects(monkeypatch, "dead_time", "time_offset")
     monkeypatch.setattr("optimize.fit.needed.ALIKE", 1.1)
+    monkeypatch.setitem(globals(), "TIMES", TIMES + 0.01)  # amid a tick of the curler's, wherever a clock shifts it
     outcome = trace(tmp_path, effects=(Term("dead_time", {"delay": 0.12}),), count=5)
     assert outcome.verdict == "effect"
     [effect] = outcome.effects
@@ -476,7 +478,7 @@ def test_each_of_several_effects_is_confirmed_by_a_fit_without_it(selected):
     found, small, _, _, said = selected
     assert sorted(found.vector.labels) == ["filling_lag", "supply_droop"]
     assert not small
-    assert {name for name in said if " " in name} == {"filling_lag supply_droop"}
+    assert {name for name in said if " " in name} == {"filling_lag alone", "filling_lag supply_droop"}
     assert {name for name in said if " " not in name} == {"filling_lag", "supply_droop"}
 
 
@@ -487,7 +489,7 @@ def test_an_effect_that_is_next_to_nothing_is_no_cause(selected, late, unhurried
     droop, lag = (strength(found, label) for label in ("supply_droop", "filling_lag"))
     assert droop == pytest.approx(0.15 / EFFECTS["supply_droop"].parameters["share"].deviation, rel=0.2)
     assert min(droop, lag) > CAUSE and droop != lag
-    chosen = Selection(joint, unhurried, found, data.folds, data.noise.sigma, (), {})
+    chosen = Selection(joint, unhurried, found, data.folds, data.noise.sigma, ())
     assert sorted(chosen.labels) == ["filling_lag", "supply_droop"] and not chosen.slight
     less, more = sorted(chosen.labels, key=partial(strength, found))
     monkeypatch.setattr("studies.tracing.selection.CAUSE", (droop + lag) / 2)
@@ -588,6 +590,36 @@ def test_a_fit_ends_where_even_its_linear_minimum_leaves_too_much(late, unhurrie
     assert gone_on.after < ended.after
 
 
+def test_a_fit_whose_first_horizon_leaves_too_much_goes_to_all_frames_at_once(late, unhurried):
+    joint, data = late
+    forward, said = Predictor(Curler(), Model(), sensing=True), []
+    ended = fit(
+        data.samples, forward, vector=joint.vector.without_effects, accuracy=joint.inputs,
+        hopeless=0.3 * unhurried.after, progress=lambda line, share: said.append(line),
+    )  # fmt: skip
+    assert not ended.converged and ended.iterations == len(said)
+    assert {line.partition(",")[0] for line in said} == {"to 0.5 s"} != {f"to {h:g} s" for h in horizons(data.samples)}
+    assert len(ended.state.found.residual) == len(unhurried.state.found.residual)
+    assert ended.before == pytest.approx(unhurried.before) and ended.after > 0.9 * unhurried.after
+
+
+@pytest.mark.parametrize(("tolerance", "apart", "alone"), [(6e-3, 0.0, True), (6e-3, 1.0, False), (0.5e-3, 0.0, False)])
+def test_an_effect_that_is_enough_is_fitted_alone(tolerance, apart, alone, late, unhurried, tmp_path, monkeypatch):
+    """Where that leaves no more than the tolerance allows, and nothing else on other layouts."""
+    joint, data = late
+    monkeypatch.setattr(Task, "differs_elsewhere", lambda *_: apart)
+    said = []
+    with work_folder(tmp_path / "out", made_by="trace") as work:
+        task = Task(
+            data, Predictor(Curler(), Model(), sensing=True), tolerance, {}, [], Checkpoint(work, {}),
+            say=lambda line: said.append(line.partition(",")[0]),
+        )  # fmt: skip
+        found = _enough(task, joint, ["supply_droop", "filling_lag"])
+    assert {*said} == {"filling_lag alone"}
+    assert (found is not None) is alone
+    assert found is None or (found.vector.labels == ("filling_lag",) and found.after < unhurried.after)
+
+
 def test_effects_that_do_the_same_in_the_joint_fit_are_alike(late):
     """A clock that is late and pressures that are, whatever the factors take of both."""
     joint, _ = late
@@ -602,47 +634,60 @@ def test_effects_that_do_the_same_in_the_joint_fit_are_alike(late):
         assert alike(sensitivity, vector, "dead_time", others) == expected
 
 
-@pytest.mark.parametrize(("cosine", "goes"), [(0.9999, False), (0.97, True)])
-def test_what_does_the_same_as_an_effect_that_is_needed_is_not_left_out(late, cosine, goes):
-    """Beside the late clock, which is there, late pressures are next to nothing: either may be the one that acts."""
+def test_what_is_known_to_be_small_may_lie_aside(late):
     joint, _ = late
-    vector = joint.vector
-    late_pressure, late_clock = (int(vector.part(label)[0]) for label in ("dead_time", "time_offset"))
-    cosines = np.eye(len(joint.x))
-    cosines[late_pressure, late_clock] = cosines[late_clock, late_pressure] = cosine
-    deviation = 0.01 * vector.prior
+    vector, deviation = joint.vector, 0.01 * joint.vector.prior
+    lag, droop = (int(vector.part(label)[0]) for label in ("filling_lag", "supply_droop"))
+    sensitivity = np.diag(np.square(1e-3 / vector.prior))  # a millimetre a deviation of the prior
     x = np.zeros(len(joint.x))
-    x[late_clock] = 100 * deviation[late_clock]
-    sensitivity = cosines * np.outer(1e-3 / vector.prior, 1e-3 / vector.prior)  # a millimetre each
-    early = replace(
-        joint, x=x, minimum=x, covariance=np.diag(deviation**2), normal=replace(joint.normal, sensitivity=sensitivity)
-    )
-    found = negligible(early, 0.5e-3, {})
-    assert "time_offset" not in found and "filling_lag" in found
-    assert ("dead_time" in found) is goes
+    x[lag] = 0.24 * vector.prior[lag]  # and two of its own deviations: 0.26 mm of 0.25
+
+    def aside(deviation):
+        early = replace(
+            joint, x=x, covariance=np.diag(np.square(deviation)), normal=replace(joint.normal, sensitivity=sensitivity)
+        )
+        return negligible(early, 0.5e-3)
+
+    assert aside(deviation) == {*vector.labels} - {"filling_lag"}
+    deviation[droop] = 0.5 * vector.prior[droop]  # of which the data say little
+    assert aside(deviation) == {*vector.labels} - {"filling_lag", "supply_droop"}
 
 
-def test_what_is_left_out_is_small_together_with_what_is_left_out_before(late):
-    joint, _ = late
-    vector, x = joint.vector, np.zeros(len(joint.x))
-    early = replace(
-        joint, x=x, minimum=x, covariance=np.diag((0.01 * vector.prior) ** 2),
-        normal=replace(joint.normal, sensitivity=np.diag((1e-3 / vector.prior) ** 2)),
-    )  # fmt: skip
-    every = negligible(early, 0.5e-3, {})
-    assert len(every) >= 3
-    least = sorted(every, key=lambda label: every[label].most)
-    two = 2.001 * float(np.hypot(every[least[0]].most, every[least[1]].most))
-    assert list(negligible(early, two, {})) == least[:2]
-    assert list(negligible(early, two, {"earlier": every[least[1]]})) == least[:1]
-    assert negligible(early, two, {"earlier": every[least[0]], "other": every[least[1]]}) == {}
+def test_what_lay_aside_is_asked_for_again_at_the_end(late, monkeypatch):
+    """By its own columns alone, and found where it is there after all."""
+    joint, data = late
+    forward, asked = Counting(Curler(), Model(), sensing=True), []
+
+    def fitted(data, vector, start, /, *, named, expected, jacobian=None, **_):
+        made, before = forward.made, len(asked)
+        found = fit(
+            data.samples, forward, vector=vector, accuracy=data.weighed, start=start, near=True, jacobian=jacobian
+        )
+        assert len(asked) == before
+        asked.append((named, vector.labels, forward.made - made, jacobian))
+        return found
+
+    monkeypatch.setattr("studies.joint_fit.negligible", lambda early, tolerance: frozenset(["supply_droop"]))
+    found = joint_fit(data, joint.vector, joint.vector.start, 0.5e-3, fitted)
+    *_, (_, without, _, _), (named, labels, _, jacobian) = asked
+    assert named == "at last" and labels == joint.vector.labels and "supply_droop" not in without
+    missing = np.flatnonzero(np.isnan(jacobian).all(axis=0))
+    assert missing.tolist() == joint.vector.part("supply_droop").tolist()
+    assert np.isfinite(np.delete(jacobian, missing, axis=1)).all()
+    terms = {term.name: term.values for term in found.vector.terms_at(found.x)}
+    assert terms["supply_droop"]["share"] == pytest.approx(0.15, abs=0.03)
+    assert terms["filling_lag"]["fill"] == pytest.approx(0.3, abs=0.03)
+    assert found.after < 1.05 * joint.after
 
 
-@pytest.mark.parametrize(("bad", "patient"), [("to 0.5 s", False), ("", True), ("", False), ("nowhere", True)])
-def test_a_joint_fit_that_leaves_too_much_begins_again_where_the_factors_alone_lead(late, bad, patient):
+@pytest.mark.parametrize(
+    ("bad", "patient"), [("to 0.5 s", False), ("to 1 s", True), ("to 1 s", False), ("nowhere", True)]
+)
+def test_a_joint_fit_that_leaves_too_much_begins_again_where_the_factors_alone_lead(late, bad, patient, monkeypatch):
     """Over the first horizon, or with patience a later one; the better of both goes on."""
     joint, data = late
     asked = []
+    monkeypatch.setattr("studies.joint_fit.negligible", lambda early, tolerance: frozenset())
 
     def fitted(data, vector, start, /, *, named, expected, horizon, **_):
         asked.append((named, len(start), float(np.abs(start[len(vector.without_effects.parameters) :]).sum())))
@@ -652,14 +697,16 @@ def test_a_joint_fit_that_leaves_too_much_begins_again_where_the_factors_alone_l
 
     few = data.until(1.0)
     assert horizons(few.samples) == [0.5, 1.0]
-    found, _ = joint_fit(few, joint.vector, joint.vector.start, 0.5e-3, fitted, patient=patient)
+    found = joint_fit(few, joint.vector, joint.vector.start, 0.5e-3, fitted, patient=patient)
     told = [named for named, *_ in asked]
     first, again = "to 0.5 s", ["factors to 0.5 s", "from factors to 0.5 s"]
     if bad == first:
-        assert told == [first, *again, "from factors"]
+        assert told == [first, *again, "from factors to 1 s", "from factors at last"]
+    elif bad == "to 1 s" and patient:
+        assert told == [first, bad, *again, "from factors to 1 s", "from factors at last"]
     else:
-        assert told == [first, "", *([*again, "from factors"] if bad == "" and patient else [])]
-    assert found.after == (9e-3 if bad == "" and not patient else 0.5e-3)
+        assert told == [first, "to 1 s", "at last"]
+    assert len(found.x) == len(joint.vector.parameters)
     if again[0] in told:
         factors, effects = (asked[told.index(named)] for named in again)
         assert factors[1] == len(joint.vector.without_effects.parameters)
@@ -680,7 +727,7 @@ def test_a_model_with_another_effect_instead_is_where_the_residuals_are_least(la
     (joint, data), (found, *_) = late, selected
     monkeypatch.setattr("optimize.fit.needed.ALIKE", 0.15)
     monkeypatch.setattr("studies.tracing.candidates.alike", lambda *_: [])  # where the joint fit is: above
-    selection = Selection(joint, unhurried, found, data.folds, data.noise.sigma, (), {})
+    selection = Selection(joint, unhurried, found, data.folds, data.noise.sigma, ())
     _, instead = candidates_of(selection)
     [(name, explanation)] = instead.items()  # a late clock does a fifth of what the lag does, and nothing of the droop
     assert name in ("dead_time", "time_offset")  # which of these two, the noise decides

@@ -21,7 +21,7 @@ STEP = 0.03  # of a logarithm, in the first finite differences
 _ITERATIONS = 20
 _CONVERGED = 0.01  # of a logarithm
 _CLOSE = 0.007  # of log likelihood, an unknown: a step that promises less in all is the last, and still taken
-_CLOSE_ENOUGH = 3.0  # the same where a longer horizon follows
+_NEARLY = (3.0, 0.02)  # of log likelihood, in all and an observation, where another fit follows: 2 % of what is left
 _PROMISED = 0.25  # of the gain that a step promised: while it gains as much, its Jacobian is updated, not made anew
 _WRONG = 2.0  # times what a right model leaves: no last steps are worth their motions
 _NEAR = 0.03  # of a logarithm: steps under it are left to the next horizon
@@ -63,11 +63,12 @@ def fit(
     known from a fit of the same samples, so that models are compared by the same weights; None: the inputs are exact.
     close: of log likelihood, what the last step promises, or gains, at most; by default 0.007 for each unknown.
     near: another fit goes on from where this one ends, so that a step under 3 % ends it, and far frames count as
-    others. jacobian: (N, p) m, of a place near `start`: another is made only where its steps gain too little.
+    others. jacobian: (N, p) m, of a place near `start`, of which columns of NaN are made; the others are made again
+    only where its steps gain too little.
     expected: m RMS, what a right model leaves at most. Where a fit leaves k times as much, what is left is the model's
     error, not chance, and log likelihood counts by 1/k^2: a model that is wrong is not refined. Not for effects that
-    begin at nothing, which leave much before they are found. hopeless: m RMS: where the minimum of the linearised
-    residuals leaves more, on all frames, the fit ends.
+    begin at nothing, which leave much before they are found. hopeless: m RMS: where a horizon leaves more, or on
+    all frames the minimum of the linearised residuals, the fit ends.
     `progress` is told what is done, and about what share; `reached`, at each iteration, what makes the fit that ends
     there, for whoever interrupts it.
 
@@ -80,7 +81,7 @@ def fit(
     weight = np.diag(1 / vector.prior**2)
     slopes = forward if slopes is None else slopes
     starts = np.atleast_2d(vector.start if start is None else start)
-    x, along, iterations = starts[0], np.diag(STEP * vector.scale), 0
+    x, along, iterations, ended = starts[0], np.diag(STEP * vector.scale), 0, False
     *early, last = horizons(samples)
     if start is not None:
         early = []
@@ -94,32 +95,47 @@ def fit(
         there = _ending(reached, problem, inputs, capped(evaluation.found.residual), iterations)
         state, more, _ = _descend(
             problem, state, weight, f"to {horizon:g} s, ", told,
-            near=True, sure=False, close=_CLOSE_ENOUGH, expected=expected, inputs=inputs, reached=there,
+            near=True, sure=False, expected=expected, inputs=inputs, reached=there,
         )  # fmt: skip
         _, normal = step_to_minimum(problem.samples, state, weight, 0.0, vector, inputs, np.inf)
         x, along, iterations = state.x, directions(normal, vector), iterations + more
         starts = x[None]
+        if ended := capped(state.found.residual) > hopeless:
+            break
     problem = FitProblem(samples, forward, slopes, vector)
     *evaluations, sheet = problem.evaluate([*starts, np.zeros(len(x))])
     evaluation = min(evaluations, key=lambda one: capped(one.found.residual))
     inputs = input_errors(problem, evaluation, accuracy) if isinstance(accuracy, Accuracy) else accuracy
-    state = problem.linearise(evaluation, along) if jacobian is None else problem.with_jacobian(evaluation, jacobian)
+    state = _begun(problem, evaluation, along, jacobian)
+    if ended:
+        return concluded(problem, state, inputs, capped(sheet.found.residual), iterations, False)
     told = parts(progress, *ends)[-1]
+    first, second = (told, told) if near else parts(told, 0.5)
     line, before = f"to {last:g} s, ", capped(sheet.found.residual)
     there = _ending(reached, problem, inputs, before, iterations)
     state, more, converged = _descend(
-        problem, state, weight, line, told,
+        problem, state, weight, line, first,
         near=True, sure=near and jacobian is None, exact=jacobian is None,
-        close=_CLOSE_ENOUGH, expected=expected, hopeless=hopeless, inputs=inputs, reached=there,
+        expected=expected, hopeless=hopeless, inputs=inputs, reached=there,
     )  # fmt: skip
     if not near:
         iterations, wrong = iterations + more, capped(state.found.residual) > _WRONG * expected
         there = _ending(reached, problem, inputs, before, iterations)
         state, more, converged = _descend(
-            problem, state, weight, line, told, near=wrong, exact=False,
-            close=_CLOSE_ENOUGH if wrong else close, expected=expected, hopeless=hopeless, inputs=inputs, reached=there,
+            problem, state, weight, line, second, near=wrong, exact=False,
+            close=None if wrong else close, expected=expected, hopeless=hopeless, inputs=inputs, reached=there,
         )  # fmt: skip
     return concluded(problem, state, inputs, before, iterations + more, converged)
+
+
+def _begun(problem: Problem, evaluation: Evaluation, along: Array, jacobian: Array | None) -> Linearisation:
+    """jacobian: (N, p) m, where there is one; columns of NaN are made."""
+    if jacobian is None:
+        return problem.linearise(evaluation, along)
+    missing = np.flatnonzero(np.isnan(jacobian).all(axis=0))
+    if not len(missing):
+        return problem.with_jacobian(evaluation, jacobian)
+    return problem.linearise(evaluation, along, jacobian, missing)
 
 
 def fit_bench(problem: BenchProblem) -> Fit:
@@ -129,7 +145,7 @@ def fit_bench(problem: BenchProblem) -> Fit:
     evaluation = problem.evaluate([vector.start])[0]
     before = capped(evaluation.found.residual, evaluation.found.loss.cap)
     state = problem.linearise(evaluation, np.diag(STEP * vector.scale))
-    state, first, _ = _descend(problem, state, weight, "", progress, near=True, sure=False, close=_CLOSE_ENOUGH)
+    state, first, _ = _descend(problem, state, weight, "", progress, near=True, sure=False)
     state, more, converged = _descend(problem, state, weight, "", progress, exact=False)
     return concluded(problem, state, None, before, first + more, converged)
 
@@ -194,8 +210,6 @@ def _descend(
     need where the fit stands are as old as the first Jacobian, unless a step gains nothing."""
     slight, far = (_NEAR, np.inf) if near else (_CONVERGED, FAR)
     vector, damping, whole = problem.vector, 0.0, exact
-    if close is None:  # by chance alone the fit of each unknown is off by half of log likelihood
-        close = _CLOSE * len(vector.parameters)
     for iteration in range(1, _ITERATIONS + 1):
         step, normal = step_to_minimum(problem.samples, state, weight, damping, problem.vector, inputs, far)
         linear = _promised(state, step)
@@ -212,7 +226,8 @@ def _descend(
         best = int(np.argmax(gains))
         # where a part of a step is best, what is left of it is not slight
         longest *= max(1.0, _LENGTHS[best])
-        enough = close * max(1.0, capped(state.found.residual) / expected) ** 2
+        enough = close or _close(near, len(vector.parameters), float(normal.frames.sum()))
+        enough *= max(1.0, capped(state.found.residual) / expected) ** 2
         small = promised < enough or longest < slight or (exact and 0 < gains[best] < enough)
         if gains[best] > 0:
             damping = damping / 10
@@ -236,6 +251,11 @@ def _descend(
         state = problem.linearise(there, directions(normal, vector), state.jacobian, fresh)
         exact, whole = True, len(fresh) == len(step)
     return state, _ITERATIONS, False
+
+
+def _close(near: bool, unknowns: int, observations: float) -> float:
+    """Of log likelihood: a step that promises less is the last."""
+    return max(_NEARLY[0], _NEARLY[1] * observations) if near else _CLOSE * unknowns
 
 
 def _needed_columns(vector: FitVector, places: Sequence[Array], normal: Normal, weight: Array) -> Indices:

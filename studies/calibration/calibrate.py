@@ -29,7 +29,7 @@ from studies.calibration.intervals import EXCESS, excess, expected_rms, far_fact
 from studies.calibration.trial_checks import DISAGREE, implausible
 from studies.intervals.calibrate import chosen as chosen_trials
 from studies.intervals.calibrate import spread_json, with_spread
-from studies.joint_fit import Nothing, joint_fit
+from studies.joint_fit import joint_fit
 from studies.measured_data import Density, MeasuredData
 from studies.sensitive_stretches import find_used_frames
 from studies.used_frames import UsedFrames
@@ -147,7 +147,7 @@ def calibrate(
     data = MeasuredData.of(sets, chosen, used, DRAWN, seed=seed)
     bare, forward = forward, Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
-    fitted, nothing = _fit(data, forward, slopes, vector, progress, interruptible, checkpoint)
+    fitted = _fit(data, forward, slopes, vector, progress, interruptible, checkpoint)
     if lines := {} if fitted.interrupted else _implausible(fitted, data.samples, forward):
         tolerance = Tolerance(skip_bad, [*skipped])
         for line in lines.values():
@@ -156,7 +156,7 @@ def calibrate(
         data = data.without(lines)
         if not data.samples:
             raise InputError(f"{', '.join(s.name for s in sets)}: no trial to fit is left; the first: {skipped[0]}")
-        fitted, nothing = _fit(data, forward, slopes, vector, progress, interruptible, checkpoint)
+        fitted = _fit(data, forward, slopes, vector, progress, interruptible, checkpoint)
     covariance = with_engines(fitted, engines)
     deviation = np.sqrt(np.diag(covariance))
     why = [*interval_warnings(fitted.after, fitted.outlying, data.noise), *far_factors(fitted)]
@@ -170,7 +170,6 @@ def calibrate(
         reliable=not why,
         points_per_side=points_per_side,
         provenance=data.provenance(),
-        nothing=nothing,
     )
     if intervals and not fitted.interrupted:
         model, said = _with_spread(model, sets, data, bare, coarse, progress)
@@ -225,9 +224,9 @@ def _fit(
     progress: Progress,
     interruptible: bool,
     checkpoint: Checkpoint | None,
-) -> tuple[Fit, dict[str, Nothing]]:
-    """With effects, from the data sheet too: where the fit without them ends may be far off, in a false minimum. What
-    turns out to be nothing on the way is off in the end. Where that is interrupted, the better of both is kept."""
+) -> Fit:
+    """With effects, from the data sheet too: where the fit without them ends may be far off, in a false minimum. Where
+    that is interrupted, the better of both is kept."""
     reached: deque[Callable[[], Fit]] = deque(maxlen=1)  # makes the fit that ends where this one stands
     plain: Fit | None = None
     early, late = parts(progress, _WITHOUT_EFFECTS)
@@ -242,6 +241,7 @@ def _fit(
         horizon: float | None = None,
         expected: float,
         progress: Progress,
+        jacobian: Array | None = None,
         of: str = "effects",
     ) -> Fit:
         engine = forward if horizon is None or slopes is None else slopes
@@ -256,6 +256,7 @@ def _fit(
                 accuracy=seen.weighed,
                 start=start,
                 near=horizon is not None or len(own.parameters) > _MANY,
+                jacobian=jacobian,
                 expected=expected,
                 progress=progress,
                 reached=reached.append,
@@ -268,23 +269,23 @@ def _fit(
 
     try:
         if not vector.terms:
-            return fitted(data, vector, None, expected=expected_rms(data.noise), progress=progress), {}
+            return fitted(data, vector, None, expected=expected_rms(data.noise), progress=progress)
         factors = vector.without_effects
         alone = partial(fitted, of="factors")
-        plain, _ = joint_fit(
+        plain = joint_fit(
             data, factors, factors.start, EXCESS, alone, lambda line, share: early(f"no effects, {line}", share)
         )
-        found, nothing = joint_fit(data, vector, vector.start, EXCESS, fitted, late)
-        return replace(found, before=plain.before, without_effects=plain), nothing
+        found = joint_fit(data, vector, vector.start, EXCESS, fitted, late)
+        return replace(found, before=plain.before, without_effects=plain)
     except KeyboardInterrupt:
         if not (interruptible and (reached or plain)):
             raise
         there = [replace(make(), interrupted=True) for make in reached]
         if plain is None:
-            return there[0], {}
+            return there[0]
         if there and _better(there[0], plain):
-            return replace(there[0], before=plain.before, without_effects=plain), {}
-        return replace(plain, interrupted=True), {}
+            return replace(there[0], before=plain.before, without_effects=plain)
+        return replace(plain, interrupted=True)
 
 
 def _better(fitted: Fit, other: Fit) -> bool:

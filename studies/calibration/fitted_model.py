@@ -1,7 +1,6 @@
 """A fit as a model: values with intervals, what each belongs to, and what is known of them jointly."""
 
 from collections.abc import Mapping, Sequence
-from types import MappingProxyType
 
 import numpy as np
 
@@ -13,7 +12,6 @@ from fabdesign.trial import Trial
 from optimize.fit.fitted import Fit
 from optimize.fit.free import muscle_scope
 from optimize.fit.parameters import FitParameter
-from studies.joint_fit import Nothing
 
 QUANTILE = 1.645  # two-sided 90 %
 
@@ -26,10 +24,8 @@ def fitted_model(
     reliable: bool,
     points_per_side: int,
     provenance: Provenance,
-    nothing: Mapping[str, Nothing] = MappingProxyType({}),
 ) -> Model:
-    """covariance: (p, p) of the fit's unknowns, whatever the intervals hold included. trials: that were fitted.
-    nothing: terms that the fit is without, which the model has, off, if it has no other of the same effect."""
+    """covariance: (p, p) of the fit's unknowns, whatever the intervals hold included. trials: that were fitted."""
     deviation = np.sqrt(np.diag(covariance))
     muscles = muscle_scope([trial.design for trial in trials])
     parameters, quantities = {}, {}
@@ -46,12 +42,6 @@ def fitted_model(
     for label, term in zip(fit.vector.labels, fit.vector.terms_at(fit.x), strict=True):
         unnamed |= not EFFECTS[term.name].named and len(fit.vector.part(label)) > 0
         effects.append(_effect(label, term, quantities, muscles))
-    present = {effect.name for effect in effects}  # another choice of one of these would name its unknowns anew
-    effects += [
-        _effect(label, of.term, _at_nothing(of), muscles)
-        for label, of in nothing.items()
-        if of.term.name not in present
-    ]
     return Model(
         parameters,
         tuple(effects),
@@ -72,15 +62,6 @@ def _effect(label: str, term: Term, quantities: Mapping[str, Quantity], muscles:
     }
     own = muscles if declared.scope == "muscle type" else declared.scope
     return EffectTerm(term.name, values, term.scope or own)
-
-
-def _at_nothing(of: Nothing) -> dict[str, Quantity]:
-    """With intervals that hold it."""
-    found = {}
-    for parameter, x, s in zip(of.parameters, of.x, of.deviation, strict=True):
-        low, high = parameter.value(min(x - QUANTILE * s, 0.0)), parameter.value(max(x + QUANTILE * s, 0.0))
-        found[parameter.name] = Quantity(parameter.value(0.0), parameter.unit, (low, high))
-    return found
 
 
 def _plain(fit: Fit) -> dict[str, Parameter]:

@@ -9,16 +9,17 @@ import numpy as np
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import label_effect
 from fabdesign.forward import Term
+from fabdesign.metrics import over
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Array, Indices
 from optimize.fit.fitted import Fit
 from optimize.fit.left_out import Gain, LeftOut, Scored
-from optimize.fit.needed import NEEDED, conditioned, cost, needed
+from optimize.fit.needed import NEEDED, cheapest_first, conditioned, cost, needed
 from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.problem import Evaluation
 from studies.tracing.decoys import Decoys, decoys_beside
-from studies.tracing.reduction import reduced
+from studies.tracing.reduction import promised, reduced
 from studies.tracing.task import Place, Task
 
 CLOSE = 0.5  # of log likelihood: where a fit ends that is judged at the minimum of its linearised residuals
@@ -35,28 +36,30 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
     if not labels:
         alone = _alone(task, everything, plain)
         return alone, alone, small, None
-    known = _fit_of(task, *reduced(task, everything, labels))
+    known = _enough(task, everything, labels) or _fit_of(task, *reduced(task, everything, labels))
     most = Most(task, known)
     left_of_all = LeftOut.of(everything, task.data.folds).scored().excess(task.floor)
     held: list[str] = []  # what a fit without it loses; with fewer others beside it, that loses all the more
     gains, left_of_known = _left_out(task, known)
+    decoys: Decoys | None = None
     while True:
         if len(gains) == 1:
             plain = _alone(task, known, plain)
         # beside a stronger one an effect must gain more than is left, by those that stay or by all: where its law is
         # not quite right, small ones take up what it lacks
         least = max(task.tolerance, min(left_of_all, left_of_known)) if len(gains) > 1 else task.tolerance
+        least = least if decoys is None else max(least, decoys.chance)
         told = ", ".join(f"{label} {in_mm(gain):.2f}" for label, (gain, _) in gains.items())
         task.say(f"mm of excess that trials left out gain by each: {told}; least {in_mm(least):.2f}")
         doubtful = {label: gain for label, gain in gains.items() if label not in held}
         weak = weakest(doubtful, least, partial(_elsewhere, task, known, []))
-        if weak is None:
+        found = _simpler(known, most, plain, gains, least, held) if weak is None else None
+        if weak is None and found is None and decoys is None:
             decoys = decoys_beside(task, known, everything.vector)
             if decoys.chance > least:
-                least = decoys.chance
-                weak = weakest(doubtful, least, partial(_elsewhere, task, known, []))
+                held = []
+                continue
         if weak is None:
-            found = _simpler(known, most, plain, gains, least, held)
             if found is not None:
                 simpler, weak = found
             elif any(strength(known, label) >= CAUSE for label in gains):
@@ -75,8 +78,26 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
         small.append(weak)
         if len(gains) == 1:
             return plain, plain, small, None
-        known = simpler
+        known, decoys = simpler, None
         gains, left_of_known = _left_out(task, known)
+
+
+def _enough(task: Task, everything: Fit, labels: Sequence[str]) -> Fit | None:
+    """The fit with one of the effects alone, that which costs most to drop, if it leaves as little as all together do,
+    to first order: the joint fit shares out what it does, and one by one the others go only slowly."""
+    vector = everything.vector
+    gone = vector.parts(label for label in vector.labels if label not in labels)
+    there = conditioned(everything.minimum, everything.covariance, gone)
+    *_, (strongest, _, _) = cheapest_first(*there, {label: vector.part(label) for label in labels})
+    least = promised(everything, everything.minimum)
+    hopeless = float(np.hypot(least, task.tolerance))
+    one = _fit_of(task, everything, [strongest], hopeless=hopeless, named=f"{strongest} alone")
+    if over(one.after, least) > 0.5 * task.tolerance:
+        return None
+    if _lost(task, everything, one) < NEEDED:
+        return one
+    apart = task.differs_elsewhere(Place(vector, vector.inside(there[0])), Place(one.vector, one.x))
+    return one if apart < task.tolerance else None
 
 
 def strength(known: Fit, label: str) -> float:
@@ -138,15 +159,17 @@ def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
     return whole, np.array([[of.get(p.name, p.start) for p in parameters] for of in known])
 
 
-def _fit_of(task: Task, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf) -> Fit:
-    """From where a fit with more effects is, and with its Jacobian where that has all shapes already. hopeless: m RMS,
-    of a fit that need not be refined."""
+def _fit_of(
+    task: Task, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf, named: str | None = None
+) -> Fit:
+    """From where a fit with more effects is, and with its Jacobian but for shapes that it has not. hopeless: m RMS, of
+    a fit that need not be refined."""
     vector, starts = with_shapes(known, labels)
     fewer, index = known.vector.only(labels)
-    jacobian = known.state.jacobian[:, index] if fewer.names == vector.names else None
-    return task.fit(
-        " ".join(vector.labels), vector, known.inputs, starts, close=CLOSE, hopeless=hopeless, jacobian=jacobian
-    )
+    jacobian = np.full((len(known.state.jacobian), len(vector.names)), np.nan)
+    jacobian[:, [vector.names.index(name) for name in fewer.names]] = known.state.jacobian[:, index]
+    named = named or " ".join(vector.labels)
+    return task.fit(named, vector, known.inputs, starts, close=CLOSE, hopeless=hopeless, jacobian=jacobian)
 
 
 def _fit_without(task: Task, known: Fit, label: str, *, hopeless: float = np.inf) -> Fit:
@@ -274,7 +297,7 @@ class Most:
 
 
 def _lost(task: Task, known: Fit, other: Fit) -> float:
-    """Of log likelihood and prior, what a fit with fewer effects loses."""
+    """Of log likelihood and prior, what a fit with fewer effects loses; shapes that `known` has not cost nothing."""
     x = np.zeros(len(known.x))
     places = {name: k for k, name in enumerate(known.vector.names)}
     labels = {
@@ -282,7 +305,8 @@ def _lost(task: Task, known: Fit, other: Fit) -> float:
     }
     for name, value in zip(other.vector.names, other.x, strict=True):
         label, dot, key = name.rpartition(".")
-        x[places[f"{labels.get(label, label)}{dot}{key}"]] = value
+        if (place := places.get(f"{labels.get(label, label)}{dot}{key}")) is not None:
+            x[place] = value
     there = Evaluation(x, other.state.sheets, other.state.found)
     return loss(task.data.samples, known.state, there, known.normal, np.diag(1 / known.vector.prior**2), known.inputs)
 

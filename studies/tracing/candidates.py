@@ -49,11 +49,6 @@ def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], dict[str
     none = wide.scored(added)
     candidates = [_chosen(wide, none, added, label, selection) for label in chosen.vector.labels]
     candidates += [_other(wide, none, added, places[label], label, selection) for label in others]
-    excess = none.excess(selection.floor)
-    candidates += [
-        Candidate(label_effect(label), 0.0, (0.0, of.most), excess, False, {})
-        for label, of in selection.nothing.items()
-    ]
     best: dict[str, Candidate] = {}
     for candidate in sorted(candidates, key=lambda c: c.gain):
         best[candidate.name] = candidate

@@ -61,9 +61,13 @@ def begin_without(task: Task, known: Fit, labels: Collection[str]) -> Begin:
     part = known.vector.parts(labels)
     there = known.vector.inside(conditioned(known.minimum, known.covariance, part)[0])
     vector, index = known.vector.only([label for label in known.vector.labels if label not in labels])
-    promised = known.state.found.residual + known.state.jacobian @ (there - known.x)
     rms, x = task.nearest(vector, [there[index], known.x[index]])
-    return Begin(vector, x, known.state.jacobian[:, index], rms, capped(promised))
+    return Begin(vector, x, known.state.jacobian[:, index], rms, promised(known, there))
+
+
+def promised(known: Fit, there: Array) -> float:
+    """m RMS of residuals capped at 10 mm that a fit leaves to first order where its unknowns are `there` (p,)."""
+    return capped(known.state.found.residual + known.state.jacobian @ (there - known.x))
 
 
 def _holds(task: Task, begin: Begin) -> bool:

@@ -3,7 +3,7 @@
 Around the false minimum that a fit without them goes to the wrong names come first.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,21 +13,22 @@ from optimize.fit.free import fit_vector
 from optimize.fit.left_out import Gain, LeftOut
 from optimize.fit.needed import NEEDED, needed
 from optimize.fit.parameters import FitVector
-from studies.joint_fit import Nothing, beside, joint_fit
+from studies.calibration.intervals import expected_rms
+from studies.joint_fit import beside, joint_fit
 from studies.measured_data import MeasuredData
 from studies.tracing.backwards import CAUSE, backwards, gains_of, parts_of, sparse, strength
 from studies.tracing.decoys import Decoys
 from studies.tracing.task import Task
 
 SLIGHT = 2.0  # times the tolerance: what leaves no more is near the minimum, and the joint fit begins there
+HOPELESS = 4.0  # times the tolerance: what leaves more is not refined before the joint fit
 
 
 @dataclass(frozen=True, eq=False)
 class Selection:
     """everything: the joint fit; to first order about `plain` where that is adequate. plain: the declared parameters
     alone. chosen: with what is needed; `plain` itself where that is nothing. small: effects that are certain but within
-    the tolerance, or like all others too small for a cause. nothing: terms left out of the joint fit on its way, by
-    label. decoys: beside what is chosen; None without effects."""
+    the tolerance, or like all others too small for a cause. decoys: beside what is chosen; None without effects."""
 
     everything: Fit
     plain: Fit
@@ -35,7 +36,6 @@ class Selection:
     folds: Sequence[int]
     floor: float
     small: tuple[str, ...]
-    nothing: Mapping[str, Nothing]
     decoys: Decoys | None = None
 
     @property
@@ -64,25 +64,34 @@ def select(task: Task) -> Selection:
 
     Where the declared parameters leave little, the residuals are nearly linear about them, and the joint fit begins
     there: from the data sheet a cloth that snaps leads it astray. Not where they had to go where no specimen is: an
-    effect hides in them then. The horizon grows, as in any fit; what a horizon says for certain to be next to nothing
-    is left out of the later ones: a column costs a motion of every trial."""
+    effect hides in them then."""
     every = fit_vector(["all"], factors=task.factors, designs=task.designs)
     vector = without(every, task.known)
-    plain = task.fit("plain", vector.without_effects, near=True)
+    hopeless = expected_rms(task.data.noise, HOPELESS * task.tolerance)
+    plain = task.fit("plain", vector.without_effects, near=True, hopeless=hopeless)
     excess = _excess(task, plain)
     plausible = plain.vector.is_plausible(plain.x)
     if excess <= task.tolerance and plausible:
         return _adequate(task, vector, task.fit("plain to its end", plain.vector, plain.inputs, plain.minimum))
     start = beside(vector, plain.x) if excess <= SLIGHT * task.tolerance and plausible else vector.start
 
-    def fitted(data: MeasuredData, own: FitVector, start: Array, *, named: str, expected: float, **_: object) -> Fit:
+    def fitted(
+        data: MeasuredData,
+        own: FitVector,
+        start: Array,
+        *,
+        named: str,
+        expected: float,
+        jacobian: Array | None = None,
+        **_: object,
+    ) -> Fit:
         named = f"every effect {named}".strip()
-        return replace(task, data=data).fit(named, own, start=start, near=True, expected=expected)
+        return replace(task, data=data).fit(named, own, start=start, near=True, expected=expected, jacobian=jacobian)
 
-    everything, nothing = joint_fit(task.data, vector, start, task.tolerance, fitted, patient=True)
+    everything = joint_fit(task.data, vector, start, task.tolerance, fitted, patient=True)
     plain = task.weighed(plain, everything.inputs)
     plain, chosen, small, decoys = backwards(task, everything, plain)
-    return Selection(everything, plain, chosen, task.data.folds, task.floor, tuple(small), nothing, decoys)
+    return Selection(everything, plain, chosen, task.data.folds, task.floor, tuple(small), decoys)
 
 
 def _excess(task: Task, fitted: Fit) -> float:
@@ -94,7 +103,7 @@ def _adequate(task: Task, vector: FitVector, plain: Fit) -> Selection:
     """What the declared parameters explain: effects take part to first order."""
     everything = task.linearised("every effect beside them", vector, beside(vector, plain.x), plain.inputs)
     small = sparse(everything, needed(everything.minimum, everything.covariance, vector, NEEDED))
-    return Selection(everything, plain, plain, task.data.folds, task.floor, tuple(small), {})
+    return Selection(everything, plain, plain, task.data.folds, task.floor, tuple(small))
 
 
 def without(vector: FitVector, known: Sequence[str]) -> FitVector:
