@@ -52,7 +52,7 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
         told = ", ".join(f"{label} {in_mm(gain):.2f}" for label, (gain, _) in gains.items())
         task.say(f"mm of excess that trials left out gain by each: {told}; least {in_mm(least):.2f}")
         doubtful = {label: gain for label, gain in gains.items() if label not in held}
-        weak = weakest(doubtful, least, partial(_elsewhere, task, known, []))
+        weak = weakest(doubtful, least, partial(_matters_elsewhere, task, known, []))
         found = _simpler(known, most, plain, gains, least, held) if weak is None else None
         if weak is None and found is None and decoys is None:
             decoys = decoys_beside(task, known, everything.vector)
@@ -199,7 +199,7 @@ def worth(task: Task, everything: Fit) -> tuple[list[str], list[str]]:
     while labels:
         off = vector.parts(gone := [label for label in vector.labels if label not in labels])
         gains = gains_of({label: vector.part(label) for label in labels}, trials, task.floor, off)
-        weak = weakest(gains, task.tolerance, partial(_elsewhere, task, everything, gone))
+        weak = weakest(gains, task.tolerance, partial(_matters_elsewhere, task, everything, gone))
         if weak is None:
             break
         small.append(weak)
@@ -225,13 +225,11 @@ def _sits_in_a_channel(label: str) -> bool:
     return bool(effect.chosen) and all(effect.parameters[name].whole for name in effect.chosen)
 
 
-def weakest(
-    gains: Mapping[str, Gain], least: float, elsewhere: Callable[[str], float] = lambda label: 0.0
-) -> str | None:
+def weakest(gains: Mapping[str, Gain], least: float, stays: Callable[[str], bool] = lambda label: False) -> str | None:
     """The effect that trials left out gain least by, of those for which that is not certain or under `least` [m], and
-    what it does `elsewhere` too: with and without it, to first order."""
+    that does not stay for another reason."""
     rising = sorted(gains, key=lambda label: gains[label][0])
-    return next((k for k in rising if not _certain(gains[k], least) and elsewhere(k) < least), None)
+    return next((k for k in rising if not _certain(gains[k], least) and not stays(k)), None)
 
 
 def _certain(gain: Gain, least: float) -> bool:
@@ -239,11 +237,13 @@ def _certain(gain: Gain, least: float) -> bool:
     return gain[0] >= least and gain[1][0] > 0
 
 
-def _elsewhere(task: Task, joint: Fit, gone: Sequence[str], label: str) -> float:
-    """m by which a fit with terms `gone` off differs on other layouts where one more is, to first order."""
+def _matters_elsewhere(task: Task, joint: Fit, gone: Sequence[str], label: str) -> bool:
+    """Whether a fit with terms `gone` off differs on other layouts where one more is, to first order: by the tolerance,
+    whatever is left of trials left out."""
     vector, x, covariance = joint.vector, joint.minimum, joint.covariance
     with_it, without = (conditioned(x, covariance, vector.parts(labels))[0] for labels in (gone, [*gone, label]))
-    return task.differs_elsewhere(Place(vector, vector.inside(with_it)), Place(vector, vector.inside(without)))
+    apart = task.differs_elsewhere(Place(vector, vector.inside(with_it)), Place(vector, vector.inside(without)))
+    return apart >= task.tolerance
 
 
 def _simpler(
@@ -282,11 +282,12 @@ class Most:
 
     def loses(self, simpler: Fit, least: float) -> bool:
         """Whether a fit with fewer effects does not do as well. As well: trials left out lose under `least` [m], or not
-        for certain, and either the data lose too little, or other layouts differ by too little."""
+        for certain, and either the data lose too little, or other layouts differ by less than the tolerance."""
         task = self.task
         return self.predicts_better(simpler, least) or (
             _lost(task, self.fit, simpler) >= NEEDED
-            and task.differs_elsewhere(Place(self.fit.vector, self.fit.x), Place(simpler.vector, simpler.x)) >= least
+            and task.differs_elsewhere(Place(self.fit.vector, self.fit.x), Place(simpler.vector, simpler.x))
+            >= task.tolerance
         )
 
     def predicts_better(self, other: Fit, least: float) -> bool:
