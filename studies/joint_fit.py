@@ -19,6 +19,7 @@ from optimize.fit.clouds import Array, Indices, evenly
 from optimize.fit.descent import Progress, horizons, parts
 from optimize.fit.fitted import Fit
 from optimize.fit.parameters import FitParameter, FitVector
+from optimize.fit.problem import widened
 from studies.calibration.intervals import expected_rms
 from studies.measured_data import MeasuredData
 
@@ -71,10 +72,14 @@ def joint_fit(
     *told, at_last = parts(progress, *((1 - share) * np.cumsum(lengths) / sum(lengths)).tolist())
     expected = np.inf if vector.terms else right  # effects at nothing leave much
     stages = [
-        _Stage(few.until(horizon), horizon, tolerance, partial(fitted, expected=expected, progress=own))
+        _Stage(
+            few.until(horizon),
+            horizon,
+            tolerance if horizon < lengths[-1] else 0.0,
+            partial(fitted, expected=expected, progress=own),
+        )
         for horizon, own in zip(lengths, told, strict=True)
     ]
-    stages[-1] = replace(stages[-1], tolerance=0.0)
     descent, untried = _Descent(vector, start), bool(vector.terms)
     for k, stage in enumerate(stages):
         descent = stage.after(descent)
@@ -114,9 +119,7 @@ class _Descent:
     def jacobian(self) -> Array:
         """(N, p) m, of all unknowns: NaN for those that take no part."""
         assert self.fit is not None
-        wide = np.full((len(self.fit.state.jacobian), len(self.x)), np.nan)
-        wide[:, self.part[1]] = self.fit.state.jacobian
-        return wide
+        return widened(self.fit.state.jacobian, self.part[1], len(self.x))
 
 
 @dataclass(frozen=True, eq=False)

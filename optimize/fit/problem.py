@@ -144,6 +144,13 @@ class FitProblem(Problem):
         return [sample.times for sample in self.samples]
 
 
+def widened(jacobian: Array, at: Indices | Sequence[int], count: int) -> Array:
+    """(N, count) m: the columns of a Jacobian (N, k) at their places `at` (k,), NaN for those still to make."""
+    wide = np.full((len(jacobian), count), np.nan)
+    wide[:, at] = jacobian
+    return wide
+
+
 def columns(evaluation: Evaluation, changes: Sequence[Motion]) -> Array:
     """(N, k) m: change of each residual by changes (k, F, n, n, 3) m of the mid-surface, a sample each."""
     face = isqrt(evaluation.sheets[0].points.shape[1] // 2)

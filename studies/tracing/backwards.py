@@ -17,7 +17,7 @@ from optimize.fit.left_out import Gain, LeftOut, Scored
 from optimize.fit.needed import NEEDED, cheapest_first, conditioned, cost, needed
 from optimize.fit.normal import loss
 from optimize.fit.parameters import FitParameter, FitVector
-from optimize.fit.problem import Evaluation
+from optimize.fit.problem import Evaluation, widened
 from studies.tracing.decoys import Decoys, decoys_beside
 from studies.tracing.reduction import promised, reduced
 from studies.tracing.task import Place, Task
@@ -92,12 +92,8 @@ def _enough(task: Task, everything: Fit, labels: Sequence[str]) -> Fit | None:
     least = promised(everything, everything.minimum)
     hopeless = float(np.hypot(least, task.tolerance))
     one = _fit_of(task, everything, [strongest], hopeless=hopeless, named=f"{strongest} alone")
-    if over(one.after, least) > 0.5 * task.tolerance:
-        return None
-    if _lost(task, everything, one) < NEEDED:
-        return one
-    apart = task.differs_elsewhere(Place(vector, vector.inside(there[0])), Place(one.vector, one.x))
-    return one if apart < task.tolerance else None
+    fits = over(one.after, least) <= 0.5 * task.tolerance
+    return one if fits and not _needed_elsewhere(task, everything, vector.inside(there[0]), one) else None
 
 
 def strength(known: Fit, label: str) -> float:
@@ -166,8 +162,8 @@ def _fit_of(
     a fit that need not be refined."""
     vector, starts = with_shapes(known, labels)
     fewer, index = known.vector.only(labels)
-    jacobian = np.full((len(known.state.jacobian), len(vector.names)), np.nan)
-    jacobian[:, [vector.names.index(name) for name in fewer.names]] = known.state.jacobian[:, index]
+    at = [vector.names.index(name) for name in fewer.names]
+    jacobian = widened(known.state.jacobian[:, index], at, len(vector.names))
     named = named or " ".join(vector.labels)
     return task.fit(named, vector, known.inputs, starts, close=CLOSE, hopeless=hopeless, jacobian=jacobian)
 
@@ -242,8 +238,7 @@ def _matters_elsewhere(task: Task, joint: Fit, gone: Sequence[str], label: str) 
     whatever is left of trials left out."""
     vector, x, covariance = joint.vector, joint.minimum, joint.covariance
     with_it, without = (conditioned(x, covariance, vector.parts(labels))[0] for labels in (gone, [*gone, label]))
-    apart = task.differs_elsewhere(Place(vector, vector.inside(with_it)), Place(vector, vector.inside(without)))
-    return apart >= task.tolerance
+    return task.matters_elsewhere(Place(vector, vector.inside(with_it)), Place(vector, vector.inside(without)))
 
 
 def _simpler(
@@ -283,18 +278,21 @@ class Most:
     def loses(self, simpler: Fit, least: float) -> bool:
         """Whether a fit with fewer effects does not do as well. As well: trials left out lose under `least` [m], or not
         for certain, and either the data lose too little, or other layouts differ by less than the tolerance."""
-        task = self.task
-        return self.predicts_better(simpler, least) or (
-            _lost(task, self.fit, simpler) >= NEEDED
-            and task.differs_elsewhere(Place(self.fit.vector, self.fit.x), Place(simpler.vector, simpler.x))
-            >= task.tolerance
-        )
+        return self.predicts_better(simpler, least) or _needed_elsewhere(self.task, self.fit, self.fit.x, simpler)
 
     def predicts_better(self, other: Fit, least: float) -> bool:
         """Whether trials left out lose `least` [m] by another fit, and that for certain."""
         without, own = LeftOut.of(other, self.task.data.folds).scored(), self.scored
         alike = replace(own, squares=own.squares * without.weights / np.maximum(own.weights, 1e-12))
         return _certain(self.trials.gain(without, alike, self.task.floor), least)
+
+
+def _needed_elsewhere(task: Task, known: Fit, x: Array, simpler: Fit) -> bool:
+    """Whether the data lose by a simpler fit, and other layouts move otherwise than where `known` has its unknowns x
+    (p,)."""
+    return _lost(task, known, simpler) >= NEEDED and task.matters_elsewhere(
+        Place(known.vector, x), Place(simpler.vector, simpler.x)
+    )
 
 
 def _lost(task: Task, known: Fit, other: Fit) -> float:

@@ -36,7 +36,7 @@ from studies.tracing.task import Place, Task
 from studies.tracing.verdict import Evidence, decide
 from studies.used_frames import Stretch, UsedFrames, share_left_out
 
-ALGORITHM = 22  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
+ALGORITHM = 23  # of what a trace's folder keeps: raised where kept work is no longer what this code would compute
 TOLERANCE = 0.5e-3  # m of excess
 TRIALS = 16  # at most, spread over those allowed
 LEAST_TRIALS = 3  # with different pressures

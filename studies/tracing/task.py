@@ -66,6 +66,10 @@ class Task:
             squares.setdefault(trial.design_name, []).append(float(np.square(np.fmin(apart, FAR)).mean()))
         return max((float(np.sqrt(np.mean(own))) for own in squares.values()), default=0.0)
 
+    def matters_elsewhere(self, one: Place, other: Place) -> bool:
+        """Whether two models differ on other layouts by the tolerance."""
+        return self.differs_elsewhere(one, other) >= self.tolerance
+
     def fit(
         self,
         named: str,
