@@ -40,6 +40,7 @@ from studies.joint_fit import joint_fit, negligible
 from studies.measured_data import MeasuredData
 from studies.tracing.backwards import (
     CAUSE,
+    Most,
     _alone,
     _enough,
     _label_in,
@@ -492,7 +493,7 @@ def test_an_effect_that_is_next_to_nothing_is_no_cause(selected, late, unhurried
     chosen = Selection(joint, unhurried, found, data.folds, data.noise.sigma, ())
     assert sorted(chosen.labels) == ["filling_lag", "supply_droop"] and not chosen.slight
     less, more = sorted(chosen.labels, key=partial(strength, found))
-    monkeypatch.setattr("studies.tracing.selection.CAUSE", (droop + lag) / 2)
+    monkeypatch.setattr("studies.tracing.backwards.CAUSE", (droop + lag) / 2)
     assert (chosen.labels, chosen.slight) == ((more,), (less,))
     monkeypatch.setattr("studies.tracing.backwards.CAUSE", 2 * max(droop, lag))
     with work_folder(tmp_path / "out", made_by="trace") as work:
@@ -618,6 +619,20 @@ def test_an_effect_that_is_enough_is_fitted_alone(tolerance, apart, alone, late,
     assert {*said} == {"filling_lag alone"}
     assert (found is not None) is alone
     assert found is None or (found.vector.labels == ("filling_lag",) and found.after < unhurried.after)
+
+
+def test_other_layouts_ask_for_nothing_that_is_no_cause(selected, late, unhurried, tmp_path, monkeypatch):
+    """A misplaced camera of a quarter of a degree moves another layout's edge by the tolerance."""
+    monkeypatch.setattr(Task, "differs_elsewhere", lambda *_: 1.0)
+    with work_folder(tmp_path / "out", made_by="trace") as work:
+        task = Task(
+            late[1], Predictor(Curler(), Model(), sensing=True), 0.5e-3, {}, [], Checkpoint(work, {}),
+            say=lambda line: None,
+        )  # fmt: skip
+        most, all_of_it = Most(task, selected[0]), 1.0  # m: trials left out lose less
+        assert most.loses(unhurried, all_of_it, cause=True)
+        assert not most.loses(unhurried, all_of_it, cause=False)
+        assert most.loses(unhurried, 0.5e-3, cause=False)  # trials left out tell
 
 
 def test_effects_that_do_the_same_in_the_joint_fit_are_alike(late):

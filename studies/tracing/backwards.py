@@ -52,7 +52,7 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
         told = ", ".join(f"{label} {in_mm(gain):.2f}" for label, (gain, _) in gains.items())
         task.say(f"mm of excess that trials left out gain by each: {told}; least {in_mm(least):.2f}")
         doubtful = {label: gain for label, gain in gains.items() if label not in held}
-        weak = weakest(doubtful, least, partial(_matters_elsewhere, task, known, []))
+        weak = weakest(doubtful, least, partial(_cause_elsewhere, task, known))
         found = _simpler(known, most, plain, gains, least, held) if weak is None else None
         if weak is None and found is None and decoys is None:
             decoys = decoys_beside(task, known, everything.vector)
@@ -62,7 +62,7 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
         if weak is None:
             if found is not None:
                 simpler, weak = found
-            elif any(strength(known, label) >= CAUSE for label in gains):
+            elif any(is_cause(known, label) for label in gains):
                 return plain, known, small, decoys
             else:  # what is next to nothing shows only where a cloth is about to snap, and there as much as anything
                 weak = min(gains, key=partial(strength, known))
@@ -72,7 +72,7 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
                     most, held = Most(task, simpler), []
         elif len(gains) > 1:
             simpler = _fit_without(task, known, weak)
-            if most.loses(simpler, least):
+            if most.loses(simpler, least, is_cause(known, weak)):
                 held.append(weak)
                 continue
         small.append(weak)
@@ -101,6 +101,11 @@ def strength(known: Fit, label: str) -> float:
     keys, vector = EFFECTS[label_effect(label)].strengths, known.vector
     own = [k for k in vector.part(label) if vector.parameters[k].name.rpartition(".")[2] in keys]
     return float((np.abs(known.x[own]) / vector.prior[own]).max())
+
+
+def is_cause(known: Fit, label: str) -> bool:
+    """Whether an effect of a fit is more than what is in any careful build."""
+    return strength(known, label) >= CAUSE
 
 
 def _left_out(task: Task, known: Fit) -> tuple[dict[str, Gain], float]:
@@ -241,6 +246,11 @@ def _matters_elsewhere(task: Task, joint: Fit, gone: Sequence[str], label: str) 
     return task.matters_elsewhere(Place(vector, vector.inside(with_it)), Place(vector, vector.inside(without)))
 
 
+def _cause_elsewhere(task: Task, known: Fit, label: str) -> bool:
+    """Whether an effect of a fit may be a cause, and other layouts tell that it is there."""
+    return is_cause(known, label) and _matters_elsewhere(task, known, [], label)
+
+
 def _simpler(
     known: Fit, most: "Most", plain: Fit, gains: Mapping[str, Gain], least: float, held: list[str]
 ) -> tuple[Fit, str] | None:
@@ -252,7 +262,7 @@ def _simpler(
         if len(gains) > 1:
             hopeless = float(np.hypot(most.fit.after, _MUCH * least))
             fitted = _fit_without(most.task, known, label, hopeless=hopeless)
-        if not most.loses(fitted, least):
+        if not most.loses(fitted, least, is_cause(known, label)):
             return fitted, label
         held.append(label)
     return None
@@ -275,10 +285,13 @@ class Most:
         """Of trials left out."""
         return self.trials.scored()
 
-    def loses(self, simpler: Fit, least: float) -> bool:
+    def loses(self, simpler: Fit, least: float, cause: bool) -> bool:
         """Whether a fit with fewer effects does not do as well. As well: trials left out lose under `least` [m], or not
-        for certain, and either the data lose too little, or other layouts differ by less than the tolerance."""
-        return self.predicts_better(simpler, least) or _needed_elsewhere(self.task, self.fit, self.fit.x, simpler)
+        for certain, and, where what it lacks may be a `cause`, either the data lose too little, or other layouts differ
+        by less than the tolerance."""
+        if self.predicts_better(simpler, least):
+            return True
+        return cause and _needed_elsewhere(self.task, self.fit, self.fit.x, simpler)
 
     def predicts_better(self, other: Fit, least: float) -> bool:
         """Whether trials left out lose `least` [m] by another fit, and that for certain."""

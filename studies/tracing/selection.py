@@ -16,7 +16,7 @@ from optimize.fit.parameters import FitVector
 from studies.calibration.intervals import expected_rms
 from studies.joint_fit import beside, joint_fit
 from studies.measured_data import MeasuredData
-from studies.tracing.backwards import CAUSE, backwards, gains_of, parts_of, sparse, strength
+from studies.tracing.backwards import backwards, gains_of, is_cause, parts_of, sparse
 from studies.tracing.decoys import Decoys
 from studies.tracing.task import Task
 
@@ -42,7 +42,7 @@ class Selection:
     def labels(self) -> tuple[str, ...]:
         """Of the effects chosen that are causes, the one whose absence costs most first."""
         gains = self.gains
-        causes = [label for label in gains if strength(self.chosen, label) >= CAUSE]
+        causes = [label for label in gains if is_cause(self.chosen, label)]
         return tuple(sorted(causes, key=lambda label: -gains[label][0]))
 
     @property
