@@ -35,6 +35,7 @@ from studies.sensitive_stretches import find_used_frames
 from studies.used_frames import UsedFrames
 
 TRIALS = 16  # fitted at most, spread over those allowed
+MOST_TRIALS = 48  # with effects, of which half of those allowed: a layout that was not fitted is predicted better then
 DRAWN = Density(until=1.5, frames=30, points=300)
 _MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
@@ -124,7 +125,8 @@ def calibrate(
     `fit`, or those of `orders` of each set; those of all sets and designs together. With effects, the factors are
     fitted without them first, which the model keeps.
 
-    Of more than 16 trials, 16 spread over the session are fitted: 30 frames of the first 1.5 s of each, and 300 points
+    Of more than 16 trials, 16 spread over the session are fitted, and of more than 32 half of them, 48 at most, where
+    effects are fitted too (the last fit alone sees all): 30 frames of the first 1.5 s of each, and 300 points
     of a frame, by `seed`. `slopes`: see `fit.fit`. coarse: a cheap simulator that finds sensitive stretches
     (studies.sensitive_stretches); they are left out. Without it they are not looked for.
     points_per_side: of `forward`'s grid, noted in the model.
@@ -140,7 +142,8 @@ def calibrate(
     sets = [measured] if isinstance(measured, MeasurementSet) else [*measured]
     _require_names(sets)
     allowed = [trial for one in sets for trial in fit_trials(one.trials, orders)]
-    chosen = [allowed[i] for i in evenly(len(allowed), TRIALS)]
+    most = max(TRIALS, min(MOST_TRIALS, len(allowed) // 2)) if vector.terms else TRIALS
+    chosen = [allowed[i] for i in evenly(len(allowed), most)]
     files = {trial.file for trial in chosen}
     own = [(one, [t for t in one.trials if t.file in files]) for one in sets]
     used = find_used_frames(own, coarse, progress=_searching(progress))
