@@ -13,7 +13,7 @@ those that by its covariance tell most together of the motions of all (studies/u
 that the simulator calls sensitive in over a fifth of their frames.
 
 Surface RMS at every sixth frame, each motion once on 21 points a side. A model is fitted where FOLDER has none, without
-the intervals of motions, which take no part here. `calibrate` fits 16 trials at most, so there is no row of more.
+the intervals of motions, which take no part here. Of up to 32 trials `calibrate` fits 16, so there is no row of more.
 Shares closed are of the excess of the factors alone of 10 trials, or of the twelve.
 """
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from fabdesign.catalogue import build
 from fabdesign.effects import EFFECTS
@@ -11,7 +12,7 @@ from fabdesign.pressure import PressureProgram
 from fabdesign.sensor_noise import SensorNoise
 from optimize.fit.free import fit_vector
 from sim import Simulator
-from studies.calibration.calibrate import calibrate
+from studies.calibration.calibrate import calibrate, most_trials
 from tests.simulated_set import simulated_set
 
 TIMES = np.arange(1, 9) / 16  # s
@@ -98,3 +99,10 @@ def test_what_is_learned_on_one_layout_is_what_happens_on_another(tmp_path):
         motion.middle for motion in forward.run([case, learned, replace(case, effects=PUT_IN)], [TIMES] * 3)
     )
     assert np.abs(learned - true).max() < 0.1 * np.abs(plain - true).max() > 0.5e-3
+
+
+@pytest.mark.parametrize(
+    ("allowed", "effects", "most"), [(95, False, 16), (20, True, 16), (40, True, 20), (200, True, 48)]
+)
+def test_half_of_many_trials_are_fitted_where_effects_are(allowed, effects, most):
+    assert most_trials(allowed, effects=effects) == most

@@ -35,7 +35,7 @@ from studies.sensitive_stretches import find_used_frames
 from studies.used_frames import UsedFrames
 
 TRIALS = 16  # fitted at most, spread over those allowed
-MOST_TRIALS = 48  # with effects, of which half of those allowed: a layout that was not fitted is predicted better then
+MOST_TRIALS = 48  # with effects, where half of those allowed are more: their last fit takes 10 CPU s a trial
 DRAWN = Density(until=1.5, frames=30, points=300)
 _MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
@@ -142,8 +142,7 @@ def calibrate(
     sets = [measured] if isinstance(measured, MeasurementSet) else [*measured]
     _require_names(sets)
     allowed = [trial for one in sets for trial in fit_trials(one.trials, orders)]
-    most = max(TRIALS, min(MOST_TRIALS, len(allowed) // 2)) if vector.terms else TRIALS
-    chosen = [allowed[i] for i in evenly(len(allowed), most)]
+    chosen = [allowed[i] for i in evenly(len(allowed), most_trials(len(allowed), effects=bool(vector.terms)))]
     files = {trial.file for trial in chosen}
     own = [(one, [t for t in one.trials if t.file in files]) for one in sets]
     used = find_used_frames(own, coarse, progress=_searching(progress))
@@ -186,6 +185,11 @@ def calibrate(
         data=data,
         intervals=said,
     )
+
+
+def most_trials(allowed: int, *, effects: bool) -> int:
+    """How many trials are fitted at most. A layout that none of them has is predicted better by more."""
+    return max(TRIALS, min(MOST_TRIALS, allowed // 2)) if effects else TRIALS
 
 
 def _with_spread(
