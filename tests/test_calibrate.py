@@ -22,7 +22,7 @@ from optimize.fit.descent import _descend, fit, horizons
 from optimize.fit.free import fit_vector
 from optimize.fit.normal import Normal, directions
 from optimize.fit.parameters import DECLARED, PRIOR
-from optimize.fit.problem import Evaluation, Problem
+from optimize.fit.problem import Evaluation, FitProblem, Problem
 from sim.motion import faces
 from studies.bad_data import sound_trials
 from studies.calibration.calibrate import DRAWN, calibrate
@@ -191,6 +191,30 @@ def test_ctrl_c_keeps_the_values_reached(measured):
     found = interrupted("to 0.5 s, iteration 2", ("scale_error",), interruptible=True)
     assert found.fit.interrupted and found.model.effects == ()
     assert found.model.parameters["damping"].factor == pytest.approx(1.3, rel=0.02)
+
+
+def test_the_factors_alone_see_fewer_trials_than_the_last_fit(measured, monkeypatch):
+    monkeypatch.setattr("studies.calibration.calibrate.TRIALS", 1)
+    vector, said = fit_vector(["scale_error"]), []
+
+    def fitted(most):
+        def progress(line, share):
+            if len(said) == most:
+                raise KeyboardInterrupt
+            said.append(line)
+
+        said.clear()
+        return calibrate(exact(measured), Curler(), vector=vector, interruptible=True, progress=progress)
+
+    whole = fitted(None)
+    interrupted = fitted(len(said) - 1)
+    for fit_ in (whole.fit, interrupted.fit):
+        assert (len(fit_.without_effects.by_trial), len(fit_.by_trial)) == (1, 2)
+        problem = FitProblem(whole.data.samples, Curler(), Curler(), vector)
+        there = problem.evaluate([vector.start])[0].found.residual  # of both trials
+        assert fit_.before == pytest.approx(capped_rms(there), rel=1e-6)
+        assert fit_.after < fit_.before / 2
+    assert interrupted.fit.interrupted and not whole.fit.interrupted
 
 
 def test_effects_that_are_nothing_early_on_come_out_as_nothing_in_the_end(measured, monkeypatch, tmp_path):

@@ -19,7 +19,7 @@ from fabdesign.trial import MeasurementSet
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Array, Sample, evenly
 from optimize.fit.descent import Progress, fit, parts
-from optimize.fit.fitted import Fit, kept
+from optimize.fit.fitted import Fit, capped, kept
 from optimize.fit.parameters import DECLARED, FitVector
 from optimize.fit.problem import FitProblem
 from studies.bad_data import Tolerance
@@ -34,8 +34,8 @@ from studies.measured_data import Density, MeasuredData
 from studies.sensitive_stretches import find_used_frames
 from studies.used_frames import UsedFrames
 
-TRIALS = 16  # fitted at most, spread over those allowed
-MOST_TRIALS = 48  # with effects, where half of those allowed are more: their last fit takes 10 CPU s a trial
+TRIALS = 16  # fitted at most without effects, spread over those allowed
+MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32
 DRAWN = Density(until=1.5, frames=30, points=300)
 _MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
@@ -125,10 +125,10 @@ def calibrate(
     `fit`, or those of `orders` of each set; those of all sets and designs together. With effects, the factors are
     fitted without them first, which the model keeps.
 
-    Of more than 16 trials, 16 spread over the session are fitted, and of more than 32 half of them, 48 at most, where
-    effects are fitted too (the last fit alone sees all): 30 frames of the first 1.5 s of each, and 300 points
-    of a frame, by `seed`. `slopes`: see `fit.fit`. coarse: a cheap simulator that finds sensitive stretches
-    (studies.sensitive_stretches); they are left out. Without it they are not looked for.
+    Of more than 16 trials, 16 spread over the session are fitted, and of more than 32 half of them, 48 at most, by the
+    last fit of effects: 30 frames of the first 1.5 s of each, and 300 points of a frame, by `seed`. `slopes`: see
+    `fit.fit`. coarse: a cheap simulator that finds sensitive stretches (studies.sensitive_stretches); they are left
+    out. Without it they are not looked for.
     points_per_side: of `forward`'s grid, noted in the model.
     skipped: lines on bad trials left out before; skip_bad: leave out those too that `trial_checks.implausible` finds.
     engines: (p,) standard deviations of the unknowns for the difference between `forward` and what made the data, by
@@ -232,8 +232,8 @@ def _fit(
     interruptible: bool,
     checkpoint: Checkpoint | None,
 ) -> Fit:
-    """With effects, from the data sheet too: where the fit without them ends may be far off, in a false minimum. Where
-    that is interrupted, the better of both is kept."""
+    """With effects, from the data sheet too: where the fit without them, of TRIALS, ends may be far off, in a false
+    minimum. Where that is interrupted, the better of both is kept."""
     reached: deque[Callable[[], Fit]] = deque(maxlen=1)  # makes the fit that ends where this one stands
     plain: Fit | None = None
     early, late = parts(progress, _WITHOUT_EFFECTS)
@@ -274,30 +274,37 @@ def _fit(
         problem = FitProblem(seen.samples, engine, slopes or engine, own)
         return kept(checkpoint, f"{of} of {len(data.trials)} trials {named}", problem, compute)
 
+    def left(plain: Fit, x: Array, seen: float) -> float:
+        """m RMS, capped, of all trials at x (p,). seen: of those that `plain` was fitted to."""
+        if len(plain.by_trial) == len(data.trials):
+            return seen
+        return capped(FitProblem(data.samples, forward, forward, plain.vector).evaluate([x])[0].found.residual)
+
+    def beside(plain: Fit, found: Fit) -> Fit:
+        return replace(found, before=left(plain, plain.vector.start, plain.before), without_effects=plain)
+
     try:
         if not vector.terms:
             return fitted(data, vector, None, expected=expected_rms(data.noise), progress=progress)
         factors = vector.without_effects
         alone = partial(fitted, of="factors")
+        few = data.only(evenly(len(data.trials), TRIALS).tolist())
         plain = joint_fit(
-            data, factors, factors.start, EXCESS, alone, lambda line, share: early(f"no effects, {line}", share)
+            few, factors, factors.start, EXCESS, alone, lambda line, share: early(f"no effects, {line}", share)
         )
         found = joint_fit(data, vector, vector.start, EXCESS, fitted, late)
-        return replace(found, before=plain.before, without_effects=plain)
+        return beside(plain, found)
     except KeyboardInterrupt:
         if not (interruptible and (reached or plain)):
             raise
         there = [replace(make(), interrupted=True) for make in reached]
         if plain is None:
             return there[0]
-        if there and _better(there[0], plain):
-            return replace(there[0], before=plain.before, without_effects=plain)
+        points = sum(len(cloud) for sample in data.samples for cloud in sample.clouds)
+        at_last = [found for found in there if len(found.state.found.residual) == points]  # horizons have fewer
+        if at_last and at_last[0].after < left(plain, plain.x, plain.after):
+            return beside(plain, at_last[0])
         return replace(plain, interrupted=True)
-
-
-def _better(fitted: Fit, other: Fit) -> bool:
-    """Whether it has come to the last horizon, which has all points, and is nearer to them."""
-    return len(fitted.state.found.residual) == len(other.state.found.residual) and fitted.after < other.after
 
 
 def _implausible(fit: Fit, samples: Sequence[Sample], forward: ForwardModel) -> dict[int, str]:

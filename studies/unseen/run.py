@@ -26,7 +26,7 @@ from studies.unseen.report import write_report
 from studies.unseen.result import CandidateResult, Measurement, PoseResult, ProposedProgram, UnseenResult
 
 IN_TURN = 3  # measurements that are proposed together
-ALGORITHM = 10  # of what a study's folder keeps: raised where it is no longer what this code would compute
+ALGORITHM = 11  # of what a study's folder keeps: raised where it is no longer what this code would compute
 
 
 def run_unseen(
