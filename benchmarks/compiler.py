@@ -50,7 +50,7 @@ def worker(row: Row, out: Path) -> dict[str, float]:
     from sim.kernels import vector_width
 
     if row.four:
-        vector_width.known_to_llvm = lambda _: False
+        vector_width.known_to_llvm = lambda processor: False
         vector_width.OPTION = b"-slp-max-reg-size=128"
         if not vector_width.widen():
             raise SystemExit("the width cannot be set here")

@@ -17,6 +17,7 @@ import platform
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.stats import t as student
@@ -72,7 +73,7 @@ def excess(found: Model, known: Model, measured: MeasurementSet, simulator: Simu
     return [e.excess for e in errors]
 
 
-def calibrated(seed: int, folder: Path, grid: int) -> dict:
+def calibrated(seed: int, folder: Path, grid: int) -> dict[str, Any]:
     """Everything that is kept of one set: logarithms, their standard deviations without the engines' term; m of the
     held-out trial at the data sheet, calibrated and with the true factors."""
     begin = time.perf_counter()
@@ -94,7 +95,7 @@ def calibrated(seed: int, folder: Path, grid: int) -> dict:
     }
 
 
-def results(kind: str, folder: Path, grid: int) -> list[dict]:
+def results(kind: str, folder: Path, grid: int) -> list[dict[str, Any]]:
     """Of all sets of the kind; those that are missing are made first."""
     folder.mkdir(parents=True, exist_ok=True)
     kept = folder / f"results_{grid}.jsonl"
@@ -113,12 +114,12 @@ def results(kind: str, folder: Path, grid: int) -> list[dict]:
     return [done[seed] for seed in seeds]
 
 
-def errors(rows: list[dict]) -> tuple[np.ndarray, np.ndarray]:
+def errors(rows: list[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
     """(sets, 7) of the logarithms found, and their own standard deviations."""
     return np.array([r["found"] for r in rows]) - [r["truth"] for r in rows], np.array([r["deviation"] for r in rows])
 
 
-def engine_term(rows: list[dict]) -> np.ndarray:
+def engine_term(rows: list[dict[str, Any]]) -> np.ndarray:
     """(7,) what the errors' mean square has over the intervals' own variance, as a standard deviation; wider by what
     Student's quantile for so many sets is wider than the normal one."""
     error, own = errors(rows)
@@ -132,7 +133,7 @@ def held_out(over: np.ndarray) -> str:
     return f"{(over <= 0.5).sum()} of {len(over)} | {pooled:.2f} | {np.median(over):.2f} | {over.max():.2f}"
 
 
-def page(rows: list[dict], extra: np.ndarray, grid: int) -> str:
+def page(rows: list[dict[str, Any]], extra: np.ndarray, grid: int) -> str:
     error, own = errors(rows)
     inside = np.abs(error) <= QUANTILE * np.sqrt(own**2 + (data_share(own) * extra) ** 2)
     narrow = np.abs(error) <= QUANTILE * own

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -58,15 +59,15 @@ def cases() -> Iterator[Case]:
     """All of them, cheapest part first."""
     known = truths()
     for truth in known:
-        yield Case("reach", truth.name, lambda folder, share, truth=truth: reach(truth, folder, share))
+        yield Case("reach", truth.name, partial(reach, truth))
     for seed in SEEDS:
-        yield Case("grid", f"seed_{seed}", lambda folder, share, seed=seed: grid(seed, folder, share))
+        yield Case("grid", f"seed_{seed}", partial(grid, seed))
     for truth in known:
         if truth.name in SCATTERED:
-            yield Case("robust", truth.name, lambda folder, share, truth=truth: robust(truth, folder, share))
+            yield Case("robust", truth.name, partial(robust, truth))
     for truth in known[:FEW]:
-        yield Case("poses", truth.name, lambda folder, share, truth=truth: poses(truth, folder, share))
-    yield Case("model", known[0].name, lambda folder, share: with_model(known[0], folder, share))
+        yield Case("poses", truth.name, partial(poses, truth))
+    yield Case("model", known[0].name, partial(with_model, known[0]))
 
 
 def study_of(truth: Truth, files: list[Path], seconds: float) -> Study:
