@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from sim.design.support import EDGES
 from sim.forces.added import AddedForce, remember
-from sim.forces.cloth import fabric_force
+from sim.forces.cloth import fabric_force, velocities
 from sim.forces.contact import contact
 from sim.forces.muscles import points_pos, points_rate, pull, sample, spread, tension
-from sim.forces.stress import age_stress
+from sim.forces.stress import age_stress, relaxes
 from sim.kernels.fields import LANES, SPREAD, F, Timed, X
 from sim.kernels.transfer import halt, record
 from sim.kernels.vectors import thrice
@@ -119,7 +119,7 @@ def step(
     work: ti.template(), scheme: ti.template(), pressure: ti.template(),
 ):  # fmt: skip
     """Step m of one block. kept: 1 where frames are kept of it, for which muscles are evaluated once more: a lane that
-    has converged has moved since. So is memory. added: forces of effects."""
+    has converged has moved since. So is memory, and nothing that has none. added: forces of effects."""
     begin(b, m, npt, added, scheme, pressure)
     if work[m, b] == FACTORISED:
         factorise(b, nu, nv)
@@ -130,13 +130,19 @@ def step(
     i = 0
     last = iterations
     while i <= last + kept:
-        fabric_force(b, nu, nv, support, ti.static(_stressed(added)))
+        if i <= last or (ti.static(_stressed(added)) and relaxes(b)):
+            fabric_force(b, nu, nv, support, ti.static(_stressed(added)))
+        else:
+            velocities(b, nu, nv)
         if npt > 0:
             muscles(b, nu, npt, added)
-        contact(b, nu)
-        for force in ti.static(added):
-            if ti.static(force.has_cloth):
-                force.cloth(b, nu, nv, npt)
+        if i <= last:
+            if npt > 0:
+                muscles_pull(b, nu, npt)
+            contact(b, nu)
+            for force in ti.static(added):
+                if ti.static(force.has_cloth):
+                    force.cloth(b, nu, nv, npt)
         if i == 0:
             first_residual(b, nu, nv)
         elif i <= last:
@@ -214,11 +220,16 @@ def predict(b, nu, nv):
 
 @ti.func
 def muscles(b, nu, npt, added: ti.template()):
-    """f += forces of the muscles, and what effects add to them."""
+    """Contraction and tension of the muscles at q, with what effects add to them."""
     sample(b, nu, npt, F.q, F.v, X.pos)
     points_pos(b, npt)
     points_rate(b, npt)
     tension(b, npt, added)
+
+
+@ti.func
+def muscles_pull(b, nu, npt):
+    """f += forces of the muscles as they are."""
     pull(b, npt, X.tension)
     spread(b, nu, npt, F.f)
 

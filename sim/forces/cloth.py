@@ -39,6 +39,15 @@ def fabric_force(b, nu, nv, support, stressed: ti.template()):
 
 
 @ti.func
+def velocities(b, nu, nv):
+    """v = cv (q - x0) + hv"""
+    j = 0
+    while j < nv:
+        velocity_row(b, nu, nv, j)
+        j = F.after[j]
+
+
+@ti.func
 def border(i, n):
     """-1 at the first of n nodes, 1 at the last, 0 between; and the share of a cell that the node stands for."""
     sign = ti.f32(0.0)

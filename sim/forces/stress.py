@@ -28,6 +28,17 @@ def age_stress(b):
 
 
 @ti.func
+def relaxes(b):
+    """Whether stress relaxes in any lane."""
+    most = ti.f32(0.0)
+    lane = 0
+    while lane < LANES:
+        most = ti.max(most, F.lane[b, M.RELAXED_SHARE][lane])
+        lane = F.after[lane]
+    return most > 0.0
+
+
+@ti.func
 def stiffer(b, first, second):
     """1 + a, the mean of two nodes."""
     return 1.0 + 0.5 * (F.node[b, F.stiffer + first] + F.node[b, F.stiffer + second])

@@ -16,10 +16,13 @@ from sim.state import COARSE, COARSE_ACROSS, COARSE_DOWN
 @ti.func
 def flat(b):
     """E_P <- W^T K0 W without its normal stiffness of a bent cloth."""
-    k = 0
-    while k < COARSE * COARSE:
-        F.coarse[b, C.alone + k] = Lanes(0.0)
-        k = F.after[k]
+    i = 0
+    while i < COARSE:
+        k = i - i % 4
+        while k < COARSE:
+            F.coarse[b, C.alone + i * COARSE + k] = Lanes(0.0)
+            k = F.after[k]
+        i = F.after[i]
     hu = F.lane[b, M.HU]
     hv = F.lane[b, M.HV]
     ihv = F.lane[b, M.IHV]

@@ -38,10 +38,13 @@ def assemble(b, nu, nv, npt):
 @ti.func
 def copy(b):
     """E <- E_P, and E_P gets its normal stiffness."""
-    k = 0
-    while k < COARSE * COARSE:
-        F.coarse[b, C.coupled + k] = F.coarse[b, C.alone + k]
-        k = F.after[k]
+    i = 0
+    while i < COARSE:
+        k = i * COARSE + i - i % 4
+        while k < (i + 1) * COARSE:
+            F.coarse[b, C.coupled + k] = F.coarse[b, C.alone + k]
+            k = F.after[k]
+        i = F.after[i]
     hoop = normal_stiffness(b)
     k = 2 * COARSE_ACROSS * COARSE_DOWN
     while k < COARSE:

@@ -11,7 +11,7 @@ from sim.solver.flat_cloth import factorise
 from sim.solver.frames import frames
 from sim.solver.muscle_modes import green
 from sim.solver.muscles import woodbury
-from sim.step import muscles
+from sim.step import muscles, muscles_pull
 from sim.tangent.fields import T
 from sim.tangent.linear import conjugate_gradients
 from sim.time.scheme import CA
@@ -33,6 +33,7 @@ def forces_at_rest(b, nu, nv, npt, support, pressure: ti.template()):
     fabric_force(b, nu, nv, support, False)
     if npt > 0:
         muscles(b, nu, npt, NOTHING_ADDED)
+        muscles_pull(b, nu, npt)
 
 
 @ti.kernel
