@@ -398,6 +398,8 @@ def test_a_step_ends_where_the_quadratic_model_is_least_within_the_bounds(seed):
         (Evidence(2e-3, 2e-3, 0, 2.1e-3, 2.1e-3, False), "adequate"),  # nobody gains
         (Evidence(2e-3, 2e-3, 0, 2.1e-3, 2.1e-3, False, fitted=0.9e-3), "adequate"),
         (Evidence(2e-3, 2e-3, 0, 2.1e-3, 2.1e-3, False, fitted=1.1e-3), "unexplained"),  # nor what it was fitted to
+        (Evidence(2e-3, 2e-3, 0, 2.1e-3, 2.1e-3, False, fitted=0.9e-3, typical=0.4e-3), "adequate"),  # of one trial
+        (Evidence(2e-3, 2e-3, 0, 2.1e-3, 2.1e-3, False, fitted=0.9e-3, typical=0.6e-3), "unexplained"),  # of most
         (Evidence(2e-3, 2e-3, 0, 0.8e-3, 0.8e-3, True), "unexplained"),
         (Evidence(2e-3, 2e-3, 0, 0.8e-3, 0.8e-3, True, fitted=0.9e-3), "adequate"),  # the black box takes little of it
         (Evidence(2e-3, 2e-3, 0, 0.5e-3, 0.5e-3, True, fitted=0.9e-3), "unexplained"),

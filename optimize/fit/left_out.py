@@ -32,6 +32,11 @@ class Scored:
         """m over the noise `floor` [m], in quadrature."""
         return over(self.rms(), floor)
 
+    def typical(self, floor: float) -> float:
+        """m, the median over trials of the excess of each."""
+        counts = self.weights > 0
+        return over(float(np.sqrt(np.median(self.squares[counts] / self.weights[counts]))), floor)
+
 
 @dataclass(frozen=True, eq=False)
 class LeftOut:

@@ -209,6 +209,7 @@ def _evidence(selection: Selection, samples: Sequence[Sample], left: float) -> E
         left=left,
         fitted=before.scored.excess(floor),
         fitted_after=after.scored.excess(floor),
+        typical=before.scored.typical(floor),
     )
 
 

@@ -29,6 +29,7 @@ class Evidence:
     left: float = 0.0  # share of what the effects leave that one kind of feature takes of trials left out
     fitted: float | None = None  # m that the refitted model leaves of the trials that it was fitted to; None: `before`
     fitted_after: float = math.inf  # m, the same with all effects
+    typical: float = 0.0  # m, of those trials the median of what the refitted model leaves of each
 
 
 def decide(evidence: Evidence, tolerance: float) -> Word:
@@ -39,7 +40,8 @@ def decide(evidence: Evidence, tolerance: float) -> Word:
         taken_from = evidence.before if evidence.fitted is None else evidence.fitted
         structure = evidence.box_certain and evidence.box_before <= (1 - STRUCTURE) * taken_from
         gross = evidence.fitted is not None and evidence.fitted > GROSS * tolerance
-        return "unexplained" if structure or gross else "adequate"
+        # a cloth that snaps leaves much of single trials, what is missing a little of most
+        return "unexplained" if structure or gross or evidence.typical > tolerance else "adequate"
     if evidence.after <= tolerance:
         return "effect"
     if evidence.left > STRUCTURE:  # the nearest of the wrong names
