@@ -113,6 +113,10 @@ def _stressed(added: tuple[AddedForce, ...]) -> bool:  # taichi knows no generat
     return any(force.stressed for force in added)
 
 
+def _cloth_remembers(added: tuple[AddedForce, ...]) -> bool:
+    return any(force.has_cloth_memory for force in added)
+
+
 @ti.func
 def step(
     b, m, nu, nv, npt, support, smoothing, iterations, frame_updates, tolerance, kept, added: ti.template(),
@@ -130,7 +134,7 @@ def step(
     i = 0
     last = iterations
     while i <= last + kept:
-        if i <= last or (ti.static(_stressed(added)) and relaxes(b)):
+        if i <= last or ti.static(_cloth_remembers(added)) or (ti.static(_stressed(added)) and relaxes(b)):
             fabric_force(b, nu, nv, support, ti.static(_stressed(added)))
         else:
             velocities(b, nu, nv)
@@ -140,8 +144,9 @@ def step(
             if npt > 0:
                 muscles_pull(b, nu, npt)
             contact(b, nu)
-            for force in ti.static(added):
-                if ti.static(force.has_cloth):
+        for force in ti.static(added):
+            if ti.static(force.has_cloth):  # noqa: SIM102 decided when the kernel is compiled
+                if i <= last or ti.static(force.has_cloth_memory):
                     force.cloth(b, nu, nv, npt)
         if i == 0:
             first_residual(b, nu, nv)

@@ -61,6 +61,11 @@ class AddedForce:
         return self.cloth is not None
 
     @property
+    def has_cloth_memory(self) -> bool:
+        """Whether `cloth` may write memory, so that it is asked once more where a step ends."""
+        return self.has_cloth and any(plane.life == state.REMEMBERED for plane in self.planes)
+
+    @property
     def has_lent(self) -> bool:
         return self.lent is not None
 

@@ -18,7 +18,7 @@ def flat(b):
     """E_P <- W^T K0 W without its normal stiffness of a bent cloth."""
     i = 0
     while i < COARSE:
-        k = i - i % 4
+        k = i - i % 4  # rows go four at a time: what lies left of their blocks on the diagonal is never read
         while k < COARSE:
             F.coarse[b, C.alone + i * COARSE + k] = Lanes(0.0)
             k = F.after[k]
