@@ -21,6 +21,7 @@ from fabdesign.cli.console import (
 from fabdesign.cli.models import effects_option
 from fabdesign.cli.progress import counted, described
 from fabdesign.errors import InputError
+from fabdesign.model import POINTS_PER_SIDE
 
 
 @commands.command()
@@ -107,9 +108,9 @@ def fuse(
 @click.option(
     "--grid",
     type=GRID,
-    default=61,
+    default=POINTS_PER_SIDE,
     show_default=True,
-    help="Grid points per side of the last iterations and of the model.",
+    help="Grid points per side of the last step and of the model; the steps before take 21.",
 )
 @cluster_option
 @click.option(

@@ -30,8 +30,6 @@ from fabdesign.trial import MeasurementSet
 if TYPE_CHECKING:
     from optimize.fit.parameters import FitVector
 
-FINE = 61  # points a side of a calibration
-
 
 def calibrate(
     measured: SetLike | Sequence[SetLike],
@@ -42,7 +40,7 @@ def calibrate(
     fix: Sequence[str] = (),
     model: ModelLike | None = None,
     skip_bad: bool = False,
-    grid: int = FINE,
+    grid: int = POINTS_PER_SIDE,
     seed: int = 0,
     force: bool = False,
     progress: Progress = unheard,
@@ -68,7 +66,7 @@ def calibrate(
         calibration = calibrate_sets(
             [sound for sound, _ in checked],
             simulator(grid),
-            slopes=simulator(min(grid, POINTS_PER_SIDE)),
+            slopes=simulator(min(grid, COARSE)),
             coarse=simulator(COARSE),
             vector=vector,
             points_per_side=grid,

@@ -20,13 +20,12 @@ from optimize.fit.problem import BenchProblem, Evaluation, FitProblem, Linearisa
 STEP = 0.03  # of a logarithm, in the first finite differences
 _ITERATIONS = 20
 _CONVERGED = 0.01  # of a logarithm
-_CLOSE = 0.007  # of log likelihood, an unknown: a step that promises less in all is the last, and still taken
+_CLOSE = 0.1  # of log likelihood, an unknown: a step that promises less in all is the last, and still taken
 _NEARLY = (3.0, 0.02)  # of log likelihood, in all and an observation, where another fit follows: 2 % of what is left
 _PROMISED = 0.25  # of the gain that a step promised: while it gains as much, its Jacobian is updated, not made anew
 _WRONG = 2.0  # times what a right model leaves: no last steps are worth their motions
 _NEAR = 0.03  # of a logarithm: steps under it are left to the next horizon
 _LENGTHS = (1.0, 0.5, 2.0, 0.25)  # of a step, simulated at once: lanes that one motion a trial leaves empty
-_DEARER = 4.0  # times, a motion on 61 points a side than on 41
 _LITTLE = 2.0  # of log likelihood: an effect that costs less to drop keeps its former column
 _DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
 
@@ -57,11 +56,13 @@ def fit(
     way or another at factors a hair apart; what came before leads to factors near enough, and has fewer false minima.
     start: (p,) or (k, p) where it begins, on all frames at once, of several where the residuals are least; without it,
     at the vector's start with the first horizon.
-    `slopes`, a cheaper engine, makes all differences, and the motions too until the last horizon. Differences are
-    always made where the factors are: those of another place seem to converge percents off.
+    `slopes`, a cheaper engine, makes all motions and differences; `forward` looks at where that leads, and takes one
+    step from there. Differences are always made where the factors are: those of another place seem to converge
+    percents off.
     accuracy: of the inputs, whose errors then enter the residuals' covariance; or what they do on the last horizon,
     known from a fit of the same samples, so that models are compared by the same weights; None: the inputs are exact.
-    close: of log likelihood, what the last step promises, or gains, at most; by default 0.007 for each unknown.
+    close: of log likelihood, what the last step promises, or gains, at most; by default 0.1 for each unknown, less than
+    half a standard deviation.
     near: another fit goes on from where this one ends, so that a step under 3 % ends it, and far frames count as
     others. jacobian: (N, p) m, of a place near `start`, of which columns of NaN are made; the others are made again
     only where its steps gain too little.
@@ -81,38 +82,38 @@ def fit(
     weight = np.diag(1 / vector.prior**2)
     slopes = forward if slopes is None else slopes
     starts = np.atleast_2d(vector.start if start is None else start)
-    x, along, iterations, ended = starts[0], np.diag(STEP * vector.scale), 0, False
+    x, along, iterations = starts[0], np.diag(STEP * vector.scale), 0
     *early, last = horizons(samples)
     if start is not None:
         early = []
-    costs = np.array([*early, last * (1 if slopes == forward else _DEARER)])
-    *ends, _ = (np.cumsum(costs) / costs.sum()).tolist()
-    for horizon, told in zip(early, parts(progress, *ends), strict=False):
+    costs = np.array([*early, last, 0 if slopes == forward else last])
+    *ends, at_last = (np.cumsum(costs) / costs.sum()).tolist()[:-1]
+    *shares, told, looking = parts(progress, *ends, at_last)
+    for horizon, share in zip(early, shares, strict=True):
         problem = FitProblem([cut(sample, horizon) for sample in samples], slopes, slopes, vector)
         evaluation = problem.evaluate([x])[0]
         inputs = input_errors(problem, evaluation, accuracy) if isinstance(accuracy, Accuracy) else None
         state = problem.linearise(evaluation, along)
         there = _ending(reached, problem, inputs, capped(evaluation.found.residual), iterations)
         state, more, _ = _descend(
-            problem, state, weight, f"to {horizon:g} s, ", told,
+            problem, state, weight, f"to {horizon:g} s, ", share,
             near=True, sure=False, expected=expected, inputs=inputs, reached=there,
         )  # fmt: skip
         _, normal = step_to_minimum(problem.samples, state, weight, 0.0, vector, inputs, np.inf)
         x, along, iterations = state.x, directions(normal, vector), iterations + more
         starts = x[None]
-        if ended := capped(state.found.residual) > hopeless:
+        if capped(state.found.residual) > hopeless:
+            hopeless = -np.inf
             break
-    problem = FitProblem(samples, forward, slopes, vector)
+    problem = FitProblem(samples, slopes, slopes, vector)
     *evaluations, sheet = problem.evaluate([*starts, np.zeros(len(x))])
     evaluation = min(evaluations, key=lambda one: capped(one.found.residual))
     inputs = input_errors(problem, evaluation, accuracy) if isinstance(accuracy, Accuracy) else accuracy
-    state = _begun(problem, evaluation, along, jacobian)
-    if ended:
-        return concluded(problem, state, inputs, capped(sheet.found.residual), iterations, False)
-    told = parts(progress, *ends)[-1]
+    state, before = _begun(problem, evaluation, along, jacobian), capped(sheet.found.residual)
+    if hopeless < 0:
+        return concluded(problem, state, inputs, before, iterations, False)
     first, second = (told, told) if near else parts(told, 0.5)
-    line, before = f"to {last:g} s, ", capped(sheet.found.residual)
-    there = _ending(reached, problem, inputs, before, iterations)
+    line, there = f"to {last:g} s, ", _ending(reached, problem, inputs, before, iterations)
     state, more, converged = _descend(
         problem, state, weight, line, first,
         near=True, sure=near and jacobian is None, exact=jacobian is None,
@@ -122,10 +123,20 @@ def fit(
         iterations, wrong = iterations + more, capped(state.found.residual) > _WRONG * expected
         there = _ending(reached, problem, inputs, before, iterations)
         state, more, converged = _descend(
-            problem, state, weight, line, second, near=wrong, exact=False,
+            problem, state, weight, line, second, near=wrong, sure=False, exact=False,
             close=None if wrong else close, expected=expected, hopeless=hopeless, inputs=inputs, reached=there,
         )  # fmt: skip
-    return concluded(problem, state, inputs, before, iterations + more, converged)
+    iterations += more
+    if slopes != forward:  # grids differ by less than a model does: one step is usual
+        problem = FitProblem(samples, forward, slopes, vector)
+        evaluation, sheet = problem.evaluate([state.x, np.zeros(len(x))])
+        before, there = capped(sheet.found.residual), _ending(reached, problem, inputs, before, iterations)
+        state, more, converged = _descend(
+            problem, problem.with_jacobian(evaluation, state.jacobian), weight, "finer grid, ", looking,
+            near=near, sure=False, exact=False, close=close, expected=expected, inputs=inputs, reached=there,
+        )  # fmt: skip
+        iterations += more
+    return concluded(problem, state, inputs, before, iterations, converged)
 
 
 def _begun(problem: Problem, evaluation: Evaluation, along: Array, jacobian: Array | None) -> Linearisation:
@@ -237,7 +248,7 @@ def _descend(
             if not small and gains[best] > _PROMISED * promised:
                 state, exact = problem.with_jacobian(there, _updated(problem, state, there)), False
                 continue
-        elif small and exact:
+        elif small and (exact or not sure):
             return state, iteration, True
         elif exact and whole:
             damping = max(10 * damping, _DAMPING)

@@ -11,7 +11,7 @@ from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
 from fabdesign.loop_file import LoopStudy
 from fabdesign.metrics import Errors
-from fabdesign.model import POINTS_PER_SIDE, Model
+from fabdesign.model import Model
 from fabdesign.model_file import read_model, write_model
 from fabdesign.output import WorkFolder
 from fabdesign.trial import Accuracy, MeasurementSet
@@ -146,7 +146,7 @@ def _calibrated(
     return calibrate(
         sets,
         simulators(grid),
-        slopes=simulators(min(grid, POINTS_PER_SIDE)),
+        slopes=simulators(min(grid, GRID)),
         coarse=simulators(min(grid, GRID)),
         vector=vector,
         points_per_side=grid,
