@@ -33,7 +33,8 @@ TOLERANCE = 0.02  # of the largest output
 LEAST_RECORDS = 3  # records of role fit
 _ROWS = 400  # of a record
 _BOX_ROWS = 40
-_TURNS = 3  # of the law and the effects beside it
+_TURNS = 3  # at most, of the law and the effects beside it
+_SETTLED = 0.01  # of what is left, that one more turn would take
 
 
 def trace_bench(
@@ -115,7 +116,9 @@ def _with_law(
         added = [sum((x * c for x, c in zip(refitted.fit.x, own, strict=True)), np.zeros(1)) for own in columns]
         laws = laws_of(bench, records, added)
         residual = [(p - r.columns[output])[k] for p, r, k in zip(laws, records, rows, strict=True)]
-        refitted = replace(task, residual=np.concatenate(residual)).fit(chosen.places)
+        last, refitted = refitted, replace(task, residual=np.concatenate(residual)).fit(chosen.places)
+        if refitted.scored.rms() > (1 - _SETTLED) * last.scored.rms():
+            break
     return refitted
 
 
