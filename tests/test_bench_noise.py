@@ -1,4 +1,4 @@
-"""The noise of a bench's readings, of made records whose noise is known; and what a trace makes of friction beside it."""
+"""Noise of a bench's readings, of made records whose noise is known, and what a trace makes of friction beside it."""
 
 import numpy as np
 import pytest
