@@ -17,7 +17,7 @@ _MEANS = 48  # bytes of a channel's pressure while the steps are laid out
 _SCHEME = 12 * 4  # bytes of a step's rule
 # CPU s of a fit for each second of motion and each unknown, on the grid of that work: rig_b took 166 for 8 trials of
 # 1.5 s and 7 unknowns on 61 points a side, and its trace 461 for 3 s and 45 unknowns on 21
-CALIBRATION, TRACE = (1.7, 61), (0.42, 21)
+CALIBRATION, TRACE = (1.7, 61, 0.5), (0.42, 21, 0.0)  # the last: share of it that has a grid of its own
 _LATE = 0.9  # of the time expected, from which on a bar no longer follows the clock
 
 
@@ -68,11 +68,11 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def fit_seconds(work: tuple[float, int], motion: Sequence[float], unknowns: int, points_per_side: int) -> float:
+def fit_seconds(work: tuple[float, int, float], motion: Sequence[float], unknowns: int, points_per_side: int) -> float:
     """Return about how many seconds a fit takes by the clock on these cores. work: CALIBRATION or TRACE; motion: s of
     each trial."""
-    rate, grid = work
-    return rate * (points_per_side / grid) ** 2 * sum(motion) * (unknowns + 1) / cores()
+    rate, grid, fixed = work
+    return rate * (fixed + (1 - fixed) * (points_per_side / grid) ** 2) * sum(motion) * (unknowns + 1) / cores()
 
 
 def fit_in_words(trials: int, unknowns: int, seconds: float) -> str:

@@ -59,13 +59,15 @@ def calibrate(
     diverge.
     """
     from studies.bad_data import sound_trials
+    from studies.calibration.calibrate import DRAWN
     from studies.calibration.calibrate import calibrate as calibrate_sets
     from studies.sensitive_stretches import GRID as COARSE
 
     checked = [sound_trials(read, skip_bad=skip_bad) for read in all_sets(measured)]
     base = one_model(model, say=say) or Model()
     vector = _unknowns(free, fix, base, [sound for sound, _ in checked])
-    motion = [min(t.times[-1], 1.5) for sound, _ in checked for t in sound.trials if t.role == "fit"]
+    taken = [t for sound, _ in checked for t in sound.trials if (t.role == "fit" if fit is None else t.order in fit)]
+    motion = [min(t.times[-1], DRAWN.until) for t in taken]
     seconds = fit_seconds(CALIBRATION, motion, len(vector.parameters), grid)
     progress(fit_in_words(len(motion), len(vector.parameters), seconds), None)
     with _file(out, force, paths_of(measured, model)) as unfinished, computing(cluster):

@@ -59,7 +59,8 @@ class BenchEvaluation:
                 lines += [f"| {name} | {shown(e.before)} | {shown(e.after)} |" for name, e in records.items()]
                 means = (_statistics(records, state).mean for state in ("before", "after"))
                 lines += [f"| mean | {' | '.join(map(shown, means))} |", ""]
-        lines += [self.noise.in_words(f"{shown(self.noise.sigma)} {unit}").capitalize() + ".", ""]
+        noise = self.noise.in_words(f"{shown(self.noise.sigma)} {unit}")
+        lines += [f"{noise[0].upper()}{noise[1:]}.", ""]
         return "\n".join([*lines, f"{self.bench.name}: {self.bench.source or self.bench.description}"])
 
 
