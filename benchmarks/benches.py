@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.machine import commit, processor
+from benchmarks.made_benches import BEGIN
 from fabdesign.bench_file import read_bench
 from fabdesign.output import write_text
 from studies.benches.actuator import StaticCurve, hold_of
@@ -124,7 +125,10 @@ def main() -> None:
         f"{time.process_time() - start:.0f} CPU s.\n",
         *body,
     ]
-    write_text(arguments.output, "\n".join(lines).rstrip() + "\n")
+    text = "\n".join(lines).rstrip() + "\n"
+    if arguments.output.is_file() and BEGIN in (before := arguments.output.read_text(encoding="utf-8")):
+        text += f"\n{BEGIN}{before.split(BEGIN)[1]}"  # the made benches have their own command
+    write_text(arguments.output, text)
 
 
 if __name__ == "__main__":

@@ -58,7 +58,9 @@ def test_the_file_predicts_as_the_law_that_was_fitted(kind: str, tmp_path: Path)
     assert list(found.tests) == [f"r{len(MADE[kind][1]) - 1}"]
     assert found.unit == fitted.unit
     largest = max(float(np.abs(r.columns[r_output(kind)]).max()) for r in fitted.bench.records)
-    assert found.tests[next(iter(found.tests))].after == pytest.approx(fitted.error_test, abs=0.01 * largest)
+    assert found.tests[next(iter(found.tests))].after == pytest.approx(fitted.error_test, rel=1e-6)
+    assert np.mean([e.after for e in found.others.values()]) == pytest.approx(fitted.error_fit, rel=1e-6)
+    assert found.noise.sigma == pytest.approx(fitted.noise.sigma, rel=0.3)  # of all records, of those fitted
     for errors in found.tests.values():  # before is without what motion adds
         assert errors.after < 0.5 * errors.before if kind in ("cylinder", "muscle") else errors.after == errors.before
     rms = np.sqrt(np.mean([e.after**2 for e in found.others.values()]))

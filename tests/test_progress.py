@@ -5,6 +5,11 @@ import pty
 import subprocess
 import sys
 
+import pytest
+
+from fabdesign import effort
+from fabdesign.cli import progress
+from studies.tracing.verdict import so_far
 from tests.conftest import ROOT
 
 COUNT = """
@@ -70,3 +75,39 @@ def test_a_search_shows_its_best_and_the_seconds_left():
     assert "sheet: layouts: best 12.300 mm, 64 evaluations, 20 s" in shown
     assert "━" in shown and "40 s left at most" in shown
     assert "sheet: after a tenth of its time 20.00 mm" in shown
+
+
+def test_an_estimate_stays_and_a_step_is_followed_by_the_time_left(monkeypatch, capsys):
+    clock = iter([0.0, 0.0, 10.0, 12.0, 25.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    monkeypatch.setattr(progress, "_on_terminal", lambda: False)
+    with progress.described("tracing", interval=5.0) as shown:
+        shown("8 trials, 45 unknowns, 2 cores: about 4 min", None)
+        shown("every effect, iteration 1", 0.25)
+        shown("every effect, iteration 2", 0.3)  # too soon
+        shown("so far: no effect is needed; being confirmed", None)
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.splitlines() == [
+        "8 trials, 45 unknowns, 2 cores: about 4 min",
+        "every effect, iteration 1; about 30 s left",
+        "so far: no effect is needed; being confirmed",
+    ]
+
+
+def test_an_estimate_by_trials_unknowns_and_cores(monkeypatch):
+    monkeypatch.setattr(effort, "cores", lambda: 2)
+    seconds = effort.fit_seconds(effort.TRACE, [3.0] * 8, 45, 21)
+    assert seconds == pytest.approx(273, rel=0.2)  # rig_b on two free cores
+    assert effort.fit_seconds(effort.TRACE, [3.0] * 16, 45, 21) == pytest.approx(2 * seconds)
+    assert effort.fit_in_words(8, 45, seconds) == "8 trials, 45 unknowns, 2 cores: about 4 min"
+    assert so_far(["filling_lag"]).startswith("so far: filling lag (pressure follows the set point")
+
+
+def test_work_that_does_not_know_its_share_follows_the_clock_and_never_ends_early(monkeypatch):
+    now = [0.0]
+    monkeypatch.setattr(effort.time, "monotonic", lambda: now[0])
+    pace, shares = effort.Pace(100.0), []
+    for now[0] in (0.0, 50.0, 89.0, 91.0, 400.0):
+        shares.append(pace.share())
+    assert shares[:2] == [0.0, 0.5] and shares == sorted(shares) and shares[-1] < 1

@@ -218,14 +218,16 @@ def test_each_design_is_left_out_in_turn_and_a_kill_loses_one(folder: Path) -> N
     class Stop(BaseException):
         pass
 
-    def killed(line: str) -> None:
+    def killed(line: str, share: float | None) -> None:
         if line.startswith("without two"):
             raise Stop
 
     with pytest.raises(Stop):
         run_unseen(folder / "s.toml", folder / "out", forward=Arc(15), progress=killed)
     told: list[str] = []
-    result = run_unseen(folder / "s.toml", folder / "out", forward=Arc(15), progress=told.append)
+    result = run_unseen(
+        folder / "s.toml", folder / "out", forward=Arc(15), progress=lambda line, share: told.append(line)
+    )
     assert told and not any(line.startswith("without one") for line in told)
     assert set(result["left_out"]) == {"one", "two"}
     for found in result["left_out"].values():

@@ -175,7 +175,13 @@ def calibrate(
 def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Path, force: bool, as_json: bool) -> None:
     from fabdesign.effect_file import effect_items
     from fabdesign.output import new_files
-    from studies.benches.calibrate import calibrate_bench, effects_in_words, errors_in_words, write_bench_type
+    from studies.benches.calibrate import (
+        calibrate_bench,
+        effects_in_words,
+        errors_in_words,
+        noise_in_words,
+        write_bench_type,
+    )
 
     with new_files(output, force=force, inputs=[source]) as unfinished:
         fitted = calibrate_bench(
@@ -188,12 +194,16 @@ def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Pa
         "error_fit": fitted.error_fit,
         "error_left_out": fitted.error_left_out,
         "error_test": fitted.error_test,
+        "error_as_fitted": fitted.error_as_fitted,
+        "noise_floor": fitted.noise.sigma,
+        "noise_from": fitted.noise.source,
         "constants": {name: {"value": c.value, "unit": c.unit} for name, c in fitted.constants.items()},
         "effects": [effect_items(effect) for effect in fitted.effects],
         "files": files,
     }
-    text = "\n".join([f"{files[0]}: {fitted.bench.name}, {errors_in_words(fitted)}", *effects_in_words(fitted)])
-    print_result(result, text, as_json)
+    lines = [f"{files[0]}: {fitted.bench.name}, {errors_in_words(fitted)}"]
+    lines += [*noise_in_words(fitted), *effects_in_words(fitted)]
+    print_result(result, "\n".join(lines), as_json)
 
 
 @commands.command()

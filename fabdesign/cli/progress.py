@@ -1,15 +1,21 @@
 """Progress on standard error: on a terminal a bar with the time left, elsewhere lines."""
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import click
 
+from fabdesign.effort import duration
+
 if TYPE_CHECKING:
     from rich.progress import Progress
 
 Counter = Callable[[int, int], None]  # done, of
+SEARCH = 10.0  # s between the lines of a search, which has a step a second
+_SETTLED = 5.0  # s, before which a share does not tell the time left
+_PERIOD = 600.0  # s of steps that the time left is taken from: a step of a fit may last a minute
 
 
 @contextmanager
@@ -28,14 +34,40 @@ def counted(verb: str, what: str = "trials") -> Iterator[Counter]:
 
 
 @contextmanager
-def described(title: str) -> Iterator[Callable[[str, float | None], None]]:
-    """A context for work that tells what it does, and about what share of it is done."""
+def described(title: str, *, interval: float = 0.0) -> Iterator[Callable[[str, float | None], None]]:
+    """A context for work that says what it does, and about what share of it is done; without a share a line is an
+    answer or an estimate, which stays. Elsewhere than on a terminal steps follow at least `interval` s apart, and end
+    with the time that is left."""
     if not _on_terminal():
-        yield lambda line, share: click.echo(line, err=True)
+        yield _Lines(interval).show
         return
     with bar() as shown:
         task = shown.add_task(title, total=1.0)
-        yield lambda line, share: shown.update(task, description=line, completed=share)
+
+        def show(line: str, share: float | None) -> None:
+            if share is None:
+                shown.console.print(line, highlight=False, markup=False, soft_wrap=True)
+            else:
+                shown.update(task, description=line, completed=share)
+
+        yield show
+
+
+class _Lines:
+    """Steps as plain lines."""
+
+    def __init__(self, interval: float) -> None:
+        self._interval, self._begin, self._shown = interval, time.monotonic(), -interval
+
+    def show(self, line: str, share: float | None) -> None:
+        now = time.monotonic()
+        if share is not None and now - self._shown < self._interval:
+            return
+        self._shown = now
+        elapsed = now - self._begin
+        known = share is not None and 0 < share < 1 and elapsed > _SETTLED
+        rest = f"; about {duration(elapsed * (1 / share - 1))} left" if known and share else ""
+        click.echo(line + rest, err=True)
 
 
 def bar() -> "Progress":
@@ -49,7 +81,7 @@ def bar() -> "Progress":
         TimeRemainingColumn(),
         TextColumn("left"),
     )
-    return Progress(*columns, console=Console(stderr=True), transient=True)
+    return Progress(*columns, console=Console(stderr=True), transient=True, speed_estimate_period=_PERIOD)
 
 
 def _on_terminal() -> bool:

@@ -8,7 +8,7 @@ import click
 
 from fabdesign.cli.console import FILE, SECONDS, cluster_option, commands, force_option, json_option, print_result
 from fabdesign.cli.models import effects_option
-from fabdesign.cli.progress import described
+from fabdesign.cli.progress import SEARCH, described
 from fabdesign.units import in_mm
 
 Command = Callable[..., None]
@@ -88,12 +88,13 @@ def sensitivity(study: Path, output: Path, seconds: float | None, force: bool, a
 
     A STUDY is a TOML file. The same command continues after a stop.
     """
-    from studies.layouts.progress import LiveLine
     from studies.sensitivity.report import as_text
     from studies.sensitivity.run import run_sensitivity
 
-    with LiveLine(study.stem) as line:
-        result = run_sensitivity(study, output, seconds=seconds, force=force, progress=lambda at: line.say(str(at)))
+    with described(study.stem, interval=SEARCH) as shown:
+        result = run_sensitivity(
+            study, output, seconds=seconds, force=force, progress=lambda at: shown(str(at), at.done / at.total)
+        )
     print_result(result.as_json(), f"{as_text(result)}\nreport: {output / 'report.html'}", as_json)
 
 
@@ -124,25 +125,24 @@ def _layouts(study: Path, output: Path, *, seconds: float | None, force: bool, a
     from optimize.evaluations import Evaluations
     from studies.layout_grid.report import as_text
     from studies.layout_grid.run import run_layouts
-    from studies.layouts.progress import LiveLine
 
-    with LiveLine(study.stem) as line:
+    with described(study.stem, interval=SEARCH) as shown:
 
         def show(cell: Cell, number: int, total: int, evaluations: Evaluations) -> None:
             best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.3f} mm"
-            line.say(f"{cell.name}, {number} of {total}: best {best}, {evaluations.elapsed:.0f} s in this cell")
+            line = f"{cell.name}, {number} of {total}: best {best}, {evaluations.elapsed:.0f} s in this search"
+            shown(line, min(1.0, (number - 1 + evaluations.share) / total))
 
         result = run_layouts(study, output, seconds=seconds, force=force, progress=show)
     print_result(result.as_json(), f"{as_text(result)}\nreport: {output / 'report.html'}", as_json)
 
 
 def _unseen(study: Path, output: Path, *, seconds: float | None, force: bool, as_json: bool) -> None:
-    from studies.layouts.progress import LiveLine
     from studies.unseen.report import as_text, without_lines
     from studies.unseen.run import run_unseen
 
-    with LiveLine(study.stem) as line:
-        result = run_unseen(study, output, seconds=seconds, force=force, progress=line.say)
+    with described(study.stem, interval=SEARCH) as shown:
+        result = run_unseen(study, output, seconds=seconds, force=force, progress=shown)
     print_result(without_lines(result), f"{as_text(result)}\nreport: {output / 'report.html'}", as_json)
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from fabdesign.effort import CALIBRATION, TRACE, Pace, fit_in_words, fit_seconds
 from fabdesign.errors import InputError
 from fabdesign.interface.arguments import (
     ModelLike,
@@ -56,12 +57,17 @@ def calibrate(
     diverge.
     """
     from studies.bad_data import sound_trials
+    from studies.calibration.calibrate import DRAWN
     from studies.calibration.calibrate import calibrate as calibrate_sets
     from studies.sensitive_stretches import GRID as COARSE
 
     checked = [sound_trials(read, skip_bad=skip_bad) for read in all_sets(measured)]
     base = one_model(model, say=say) or Model()
     vector = _unknowns(free, fix, base, [sound for sound, _ in checked])
+    taken = [t for sound, _ in checked for t in sound.trials if (t.role == "fit" if fit is None else t.order in fit)]
+    motion = [min(t.times[-1], DRAWN.until) for t in taken]
+    seconds = fit_seconds(CALIBRATION, motion, len(vector.parameters), grid)
+    progress(fit_in_words(len(motion), len(vector.parameters), seconds), None)
     with _file(out, force, paths_of(measured, model)) as unfinished, computing(cluster):
         calibration = calibrate_sets(
             [sound for sound, _ in checked],
@@ -107,7 +113,8 @@ def trace(
     default 21, or 41 where 21 are too coarse.
     """
     from studies.bad_data import sound_trials
-    from studies.tracing.run import TOLERANCE, Options, trace_set
+    from studies.tracing.run import DRAWN, GRID, TOLERANCE, TRIALS, Options, trace_set
+    from studies.tracing.verdict import SO_FAR
 
     fitted = one_model(model, say=say)
     sets = all_sets(measured)
@@ -115,6 +122,11 @@ def trace(
         raise InputError(f"{len(sets)} measurement sets; expected one")
     sound, _ = sound_trials(sets[0], skip_bad=False)
     options = Options(TOLERANCE if tolerance is None else tolerance, grid, seed)
+    motion = [min(t.times[-1], DRAWN.until) for t in sound.trials if t.role == "fit"][:TRIALS]
+    unknowns = len(_unknowns(["all"], (), fitted or Model(), [sound]).parameters)
+    seconds = fit_seconds(TRACE, motion, unknowns, grid or GRID)
+    progress(fit_in_words(len(motion), unknowns, seconds), None)
+    pace = Pace(seconds)
     with work_folder(out) as folder, computing(cluster):
         outcome = trace_set(
             sound,
@@ -123,7 +135,7 @@ def trace(
             model=fitted,
             options=options,
             force=force,
-            say=lambda line: progress(line, None),
+            say=lambda line: progress(line, None if line.startswith(SO_FAR) else pace.share()),
         )
     return Traced(outcome)
 

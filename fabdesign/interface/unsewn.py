@@ -84,6 +84,6 @@ def unseen(
             folder,
             seconds=seconds,
             force=force,
-            progress=lambda line: progress(line, None),
+            progress=progress,
         )
     return Unseen(result)

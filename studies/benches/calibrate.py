@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import tomlkit
-from numpy.typing import NDArray
 
 from fabdesign.bench import Bench, BenchRecord
 from fabdesign.bench_file import read_bench
@@ -16,35 +15,37 @@ from fabdesign.bench_law_file import BenchLaw, write_bench_law
 from fabdesign.bench_table_file import write_bench_table
 from fabdesign.curve_file import write_membrane_curve
 from fabdesign.effect_file import effect_items
-from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.model import EffectTerm, Quantity
 from fabdesign.output import write_text
 from fabdesign.units import in_kpa, in_mm
 from optimize.fit.parameters import FitVector
-from studies.benches.actuator import StaticCurve, hold_of
+from studies.benches.actuator import StaticCurve
 from studies.benches.cylinder import CylinderLaw
 from studies.benches.muscle import BenchMuscle
 from studies.benches.muscle_effects import FittedEffects, bench_vector, fit_effects
+from studies.benches.noise import BenchNoise, noise_of
+from studies.benches.predictions import Law, as_fitted, as_written, errors_of, travels
 from studies.benches.records import SIZES, measured, require_columns, require_sizes, unit_of
 from studies.benches.rows import rows_of
 from studies.benches.strip import StripLaw
 
 LEAST_SHOWN = 0.001  # mm or N: what no gauge reads
 
-Law = BenchMuscle | StripLaw | CylinderLaw | StaticCurve
-
 
 @dataclass(frozen=True, eq=False)
 class BenchCalibration:
-    """A specimen's quasi-static law and how well it holds. Errors are root mean squares in `unit`."""
+    """A specimen's quasi-static law and how well it holds: means over records of root mean squares, in `unit`, of what
+    the file says, as `evaluate` gives them."""
 
     bench: Bench
     law: Law
     unit: str  # of the bench's output: N or m
     error_fit: float
-    error_left_out: float | None  # mean over fitted records, each predicted from the others; None: one record alone
-    error_test: float | None  # on records of role test
+    error_left_out: float | None  # of fitted records, each predicted from the others; None for one or two records
+    error_test: float | None  # of records of role test
+    error_as_fitted: float  # of the fit with all that was fitted, also what the file does not hold
+    noise: BenchNoise  # of the records fitted
     constants: Mapping[str, Quantity]
     effects: tuple[EffectTerm, ...] = ()  # fitted with the law
 
@@ -57,6 +58,9 @@ class BenchCalibration:
             "metric": "rms",
             "unit": self.unit,
             "error": {"fit": self.error_fit, "left_out": self.error_left_out, "test": self.error_test},
+            "error_as_fitted": self.error_as_fitted,
+            "noise_floor": self.noise.sigma,
+            "noise_from": self.noise.source,
             "constants": {name: {"value": q.value, "unit": q.unit} for name, q in self.constants.items()},
             "effects": [effect_items(effect) for effect in self.effects],
         }
@@ -91,22 +95,20 @@ def calibrate_bench(
     left_out = []
     for i in range(len(chosen) if len(chosen) > 2 else 0):
         others = chosen[:i] + chosen[i + 1 :]
-        left_out.append(_rms(bench, _fit(bench, others, vector, intervals=False)[0], [chosen[i]]))
+        left_out.append(_error(bench, _fit(bench, others, vector, intervals=False)[0], [chosen[i]]))
+    plain = [as_fitted(law, record) - measured(bench.specimen, record) for record in chosen]
     return BenchCalibration(
         bench=bench,
         law=law,
         unit=unit_of(bench.specimen),
-        error_fit=_rms(bench, law, chosen),
+        error_fit=_error(bench, law, chosen),
         error_left_out=float(np.mean(left_out)) if left_out else None,
-        error_test=_rms(bench, law, tests) if tests else None,
+        error_test=_error(bench, law, tests) if tests else None,
+        error_as_fitted=float(np.mean([np.sqrt(np.mean(np.square(error))) for error in plain])),
+        noise=noise_of(bench, chosen),
         constants=_constants(law),
         effects=effects,
     )
-
-
-def travelling(effects: Sequence[EffectTerm]) -> list[EffectTerm]:
-    """Those that belong to the muscle; a bench's regulator stays where it is."""
-    return [effect for effect in effects if EFFECTS[effect.name].scope == "muscle type"]
 
 
 def errors_in_words(calibration: BenchCalibration) -> str:
@@ -119,16 +121,28 @@ def errors_in_words(calibration: BenchCalibration) -> str:
     return ", ".join(f"{_shown(error, calibration.unit)} {where}" for where, error in lines if error is not None)
 
 
+def noise_in_words(calibration: BenchCalibration) -> list[str]:
+    """A line on the noise of a reading, and one where what was fitted is better than what a file holds."""
+    lines = ["  " + calibration.noise.in_words(_shown(calibration.noise.sigma, calibration.unit))]
+    if calibration.error_as_fitted < calibration.error_fit - max(calibration.noise.sigma, LEAST_SHOWN) / 2:
+        names = [name for name in calibration.constants if name == "hysteresis"]
+        names += [effect.name for effect in calibration.effects if not travels(effect)]
+        more = "; --free braid_hysteresis fits friction that a design has" if "hysteresis" in names else ""
+        better = _shown(calibration.error_as_fitted, calibration.unit)
+        lines.append(f"  {better} on the fit with {' and '.join(names)}, which the file does not hold{more}")
+    return lines
+
+
 def effects_in_words(calibration: BenchCalibration) -> list[str]:
     """A line for each effect: values with 90 % intervals, and where it goes."""
-    lines, own = [], travelling(calibration.effects)
+    lines = []
     for effect in calibration.effects:
         shown = []
         for name, q in effect.parameters.items():
             unit = "" if q.unit == "1" else f" {q.unit}"
             between = "" if q.interval90 is None else f" ({q.interval90[0]:.3g} to {q.interval90[1]:.3g})"
             shown.append(f"{name} {q.value:.3g}{unit}{between}")
-        left = "" if effect in own else "; belongs to the bench's rig, so it is not in the file"
+        left = "" if travels(effect) else "; belongs to the bench's rig, so it is not in the file"
         lines.append(f"  {effect.name}: {', '.join(shown)}{left}")
     return lines
 
@@ -161,7 +175,7 @@ def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
             entry["viscosity"] = law.viscosity
         entry["bench"] = table.name
         document["muscle_types"] = {bench.name: entry}
-        if own := travelling(calibration.effects):
+        if own := [effect for effect in calibration.effects if travels(effect)]:
             document["effects"] = [effect_items(effect) for effect in own]
         write_bench_table(law.table(), table)
     elif isinstance(law, StripLaw) and "width" in bench.constants:
@@ -191,15 +205,9 @@ def _fit(
     return StaticCurve.fit(records), ()
 
 
-def _rms(bench: Bench, law: Law, records: Sequence[BenchRecord]) -> float:
-    errors = [_predicted(law, record) - measured(bench.specimen, record) for record in records]
-    return float(np.sqrt(np.mean(np.square(np.concatenate(errors)))))
-
-
-def _predicted(law: Law, record: BenchRecord) -> NDArray[np.float64]:
-    if isinstance(law, StaticCurve):
-        return np.atleast_1d(law.displacement(hold_of(record).pressure))
-    return law.predict(record)
+def _error(bench: Bench, law: Law, records: Sequence[BenchRecord]) -> float:
+    predict = as_written(law, sized="width" in bench.constants)
+    return float(np.mean([errors.after for errors in errors_of(predict, bench, records)]))
 
 
 def _constants(law: Law) -> dict[str, Quantity]:

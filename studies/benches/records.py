@@ -46,6 +46,11 @@ def unit_of(specimen: Specimen) -> str:
     return "m" if specimen == "actuator" else "N"
 
 
+def output_of(bench: Bench) -> str:
+    """Return the column that is compared row by row; of an actuator the displacement."""
+    return "displacement" if bench.specimen == "actuator" else bench.output
+
+
 def measured(specimen: Specimen, record: BenchRecord) -> NDArray[np.float64]:
     """(n,) N; of an actuator (1,) m, the level held."""
     if specimen == "actuator":

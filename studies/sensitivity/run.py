@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from fabdesign import SIMULATOR
 from fabdesign.checkpoint import OtherContent
 from fabdesign.cluster import at_once as machines
+from fabdesign.effort import duration
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.model import Model
@@ -210,13 +211,6 @@ class _Sweep:
         if not np.isfinite(shape).all():
             raise SimulationError(f"{self.study.name}: no shape at rest without pressure was found")
         return np.asarray(shape, float)
-
-
-def duration(seconds: float) -> str:
-    """For people."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 def _filled(outputs: dict[int, Array], shape: tuple[int, ...], columns: int) -> Array:

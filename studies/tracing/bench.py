@@ -1,6 +1,7 @@
 """Tracing on a bench: a quasi-static law, and what its left-out records show beside it."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +18,12 @@ from fabdesign.model_file import write_model
 from fabdesign.output import new_folder, write_text
 from optimize.fit.clouds import Array, Indices, evenly
 from optimize.fit.left_out import Scored
-from studies.benches.records import require_columns, unit_of
+from studies.benches.noise import noise_of
+from studies.benches.records import output_of, require_columns, unit_of
 from studies.calibration.fitted_model import QUANTILE
 from studies.tracing.bench_candidates import Shape, Signals, shapes_of, signals_of
 from studies.tracing.bench_fit import BenchTask, JointFit, alike, candidates_of, select
-from studies.tracing.bench_law import law
+from studies.tracing.bench_law import law, laws_of
 from studies.tracing.bench_outcome import BenchOutcome, Curve
 from studies.tracing.bench_report import render_bench
 from studies.tracing.black_box import WIDTHS, kernel_of, left_out, standardised
@@ -31,6 +33,8 @@ TOLERANCE = 0.02  # of the largest output
 LEAST_RECORDS = 3  # records of role fit
 _ROWS = 400  # of a record
 _BOX_ROWS = 40
+_TURNS = 3  # at most, of the law and the effects beside it
+_SETTLED = 0.01  # of what is left, that one more turn would take
 
 
 def trace_bench(
@@ -52,26 +56,28 @@ def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) 
     if len(records) < LEAST_RECORDS:
         raise InputError(f"{bench.file}: {len(records)} records of role fit; expected at least {LEAST_RECORDS}")
     require_columns(bench, bench.records)
-    output = "displacement" if bench.specimen == "actuator" else bench.output
+    output = output_of(bench)
     say(f"{len(records)} records, each predicted from the others by the quasi-static law")
-    laws = [law(bench, [*records[:k], *records[k + 1 :]], record) for k, record in enumerate(records)]
+    laws = laws_of(bench, records)
     signals = [signals_of(r, predicted, k) for k, (r, predicted) in enumerate(zip(records, laws, strict=True))]
     rows = [evenly(len(r.columns[output]), _ROWS) for r in records]
     measured = [r.columns[output] for r in records]
     residual = np.concatenate([(p - m)[k] for p, m, k in zip(laws, measured, rows, strict=True)])
     record = np.repeat(np.arange(len(records)), [len(k) for k in rows])
     limit = tolerance * max(float(np.abs(m).max()) for m in measured)
-    floor = min(_floor(measured), _rms(residual))
+    noise = noise_of(bench, records)
+    floor = noise.sigma
     shapes = shapes_of(bench.specimen, signals, unit_of(bench.specimen))
     tables = [_table(shape, signals, rows) for shape in shapes]
     task = BenchTask(shapes, tables, residual, record, floor, limit)
     say(f"{len(task.effects)} effects together on {len(records)} records")
     none, chosen = task.fit(), select(task)
-    left = chosen.fit.state.found.residual
+    refitted = _with_law(bench, records, task, chosen, signals, rows)
+    left = refitted.fit.state.found.residual
     box = _baseline(signals, rows, record, residual)
     beside = _baseline(signals, rows, record, left) if chosen.places else box
     evidence = Evidence(
-        none.scored.excess(floor), chosen.scored.excess(floor), len(chosen.places), box.excess(floor),
+        none.scored.excess(floor), refitted.scored.excess(floor), len(chosen.places), box.excess(floor),
         beside.excess(floor), none.left_out.gain(none.scored, box, floor)[1][0] > 0,
         left=1 - float(beside.squares.sum() / np.square(left).sum()),
     )  # fmt: skip
@@ -81,15 +87,39 @@ def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) 
         verdict=decide(evidence, limit),
         evidence=evidence,
         tolerance=limit,
-        floor=floor,
+        noise=noise,
         candidates=candidates_of(task),
-        found=_effects(task, chosen),
+        found=_effects(task, refitted),
         gains={label: gain for label, (gain, _) in chosen.gains(floor).items()},
         indistinguishable=alike(task, chosen),
         fit=(_rms(residual), _rms(left)),
-        test=_tested(bench, output, [shapes[k] for k in chosen.places], chosen.fit.x),
+        test=_tested(bench, output, [shapes[k] for k in chosen.places], refitted.fit.x),
         curves=_curves(records, bench, rows, measured, residual, left, record),
     )
+
+
+def _with_law(
+    bench: Bench,
+    records: Sequence[BenchRecord],
+    task: BenchTask,
+    chosen: JointFit,
+    signals: Sequence[Signals],
+    rows: Sequence[Indices],
+) -> JointFit:
+    """Return the effects chosen and the law fitted in turn: a law that was fitted alone has taken a part of them. An
+    actuator's law is the level held, which has none."""
+    refitted, output = chosen, output_of(bench)
+    if bench.specimen == "actuator":
+        return chosen
+    columns = [[c for place in chosen.places for c in task.shapes[place].columns(s).values()] for s in signals]
+    for _ in range(_TURNS if chosen.places else 0):
+        added = [sum((x * c for x, c in zip(refitted.fit.x, own, strict=True)), np.zeros(1)) for own in columns]
+        laws = laws_of(bench, records, added)
+        residual = [(p - r.columns[output])[k] for p, r, k in zip(laws, records, rows, strict=True)]
+        last, refitted = refitted, replace(task, residual=np.concatenate(residual)).fit(chosen.places)
+        if refitted.scored.rms() > (1 - _SETTLED) * last.scored.rms():
+            break
+    return refitted
 
 
 def _tested(bench: Bench, output: str, shapes: Sequence[Shape], coefficients: Array) -> tuple[float, float] | None:
@@ -127,11 +157,6 @@ def _effects(task: BenchTask, chosen: JointFit) -> tuple[EffectTerm, ...]:
         fixed = {name: Quantity(float(v), shape.units[name]) for name, v in shape.values.items()}
         terms.append(EffectTerm(label, own | fixed))
     return tuple(terms)
-
-
-def _floor(measured: Sequence[Array]) -> float:
-    """RMS of the noise, by third differences, which a smooth output does not have."""
-    return float(np.median([np.sqrt(np.mean(np.diff(m, 3) ** 2) / 20) for m in measured if len(m) > 8]))
 
 
 def _baseline(signals: Sequence[Signals], rows: Sequence[Indices], trial: Indices, residual: Array) -> Scored:

@@ -9,9 +9,22 @@ from fabdesign.bench import Bench, BenchRecord
 from optimize.fit.clouds import Array
 from studies.benches.actuator import Hold, StaticCurve, hold_of
 from studies.benches.muscle import BenchMuscle
+from studies.benches.records import output_of
 from studies.benches.strip import StripLaw
 
 _MOVED = 0.05  # of the level held: what counts as moved
+
+
+def laws_of(bench: Bench, records: Sequence[BenchRecord], added: Sequence[Array] | None = None) -> list[Array]:
+    """Return what the law says of each record, fitted to the others. added: what effects add to each, taken off
+    before the fit."""
+    output = output_of(bench)
+    if added is not None:
+        records = [
+            replace(r, columns={**r.columns, output: r.columns[output] - more})
+            for r, more in zip(records, added, strict=True)
+        ]
+    return [law(bench, [*records[:k], *records[k + 1 :]], record) for k, record in enumerate(records)]
 
 
 def law(bench: Bench, others: Sequence[BenchRecord], record: BenchRecord) -> Array:

@@ -10,8 +10,9 @@ from fabdesign.bench import Bench
 from fabdesign.effects import EFFECTS
 from fabdesign.model import EffectTerm
 from optimize.fit.clouds import Array
+from studies.benches.noise import BenchNoise
 from studies.tracing.bench_fit import BenchCandidate
-from studies.tracing.verdict import Evidence, Word, shared_out
+from studies.tracing.verdict import STRUCTURE, Evidence, Word, shared_out
 
 Curve = tuple[str, Array, Array, Array, Array]  # a record: its name, the rows' place, measured, before, after
 
@@ -25,7 +26,7 @@ class BenchOutcome:
     verdict: Word
     evidence: Evidence
     tolerance: float
-    floor: float
+    noise: BenchNoise
     candidates: tuple[BenchCandidate, ...]
     found: tuple[EffectTerm, ...]
     gains: Mapping[str, float]  # by effect, of those chosen
@@ -33,6 +34,22 @@ class BenchOutcome:
     fit: tuple[float, float]  # before, after
     test: tuple[float, float] | None  # the same on records of role test, looked at once; None without any
     curves: tuple[Curve, ...]
+
+    @property
+    def floor(self) -> float:
+        """Return the noise of a reading; 0 where the records do not show it."""
+        return self.noise.sigma
+
+    @property
+    def small(self) -> BenchCandidate | None:
+        """Return, where the law is adequate within the tolerance, the candidate that takes most of what is left, if it
+        gains for certain and more than a reading's noise."""
+        if self.verdict != "adequate" or not self.candidates or self.evidence.before > self.tolerance:
+            return None
+        best = self.candidates[0]
+        structure = best.gain**2 >= (1 - (1 - STRUCTURE) ** 2) * self.evidence.before**2
+        certain = best.interval90[0] > 0 and best.gain > self.floor
+        return best if certain and structure and not best.refused else None
 
     @property
     def refused(self) -> tuple[str, ...]:
@@ -65,11 +82,13 @@ class BenchOutcome:
                 "metric": "rms",
                 "unit": self.unit,
                 "noise_floor": self.floor,
+                "noise_from": self.noise.source,
                 "tolerance": self.tolerance,
                 "ceiling": float(np.hypot(self.evidence.box_before, self.floor)),
                 "before": {"fit": self.fit[0], "held_out": held_out[0]},
                 "after": {"fit": self.fit[added], "held_out": held_out[added]},
             },
+            "within_tolerance": [self.small.effect] if self.small else [],
             "residual": {"where": None, "when_s": None, "follows": None},
             "unjudged": [],
             "discovered": None,

@@ -11,7 +11,7 @@ def bench_in_words(outcome: BenchOutcome) -> str:
     evidence = outcome.evidence
     before = _shown(evidence.before, outcome.unit)
     if outcome.verdict == "adequate":
-        return f"On records left out the quasi-static law leaves {before} over the noise; nothing is missing beyond it."
+        return f"On records left out the quasi-static law leaves {before} over the noise. {_what_is_small(outcome)}"
     if outcome.verdict == "unexplained":
         if not outcome.found:
             return f"On records left out {before} over the noise remain that none of the known effects explains."
@@ -34,6 +34,19 @@ def bench_in_words(outcome: BenchOutcome) -> str:
     )
 
 
+def _what_is_small(outcome: BenchOutcome) -> str:
+    """Say of an adequate law whether an effect is certain all the same."""
+    within = outcome.evidence.before <= outcome.tolerance
+    limit = f"the tolerance of {_shown(outcome.tolerance, outcome.unit)}"
+    if (small := outcome.small) is None:
+        return f"That is within {limit}." if within else "No effect is needed, and no baseline predicts the rest."
+    gain, name = _shown(small.gain, outcome.unit), small.effect.replace("_", " ")
+    return (
+        f"{name.capitalize()} gains {gain} of it for certain, but what is left is within {limit}, so it was not added; "
+        "a smaller --tolerance judges it."
+    )
+
+
 def as_text(outcome: BenchOutcome) -> str:
     """For the terminal."""
     lines = [f"{outcome.verdict}: {bench_in_words(outcome)}"]
@@ -42,6 +55,7 @@ def as_text(outcome: BenchOutcome) -> str:
         sign = ", only with a sign that it cannot have" if c.refused else ""
         lines.append(f"  {c.effect:<18} gains {gain} (90 % {low} to {high}){sign}")
     lines.append(f"the flexible baseline leaves {_shown(outcome.evidence.box_before, outcome.unit)}")
+    lines.append(outcome.noise.in_words(_shown(outcome.floor, outcome.unit)))
     return "\n".join(lines)
 
 

@@ -19,6 +19,7 @@ from studies.measured_data import MeasuredData
 from studies.tracing.backwards import backwards, gains_of, is_cause, parts_of, sparse
 from studies.tracing.decoys import Decoys
 from studies.tracing.task import Task
+from studies.tracing.verdict import so_far
 
 SLIGHT = 2.0  # times the tolerance: what leaves no more is near the minimum, and the joint fit begins there
 HOPELESS = 4.0  # times the tolerance: what leaves more is not refined before the joint fit
@@ -72,6 +73,7 @@ def select(task: Task) -> Selection:
     excess = _excess(task, plain)
     plausible = plain.vector.is_plausible(plain.x)
     if excess <= task.tolerance and plausible:
+        task.say(so_far(()))
         return _adequate(task, vector, task.fit("plain to its end", plain.vector, plain.inputs, plain.minimum))
     start = beside(vector, plain.x) if excess <= SLIGHT * task.tolerance and plausible else vector.start
 
@@ -89,6 +91,7 @@ def select(task: Task) -> Selection:
         return replace(task, data=data).fit(named, own, start=start, near=True, expected=expected, jacobian=jacobian)
 
     everything = joint_fit(task.data, vector, start, task.tolerance, fitted, patient=True)
+    task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
     plain = task.weighed(plain, everything.inputs)
     plain, chosen, small, decoys = backwards(task, everything, plain)
     return Selection(everything, plain, chosen, task.data.folds, task.floor, tuple(small), decoys)

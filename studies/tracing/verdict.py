@@ -1,15 +1,23 @@
 """What a trace says: adequate, an effect, or unexplained."""
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
+
+from fabdesign.effects import EFFECTS
+from fabdesign.effects.registry import label_effect
 
 Word = Literal["adequate", "effect", "unexplained"]
 SHARE_OF_A_CAUSE = 0.6  # of the gap, that effects must close to be its cause
 LEAST_SHARE = 0.5  # of it, where that is more than the baseline removes: what leaves more than half is not the cause
 GROSS = 2.0  # times the tolerance: a model that leaves more of the very trials it was fitted to is not adequate
 STRUCTURE = 0.25  # of an excess, that the baseline, or one kind of feature, must take to count as structure
+
+SO_FAR = "so far:"
+_NAMED_SO_FAR = 3  # effects
+_FIRST_CLAUSE = re.compile(r"[,;:]")
 
 
 @dataclass(frozen=True)
@@ -71,3 +79,13 @@ def shared_out(evidence: Evidence, gains: Mapping[str, float]) -> dict[str, floa
     if whole is None:
         return {}
     return {name: whole * cost / max(sum(costs.values()), 1e-30) for name, cost in costs.items()}
+
+
+def so_far(labels: Sequence[str]) -> str:
+    """Return what a trace thinks after its joint fit, before what is needed has been confirmed by trials left out."""
+    if not labels:
+        return f"{SO_FAR} no effect is needed; being confirmed"
+    effects = [EFFECTS[label_effect(label)] for label in labels[:_NAMED_SO_FAR]]
+    named = " and ".join(f"{e.name.replace('_', ' ')} ({_FIRST_CLAUSE.split(e.what)[0]})" for e in effects)
+    more = f" and {len(labels) - _NAMED_SO_FAR} more" if len(labels) > _NAMED_SO_FAR else ""
+    return f"{SO_FAR} {named}{more}; being confirmed"

@@ -1,6 +1,6 @@
 """Each design of a measured set left out in turn: calibrated on the others, evaluated on it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,10 +14,13 @@ from fabdesign.output import whole_file
 from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
 from optimize.fit.clouds import evenly
+from optimize.fit.descent import Progress, parts
 from optimize.fit.free import fit_vector
 from studies.calibration.calibrate import calibrate
 from studies.evaluate import SetEvaluation, evaluate_sets
 from studies.forward_model import forward_model
+
+_FIT = 0.8  # of the work, beside the evaluation
 
 
 def left_out(
@@ -31,7 +34,7 @@ def left_out(
     points_per_side: int,
     seed: int,
     picture: Path,
-    progress: Callable[[str], None],
+    progress: Progress,
 ) -> dict[str, Any]:
     """Errors of the data sheet and of what the other designs' trials of role `fit` gave, on at most `trials` trials of
     the design `name`; an overlay of one of them goes to `picture` (PNG). free: effects fitted besides
@@ -44,6 +47,7 @@ def left_out(
     if not others or not own:
         raise InputError(f"{measured.name}: without {name}, no trial is left to {'evaluate' if others else 'fit'}")
     tests = tuple(replace(own[i], role="test") for i in evenly(len(own), trials))
+    fitting, judging = parts(progress, _FIT)
     calibration = calibrate(
         replace(measured, trials=others),
         forward,
@@ -51,7 +55,7 @@ def left_out(
         vector=fit_vector(free, designs=[trial.design for trial in others]),
         points_per_side=points_per_side,
         seed=seed,
-        progress=lambda line, share: progress(f"without {name}: {line}"),
+        progress=lambda line, share: fitting(f"without {name}: {line}", share),
     )
     model = replace(calibration.model, without_effects={})  # before is the data sheet
 
@@ -62,7 +66,9 @@ def left_out(
             forward,
             coarse=coarse,
             seed=seed,
-            progress=lambda done, total: progress(f"without {name}{what}: evaluated {done} of {total} trials"),
+            progress=lambda done, total: judging(
+                f"without {name}{what}: evaluated {done} of {total} trials", done / total
+            ),
         )
 
     evaluation = evaluated(model, "")

@@ -1,6 +1,5 @@
 """A study of what is not measured yet, from its file to its report."""
 
-from collections.abc import Callable
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from fabdesign.output import WorkFolder, work_folder
 from fabdesign.spread import spread_of
 from fabdesign.units import in_kpa, in_mm
 from fabdesign.unseen_file import FREE, UnseenStudy, Unsewn, read_unseen
+from optimize.fit.descent import Progress, parts
 from optimize.fit.free import fit_vector
 from studies.forward_model import forward_model
 from studies.layouts.content import flat, shortened
@@ -25,6 +25,8 @@ from studies.unseen.prediction import corrector_statement, intervals_statement, 
 from studies.unseen.report import write_report
 from studies.unseen.result import CandidateResult, Measurement, PoseResult, ProposedProgram, UnseenResult
 
+_UNSEWN = 0.5  # of the work, that predictions of a layout that is not sewn take beside measured designs
+_DERIVATIVES = 0.3  # of it, after which measurements are compared
 IN_TURN = 3  # measurements that are proposed together
 ALGORITHM = 11  # of what a study's folder keeps: raised where it is no longer what this code would compute
 
@@ -37,7 +39,7 @@ def run_unseen(
     coarse: ForwardModel | None = None,
     seconds: float | None = None,
     force: bool = False,
-    progress: Callable[[str], None] = lambda line: None,
+    progress: Progress = lambda line, share: None,
 ) -> UnseenResult:
     """Evaluate what the study names and write `result.json` and `report.html` into `out`; what result.json holds.
 
@@ -59,8 +61,9 @@ def run_unseen(
             forward = Simulator(study.points_per_side, rise=study.rise, hold=study.hold)
             coarse = coarse or Simulator(GRID)
         result: UnseenResult = {"name": study.name, "seed": study.seed, "points_per_side": study.points_per_side}
+        before = parts(progress, _UNSEWN)[0] if study.measured is not None else progress
         if study.unsewn is not None:
-            _add_unsewn(result, study, study.unsewn, forward, checkpoint, progress)
+            _add_unsewn(result, study, study.unsewn, forward, checkpoint, before)
         if study.measured is not None:
             result["free"] = list(study.free)
             result["left_out"] = _left_out(study, work, forward, coarse or forward, checkpoint, progress)
@@ -76,12 +79,12 @@ def _add_unsewn(
     unsewn: Unsewn,
     simulator: ForwardModel,
     checkpoint: Checkpoint,
-    progress: Callable[[str], None],
+    progress: Progress,
 ) -> None:
     draws = Draws(unsewn.model, unsewn.design)
     bare = replace(unsewn.model, parameters={}, effects=())  # a case brings all of it
     forward = replace(forward_model(simulator, unsewn.model), model=bare)
-    progress(f"shapes of {study.samples} models, {len(unsewn.poses)} poses")
+    progress(f"shapes of {study.samples} models, {len(unsewn.poses)} poses", 0.0)
     poses: list[PoseResult] | None = checkpoint.get(
         "poses", lambda: predicted(unsewn, draws, forward, study.samples, study.seed)
     )
@@ -89,7 +92,7 @@ def _add_unsewn(
     def measurement() -> Measurement:
         b = pose_slopes(unsewn, draws, forward)
         candidates = candidates_of(unsewn, study.rig)
-        progress(f"what {len(candidates)} measurements would tell")
+        progress(f"what {len(candidates)} measurements would tell", _DERIVATIVES)
         left: dict[str, CandidateResult] = {}
         told: dict[str, Array] = {}
         for candidate, gained in zip(candidates, information(candidates, draws, forward), strict=True):
@@ -125,16 +128,18 @@ def _left_out(
     forward: ForwardModel,
     coarse: ForwardModel,
     checkpoint: Checkpoint,
-    progress: Callable[[str], None],
+    progress: Progress,
 ) -> dict[str, Any]:
     measured = study.measured
     assert measured is not None
     results = {}
-    for name in sorted(measured.designs):
+    names, begin = sorted(measured.designs), 0.0 if study.unsewn is None else _UNSEWN
+    ends = np.linspace(begin, 1.0, len(names) + 1)[:-1]
+    for name, own in zip(names, parts(progress, *ends.tolist())[1:], strict=True):
         picture = f"left_out_{name}.png"
         work.claim(picture)
 
-        def compute(name: str = name, picture: str = picture) -> dict[str, Any]:
+        def compute(name: str = name, picture: str = picture, own: Progress = own) -> dict[str, Any]:
             return left_out(
                 measured,
                 name,
@@ -145,7 +150,7 @@ def _left_out(
                 points_per_side=study.points_per_side,
                 seed=study.seed,
                 picture=work.folder / picture,
-                progress=progress,
+                progress=own,
             )
 
         results[name] = checkpoint.get(f"left_out_{name}", compute)
