@@ -15,9 +15,9 @@ _TICKS = 1920  # steps in a second at most
 _FACES, _NODE = 120_000, 21  # bytes of a frame: its two faces of 41 x 41 points on the way out, and of each node
 _MEANS = 48  # bytes of a channel's pressure while the steps are laid out
 _SCHEME = 12 * 4  # bytes of a step's rule
-# CPU s of a fit for each second of motion and each unknown, on the grid of that work: rig_b took 166 for 8 trials of
-# 1.5 s and 7 unknowns on 61 points a side, and its trace 461 for 3 s and 45 unknowns on 21
-CALIBRATION, TRACE = (1.7, 61, 0.5), (0.42, 21, 0.0)  # the last: share of it that has a grid of its own
+# CPU s of a fit for each second of motion and each unknown, on the grid of that work: rig_d took 60 for 8 trials of
+# 1.5 s and 7 unknowns on 41 points a side, and a trace of rig_b 461 for 3 s and 45 unknowns on 21
+CALIBRATION, TRACE = (0.62, 41, 0.85), (0.42, 21, 0.0)  # the last: share of it that has a grid of its own
 _LATE = 0.9  # of the time expected, from which on a bar no longer follows the clock
 
 
