@@ -1,7 +1,5 @@
 """The program: the console script and `python -m fabdesign`. Nothing heavy is loaded before signals are answered."""
 
-from typing import Any
-
 from fabdesign.supervisor import supervised
 
 
@@ -16,7 +14,7 @@ def _command_line() -> None:
     main()
 
 
-def _give_up(records: list[dict[str, Any]]) -> list[str]:
+def _give_up(records: list[dict[str, object]]) -> list[str]:
     from fabdesign.output import given_up
 
     return given_up(records)

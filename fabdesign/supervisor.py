@@ -5,27 +5,29 @@ compiles, which may be many seconds: no handler and no thread of that process ca
 before it loads anything. The parent hands SIGINT, SIGTERM and SIGHUP on to the child. Where the child has not ended
 after GRACE, or the same signal comes again, the parent kills it, and gives up for it what it has left unfinished. The
 line that says so, and the exit code, are the parent's. The child ends with its parent, whatever ends that.
+
+Until `supervised` is called an interrupt is shown by Python, as a traceback: what is imported here loads in no time.
 """
 
-import json
+import contextlib
 import os
 import signal
 import sys
 import time
 from collections.abc import Callable, Iterable
-from typing import Any
 
 GRACE = 1.2  # s that a child has to end by itself
 SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
-GiveUp = Callable[[list[dict[str, Any]]], list[str]]
+GiveUp = Callable[[list[dict[str, object]]], list[str]]
 _DIES_WITH_PARENT = 1  # PR_SET_PDEATHSIG
 _shared: list[int] = []  # in a child: the file in memory that its parent reads when it has ended
 
 
 def supervised(work: Callable[[], None], give_up: GiveUp) -> None:
-    """Run `work` in a child process, and exit as it does: 128 + n where signal n ended it, with one line. Elsewhere than
-    on Linux, and where no process can be made, run it in this one. give_up: gives up what a killed child held, by its
-    records, and returns what is to be said of it."""
+    """Run `work` in a child process, and exit as it does: 128 + n where signal n ended it, with one line.
+
+    Without Linux, and where no process can be made, run it in this one. give_up: gives up what a killed child held, by
+    its records, and returns what is to be said of it."""
     if sys.platform != "linux":
         signal.signal(signal.SIGINT, signal.SIG_DFL)  # as in a child: `work` takes what has no handler
         work()
@@ -54,10 +56,12 @@ def is_supervised() -> bool:
     return bool(_shared)
 
 
-def record(**content: Any) -> None:
+def record(**content: object) -> None:
     """Leave a record for the parent, which reads all of them when this process has ended; nothing without a parent.
     `line`: what to say at the end. Others are for `give_up`."""
     if _shared:
+        import json
+
         os.write(_shared[0], json.dumps(content).encode() + b"\n")
 
 
@@ -92,6 +96,8 @@ def _wait(child: int, answered: Iterable[int], shared: int, give_up: GiveUp) -> 
         ended, status = os.waitpid(child, os.WNOHANG)
         if ended:
             break
+    import json
+
     code = os.waitstatus_to_exitcode(status)
     records = [json.loads(line) for line in os.pread(shared, os.fstat(shared).st_size, 0).splitlines()]
     lines = [one["line"] for one in records if "line" in one][-1:]
@@ -111,7 +117,5 @@ def _wait(child: int, answered: Iterable[int], shared: int, give_up: GiveUp) -> 
 def _say(line: str) -> None:
     # a progress bar has hidden the cursor and stands where ^C was shown
     terminal = "\r\x1b[K\x1b[?25h" if os.isatty(2) else ""
-    try:
+    with contextlib.suppress(OSError):  # nobody reads
         os.write(2, f"{terminal}fabdesign: {' '.join(line.split())}\n".encode(errors="replace"))
-    except OSError:
-        pass  # nobody reads
