@@ -8,10 +8,13 @@ import os
 import stat
 import sys
 import tempfile
+import time
 from contextlib import suppress
 from pathlib import Path
 
 from fabdesign.errors import InputError, note
+
+_STALE = 60.0  # s
 
 
 def ensure_cache_folder() -> None:
@@ -34,6 +37,15 @@ def require_writable(variable: str) -> None:
     given = os.environ.get(variable)
     if given and not _is_writable(Path(given)):
         raise InputError(f"{variable} is {given!r}: cannot be written; expected another folder")
+
+
+def remove_stale_lock(folder: Path) -> None:
+    """Remove the lock of a folder of Taichi's that a killed process has left: Taichi, which holds it for moments, would
+    keep nothing there any more."""
+    lock = folder / "ticache.lock"
+    with suppress(OSError):
+        if time.time() - lock.stat().st_mtime > _STALE:
+            lock.unlink()
 
 
 def _is_writable(folder: Path) -> bool:

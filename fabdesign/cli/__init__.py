@@ -1,10 +1,11 @@
 """The command line. Each command parses, calls one function and prints; heavy imports stay inside the commands."""
 
+import atexit
 import os
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 import click
@@ -108,7 +109,10 @@ def _end(stop: BaseException, message: str, code: int) -> None:
     message = "; ".join([message, *getattr(stop, "__notes__", [])[-1:]])
     if is_supervised():
         record(line=message)
-        sys.exit(code)
+        with suppress(OSError):
+            sys.stdout.flush()
+        atexit._run_exitfuncs()
+        os._exit(code)  # no more: Taichi would write its kernels, and a kill meanwhile leave its lock
     _fail(message, code)
 
 

@@ -21,10 +21,11 @@ import itertools
 import os
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-from fabdesign.cache_folder import ensure_cache_folder, require_writable
+from fabdesign.cache_folder import ensure_cache_folder, remove_stale_lock, require_writable
 from fabdesign.errors import InputError
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
@@ -89,6 +90,7 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     kept: dict[str, Any] = {} if "TI_OFFLINE_CACHE" in os.environ else {"offline_cache": True}  # the user's goes first
     if widen():
         kept["offline_cache_file_path"] = _wide_folder()
+    remove_stale_lock(Path(kept.get("offline_cache_file_path") or _folder()))
     with contextlib.redirect_stdout(io.StringIO()):
         ti.init(arch=ti.cpu, default_fp=ti.f32, advanced_optimization=False, **kept)
     F.__dict__.update(sizes.__dict__, blocks=blocks, declared=declared)
@@ -102,8 +104,11 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
 def _wide_folder() -> str:
     """Where kernels of 8 floats an operation are kept: Taichi, which does not tell them from those of 4, would take one
     for the other. A second start finds the folder of the first."""
-    folder = os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or ti.lang.impl.default_cfg().offline_cache_file_path
-    return folder.removesuffix("_wide") + "_wide"
+    return _folder().removesuffix("_wide") + "_wide"
+
+
+def _folder() -> str:
+    return os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or ti.lang.impl.default_cfg().offline_cache_file_path
 
 
 class Following:
