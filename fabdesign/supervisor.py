@@ -14,7 +14,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 
 GRACE = 1.2  # s that a child has to end by itself
 SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
@@ -68,6 +68,28 @@ def record(**content: object) -> None:
 def ended_by(number: int) -> str:
     """Return what is said of a command that a signal ended."""
     return "interrupted" if number == signal.SIGINT else f"terminated by {signal.Signals(number).name}"
+
+
+@contextlib.contextmanager
+def uninterrupted() -> Iterator[None]:
+    """A context in the main thread in which Ctrl-C waits until it is over. Processes that are begun in it do not hear
+    it: one that still loads would print a traceback."""
+    import threading
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    asked: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, _: asked.append(number))
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None
+    try:
+        yield
+    finally:
+        if mask is not None:
+            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        signal.signal(signal.SIGINT, before)
+    if asked:
+        signal.raise_signal(signal.SIGINT)
 
 
 def _die_with(parent: int) -> None:

@@ -100,6 +100,21 @@ def test_a_command_that_does_not_answer_is_ended(how: str, times: int, place: Pa
     assert made(place) == {"begun", "out", "out/.fabdesign", "out/best.txt"}
 
 
+@pytest.mark.skipif((os.cpu_count() or 1) < 2, reason="no processes beside it")
+def test_processes_that_still_load_say_nothing(place: Path) -> None:
+    (place / "in" / "p.csv").write_text("time_s,channel_0,channel_1\n0,100,0\n1,200,50\n")
+    before = snapshot(place)
+    process = start(["rig", "in/d.toml", "in/p.csv", "in/p.csv", "-o", "set"], place)
+    while sum(b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes() for child in descendants(process.pid)) < 2:
+        assert process.poll() is None
+        time.sleep(0.02)
+    time.sleep(0.2)
+    os.killpg(process.pid, signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, out, err) == (130, "", "fabdesign: interrupted\n")
+    assert snapshot(place) == before
+
+
 def test_what_was_not_begun_leaves_no_folder(place: Path) -> None:
     code, err, _ = deaf("idle", place, 1, signal.SIGTERM)
     assert (code, err) == (143, "fabdesign: terminated by SIGTERM\n")
