@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,9 +70,10 @@ def interrupted(
 
 def descendants(pid: int) -> Iterator[int]:
     """Processes that a process has started, and those that these have."""
-    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
-        yield int(child)
-        yield from descendants(int(child))
+    with suppress(FileNotFoundError, ProcessLookupError):  # it has ended
+        for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+            yield int(child)
+            yield from descendants(int(child))
 
 
 def snapshot(folder: Path) -> dict[str, bytes]:

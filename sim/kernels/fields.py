@@ -94,10 +94,12 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     with contextlib.redirect_stdout(io.StringIO()):
         ti.init(arch=ti.cpu, default_fp=ti.f32, advanced_optimization=False, **kept)
     F.__dict__.update(sizes.__dict__, blocks=blocks, declared=declared)
-    _make_fields(sizes, blocks)
-    _make_shared(sizes, blocks)
-    F.after = ti.field(ti.i32, shape=_longest()) if wanted(HIDDEN_STEPS) else Following()  # filled with the first batch
-    mark(F, C)
+    try:
+        _make_fields(sizes, blocks)
+        _make_shared(sizes, blocks)
+        F.after = ti.field(ti.i32, shape=_longest()) if wanted(HIDDEN_STEPS) else Following()  # filled with a batch
+    finally:
+        mark(F, C)  # also where it is interrupted
     F.runtime, F.ready = runtime(), True
 
 
