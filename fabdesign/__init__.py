@@ -14,9 +14,10 @@ Nouns: Design, Fabric, Muscle, MuscleType, Model; `build` makes a catalogue layo
 `train` `predict` `evaluate` `trace`. What they raise: InputError, SimulationError.
 """
 
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # of `typing`, which would take longer to load than all of this
 if TYPE_CHECKING:
+    from typing import Any
+
     from fabdesign.catalogue import build
     from fabdesign.design import Design
     from fabdesign.design_file import read_design
@@ -55,7 +56,7 @@ _WHERE = {
 }  # fmt: skip
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module

@@ -1,10 +1,11 @@
 """The command line. Each command parses, calls one function and prints; heavy imports stay inside the commands."""
 
+import atexit
 import os
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 import click
@@ -22,6 +23,7 @@ from fabdesign.cli import (  # noqa: F401 their commands join the group
 )
 from fabdesign.cli.console import commands, notes_told
 from fabdesign.errors import InputError, SimulationError
+from fabdesign.supervisor import SIGNALS, ended_by, is_supervised, record
 
 _EXTRAS = {
     "open3d": "clouds",
@@ -42,7 +44,7 @@ class Terminated(BaseException):
     """A signal asked the program to end. Like KeyboardInterrupt no Exception, so that all is cleaned up on its way."""
 
     def __init__(self, number: int) -> None:
-        super().__init__(f"terminated by {signal.Signals(number).name}")
+        super().__init__(ended_by(number))
         self.number = number
 
 
@@ -68,30 +70,50 @@ def main() -> None:
             raise
         _fail(f"needs {error.name}; install it with: pip install 'fabdesign[{_EXTRAS[error.name]}]'", 1)
     except Terminated as stop:
-        _fail(str(stop), 128 + stop.number)
-    except (click.exceptions.Abort, KeyboardInterrupt):
-        _fail("interrupted", 130)
+        _end(stop, str(stop), 128 + stop.number)
+    except (click.exceptions.Abort, KeyboardInterrupt) as stop:
+        _end(stop, ended_by(signal.SIGINT), 130)
 
 
 @contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    """SIGTERM and SIGHUP raise Terminated, once; where they are ignored (`nohup`), they stay so."""
+    """SIGTERM and SIGHUP, and SIGINT in a supervised process, raise Terminated, once; where they are ignored (`nohup`),
+    they stay so. A supervised process then says nothing more: its parent does."""
+
+    stopped: list[int] = []
 
     def stop(number: int, frame: FrameType | None) -> None:
+        stopped.append(number)
         for each in before:
             signal.signal(each, signal.SIG_IGN)  # what follows is cleaning up
+        if is_supervised():
+            nothing = os.open(os.devnull, os.O_WRONLY)
+            for stream in (1, 2):
+                os.dup2(nothing, stream)
         raise Terminated(number)
 
-    wanted = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    before = {number: signal.getsignal(number) for number in wanted}
+    before = {number: signal.getsignal(number) for number in SIGNALS}
     before = {number: handler for number, handler in before.items() if handler is signal.SIG_DFL}
     for number in before:
         signal.signal(number, stop)
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        if not (stopped and is_supervised()):  # there a second signal is the parent's to answer
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+def _end(stop: BaseException, message: str, code: int) -> None:
+    """Exit with one line, which says what the work folder keeps: the outermost, whose note comes last."""
+    message = "; ".join([message, *getattr(stop, "__notes__", [])[-1:]])
+    if is_supervised():
+        record(line=message)
+        with suppress(OSError):
+            sys.stdout.flush()
+        atexit._run_exitfuncs()
+        os._exit(code)  # no more: Taichi would write its kernels, and a kill meanwhile leave its lock
+    _fail(message, code)
 
 
 def _fail(message: str, code: int) -> None:

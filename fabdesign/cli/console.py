@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from fabdesign import __version__
+from fabdesign.cache_folder import ensure_cache_folder
 from fabdesign.effort import COARSEST, FINEST
 from fabdesign.errors import InputNote
 from fabdesign.json_file import json_text
@@ -62,6 +63,7 @@ def commands() -> None:
 
     Files and options are in metres, seconds, newtons and kPa; errors are shown in millimetres.
     """
+    ensure_cache_folder()
 
 
 def print_result(result: Mapping[str, Any], text: str, as_json: bool) -> None:

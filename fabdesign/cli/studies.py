@@ -57,7 +57,7 @@ def demo(output: Path, force: bool, as_json: bool) -> None:
 def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_json: bool) -> None:
     """Find layout and pressures for the target of a STUDY.
 
-    A STUDY is a TOML file. Ctrl-C keeps the best so far.
+    A STUDY is a TOML file. Ctrl-C keeps the best so far; the same command goes on from there.
     """
     from fabdesign.metrics import MANY_BEYOND, told_beyond
     from studies.layouts.progress import LiveLine

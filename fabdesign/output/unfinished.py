@@ -1,13 +1,15 @@
 """Files and folders that are written unfinished and become their goal when all is well."""
 
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 from fabdesign.errors import InputError
 from fabdesign.output.own import MARK, files_in, others_in, own_files, read_mark, require_apart, write_mark
-from fabdesign.output.whole import PREFIX, Scratch, cannot_write, scratch
+from fabdesign.output.whole import PREFIX, Scratch, abandoned, cannot_write, scratch, unmake
+from fabdesign.supervisor import record
 
 Inputs = Iterable[Path | str]
 _COMPLETE = "complete"  # in a folder's scratch: the new content is whole, and is being moved to its place
@@ -49,8 +51,7 @@ def new_files(
         for source, place in moves.items():
             if place == goal or not (place.is_file() and place.read_bytes() == source.read_bytes()):
                 _require_free_file(path.with_name(place.name), place, force, inputs)
-        for source, place in moves.items():
-            source.replace(place)
+        _replace_all(moves)
 
 
 @contextmanager
@@ -113,6 +114,7 @@ def work_folder(path: Path | str, *, made_by: str, force: bool = False, inputs: 
     """
     path = Path(path)
     with _held(path, force, inputs) as held:
+        record(scratch=str(held.at), work=str(path))
         mark = read_mark(path)
         if mark is None or mark.made_by != made_by or force:
             _require_free_folder(path, force)
@@ -122,14 +124,43 @@ def work_folder(path: Path | str, *, made_by: str, force: bool = False, inputs: 
         try:
             work = WorkFolder(folder, made_by, held.at, anew=staged)
             yield work
-        except BaseException:
-            if own_files(folder) <= {MARK}:  # nothing was done
-                (folder / MARK).unlink(missing_ok=True)
-            held.release(keep=bool(own_files(anew)))
+        except BaseException as error:
+            for line in _leave(held, path):
+                error.add_note(line)
             raise
         if staged and work.complete:
             _replace_content(held.at, anew, made_by)
         held.release(keep=staged and not work.complete)
+
+
+def _leave(held: Scratch, path: Path) -> list[str]:
+    """Give up a work folder before its work has ended. Return what is to be said of what it keeps."""
+    anew = _anew(held, path)
+    folder = anew if own_files(anew) else path
+    kept = own_files(folder) > {MARK}
+    if not kept:  # nothing was done
+        (folder / MARK).unlink(missing_ok=True)
+    held.release(keep=bool(own_files(anew)))
+    return [f"{path} keeps what was done, and the same command goes on from there"] if kept else []
+
+
+def given_up(records: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Give up what a process held that was killed, by its records (`fabdesign.supervisor`): what it left unfinished
+    goes, and its work folders stay. Return what is to be said of those: of the outermost."""
+    kept: list[str] = []
+    scratches = {Path(one["scratch"]): one.get("work") for one in records if "scratch" in one}  # the last of each
+    for at, work in reversed(scratches.items()):
+        if (held := abandoned(at)) is not None:
+            _finish_move(at)
+            if work is None:
+                held.release()
+            else:
+                kept += _leave(held, Path(work))
+    for one in reversed(records):
+        if "file" in one:
+            Path(one["file"]).unlink(missing_ok=True)
+        unmake([Path(folder) for folder in one.get("made", ())])
+    return kept[-1:]
 
 
 def _require_free_file(path: Path, goal: Path, force: bool, inputs: Inputs) -> None:
@@ -152,9 +183,12 @@ def _held(path: Path, force: bool, inputs: Inputs) -> Iterator[Scratch]:
     if read_mark(goal) is None:
         _require_free_folder(goal, force, path)  # nothing is locked, swept or written in a folder of other files
     with scratch(path, goal / PREFIX) as held:
-        if (held.at / _COMPLETE).exists():
-            _finish(held.at)
-        yield held
+        _finish_move(held.at)
+        try:
+            yield held
+        except BaseException:
+            _finish_move(held.at)
+            raise
 
 
 def _require_free_folder(folder: Path, force: bool, shown: Path | None = None) -> None:
@@ -188,11 +222,13 @@ def _replace_content(hidden: Path, new: Path, made_by: str) -> None:
     """The content of `new`, which lies in the hidden folder of its goal, becomes that of the goal."""
     write_mark(new, made_by, {*files_in(new)} - {MARK})
     (hidden / _COMPLETE).write_text(new.name, encoding="utf-8")
-    _finish(hidden)
+    _finish_move(hidden)
 
 
-def _finish(hidden: Path) -> None:
+def _finish_move(hidden: Path) -> None:
     """Do, or go on with, what `_replace_content` began; the mark moves last, so that it can always go on."""
+    if not (hidden / _COMPLETE).exists():
+        return
     goal, new = hidden.parent, hidden / "new" / (hidden / _COMPLETE).read_text(encoding="utf-8")
     mark = read_mark(new)
     if mark is not None:
@@ -206,6 +242,21 @@ def _finish(hidden: Path) -> None:
 
 
 def _move(source: Path, goal: Path) -> None:
-    for name in sorted(files_in(source), key=lambda name: name == MARK):
-        (goal / name).parent.mkdir(parents=True, exist_ok=True)
-        (source / name).replace(goal / name)
+    _replace_all({source / name: goal / name for name in sorted(files_in(source), key=lambda name: name == MARK)})
+
+
+def _replace_all(moves: Mapping[Path, Path]) -> None:
+    """Move every file to its place; where a signal asks the program to end meanwhile, all of them still move."""
+
+    def replace_left() -> None:
+        for source, place in moves.items():
+            if source.exists():
+                place.parent.mkdir(parents=True, exist_ok=True)
+                source.replace(place)
+
+    try:
+        replace_left()
+    except BaseException as error:
+        if not isinstance(error, Exception):
+            replace_left()
+        raise

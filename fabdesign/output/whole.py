@@ -13,6 +13,7 @@ from typing import IO
 from uuid import uuid4
 
 from fabdesign.errors import InputError
+from fabdesign.supervisor import record
 
 if sys.platform == "win32":
     import msvcrt
@@ -73,6 +74,7 @@ def scratch(goal: Path, at: Path) -> Iterator[Scratch]:
     """
     made = make_folders(at.parent, goal)
     sweep(at.parent, but=at)
+    record(scratch=str(at))
     try:
         lock = _acquire(at)
     except OSError as error:
@@ -102,6 +104,12 @@ def _acquire(at: Path) -> IO[bytes] | None:
         if _same(at / _LOCK, lock):
             return lock
         lock.close()
+
+
+def abandoned(at: Path) -> Scratch | None:
+    """Return the scratch folder of an ended process, to be released; None where it was, or another one holds it."""
+    lock = _acquire(at) if at.is_dir() else None
+    return None if lock is None else Scratch(at, lock, [])
 
 
 def _same(path: Path, stream: IO[bytes]) -> bool:
@@ -148,6 +156,7 @@ def make_folders(path: Path, goal: Path) -> list[Path]:
     while not above.exists() and above != above.parent:
         missing.append(above)
         above = above.parent
+    record(made=[str(folder.absolute()) for folder in missing])
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -180,6 +189,7 @@ def whole_file(path: Path | str) -> Iterator[Path]:
         raise InputError(f"{path}: is a folder; expected a file name to write to")
     made = make_folders(path.parent, path)
     temporary = path.with_name(f"{PREFIX}-{uuid4().hex}{path.suffix}")
+    record(file=str(temporary.absolute()))
     try:
         temporary.touch(exist_ok=False)
     except OSError as error:

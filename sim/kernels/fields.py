@@ -21,14 +21,18 @@ import itertools
 import os
 import threading
 import time
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from fabdesign.cache_folder import ensure_cache_folder, remove_stale_lock, require_writable
 from fabdesign.errors import InputError
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
 try:
+    ensure_cache_folder()  # without one Taichi ends by a segmentation fault
+    require_writable("TI_OFFLINE_CACHE_FILE_PATH")
     import taichi as ti
 except ImportError as error:  # a bare machine lacks libX11
     raise InputError(f"cannot load taichi ({error}); on Debian: apt install libx11-6") from error
@@ -36,6 +40,7 @@ except ImportError as error:  # a bare machine lacks libX11
 from sim import state  # after the error above
 from sim.kernels.devices import HIDDEN_STEPS, wanted
 from sim.kernels.frontend import brief
+from sim.kernels.ownership import mark, require_no_fork, require_unshared, runtime, watch_forks
 from sim.kernels.vector_width import widen
 from sim.materials import CONSTANTS
 from sim.time.scheme import ENTRIES
@@ -61,12 +66,15 @@ F: Any = SimpleNamespace(ready=False)
 X: Any = SimpleNamespace()
 C: Any = SimpleNamespace()
 lock = threading.RLock()
+watch_forks(lock)
 
 
 @brief()  # fields too keep where they come from
 def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     """Start Taichi with room for `blocks` blocks of grids of `nodes` padded nodes (at most `modes` across), `points`
     fixed points. Does nothing where there is room already: a second start would drop all arrays and compile again."""
+    require_no_fork()
+    F.ready = F.ready and F.runtime is runtime()  # else other code has started Taichi
     declared = len(state.PLANES), len(CONSTANTS)
     ready = F.ready and declared == F.declared
     if ready and F.nodes >= nodes and F.points >= points and F.modes >= modes and F.blocks >= blocks:
@@ -78,21 +86,31 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
         modes=max(modes + -modes % 4, had.get("modes", 0)),
     )
     blocks = max(blocks, had.get("blocks", 0))
-    kept = {"offline_cache_file_path": _wide_folder()} if widen() else {}
+    require_unshared()
+    kept: dict[str, Any] = {} if "TI_OFFLINE_CACHE" in os.environ else {"offline_cache": True}  # the user's goes first
+    if widen():
+        kept["offline_cache_file_path"] = _wide_folder()
+    remove_stale_lock(Path(kept.get("offline_cache_file_path") or _folder()))
     with contextlib.redirect_stdout(io.StringIO()):
-        ti.init(arch=ti.cpu, default_fp=ti.f32, offline_cache=True, advanced_optimization=False, **kept)
+        ti.init(arch=ti.cpu, default_fp=ti.f32, advanced_optimization=False, **kept)
     F.__dict__.update(sizes.__dict__, blocks=blocks, declared=declared)
-    _make_fields(sizes, blocks)
-    _make_shared(sizes, blocks)
-    F.after = ti.field(ti.i32, shape=_longest()) if wanted(HIDDEN_STEPS) else Following()  # filled with the first batch
-    F.ready = True
+    try:
+        _make_fields(sizes, blocks)
+        _make_shared(sizes, blocks)
+        F.after = ti.field(ti.i32, shape=_longest()) if wanted(HIDDEN_STEPS) else Following()  # filled with a batch
+    finally:
+        mark(F, C)  # also where it is interrupted
+    F.runtime, F.ready = runtime(), True
 
 
 def _wide_folder() -> str:
     """Where kernels of 8 floats an operation are kept: Taichi, which does not tell them from those of 4, would take one
     for the other. A second start finds the folder of the first."""
-    folder = os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or ti.lang.impl.default_cfg().offline_cache_file_path
-    return folder.removesuffix("_wide") + "_wide"
+    return _folder().removesuffix("_wide") + "_wide"
+
+
+def _folder() -> str:
+    return os.environ.get("TI_OFFLINE_CACHE_FILE_PATH") or ti.lang.impl.default_cfg().offline_cache_file_path
 
 
 class Following:

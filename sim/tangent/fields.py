@@ -10,6 +10,7 @@ from typing import Any
 import taichi as ti
 
 from sim.kernels.fields import LANES, WIDE, F
+from sim.kernels.ownership import mark
 
 SCALARS = ("d_eu", "d_ev", "d_su", "d_sv", "d_s1", "d_s2")
 VECTORS = ("d_tu", "d_tv", "d_n", "x")
@@ -24,11 +25,14 @@ def allocate() -> None:
     """Make them, where the simulator's own fields are other ones than the last time."""
     if T.start is F.node:
         return
-    T.node = _planes(SCALARS, F.nodes, LANES)
-    T.node3 = _planes(VECTORS, F.nodes, WIDE)
-    T.point3 = _planes(POINT_VECTORS, F.points, WIDE)
-    T.columns = ti.Vector.field(WIDE, ti.f32, shape=(F.blocks, SLOTS * F.nodes))
-    T.found = ti.Vector.field(LANES, ti.i32, shape=(F.blocks, SLOTS))  # what came of a column
+    try:
+        T.node = _planes(SCALARS, F.nodes, LANES)
+        T.node3 = _planes(VECTORS, F.nodes, WIDE)
+        T.point3 = _planes(POINT_VECTORS, F.points, WIDE)
+        T.columns = ti.Vector.field(WIDE, ti.f32, shape=(F.blocks, SLOTS * F.nodes))
+        T.found = ti.Vector.field(LANES, ti.i32, shape=(F.blocks, SLOTS))  # what came of a column
+    finally:
+        mark(T)
     T.start = F.node
 
 

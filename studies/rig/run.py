@@ -21,6 +21,7 @@ from fabdesign.measurement_set import NewTrial, write_set
 from fabdesign.output import new_file, new_folder
 from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.pressure_file import read_pressures
+from fabdesign.supervisor import uninterrupted
 from fabdesign.trial import Role
 from fabdesign.trial_file import TrialData, program_of
 from studies.rig.cameras import measure
@@ -164,7 +165,9 @@ def _shapes(tasks: Sequence[TrialTask], workers: int) -> Generator[Array, None, 
         ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), initializer=end_with_parent) as pool,
     ):
         try:
-            yield from pool.map(control_points, tasks)
+            with uninterrupted():
+                shapes = pool.map(control_points, tasks)
+            yield from shapes
         except BaseException:  # the pool would wait for the motions under way
             for child in multiprocessing.active_children():
                 child.terminate()

@@ -7,9 +7,8 @@ import contextlib
 import multiprocessing
 import os
 import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -29,6 +28,7 @@ from fabdesign.predictor import Predictor
 from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import constant_program
 from fabdesign.sensor_noise import NOISE_FREE, estimate_noise
+from fabdesign.supervisor import uninterrupted
 from studies.forward_model import forward_model
 from studies.laced_motion import laced_motions
 from studies.studio.simulated import KeptSimulator
@@ -213,7 +213,7 @@ class SolverProcess:
         context = multiprocessing.get_context("spawn")
         self.connection, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs,), daemon=True, name="fabdesign studio")
-        with _without_interrupts():  # a process that is cut off at its start prints a traceback
+        with uninterrupted():  # a process that is cut off at its start prints a traceback
             self._process.start()
         theirs.close()
 
@@ -238,25 +238,6 @@ class SolverProcess:
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
-
-
-@contextlib.contextmanager
-def _without_interrupts() -> Iterator[None]:
-    """Ctrl-C waits until this is over, and processes that are begun meanwhile do not hear it."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    asked: list[int] = []
-    before = signal.signal(signal.SIGINT, lambda number, _: asked.append(number))
-    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if hasattr(signal, "pthread_sigmask") else None
-    try:
-        yield
-    finally:
-        if mask is not None:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-        signal.signal(signal.SIGINT, before)
-    if asked:
-        raise KeyboardInterrupt
 
 
 def _serve(connection: Connection) -> None:
