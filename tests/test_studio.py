@@ -1,13 +1,10 @@
 """The studio without a browser: layouts, their limits, snapping, the shape that follows, files."""
 
-import os
-import signal
-import socket
+import contextlib
 import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
@@ -32,7 +29,6 @@ from studies.studio import layout as edits
 from studies.studio.autosave import Autosave
 from studies.studio.band import Band, models_around
 from studies.studio.document import Document, DrawnLayout
-from studies.studio.gate import Gate
 from studies.studio.layout import Layout
 from studies.studio.limits import broken_limits
 from studies.studio.live import JumpDetector, Live, LiveShape
@@ -50,7 +46,6 @@ from studies.studio.target import ShownTarget, compare
 from studies.studio.trial_errors import ask_of_trial
 from tests.bending import AtOnce, Bending, bow
 from tests.command_line import Run, one_line
-from tests.conftest import ROOT
 
 BASIC = Layout.of(build("basic"))
 
@@ -840,72 +835,6 @@ def bow_flat(z: float) -> np.ndarray:
     return np.stack([u, v, np.full_like(u, z)], axis=-1)
 
 
-# the door
-
-
-def request(port: int, head: str) -> str:
-    with socket.create_connection(("127.0.0.1", port), timeout=5) as connection:
-        connection.sendall(head.replace("\n", "\r\n").encode() + b"\r\n\r\n")
-        parts = iter(lambda: connection.recv(4096), b"")
-        return b"".join(parts).decode()
-
-
-@pytest.fixture
-def inner() -> int:
-    """A port behind which something answers every request alike."""
-    import http.server
-    import threading
-
-    class Answering(http.server.BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            self.send_response(200)
-            self.end_headers()
-            self.wfile.write(b"the page")
-
-        def log_message(self, *_: object) -> None: ...
-
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Answering)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    yield server.server_port  # type: ignore[misc]
-    server.shutdown()
-    server.server_close()
-
-
-def test_only_the_own_page_comes_in(inner: int) -> None:
-    gate = Gate("127.0.0.1", None, inner, first=18431)
-    try:
-        assert gate.address == f"http://127.0.0.1:{gate.port}/"
-        host = f"GET / HTTP/1.1\nHost: 127.0.0.1:{gate.port}"
-        assert "the page" in request(gate.port, host)
-        assert "403" in request(gate.port, "GET / HTTP/1.1\nHost: evil.example")
-        assert "403" in request(gate.port, f"{host}\nOrigin: http://evil.example")
-        assert "the page" in request(gate.port, f"{host}\nOrigin: http://127.0.0.1:{gate.port}")
-        with pytest.raises(InputError, match="expected a free port"):
-            Gate("127.0.0.1", gate.port, inner)
-        other = Gate("127.0.0.1", None, inner, first=gate.port)
-        assert other.port != gate.port
-        other.close()
-    finally:
-        gate.close()
-
-
-def test_another_host_asks_for_a_token(inner: int) -> None:
-    gate = Gate("0.0.0.0", None, inner, first=18431)
-    try:
-        assert gate.token is not None
-        assert gate.address.endswith(f"?token={gate.token}")
-        head = f"HTTP/1.1\nHost: somewhere:{gate.port}"
-        assert "403" in request(gate.port, f"GET / {head}")
-        assert "403" in request(gate.port, f"GET /?token=wrong {head}")
-        let_in = request(gate.port, f"GET /?token={gate.token} {head}")
-        assert "303" in let_in
-        cookie = next(line for line in let_in.splitlines() if line.startswith("Set-Cookie: "))
-        cookie = cookie.removeprefix("Set-Cookie: ").partition(";")[0]
-        assert "the page" in request(gate.port, f"GET / {head}\nCookie: {cookie}")
-    finally:
-        gate.close()
-
-
 # the command
 
 
@@ -939,51 +868,18 @@ def test_help_loads_nothing_heavy() -> None:
     assert done.stdout.endswith("[]\n")
 
 
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="children are looked up in /proc")
-def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
-    pytest.importorskip("viser")
-    write_design(BASIC.design, tmp_path / "basic.toml")
-    files = {*tmp_path.iterdir()}
-    command = [sys.executable, "-m", "fabdesign", "studio", "basic.toml", "--no-browser"]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # one that ignores it is inherited
-    with ExitStack() as stack:
-        stack.callback(signal.signal, signal.SIGINT, before)
-        program = stack.enter_context(
-            subprocess.Popen(
-                command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-            )
-        )
-        stack.callback(program.kill)  # else a failure would wait for it
-        assert program.stdout is not None
-        port = int(program.stdout.readline().strip().rstrip("/").rpartition(":")[2])
-        children = Path(f"/proc/{program.pid}/task/{program.pid}/children")
-        while not (begun := children.read_text().split()):  # the simulator's process
-            time.sleep(0.05)
-        program.send_signal(signal.SIGINT)
-        _, err = program.communicate(timeout=60)
-    assert program.returncode == 130
-    assert err.strip() == "fabdesign: interrupted"
-    end = time.monotonic() + 30  # Python's own helper processes end once they see that the program has
-    while left := [child for child in begun if Path(f"/proc/{child}").exists()]:
-        assert time.monotonic() < end, left
-        time.sleep(0.05)
-    with socket.socket() as connection:
-        assert connection.connect_ex(("127.0.0.1", port)) != 0
-    assert {*tmp_path.iterdir()} == files
-
-
 # the page, without a browser to see it
 
 
 def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("viser")
+    from studies.studio.gate import Gate
     from studies.studio.server import Studio, quiet_viser
 
     monkeypatch.chdir(folder)
     write_design(BASIC.design, folder / "basic.toml")
     target = target_at(BASIC.with_pressure(0, 200e3), folder / "bowed.xyz", every=4)
-    with quiet_viser() as server:
+    with contextlib.closing(Gate("127.0.0.1", None)) as gate, quiet_viser(gate) as server:
         studio = Studio(server, open_files([Path("basic.toml"), target.file.file], folder / "model.toml"), AtOnce())
         session, page = studio.session, studio.page
         turns = iter(range(20))

@@ -31,7 +31,7 @@ def studio_at(tmp_path: Path, files: list[str]) -> Iterator[Page]:
     from studies.studio.server import Studio, quiet_viser
 
     stopped = threading.Event()
-    with quiet_viser() as server, contextlib.closing(Gate("127.0.0.1", None, server.get_port(), first=18500)) as gate:
+    with contextlib.closing(Gate("127.0.0.1", None, first=18500)) as gate, quiet_viser(gate) as server:
         studio = Studio(server, open_files([Path(file) for file in files], None), AtOnce())
         runs = threading.Thread(target=studio.run, args=(stopped.is_set,))
         runs.start()

@@ -114,7 +114,7 @@ def _marker(text: str) -> tuple[str, tuple[float, float]]:
     "--host",
     default="127.0.0.1",
     show_default=True,
-    help="Address to listen on; any other than this one needs a token.",
+    help="Address to listen on; not encrypted on any other than this one.",
 )
 @click.option("--port", type=click.IntRange(1, 65535), help="Port; by default the first free one from 8080.")
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
