@@ -10,12 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fabdesign.catalogue import build
 from fabdesign.corrector import Trust, with_history
 from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
+from fabdesign.export import export_design
 from fabdesign.forward import Case
 from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Quantity
 from fabdesign.predictor import Predictor
@@ -871,6 +873,34 @@ def test_help_loads_nothing_heavy() -> None:
 # the page, without a browser to see it
 
 
+@pytest.mark.parametrize("size", [(0.2, 0.2), (0.5, 0.2), (0.2, 0.5)])
+@pytest.mark.parametrize("window", [(800, 750), (800, 1000), (1200, 900), (1500, 600)])  # px, what the panel leaves
+def test_all_is_in_the_first_view_and_bending_shows(size: tuple[float, float], window: tuple[int, int]) -> None:
+    from studies.studio.page import VIEW, eye_of
+
+    places = Places(*size)
+    width, height = window
+    eye = np.array(eye_of(places, width / height))
+    forward = -eye / np.linalg.norm(eye)
+    right = np.cross(forward, [0, 1, 0]) / np.linalg.norm(np.cross(forward, [0, 1, 0]))
+
+    def on_screen(points: np.ndarray) -> np.ndarray:
+        to = points - eye
+        across, up = to @ right, to @ np.cross(right, forward)
+        return np.stack([across, up], axis=-1) / (to @ forward)[:, None] * height / 2 / np.tan(VIEW / 2)
+
+    u, v = (line.ravel() for line in np.meshgrid([0.0, 0.5, 1.0], [0.0, 0.5, 1.0]))
+    turn = Rotation.from_quat(np.roll(places.hung_turn, -1))
+    flat = [places.flat(np.stack([u, v], axis=1) * size, side) for side in ("front", "back")]
+    hung = np.stack([(1.08 * u - 0.54) * size[0], -v * size[1], 0 * u], axis=1)
+    depth = 0.2 * size[1] * v**2
+    forth, back = (turn.apply(hung + sign * depth[:, None] * [0, 0, 1]) + places.hung_origin for sign in (1, -1))
+    seen = on_screen(np.concatenate([*flat, forth, back]))
+    assert (np.abs(seen) < np.array(window) / 2).all()
+    ahead, behind = on_screen(forth), on_screen(back)
+    assert np.linalg.norm(ahead[6] - behind[6]) > 0.2 * np.linalg.norm(behind[6] - behind[0])  # of the left edge
+
+
 def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("viser")
     from studies.studio.gate import Gate
@@ -893,6 +923,8 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         assert session.shapes.shown is not None
         assert session.shapes.shown.exact
         assert server.scene.get_handle_by_name("/hung/distances") is not None
+        faces = [server.scene.get_handle_by_name(f"/hung/{side}") for side in ("front", "back")]
+        assert all(face.visible for face in faces)  # a surface is there whether or not a browser has the colours
         session.edit("add", lambda layout: edits.add_corner(edits.add_muscle(layout, 0), 8))
         session.edit("move", lambda layout: edits.move_muscle(layout, 8, (-0.022, 0.0)))
         session.choose(session.choice.switched("frame_tilt", True))
@@ -902,6 +934,10 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         assert session.targets.shown is not None
         assert session.targets.shown.file.rotation == (0.0, 0.0, 5.0)
         assert server.scene.get_handle_by_name("/flat/corner_8_2") is not None
+        session.select(8)
+        assert [field.label for field in page._muscles._points] == ["End 0", "Corner 1", "End 2"]
+        session.select(1)
+        assert [field.label for field in page._muscles._points] == ["End 0", "End 1"]
         assert "muscles 1 and 8" in page._status._limits.content
         session.playing.rise()
         run()
@@ -921,4 +957,14 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         session.drawings.set_beside(False)
         assert server.scene.get_handle_by_name("/hung/other") is None
         assert "<polyline" in page._profile._plot.content
+        page._files._export()
+        template = folder / "basic_template"
+        cut_list = (template / "design_cut_list.csv").read_text()
+        export_design(session.layout.design, folder / "exported", stem="design", tail_length=0.03)
+        assert cut_list == (folder / "exported" / "design_cut_list.csv").read_text()
+        assert (template / "design_a4.pdf").is_file()
+        assert "sewing template in basic_template: " in page._status._message.content
+        (template / "design_a4.pdf").unlink()
+        page._files._export()  # asks first
+        assert not (template / "design_a4.pdf").exists()
         session.end()
