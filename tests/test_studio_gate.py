@@ -154,7 +154,7 @@ def test_another_host_lets_in_by_any_name() -> None:
         assert status(gate.port, path, Host="somewhere", Cookie=cookie) == 200
 
 
-def test_a_server_that_asks_no_gate_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_server_that_asks_no_gate_is_an_error() -> None:
     gate = Gate("127.0.0.1", None, first=18431)
     with contextlib.closing(gate), pytest.raises(RuntimeError, match="0 servers behind the gate"), gate.before():
         pass
@@ -280,12 +280,15 @@ def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
 
 def tree(process: int) -> list[int]:
     """Return a process and all that descend from it."""
-    children = Path(f"/proc/{process}/task").glob("*/children")
-    return [process, *(pid for file in children for child in file.read_text().split() for pid in tree(int(child)))]
+    children: list[str] = []
+    with contextlib.suppress(OSError):  # gone meanwhile
+        for file in Path(f"/proc/{process}/task").glob("*/children"):
+            children += file.read_text().split()
+    return [process, *(pid for child in children for pid in tree(int(child)))]
 
 
 def maps_of(process: int) -> str:
-    with contextlib.suppress(OSError):
+    with contextlib.suppress(OSError):  # gone meanwhile
         return Path(f"/proc/{process}/maps").read_text()
     return ""
 
@@ -293,9 +296,10 @@ def maps_of(process: int) -> str:
 def listening(processes: list[int]) -> set[int]:
     """Return the TCP ports that processes listen on. Raises AssertionError where another kind of socket has a name."""
     inodes = set()
-    for file in [file for process in processes for file in Path(f"/proc/{process}/fd").iterdir()]:
-        with contextlib.suppress(FileNotFoundError):  # closed meanwhile
-            inodes.add(str(file.readlink()).removeprefix("socket:[").rstrip("]"))
+    for process in processes:
+        for file in Path(f"/proc/{process}/fd").glob("*"):
+            with contextlib.suppress(OSError):  # closed meanwhile
+                inodes.add(str(file.readlink()).removeprefix("socket:[").rstrip("]"))
     table: dict[str, Any] = {}
     for kind in ("tcp", "tcp6", "udp", "udp6", "unix"):
         with contextlib.suppress(FileNotFoundError):  # a machine without IPv6
