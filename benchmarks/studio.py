@@ -19,6 +19,7 @@ import numpy as np
 
 from benchmarks.machine import ROOT, commit, processor
 from fabdesign.catalogue import build
+from studies.studio.gate import Gate
 from studies.studio.layout import Layout, move_corner
 from studies.studio.live import LiveShape
 from studies.studio.opening import NEW, Opened, search_limits
@@ -81,7 +82,8 @@ def main() -> None:
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         stack.enter_context(contextlib.chdir(folder))  # where the autosave goes
         worker = stack.enter_context(contextlib.closing(SolverProcess()))
-        timed = TimedStudio(stack.enter_context(quiet_viser()), worker, hand[0])
+        gate = stack.enter_context(contextlib.closing(Gate("127.0.0.1", None)))
+        timed = TimedStudio(stack.enter_context(quiet_viser(gate)), worker, hand[0])
         before = cpu_seconds()
         follow = [timed.follow(layout) for layout in hand[1 : count + 1]]
         cost = (cpu_seconds() - before) / count

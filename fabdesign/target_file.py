@@ -1,7 +1,11 @@
 """A target from its file: read, placed in the world, and refused where no cloth could be there."""
 
+import re
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,11 +48,7 @@ def read_target(target: TargetFile, fabric: Fabric, *, seed: int = 0) -> PlacedT
     geometry, rng = read_geometry(target.file, frame=target.frame), np.random.default_rng(seed)
     if geometry.trial and (target.unit != "m" or target.scale != 1):
         raise InputError(f"{target.file}: unit or scale for a trial, which says its own; expected none")
-    if geometry.unit is not None and target.unit == "m":
-        target = replace(target, unit=geometry.unit)
-        note(f"{target.file}: its header says {geometry.unit}; read so")
-    elif geometry.unit not in (None, target.unit):
-        raise InputError(f'{target.file}: its header says {geometry.unit}; expected unit = "{geometry.unit}"')
+    target = _in_unit_of(geometry, target)
     factor, turned_over = UNITS[target.unit] * target.scale, None
     geometry = _without_far(geometry, factor, fabric, target)
     raw = geometry.sample(POINTS, rng)
@@ -71,6 +71,53 @@ def read_target(target: TargetFile, fabric: Fabric, *, seed: int = 0) -> PlacedT
     if fault is not None:
         raise InputError(f"{target.file}: {fault}{next(_remedies(geometry, raw, fabric, target), '')}")
     return PlacedTarget(points, geometry, placement, turned_over)
+
+
+def _in_unit_of(geometry: Geometry, target: TargetFile) -> TargetFile:
+    """Return the target in the unit that its file says, where it says one. Raises InputError where the two differ."""
+    if geometry.unit is not None and target.unit == "m":
+        note(f"{target.file}: its header says {geometry.unit}; read so")
+        return replace(target, unit=geometry.unit)
+    if geometry.unit not in (None, target.unit):
+        raise InputError(f'{target.file}: its header says {geometry.unit}; expected unit = "{geometry.unit}"')
+    return target
+
+
+@dataclass(frozen=True)
+class AsTarget:
+    """How a command has clouds and meshes read by its options, as a study has its target read by keys. fabric: of the
+    cloth that they are to be; None: any."""
+
+    unit: Unit = "m"
+    place: Literal["given", "fit"] = "given"
+    fabric: Fabric | None = None
+
+    def target(self, file: Path) -> TargetFile:
+        return TargetFile(file, unit=self.unit, place=self.place)
+
+    def read(self, file: Path) -> Geometry:
+        """Return a cloud or mesh whole, in m and where it was placed. Raises InputError like `read_target`, with
+        options in place of keys."""
+        with keys_as_options():
+            if self.fabric is not None:
+                placed = read_target(self.target(file), self.fabric)
+                return replace(placed.geometry, points=placed.placement.apply(placed.geometry.points), unit="m")
+            geometry = read_geometry(file)
+            factor = UNITS[_in_unit_of(geometry, self.target(file)).unit]
+            return replace(geometry, points=factor * geometry.points, unit="m")
+
+
+AS_GIVEN = AsTarget()
+
+
+@contextmanager
+def keys_as_options() -> Iterator[None]:
+    """Have an error name the option of a command where it names the key of a study."""
+    try:
+        yield
+    except InputError as error:
+        message = re.sub(r'\b(unit|place) = "(\w+)"', r"--\1 \2", str(error))
+        raise InputError(message.replace("as rotation", "as rotation of a study's target")) from None
 
 
 def _without_far(geometry: Geometry, factor: float, fabric: Fabric, target: TargetFile) -> Geometry:

@@ -1,24 +1,23 @@
 """The studio without a browser: layouts, their limits, snapping, the shape that follows, files."""
 
-import os
-import signal
-import socket
+import contextlib
 import subprocess
 import sys
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from fabdesign.catalogue import build
 from fabdesign.corrector import Trust, with_history
 from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
+from fabdesign.export import export_design
 from fabdesign.forward import Case
 from fabdesign.model import Covariance, EffectTerm, Model, Parameter, Quantity
 from fabdesign.predictor import Predictor
@@ -32,7 +31,6 @@ from studies.studio import layout as edits
 from studies.studio.autosave import Autosave
 from studies.studio.band import Band, models_around
 from studies.studio.document import Document, DrawnLayout
-from studies.studio.gate import Gate
 from studies.studio.layout import Layout
 from studies.studio.limits import broken_limits
 from studies.studio.live import JumpDetector, Live, LiveShape
@@ -50,8 +48,6 @@ from studies.studio.target import ShownTarget, compare
 from studies.studio.trial_errors import ask_of_trial
 from tests.bending import AtOnce, Bending, bow
 from tests.command_line import Run, one_line
-from tests.conftest import ROOT
-from tests.interrupted import descendants
 
 BASIC = Layout.of(build("basic"))
 
@@ -841,72 +837,6 @@ def bow_flat(z: float) -> np.ndarray:
     return np.stack([u, v, np.full_like(u, z)], axis=-1)
 
 
-# the door
-
-
-def request(port: int, head: str) -> str:
-    with socket.create_connection(("127.0.0.1", port), timeout=5) as connection:
-        connection.sendall(head.replace("\n", "\r\n").encode() + b"\r\n\r\n")
-        parts = iter(lambda: connection.recv(4096), b"")
-        return b"".join(parts).decode()
-
-
-@pytest.fixture
-def inner() -> int:
-    """A port behind which something answers every request alike."""
-    import http.server
-    import threading
-
-    class Answering(http.server.BaseHTTPRequestHandler):
-        def do_GET(self) -> None:
-            self.send_response(200)
-            self.end_headers()
-            self.wfile.write(b"the page")
-
-        def log_message(self, *_: object) -> None: ...
-
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Answering)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    yield server.server_port  # type: ignore[misc]
-    server.shutdown()
-    server.server_close()
-
-
-def test_only_the_own_page_comes_in(inner: int) -> None:
-    gate = Gate("127.0.0.1", None, inner, first=18431)
-    try:
-        assert gate.address == f"http://127.0.0.1:{gate.port}/"
-        host = f"GET / HTTP/1.1\nHost: 127.0.0.1:{gate.port}"
-        assert "the page" in request(gate.port, host)
-        assert "403" in request(gate.port, "GET / HTTP/1.1\nHost: evil.example")
-        assert "403" in request(gate.port, f"{host}\nOrigin: http://evil.example")
-        assert "the page" in request(gate.port, f"{host}\nOrigin: http://127.0.0.1:{gate.port}")
-        with pytest.raises(InputError, match="expected a free port"):
-            Gate("127.0.0.1", gate.port, inner)
-        other = Gate("127.0.0.1", None, inner, first=gate.port)
-        assert other.port != gate.port
-        other.close()
-    finally:
-        gate.close()
-
-
-def test_another_host_asks_for_a_token(inner: int) -> None:
-    gate = Gate("0.0.0.0", None, inner, first=18431)
-    try:
-        assert gate.token is not None
-        assert gate.address.endswith(f"?token={gate.token}")
-        head = f"HTTP/1.1\nHost: somewhere:{gate.port}"
-        assert "403" in request(gate.port, f"GET / {head}")
-        assert "403" in request(gate.port, f"GET /?token=wrong {head}")
-        let_in = request(gate.port, f"GET /?token={gate.token} {head}")
-        assert "303" in let_in
-        cookie = next(line for line in let_in.splitlines() if line.startswith("Set-Cookie: "))
-        cookie = cookie.removeprefix("Set-Cookie: ").partition(";")[0]
-        assert "the page" in request(gate.port, f"GET / {head}\nCookie: {cookie}")
-    finally:
-        gate.close()
-
-
 # the command
 
 
@@ -940,50 +870,46 @@ def test_help_loads_nothing_heavy() -> None:
     assert done.stdout.endswith("[]\n")
 
 
-@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="children are looked up in /proc")
-def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
-    pytest.importorskip("viser")
-    write_design(BASIC.design, tmp_path / "basic.toml")
-    files = {*tmp_path.iterdir()}
-    command = [sys.executable, "-m", "fabdesign", "studio", "basic.toml", "--no-browser"]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # one that ignores it is inherited
-    with ExitStack() as stack:
-        stack.callback(signal.signal, signal.SIGINT, before)
-        program = stack.enter_context(
-            subprocess.Popen(
-                command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-            )
-        )
-        stack.callback(program.kill)  # else a failure would wait for it
-        assert program.stdout is not None
-        port = int(program.stdout.readline().strip().rstrip("/").rpartition(":")[2])
-        while len(begun := [*descendants(program.pid)]) < 2:  # who does the work, and the simulator's process
-            time.sleep(0.05)
-        program.send_signal(signal.SIGINT)
-        _, err = program.communicate(timeout=60)
-    assert program.returncode == 130
-    assert err.strip() == "fabdesign: interrupted"
-    end = time.monotonic() + 30  # Python's own helper processes end once they see that the program has
-    while left := [child for child in begun if Path(f"/proc/{child}").exists()]:
-        assert time.monotonic() < end, left
-        time.sleep(0.05)
-    with socket.socket() as connection:
-        assert connection.connect_ex(("127.0.0.1", port)) != 0
-    assert {*tmp_path.iterdir()} == files
-
-
 # the page, without a browser to see it
+
+
+@pytest.mark.parametrize("size", [(0.2, 0.2), (0.5, 0.2), (0.2, 0.5)])
+@pytest.mark.parametrize("window", [(800, 750), (800, 1000), (1200, 900), (1500, 600)])  # px, what the panel leaves
+def test_all_is_in_the_first_view_and_bending_shows(size: tuple[float, float], window: tuple[int, int]) -> None:
+    from studies.studio.page import VIEW, eye_of
+
+    places = Places(*size)
+    width, height = window
+    eye = np.array(eye_of(places, width / height))
+    forward = -eye / np.linalg.norm(eye)
+    right = np.cross(forward, [0, 1, 0]) / np.linalg.norm(np.cross(forward, [0, 1, 0]))
+
+    def on_screen(points: np.ndarray) -> np.ndarray:
+        to = points - eye
+        across, up = to @ right, to @ np.cross(right, forward)
+        return np.stack([across, up], axis=-1) / (to @ forward)[:, None] * height / 2 / np.tan(VIEW / 2)
+
+    u, v = (line.ravel() for line in np.meshgrid([0.0, 0.5, 1.0], [0.0, 0.5, 1.0]))
+    turn = Rotation.from_quat(np.roll(places.hung_turn, -1))
+    flat = [places.flat(np.stack([u, v], axis=1) * size, side) for side in ("front", "back")]
+    hung = np.stack([(1.08 * u - 0.54) * size[0], -v * size[1], 0 * u], axis=1)
+    depth = 0.2 * size[1] * v**2
+    forth, back = (turn.apply(hung + sign * depth[:, None] * [0, 0, 1]) + places.hung_origin for sign in (1, -1))
+    seen = on_screen(np.concatenate([*flat, forth, back]))
+    assert (np.abs(seen) < np.array(window) / 2).all()
+    ahead, behind = on_screen(forth), on_screen(back)
+    assert np.linalg.norm(ahead[6] - behind[6]) > 0.2 * np.linalg.norm(behind[6] - behind[0])  # of the left edge
 
 
 def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("viser")
+    from studies.studio.gate import Gate
     from studies.studio.server import Studio, quiet_viser
 
     monkeypatch.chdir(folder)
     write_design(BASIC.design, folder / "basic.toml")
     target = target_at(BASIC.with_pressure(0, 200e3), folder / "bowed.xyz", every=4)
-    with quiet_viser() as server:
+    with contextlib.closing(Gate("127.0.0.1", None)) as gate, quiet_viser(gate) as server:
         studio = Studio(server, open_files([Path("basic.toml"), target.file.file], folder / "model.toml"), AtOnce())
         session, page = studio.session, studio.page
         turns = iter(range(20))
@@ -997,6 +923,8 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         assert session.shapes.shown is not None
         assert session.shapes.shown.exact
         assert server.scene.get_handle_by_name("/hung/distances") is not None
+        faces = [server.scene.get_handle_by_name(f"/hung/{side}") for side in ("front", "back")]
+        assert all(face.visible for face in faces)  # a surface is there whether or not a browser has the colours
         session.edit("add", lambda layout: edits.add_corner(edits.add_muscle(layout, 0), 8))
         session.edit("move", lambda layout: edits.move_muscle(layout, 8, (-0.022, 0.0)))
         session.choose(session.choice.switched("frame_tilt", True))
@@ -1006,6 +934,10 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         assert session.targets.shown is not None
         assert session.targets.shown.file.rotation == (0.0, 0.0, 5.0)
         assert server.scene.get_handle_by_name("/flat/corner_8_2") is not None
+        session.select(8)
+        assert [field.label for field in page._muscles._points] == ["End 0", "Corner 1", "End 2"]
+        session.select(1)
+        assert [field.label for field in page._muscles._points] == ["End 0", "End 1"]
         assert "muscles 1 and 8" in page._status._limits.content
         session.playing.rise()
         run()
@@ -1025,4 +957,14 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         session.drawings.set_beside(False)
         assert server.scene.get_handle_by_name("/hung/other") is None
         assert "<polyline" in page._profile._plot.content
+        page._files._export()
+        template = folder / "basic_template"
+        cut_list = (template / "design_cut_list.csv").read_text()
+        export_design(session.layout.design, folder / "exported", stem="design", tail_length=0.03)
+        assert cut_list == (folder / "exported" / "design_cut_list.csv").read_text()
+        assert (template / "design_a4.pdf").is_file()
+        assert "sewing template in basic_template: " in page._status._message.content
+        (template / "design_a4.pdf").unlink()
+        page._files._export()  # asks first
+        assert not (template / "design_a4.pdf").exists()
         session.end()

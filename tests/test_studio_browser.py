@@ -31,7 +31,7 @@ def studio_at(tmp_path: Path, files: list[str]) -> Iterator[Page]:
     from studies.studio.server import Studio, quiet_viser
 
     stopped = threading.Event()
-    with quiet_viser() as server, contextlib.closing(Gate("127.0.0.1", None, server.get_port(), first=18500)) as gate:
+    with contextlib.closing(Gate("127.0.0.1", None, first=18500)) as gate, quiet_viser(gate) as server:
         studio = Studio(server, open_files([Path(file) for file in files], None), AtOnce())
         runs = threading.Thread(target=studio.run, args=(stopped.is_set,))
         runs.start()
@@ -67,13 +67,13 @@ def test_a_sitting(page: Page, tmp_path: Path) -> None:
 
     drag_end(page, (0.025, 0.192), (0.045, 0.192))
     page.wait(exact(other_than=bowed), seconds=WAIT)
-    x = float(page.field("Corner 1")[2])
+    x = float(page.field("End 1")[2])
     assert 40 < x < 50
 
     assert "all kept" in page.text()
-    page.fill("Corner 1", "71")
+    page.fill("End 1", "71")
     page.wait(holds("muscles 0 and 1 lie 4.0 mm apart on the front; expected 6 mm"), seconds=WAIT)
-    page.fill("Corner 1", "45")
+    page.fill("End 1", "45")
     page.wait(holds("all kept"), seconds=WAIT)
 
     page.wait(exact(other_than=flat), seconds=WAIT)
@@ -160,7 +160,7 @@ def on_screen(page: Page, point: tuple[float, float]) -> tuple[float, float]:
         "(box => [box.x, box.y, box.width, box.height])(document.querySelector('canvas').getBoundingClientRect())"
     )
     places = Places(0.2, 0.2)
-    eye = np.array(eye_of(places))
+    eye = np.array(eye_of(places, width / height))
     forward = -eye / np.linalg.norm(eye)
     right = np.cross(forward, [0, 1, 0]) / np.linalg.norm(np.cross(forward, [0, 1, 0]))
     to = places.flat(np.array([point]), "front")[0] - eye

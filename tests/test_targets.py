@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fabdesign.catalogue import build
+from fabdesign.design_file import write_design
 from fabdesign.distances import chamfer
 from fabdesign.errors import InputError
 from fabdesign.hung_cloth import misplaced
@@ -20,11 +21,14 @@ from fabdesign.ply import write_ply
 from fabdesign.study_file import Study, StudyLimits
 from fabdesign.study_targets import TargetFile
 from fabdesign.surface import Surface
-from fabdesign.target_file import MOST, read_target
+from fabdesign.target_file import MOST, AsTarget, read_target
 from fabdesign.trial_file import read_trial
 from studies.layouts.run import run_study
 from studies.layouts.target import load_target, target_errors
+from studies.studio.opening import open_files
+from studies.view.items import items_of
 from tests.analytic_cloth import AnalyticCloth
+from tests.command_line import Run, one_line
 from tests.meshes import sheet, write_obj, write_stl, write_xyz
 from tests.sheets import rolled_sheet
 
@@ -161,6 +165,35 @@ def test_what_no_cloth_could_be_is_refused_with_what_would_do(
 def test_a_unit_too_small_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r'0.2\d\d mm across.* \(is it in m\? unit = "m"\)'):
         points_of(TargetFile(write_stl(tmp_path / "t.stl", POINTS, TRIANGLES), unit="mm"))
+
+
+def test_unit_and_place_are_options_of_commands_as_keys_of_a_study(run: Run, tmp_path: Path) -> None:
+    design, mesh = tmp_path / "cloth.toml", write_stl(tmp_path / "t.stl", 1e3 * POINTS @ CAD.T + 300, TRIANGLES)
+    write_design(DESIGN, design)
+    placed = read_target(TargetFile(mesh, unit="mm", place="fit"), FABRIC)
+
+    one_line(run("view", mesh, "-o", tmp_path / "v.html"), "expected metres, or --unit")
+    fit = ("--unit", "mm", "--place", "fit")
+    one_line(run("check", mesh, *fit), "--place fit: needs the cloth; expected a design among the files")
+    one_line(run("view", mesh, *fit, "-o", tmp_path / "v.html"), "expected --design with its design file")
+    with pytest.raises(InputError, match=r"\(--unit mm and --place fit would bring it onto the cloth\)"):
+        open_files([design, mesh], None)
+    with pytest.raises(InputError, match=r"\(--place fit would bring it onto the cloth\)"):
+        open_files([design, mesh], None, unit="mm")
+    with pytest.raises(InputError, match="--unit or --place without a target"):
+        open_files([design], None, unit="mm")
+
+    code, out, _ = run("check", design, mesh, *fit, "--json")
+    assert code == 0
+    assert json.loads(out)["files"][str(mesh)]["notes"] == [f"{mesh}: lies on the cloth with {placed.placement}"]
+    (item,) = items_of([mesh], how=AsTarget("mm", "fit", FABRIC))
+    np.testing.assert_allclose(item.frames[0], placed.placement.apply(placed.geometry.points))
+    assert item.triangles is not None
+    (item,) = items_of([mesh], how=AsTarget("mm"))
+    np.testing.assert_allclose(item.frames[0], 1e-3 * placed.geometry.points)
+    (shown,) = open_files([design, mesh], None, unit="mm", place="fit").targets
+    np.testing.assert_array_equal(shown.points, placed.points)
+    assert shown.file.unit == "mm"  # so a study that is saved says it
 
 
 def test_frames_of_the_rigs_are_where_a_cloth_can_be(data: Path) -> None:

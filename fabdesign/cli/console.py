@@ -47,6 +47,18 @@ SECONDS = NumberRange(min=0, min_open=True)
 GRID = IntegerRange(COARSEST, FINEST)
 SEED = IntegerRange(0)
 grid_option = click.option("--grid", type=GRID, help="Grid points per side; by default the model's, or 41.")
+unit_option = click.option(
+    "--unit",
+    type=click.Choice(["m", "cm", "mm", "in"]),
+    default="m",
+    help="Unit of clouds and meshes, as in a study; by default metres, or what a file says.",
+)
+place_option = click.option(
+    "--place",
+    type=click.Choice(["given", "fit"]),
+    default="given",
+    help="Where clouds and meshes lie, as in a study: as given, or registered to the hanging cloth (fit).",
+)
 force_option = click.option(
     "--force",
     is_flag=True,

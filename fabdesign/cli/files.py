@@ -2,11 +2,25 @@
 
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 import click
 
-from fabdesign.cli.console import FILE, FINITE, commands, force_option, json_option, print_result
+from fabdesign.cli.console import (
+    FILE,
+    FINITE,
+    commands,
+    force_option,
+    json_option,
+    place_option,
+    print_result,
+    unit_option,
+)
+from fabdesign.errors import InputError
 from fabdesign.json_file import json_text
+
+if TYPE_CHECKING:
+    from fabdesign.placement import Unit
 
 
 @commands.command()
@@ -47,15 +61,23 @@ def new(
 
 @commands.command()
 @click.argument("files", nargs=-1, required=True, type=FILE)
+@unit_option
+@place_option
 @json_option
-def check(files: tuple[Path, ...], as_json: bool) -> None:
+def check(files: tuple[Path, ...], unit: "Unit", place: Literal["given", "fit"], as_json: bool) -> None:
     """Check whether FILES are valid and plausible.
 
-    FILES are any files and folders that commands read.
+    FILES are any files and folders that commands read. With --unit or --place, and a design among FILES, clouds and
+    meshes are checked as targets of that cloth.
     """
-    from studies.check import inspect
+    from fabdesign.target_file import AsTarget
+    from studies.check import fabric_of, inspect
 
-    findings = {str(file): inspect(file) for file in files}
+    fabric = fabric_of(files) if (unit, place) != ("m", "given") else None
+    if place == "fit" and fabric is None:
+        raise InputError("--place fit: needs the cloth; expected a design among the files")
+    how = AsTarget(unit, place, fabric)
+    findings = {str(file): inspect(file, how) for file in files}
     if as_json:
         listed = {
             name: {

@@ -3,6 +3,7 @@
 import json
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING, Literal
 
 import click
 
@@ -13,17 +14,22 @@ from fabdesign.cli.console import (
     force_option,
     grid_option,
     json_option,
+    place_option,
     points_per_side,
     print_result,
+    unit_option,
 )
 from fabdesign.cli.models import effects_option, load_model, without_option
 from fabdesign.errors import InputError
+
+if TYPE_CHECKING:
+    from fabdesign.placement import Unit
 
 
 @commands.command()
 @click.argument("files", nargs=-1, required=True, type=FILE)
 @click.option("--model", type=FILE, help="A model file: show its prediction beside each trial.")
-@click.option("--design", type=FILE, help="Design of a single trial that is to be predicted.")
+@click.option("--design", type=FILE, help="Design of a single trial that is to be predicted, or of --place fit.")
 @click.option("--trial", help="Name of the trial of a set; by default the first.")
 @without_option
 @effects_option
@@ -37,6 +43,8 @@ from fabdesign.errors import InputError
     metavar="NAME=U,V",
     help="Point of the cloth for a CSV, m; may be given several times.",
 )
+@unit_option
+@place_option
 @grid_option
 @click.option(
     "-o",
@@ -55,6 +63,8 @@ def view(
     trial: str | None,
     times: tuple[float, ...],
     markers: tuple[str, ...],
+    unit: "Unit",
+    place: Literal["given", "fit"],
     grid: int | None,
     output: Path | None,
     force: bool,
@@ -64,7 +74,9 @@ def view(
 
     FILES are motions, measurement sets, trials, clouds and meshes. With --model each trial has its prediction too.
     """
+    from fabdesign.design_file import read_design
     from fabdesign.output import new_files
+    from fabdesign.target_file import AsTarget
     from studies.view.items import items_of
     from studies.view.write import KINDS, NEEDS, writer
 
@@ -76,6 +88,8 @@ def view(
         raise InputError(f"--time: instants of a picture; expected an output that ends in .png, not {kind}")
     if markers and kind != ".csv":
         raise InputError(f"--marker: points in a table; expected an output that ends in .csv, not {kind}")
+    if place == "fit" and design is None:
+        raise InputError("--place fit: needs the cloth; expected --design with its design file")
     if kind in NEEDS:
         import_module(NEEDS[kind])  # missing: said before anything is computed
     places = dict(_marker(text) for text in markers)
@@ -87,7 +101,8 @@ def view(
             from sim import Simulator
 
             forward = Simulator(points_per_side(grid, fitted))
-        items = items_of(files, trial=trial, design=design, model=fitted, forward=forward)
+        how = AsTarget(unit, place, read_design(design).fabric if place == "fit" and design is not None else None)
+        items = items_of(files, trial=trial, design=design, model=fitted, forward=forward, how=how)
         more = writer(kind, times, places)(items, unfinished)
     panels = [{"title": item.title, "frames": len(item.frames)} for item in items]
     for panel, distance in zip(panels, more, strict=bool(more)):
@@ -114,13 +129,22 @@ def _marker(text: str) -> tuple[str, tuple[float, float]]:
     "--host",
     default="127.0.0.1",
     show_default=True,
-    help="Address to listen on; any other than this one needs a token.",
+    help="Address to listen on; not encrypted on any other than this one.",
 )
 @click.option("--port", type=click.IntRange(1, 65535), help="Port; by default the first free one from 8080.")
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
+@unit_option
+@place_option
 @json_option
 def studio(
-    files: tuple[Path, ...], model: Path | None, host: str, port: int | None, no_browser: bool, as_json: bool
+    files: tuple[Path, ...],
+    model: Path | None,
+    host: str,
+    port: int | None,
+    no_browser: bool,
+    unit: "Unit",
+    place: Literal["given", "fit"],
+    as_json: bool,
 ) -> None:
     """Draw a layout in the browser. FILES: a design, study or measurement set, and with it a target and pressures.
 
@@ -135,4 +159,10 @@ def studio(
     def announce(address: str) -> None:
         click.echo(json.dumps({"address": address}) if as_json else address)
 
-    serve(open_files(files, model), host=host, port=port, announce=announce, browser=not no_browser)
+    serve(
+        open_files(files, model, unit=unit, place=place),
+        host=host,
+        port=port,
+        announce=announce,
+        browser=not no_browser,
+    )

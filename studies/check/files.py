@@ -1,7 +1,7 @@
 """Every kind of file that a command reads: how it is recognised, and what is asked of it."""
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -12,21 +12,22 @@ from fabdesign.bench_law_file import TABLES as TABLES_OF_LAWS
 from fabdesign.bench_law_file import read_bench_law, read_law_table
 from fabdesign.bench_table_file import COLUMNS as BENCH_TABLE
 from fabdesign.bench_table_file import read_bench_table
-from fabdesign.cloud_file import KINDS, read_geometry
+from fabdesign.cloud_file import KINDS
 from fabdesign.csv_table import read_raw_table
 from fabdesign.curve_file import read_membrane_curve
 from fabdesign.design_file import is_part, read_design, read_part
 from fabdesign.errors import InputError, InputNote
+from fabdesign.fabric import Fabric
 from fabdesign.headings import parse_heading, parse_units_row, unit_of
 from fabdesign.measurement_set import read_set
 from fabdesign.model_file import read_model
 from fabdesign.motion_file import read_motion
 from fabdesign.npz_file import open_npz
-from fabdesign.placement import UNITS
 from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import TABLES, read_csv, read_pressures
 from fabdesign.recording import Recording, read_recording
 from fabdesign.table import nearest, parse_toml
+from fabdesign.target_file import AS_GIVEN, AsTarget, keys_as_options, read_target
 from fabdesign.trial_file import read_trial
 from studies.check.design import bench_table_lines, design_findings, part_findings
 from studies.check.findings import Findings, failures
@@ -40,17 +41,18 @@ _LARGEST = 10.0  # m across, of a cloud in metres
 _SLOW = 8.0  # s between a program's rows, from which milliseconds are likelier
 
 
-def inspect(path: Path) -> Findings:
+def inspect(path: Path, how: AsTarget = AS_GIVEN) -> Findings:
     """Everything that is wrong with a file or folder, what is implausible, and what was left out or read otherwise
-    than as the format has it. Of a set every trial is read, of a recording every cloud, of a study every target."""
+    than as the format has it. Of a set every trial is read, of a recording every cloud, of a study every target.
+    how: a cloud or mesh is to be a target; with a fabric also where it lies on that."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", InputNote)
-        findings = _inspect(path)
+        findings = _inspect(path, how)
     return findings + Findings(notes=tuple(str(each.message) for each in caught))
 
 
-def _inspect(path: Path) -> Findings:
+def _inspect(path: Path, how: AsTarget) -> Findings:
     try:
         if path.is_dir():
             return _folder(path)
@@ -58,11 +60,11 @@ def _inspect(path: Path) -> Findings:
             raise InputError(f"{path}: no such file")
         suffix = path.suffix.lower()
         if suffix == ".npz":
-            return _npz(path)
+            return _npz(path, how)
         if suffix in TABLES:
-            return _table(path)
+            return _table(path, how)
         if suffix in KINDS:
-            return _cloud(path)
+            return _cloud(path, how)
         return _BY_FORMAT[_format(path)](path)
     except InputError as error:
         return Findings((str(error),))
@@ -152,7 +154,7 @@ def _bench_law(path: Path) -> Findings:
     return Findings()
 
 
-def _npz(path: Path) -> Findings:
+def _npz(path: Path, how: AsTarget) -> Findings:
     with open_npz(path, "a trial's, a motion's or a cloud's arrays") as arrays:
         trial, dimensions = "offsets" in arrays, arrays.get("points").ndim
     if trial:
@@ -160,18 +162,36 @@ def _npz(path: Path) -> Findings:
     if dimensions == 3:
         read_motion(path)
         return Findings()
-    return _cloud(path)
+    return _cloud(path, how)
 
 
-def _cloud(path: Path) -> Findings:
-    """Of a cloud or mesh, which may stand in any unit and frame: a study says which."""
-    geometry = read_geometry(path)
-    far = UNITS[geometry.unit or "m"] * float(np.linalg.norm(np.ptp(geometry.points, axis=0)))
-    line = f'{path}: is {far:.3g} m across; a cloth is not (a study\'s target in millimetres says unit = "mm")'
+def _cloud(path: Path, how: AsTarget) -> Findings:
+    """Of a cloud or mesh, which may stand in any unit and frame: options or a study say which."""
+    if how.fabric is not None:
+        with keys_as_options():
+            placed = read_target(how.target(path), how.fabric)
+        return Findings(notes=(f"{path}: lies on the cloth with {placed.placement}",))
+    far = float(np.linalg.norm(np.ptp(how.read(path).points, axis=0)))
+    line = f'{path}: is {far:.3g} m across; a cloth is not (in millimetres: --unit mm, and unit = "mm" in a study)'
     return Findings(warnings=(line,) if far > _LARGEST else ())
 
 
-def _table(path: Path) -> Findings:
+def fabric_of(files: Sequence[Path]) -> Fabric | None:
+    """Return the cloth of the one design among files; None where there is none. Raises InputError for several."""
+    designs = [file for file in files if file.suffix.lower() == ".toml" and file.is_file() and _is_design(file)]
+    if len(designs) > 1:
+        raise InputError(f"{designs[1]}: a second design beside {designs[0]}; expected one, which targets lie on")
+    return read_design(designs[0]).fabric if designs else None
+
+
+def _is_design(file: Path) -> bool:
+    try:
+        return _format(file) == _DESIGN and not is_part(file)
+    except InputError:
+        return False  # said where it is checked
+
+
+def _table(path: Path, how: AsTarget) -> Findings:
     """Of a text table, by what its headings measure."""
     raw = read_raw_table(path)
     header = raw.header
@@ -181,7 +201,7 @@ def _table(path: Path) -> Findings:
         read_law_table(path, specimen)
         return Findings()
     if {"x", "y", "z"} <= {heading.name for heading in headings} or all(map(_is_number, header)):
-        return _cloud(path)
+        return _cloud(path, how)
     measured = {heading.quantity for heading in headings} | {heading.name for heading in headings}
     symbols = parse_units_row(raw.rows[0][1]) or [heading.symbol or "" for heading in headings]
     measured |= {unit.dimension for symbol in symbols if (unit := unit_of(symbol)) is not None}

@@ -1,115 +1,188 @@
-"""The door of the page: every connection shows a token, or comes from this machine's own page, before it is let in.
+"""The gate of the page: no request reaches viser that does not show the secret of this session.
 
-Any web page in a browser may open a connection to 127.0.0.1, and viser asks nobody who they are. So viser listens on a
-port that nobody is told, and this one passes on what may come in.
+Any web page in a browser, and any user of this machine, may connect to a port of 127.0.0.1, and viser asks nobody who
+they are. So viser gets no port of its own: it listens on the gate's, and the gate sees each request first, those that
+open a websocket too.
+
+The printed address has a token. Whoever shows it gets a cookie, and goes on by that. A browser sends a cookie to every
+port of a host, so to other users' servers on this machine too; therefore the cookie is bound to a path that nobody
+can guess. The token stands in no header, no log and no command line of a process.
 """
 
-import asyncio
 import contextlib
+import ipaddress
+import logging
 import secrets
-import threading
+import socket
+from collections.abc import Callable, Iterator
+from http import HTTPStatus
+from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
 from fabdesign.errors import InputError
 
-LOCAL = ("127.0.0.1", "localhost", "::1")
+if TYPE_CHECKING:
+    from websockets.http11 import Request, Response
+
 _COOKIE = "fabdesign_studio"
-_HEAD = 64 * 1024  # bytes, the most of a request's head
+_TOKEN_MISSING = "A token is missing: open the page by the address that was printed."
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": "frame-ancestors 'none'",  # no other page shows this one and has it clicked
+    "Referrer-Policy": "no-referrer",
+}
+_ONCE = ("Host", "Origin", "Upgrade")  # headers that come once, or two programs may read them in two ways
 
 
 class Gate:
-    """Listens on host and port and passes on to `inner`, a port of this machine. Where `host` is not this machine's
-    own address a token is asked for; `address` has it."""
+    """Listens on a host and a port, and lets in whoever shows the secret. `address` has it."""
 
-    def __init__(self, host: str, port: int | None, inner: int, *, first: int = 8080) -> None:
+    def __init__(self, host: str, port: int | None, *, first: int = 8080) -> None:
         """port: None for the first free one from `first` on. Raises InputError where it cannot listen."""
-        self.token = None if host in LOCAL else secrets.token_urlsafe(24)
-        self._host, self._inner = host, inner
-        self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever, daemon=True, name="studio gate")
-        self._thread.start()
-        wanted = range(first, first + 100) if port is None else [port]
-        self._server, self.port = self._listen(list(wanted), given=port is not None)
+        self._socket = _listening(host, port, first)
+        bound, self.port = self._socket.getsockname()[:2]
+        # "localhost" may lead elsewhere too, where another user listens
+        self._local = _is_local(bound)
+        self._host = bound if self._local else host
+        self.token = secrets.token_urlsafe(24)
+        self._cookie = f"{_COOKIE}={secrets.token_urlsafe(24)}"
+        self._folder = f"/{secrets.token_urlsafe(12)}"
 
     @property
     def address(self) -> str:
         host = f"[{self._host}]" if ":" in self._host else self._host
-        return f"http://{host}:{self.port}/" + ("" if self.token is None else f"?token={self.token}")
+        return f"http://{host}:{self.port}/?token={self.token}"
 
     def close(self) -> None:
-        async def end() -> None:
-            self._server.close()
-            for task in asyncio.all_tasks() - {asyncio.current_task()}:
-                task.cancel()
+        self._socket.close()
 
-        with contextlib.suppress(Exception):
-            asyncio.run_coroutine_threadsafe(end(), self._loop).result(2.0)
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        self._thread.join(2.0)
+    @contextlib.contextmanager
+    def before(self) -> Iterator[None]:
+        """Have the one server that websockets starts meanwhile listen here, and nowhere else. Raises RuntimeError
+        where none was started."""
+        import websockets.asyncio.server as servers
 
-    def _listen(self, ports: list[int], *, given: bool) -> tuple[asyncio.Server, int]:
-        problem: OSError | None = None
-        for port in ports:
-            listening = asyncio.start_server(self._admit, self._host, port, limit=_HEAD)
-            try:
-                server = asyncio.run_coroutine_threadsafe(listening, self._loop).result()
-            except OSError as error:
-                problem = error
-                continue
-            return server, int(server.sockets[0].getsockname()[1])
-        self._loop.call_soon_threadsafe(self._loop.stop)
-        reason = (problem.strerror or str(problem)) if problem else "no port"
-        if given:
-            raise InputError(f"--port {ports[0]} on {self._host}: {reason}; expected a free port of this machine")
-        raise InputError(f"--host {self._host}: {reason}; expected an address of this machine")
+        serve, started = servers.serve, []
 
-    # a connection that breaks, or is cut when the gate closes, is nobody's fault
-    async def _admit(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with contextlib.suppress(
-            OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, asyncio.CancelledError
-        ):
-            head = await reader.readuntil(b"\r\n\r\n")
-            refusal = self.refusal(head)
-            if refusal is not None:
-                writer.write(refusal)
-                await writer.drain()
-            else:
-                to, goal = await asyncio.open_connection("127.0.0.1", self._inner)
-                goal.write(head)
-                await asyncio.gather(_pass(reader, goal), _pass(to, writer))
-        writer.close()
+        def behind_gate(handler: Any, _host: Any, _port: Any, *, process_request: Any, **options: Any) -> Any:
+            def request_first(connection: Any, request: "Request") -> "Response | None":
+                return self.answer(request, lambda passed: process_request(connection, passed))
 
-    def refusal(self, head: bytes) -> bytes | None:
-        """What is answered to a request that is not passed on, as it stands or with the token taken from it."""
-        line, *rest = head.decode("latin-1").split("\r\n")
-        headers = {name.lower(): value.strip() for name, _, value in (entry.partition(":") for entry in rest)}
-        path = (line.split(" ") + [""])[1]
-        origin, host = headers.get("origin"), headers.get("host", "")
-        if origin is not None and urlsplit(origin).netloc != host:
-            return _answer("403 Forbidden", "This page is for its own tab only.")
-        if self.token is None:
-            local = urlsplit(f"//{host}").hostname in LOCAL
-            return None if local else _answer("403 Forbidden", "Open the page by the address that was printed.")
-        cookies = [entry.strip() for entry in headers.get("cookie", "").split(";")]
-        if any(secrets.compare_digest(entry.encode(), f"{_COOKIE}={self.token}".encode()) for entry in cookies):
+            started.append(handler)
+            return serve(handler, sock=self._socket, process_request=request_first, logger=_logger(), **options)
+
+        servers.serve = behind_gate  # type: ignore[assignment, misc]
+        try:
+            yield
+        finally:
+            servers.serve = serve  # type: ignore[misc]
+        if len(started) != 1:
+            raise RuntimeError(f"viser started {len(started)} servers behind the gate; expected 1")
+
+    def answer(self, request: "Request", then: Callable[["Request"], "Response | None"]) -> "Response | None":
+        """Return the response to a request, by `then` where it is let in; None opens a websocket."""
+        refusal = self._refusal(request)
+        response = then(self._inside(request)) if refusal is None else refusal
+        if response is not None:
+            for name, value in _HEADERS.items():
+                response.headers[name] = value
+        return response
+
+    def _refusal(self, request: "Request") -> "Response | None":
+        """Return what is answered to a request that is not passed on."""
+        try:
+            host, origin, upgrade = (_single(request, name) for name in _ONCE)
+            name = urlsplit(f"//{host}").hostname
+            foreign = origin is not None and urlsplit(origin).netloc != host
+        except ValueError:
+            return _response(HTTPStatus.BAD_REQUEST, "Host or Origin cannot be read.")
+        if host is None:
+            return _response(HTTPStatus.BAD_REQUEST, "Host is missing.")
+        if foreign:
+            return _response(HTTPStatus.FORBIDDEN, "This page is for its own tab only.")
+        if self._local and not _is_local(name or ""):  # a foreign name that was made to lead here
+            return _response(HTTPStatus.FORBIDDEN, "Open the page by the address that was printed.")
+        cookies = "; ".join(request.headers.get_all("Cookie")).split("; ")
+        if any(_same(cookie, self._cookie) for cookie in cookies):
             return None
-        given = parse_qs(urlsplit(path).query).get("token", [""])[0]
-        if secrets.compare_digest(given.encode(), self.token.encode()):
-            cookie = f"Set-Cookie: {_COOKIE}={self.token}; HttpOnly; SameSite=Lax; Path=/\r\nLocation: /\r\n"
-            return _answer("303 See Other", "", cookie)
-        return _answer("403 Forbidden", "A token is missing: open the page by the address that was printed.")
+        given = parse_qs(request.path.partition("?")[2]).get("token", [""])[0]
+        if not _same(given, self.token):
+            return _response(HTTPStatus.FORBIDDEN, _TOKEN_MISSING)
+        return None if upgrade is not None else self._let_in()
+
+    def _let_in(self) -> "Response":
+        """Return a page that gives the cookie and leads on. A redirect would count as coming from wherever the address
+        was clicked, and a browser keeps strict cookies back then."""
+        page = f'<!doctype html><title>fabdesign</title><meta http-equiv="refresh" content="0; url={self._folder}/">'
+        response = _response(HTTPStatus.OK, page, "text/html")
+        response.headers["Set-Cookie"] = f"{self._cookie}; Path={self._folder}; HttpOnly; SameSite=Strict"
+        return response
+
+    def _inside(self, request: "Request") -> "Request":
+        """Return the request as viser knows it, without the folder."""
+        from websockets.http11 import Request
+
+        return Request(request.path.removeprefix(self._folder) or "/", request.headers)
 
 
-def _answer(status: str, text: str, headers: str = "") -> bytes:
-    body = f"{text}\n".encode()
-    lines = f"HTTP/1.1 {status}\r\nContent-Type: text/plain; charset=utf-8\r\nContent-Length: {len(body)}\r\n"
-    return f"{lines}{headers}Connection: close\r\n\r\n".encode() + body
-
-
-async def _pass(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+def _listening(host: str, port: int | None, first: int) -> socket.socket:
     try:
-        while data := await reader.read(1 << 16):
-            writer.write(data)
-            await writer.drain()
-    finally:
-        writer.close()
+        family, *_, address = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)[0]
+    except (OSError, UnicodeError) as error:
+        raise InputError(f"--host {host}: {_reason(error)}; expected an address of this machine") from None
+    for number in range(first, first + 100) if port is None else (port,):
+        try:
+            return socket.create_server((address[0], number, *address[2:]), family=family)
+        except OSError as error:
+            if port is not None:
+                raise InputError(
+                    f"--port {port} on {host}: {_reason(error)}; expected a free port of this machine"
+                ) from None
+            reason = _reason(error)
+    raise InputError(f"--host {host}: {reason}; expected an address of this machine")
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)
+
+
+def _is_local(name: str) -> bool:
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(name).is_loopback
+    return name == "localhost"
+
+
+def _single(request: "Request", name: str) -> str | None:
+    """Return a header's value. Raises ValueError where it came twice."""
+    values = request.headers.get_all(name)
+    if len(values) > 1:
+        raise ValueError(name)
+    return values[0] if values else None
+
+
+def _same(given: str, secret: str) -> bool:
+    return secrets.compare_digest(given.encode(errors="replace"), secret.encode())
+
+
+def _response(status: HTTPStatus, text: str, kind: str = "text/plain") -> "Response":
+    from websockets.datastructures import Headers
+    from websockets.http11 import Response
+
+    body = f"{text}\n".encode()
+    headers = Headers(
+        {"Content-Type": f"{kind}; charset=utf-8", "Content-Length": str(len(body)), "Connection": "close"}
+    )
+    return Response(status.value, status.phrase, headers, body)
+
+
+def _logger() -> logging.Logger:
+    """Return a logger that keeps requests to itself: their paths may hold a token, and what is no request at all is no
+    error of this program."""
+    logger = logging.getLogger("fabdesign.studio")
+    logger.setLevel(logging.ERROR)
+    logger.addFilter(_no_handshakes)
+    return logger
+
+
+def _no_handshakes(record: logging.LogRecord) -> bool:
+    return "handshake" not in record.getMessage()

@@ -11,6 +11,7 @@ from studies.studio.scene import BACK, FRONT, Places, colour, heat, laced
 
 Points = NDArray[np.floating[Any]]
 _POINT = 0.0011  # m, of a cloud's point as drawn
+_RAISED = 0.25  # of the thickness, that colours lie over a face, below the muscles
 _PLAIN = (70, 90, 110)
 
 
@@ -41,12 +42,12 @@ class HungView:
                 self._scene.add_mesh_simple("/hung/back", points[half:], triangles[:, ::-1], color=BACK, side="front"),
             ]
         for face, part in zip(self._faces, (points[:half], points[half:]), strict=True):
-            face.vertices, face.visible = part, True
+            face.vertices = part
         self._draw_muscles(points, design)
 
     def _place(self, design: Design) -> None:
         places = Places.of(design.fabric)
-        self._root.position = places.hung_origin
+        self._root.position, self._root.wxyz = places.hung_origin, places.hung_turn
         self._title.position = (0.0, 0.06 * places.height, 0.0)
         if self._edge is None:
             half = places.width / 2
@@ -73,19 +74,18 @@ class HungView:
             self._muscles[i].colors = np.array(colour(muscle.channel), dtype=np.uint8)
 
     def draw_distances(self, points: NDArray[np.float32], distances: Points, largest: float) -> None:
-        """In place of the two colours: each point's distance [m] as colour, up to `largest`."""
+        """Over the two colours: each point's distance [m] as colour, up to `largest`. The faces stay below, so that
+        there is a surface while a browser takes the colours apart, and where it does not get them."""
         import trimesh
 
         side = round((len(points) // 2) ** 0.5)
+        front, back = points.reshape(2, -1, 3).astype(np.float64)
+        raised = np.concatenate([front + _RAISED * (front - back), back + _RAISED * (back - front)])
         colours = np.concatenate(
             [heat(np.asarray(distances, dtype=float), largest), np.full((len(points), 1), 255, np.uint8)], axis=1
         )
-        mesh = trimesh.Trimesh(
-            points.astype(np.float64), face_triangles(side, side), vertex_colors=colours, process=False
-        )
+        mesh = trimesh.Trimesh(raised, face_triangles(side, side), vertex_colors=colours, process=False)
         self._coloured = self._scene.add_mesh_trimesh("/hung/distances", mesh)
-        for face in self._faces:
-            face.visible = False
 
     def _drop_colours(self) -> None:
         if self._coloured is not None:

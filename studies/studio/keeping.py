@@ -8,7 +8,7 @@ from fabdesign.output import read_mark
 from studies.studio.autosave import Autosave, Watched
 from studies.studio.layout import Layout
 from studies.studio.opening import Opened
-from studies.studio.saving import Saved, Saving
+from studies.studio.saving import Saved, Saving, save_template
 
 if TYPE_CHECKING:
     from studies.studio.session import Session
@@ -102,6 +102,21 @@ class Keeping:
 
     def would_replace(self, folder: Path) -> str | None:
         return self._saving.replaces(folder)
+
+    @property
+    def template_folder(self) -> Path:
+        """Where templates go unless another place is typed."""
+        return self._session.opened.file.with_name(f"{self._session.opened.file.stem}_template")
+
+    def save_template(self, folder: Path, *, replace: bool = False) -> None:
+        """Write the sewing template of what is shown, and say so."""
+        try:
+            saved = save_template(self._session.layout, folder, replace=replace)
+        except InputError as error:
+            self._session.view.tell(str(error), bad=True)
+            return
+        names = ", ".join(file.name for file in saved.files)
+        self._session.view.tell("; ".join([f"sewing template in {folder}: {names}", *saved.left_out]))
 
 
 def _folder(opened: Opened) -> Path:

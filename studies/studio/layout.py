@@ -46,13 +46,18 @@ def highest(design: Design) -> list[float]:
     return [min(HIGHEST, float(most)) if most >= 1e6 else float(most) for most in limits(design)]
 
 
+def point_name(muscle: Muscle, point: int) -> str:
+    """Return what a point of a muscle's path is: one of its ends, or a corner between them."""
+    return "end" if point in (0, len(muscle.path) - 1) else "corner"
+
+
 def move_corner(layout: Layout, index: int, corner: int, to: Point) -> Layout:
-    """Put one corner point of a muscle at `to`, or where the cloth ends."""
+    """Put an end or a corner of a muscle at `to`, or where the cloth ends."""
     muscle = layout.design.muscles[index]
     path = list(muscle.path)
     path[corner] = _within(layout.design, to)
     if any(a == b for a, b in itertools.pairwise(path)):
-        return layout  # two corners in one place: no leg between them
+        return layout  # two points in one place: no leg between them
     return layout.with_muscle(index, replace(muscle, path=tuple(path)))
 
 
@@ -131,7 +136,7 @@ def remove_corner(layout: Layout, index: int, corner: int) -> Layout:
     muscle = layout.design.muscles[index]
     path = (*muscle.path[:corner], *muscle.path[corner + 1 :])
     if len(path) < 2 or any(a == b for a, b in itertools.pairwise(path)):
-        raise InputError(f"muscle {index}: has {len(muscle.path)} corner points; expected two apart to remain")
+        raise InputError(f"muscle {index}: has {len(muscle.path)} points; expected two apart to remain")
     return layout.with_muscle(index, replace(muscle, path=path))
 
 

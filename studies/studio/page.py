@@ -20,15 +20,20 @@ from studies.studio.panels.target import TargetPanel
 from studies.studio.scene import Places
 from studies.studio.session import Session
 
-VIEW, _ASPECT = 0.6, 1.3  # rad that is seen from top to bottom; width over height of what the panel leaves
+VIEW, ASPECT = 0.6, 1.3  # rad that is seen from top to bottom; width over height of what the panel leaves, mostly
+_FILLED = 0.97  # of the picture, by what is to be in view
 _OTHER = (60, 90, 200)  # of another drawing's shape
 
 
-def eye_of(places: Places) -> tuple[float, float, float]:
-    """m, where one looks from at first, towards the origin: all is in view, a little from the right and above."""
-    across, down = places.span
-    far = float(max(down, across / _ASPECT) / (2 * np.tan(VIEW / 2)))
-    return 0.12 * far, 0.1 * far, far
+def eye_of(places: Places, aspect: float = ASPECT) -> tuple[float, float, float]:
+    """m, where one looks from at first, towards the origin: all is in view, a little from the right and above. aspect:
+    width over height of the picture."""
+    back = np.array([0.12, 0.1, 1.0]) / np.linalg.norm([0.12, 0.1, 1.0])
+    right = np.cross([0, 1, 0], back) / np.linalg.norm(np.cross([0, 1, 0], back))
+    points, high = places.outline, _FILLED * np.tan(VIEW / 2)
+    across, up = np.abs(points @ right) / aspect, np.abs(points @ np.cross(back, right))
+    x, y, z = back * (np.maximum(across, up) / high + points @ back).max()
+    return float(x), float(y), float(z)
 
 
 class Page:
@@ -73,6 +78,22 @@ class Page:
         server.initial_camera.up = (0.0, 1.0, 0.0)
         server.initial_camera.fov = VIEW
         server.initial_camera.near = 0.005
+        server.on_client_connect(self._fit_view)
+
+    def _fit_view(self, client: Any) -> None:
+        """Keep all in a tab's view, whatever its window, until a hand turns it; *Reset View* begins anew."""
+        first = eye = eye_of(Places.of(self._session.layout.design.fabric))
+
+        def fit(camera: Any) -> None:
+            nonlocal eye
+            if not camera.image_height or not any(np.allclose(camera.position, at, atol=1e-4) for at in (first, eye)):
+                return
+            eye = eye_of(Places.of(self._session.layout.design.fabric), camera.image_width / camera.image_height)
+            if not np.allclose(camera.position, eye, atol=1e-4):
+                camera.position, camera.look_at = eye, (0.0, 0.0, 0.0)
+
+        client.camera.on_update(fit)
+        fit(client.camera)
 
     # what a session asks of a view
 

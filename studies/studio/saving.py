@@ -87,15 +87,20 @@ class Saving:
         return Saved(tuple(folder / name for name in names if not name.name.startswith(".")), tuple(left_out))
 
 
+def save_template(layout: Layout, folder: Path, *, replace: bool) -> Saved:
+    """Write what `fabdesign export` does into a folder. Raises InputError like it."""
+    made = export_design(layout.design, folder, stem="design", tail_length=_tail(layout), force=replace)
+    return Saved(made.files, made.left_out)
+
+
 def _template(layout: Layout, folder: Path) -> list[str]:
     """Write the templates into `folder`/template; what is left out, and why."""
     if not layout.design.muscles:
         return ["no template: the design has no muscles"]
     try:
-        made = export_design(layout.design, folder / "template", stem="design", tail_length=_tail(layout))
+        return list(save_template(layout, folder / "template", replace=False).left_out)
     except InputError as error:
         return [f"no template: {error}"]
-    return list(made.left_out)
 
 
 def _tail(layout: Layout) -> float | None:

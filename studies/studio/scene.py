@@ -19,6 +19,8 @@ COLOURS = (
 BROKEN = (220, 30, 30)
 FRONT, BACK = (214, 222, 232), (196, 204, 190)  # of the cloth's faces
 _GAP = 0.25  # of the cloth's longer side, between the pieces
+_BENT = 0.2  # of the cloth's height, that a bent one comes forward or back, and is in view at first
+_TURN, _TILT = -40.0, 15.0  # degrees about y and then x: the hung cloth is seen in three-quarters view, where it bends
 
 
 @dataclass(frozen=True)
@@ -49,9 +51,22 @@ class Places:
         return (self.gap + self.width / 2, self.height / 2 + self.gap / 2, 0.0)
 
     @property
-    def span(self) -> tuple[float, float]:
-        """m across and down of all of it, with its titles."""
-        return 2 * (self.width + 2 * self.gap), 2 * self.height + 3 * self.gap
+    def hung_turn(self) -> tuple[float, float, float, float]:
+        """w, x, y, z of the hung cloth's turn in the scene."""
+        y, x = np.radians([_TURN, _TILT]) / 2
+        w = float(np.cos(x) * np.cos(y))
+        return w, float(np.sin(x) * np.cos(y)), float(np.cos(x) * np.sin(y)), float(np.sin(x) * np.sin(y))
+
+    @property
+    def outline(self) -> Array:
+        """(n, 3) m, corners of all of it: flat faces, their titles, and the room of the hung cloth when it is bent."""
+        title, corners = 0.6 * self.gap, np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) * [self.width, self.height]
+        flat = np.concatenate([self.flat(corners, side) for side in ("front", "back")])
+        x, y, z = (1.08 * self.width / 2, self.height, _BENT * self.height)
+        box = np.array([(i, j, k) for i in (-x, x) for j in (0, -y) for k in ((-z, z) if j else (0,))], dtype=float)
+        w, *axis = self.hung_turn
+        turned = box + 2 * np.cross(axis, np.cross(axis, box) + w * box)
+        return np.concatenate([flat, flat + [0, title, 0], turned + self.hung_origin])
 
     def flat(self, points: Array, side: str, *, lift: float = LIFT) -> Array:
         """(n, 3) m of points (n, 2) in fabric coordinates; from behind, right is left."""

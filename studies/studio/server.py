@@ -3,11 +3,13 @@
 import contextlib
 import io
 import queue
+import tempfile
 import time
 import traceback
 import webbrowser
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from studies.studio.gate import Gate
@@ -31,12 +33,12 @@ def serve(
 ) -> None:
     """Run until it is interrupted. announce: is told the address once the page can be opened. port: None takes the
     first free one. Raises InputError where it cannot listen; unsaved changes lie in the autosave whatever ends it."""
-    with quiet_viser() as viser_server, contextlib.closing(Gate(host, port, viser_server.get_port())) as gate:
+    with contextlib.closing(Gate(host, port)) as gate, quiet_viser(gate) as viser_server:
         announce(gate.address)
-        with contextlib.closing(make_worker()) as worker:
+        with contextlib.closing(make_worker()) as worker, contextlib.ExitStack() as stack:
             studio = Studio(viser_server, opened, worker)
             if browser:
-                webbrowser.open(gate.address)
+                stack.enter_context(tab_at(gate.address))
             try:
                 studio.run()
             finally:
@@ -90,8 +92,24 @@ class Studio:
 
 
 @contextmanager
-def quiet_viser() -> Iterator[Any]:
-    """viser on a port of its own that nobody is told; silent, and without its way out to a public address."""
+def tab_at(address: str) -> Iterator[None]:
+    """Have the browser open an address, by a file that only this user can read: every user of a machine can read the
+    command lines of its processes, and the address lets in."""
+    with contextlib.ExitStack() as stack:
+        try:
+            # a browser in a box of its own (snap) sees no other folder than the home
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="fabdesign_studio_", dir=Path.home()))
+        except (OSError, RuntimeError):
+            folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="fabdesign_studio_"))
+        file = Path(folder) / "open.html"
+        file.write_text(f'<!doctype html><meta http-equiv="refresh" content="0; url={address}">')
+        webbrowser.open(file.as_uri())
+        yield
+
+
+@contextmanager
+def quiet_viser(gate: Gate) -> Iterator[Any]:
+    """viser behind a gate, silent, and without its way out to a public address."""
     import rich
     import viser
 
@@ -101,8 +119,8 @@ def quiet_viser() -> Iterator[Any]:
             return None
 
     rich.reconfigure(quiet=True)
-    with contextlib.redirect_stdout(io.StringIO()):
-        server = Server(host="127.0.0.1", port=0, label="fabdesign studio", verbose=False)
+    with contextlib.redirect_stdout(io.StringIO()), gate.before():
+        server = Server(host="127.0.0.1", port=gate.port, label="fabdesign studio", verbose=False)
     try:
         yield server
     finally:

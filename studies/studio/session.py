@@ -11,7 +11,7 @@ from studies.studio.background import BackgroundSearch
 from studies.studio.document import Document
 from studies.studio.drawings import Drawings
 from studies.studio.keeping import Keeping
-from studies.studio.layout import Layout, Point, move_corner, move_muscle
+from studies.studio.layout import Layout, Point, move_corner, move_muscle, point_name
 from studies.studio.limits import Broken, broken_limits
 from studies.studio.live import LiveShape, Solves
 from studies.studio.measured import labels
@@ -160,7 +160,8 @@ class Session:
             return  # gone meanwhile, in another tab
         self._dragged = None if last else self.layout
         layout = move_corner(self.layout, index, corner, self._snapped(to))
-        self.drag(f"move a corner of muscle {index}", layout, last=last)
+        name = point_name(layout.design.muscles[index], corner)
+        self.drag(f"move {name} {corner} of muscle {index}", layout, last=last)
 
     def drag_muscle(self, index: int, by: Point, *, last: bool) -> None:
         """by: since the drag began."""

@@ -1,7 +1,6 @@
 """The target beside the cloth: where it lies, and how far the cloth is from it."""
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,11 +58,6 @@ def compare(target: ShownTarget, shape: NDArray[np.float32], design: Design) -> 
     """shape: (2 n, 3) m."""
     errors = target_errors([target.loaded], shape[None].astype(np.float64), design, draws=DRAWS)
     return Comparison(errors, Surface.of_faces(shape).distance(target.points), nearest_distances(shape, target.points))
-
-
-def target_file(path: Path, *, place: str = "given") -> TargetFile:
-    """place: "given" or "fit"."""
-    return TargetFile(path, place="fit" if place == "fit" else "given")
 
 
 def placed_by_hand(

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.cloud_file import read_geometry
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
@@ -20,6 +19,7 @@ from fabdesign.measurement_set import read_set
 from fabdesign.model import Model
 from fabdesign.motion_file import MotionData, read_motion, square_triangles
 from fabdesign.npz_file import open_npz
+from fabdesign.target_file import AS_GIVEN, AsTarget
 from fabdesign.trial import Trial
 from fabdesign.trial_file import read_trial
 from studies.laced_motion import laced_motions
@@ -68,16 +68,17 @@ def items_of(
     design: Path | None = None,
     model: Model | None = None,
     forward: ForwardModel | None = None,
+    how: AsTarget = AS_GIVEN,
 ) -> list[Item]:
     """The panels of files: a motion's npz, a trial's npz, a measurement set (its `trial` by name, by default the
     first), a cloud or mesh. With a model, each trial's prediction by `forward` follows it, simulated and corrected
-    where the model has a corrector; a lone trial needs its `design`.
+    where the model has a corrector; a lone trial needs its `design`. how: clouds and meshes are read.
 
     Raises InputError for what cannot be shown.
     """
     items: list[Item] = []
     for file in files:
-        items += _items(file, trial, design, model, forward)
+        items += _items(file, trial, design, model, forward, how)
     if len(items) > MOST:
         raise InputError(f"{len(items)} panels; expected at most {MOST} side by side")
     for item in items:
@@ -87,7 +88,12 @@ def items_of(
 
 
 def _items(
-    file: Path, name: str | None, design: Path | None, model: Model | None, forward: ForwardModel | None
+    file: Path,
+    name: str | None,
+    design: Path | None,
+    model: Model | None,
+    forward: ForwardModel | None,
+    how: AsTarget,
 ) -> list[Item]:
     if file.is_dir() or file.name == "set.toml":
         measured = read_set(file)
@@ -105,7 +111,9 @@ def _items(
             return _lone_trial(file, design, model, forward)
         if is_motion:
             return [Item.of_motion(file.stem, read_motion(file))]
-    shape = read_geometry(file)
+    shape = how.read(file)
+    if np.abs(shape.points).max() > LARGEST:
+        raise InputError(f"{file.name}: points are beyond {LARGEST:g} m; expected metres, or --unit")
     return [Item(file.name, np.zeros(1), shape.points[None], shape.triangles if shape.is_mesh else None)]
 
 

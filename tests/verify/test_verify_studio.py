@@ -21,5 +21,5 @@ def test_two_tabs_show_the_same_and_one_may_close(page: Page) -> None:  # noqa: 
     page.wait(exact(other_than=flat), seconds=WAIT)
     page.wait(f"(text => text && text.includes({edge(page)!r}))({TEXT_THERE})", seconds=WAIT)
     page.run("document.getElementById('second').remove()")
-    page.fill("Corner 1", "45")
+    page.fill("End 1", "45")
     page.wait(f"{exact()} && {holds('all kept')}", seconds=WAIT)

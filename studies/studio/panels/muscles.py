@@ -1,8 +1,9 @@
-"""The muscle that is selected: its ends in numbers, type, channel, face; and adding, removing, undoing."""
+"""The muscle that is selected: its ends and corners in numbers, type, channel, face; and adding, removing, undoing."""
 
 from functools import partial
 from typing import Any
 
+from fabdesign.muscle import Muscle
 from fabdesign.units import from_mm, in_mm
 from studies.studio.layout import (
     Layout,
@@ -10,6 +11,7 @@ from studies.studio.layout import (
     add_muscle,
     flip,
     move_corner,
+    point_name,
     remove_corner,
     remove_muscle,
     set_channel,
@@ -38,8 +40,8 @@ class MusclePanel:
         on_input(self._channel, post, lambda to: self._edit("channel", lambda at, i: set_channel(at, i, int(to))))
         self._corner_actions = gui.add_button_group("Corners", ("add corner", "remove corner"))
         self._corner_actions.on_click(lambda _: post(partial(self._act, self._corner_actions.value)))
-        self._folder = gui.add_folder("Corner points, mm from the upper left")
-        self._corners: list[Any] = []
+        self._folder = gui.add_folder("Ends and corners, mm from the upper left")
+        self._points: list[Any] = []
         with gui.add_folder("Lacing rows", expand_by_default=False):
             self._snap = gui.add_checkbox("Snap to rows", session.snap)
             on_input(self._snap, post, self._set_snap)
@@ -59,23 +61,28 @@ class MusclePanel:
             put(self._face, muscle.side)
             put(self._type, muscle.type)
             put(self._channel, muscle.channel)
-        self._show_corners(() if muscle is None else muscle.path)
+        self._show_points(muscle)
 
-    def _show_corners(self, path: tuple[tuple[float, float], ...]) -> None:
-        while len(self._corners) > len(path):
-            self._corners.pop().remove()
+    def _show_points(self, muscle: Muscle | None) -> None:
+        path = () if muscle is None else muscle.path
+        while len(self._points) > len(path):
+            self._points.pop().remove()
         with self._folder:
-            while len(self._corners) < len(path):
-                k = len(self._corners)
-                field = self._gui.add_vector2(f"Corner {k}", (0.0, 0.0), step=0.1)
-                on_input(field, self._post, partial(self._typed, k))
-                self._corners.append(field)
-        for field, (u, v) in zip(self._corners, path, strict=True):
+            while len(self._points) < len(path):
+                field = self._gui.add_vector2("", (0.0, 0.0), step=0.1)
+                on_input(field, self._post, partial(self._typed, len(self._points)))
+                self._points.append(field)
+        if muscle is None:
+            return
+        for k, (field, (u, v)) in enumerate(zip(self._points, path, strict=True)):
+            label = f"{point_name(muscle, k).capitalize()} {k}"
+            if field.label != label:
+                field.label = label
             put(field, (round(in_mm(u), 3), round(in_mm(v), 3)))
 
-    def _typed(self, corner: int, at: tuple[float, float]) -> None:
+    def _typed(self, point: int, at: tuple[float, float]) -> None:
         to = (from_mm(at[0]), from_mm(at[1]))
-        self._edit("corner typed", lambda layout, i: move_corner(layout, i, corner, to))
+        self._edit(f"point {point} typed", lambda layout, i: move_corner(layout, i, point, to))
 
     def _select(self, name: str) -> None:
         if name != _NONE:

@@ -5,11 +5,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from fabdesign.placement import UNITS
+from fabdesign.target_file import AsTarget
 from fabdesign.units import from_mm, in_mm
 from studies.studio.panels.asking import Post, on_click, on_input, put
 from studies.studio.searching import VARIES
 from studies.studio.session import Session
-from studies.studio.target import ShownTarget, placed_by_hand, target_file
+from studies.studio.target import ShownTarget, placed_by_hand
 
 
 class TargetPanel:
@@ -23,6 +25,7 @@ class TargetPanel:
             self._pose = gui.add_dropdown("Pose", _poses(session))
             on_input(self._pose, post, lambda name: session.targets.show_pose(int(name.partition(":")[0])))
         self._file = gui.add_text("File", "" if given is None else str(given.file.file))
+        self._unit = gui.add_dropdown("Unit", tuple(UNITS), initial_value="m" if given is None else given.file.unit)
         self._open = gui.add_button_group("Open", ("as given", "fit"))
         self._open.on_click(lambda _: post(partial(self._read, self._open.value)))
         with gui.add_folder("Placed by hand", expand_by_default=False):
@@ -52,6 +55,7 @@ class TargetPanel:
                 self._pose.options = names
             put(self._pose, names[min(self._session.targets.pose, len(names) - 1)])
             put(self._file, str(target.file.file))
+        put(self._unit, target.file.unit)
         put(self._shift, tuple(round(in_mm(x), 3) for x in target.file.translation))
         put(self._turn, target.file.rotation or (0.0, 0.0, 0.0))
 
@@ -60,11 +64,9 @@ class TargetPanel:
         self._start.disabled, self._stop.disabled = running, not running
 
     def _read(self, place: str) -> None:
-        name = self._file.value.strip()
-        kind = "fit" if place == "fit" else "given"
-        self._session.targets.open(
-            lambda: ShownTarget.read(target_file(Path(name), place=kind), self._session.layout.design) if name else None
-        )
+        name, design = self._file.value.strip(), self._session.layout.design
+        how = AsTarget(self._unit.value, "fit" if place == "fit" else "given")
+        self._session.targets.open(lambda: ShownTarget.read(how.target(Path(name)), design) if name else None)
         self.show()
 
     def _typed(self) -> None:
