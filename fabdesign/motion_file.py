@@ -105,13 +105,13 @@ def square_triangles(count: int) -> NDArray[np.intp]:
 
 
 def _points(arrays: NpzArrays, path: Path) -> NDArray[np.float32]:
-    points: NDArray[Any] = arrays.get("points")
+    points: NDArray[Any] = arrays.get("points", becomes=np.float32)
     if points.ndim != 3 or points.shape[2] != 3 or not points.size or points.dtype.kind not in "fiu":
         raise InputError(f"{path}: points is {points.shape} {points.dtype}; expected (frames, points, 3) float32")
     bad = ~np.isfinite(points).all(axis=(1, 2))
     if bad.any():
         raise InputError(f"{path}: {int(bad.sum())} of {len(points)} frames are not finite; expected metres")
-    return points.astype(np.float32)
+    return points.astype(np.float32, copy=False)
 
 
 def _size(arrays: NpzArrays, path: Path) -> tuple[float, float] | None:

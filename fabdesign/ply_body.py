@@ -1,4 +1,4 @@
-"""The rows of a PLY, below its header, as arrays: ascii and binary, also where lists differ in length from row to row."""
+"""The rows of a PLY, below its header, as arrays: ascii and binary, lists of one length or of several."""
 
 import struct
 from dataclasses import dataclass

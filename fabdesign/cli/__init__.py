@@ -25,7 +25,6 @@ from fabdesign.errors import InputError, SimulationError
 
 _EXTRAS = {
     "open3d": "clouds",
-    "trimesh": "mesh",
     "ezdxf": "dxf",
     "torch": "corrector",
     "pygltflib": "export",

@@ -154,7 +154,7 @@ def _bench_law(path: Path) -> Findings:
 
 def _npz(path: Path) -> Findings:
     with open_npz(path, "a trial's, a motion's or a cloud's arrays") as arrays:
-        trial, dimensions = "offsets" in arrays, arrays.get("points").ndim
+        trial, dimensions = "offsets" in arrays, len(arrays.shape("points"))
     if trial:
         return _programs(read_trial(path).program, str(path))
     if dimensions == 3:

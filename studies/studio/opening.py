@@ -23,7 +23,7 @@ from studies.studio.layout import HIGHEST, Layout
 from studies.studio.target import ShownTarget, target_file
 
 NEW = Path("layout.toml")  # that a layout would be, which was begun on no file
-_TARGETS = (".npz", ".ply", ".obj", ".stl", ".off", ".glb", ".gltf", ".3mf", ".xyz", ".pts", ".pcd", ".txt", ".npy")
+_TARGETS = (".npz", ".ply", ".obj", ".stl", ".off", ".glb", ".gltf", ".xyz", ".pts", ".pcd", ".txt", ".npy")
 
 
 @dataclass(frozen=True, eq=False)
