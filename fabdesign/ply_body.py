@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.bounded_file import require_few
+from fabdesign.csv_table import is_number
 from fabdesign.errors import InputError
 
 _TOGETHER = 65536  # rows that are gathered at once
@@ -74,7 +75,7 @@ class AsciiBody:
         try:
             values = np.loadtxt([lines[i] for i in rows], comments=None, ndmin=2)
         except ValueError:
-            odd = next((i for i in rows if not all(map(_is_number, lines[i].split()))), rows[0])
+            odd = next((i for i in rows if not all(map(is_number, lines[i].split()))), rows[0])
             refuse(self._path, f"{element.name} row {odd} is no row of numbers")
         columns, at, sizes = {}, 0, iter(lengths)
         for p in element.properties:
@@ -88,14 +89,6 @@ class AsciiBody:
     def finish(self) -> None:
         if self._next != len(self._lines):
             refuse(self._path, f"has {len(self._lines) - self._next} rows more than its header says")
-
-
-def _is_number(word: str) -> bool:
-    try:
-        float(word)
-    except ValueError:
-        return False
-    return True
 
 
 class BinaryBody:

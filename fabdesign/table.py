@@ -1,5 +1,6 @@
 """Strict reading of TOML: every key is asked for, and what was not asked for is an error."""
 
+import re
 import tomllib
 from collections.abc import Sequence
 from decimal import Decimal
@@ -17,6 +18,10 @@ Default = TypeVar("Default")
 Choice = TypeVar("Choice", bound=str)
 LARGEST_TEXT = 50_000_000  # bytes: a table of some million rows
 LARGEST_TOML = 2_000_000
+_LONGEST_LINE = 500_000  # characters: the times of some ten thousand frames
+_DEEPEST = 32  # parts of a key such as a.b.c, whose time tomllib squares
+_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_DEEP_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_DEEPEST}}}")
 
 
 class Table:
@@ -234,8 +239,16 @@ def load_toml(path: Path, form: str, *, partial: bool = False) -> Table:
 
 def parse_toml(path: Path) -> dict[str, Any]:
     """The file as plain values, floats as Decimal; InputError where it is not TOML."""
+    text = read_text(path, largest=LARGEST_TOML)
+    if deep := _DEEP_KEY.search(text):
+        line = text.count("\n", 0, deep.start()) + 1
+        raise InputError(
+            f"{path} line {line}: a key of over {_DEEPEST} parts; expected {deep[0][:20]}... to be shorter"
+        )
+    if (longest := max(map(len, text.splitlines()), default=0)) > _LONGEST_LINE:
+        raise InputError(f"{path}: has a line of {longest} characters; expected at most {_LONGEST_LINE}")
     try:
-        return tomllib.loads(read_text(path, largest=LARGEST_TOML), parse_float=Decimal)
+        return tomllib.loads(text, parse_float=Decimal)
     except (ValueError, ArithmeticError) as error:  # of the grammar, or numbers of thousands of digits
         if isinstance(error, InputError):
             raise

@@ -28,6 +28,7 @@ from fabdesign.pressure_file import TABLES, read_csv, read_pressures
 from fabdesign.recording import Recording, read_recording
 from fabdesign.table import nearest, parse_toml
 from fabdesign.trial_file import read_trial
+from fabdesign.xyz import is_text_cloud
 from studies.check.design import bench_table_lines, design_findings, part_findings
 from studies.check.findings import Findings, failures
 from studies.check.ranges import FACTOR, PRESSURE, beyond
@@ -81,7 +82,7 @@ def _format(path: Path) -> str:
     root = parse_toml(path)
     usual = _STUDY if "kind" in root else _DESIGN if {"fabric", "muscle_types"} & root.keys() else None
     form = root.get("format", usual if usual == _STUDY or not {"muscles", "include"} & root.keys() else None)
-    if form not in _BY_FORMAT:
+    if not isinstance(form, str) or form not in _BY_FORMAT:
         shown = "no format line" if form is None else f'format is "{form}"'
         known = [*_BY_FORMAT]
         raise InputError(f"{path}: {shown}; expected one of {', '.join(known)}{nearest(str(form), known)}")
@@ -173,6 +174,8 @@ def _cloud(path: Path) -> Findings:
 
 def _table(path: Path) -> Findings:
     """Of a text table, by what its headings measure."""
+    if is_text_cloud(path):
+        return _cloud(path)
     raw = read_raw_table(path)
     header = raw.header
     headings = [parse_heading(text) for text in header]
@@ -180,8 +183,6 @@ def _table(path: Path) -> Findings:
     if specimen is not None:
         read_law_table(path, specimen)
         return Findings()
-    if {"x", "y", "z"} <= {heading.name for heading in headings} or all(map(_is_number, header)):
-        return _cloud(path)
     measured = {heading.quantity for heading in headings} | {heading.name for heading in headings}
     symbols = parse_units_row(raw.rows[0][1]) or [heading.symbol or "" for heading in headings]
     measured |= {unit.dimension for symbol in symbols if (unit := unit_of(symbol)) is not None}
@@ -210,14 +211,6 @@ def _programs(program: PressureProgram, where: str, *, measured_at: object = Non
     if measured_at is None and len(gaps) and float(np.median(gaps)) >= _SLOW:
         lines.append(f"rows lie {np.median(gaps):.4g} s apart; expected seconds (is it in ms?)")
     return Findings(warnings=tuple(f"{where}: {line}" for line in lines))
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 _BY_FORMAT: Mapping[str, Callable[[Path], Findings]] = {
