@@ -16,7 +16,7 @@ from pathlib import Path
 from fabdesign.bounded_file import decode_any, read_bytes
 from fabdesign.errors import InputError
 from fabdesign.output import write_text
-from fabdesign.table import LARGEST_TEXT
+from fabdesign.toml_file import LARGEST_TEXT
 
 _MARKS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 _WITH_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")

@@ -2,6 +2,7 @@
 that is cut short for a smaller one, and skips what it does not know."""
 
 import io
+import logging
 import re
 import warnings
 from pathlib import Path
@@ -38,6 +39,7 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         require_few(max(map(int, _COUNT.findall(content)), default=0), path, "values in an accessor")
     import trimesh
 
+    logging.getLogger("trimesh").disabled = True  # it prints the stacks of what it tries
     beside = trimesh.resolvers.FilePathResolver(str(path))
     try:
         with warnings.catch_warnings():

@@ -135,7 +135,7 @@ def read_recording(path: Path | str, *, convention: Convention = "forward") -> R
     folder = path.parent
     name = root.text("name", folder.resolve().name)
     root.text("description", "")
-    design = read_design(folder / root.text("design"))
+    design = read_design(root.path("design", folder))
     sensors = tuple(_sensor(table) for table in root.tables("sensors"))
     if not sensors:
         raise InputError(f"{path}: no [[sensors]]")
@@ -206,7 +206,7 @@ def _mcap(root: Table, folder: Path, sensors: Sequence[Sensor]) -> Path | None:
         if bool(name) != (sensor.topic is not None):
             expected = "a topic for each sensor" if name else 'mcap = "FILE", where a sensor has a topic'
             raise root.bad("mcap", expected)
-    return folder / name if name else None
+    return root.path("mcap", folder) if name else None
 
 
 def _given_times(root: Table) -> Array | None:

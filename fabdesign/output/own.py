@@ -11,7 +11,7 @@ from typing import Any
 from fabdesign import __version__
 from fabdesign.errors import InputError
 from fabdesign.output.whole import PREFIX, write_text
-from fabdesign.table import parse_toml
+from fabdesign.toml_file import parse_toml
 
 MARK = ".fabdesign"
 FORMAT = "fabdesign.output/1"

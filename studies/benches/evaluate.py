@@ -16,7 +16,7 @@ from fabdesign.design_file import DesignPart, read_part
 from fabdesign.errors import InputError
 from fabdesign.metrics import Statistics
 from fabdesign.muscle_law import law_of
-from fabdesign.table import parse_toml
+from fabdesign.toml_file import parse_toml
 from fabdesign.units import from_kpa
 from studies.benches.actuator import StaticCurve, hold_of
 from studies.benches.calibrate import LEAST_SHOWN

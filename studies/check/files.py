@@ -26,7 +26,8 @@ from fabdesign.placement import UNITS
 from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import TABLES, read_csv, read_pressures
 from fabdesign.recording import Recording, read_recording
-from fabdesign.table import nearest, parse_toml
+from fabdesign.table import nearest
+from fabdesign.toml_file import parse_toml
 from fabdesign.trial_file import read_trial
 from fabdesign.xyz import is_text_cloud
 from studies.check.design import bench_table_lines, design_findings, part_findings
@@ -67,6 +68,8 @@ def _inspect(path: Path) -> Findings:
         return _BY_FORMAT[_format(path)](path)
     except InputError as error:
         return Findings((str(error),))
+    except OSError as error:  # a name that is too long, a folder that may not be read
+        return Findings((f"{path}: cannot be read ({error.strerror})",))
 
 
 def _folder(path: Path) -> Findings:

@@ -16,7 +16,7 @@ from fabdesign.model_file import read_model
 from fabdesign.pressure import PressureProgram, limits
 from fabdesign.pressure_file import read_pressures
 from fabdesign.study_file import Study, read_kind, read_study
-from fabdesign.table import parse_toml
+from fabdesign.toml_file import parse_toml
 from optimize.margins import Limits
 from studies.layouts.begin import limits_of
 from studies.studio.layout import HIGHEST, Layout
