@@ -9,6 +9,7 @@ begins, and its type.
 import io
 import struct
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import redirect_stderr
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -80,7 +81,8 @@ def _messages(path: Path) -> Iterator[tuple[str, Any, Callable[[], Any]]]:
         topics = [c.topic for c in summary.channels.values() if kinds.get(c.schema_id) in _SCHEMAS]
         factory = DecoderFactory()
         for schema, channel, record in reader.iter_messages(topics=topics) if topics else ():
-            decode = factory.decoder_for(channel.message_encoding, schema)
+            with redirect_stderr(io.StringIO()):  # it prints what it meets in a schema
+                decode = factory.decoder_for(channel.message_encoding, schema)
             if decode is None or len(record.data) < _ENCAPSULATION + 8:
                 raise ValueError(channel.message_encoding)
             count += 1
@@ -106,27 +108,35 @@ def _unreadable(path: Path, error: Exception) -> InputError:
 
 def points_of(message: Any, what: str) -> Array:
     """(n, 3) of a PointCloud2. Raises InputError, `what` it is of in its message."""
-    if not message.width * message.height:
+    sizes = [getattr(message, name, -1) for name in ("height", "width", "point_step", "row_step")]
+    listed = getattr(message, "fields", None)
+    known = isinstance(getattr(message, "data", None), bytes) and isinstance(listed, list | tuple)
+    if not known or not all(map(_is_size, sizes)) or not hasattr(message, "is_bigendian"):
+        raise InputError(f"{what}: is no cloud as {_SCHEMAS[0]} has it; expected height, width, steps and bytes")
+    rows, columns, point_step, row_step = sizes
+    if not rows * columns:
         return np.zeros((0, 3))
-    fields = {field.name: field for field in message.fields}
+    fields = {getattr(field, "name", None): field for field in listed}
     if not {"x", "y", "z"} <= fields.keys():
-        raise InputError(f"{what}: a cloud has {', '.join(fields) or 'no fields'}; expected x, y and z")
+        raise InputError(f"{what}: a cloud has {', '.join(map(str, fields)) or 'no fields'}; expected x, y and z")
+    offsets = [getattr(fields[name], "offset", -1) for name in "xyz"]
+    kinds = [getattr(fields[name], "datatype", -1) for name in "xyz"]
+    if not all(map(_is_size, offsets)) or not all(kind in tuple(_TYPES) for kind in kinds):
+        raise InputError(f"{what}: coordinates of type {kinds[0]}; expected FLOAT32 (7) or FLOAT64 (8)")
     order = ">" if message.is_bigendian else "<"
-    types = [_TYPES.get(fields[name].datatype) for name in "xyz"]
-    if None in types:
-        raise InputError(f"{what}: coordinates of type {fields['x'].datatype}; expected FLOAT32 (7) or FLOAT64 (8)")
-    formats = [f"{order}{kind}" for kind in types]
-    offsets = [fields[name].offset for name in "xyz"]
+    formats = [f"{order}{_TYPES[kind]}" for kind in kinds]
     ends = [offset + np.dtype(kind).itemsize for offset, kind in zip(offsets, formats, strict=True)]
-    rows, columns = message.height, message.width
-    data = np.frombuffer(bytes(message.data), np.uint8)
-    within = columns * message.point_step <= message.row_step and max(ends) <= message.point_step
-    if not within or len(data) != rows * message.row_step:
+    data = np.frombuffer(message.data, np.uint8)
+    within = columns * point_step <= row_step and max(ends) <= point_step
+    if not within or len(data) != rows * row_step:
         raise InputError(
-            f"{what}: a cloud of {rows} x {columns} points has {len(data)} bytes; expected {rows} rows of "
-            f"{message.row_step}"
+            f"{what}: a cloud of {rows} x {columns} points has {len(data)} bytes; expected {rows} rows of {row_step}"
         )
-    kind = np.dtype({"names": ["x", "y", "z"], "formats": formats, "offsets": offsets, "itemsize": message.point_step})
-    packed = data.reshape(rows, message.row_step)[:, : columns * message.point_step]
+    kind = np.dtype({"names": ["x", "y", "z"], "formats": formats, "offsets": offsets, "itemsize": point_step})
+    packed = data.reshape(rows, row_step)[:, : columns * point_step]
     points = np.ascontiguousarray(packed).reshape(-1).view(kind)
     return np.stack([points[name].astype(np.float64) for name in "xyz"], axis=-1)
+
+
+def _is_size(value: Any) -> bool:
+    return isinstance(value, int) and value >= 0

@@ -15,17 +15,15 @@ _LONGEST_NAME = 255  # bytes of a name on usual file systems
 _LONGEST_LINE = 500_000  # characters: the times of some ten thousand frames
 _DEEPEST = 32  # parts of a key such as a.b.c, whose time tomllib squares
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
-_DEEP_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_DEEPEST}}}")
+_DEEP_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_DEEPEST},}}+[ \t]*+([=\]]?)")
 
 
 def parse_toml(path: Path) -> dict[str, Any]:
     """The file as plain values, floats as Decimal; InputError where it is not TOML."""
     text = read_text(path, largest=LARGEST_TOML)
-    if deep := _DEEP_KEY.search(text):
+    if deep := next((match for match in _DEEP_KEY.finditer(text) if match[1]), None):  # else words of a text
         line = text.count("\n", 0, deep.start()) + 1
-        raise InputError(
-            f"{path} line {line}: a key of over {_DEEPEST} parts; expected {deep[0][:20]}... to be shorter"
-        )
+        raise InputError(f"{path} line {line}: {deep[0][:20]}... has over {_DEEPEST} parts; expected a shorter key")
     if (longest := max(map(len, text.splitlines()), default=0)) > _LONGEST_LINE:
         raise InputError(f"{path}: has a line of {longest} characters; expected at most {_LONGEST_LINE}")
     try:

@@ -11,6 +11,8 @@ import numpy as np
 
 from fabdesign.catalogue import build
 from fabdesign.forward import Case
+from fabdesign.model import Covariance, Model, Parameter
+from fabdesign.model_file import write_model
 from fabdesign.motion_file import write_motion
 from fabdesign.ply import ply_bytes
 from fabdesign.pressure_file import constant_program
@@ -30,18 +32,19 @@ _STUDIES = {
     "[limits]\npressure = [0.0, 300.0]\nspacing = 0.006\nseconds = 3\n",
     "sensitivity": 'method = "morris"\ntrajectories = 4\n[parameters.pressure.0]\nlow = 1\nhigh = 9\n',
     "layouts": _TARGET + '[grid]\nmuscles = [1, 2]\nsides = ["front"]\n[limits]\nevaluations = 250\nseconds = 600\n',
-    "unseen": 'model = "model.toml"\n[measured]\nset = "set"\ntrials = 2\n',
+    "unseen": 'model = "model.toml"\nsamples = 200\npressures = [[200, 200]]\n[rig_limits]\npressure = 250\n',
     "loop": _TARGET + '[rig]\nkey = "key.toml"\n[trials]\nseconds = 1.0\n[stop]\nturns = 1\n',
 }
 _TEXTS = {
     "key.toml": 'format = "fabdesign.key/1"\nseed = 3\n[parameters]\nbending = 1.1\n[[effects]]\nname = "filling_lag"\n'
     "[effects.parameters]\nfill = 0.1\n[sensing]\nframe_rate = 60.0\npoints = 500\nnoise_m = 0.0006\nstrays = 0.01\n",
-    "part.toml": 'format = "fabdesign.design/1"\n[muscle_types.EM20]\nouter_diameter = 0.002\nmass_per_length = 0.0036\n'
-    'axis_offset = 0.0009\nbench = "em20_bench.csv"\n',
-    "bench.toml": 'format = "fabdesign.bench/1"\nspecimen = "strip"\ninput = ["stretch"]\noutput = "force_n"\nwidth = 0.02\n'
-    '[[records]]\nfile = "record.csv"\n',
+    "part.toml": 'format = "fabdesign.design/1"\n[muscle_types.EM20]\nouter_diameter = 0.002\n'
+    'mass_per_length = 0.0036\naxis_offset = 0.0009\nbench = "em20_bench.csv"\n',
+    "bench.toml": 'format = "fabdesign.bench/1"\nspecimen = "strip"\ninput = ["stretch"]\noutput = "force_n"\n'
+    'width = 0.02\n[[records]]\nfile = "record.csv"\n',
     "record.csv": "time_s,stretch,force_n\n0,1.0,0\n0.1,1.01,0.1\n0.2,1.02,0.2\n0.3,1.01,0.1\n",
-    "law.toml": 'format = "fabdesign.bench-law/1"\n[law]\nspecimen = "actuator"\noutput = "displacement"\ntable = "law.csv"\n',
+    "law.toml": 'format = "fabdesign.bench-law/1"\n[law]\nspecimen = "actuator"\n'
+    'output = "displacement"\ntable = "law.csv"\n',
     "law.csv": "pressure_kpa,displacement_m\n0,0\n100,0.01\n",
     "curve.csv": "strain,tension_n_per_m,direction\n0,0,both\n0.05,20,both\n0.1,50,both\n",
     "lab.csv": "Zeit [ms];Kanal 0 [bar];Kanal 1 [bar]\n0;1,5;0\n500;2,0;0,25\n",
@@ -51,15 +54,28 @@ _TEXTS = {
 }
 
 
-def write_samples(folder: Path) -> list[Path]:
-    """Write a sound file of every kind, beside what it names; return those to be damaged."""
+NAMES = (
+    *(f"{kind}.toml" for kind in _STUDIES), "cross.toml", "bare.toml", "model.toml", "key.toml", "part.toml",
+    "bench.toml", "law.toml", "set/set.toml", "recording/recording.toml", "p.csv", "lab.csv", "sep_line.csv",
+    "curve.csv", "record.csv", "named.csv", "em20_bench.csv", "set/trials/000.npz", "motion.npz", "points.npz",
+    "points.npy", "points.pts", "points.xyz", "cloudcompare.asc", "mesh.ply", "mixed.ply", "mesh.obj", "mesh.off",
+    "mesh.glb", "binary.stl", "ascii.stl", "binary.pcd", "ascii.pcd", "packed.pcd", "one.mcap", "markers.c3d",
+)  # fmt: skip
+
+
+def write_samples(folder: Path) -> None:
+    """Write a sound file of every kind, those of NAMES, beside what they name."""
     write_sound(folder)
+    covariance = Covariance(("membrane",), np.array([[1e-3]]))
+    write_model(Model({"membrane": Parameter(1.1, (1.0, 1.2))}, covariance=covariance), folder / "model.toml")
     for name, text in _TEXTS.items():
         (folder / name).write_text(text)
     for kind, text in _STUDIES.items():
         (folder / f"{kind}.toml").write_text(_HEAD.format(kind) + text)
     shutil.copytree(CASES / "dropped_frame", folder / "recording")
     shutil.copy(CASES / "sep_line.csv", folder)
+    cloud = (CASES / "cloudcompare.asc").read_text().splitlines()
+    (folder / "cloudcompare.asc").write_text("\n".join([*cloud[:2], "20", *cloud[3:23], ""]))
     shutil.copy(CASES / "empty_message" / "clouds.mcap", folder / "one.mcap")
     points, triangles = sheet(3, 3, roll=9.0)
     write_obj(folder / "mesh.obj", points, triangles)
@@ -74,14 +90,6 @@ def write_samples(folder: Path) -> list[Path]:
     case = Case(build("cross"), constant_program([1e5, 0.0], 0.3))
     write_motion(folder / "motion.npz", np.array([0.1, 0.2]), Hanging().motions([case], [np.arange(2.0)])[0][:, ::41])
     _optional(folder, points, triangles)
-    read_beside = {"em20_bench.csv", "law.csv"}
-    named = [f for f in folder.iterdir() if f.is_file()]
-    inner = [
-        folder / "set" / "set.toml",
-        folder / "set" / "trials" / "000.npz",
-        folder / "recording" / "recording.toml",
-    ]
-    return sorted(f for f in named if f.name not in read_beside) + inner
 
 
 def mutated(content: bytes, rng: random.Random) -> bytes:
