@@ -110,8 +110,12 @@ def points_of(message: Any, what: str) -> Array:
     """(n, 3) of a PointCloud2. Raises InputError, `what` it is of in its message."""
     sizes = [getattr(message, name, -1) for name in ("height", "width", "point_step", "row_step")]
     listed = getattr(message, "fields", None)
-    known = isinstance(getattr(message, "data", None), bytes) and isinstance(listed, list | tuple)
-    if not known or not all(map(_is_size, sizes)) or not hasattr(message, "is_bigendian"):
+    if (
+        not isinstance(listed, list)
+        or not isinstance(getattr(message, "data", None), bytes)
+        or not all(map(_is_size, sizes))
+        or not hasattr(message, "is_bigendian")
+    ):
         raise InputError(f"{what}: is no cloud as {_SCHEMAS[0]} has it; expected height, width, steps and bytes")
     rows, columns, point_step, row_step = sizes
     if not rows * columns:

@@ -5,6 +5,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import TextIOWrapper
 from types import FrameType
 
 import click
@@ -50,6 +51,7 @@ def main() -> None:
     by Ctrl-C and by SIGTERM, each with one line."""
     # before numpy: matrices are small here, and on a busy machine threads that wait for each other cost ten times them
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _print_any_name()
     try:
         with _ended_by_signals(), notes_told():
             commands.main(prog_name="fabdesign", standalone_mode=False)
@@ -70,6 +72,12 @@ def main() -> None:
         _fail(str(stop), 128 + stop.number)
     except (click.exceptions.Abort, KeyboardInterrupt):
         _fail("interrupted", 130)
+
+
+def _print_any_name() -> None:
+    """Let standard output take names of files that its encoding does not have, as standard error does."""
+    if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 @contextmanager
