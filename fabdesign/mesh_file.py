@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fabdesign.bounded_file import LARGEST, read_bytes, require_few
 from fabdesign.errors import InputError
 
+logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else it prints the stacks of what it tries
 KINDS = (".stl", ".off", ".glb", ".gltf")
 _START, _FACET_SIZE = 84, 50  # bytes of a binary STL's header and count, and of a facet
 _NAME_LINES = re.compile(rb"^[ \t]*(end)?solid\b[^\r\n]*", re.MULTILINE | re.IGNORECASE)
@@ -39,7 +40,6 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         require_few(max(map(int, _COUNT.findall(content)), default=0), path, "values in an accessor")
     import trimesh
 
-    logging.getLogger("trimesh").disabled = True  # it prints the stacks of what it tries
     beside = trimesh.resolvers.FilePathResolver(str(path))
     try:
         with warnings.catch_warnings():

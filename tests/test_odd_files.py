@@ -206,7 +206,7 @@ def test_an_npz_is_counted_as_what_it_becomes(tmp_path: Path) -> None:
         memory, seconds = peak_of(lambda read=read: read(path))  # type: ignore[misc]
         assert memory < 50
         assert seconds < 5
-    with pytest.raises(InputError, match=r"points, \(150000000, 3\) int8, takes 4050 MB in memory; expected at most"):
+    with pytest.raises(InputError, match=r"points, \(50000000, 3\) int8, takes 1350 MB in memory; expected at most"):
         read_trial(path)
 
 
