@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from fabdesign.catalogue import build
 from fabdesign.cloud_file import read_geometry
 from fabdesign.errors import InputError
 from fabdesign.frame_pairs import pair_frames
@@ -20,6 +21,7 @@ from fabdesign.pressure_file import read_csv
 from fabdesign.recording import read_recording
 from fabdesign.toml_file import parse_toml
 from fabdesign.trial_file import read_trial
+from fabdesign.trial_place import require_on_cloth
 from studies.bad_data import Tolerance
 from studies.check.files import inspect
 from studies.fusion.input import read_views
@@ -100,6 +102,12 @@ def test_integers_that_fill_one_axis_or_none_did_not_wrap(tmp_path: Path) -> Non
     np.save(tmp_path / "a.npy", np.concatenate([points, [[0, 32700, 3]]]).astype(np.int16))
     with pytest.raises(InputError, match="in x and y; expected room"):
         read_geometry(tmp_path / "a.npy")
+
+
+def test_a_cloud_far_smaller_than_its_cloth(tmp_path: Path) -> None:
+    cloud = np.random.default_rng(3).uniform([-0.033, -0.066, 0], [0.033, 0, 0.002], (500, 3))
+    with pytest.raises(InputError, match=r"the points span 6\d\.\d mm; expected a cloth held along 200 mm"):
+        require_on_cloth([cloud], np.array([0.1]), build("cross").fabric, "a")
 
 
 def test_faces_under_another_name_are_no_cloud(tmp_path: Path) -> None:
