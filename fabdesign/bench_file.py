@@ -48,7 +48,7 @@ def read_bench(path: Path | str) -> Bench:
 
 
 def _record(table: Table, path: Path, needed: tuple[str, ...]) -> BenchRecord:
-    file = path.parent / table.text("file")
+    file = table.path("file", path.parent)
     role: Literal["fit", "test"] = table.text("role", "fit", choices=("fit", "test"))
     labels = _numbers(table)
     table.finish()

@@ -48,7 +48,7 @@ def read_bench_law(path: Path | str) -> BenchLaw:
     root = load_toml(path, FORMAT)
     law = root.table("law")
     specimen = law.text("specimen", choices=[*TABLES])
-    output, file = law.text("output"), path.parent / law.text("table")
+    output, file = law.text("output"), law.path("table", path.parent)
     cylinder = specimen == "cylinder"
     form = law.text("form") if cylinder else None
     presliding = law.number("presliding", above=0) if cylinder else None

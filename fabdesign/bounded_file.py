@@ -6,6 +6,7 @@ from pathlib import Path
 from fabdesign.errors import InputError, note
 
 LARGEST = 100_000_000  # bytes of a cloud or mesh: some million points, read in seconds
+MOST_POINTS = 10_000_000  # of one cloud, vertices or faces of a mesh: 240 MB as float64, more while they are checked
 _OF_NO_TEXT = re.compile("[\x00-\x08\x0e-\x1f\x7f]")
 
 
@@ -27,6 +28,12 @@ def read_bytes(path: Path, what: str, *, largest: int = LARGEST) -> bytes:
     if size > largest:
         raise InputError(f"{path}: has {size / 1e6:.0f} MB; expected {what} of at most {largest / 1e6:.0f} MB")
     return content
+
+
+def require_few(count: int, path: Path, what: str) -> None:
+    """Raise InputError for more points or faces than a cloud or mesh may have, before there is an array of them."""
+    if count > MOST_POINTS:
+        raise InputError(f"{path}: has {count} {what}; expected at most {MOST_POINTS}")
 
 
 def decode_any(content: bytes, path: Path) -> str:

@@ -1,6 +1,7 @@
 """Clouds and meshes from files, whatever their kind: one strict reader for targets, recordings and `check`."""
 
 import io
+import math
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,16 +10,17 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.bounded_file import LARGEST, read_bytes
+from fabdesign.bounded_file import read_bytes, require_few
 from fabdesign.errors import InputError
 from fabdesign.mcap_file import read_mcap
-from fabdesign.measured_points import require_cloud, sound_points
+from fabdesign.measured_points import require_cloud, require_room, sound_points
+from fabdesign.mesh_file import KINDS as MESHES
+from fabdesign.mesh_file import read_mesh
 from fabdesign.npz_file import open_npz, read_npy
 from fabdesign.obj import read_obj
 from fabdesign.pcd import read_pcd
 from fabdesign.placement import Unit
 from fabdesign.ply import read_ply
-from fabdesign.stl import read_stl
 from fabdesign.surface import Surface
 from fabdesign.trial_file import read_trial
 from fabdesign.xyz import read_pts, read_xyz
@@ -62,9 +64,8 @@ def read_c3d(path: Path | str) -> Markers:
 
 
 POINTS = 3362  # drawn on a mesh by default: as many as the simulator's faces have
-OTHER_MESHES = (".off", ".glb", ".gltf", ".3mf")  # through trimesh
 TEXTS = (".xyz", ".csv", ".txt", ".tsv", ".asc")  # a point a line
-KINDS = (".ply", ".pcd", ".pts", ".obj", ".stl", ".npy", ".npz", ".c3d", ".mcap", *TEXTS, *OTHER_MESHES)
+KINDS = (".ply", ".pcd", ".pts", ".obj", ".npy", ".npz", ".c3d", ".mcap", *TEXTS, *MESHES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +89,8 @@ class Geometry:
 
 
 def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
-    """Read a cloud or a mesh: PLY, PCD, PTS, OBJ, STL, XYZ, CSV, an npy (n, 3), an npz with `points` (n, 3), or the
-    given `frame` of a trial's npz, a C3D or an MCAP of one topic; .off, .glb, .gltf and .3mf through trimesh.
+    """Read a cloud or a mesh: PLY, PCD, PTS, OBJ, STL, OFF, GLB, glTF, XYZ, CSV, an npy (n, 3), an npz with `points`
+    (n, 3), or the given `frame` of a trial's npz, a C3D or an MCAP of one topic.
 
     Of a cloud what a depth sensor adds is left out and said (`fabdesign.measured_points`). Raises InputError, with one
     line, for a file that is not there, damaged, cut short, too large or of another kind, for no points, for a cloud
@@ -109,11 +110,6 @@ def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
         geometry = Geometry(read_pcd(path), none)
     elif suffix == ".pts":
         geometry = Geometry(read_pts(path), none)
-    elif suffix == ".stl":
-        corners = read_stl(path).reshape(-1, 3)
-        if not len(corners):
-            raise InputError(f"{path}: has no triangles; expected a mesh")
-        geometry = Geometry(corners, np.arange(len(corners)).reshape(-1, 3))
     elif suffix == ".obj":
         geometry = Geometry(*read_obj(path))
     elif suffix == ".c3d":
@@ -130,8 +126,8 @@ def read_geometry(path: Path | str, *, frame: int = -1) -> Geometry:
     elif suffix in TEXTS:
         text = read_xyz(path)
         geometry = Geometry(text.points, none, unit=text.unit)
-    elif suffix in OTHER_MESHES:
-        geometry = _foreign_mesh(path)
+    elif suffix in MESHES:
+        geometry = Geometry(*read_mesh(path))
     else:
         raise InputError(f"{path}: is of no kind that is read; expected a cloud or mesh ({', '.join(KINDS)})")
     if geometry.is_mesh:
@@ -164,13 +160,17 @@ def read_cloud(
 def _npz(path: Path, frame: int) -> Geometry:
     none = np.zeros((0, 3), dtype=np.intp)
     with open_npz(path, "points (n, 3)") as arrays:
-        points = None if "offsets" in arrays else arrays.get("points")
-    if points is None:
-        trial = read_trial(path, size=np.inf)
-        index = _frame(frame, len(trial.frames), path)
-        return Geometry(trial.frames[index], none, trial=True, time=float(trial.time[index]), frame=index)
+        trial = "offsets" in arrays
+        if not trial:
+            require_few(math.prod(arrays.shape("points")) // 3, path, "points")
+            points = arrays.get("points")
+    if trial:
+        data = read_trial(path, size=np.inf)
+        index = _frame(frame, len(data.frames), path)
+        return Geometry(data.frames[index], none, trial=True, time=float(data.time[index]), frame=index)
     if points.dtype.kind not in "fiu":
         raise InputError(f"{path}: points is {points.shape} {points.dtype}; expected numbers (n, 3)")
+    require_room(points, str(path))
     return Geometry(points.astype(np.float64), none)
 
 
@@ -186,23 +186,3 @@ def _with_area(mesh: Geometry, path: Path) -> Geometry:
     if not np.isfinite(areas.sum()) or areas.sum() <= 0:
         raise InputError(f"{path}: its triangles have no area; expected a mesh")
     return Geometry(mesh.points, mesh.triangles[areas > 0])
-
-
-def _foreign_mesh(path: Path) -> Geometry:
-    try:
-        import trimesh
-    except ImportError:
-        raise InputError(f"{path}: this kind needs the package trimesh; pip install fabdesign[mesh]") from None
-    read_bytes(path, "a mesh", largest=LARGEST // 10)  # what is packed grows
-    try:
-        mesh = trimesh.load(path, force="mesh", process=False)
-        vertices, triangles = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.intp)
-    except ModuleNotFoundError as error:  # of a 3MF
-        raise InputError(f"{path}: this kind needs more than trimesh ({error})") from None
-    except Exception as error:  # trimesh raises whatever its parsers meet
-        raise InputError(f"{path}: cannot be read as a mesh ({type(error).__name__})") from None
-    if not len(triangles):
-        raise InputError(f"{path}: has no triangles; expected a mesh")
-    if triangles.min() < 0 or triangles.max() >= len(vertices):
-        raise InputError(f"{path}: a face names vertex {triangles.max()} of {len(vertices)}; expected a sound mesh")
-    return Geometry(vertices, triangles)

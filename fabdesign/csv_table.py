@@ -16,10 +16,12 @@ from pathlib import Path
 from fabdesign.bounded_file import decode_any, read_bytes
 from fabdesign.errors import InputError
 from fabdesign.output import write_text
-from fabdesign.table import LARGEST_TEXT
+from fabdesign.toml_file import LARGEST_TEXT
 
 _MARKS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 _WITH_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")  # as well a thousand as a decimal comma
+_SEPARATOR_LINE = re.compile(r'\A"?sep=.?"?[ \t]*(?=[\r\n])', re.IGNORECASE)
 _WITH_POINT = re.compile(r"[-+]?\d*\.\d*([eE][-+]?\d+)?")
 
 
@@ -48,7 +50,7 @@ def read_rows(path: Path) -> tuple[list[str], list[tuple[int, list[str]]]]:
 
 def read_raw_table(path: Path) -> RawTable:
     """The cells as they stand, however the columns are separated. Raises InputError where a row has another width."""
-    text = decode_any(read_bytes(path, "a text file", largest=LARGEST_TEXT), path)
+    text = without_separator_line(decode_any(read_bytes(path, "a text file", largest=LARGEST_TEXT), path))
     mark = separator(next((line for line in text.splitlines() if line.strip() and not line.startswith("#")), ""))
     try:
         rows = [(i, cells) for i, cells in _cells(text, mark) if any(cells) and not cells[0].startswith("#")]
@@ -63,6 +65,19 @@ def read_raw_table(path: Path) -> RawTable:
         if len(row) != len(header):
             raise InputError(f"{path} line {line}: {len(row)} values; the header names {len(header)} columns")
     return _with_points(RawTable(header, rows[1:], mark, False), path)
+
+
+def without_separator_line(text: str) -> str:
+    """The text with an empty first line in the place of Excel's `sep=;`: the header shows the separator too."""
+    return _SEPARATOR_LINE.sub("", text)
+
+
+def is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
 
 
 def separator(header: str) -> str:
@@ -81,10 +96,17 @@ def _cells(text: str, mark: str) -> Iterable[tuple[int, list[str]]]:
 
 
 def _with_points(table: RawTable, path: Path) -> RawTable:
-    """The same with decimal points. Raises InputError where numbers have points in some cells and commas in others."""
-    commas = next(((line, cell) for line, row in table.rows for cell in row if _WITH_COMMA.fullmatch(cell)), None)
-    if commas is None:
+    """The same with decimal points. Raises InputError where numbers have points in some cells and commas in others, and
+    where commas may part thousands."""
+    with_comma = [(line, cell) for line, row in table.rows for cell in row if _WITH_COMMA.fullmatch(cell)]
+    if not with_comma:
         return table
+    commas = with_comma[0]
+    if table.mark in ", " and all(_THOUSANDS.fullmatch(cell) for _, cell in with_comma):
+        raise InputError(
+            f"{path} line {commas[0]}: {commas[1]!r} may be {commas[1].replace(',', '')} or "
+            f"{commas[1].replace(',', '.')}; expected numbers without commas, or semicolons between the columns"
+        )
     points = next(((line, cell) for line, row in table.rows for cell in row if _WITH_POINT.fullmatch(cell)), None)
     if points is not None:
         raise InputError(

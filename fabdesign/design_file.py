@@ -18,8 +18,9 @@ from fabdesign.effort import CLOSEST, MUSCLES
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.muscle import Muscle, MuscleType
-from fabdesign.table import Table, load_toml, nearest, parse_toml
+from fabdesign.table import Table, load_toml, nearest
 from fabdesign.term import MUSCLE_TYPES, Term
+from fabdesign.toml_file import file_name, parse_toml
 
 __all__ = ["DesignPart", "is_part", "read_design", "read_part", "write_design"]
 
@@ -100,7 +101,7 @@ def _contents(
     types: dict[str, MuscleType] = {}
     effects: list[Term] = []
     for name in root.texts("include", ()):
-        included = path.parent / name
+        included = path.parent / file_name(name, str(path))
         if included.resolve() in above:
             raise InputError(f"{path}: include {name} comes back to a file that includes it")
         if parse_toml(included).get("format") == BENCH_LAW:
@@ -213,7 +214,7 @@ def _muscle_type(name: str, table: Table, path: Path) -> MuscleType:
         outer_diameter=table.number("outer_diameter", above=0),
         mass_per_length=table.number("mass_per_length", above=0),
         axis_offset=table.number("axis_offset", least=0),
-        bench=read_bench_table(path.parent / table.text("bench")),
+        bench=read_bench_table(table.path("bench", path.parent)),
         viscosity=table.number("viscosity", 0.0, least=0),
         max_pressure=table.kilopascals("max_pressure", None, above=0),
         stock_length=table.number("stock_length", None, above=0),

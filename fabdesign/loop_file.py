@@ -144,9 +144,9 @@ def _source(root: Table, path: Path) -> VirtualRig | Laboratory:
     if (rig is None) == (laboratory is None):
         raise InputError(f"{path}: expected one source of measurements, [rig] or [laboratory]")
     if rig is not None:
-        key = rig.text("key", None)
+        key = rig.path("key", path.parent) if "key" in rig else None
         source = VirtualRig(
-            truth=None if key is None else path.parent / key,
+            truth=key,
             element=rig.number("element", None, least=0.002, most=0.05),
             step=rig.number("step", None, least=1e-4, most=0.01),
         )
@@ -157,7 +157,7 @@ def _source(root: Table, path: Path) -> VirtualRig | Laboratory:
     assert laboratory is not None
     paper = laboratory.text("paper", "a4", choices=(*PAPERS, "none"))
     asked = Laboratory(
-        folder=path.parent / laboratory.text("folder"),
+        folder=laboratory.path("folder", path.parent),
         tail_length=laboratory.number("tail_length", None, least=0, most=1),
         paper=None if paper == "none" else paper,
     )

@@ -5,6 +5,7 @@ frame is left out for that, counted and said; where more would go, the frame is 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ _FAR = 10.0  # cloth sizes; a cloud so far off is in another unit, not badly pla
 _CENTIMETRES = 100.0  # cloth sizes, below which hundredths are likelier than thousandths
 _BEYOND = 3.0  # cloth sizes from the middle of the cloud: no point of the cloth
 _ALONE = 100.0  # median distances from the middle, beyond which no shape's own points lie, where no size is known
+_FULL = 0.97  # of the range of integers
 _REPEATED, _REPEATED_SHARE = 8, 0.01  # points at exactly one place, which a measured surface never has
 
 
@@ -96,6 +98,21 @@ def require_cloud(points: Points, where: str, *, size: float | None = None) -> N
         )
 
 
+def require_room(points: NDArray[Any], where: str) -> None:
+    """Raise InputError where integers fill their range, below and above zero, on two axes or more: numbers that did not
+    fit and came out at the other end. A cloth hangs below its edge, so it cannot fill both."""
+    if points.dtype.kind != "i" or points.dtype.itemsize > 2 or points.ndim != 2 or not len(points):
+        return
+    most = np.iinfo(points.dtype).max
+    filled = (points.max(axis=0) > _FULL * most) & (points.min(axis=0) < -_FULL * most)
+    if filled.sum() >= 2:
+        axes = " and ".join(axis for axis, full in zip("xyz", filled, strict=False) if full)
+        raise InputError(
+            f"{where}: points fill the range of {points.dtype}, {points.min()} to {points.max()}, in {axes}; expected "
+            "room (did they wrap? a larger scale)"
+        )
+
+
 def within_reach(points: Points, *, size: float | None = None) -> bool:
     """Whether every point (n, 3) m is finite and so near that nothing of `require_cloud` can fail but their number."""
     largest = max(float(points.max(initial=0.0)), -float(points.min(initial=0.0)))  # NaN where a point has one
@@ -139,6 +156,9 @@ def _have_depth(points: Points) -> NDArray[np.bool_]:
         without[origin] = True
     many = _many(points)
     if _same_x(points, many):
-        _, which, counts = np.unique(points, axis=0, return_inverse=True, return_counts=True)
-        without[counts[which.ravel()] >= many] = True
+        order = np.lexsort(points.T)  # ten times as fast as numpy's unique rows
+        rows = points[order]
+        begins = np.concatenate([[0], 1 + np.flatnonzero((rows[1:] != rows[:-1]).any(axis=1)), [len(rows)]])
+        counts = np.diff(begins)
+        without[order[np.repeat(counts >= many, counts)]] = True
     return np.logical_not(without)

@@ -35,13 +35,13 @@ def read_set(path: Path | str) -> MeasurementSet:
     accuracy = _accuracy(root.table("accuracy", None))
     limits = read_rig_limits(root, path)
     files = root.table("designs")
-    designs = {key: read_design(path.parent / files.text(key)) for key in files.names()}
+    designs = {key: read_design(files.path(key, path.parent)) for key in files.names()}
     trials: list[Trial] = []
     for table in root.tables("trials"):
         design_name = table.text("design")
         if design_name not in designs:
             raise table.bad("design", f"one of [designs], {', '.join(designs)}{nearest(design_name, [*designs])}")
-        file = path.parent / table.text("file")
+        file = table.path("file", path.parent)
         if not file.is_file():
             raise InputError(f"{table.where}: file {file} is not there")
         if any(file.name == trial.file.name for trial in trials):

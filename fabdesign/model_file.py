@@ -35,7 +35,7 @@ def read_model(path: Path | str) -> Model:
     effects = tuple(read_effect(table) for table in root.tables("effects"))
     corrector, corrector_hash = None, None
     if (weights := root.table("corrector", None)) is not None:
-        corrector = path.parent / weights.text("weights")
+        corrector = weights.path("weights", path.parent)
         corrector_hash = weights.text("trained_on", None)
         weights.finish()
         if not corrector.is_file():

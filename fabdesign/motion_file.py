@@ -95,7 +95,12 @@ def read_motion(path: Path) -> MotionData:
 def read_band(path: Path) -> NDArray[np.float64] | None:
     """(T, 3, 3) m of a file of `predict`; None where its model had no intervals."""
     with open_npz(path, "a motion's arrays") as arrays:
-        return arrays.get("band90").astype(np.float64) if "band90" in arrays else None
+        band = arrays.get("band90") if "band90" in arrays else None
+    if band is None:
+        return None
+    if band.ndim != 3 or band.shape[1:] != (3, 3) or band.dtype.kind not in "fiu" or not np.isfinite(band).all():
+        raise InputError(f"{path}: band90 is {band.shape} {band.dtype}; expected (frames, 3, 3), finite")
+    return band.astype(np.float64)
 
 
 def square_triangles(count: int) -> NDArray[np.intp]:
@@ -105,13 +110,13 @@ def square_triangles(count: int) -> NDArray[np.intp]:
 
 
 def _points(arrays: NpzArrays, path: Path) -> NDArray[np.float32]:
-    points: NDArray[Any] = arrays.get("points")
+    points: NDArray[Any] = arrays.get("points", becomes=np.float32)
     if points.ndim != 3 or points.shape[2] != 3 or not points.size or points.dtype.kind not in "fiu":
         raise InputError(f"{path}: points is {points.shape} {points.dtype}; expected (frames, points, 3) float32")
     bad = ~np.isfinite(points).all(axis=(1, 2))
     if bad.any():
         raise InputError(f"{path}: {int(bad.sum())} of {len(points)} frames are not finite; expected metres")
-    return points.astype(np.float32)
+    return points.astype(np.float32, copy=False)
 
 
 def _size(arrays: NpzArrays, path: Path) -> tuple[float, float] | None:
@@ -131,7 +136,7 @@ def _muscles(arrays: NpzArrays, path: Path, frames: int) -> LacedMuscles | None:
         for field, name in _OF_MUSCLES.items()
         if name in arrays or field not in _KNOWN_OF_SIMULATOR
     }
-    count, points = len(states["sides"]), states["points"]
+    count, points = states["sides"].size, states["points"]
     most = points.shape[1] if points.ndim == 3 else 0
     shapes = {
         "points": (frames, most, 3),

@@ -1,44 +1,71 @@
-"""The arrays of an npz or npy; whatever is wrong with the file becomes one line."""
+"""The arrays of an npz or npy; whatever is wrong with the file becomes one line.
+
+What an array takes in memory is counted by its header, before it is made.
+"""
 
 import io
 import math
 import zipfile
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
-from fabdesign.bounded_file import read_bytes
+from fabdesign.bounded_file import read_bytes, require_few
 from fabdesign.errors import InputError
+from fabdesign.measured_points import require_room
 
-# what numpy and zipfile raise for damaged bytes
-_DAMAGED = (
-    OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, RuntimeError, zipfile.BadZipFile, zlib.error,
-    MemoryError, OverflowError, SyntaxError, NotImplementedError,
-)  # fmt: skip
 _NPY = b"\x93NUMPY"
-LARGEST = 600_000_000  # bytes of all arrays: what they grow to on the way still has room
+LARGEST = 600_000_000  # bytes of all arrays as they lie in the file, unpacked
+IN_MEMORY = 1_200_000_000  # bytes of one array as it lies in the file and as the float64 that it becomes, together
 
 
 class NpzArrays:
     """The arrays of an open npz, read as they are asked for."""
 
-    def __init__(self, archive: np.lib.npyio.NpzFile, path: Path) -> None:
-        self._archive = archive
-        self._path = path
+    def __init__(self, archive: np.lib.npyio.NpzFile, path: Path, expected: str) -> None:
+        self._archive, self._path, self._expected = archive, path, expected
 
     def __contains__(self, name: str) -> bool:
         return name in self._archive.files
 
-    def get(self, name: str) -> NDArray[Any]:
-        """Raises InputError where it is not there."""
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Return an array's shape without reading it. Raises InputError where it is not there."""
+        return self._declared(name)[0]
+
+    def get(self, name: str, becomes: DTypeLike = np.float64) -> NDArray[Any]:
+        """Return an array; `becomes` is the type that its numbers are taken to next. Raises InputError where it is not
+        there, damaged, or too large."""
+        shape, dtype = self._declared(name)
+        after = np.dtype(becomes).itemsize if dtype.kind in "fiu" and dtype != becomes else 0
+        size = math.prod(shape) * (dtype.itemsize + after)
+        if size > IN_MEMORY:
+            raise InputError(
+                f"{self._path}: {name}, {shape} {dtype}, takes {size / 1e6:.0f} MB in memory; expected at most "
+                f"{IN_MEMORY / 1e6:.0f} MB"
+            )
+        try:
+            return np.asarray(self._archive[name])
+        except Exception:  # numpy and zipfile raise whatever they meet
+            raise _damaged(self._path, self._expected) from None
+
+    def _declared(self, name: str) -> tuple[tuple[int, ...], np.dtype[Any]]:
         if name not in self:
             raise InputError(f"{self._path}: no array {name}; it has {', '.join(self._archive.files) or 'none'}")
-        return np.asarray(self._archive[name])
+        assert self._archive.zip is not None
+        member = next(n for n in self._archive.zip.namelist() if n in (name, f"{name}.npy"))
+        try:
+            with self._archive.zip.open(member) as stream:
+                shape, dtype = _header(stream)
+                size = stream.tell() + math.prod(shape) * dtype.itemsize
+        except Exception:
+            raise _damaged(self._path, self._expected) from None
+        if dtype.hasobject or size != self._archive.zip.getinfo(member).file_size:
+            raise _damaged(self._path, self._expected)
+        return shape, dtype
 
 
 @contextmanager
@@ -47,19 +74,21 @@ def open_npz(path: Path, expected: str) -> Iterator[NpzArrays]:
     try:
         if path.exists() and not path.is_file():
             raise InputError(f"{path}: is no plain file; expected an npz with {expected}")
-        with path.open("rb") as stream:
-            if stream.read(len(_NPY)) == _NPY:
-                raise InputError(f"{path}: holds one array; expected an npz with {expected}")
-            stream.seek(0)
-            archive = np.load(stream, allow_pickle=False)
-            _require_small(archive, path, expected)
-            yield NpzArrays(archive, path)
-    except InputError:  # a ValueError, of this block's own
-        raise
+        stream = path.open("rb")
     except FileNotFoundError:
         raise InputError(f"{path}: no such file") from None
-    except _DAMAGED:
-        raise InputError(f"{path}: is damaged or cut short; expected an npz with {expected}") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror})") from None
+    with stream:
+        if stream.read(len(_NPY)) == _NPY:
+            raise InputError(f"{path}: holds one array; expected an npz with {expected}")
+        stream.seek(0)
+        try:
+            archive = np.load(stream, allow_pickle=False)
+        except Exception:  # numpy and zipfile raise whatever they meet
+            raise _damaged(path, expected) from None
+        _require_small(archive.zip, path, expected)
+        yield NpzArrays(archive, path, expected)
 
 
 def read_npy(path: Path) -> NDArray[np.float64]:
@@ -69,10 +98,8 @@ def read_npy(path: Path) -> NDArray[np.float64]:
     content = read_bytes(path, expected)
     stream = io.BytesIO(content)
     try:
-        version = np.lib.format.read_magic(stream)
-        header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, _, dtype = header(stream)
-    except _DAMAGED:
+        shape, dtype = _header(stream)
+    except Exception:
         raise InputError(f"{path}: is damaged or no npy; expected {expected}") from None
     if dtype.kind not in "fiu" or len(shape) not in (2, 3) or shape[-1] != 3:
         raise InputError(f"{path}: is {shape} {dtype}; expected {expected}")
@@ -81,13 +108,31 @@ def read_npy(path: Path) -> NDArray[np.float64]:
         raise InputError(
             f"{path}: has {len(content) - stream.tell()} bytes of points and not {size}; expected {expected}"
         )
-    return np.load(io.BytesIO(content), allow_pickle=False).astype(np.float64).reshape(-1, 3)
+    require_few(math.prod(shape) // 3, path, "points")
+    stream.seek(0)
+    points = np.load(stream, allow_pickle=False).reshape(-1, 3)
+    require_room(points, str(path))
+    return points.astype(np.float64)
 
 
-def _require_small(archive: np.lib.npyio.NpzFile, path: Path, expected: str) -> None:
+def _header(stream: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
+    """Shape and type of an npy. Raises whatever numpy does."""
+    version = np.lib.format.read_magic(stream)
+    read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(stream)
+    if not all(isinstance(n, int) and n >= 0 for n in shape):
+        raise ValueError(shape)
+    return shape, dtype
+
+
+def _damaged(path: Path, expected: str) -> InputError:
+    return InputError(f"{path}: is damaged or cut short; expected an npz with {expected}")
+
+
+def _require_small(archive: zipfile.ZipFile | None, path: Path, expected: str) -> None:
     """By what the archive says of itself: nothing is read beyond it, and what an array's header claims is not there."""
-    assert archive.zip is not None
-    size = sum(member.file_size for member in archive.zip.infolist())
+    assert archive is not None
+    size = sum(member.file_size for member in archive.infolist())
     if size > LARGEST:
         raise InputError(
             f"{path}: unpacks to {size / 1e6:.0f} MB; expected an npz with {expected} of at most {LARGEST / 1e6:.0f} MB"

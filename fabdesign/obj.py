@@ -10,7 +10,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.bounded_file import decode_any, read_bytes
+from fabdesign.bounded_file import MOST_POINTS, decode_any, read_bytes, require_few
 from fabdesign.errors import InputError, note
 
 # statements that say nothing about where the surface is
@@ -26,6 +26,7 @@ def read_obj(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """
     path = Path(path)
     text = decode_any(read_bytes(path, "an OBJ mesh"), path).replace("\\\r\n", " ").replace("\\\n", " ")
+    require_few(text.count("\n"), path, "lines")
     vertices: list[tuple[float, ...]] = []
     triangles: list[tuple[int, int, int]] = []
     lines = False
@@ -61,7 +62,7 @@ def _corner(word: str, count: int) -> int:
     """Index from 0 of the vertex in `5`, `5/2/1`, `5//1` or `-1`. Raises ValueError."""
     index = int(word.split("/", 1)[0])
     index = index - 1 if index > 0 else count + index
-    if index < 0 or word.startswith(("0", "-0")):
+    if not 0 <= index < MOST_POINTS or word.startswith(("0", "-0")):
         raise ValueError
     return index
 

@@ -10,7 +10,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.bounded_file import LARGEST, read_bytes
+from fabdesign.bounded_file import LARGEST, read_bytes, require_few
 from fabdesign.errors import InputError
 
 _KINDS = {"F4": "f4", "F8": "f8", **{f"{t}{n}": f"{t.lower()}{n}" for t in "IU" for n in (1, 2, 4, 8)}}
@@ -88,6 +88,9 @@ def _header(content: bytes, path: Path) -> _Header:
     points = int(values["WIDTH"][0]) * int(values["HEIGHT"][0])
     if values.get("POINTS") and int(values["POINTS"][0]) != points:
         _refuse(path, f"its header says {values['POINTS'][0]} points, and width times height is {points}")
+    require_few(points, path, "points")
+    if sum(int(count) * int(size) for count, size in zip(counts, sizes, strict=True)) > LARGEST:
+        _refuse(path, "its header says that a point is larger than a file may be")
     data = " ".join(values["DATA"])
     if data not in ("ascii", "binary", "binary_compressed"):
         _refuse(path, f"its data are {data[:40]}")
@@ -160,8 +163,6 @@ def _unpacked(packed: bytes, size: int) -> bytes | None:
         length += 2
         if start < 0:
             return None
-        while length:  # what is copied may overlap what it becomes
-            chunk = out[start : start + length]
-            out += chunk
-            start, length = start + len(chunk), length - len(chunk)
+        chunk = out[start : start + length]  # what is copied may overlap what it becomes
+        out += (chunk * (length // len(chunk) + 1))[:length]
     return bytes(out) if at == end and len(out) == size else None

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from fabdesign.cloud_file import read_cloud
 from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
-from fabdesign.errors import InputError
-from fabdesign.mcap_file import read_mcap
+from fabdesign.errors import InputError, note
+from fabdesign.frame_pairs import FramePairs, pair_frames
+from fabdesign.mcap_file import read_mcap, read_stamps
 from fabdesign.measured_points import sound_points
 from fabdesign.measured_units import require_measured_pressures, require_seconds
 from fabdesign.ply import write_ply
@@ -28,6 +29,7 @@ Convention = Literal["forward", "backward"]  # z forward and y down; or (x, -y, 
 FORMAT = "fabdesign.recording/1"
 _ORTHONORMAL = 1e-3
 _FRAMES = 9999  # NNNN has four digits
+_OTHER_RATE = 1.5  # times the declared interval: the stamps are of another recording
 _SIZE = 4.0  # m; a cloud ten times as far from its camera is in another unit
 
 
@@ -59,15 +61,19 @@ class Recording:
     program: PressureProgram
     convention: Convention = "forward"
     mcap: Path | None = None  # a file of ROS 2 with the clouds of all sensors, in the place of `frames`
+    chosen: NDArray[np.intp] | None = None  # (T, sensors) the number of each frame's cloud on its topic; None: k of k
+    left_out: str = ""  # a line on frames that are not among `times`, since a sensor lost them
 
     @cached_property
     def topics(self) -> Mapping[str, tuple[Array, ...]]:
         """The clouds of the MCAP: one of each topic for each of `times`. Raises InputError."""
         assert self.mcap is not None
-        by_topic = read_mcap(self.mcap)
-        for topic in (str(sensor.topic) for sensor in self.sensors):
+        by_topic = dict(read_mcap(self.mcap))
+        for column, topic in enumerate(str(sensor.topic) for sensor in self.sensors):
             if topic not in by_topic:
                 raise InputError(f"{self.mcap}: no clouds on {topic}; expected one of {', '.join(by_topic)}")
+            if self.chosen is not None:
+                by_topic[topic] = tuple(by_topic[topic][k] for k in self.chosen[:, column])
             if (count := len(by_topic[topic])) != len(self.times):
                 raise InputError(f"{self.mcap}: {count} clouds on {topic}; expected {len(self.times)}, one a time")
         return by_topic
@@ -107,6 +113,15 @@ class Recording:
         return cloud
 
 
+@dataclass(frozen=True, eq=False)
+class _Frames:
+    """As the fields of a Recording."""
+
+    times: Array
+    chosen: NDArray[np.intp] | None = None
+    left_out: str = ""
+
+
 def read_recording(path: Path | str, *, convention: Convention = "forward") -> Recording:
     """Read a recording: its folder or its `recording.toml`. Raises InputError.
 
@@ -120,7 +135,7 @@ def read_recording(path: Path | str, *, convention: Convention = "forward") -> R
     folder = path.parent
     name = root.text("name", folder.resolve().name)
     root.text("description", "")
-    design = read_design(folder / root.text("design"))
+    design = read_design(root.path("design", folder))
     sensors = tuple(_sensor(table) for table in root.tables("sensors"))
     if not sensors:
         raise InputError(f"{path}: no [[sensors]]")
@@ -128,12 +143,14 @@ def read_recording(path: Path | str, *, convention: Convention = "forward") -> R
     if len(set(names)) < len(names):
         raise InputError(f"{path}: two sensors have one name: {', '.join(names)}")
     mcap = _mcap(root, folder, sensors)
-    times = _times(root, folder, sensors, mcap)
+    frames = _stamped(root, mcap, sensors) if mcap is not None else _Frames(_times(root, folder, sensors))
     root.finish()
     program = read_pressures(folder / "pressure.csv", design)
     require_pressures(program, design, str(folder / "pressure.csv"))
     require_measured_pressures(program.pressure, str(folder / "pressure.csv"))
-    return Recording(folder, name, design, times, sensors, program, convention, mcap)
+    return Recording(
+        folder, name, design, frames.times, sensors, program, convention, mcap, frames.chosen, frames.left_out
+    )
 
 
 def write_recording(
@@ -189,24 +206,63 @@ def _mcap(root: Table, folder: Path, sensors: Sequence[Sensor]) -> Path | None:
         if bool(name) != (sensor.topic is not None):
             expected = "a topic for each sensor" if name else 'mcap = "FILE", where a sensor has a topic'
             raise root.bad("mcap", expected)
-    return folder / name if name else None
+    return root.path("mcap", folder) if name else None
 
 
-def _times(root: Table, folder: Path, sensors: Sequence[Sensor], mcap: Path | None) -> Array:
-    """The frames' times; with a `frame_rate` as many as there are frame folders (or files or clouds of the first
-    sensor)."""
-    if "times" in root:
-        times = np.array(root.numbers("times"))
-        root.take("frame_rate", None)
-        if len(times) == 0 or times[0] < 0 or (np.diff(times) <= 0).any():
-            raise root.bad("times", "seconds after rest that rise")
-        require_seconds(times, f"{folder / 'recording.toml'}")
-        return times
-    rate = root.number("frame_rate", above=0)
-    if mcap is not None:
-        times = np.arange(1, len(read_mcap(mcap).get(str(sensors[0].topic), ())) + 1) / rate
+def _given_times(root: Table) -> Array | None:
+    if "times" not in root:
+        return None
+    times = np.array(root.numbers("times"))
+    root.take("frame_rate", None)
+    if len(times) == 0 or times[0] < 0 or (np.diff(times) <= 0).any():
+        raise root.bad("times", "seconds after rest that rise")
+    require_seconds(times, root.where)
+    return times
+
+
+def _stamped(root: Table, mcap: Path, sensors: Sequence[Sensor]) -> _Frames:
+    """The times of an MCAP's frames, and their clouds: by the stamps, where these say something, else in the order of
+    the first sensor's clouds, from one interval after rest on. Raises InputError."""
+    given, stamps = _given_times(root), read_stamps(mcap)
+    rate = root.number("frame_rate", above=0) if given is None else None
+    topics = [str(sensor.topic) for sensor in sensors]
+    for topic in topics:
+        if topic not in stamps:
+            raise InputError(f"{mcap}: no clouds on {topic}; expected one of {', '.join(stamps)}")
+    pairs = pair_frames([stamps[topic] for topic in topics])
+    if pairs is None:
+        if len(topics) > 1:
+            note(f"{mcap}: its stamps do not say which clouds are of one frame; they are paired in their order")
+        times = given if given is not None else np.arange(1, len(stamps[topics[0]]) + 1) / (rate or 1.0)
         require_seconds(times, str(mcap))
-        return times
+        return _Frames(times)
+    whole = pairs.whole
+    if rate is not None and not 1 / _OTHER_RATE < rate * pairs.interval < _OTHER_RATE:
+        raise InputError(f"{mcap}: a cloud every {pairs.interval:.4g} s by their stamps; expected {1 / rate:.4g} s")
+    if given is not None and len(given) != len(whole):
+        raise InputError(f"{mcap}: {len(whole)} frames by their stamps; expected {len(given)}, one a time")
+    times = given if given is not None else np.round(1 / (rate or 1.0) + pairs.time, 6)
+    require_seconds(times, str(mcap))
+    left_out = _left_out(pairs, topics, times, str(mcap))
+    if left_out:
+        note(left_out)
+    return _Frames(times[whole], pairs.clouds[whole], left_out)
+
+
+def _left_out(pairs: FramePairs, topics: Sequence[str], times: Array, where: str) -> str:
+    """A line on the frames that are left out since a sensor lost them, and on what stands twice; "" for none."""
+    lost = [f"{topics[column]} at {times[k]:.3g} s" for k, column in np.argwhere(pairs.clouds < 0)]
+    shown = f" (no cloud on {', '.join(lost[:3])}{', ...' * (len(lost) > 3)})" if lost else ""
+    counts = f"{int((~pairs.whole).sum())} of {len(times)} frames are left out{shown}"
+    line = f"{where}: by the stamps {counts}, and {pairs.repeated} clouds that repeat the one before"
+    return line if lost or pairs.repeated else ""
+
+
+def _times(root: Table, folder: Path, sensors: Sequence[Sensor]) -> Array:
+    """The frames' times; with a `frame_rate` as many as there are frame folders, or files of the first sensor."""
+    if (given := _given_times(root)) is not None:
+        return given
+    rate = root.number("frame_rate", above=0)
     frames = folder / "frames"
     by_sensor = frames / sensors[0].name
     stems = [p.stem for p in (by_sensor if by_sensor.is_dir() else frames).glob("[0-9]*")]

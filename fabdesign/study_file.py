@@ -133,7 +133,7 @@ def read_search(root: Table, path: Path) -> Study:
 
 def read_subject(root: Table, path: Path) -> tuple[Design, Model | None]:
     """The design and the model, if any, that the study at `path` names. Raises InputError."""
-    design = read_design(path.parent / root.text("design"))
+    design = read_design(root.path("design", path.parent))
     model_name = root.text("model", None)
     return design, None if model_name is None else read_model(path.parent / model_name)
 
@@ -250,7 +250,7 @@ def _earlier(root: Table, path: Path) -> EarlierResult | None:
     name = root.text("start", None)
     if name is None:
         return None
-    folder = path.parent / name
+    folder = root.path("start", path.parent)
     if not (folder / "design.toml").is_file() or not (folder / "pressures.csv").is_file():
         raise root.bad("start", "the folder of an earlier result, with design.toml and pressures.csv")
     design = read_design(folder / "design.toml")

@@ -50,7 +50,7 @@ def read_targets(root: Table, path: Path, fabric: Fabric) -> tuple[TargetFile, .
             targets.append(_wished(table, path, wishes))
             continue
         target = TargetFile(
-            file=path.parent / table.text("file"),
+            file=table.path("file", path.parent),
             frame=table.integer("frame", -1),
             description=table.text("description", ""),
             unit=table.text("unit", "m", choices=tuple(UNITS)),

@@ -1,6 +1,5 @@
 """Strict reading of TOML: every key is asked for, and what was not asked for is an error."""
 
-import tomllib
 from collections.abc import Sequence
 from decimal import Decimal
 from difflib import get_close_matches
@@ -8,15 +7,13 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Literal, TypeVar, overload
 
-from fabdesign.bounded_file import decode, read_bytes
 from fabdesign.errors import InputError
+from fabdesign.toml_file import file_name, parse_toml
 from fabdesign.units import pascals
 
 _REQUIRED: Any = object()
 Default = TypeVar("Default")
 Choice = TypeVar("Choice", bound=str)
-LARGEST_TEXT = 50_000_000  # bytes: a table of some million rows
-LARGEST_TOML = 2_000_000
 
 
 class Table:
@@ -142,6 +139,10 @@ class Table:
             raise self.bad(key, "one of " + ", ".join(choices) + nearest(value, choices))
         return value
 
+    def path(self, key: str, folder: Path) -> Path:
+        """A file or folder, whose name is relative to `folder`."""
+        return folder / file_name(self.text(key), self.where)
+
     @overload
     def texts(self, key: str) -> tuple[str, ...]: ...
     @overload
@@ -232,27 +233,10 @@ def load_toml(path: Path, form: str, *, partial: bool = False) -> Table:
     return root
 
 
-def parse_toml(path: Path) -> dict[str, Any]:
-    """The file as plain values, floats as Decimal; InputError where it is not TOML."""
-    try:
-        return tomllib.loads(read_text(path, largest=LARGEST_TOML), parse_float=Decimal)
-    except (ValueError, ArithmeticError) as error:  # of the grammar, or numbers of thousands of digits
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{path}: is not sound TOML: {' '.join(str(error).split())}") from None
-    except RecursionError:
-        raise InputError(f"{path}: is not sound TOML: nested too deep") from None
-
-
 def nearest(word: str, known: Sequence[str]) -> str:
     """' (did you mean X?)' where one of the known words is close, else nothing."""
     close = get_close_matches(word, known, n=1)
     return f" (did you mean {close[0]}?)" if close else ""
-
-
-def read_text(path: Path, *, largest: int = LARGEST_TEXT) -> str:
-    """A plain text file's content, of at most `largest` bytes; InputError where it cannot be read."""
-    return decode(read_bytes(path, "a text file", largest=largest), path)
 
 
 def _number(value: Any) -> float | None:

@@ -1,5 +1,6 @@
 """A trial's npz: the arrays of `fabdesign.measurement-set/1`."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -8,9 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.bounded_file import require_few
 from fabdesign.effort import LONGEST
 from fabdesign.errors import InputError
-from fabdesign.measured_points import RemovedPoints, sound_points
+from fabdesign.measured_points import RemovedPoints, require_room, sound_points
 from fabdesign.measured_units import require_measured_pressures, require_seconds
 from fabdesign.npz_file import NpzArrays, open_npz
 from fabdesign.output import whole_file
@@ -50,14 +52,16 @@ def read_trial(path: Path, *, size: float | None = None) -> TrialData:
         raise InputError(f"{path}: offsets is {_shape(offsets)}; expected ({len(time) + 1},) int64, frames and one")
     if offsets[0] != 0 or offsets[-1] != len(points) or (np.diff(offsets.astype(np.int64)) < 0).any():
         raise InputError(f"{path}: offsets do not rise from 0 to the number of points, {len(points)}")
-    metres = points.astype(np.float64) * float(scale)
+    require_few(int(np.diff(offsets.astype(np.int64)).max()), path, "points in a frame")
+    require_room(points, str(path))
     frames: list[Floats] = []
     left_out, hit = RemovedPoints(), 0
-    for t, (a, b) in enumerate(pairwise(offsets)):
-        frame, without = sound_points(metres[a:b], f"{path} frame {t}", size=size)
+    for t, (a, b) in enumerate(pairwise(offsets)):  # one at a time, or all points would lie here three times
+        metres = points[a:b].astype(np.float64) * float(scale)
+        frame, without = sound_points(metres, f"{path} frame {t}", size=size)
         frames.append(frame)
         left_out, hit = left_out + without, hit + (without.count > 0)
-    left_out.tell(len(metres), f"{path}, {hit} of {len(frames)} frames")
+    left_out.tell(len(points), f"{path}, {hit} of {len(frames)} frames")
     return TrialData(time, pressure, tuple(frames))
 
 
@@ -95,6 +99,8 @@ def write_trial(data: TrialData, path: Path, *, scale: float = 1e-4) -> None:
 
 
 def _time_and_pressure(arrays: NpzArrays, path: Path) -> tuple[Floats, Floats]:
+    for name in ("time", "pressure"):
+        require_few(math.prod(arrays.shape(name)), path, f"values of {name}")
     time, kilopascal = arrays.get("time"), arrays.get("pressure")
     if time.ndim != 1 or len(time) == 0 or time.dtype.kind not in "fiu":
         raise InputError(f"{path}: time is {_shape(time)}; expected (T,) float64")

@@ -26,7 +26,7 @@ _MIDDLE = 0.15  # of the cloth's height: a tight roll's centre is too near the e
 _HELD = 0.25  # of the cloth's shorter side: three quarters of the hung edge have a point nearer than that
 _ABOVE = 0.25  # of the shorter side above the hung edge, where ...
 _FEW = 0.2  # ... no more than this share of the points may be
-_SPANNED = 0.3  # of the hung edge, that the points span at least: it is held straight
+_SPANNED = 0.5  # of the hung edge, that the points span at least: it is held straight
 _REACH = 1.5  # of the farthest place of the flat cloth from the hung edge
 
 # what may have been done to the points -> what takes it back

@@ -77,7 +77,7 @@ def read_unseen(path: Path | str) -> UnseenStudy:
     if "design" not in root:
         return unseen_of(root, path)
     return unseen_of(
-        root, path, read_design(path.parent / root.text("design")), read_model(path.parent / root.text("model"))
+        root, path, read_design(root.path("design", path.parent)), read_model(root.path("model", path.parent))
     )
 
 
@@ -97,7 +97,7 @@ def unseen_of(
     folder, trials = None, 12
     if table is not None:
         if measured is None:
-            folder = path.parent / table.text("set")
+            folder = table.path("set", path.parent)
             measured = read_set(folder)
         trials, free = table.integer("trials", 12, least=1), table.texts("free", ())
         if len(measured.designs) < 2:
@@ -158,7 +158,7 @@ def _poses(root: Table, design: Design, rig: RigLimits) -> NDArray[np.float64]:
 
 def _candidate(table: Table, path: Path, design: Design) -> CandidateMeasurement:
     """`program`: as `simulate` takes it; on another `design` where there is one."""
-    own = read_design(path.parent / table.text("design")) if "design" in table else design
+    own = read_design(table.path("design", path.parent)) if "design" in table else design
     spec = table.text("program")
     file = path.parent / spec
     program = read_pressures(file if file.suffix in (".csv", ".npz") else spec, own)

@@ -8,8 +8,8 @@ from typing import NoReturn, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.bounded_file import decode_any, read_bytes
-from fabdesign.csv_table import separator
+from fabdesign.bounded_file import decode_any, read_bytes, require_few
+from fabdesign.csv_table import is_number, separator, without_separator_line
 from fabdesign.errors import InputError, note
 from fabdesign.headings import parse_heading, parse_units_row
 from fabdesign.placement import Unit
@@ -33,13 +33,13 @@ def read_xyz(path: Path | str) -> TextCloud:
     above a row of units; without one they are the first three, and a CSV has no others. Raises InputError.
     """
     path = Path(path)
-    lines = _header_of_cloudcompare(_lines(path))
+    lines = _header_of_cloudcompare(_lines(path), path)
     if not lines:
         return TextCloud(np.zeros((0, 3)))
     mark = _mark(lines[0][1])
     head = _split(lines[0][1], mark)
     columns, unit = [0, 1, 2], None
-    if _is_number(head[0].replace(",", ".")):
+    if is_number(head[0].replace(",", ".")):
         if len(head) < 3 or (mark and len(head) > 3):
             _refuse(path, lines[0], "has no header" if mark and len(head) > 3 else "is no point")
     else:
@@ -51,6 +51,15 @@ def read_xyz(path: Path | str) -> TextCloud:
     if mark == ";" or commas:
         note(f"{path}: written with {' and '.join(['semicolons'] * (mark == ';') + ['decimal commas'] * commas)}")
     return cloud
+
+
+def is_text_cloud(path: Path) -> bool:
+    """Whether a text begins with a point, or with a header that names x, y and z. Raises InputError."""
+    lines = _header_of_cloudcompare(_lines(path), path)
+    head = _split(lines[0][1], _mark(lines[0][1])) if lines else [""]
+    return set(_AXES) <= {parse_heading(cell).name for cell in head} or all(
+        is_number(cell.replace(",", ".")) for cell in head
+    )
 
 
 def read_pts(path: Path | str) -> NDArray[np.float64]:
@@ -73,18 +82,25 @@ def read_pts(path: Path | str) -> NDArray[np.float64]:
 
 
 def _lines(path: Path) -> Lines:
-    text = decode_any(read_bytes(path, "a cloud"), path)
+    text = without_separator_line(decode_any(read_bytes(path, "a cloud"), path))
+    require_few(text.count("\n"), path, "lines")
     numbered = ((number, line.strip()) for number, line in enumerate(text.splitlines(), start=1))
     return [(number, line) for number, line in numbered if line and not line.startswith("#")]
 
 
-def _header_of_cloudcompare(lines: Lines) -> Lines:
-    """With "//X Y Z" as a header, as CloudCompare writes it, and without other lines of this kind."""
-    if lines and lines[0][1].startswith("//"):
-        number, first = lines[0][0], lines[0][1].removeprefix("//").strip()
-        if set(_AXES) <= {parse_heading(cell).name for cell in _split(first, _mark(first))}:
-            lines = [(number, first), *lines[1:]]
-    return [line for line in lines if not line[1].startswith("//")]
+def _header_of_cloudcompare(lines: Lines, path: Path) -> Lines:
+    """With "//X Y Z" as a header, as CloudCompare writes it, without other lines of this kind and without the count of
+    points that may follow. Raises InputError where there are not so many."""
+    rest = [line for line in lines if not line[1].startswith("//")]
+    for number, line in lines[: len(lines) - len(rest)]:
+        header = line.removeprefix("//").strip()
+        if line.startswith("//") and set(_AXES) <= {parse_heading(cell).name for cell in _split(header, _mark(header))}:
+            if rest and rest[0][1].isdecimal():
+                if int(rest[0][1][:18]) != len(rest) - 1:
+                    _refuse(path, rest[0], f"is the count of points, of which there are {len(rest) - 1}")
+                rest = rest[1:]
+            return [(number, header), *rest]
+    return rest
 
 
 def _mark(line: str) -> str | None:
@@ -146,18 +162,10 @@ def _slowly(path: Path, lines: Lines, mark: str | None, width: int, columns: lis
     for line in lines:
         cells = _split(line[1], mark)
         chosen = [cells[i] or "nan" for i in columns] if len(cells) == width else [""]
-        if not all(map(_is_number, chosen)):
+        if not all(map(is_number, chosen)):
             _refuse(path, line, "is no row of numbers as the first")
         points.append([float(cell) for cell in chosen])
     return np.array(points)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
 
 
 def _refuse(path: Path, line: tuple[int, str], why: str) -> NoReturn:

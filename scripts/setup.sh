@@ -65,7 +65,7 @@ case ",$extras," in
             --constraint constraints.txt "$(sed -n 's/^corrector = \["\(torch[^"]*\)"\].*/\1/p' pyproject.toml)" |
             grep -c '"name": "\(nvidia\|cuda\)') || true
         [ "$cuda" = 0 ] || fail "pip would download PyTorch with CUDA, gigabytes; give pip an index of CPU builds \
-(PIP_INDEX_URL), or set FABDESIGN_CUDA=1 to have CUDA, or leave PyTorch out: make test EXTRAS=clouds,dev,dxf,mesh,studio"
+(PIP_INDEX_URL), or set FABDESIGN_CUDA=1 to have CUDA, or leave PyTorch out: make test EXTRAS=clouds,dev,dxf,studio"
     fi
     ;;
 esac

@@ -6,6 +6,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from io import TextIOWrapper
 from types import FrameType
 
 import click
@@ -27,7 +28,6 @@ from fabdesign.supervisor import SIGNALS, ended_by, is_supervised, record
 
 _EXTRAS = {
     "open3d": "clouds",
-    "trimesh": "mesh",
     "ezdxf": "dxf",
     "torch": "corrector",
     "pygltflib": "export",
@@ -53,6 +53,7 @@ def main() -> None:
     by Ctrl-C and by SIGTERM, each with one line."""
     # before numpy: matrices are small here, and on a busy machine threads that wait for each other cost ten times them
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    _print_any_name()
     try:
         with _ended_by_signals(), notes_told():
             commands.main(prog_name="fabdesign", standalone_mode=False)
@@ -73,6 +74,12 @@ def main() -> None:
         _end(stop, str(stop), 128 + stop.number)
     except (click.exceptions.Abort, KeyboardInterrupt) as stop:
         _end(stop, ended_by(signal.SIGINT), 130)
+
+
+def _print_any_name() -> None:
+    """Let standard output take names of files that its encoding does not have, as standard error does."""
+    if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 @contextmanager

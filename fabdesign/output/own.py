@@ -3,7 +3,6 @@ never an input, or a file that an input names."""
 
 import json
 import os
-import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 from fabdesign import __version__
 from fabdesign.errors import InputError
 from fabdesign.output.whole import PREFIX, write_text
-from fabdesign.table import LARGEST_TOML, read_text
+from fabdesign.toml_file import parse_toml
 
 MARK = ".fabdesign"
 FORMAT = "fabdesign.output/1"
@@ -118,8 +117,8 @@ def _with_named(path: Path) -> Iterator[Path]:
 def _texts(path: Path) -> Iterator[str]:
     """All strings in a TOML file; of one that cannot be read, none: whoever reads it says so."""
     try:
-        left: list[Any] = [tomllib.loads(read_text(path, largest=LARGEST_TOML))]
-    except ValueError:  # TOMLDecodeError, InputError
+        left: list[Any] = [parse_toml(path)]
+    except InputError:
         return
     while left:
         value = left.pop()

@@ -1,5 +1,6 @@
 """Files and folders that are written unfinished and become their goal when all is well."""
 
+import os
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -221,7 +222,7 @@ def _clear(folder: Path, goal: Path) -> None:
 def _replace_content(hidden: Path, new: Path, made_by: str) -> None:
     """The content of `new`, which lies in the hidden folder of its goal, becomes that of the goal."""
     write_mark(new, made_by, {*files_in(new)} - {MARK})
-    (hidden / _COMPLETE).write_text(new.name, encoding="utf-8")
+    (hidden / _COMPLETE).write_bytes(os.fsencode(new.name))
     _finish_move(hidden)
 
 
@@ -229,7 +230,7 @@ def _finish_move(hidden: Path) -> None:
     """Do, or go on with, what `_replace_content` began; the mark moves last, so that it can always go on."""
     if not (hidden / _COMPLETE).exists():
         return
-    goal, new = hidden.parent, hidden / "new" / (hidden / _COMPLETE).read_text(encoding="utf-8")
+    goal, new = hidden.parent, hidden / "new" / os.fsdecode((hidden / _COMPLETE).read_bytes())
     mark = read_mark(new)
     if mark is not None:
         for name in own_files(goal) - mark.files - {MARK}:

@@ -205,6 +205,9 @@ def whole_file(path: Path | str) -> Iterator[Path]:
 
 
 def write_text(path: Path | str, text: str) -> None:
-    """Write a text file (UTF-8) whole or not at all; it replaces one that is there."""
+    """Write a text file (UTF-8) whole or not at all; it replaces one that is there.
+
+    A file's name in the text keeps its bytes, also where they are no UTF-8.
+    """
     with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", newline="\n")
+        temporary.write_text(text, encoding="utf-8", errors="surrogateescape", newline="\n")

@@ -15,8 +15,8 @@ from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.model import EffectTerm
 from fabdesign.muscle_law import MuscleLaw, law_of
-from fabdesign.table import parse_toml
 from fabdesign.term import Term
+from fabdesign.toml_file import parse_toml
 from fabdesign.units import from_kpa
 from studies.benches.actuator import StaticCurve, hold_of
 from studies.benches.cylinder import CylinderLaw, terms_of

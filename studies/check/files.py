@@ -26,9 +26,11 @@ from fabdesign.npz_file import open_npz
 from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import TABLES, read_csv, read_pressures
 from fabdesign.recording import Recording, read_recording
-from fabdesign.table import nearest, parse_toml
+from fabdesign.table import nearest
 from fabdesign.target_file import AS_GIVEN, AsTarget, keys_as_options, read_target
+from fabdesign.toml_file import parse_toml
 from fabdesign.trial_file import read_trial
+from fabdesign.xyz import is_text_cloud
 from studies.check.design import bench_table_lines, design_findings, part_findings
 from studies.check.findings import Findings, failures
 from studies.check.ranges import FACTOR, PRESSURE, beyond
@@ -68,6 +70,8 @@ def _inspect(path: Path, how: AsTarget) -> Findings:
         return _BY_FORMAT[_format(path)](path)
     except InputError as error:
         return Findings((str(error),))
+    except OSError as error:  # a name that is too long, a folder that may not be read
+        return Findings((f"{path}: cannot be read ({error.strerror})",))
 
 
 def _folder(path: Path) -> Findings:
@@ -83,7 +87,7 @@ def _format(path: Path) -> str:
     root = parse_toml(path)
     usual = _STUDY if "kind" in root else _DESIGN if {"fabric", "muscle_types"} & root.keys() else None
     form = root.get("format", usual if usual == _STUDY or not {"muscles", "include"} & root.keys() else None)
-    if form not in _BY_FORMAT:
+    if not isinstance(form, str) or form not in _BY_FORMAT:
         shown = "no format line" if form is None else f'format is "{form}"'
         known = [*_BY_FORMAT]
         raise InputError(f"{path}: {shown}; expected one of {', '.join(known)}{nearest(str(form), known)}")
@@ -156,7 +160,7 @@ def _bench_law(path: Path) -> Findings:
 
 def _npz(path: Path, how: AsTarget) -> Findings:
     with open_npz(path, "a trial's, a motion's or a cloud's arrays") as arrays:
-        trial, dimensions = "offsets" in arrays, arrays.get("points").ndim
+        trial, dimensions = "offsets" in arrays, len(arrays.shape("points"))
     if trial:
         return _programs(read_trial(path).program, str(path))
     if dimensions == 3:
@@ -193,6 +197,8 @@ def _is_design(file: Path) -> bool:
 
 def _table(path: Path, how: AsTarget) -> Findings:
     """Of a text table, by what its headings measure."""
+    if is_text_cloud(path):
+        return _cloud(path, how)
     raw = read_raw_table(path)
     header = raw.header
     headings = [parse_heading(text) for text in header]
@@ -200,8 +206,6 @@ def _table(path: Path, how: AsTarget) -> Findings:
     if specimen is not None:
         read_law_table(path, specimen)
         return Findings()
-    if {"x", "y", "z"} <= {heading.name for heading in headings} or all(map(_is_number, header)):
-        return _cloud(path, how)
     measured = {heading.quantity for heading in headings} | {heading.name for heading in headings}
     symbols = parse_units_row(raw.rows[0][1]) or [heading.symbol or "" for heading in headings]
     measured |= {unit.dimension for symbol in symbols if (unit := unit_of(symbol)) is not None}
@@ -230,14 +234,6 @@ def _programs(program: PressureProgram, where: str, *, measured_at: object = Non
     if measured_at is None and len(gaps) and float(np.median(gaps)) >= _SLOW:
         lines.append(f"rows lie {np.median(gaps):.4g} s apart; expected seconds (is it in ms?)")
     return Findings(warnings=tuple(f"{where}: {line}" for line in lines))
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 _BY_FORMAT: Mapping[str, Callable[[Path], Findings]] = {

@@ -10,7 +10,8 @@ from fabdesign.layouts_file import read_layouts
 from fabdesign.loop_file import read_loop
 from fabdesign.sensitivity_file import read_sensitivity
 from fabdesign.study_file import read_kind, read_study
-from fabdesign.table import nearest, parse_toml
+from fabdesign.table import nearest
+from fabdesign.toml_file import parse_toml
 from fabdesign.unseen_file import FREE, read_unseen
 from optimize.fit.free import fit_vector
 from studies.benches.records import SIZES, require_columns, require_sizes

@@ -165,7 +165,9 @@ def _fused(
         progress(done + 1, len(indices))
     if not fusion.frames:
         raise InputError(f"recording {recording.name}: no sound frame is left")
-    return fusion, fusion.report(tuple(tolerance.skipped), time.monotonic() - started)
+    return fusion, fusion.report(
+        tuple(filter(None, (recording.left_out, *tolerance.skipped))), time.monotonic() - started
+    )
 
 
 def _require_open3d() -> None:

@@ -18,15 +18,15 @@ from fabdesign.placement import Unit
 from fabdesign.pressure import PressureProgram, limits
 from fabdesign.pressure_file import read_pressures
 from fabdesign.study_file import Study, read_kind, read_study
-from fabdesign.table import parse_toml
 from fabdesign.target_file import AsTarget, keys_as_options
+from fabdesign.toml_file import parse_toml
 from optimize.margins import Limits
 from studies.layouts.begin import limits_of
 from studies.studio.layout import HIGHEST, Layout
 from studies.studio.target import ShownTarget
 
 NEW = Path("layout.toml")  # that a layout would be, which was begun on no file
-_TARGETS = (".npz", ".ply", ".obj", ".stl", ".off", ".glb", ".gltf", ".3mf", ".xyz", ".pts", ".pcd", ".txt", ".npy")
+_TARGETS = (".npz", ".ply", ".obj", ".stl", ".off", ".glb", ".gltf", ".xyz", ".pts", ".pcd", ".txt", ".npy")
 
 
 @dataclass(frozen=True, eq=False)

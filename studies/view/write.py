@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TypedDict
 
+from fabdesign.output import write_text
 from studies.view.items import Item
 
 # the package that writes a kind of file, besides what is always there
@@ -58,7 +59,7 @@ def _shown(items: Sequence[Item], path: Path, kind: str, times: Sequence[float])
     if kind == ".html":
         from studies.view.page import render_page
 
-        path.write_text(render_page(path.stem, items, apart), encoding="utf-8")
+        write_text(path, render_page(path.stem, items, apart))
     elif kind == ".png":
         from studies.view.picture import save_picture
 

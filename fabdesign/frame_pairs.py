@@ -1,0 +1,82 @@
+"""Which clouds of several cameras belong to one frame, by their stamps: a lost message shifts nothing."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+_SHORTEST = 1e6  # ns between frames; what lies closer is no stamp of a camera
+_REPEATED = 0.5  # of the interval: a message that follows so soon repeats the one before
+_TOGETHER = 0.75  # of the interval: farther apart, two clouds are not of one frame
+
+
+@dataclass(frozen=True, eq=False)
+class FramePairs:
+    """The frames of a recording in the order of their stamps."""
+
+    clouds: NDArray[np.intp]  # (T, sensors) the number of each sensor's cloud; -1: it has none of this frame
+    time: NDArray[np.float64]  # (T,) s after the first frame
+    repeated: int  # messages that were left out since they repeat the one before
+    interval: float  # s between frames, the median
+
+    @property
+    def whole(self) -> NDArray[np.bool_]:
+        """(T,) whether every sensor has a cloud."""
+        return np.asarray((self.clouds >= 0).all(axis=1))
+
+
+def pair_frames(stamps: Sequence[NDArray[np.int64]]) -> FramePairs | None:
+    """Pair clouds by their stamps [ns], an array for each sensor in the order of its messages.
+
+    None where the stamps say nothing: too few, alike, or of clocks that do not agree.
+    """
+    if min(map(len, stamps)) < 2:
+        return None
+    first = min(int(own.min()) for own in stamps)
+    seconds = [own - first for own in stamps]
+    gaps = np.concatenate([np.diff(np.unique(own)) for own in seconds])
+    interval = float(np.median(gaps)) if len(gaps) else 0.0
+    if interval < _SHORTEST:
+        return None
+    orders = [np.argsort(own, kind="stable") for own in seconds]
+    kept = [_without_repeated(own, order, interval) for own, order in zip(seconds, orders, strict=True)]
+    reference = int(np.argmax([len(own) for own in kept]))
+    frames = [{reference: int(number)} for number in kept[reference]]
+    unpaired: list[dict[int, int]] = []
+    for sensor, numbers in enumerate(kept):
+        if sensor != reference:
+            partners = _partners(seconds[reference][kept[reference]], seconds[sensor][numbers], interval)
+            for number, partner in zip(numbers, partners, strict=True):
+                target = frames[partner] if partner >= 0 else {}
+                target[sensor] = int(number)
+                unpaired += [target] if partner < 0 else []
+    if len(stamps) > 1 and 2 * sum(len(frame) == len(stamps) for frame in frames) < len(frames):
+        return None
+    frames = sorted(frames + unpaired, key=lambda frame: min(seconds[s][n] for s, n in frame.items()))
+    clouds = np.array([[frame.get(sensor, -1) for sensor in range(len(stamps))] for frame in frames])
+    time = np.array([np.mean([seconds[s][n] for s, n in frame.items()]) for frame in frames]) * 1e-9
+    repeated = sum(map(len, stamps)) - sum(map(len, kept))
+    return FramePairs(clouds, np.round(time - time[0], 6), repeated, interval * 1e-9)
+
+
+def _without_repeated(stamps: NDArray[np.int64], order: NDArray[np.intp], interval: float) -> NDArray[np.intp]:
+    kept: list[int] = []
+    for number in order:
+        if not kept or stamps[number] - stamps[kept[-1]] > _REPEATED * interval:
+            kept.append(int(number))
+    return np.array(kept)
+
+
+def _partners(reference: NDArray[np.int64], other: NDArray[np.int64], interval: float) -> NDArray[np.intp]:
+    """Of each stamp the number of the reference that is nearest and to which it is nearest; -1: none. Both rise."""
+    nearest = _nearest(other, reference)
+    mutual = _nearest(reference, other)[nearest] == np.arange(len(other))
+    return np.where(mutual & (np.abs(other - reference[nearest]) < _TOGETHER * interval), nearest, -1)
+
+
+def _nearest(of: NDArray[np.int64], among: NDArray[np.int64]) -> NDArray[np.intp]:
+    after = np.clip(np.searchsorted(among, of), 1, max(len(among) - 1, 1))
+    after = np.minimum(after, len(among) - 1)
+    before = np.maximum(after - 1, 0)
+    return np.where(of - among[before] <= among[after] - of, before, after)

@@ -1,0 +1,48 @@
+"""TOML and other texts as files: few enough bytes, and nothing that would cost the parser minutes."""
+
+import re
+import tomllib
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+from fabdesign.bounded_file import decode, read_bytes
+from fabdesign.errors import InputError
+
+LARGEST_TEXT = 50_000_000  # bytes: a table of some million rows
+LARGEST_TOML = 2_000_000
+_LONGEST_NAME = 255  # bytes of a name on usual file systems
+_LONGEST_LINE = 500_000  # characters: the times of some ten thousand frames
+_DEEPEST = 32  # parts of a key such as a.b.c, whose time tomllib squares
+_PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+_DEEP_KEY = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_DEEPEST},}}+[ \t]*+([=\]]?)")
+
+
+def parse_toml(path: Path) -> dict[str, Any]:
+    """The file as plain values, floats as Decimal; InputError where it is not TOML."""
+    text = read_text(path, largest=LARGEST_TOML)
+    if deep := next((match for match in _DEEP_KEY.finditer(text) if match[1]), None):  # else words of a text
+        line = text.count("\n", 0, deep.start()) + 1
+        raise InputError(f"{path} line {line}: {deep[0][:20]}... has over {_DEEPEST} parts; expected a shorter key")
+    if (longest := max(map(len, text.splitlines()), default=0)) > _LONGEST_LINE:
+        raise InputError(f"{path}: has a line of {longest} characters; expected at most {_LONGEST_LINE}")
+    try:
+        return tomllib.loads(text, parse_float=Decimal)
+    except (ValueError, ArithmeticError) as error:  # of the grammar, or numbers of thousands of digits
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{path}: is not sound TOML: {' '.join(str(error).split())}") from None
+    except RecursionError:
+        raise InputError(f"{path}: is not sound TOML: nested too deep") from None
+
+
+def file_name(text: str, where: str) -> str:
+    """The text, where it can be the name of a file; InputError otherwise."""
+    if "\0" in text or any(len(part.encode("utf-8", "surrogateescape")) > _LONGEST_NAME for part in Path(text).parts):
+        raise InputError(f"{where}: {text[:57]!r}; expected the name of a file")
+    return text
+
+
+def read_text(path: Path, *, largest: int = LARGEST_TEXT) -> str:
+    """A plain text file's content, of at most `largest` bytes; InputError where it cannot be read."""
+    return decode(read_bytes(path, "a text file", largest=largest), path)
