@@ -7,6 +7,7 @@ import click
 
 from fabdesign.cli.console import FILE, FINITE, commands, force_option, json_option, print_result
 from fabdesign.json_file import json_text
+from fabdesign.units import in_kpa
 
 
 @commands.command()
@@ -101,6 +102,12 @@ def _counted(warnings: tuple[str, ...]) -> str:
     show_default=True,
     help="Paper of the PDF's pages.",
 )
+@click.option(
+    "--pressures",
+    type=FILE,
+    multiple=True,
+    help="Pressures to write too, a file for each pose; by default those beside a DESIGN that optimize wrote.",
+)
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to.")
 @force_option
 @json_option
@@ -109,18 +116,21 @@ def export(
     tail_length: float | None,
     seam_allowance: float,
     paper: str,
+    pressures: tuple[Path, ...],
     output: Path,
     force: bool,
     as_json: bool,
 ) -> None:
-    """Write sewing templates and a cut list of a DESIGN.
+    """Write sewing templates, a cut list and the pressures of a DESIGN.
 
     The templates are at 1:1. They are pages to print and glue (PDF), whole faces (SVG), and with the extra dxf a DXF
     file.
     """
     from fabdesign.design_file import read_design
-    from fabdesign.export import export_design
+    from fabdesign.export import export_design, pressures_beside
+    from fabdesign.pressure import poses_in_words
 
+    chosen = pressures or pressures_beside(design)
     made = export_design(
         read_design(design),
         output,
@@ -128,8 +138,14 @@ def export(
         paper=None if paper == "none" else paper,
         seam_allowance=seam_allowance,
         tail_length=tail_length,
+        pressures=chosen,
         force=force,
-        inputs=[design],
+        inputs=[design, *chosen],
     )
     files = [str(file) for file in made.files]
-    print_result({"files": files, "left_out": list(made.left_out)}, "\n".join([*files, *made.left_out]), as_json)
+    result = {
+        "files": files,
+        "pressures_kpa": [in_kpa(row).tolist() for row in made.pressures],
+        "left_out": list(made.left_out),
+    }
+    print_result(result, "\n".join([*files, *poses_in_words(made.pressures)]), as_json)
