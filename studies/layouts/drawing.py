@@ -10,6 +10,7 @@ from fabdesign.units import in_kpa
 
 SCALE = 1000.0  # drawing units a metre
 GAP, TOP = 30.0, 26.0
+LEAST = 205.0  # of a panel: what the words above it need
 # colours (RGB) of no pressure, of half and of the highest
 LOW, HALF, HIGH = np.array([198, 219, 239]), np.array([253, 174, 97]), np.array([203, 24, 29])
 
@@ -24,25 +25,28 @@ def pressure_colour(share: float) -> str:
 def layout_svg(design: Design, pressures: NDArray[np.float64], highest: float) -> str:
     """Both faces as seen from the front. pressures (channels,) Pa; `highest` Pa has the strongest colour."""
     width, height = design.fabric.width * SCALE, design.fabric.height * SCALE
+    step = max(width, LEAST) + GAP
     parts = []
     for panel, side in enumerate(("front", "back")):
-        parts.append(f'<g transform="translate({panel * (width + GAP)},{TOP})">')
+        parts.append(f'<g transform="translate({panel * step},{TOP})">')
         parts.append(f'<text x="0" y="-8" class="face">{side}{", seen through the cloth" if panel else ""}</text>')
         parts.append(f'<rect width="{width:.1f}" height="{height:.1f}" class="cloth"/>')
         parts.append(f'<line x1="0" y1="0" x2="{width:.1f}" y2="0" class="hung"/>')
         for number, muscle in enumerate(design.muscles):
             if muscle.side == side:
-                parts += _muscle(number, np.array(muscle.path) * SCALE, pressures[muscle.channel], highest)
+                at = np.array(muscle.path) * SCALE
+                parts += _muscle(number, at, pressures[muscle.channel], highest, width)
         parts.append("</g>")
-    box = f"-4 0 {2 * width + GAP + 8:.1f} {height + TOP + 6:.1f}"
+    box = f"-4 0 {2 * step - GAP + 8:.1f} {height + TOP + 6:.1f}"
     return f'<svg viewBox="{box}" class="layout" role="img" aria-label="{escape(design.name)}">{"".join(parts)}</svg>'
 
 
-def _muscle(number: int, path: NDArray[np.float64], pressure: float, highest: float) -> list[str]:
+def _muscle(number: int, path: NDArray[np.float64], pressure: float, highest: float, width: float) -> list[str]:
     points = " ".join(f"{u:.1f},{v:.1f}" for u, v in path)
     u, v = path[0] + (path[-1] - path[0]) * (0.3 + 0.4 * (number % 2))
     text = f"{number}: {in_kpa(pressure):.0f}"
     half = 3.4 * len(text)
+    u = min(max(u, half), max(width - half, half))  # within the cloth
     return [
         f'<polyline points="{points}" class="muscle" stroke="{pressure_colour(pressure / highest)}"/>',
         f'<rect x="{u - half:.1f}" y="{v - 8:.1f}" width="{2 * half:.1f}" height="15" rx="4" class="label"/>',
