@@ -168,7 +168,9 @@ def calibrate(
             progress=shown,
             say=tell,
         ).found
-    print_result(calibrated.as_json() | {"model": str(output)}, f"{output}: {as_text(calibrated)}", as_json)
+    then = f"fabdesign trace {' '.join(map(str, sources))} --model {output} -o traced"
+    text = f"{output}: {as_text(calibrated)}\nnext: {then} (which effect the model lacks, if any)"
+    print_result(calibrated.as_json() | {"model": str(output), "next": then}, text, as_json)
 
 
 def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Path, force: bool, as_json: bool) -> None:

@@ -37,6 +37,7 @@ from fabdesign.errors import InputError
     metavar="NAME=U,V",
     help="Point of the cloth for a CSV, m; may be given several times.",
 )
+@click.option("--overlay", is_flag=True, help="Lay what a panel is compared with, such as the measured cloud, over it.")
 @grid_option
 @click.option(
     "-o",
@@ -55,6 +56,7 @@ def view(
     trial: str | None,
     times: tuple[float, ...],
     markers: tuple[str, ...],
+    overlay: bool,
     grid: int | None,
     output: Path | None,
     force: bool,
@@ -76,6 +78,8 @@ def view(
         raise InputError(f"--time: instants of a picture; expected an output that ends in .png, not {kind}")
     if markers and kind != ".csv":
         raise InputError(f"--marker: points in a table; expected an output that ends in .csv, not {kind}")
+    if overlay and kind not in (".html", ".png", ".gif"):
+        raise InputError(f"--overlay: of pictures; expected an output that ends in .html, .png or .gif, not {kind}")
     if kind in NEEDS:
         import_module(NEEDS[kind])  # missing: said before anything is computed
     places = dict(_marker(text) for text in markers)
@@ -88,7 +92,7 @@ def view(
 
             forward = Simulator(points_per_side(grid, fitted))
         items = items_of(files, trial=trial, design=design, model=fitted, forward=forward)
-        more = writer(kind, times, places)(items, unfinished)
+        more = writer(kind, times, places, overlay=overlay)(items, unfinished)
     panels = [{"title": item.title, "frames": len(item.frames)} for item in items]
     for panel, distance in zip(panels, more, strict=bool(more)):
         panel |= distance

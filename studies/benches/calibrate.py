@@ -215,7 +215,8 @@ def _constants(law: Law) -> dict[str, Quantity]:
 
 
 def _origin(bench: Bench) -> str:
-    return f"fitted to the bench {bench.name}: {bench.source or bench.description}"
+    source = bench.source or bench.description
+    return f"fitted to the bench {bench.name}{source and f': {source}'}"
 
 
 def _bench_law(bench: Bench, law: Law) -> BenchLaw:
