@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
+from fabdesign.layout_drawing import layout_svg
 from fabdesign.metrics import MANY_BEYOND, told_beyond
 from fabdesign.model import Model
 from fabdesign.pressure import poses_in_words
 from studies.layouts.after import fewer_said, front_said
-from studies.layouts.drawing import layout_svg
 from studies.layouts.figures import convergence_figure, scene_figure
 from studies.layouts.result import StudyResult
 from studies.layouts.robustness import said as robust_said

@@ -7,10 +7,10 @@ import numpy as np
 from markupsafe import Markup
 
 from fabdesign.design_file import read_design
+from fabdesign.layout_drawing import layout_svg
 from fabdesign.loop_file import LoopStudy
 from fabdesign.output import write_text
 from fabdesign.pressure_file import read_pressures
-from studies.layouts.drawing import layout_svg
 from studies.layouts.figures import SHOWN, TARGET, faces_trace, points_trace
 from studies.layouts.target import LoadedTarget
 from studies.loop.record import LoopOutcome, Turn
