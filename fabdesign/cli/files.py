@@ -1,11 +1,13 @@
 """Designs and files: write them, check them, make templates of them."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import click
 
 from fabdesign.cli.console import FILE, FINITE, commands, force_option, json_option, print_result
+from fabdesign.errors import InputError
 from fabdesign.json_file import json_text
 from fabdesign.units import in_kpa
 
@@ -17,6 +19,12 @@ from fabdesign.units import in_kpa
 @click.option("--width", type=FINITE, help="Width of the cloth, m.")
 @click.option("--height", type=FINITE, help="Height of the cloth, m.")
 @click.option("--muscles", type=int, help="Number of muscles.")
+@click.option("--muscle-type", metavar="NAME", help="Name of your own muscle type; needs --bench.")
+@click.option(
+    "--bench",
+    type=FILE,
+    help="Its file: TYPE.toml of `calibrate BENCH`, or a table pressure_kpa,contraction,force_n.",
+)
 @click.option("--pitch", type=FINITE, default=0.02, show_default=True, help="Distance between fixed points, m.")
 @force_option
 @json_option
@@ -27,6 +35,8 @@ def new(
     width: float | None,
     height: float | None,
     muscles: int | None,
+    muscle_type: str | None,
+    bench: Path | None,
     pitch: float,
     force: bool,
     as_json: bool,
@@ -38,9 +48,16 @@ def new(
     from fabdesign.catalogue import build
     from fabdesign.design_file import write_design
     from fabdesign.output import new_files
+    from fabdesign.own_muscle import read_own_muscle
 
-    design = build(layout, width=width, height=height, muscles=muscles, fixed_point_pitch=pitch, name=name)
-    with new_files(output, force=force) as unfinished:
+    if (muscle_type is None) != (bench is None):
+        raise InputError("--muscle-type NAME and --bench FILE: one without the other; expected both")
+    kind, effects = (None, ()) if bench is None else read_own_muscle(bench, str(muscle_type))
+    design = build(
+        layout, width=width, height=height, muscles=muscles, muscle_type=kind, fixed_point_pitch=pitch, name=name
+    )
+    design = replace(design, effects=effects)
+    with new_files(output, force=force, inputs=[] if bench is None else [bench]) as unfinished:
         write_design(design, unfinished)
     result = {"design": str(output), "muscles": len(design.muscles), "channels": design.channels}
     print_result(result, f"{output}: {layout}, {len(design.muscles)} muscles on {design.channels} channels", as_json)

@@ -176,7 +176,7 @@ def calibrate(
 def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Path, force: bool, as_json: bool) -> None:
     from fabdesign.effect_file import effect_items
     from fabdesign.output import new_files
-    from studies.benches.calibrate import calibrate_bench, effects_in_words, errors_in_words, write_bench_type
+    from studies.benches.calibrate import calibrate_bench, effects_in_words, errors_in_words, next_step, write_bench_type
 
     with new_files(output, force=force, inputs=[source]) as unfinished:
         fitted = calibrate_bench(
@@ -193,7 +193,8 @@ def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Pa
         "effects": [effect_items(effect) for effect in fitted.effects],
         "files": files,
     }
-    text = "\n".join([f"{files[0]}: {fitted.bench.name}, {errors_in_words(fitted)}", *effects_in_words(fitted)])
+    lines = [f"{files[0]}: {fitted.bench.name}, {errors_in_words(fitted)}", *effects_in_words(fitted)]
+    text = "\n".join([*lines, f"next: {next_step(fitted, output)}"])
     print_result(result, text, as_json)
 
 
