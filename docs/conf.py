@@ -38,8 +38,9 @@ def write_excerpts(app, exception):
             name: app.env.get_doctree(name).astext() for name in app.env.found_docs if not name.startswith("results/")
         }
         pages = {name + ".html": " ".join(text.split()) for name, text in texts.items()}
-        lines = [f"const EXCERPTS = {json.dumps(pages)};", (ROOT / "docs" / "search.js").read_text(encoding="utf-8")]
-        (Path(app.outdir) / "_static" / "excerpts.js").write_text("\n".join(lines), encoding="utf-8")
+        (Path(app.outdir) / "_static" / "excerpts.js").write_text(
+            f"const EXCERPTS = {json.dumps(pages)};", encoding="utf-8"
+        )
 
 
 def excerpts_on_search(app, pagename, templatename, context, doctree):
@@ -54,6 +55,7 @@ def setup(app):
     app.connect("html-page-context", excerpts_on_search)
 
 
+html_search_scorer = str(ROOT / "docs" / "search.js")
 html_theme = "furo"
 html_title = f"fabdesign {__version__}"
 html_copy_source = False
