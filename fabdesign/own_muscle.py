@@ -1,6 +1,5 @@
 """A muscle type of a user's own for a layout of the catalogue: from what `calibrate` wrote, or from a bench table."""
 
-from dataclasses import replace
 from pathlib import Path
 
 from fabdesign.bench_table_file import read_bench_table
@@ -27,5 +26,5 @@ def read_own_muscle(file: Path, name: str) -> tuple[MuscleType, tuple[Term, ...]
         raise InputError(f"{file}: a folder; expected the file that `fabdesign calibrate {file} -o TYPE.toml` writes")
     (like,) = standard().muscle_types.values()
     note(f"{file}: a table without sizes; outer_diameter, mass_per_length and axis_offset are those of {like.name}")
-    limits = dict.fromkeys(("max_pressure", "stock_length", "min_bend_radius", "tail_length"))
-    return replace(like, name=name, bench=read_bench_table(file), **limits), ()
+    bench = read_bench_table(file)
+    return MuscleType(name, like.outer_diameter, like.mass_per_length, like.axis_offset, bench, like.viscosity), ()

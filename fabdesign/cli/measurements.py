@@ -176,7 +176,13 @@ def calibrate(
 def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Path, force: bool, as_json: bool) -> None:
     from fabdesign.effect_file import effect_items
     from fabdesign.output import new_files
-    from studies.benches.calibrate import calibrate_bench, effects_in_words, errors_in_words, next_step, write_bench_type
+    from studies.benches.calibrate import (
+        calibrate_bench,
+        effects_in_words,
+        errors_in_words,
+        next_step,
+        write_bench_type,
+    )
 
     with new_files(output, force=force, inputs=[source]) as unfinished:
         fitted = calibrate_bench(
