@@ -4,6 +4,7 @@ Nothing is fetched, neither while it is built nor while it is read: no fonts, sc
 search runs in the browser, also on pages opened as files.
 """
 
+import json
 import sys
 from pathlib import Path
 
@@ -29,6 +30,32 @@ autodoc_typehints = "signature"
 autodoc_default_options = {"members": True, "undoc-members": True}
 python_use_unqualified_type_names = True
 
+
+def write_excerpts(app, exception):
+    """Write the text of pages beside the search page, which shows excerpts: as a file it fetches none."""
+    if exception is None and app.builder.name == "html":
+        texts = {
+            name: app.env.get_doctree(name).astext() for name in app.env.found_docs if not name.startswith("results/")
+        }
+        pages = {name + ".html": " ".join(text.split()) for name, text in texts.items()}
+        (Path(app.outdir) / "_static" / "excerpts.js").write_text(
+            f"const EXCERPTS = {json.dumps(pages)};", encoding="utf-8"
+        )
+
+
+def excerpts_on_search(app, pagename, templatename, context, doctree):
+    """Load them there alone."""
+    if pagename == "search":
+        app.add_js_file("excerpts.js", priority=100)
+
+
+def setup(app):
+    """Called by Sphinx."""
+    app.connect("build-finished", write_excerpts)
+    app.connect("html-page-context", excerpts_on_search)
+
+
+html_search_scorer = str(ROOT / "docs" / "search.js")
 html_theme = "furo"
 html_title = f"fabdesign {__version__}"
 html_copy_source = False

@@ -14,7 +14,7 @@ from fabdesign.design_file import read_design
 from fabdesign.effort import CLOSEST, MUSCLES
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
-from fabdesign.muscle import Muscle, MuscleType
+from fabdesign.muscle import Muscle, MuscleType, diameter_slip
 from fabdesign.table import nearest
 from fabdesign.units import in_mm
 
@@ -136,7 +136,8 @@ def _require_room(layout: str, muscles: tuple[Muscle, ...], diameter: float) -> 
         for b in muscles[i + 1 :]:
             starts = max(abs(a.path[0][0] - b.path[0][0]), abs(a.path[0][1] - b.path[0][1]))
             if a.side == b.side and starts < diameter - _ROUNDING:
+                hint = diameter_slip(diameter) or ": fewer of them or a wider cloth"
                 raise InputError(
                     f"layout {layout}: {len(muscles)} muscles lie {in_mm(starts):.3f} mm apart; "
-                    f"expected at least their diameter, {in_mm(diameter):.3f} mm: fewer of them or a wider cloth"
+                    f"expected at least their diameter, {in_mm(diameter):.3f} mm{hint}"
                 )

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from fabdesign.fabric import Fabric
 from fabdesign.muscle import Muscle, MuscleType
+from fabdesign.summary import design_summary
 from fabdesign.term import Term
 
 
@@ -31,3 +32,10 @@ class Design:
     def channels(self) -> int:
         """Number of pressure channels: the highest channel in use, plus one."""
         return max((m.channel for m in self.muscles), default=-1) + 1
+
+    def __str__(self) -> str:
+        return design_summary(self).text()
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        return design_summary(self).html()

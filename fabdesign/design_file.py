@@ -228,7 +228,9 @@ def _muscle_type(name: str, table: Table, path: Path) -> MuscleType:
 def _muscle(table: Table, fabric: Fabric, types: dict[str, MuscleType]) -> Muscle:
     kind = table.text("type")
     if kind not in types:
-        raise table.bad("type", f"one of {', '.join(types) or 'none'}{nearest(kind, [*types])}")
+        if not types:
+            raise table.bad("type", f"[muscle_types.{kind}] in this file, or in one that it includes")
+        raise table.bad("type", f"one of {', '.join(types)}{nearest(kind, [*types])}")
     path = table.points("path")
     if len(path) < 2:
         raise table.bad("path", "at least two [u, v] points")

@@ -1,19 +1,25 @@
 """Everything that a workshop needs to make a design: templates as SVG, PDF and DXF, and a cut list."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import count, takewhile
 from pathlib import Path
 from xml.etree import ElementTree as ET
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fabdesign.csv_table import write_rows
 from fabdesign.design import Design
 from fabdesign.drawing import Circle, Drawing, Line, Shape
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, note
 from fabdesign.muscle import MuscleType
 from fabdesign.output import Inputs, new_folder, whole_file, write_text
 from fabdesign.pages import PAPERS
 from fabdesign.pdf import write_pages
-from fabdesign.template import whole_template
+from fabdesign.pressure_file import pressure_file_of, read_pressures, write_pressures
+from fabdesign.template import laced_sides, whole_template
 from fabdesign.units import in_mm
 
 
@@ -129,9 +135,18 @@ def _tail(design: Design, kind: MuscleType, asked: float | None) -> float:
 _LONGEST = {"seam allowance": 0.1, "tail length": 1.0}  # m; what is longer was surely meant in millimetres
 
 
+def pressures_beside(design: Path) -> list[Path]:
+    """Return the pressure files of a result's poses, where `design` lies in the folder of a search."""
+    if not (design.parent / "result.json").is_file():
+        return []
+    poses = takewhile(lambda file: file.is_file(), (design.parent / pressure_file_of(pose) for pose in count(1)))
+    return list(poses)
+
+
 @dataclass(frozen=True)
 class Exported:
     files: tuple[Path, ...]
+    pressures: tuple[NDArray[np.float64], ...]  # (channels,) Pa of each pose, at the end of its program
     left_out: tuple[str, ...]  # what could not be made, and what would help
 
 
@@ -143,13 +158,16 @@ def export_design(
     paper: str | None = "a4",
     seam_allowance: float = 0.01,
     tail_length: float | None = None,
+    pressures: Sequence[Path] = (),
     force: bool = False,
     inputs: Inputs = (),
 ) -> Exported:
-    """Write both faces' templates as SVG, their pages as PDF, the cut list and, where ezdxf is installed, a DXF.
+    """Write the laced faces' templates as SVG, their pages as PDF, the cut list, the pressures and, where ezdxf is
+    installed, a DXF.
 
     paper: "a4" or "letter"; None: no pages. seam_allowance: of cloth outside the cloth's edge [m]. tail_length: of a
-    muscle, left free at each end [m], in place of the muscle types' own. force, inputs: as `new_folder` takes them.
+    muscle, left free at each end [m], in place of the muscle types' own. pressures: a file for each pose, written as
+    `STEM_pressures.csv`, `STEM_pressures_2.csv`. force, inputs: as `new_folder` takes them.
     Raises InputError where a muscle type in use has no tail length, where a muscle is longer than its stock, for a
     length out of range, for too many pages, and like `new_folder`.
     """
@@ -158,17 +176,22 @@ def export_design(
     for name, value in (("seam allowance", seam_allowance), ("tail length", tail_length)):
         if value is not None and not 0 <= value <= _LONGEST[name]:
             raise InputError(f"{name} = {value:g} m; expected 0 to {_LONGEST[name]:g} m")
+    programs = [read_pressures(file, design) for file in pressures]
     left_out = []
+    if not find_spec("ezdxf"):
+        left_out.append("no DXF: pip install 'fabdesign[dxf]'")
+        note(left_out[0])  # said before anything is written
     with new_folder(folder, made_by="export", force=force, inputs=inputs) as unfinished:
         write_cut_list(design, unfinished / f"{stem}_cut_list.csv", tail_length=tail_length)
-        for side in ("front", "back"):
+        for pose, program in enumerate(programs, start=1):
+            write_pressures(program, unfinished / f"{stem}_{pressure_file_of(pose)}")
+        for side in laced_sides(design):
             drawing = whole_template(design, side, seam_allowance=seam_allowance)
             write_svg(drawing, unfinished / f"{stem}_{side}.svg", title=f"{design.name}, {side}")
         if paper is not None:
             write_pages(design, unfinished / f"{stem}_{paper}.pdf", paper=paper, seam_allowance=seam_allowance)
-        if find_spec("ezdxf"):
+        if not left_out:
             write_dxf(design, unfinished / f"{stem}.dxf", seam_allowance=seam_allowance)
-        else:
-            left_out.append("no DXF: pip install 'fabdesign[dxf]'")
         names = sorted(file.name for file in unfinished.iterdir())
-    return Exported(tuple(folder / name for name in names), tuple(left_out))
+    last = tuple(program.pressure[-1] for program in programs)
+    return Exported(tuple(folder / name for name in names), last, tuple(left_out))

@@ -128,6 +128,11 @@ class Model:
         return {_own_name(name, parameter): parameter.factor for name, parameter in self.parameters.items()}
 
     @property
+    def unreliable(self) -> tuple[str, ...]:
+        """Return the parameters whose intervals the fit calls not reliable."""
+        return tuple(name for name, parameter in self.parameters.items() if not parameter.reliable)
+
+    @property
     def terms(self) -> tuple[Term, ...]:
         """What `forward.Case` takes."""
         return tuple(effect.term for effect in self.effects)

@@ -17,6 +17,16 @@ class BenchTable:
     force: tuple[float, ...]  # N, positive is tension
 
 
+_WIDEST = 0.1  # m, of any muscle that is laced
+
+
+def diameter_slip(diameter: float) -> str:
+    """Return what is said of a diameter [m] that no laced muscle has; empty for any other."""
+    if diameter < _WIDEST:
+        return ""
+    return f"; outer_diameter is in m, and {diameter:g} was probably given in mm"
+
+
 @dataclass(frozen=True)
 class MuscleType:
     """A kind of thin McKibben muscle: its bench table says what it pulls, the rest how it is built and mounted.

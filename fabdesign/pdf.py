@@ -8,7 +8,7 @@ from fabdesign.drawing import Circle, Drawing, Line, Shape, Words, scale_bar
 from fabdesign.errors import InputError
 from fabdesign.output import whole_file
 from fabdesign.pages import FOOT, HEAD, MARGIN, NAMES, PAPERS, Tiling, grid_drawing, joints, page_name, tiled
-from fabdesign.template import face_drawing, what_it_shows
+from fabdesign.template import face_drawing, laced_sides, what_it_shows
 
 MOST_PAGES = 200
 _MM = 1 / 25.4  # in
@@ -26,8 +26,7 @@ def write_pages(design: Design, path: Path, *, paper: str, seam_allowance: float
     seam_allowance: [m]. Raises InputError for a cloth that takes more than 200 pages and where `path` cannot be
     written.
     """
-    laced = {muscle.side for muscle in design.muscles} or {"front"}
-    sides = [side for side in ("front", "back") if side in laced]
+    sides = laced_sides(design)
     faces = [face_drawing(design, side, seam_allowance=seam_allowance) for side in sides]
     tilings = [tiled(face.box, paper) for face in faces]
     count = 1 + sum(tiling.rows * tiling.columns for tiling in tilings)
@@ -66,8 +65,8 @@ def _page(face: Drawing, tiling: Tiling, row: int, column: int, words: tuple[str
     whole = (part[0] - MARGIN, part[1] - HEAD, part[2] + MARGIN, part[3] + FOOT)
     around = _axes(figure, page, (0, 0, *page), whole)
     left, top, _, bottom = part
-    title = [Words((left, top - 11), words[0], 4.5, bold=True), Words((left, top - 6.2), words[1], 2.7)]
-    _draw(around, [*title, *outside, *scale_bar((left, bottom + 11))])
+    title = [Words((left, top - 8), words[0], 4.5, bold=True), Words((left, top - 3.2), words[1], 2.7)]
+    _draw(around, [*title, *outside, *scale_bar((left, bottom + 9))])
     return figure
 
 

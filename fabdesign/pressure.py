@@ -1,5 +1,6 @@
 """Pressure programs: the regulator's set points over time."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -75,6 +76,21 @@ def limits(design: Design) -> NDArray[np.float64]:
         if stated is not None:
             most[muscle.channel] = min(most[muscle.channel], stated)
     return most
+
+
+def in_words(pressures: NDArray[np.float64]) -> str:
+    """Return pressures (channels,) Pa for people: "channel 0: 312 kPa, channel 1: 0 kPa"."""
+    return ", ".join(f"channel {k}: {in_kpa(value):.0f} kPa" for k, value in enumerate(pressures))
+
+
+def poses_in_words(pressures: Sequence[NDArray[np.float64]]) -> list[str]:
+    """Return a line for the final pressures of each pose, (channels,) Pa."""
+    several = len(pressures) > 1
+    return [
+        f"pressures{f' of pose {pose}' if several else ''}: {in_words(row)}"
+        for pose, row in enumerate(pressures, start=1)
+        if len(row)
+    ]
 
 
 def require_pressures(program: PressureProgram, design: Design, where: str) -> None:

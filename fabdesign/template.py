@@ -16,11 +16,17 @@ _TWO_LABELS = 60.0  # mm: a muscle as long as this is labelled at both ends
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000", "#8a7a00")
 
 
+def laced_sides(design: Design) -> list[str]:
+    """Return the faces that have muscles, the front where none has."""
+    laced = {muscle.side for muscle in design.muscles} or {"front"}
+    return [side for side in ("front", "back") if side in laced]
+
+
 def face_drawing(design: Design, side: str, *, seam_allowance: float) -> Drawing:
     """One face ("front" or "back") as it is seen, so the back is mirrored; origin at the upper corner on the left.
 
     It shows the cloth's outline and hung edge, the line to cut along `seam_allowance` [m] outside it, and each
-    muscle's line with its fixed points, number and channel.
+    muscle's line with its fixed points, number and channel, and u, v of its ends and corners in mm.
     """
     width, height = in_mm(design.fabric.width), in_mm(design.fabric.height)
     shapes = [*_outlines(width, height, in_mm(seam_allowance)), *_hung(design, side)]
@@ -47,10 +53,11 @@ def whole_template(design: Design, side: str, *, seam_allowance: float) -> Drawi
 
 
 def what_it_shows(design: Design, side: str, seam_allowance: float) -> str:
-    """In words: which way the face is seen, the cloth's size and its seam allowance."""
+    """Return in words which way the face is seen, the cloth's size, its seam allowance and what the numbers are."""
     seen = "as seen from behind (mirrored)" if side == "back" else "as seen from the front"
     cloth = f"cloth {in_mm(design.fabric.width):g} x {in_mm(design.fabric.height):g} mm"
-    return f"{seen}; {cloth}, seam allowance {in_mm(seam_allowance):g} mm"
+    corner = "upper right" if side == "back" else "upper left"
+    return f"{seen}; {cloth}, seam {in_mm(seam_allowance):g} mm; (u, v) in mm from the {corner} corner"
 
 
 def _outlines(width: float, height: float, allowance: float) -> list[Shape]:
@@ -104,10 +111,20 @@ def _muscle(muscle: Muscle, number: int, width: float) -> list[Shape]:
         place = _seen((float(u), float(v)), muscle.side, width)
         shapes += [Circle(place, 1.2, 0.3, colour), *cross(place, 1.2, 0.2, colour)]
     text = f"{number} (channel {muscle.channel})"
-    shapes.append(_label(corners[0], corners[1], text, colour))
-    if in_mm(muscle.length) >= _TWO_LABELS:  # so that a page that shows its end alone says whose it is
-        shapes.append(_label(corners[-1], corners[-2], text, colour))
+    first, last = _place_words(muscle.path[0]), _place_words(muscle.path[-1])
+    if in_mm(muscle.length) < _TWO_LABELS:
+        shapes.append(_label(corners[0], corners[1], f"{text}: {first} to {last}", colour))
+    else:  # at both ends, so that a page that shows one end alone says whose it is
+        shapes.append(_label(corners[0], corners[1], f"{text}: {first}", colour))
+        shapes.append(_label(corners[-1], corners[-2], f"{text}: {last}", colour))
+    for place, (x, y) in zip(muscle.path[1:-1], corners[1:-1], strict=True):
+        shapes.append(Words((x + 1.8, y + 3.2), _place_words(place), 2.2, colour))
     return shapes
+
+
+def _place_words(place: tuple[float, float]) -> str:
+    u, v = (round(in_mm(value), 1) for value in place)
+    return f"({u:g}, {v:g})"
 
 
 def _label(end: Point, towards: Point, text: str, colour: str) -> Words:

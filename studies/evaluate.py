@@ -80,12 +80,15 @@ class SetEvaluation:
     designs: Mapping[str, DesignResult]
     others: Mapping[str, DesignResult]
     used: UsedFrames
+    unreliable: tuple[str, ...] = ()  # parameters of the model whose intervals its fit calls not reliable
 
     def as_json(self) -> dict[str, Any]:
         """What `evaluate --json` prints: mm."""
         result: dict[str, Any] = {"designs": {name: _as_json(design) for name, design in self.designs.items()}}
         if self.others:
             result["others"] = {name: _as_json(design) for name, design in self.others.items()}
+        if self.unreliable:
+            result["unreliable"] = list(self.unreliable)
         return result | self.used.as_json() | {"metric": "chamfer, surface_rms", "unit": "mm"}
 
 
@@ -137,7 +140,7 @@ def evaluate_sets(
     for job, noise in zip(jobs, noises, strict=True):
         own, results = results[: len(job.trials)], results[len(job.trials) :]
         tables[job.role][job.title] = _summarise(job.title, job.measured, noise.result(), own)
-    return SetEvaluation(tables["test"], tables["fit"], used)
+    return SetEvaluation(tables["test"], tables["fit"], used, model.unreliable)
 
 
 @dataclass(frozen=True)

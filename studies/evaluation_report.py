@@ -1,14 +1,19 @@
 """What an evaluation leaves in a folder: numbers, tables and a picture."""
 
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from fabdesign.csv_table import write_rows
 from fabdesign.json_file import write_json
 from fabdesign.metrics import Statistics, told_beyond
 from fabdesign.output import new_folder
 from fabdesign.units import in_mm
-from studies.evaluate import ERRORS, SetEvaluation, histogram
+from studies.evaluate import ERRORS, DesignResult, SetEvaluation, histogram
 from studies.intervals.widths import IntervalScore
+
+_FEW = 12  # trials, of which a histogram says less than their values
 
 
 def write_evaluation(evaluation: SetEvaluation, out: Path) -> None:
@@ -30,6 +35,9 @@ def tables_markdown(evaluation: SetEvaluation) -> str:
         "model removes; models are compared by the value with * (surface RMS, in quadrature).\n",
         f"{used[0].upper()}{used[1:]}.\n",
     ]
+    if evaluation.unreliable:
+        names = ", ".join(evaluation.unreliable)
+        parts.append(f"Warning: the model's intervals of {names} are not reliable, as its calibration said.\n")
     for heading, table in (("Trials of role test", evaluation.designs), ("Other trials", evaluation.others)):
         if table:
             parts.append(f"## {heading}\n\n| design | trials | error | floor | before | after | removed |")
@@ -106,11 +114,25 @@ def _write_histogram(evaluation: SetEvaluation, path: Path) -> None:
     axes = figure.subplots(len(panels), 2, squeeze=False)
     for row, (kind, name, design) in zip(axes, panels, strict=True):
         for axis, error, floor in zip(row, ("chamfer", "surface_rms"), ("chamfer_floor", "surface_floor"), strict=True):
-            shown = histogram(design, error)
-            for state, colour in (("before", "tab:gray"), ("after", "tab:blue")):
-                axis.stairs(shown[state], shown["edges"], fill=True, alpha=0.6, color=colour, label=state)
-            axis.axvline(in_mm(design.after[floor].mean), color="black", linestyle="--", label="floor")
-            axis.set(xlabel=f"{error} [mm]", ylabel="trials", title=f"{name}, {kind} trials")
-            axis.legend(fontsize="small")
+            _draw_distribution(axis, design, error)
+            axis.axvline(in_mm(design.after[floor].mean), color="black", linestyle="--", label="noise floor")
+            axis.set(xlabel=f"{error.replace('_', ' ')}, mm", title=f"{name}, {kind} trials")
+            axis.legend(fontsize="small", loc="center left", bbox_to_anchor=(1, 0.5))
     figure.suptitle("; ".join(sorted({design.source for *_, design in panels})), fontsize="small")
     figure.savefig(path, dpi=120)
+
+
+def _draw_distribution(axis: Any, design: DesignResult, error: str) -> None:
+    """Draw the errors before and after: a mark a trial of a few, else how many trials have which error."""
+    states = {"before": "tab:gray", "after": "tab:blue"}
+    if len(design.trials) < _FEW:
+        for row, (state, colour) in enumerate(states.items()):
+            values = [in_mm(getattr(getattr(trial, state), error)) for trial in design.trials]
+            axis.plot(values, np.full(len(values), row), "o", color=colour, alpha=0.7, label=state)
+        axis.set(yticks=[0, 1], yticklabels=[*states], ylim=(1.6, -0.6))
+        return
+    shown = histogram(design, error)
+    for state, colour in states.items():
+        axis.stairs(shown[state], shown["edges"], fill=True, alpha=0.6, color=colour, label=state)
+    axis.set_ylabel("trials")
+    axis.yaxis.get_major_locator().set_params(integer=True)

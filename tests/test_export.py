@@ -12,9 +12,14 @@ from hypothesis import strategies as st
 
 from fabdesign.catalogue import build, standard
 from fabdesign.design import Design
-from fabdesign.errors import InputError
-from fabdesign.export import export_design
+from fabdesign.drawing import Words
+from fabdesign.errors import InputError, InputNote
+from fabdesign.export import export_design, pressures_beside
+from fabdesign.muscle import Muscle
 from fabdesign.pages import NAMES, OVERLAP, PAPERS, joints, page_name, tiled, window
+from fabdesign.pressure import poses_in_words
+from fabdesign.pressure_file import constant_program, write_pressures
+from fabdesign.template import face_drawing
 
 POINT = 72 / 25.4  # PDF points in a millimetre
 
@@ -152,7 +157,8 @@ def test_dxf_layers(tmp_path: Path) -> None:
 
 def test_a_missing_dxf_extra_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fabdesign.export.find_spec", lambda name: None)
-    made = export_design(build("cross"), tmp_path, stem="d", paper=None, tail_length=0.0)
+    with pytest.warns(InputNote, match="no DXF"):
+        made = export_design(build("cross"), tmp_path, stem="d", paper=None, tail_length=0.0)
     assert made.left_out == ("no DXF: pip install 'fabdesign[dxf]'",)
     assert not (tmp_path / "d.dxf").exists()
 
@@ -177,3 +183,40 @@ def test_muscle_longer_than_its_stock(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"muscle 0 needs 340.4 mm; expected at most its stock, 300 mm of EM20"):
         export_design(with_type(build("cross"), stock_length=0.3), tmp_path / "out", stem="d", tail_length=0.05)
     assert not (tmp_path / "out").exists()
+
+
+def test_a_side_without_muscles_is_not_written(tmp_path: Path) -> None:
+    made = export_design(build("vertical"), tmp_path, stem="d", paper=None, tail_length=0.0)
+    assert not (tmp_path / "d_back.svg").exists() and tmp_path / "d_front.svg" in made.files
+
+
+def test_a_small_wide_cloth_fits_one_page_on_its_side() -> None:
+    face = face_drawing(build("cross", width=0.24, height=0.15), "front", seam_allowance=0.01)
+    tiling = tiled(face.box, "a4")
+    assert (tiling.rows, tiling.columns, tiling.page) == (1, 1, PAPERS["a4"][::-1])
+
+
+@pytest.mark.parametrize("side", ["front", "back"])
+def test_a_template_names_the_coordinates_of_ends_and_corners(side: str) -> None:
+    path = ((0.02, 0.01), (0.02, 0.1), (0.0305, 0.15))
+    design = replace(build("vertical"), muscles=(Muscle("EM20", side, 0, path, 0.02),))
+    words = [s.text for s in face_drawing(design, side, seam_allowance=0.01).shapes if isinstance(s, Words)]
+    assert [*words[-3:]] == ["0 (channel 0): (20, 10)", "0 (channel 0): (30.5, 150)", "(20, 100)"]
+
+
+def test_a_results_pressures_are_exported_with_it(tmp_path: Path) -> None:
+    design, folder = build("vertical", muscles=2), tmp_path / "result"
+    folder.mkdir()
+    (folder / "design.toml").touch()
+    for name in ("pressures.csv", "pressures_2.csv"):
+        write_pressures(constant_program([3e5, 1e5]), folder / name)
+    assert pressures_beside(folder / "design.toml") == []  # of another program, until a search wrote a result
+    (folder / "result.json").touch()
+    files = pressures_beside(folder / "design.toml")
+    assert [file.name for file in files] == ["pressures.csv", "pressures_2.csv"]
+    made = export_design(design, tmp_path / "out", stem="d", paper=None, tail_length=0.0, pressures=files)
+    assert (tmp_path / "out" / "d_pressures_2.csv").read_text() == files[1].read_text()
+    assert poses_in_words(made.pressures)[1] == "pressures of pose 2: channel 0: 300 kPa, channel 1: 100 kPa"
+    with pytest.raises(InputError, match="expected 3 channels"):
+        export_design(build("vertical"), tmp_path / "other", stem="d", tail_length=0.0, pressures=files)
+    assert not (tmp_path / "other").exists()

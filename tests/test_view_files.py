@@ -23,6 +23,8 @@ from fabdesign.pressure_file import constant_program
 from fabdesign.trial_file import TrialData, write_trial
 from studies.view.distance import distances
 from studies.view.items import items_of
+from studies.view.picture import _wrapped
+from studies.view.shapes import AROUND, points_beneath
 from tests.analytic_cloth import AnalyticCloth
 
 TIMES = np.array([0.0, 0.2, 0.5, 1.0])
@@ -253,3 +255,30 @@ def test_a_still_mesh_has_one_colour_and_nothing_to_play(files: dict[str, Path],
     assert found["from"] == "motion"
     assert found["unit"] == "mm"
     assert 'id="play"' in (tmp_path / "both.html").read_text()
+
+
+def test_the_measured_cloud_lies_over_what_is_compared_with_it(files: dict[str, Path], tmp_path: Path) -> None:
+    view(files["trial"], files["motion"], "--overlay", "-o", tmp_path / "over.html")
+    page = (tmp_path / "over.html").read_text()
+    data = json.loads(page.split('id="data">')[1].split("</script>")[0])
+    assert [item["reference"] for item in data["items"]] == [None, 0]
+    assert 'id="overlay" type="checkbox" checked' in page
+    result = CliRunner().invoke(commands, ["view", str(files["motion"]), "--overlay", "-o", str(tmp_path / "a.csv")])
+    assert isinstance(result.exception, InputError) and "expected an output that ends in .html" in str(result.exception)
+
+
+def test_a_muscle_knows_the_points_of_its_side_that_it_lies_on(files: dict[str, Path]) -> None:
+    (item,) = items_of([files["motion"]])
+    beneath = points_beneath(item)
+    assert len(beneath) == AROUND * sum(span.stop - span.start for span in item.muscles.spans)
+    assert beneath.max() < POINTS // 2  # all of them are laced into the front
+    at = np.asarray(item.frames[0])[beneath[::AROUND]]
+    apart = np.linalg.norm(at - np.concatenate([item.muscles.points[0, span] for span in item.muscles.spans]), axis=1)
+    assert apart.max() < 0.01
+
+
+def test_words_over_a_picture_stay_within_it(files: dict[str, Path]) -> None:
+    items = items_of([files["trial"], files["motion"]])
+    distance = distances(items)[1]
+    lines = _wrapped(items[1], distance, 6.0).splitlines()
+    assert max(map(len, lines)) <= 78 and lines[-1].startswith("surface RMS")

@@ -1,6 +1,7 @@
 """Designs and files: write them, check them, make templates of them."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -18,6 +19,7 @@ from fabdesign.cli.console import (
 )
 from fabdesign.errors import InputError
 from fabdesign.json_file import json_text
+from fabdesign.units import in_kpa
 
 if TYPE_CHECKING:
     from fabdesign.placement import Unit
@@ -30,6 +32,12 @@ if TYPE_CHECKING:
 @click.option("--width", type=FINITE, help="Width of the cloth, m.")
 @click.option("--height", type=FINITE, help="Height of the cloth, m.")
 @click.option("--muscles", type=int, help="Number of muscles.")
+@click.option("--muscle-type", metavar="NAME", help="Name of your own muscle type; needs --bench.")
+@click.option(
+    "--bench",
+    type=FILE,
+    help="Its file: TYPE.toml of `calibrate BENCH`, or a table pressure_kpa,contraction,force_n.",
+)
 @click.option("--pitch", type=FINITE, default=0.02, show_default=True, help="Distance between fixed points, m.")
 @force_option
 @json_option
@@ -40,6 +48,8 @@ def new(
     width: float | None,
     height: float | None,
     muscles: int | None,
+    muscle_type: str | None,
+    bench: Path | None,
     pitch: float,
     force: bool,
     as_json: bool,
@@ -51,9 +61,16 @@ def new(
     from fabdesign.catalogue import build
     from fabdesign.design_file import write_design
     from fabdesign.output import new_files
+    from fabdesign.own_muscle import read_own_muscle
 
-    design = build(layout, width=width, height=height, muscles=muscles, fixed_point_pitch=pitch, name=name)
-    with new_files(output, force=force) as unfinished:
+    if (muscle_type is None) != (bench is None):
+        raise InputError("--muscle-type NAME and --bench FILE: one without the other; expected both")
+    kind, effects = (None, ()) if bench is None else read_own_muscle(bench, str(muscle_type))
+    design = build(
+        layout, width=width, height=height, muscles=muscles, muscle_type=kind, fixed_point_pitch=pitch, name=name
+    )
+    design = replace(design, effects=effects)
+    with new_files(output, force=force, inputs=[] if bench is None else [bench]) as unfinished:
         write_design(design, unfinished)
     result = {"design": str(output), "muscles": len(design.muscles), "channels": design.channels}
     print_result(result, f"{output}: {layout}, {len(design.muscles)} muscles on {design.channels} channels", as_json)
@@ -123,6 +140,12 @@ def _counted(warnings: tuple[str, ...]) -> str:
     show_default=True,
     help="Paper of the PDF's pages.",
 )
+@click.option(
+    "--pressures",
+    type=FILE,
+    multiple=True,
+    help="Pressures to write too, a file for each pose; by default those beside a DESIGN that optimize wrote.",
+)
 @click.option("-o", "--output", type=FILE, required=True, help="The folder to write to.")
 @force_option
 @json_option
@@ -131,18 +154,21 @@ def export(
     tail_length: float | None,
     seam_allowance: float,
     paper: str,
+    pressures: tuple[Path, ...],
     output: Path,
     force: bool,
     as_json: bool,
 ) -> None:
-    """Write sewing templates and a cut list of a DESIGN.
+    """Write sewing templates, a cut list and the pressures of a DESIGN.
 
     The templates are at 1:1. They are pages to print and glue (PDF), whole faces (SVG), and with the extra dxf a DXF
     file.
     """
     from fabdesign.design_file import read_design
-    from fabdesign.export import export_design
+    from fabdesign.export import export_design, pressures_beside
+    from fabdesign.pressure import poses_in_words
 
+    chosen = pressures or pressures_beside(design)
     made = export_design(
         read_design(design),
         output,
@@ -150,8 +176,14 @@ def export(
         paper=None if paper == "none" else paper,
         seam_allowance=seam_allowance,
         tail_length=tail_length,
+        pressures=chosen,
         force=force,
-        inputs=[design],
+        inputs=[design, *chosen],
     )
     files = [str(file) for file in made.files]
-    print_result({"files": files, "left_out": list(made.left_out)}, "\n".join([*files, *made.left_out]), as_json)
+    result = {
+        "files": files,
+        "pressures_kpa": [in_kpa(row).tolist() for row in made.pressures],
+        "left_out": list(made.left_out),
+    }
+    print_result(result, "\n".join([*files, *poses_in_words(made.pressures)]), as_json)

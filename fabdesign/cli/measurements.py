@@ -169,7 +169,9 @@ def calibrate(
             progress=shown,
             say=tell,
         ).found
-    print_result(calibrated.as_json() | {"model": str(output)}, f"{output}: {as_text(calibrated)}", as_json)
+    then = f"fabdesign trace {' '.join(map(str, sources))} --model {output} -o traced"
+    text = f"{output}: {as_text(calibrated)}\nnext: {then} (which effect the model lacks, if any)"
+    print_result(calibrated.as_json() | {"model": str(output), "next": then}, text, as_json)
 
 
 def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Path, force: bool, as_json: bool) -> None:
@@ -180,6 +182,7 @@ def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Pa
         effects_in_words,
         errors_in_words,
         noise_in_words,
+        next_step,
         write_bench_type,
     )
 
@@ -202,7 +205,7 @@ def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Pa
         "files": files,
     }
     lines = [f"{files[0]}: {fitted.bench.name}, {errors_in_words(fitted)}"]
-    lines += [*noise_in_words(fitted), *effects_in_words(fitted)]
+    lines += [*noise_in_words(fitted), *effects_in_words(fitted), f"next: {next_step(fitted, output)}"]
     print_result(result, "\n".join(lines), as_json)
 
 

@@ -60,6 +60,7 @@ def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_j
     A STUDY is a TOML file. Ctrl-C keeps the best so far; the same command goes on from there.
     """
     from fabdesign.metrics import MANY_BEYOND, told_beyond
+    from fabdesign.pressure import poses_in_words
     from studies.layouts.progress import LiveLine
     from studies.layouts.run import run_study
 
@@ -77,7 +78,8 @@ def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_j
     said = [*after, *result["reach"]["said"], *result["way"]["said"]]
     if result["surface_beyond"] >= MANY_BEYOND:
         said.append(told_beyond(result["surface_beyond"]))
-    text = "\n".join([*(f"target: {target}" for target in result["targets"]), text, *outputs, *said])
+    targets = [f"target: {target}" for target in result["targets"]]
+    text = "\n".join([*targets, text, *poses_in_words(list(outcome.pressures)), *outputs, *said])
     print_result(result, text, as_json)
 
 

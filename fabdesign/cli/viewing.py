@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 )
 @unit_option
 @place_option
+@click.option("--overlay", is_flag=True, help="Lay what a panel is compared with, such as the measured cloud, over it.")
 @grid_option
 @click.option(
     "-o",
@@ -65,6 +66,7 @@ def view(
     markers: tuple[str, ...],
     unit: "Unit",
     place: Literal["given", "fit"],
+    overlay: bool,
     grid: int | None,
     output: Path | None,
     force: bool,
@@ -90,6 +92,8 @@ def view(
         raise InputError(f"--marker: points in a table; expected an output that ends in .csv, not {kind}")
     if place == "fit" and design is None:
         raise InputError("--place fit: needs the cloth; expected --design with its design file")
+    if overlay and kind not in (".html", ".png", ".gif"):
+        raise InputError(f"--overlay: of pictures; expected an output that ends in .html, .png or .gif, not {kind}")
     if kind in NEEDS:
         import_module(NEEDS[kind])  # missing: said before anything is computed
     places = dict(_marker(text) for text in markers)
@@ -103,7 +107,7 @@ def view(
             forward = Simulator(points_per_side(grid, fitted))
         how = AsTarget(unit, place, read_design(design).fabric if place == "fit" and design is not None else None)
         items = items_of(files, trial=trial, design=design, model=fitted, forward=forward, how=how)
-        more = writer(kind, times, places)(items, unfinished)
+        more = writer(kind, times, places, overlay=overlay)(items, unfinished)
     panels = [{"title": item.title, "frames": len(item.frames)} for item in items]
     for panel, distance in zip(panels, more, strict=bool(more)):
         panel |= distance

@@ -1,5 +1,7 @@
 """What measured sets teach: the factors of a model, the effects that it lacks, a corrector for the rest."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -194,7 +196,7 @@ def train(
     return Trained(out, result, tuple(line for _, lines in checked for line in lines))
 
 
-def _unknowns(free: Sequence[str], fix: Sequence[str], base: Model, sets: Sequence[MeasurementSet]) -> "FitVector":
+def _unknowns(free: Sequence[str], fix: Sequence[str], base: Model, sets: Sequence[MeasurementSet]) -> FitVector:
     """What a fit of these sets moves. Raises InputError."""
     from optimize.fit.free import fit_vector
 

@@ -1,5 +1,7 @@
 """What a model says of measured sets: the motions that it predicts, and how far they are off."""
 
+from __future__ import annotations
+
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path

@@ -1,5 +1,7 @@
 """Motions and shapes of designs: one, a batch, or a sweep into a table."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 

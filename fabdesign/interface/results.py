@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from fabdesign.design import Design
 from fabdesign.errors import InputError
 from fabdesign.model import Model
+from fabdesign.summary import Summary
 from fabdesign.units import in_mm
 
 if TYPE_CHECKING:
@@ -27,7 +28,17 @@ Columns = dict[str, "list[Any] | NDArray[Any]"]  # by name, all of one length
 
 
 class Tabled:
-    """What can be a table."""
+    """What can be a table, and shows itself in some lines."""
+
+    def summary(self) -> Summary:
+        """Return what `print` and a notebook show."""
+        return Summary([f"{type(self).__name__}:"], self.columns())
+
+    def __str__(self) -> str:
+        return self.summary().text()
+
+    def _repr_html_(self) -> str:
+        return self.summary().html()
 
     def columns(self) -> Columns:
         """Of the table, by name: sequences of the same length. Units are those of the command's output."""
@@ -76,6 +87,14 @@ class Motion(Tabled):
         names = ("time", "face", "row", "column", "axis")
         places = {"time": self.time, "face": ["front", "back"], "axis": ["x", "y", "z"]}
         return xarray.DataArray(self.faces, dims=names, coords=places, name="points", attrs={"units": "m"})
+
+    def summary(self) -> Summary:
+        """Return the number of frames and points, and what box holds them."""
+        low, high = (end(self.points, axis=(0, 1)) for end in (np.min, np.max))
+        head = (
+            f"Motion: {len(self.time)} frames of {self.points.shape[1]} points, {self.time[0]:g} to {self.time[-1]:g} s"
+        )
+        return Summary([head], {"axis": ["x", "y", "z"], "lowest m": low, "highest m": high})
 
     def columns(self) -> Columns:
         """A row for every point of every frame: time [s], face, row, column, x, y, z [m]."""
@@ -142,6 +161,10 @@ class Traced(Tabled):
     """found: all that the trace says."""
 
     found: "Outcome"
+
+    def summary(self) -> Summary:
+        """Return the verdict, and the model's parameters."""
+        return Summary([f"Traced: {self.verdict}"], self.columns())
 
     @property
     def verdict(self) -> str:

@@ -1,5 +1,7 @@
 """Searches and sweeps: a layout with pressures for a target, layouts side by side, and what a shape depends on."""
 
+from __future__ import annotations
+
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from fabdesign.design import Design
 from fabdesign.errors import InputError
 from fabdesign.interface.results import Columns, Motion, Tabled
+from fabdesign.pressure import poses_in_words
+from fabdesign.summary import Summary, muscle_columns
 from fabdesign.units import in_kpa, in_mm
 
 if TYPE_CHECKING:
@@ -23,6 +25,16 @@ class Optimized(Tabled):
     """found: all that the search says."""
 
     found: "StudyResult"
+
+    def summary(self) -> Summary:
+        """Return error, pressures, muscles and the layout."""
+        from fabdesign.layout_drawing import layout_svg
+
+        said = f"Optimized: {in_mm(self.objective):.3f} mm after {len(self.found.history)} evaluations"
+        lines = [said, *poses_in_words(list(self.found.pressures))]
+        highest = self.found.study.limits.pressure[1]
+        pictures = [layout_svg(self.design, pressures, highest) for pressures in self.found.pressures]
+        return Summary(lines, muscle_columns(self.design), pictures)
 
     @property
     def design(self) -> Design:

@@ -1,5 +1,7 @@
 """What is not measured yet: a layout before it is sewn, with intervals, and designs left out in turn."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any

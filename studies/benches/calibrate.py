@@ -147,6 +147,16 @@ def effects_in_words(calibration: BenchCalibration) -> list[str]:
     return lines
 
 
+def next_step(calibration: BenchCalibration, output: Path) -> str:
+    """Return what to do with `output`, the file that was written."""
+    bench = calibration.bench
+    if bench.specimen == "muscle":
+        return f"fabdesign new LAYOUT --muscle-type {bench.name} --bench {output} -o DESIGN.toml"
+    if bench.specimen == "strip" and "width" in bench.constants:
+        return f'include = ["{output.name}"] in a design takes its stretch curve'
+    return f"fabdesign trace {bench.file.parent} -o traced (which effect the law lacks, if any)"
+
+
 def _shown(error: float, unit: str) -> str:
     value, unit = (in_mm(error), "mm") if unit == "m" else (error, unit)
     return f"{value:.3g} {unit} RMS" if value >= LEAST_SHOWN else f"under {LEAST_SHOWN} {unit} RMS"
@@ -223,7 +233,8 @@ def _constants(law: Law) -> dict[str, Quantity]:
 
 
 def _origin(bench: Bench) -> str:
-    return f"fitted to the bench {bench.name}: {bench.source or bench.description}"
+    source = bench.source or bench.description
+    return f"fitted to the bench {bench.name}{source and f': {source}'}"
 
 
 def _bench_law(bench: Bench, law: Law) -> BenchLaw:

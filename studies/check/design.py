@@ -8,7 +8,7 @@ import numpy as np
 from fabdesign.design import Design
 from fabdesign.design_file import DesignPart
 from fabdesign.fabric import Fabric
-from fabdesign.muscle import BenchTable, MuscleType
+from fabdesign.muscle import BenchTable, MuscleType, diameter_slip
 from fabdesign.units import in_kpa, in_mm
 from optimize.geometry import bend_radius, clearance
 from studies.check.findings import Findings
@@ -78,7 +78,7 @@ def spacing(design: Design, least: float) -> tuple[list[str], list[str]]:
         if gap < 0:
             close.append(f"{both} cross on the {a.side}; optimize keeps muscles of one face apart")
         elif gap < wide - _ROUNDING:
-            expected = f"expected their diameter, {in_mm(wide):g} mm, or more"
+            expected = f"expected their diameter, {in_mm(wide):g} mm, or more{diameter_slip(wide)}"
             overlapping.append(f"{both} lie {in_mm(gap):.3g} mm apart on the {a.side}; {expected}")
         elif gap < least - _ROUNDING:
             close.append(f"{both} lie {in_mm(gap):.3g} mm apart on the {a.side}; optimize keeps {in_mm(least):g} mm")

@@ -7,10 +7,10 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from fabdesign.json_file import write_json
+from fabdesign.layout_drawing import layout_svg
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
 from studies.layout_grid.result import WORDS, CellResult, GridResult
-from studies.layouts.drawing import layout_svg
 from studies.layouts.shape_picture import shape_png
 from studies.report import html_of, svg_of
 

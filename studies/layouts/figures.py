@@ -1,7 +1,5 @@
 """Figures of a study's result as plotly's JSON: the overlay in 3D and the convergence curve."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,13 +9,12 @@ from fabdesign.muscle import Muscle
 from fabdesign.surface import face_triangles
 from fabdesign.units import in_kpa, in_mm
 from studies.layouts.result import StudyResult
-from studies.report import PlotlyFigure, Trace
+from studies.report import PlotlyFigure, Trace, chart, scene_layout
 
 SHOWN = 2000  # target points drawn: enough to see the shape through
 SAMPLED = 2.4  # mm from the nearest point of a dense cloud, that sampling alone makes: one colour up to there
 NEAR, MIDDLE, FAR = "#dbe7f3", "#fdae61", "#b40426"
 TICKS = [1, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 50, 100, 200, 500, 1000]  # mm
-LEGEND = {"orientation": "h", "x": 0, "y": 0, "yanchor": "top", "font": {"size": 11}}
 FRONT, BACK, TARGET = "#b2182b", "#2166ac", "#222222"
 
 
@@ -64,7 +61,7 @@ def scene_figure(result: StudyResult, pose: int) -> PlotlyFigure:
                 **_axes(_on_cloth(muscle, points, result)),
             }
         )
-    return {"data": traces, "layout": scene_layout() | {"legend": LEGEND}}
+    return {"data": traces, "layout": scene_layout(traces)}
 
 
 def colour_scale(top: float) -> list[list[float | str]]:
@@ -75,22 +72,11 @@ def colour_scale(top: float) -> list[list[float | str]]:
     return [[0.0, NEAR], [begin, NEAR], [begin + 0.43 * (1 - begin), MIDDLE], [1.0, FAR]]
 
 
-def scene_layout() -> dict[str, Any]:
-    """Of a scene in metres, y upwards."""
-    axis = {"title": {"text": ""}, "showbackground": False, "gridcolor": "#e3e7ec", "tickformat": ".2f"}
-    scene = {
-        "aspectmode": "data",
-        **{f"{a}axis": {**axis, "title": {"text": f"{a}, m"}} for a in "xyz"},
-        "camera": {"up": {"x": 0, "y": 1, "z": 0}, "eye": {"x": 1.5, "y": 0.45, "z": 1.65}},
-    }
-    return {"scene": scene, "margin": {"l": 0, "r": 0, "t": 0, "b": 0}}
-
-
 def convergence_figure(result: StudyResult) -> PlotlyFigure:
     """Every evaluation and the best so far, by stage, with the floor."""
     entries = result.history
     if not entries:
-        return {"data": [], "layout": {}}
+        return chart([], x="evaluation")
     values = in_mm(np.array([entry.objective for entry in entries]))
     numbers = np.arange(1, len(entries) + 1)
     shown = np.array([not entry.diverged for entry in entries])
@@ -113,23 +99,14 @@ def convergence_figure(result: StudyResult) -> PlotlyFigure:
     traces.append(
         {
             "mode": "lines",
-            "name": "floor",
+            "name": "noise floor",
             "line": {"dash": "dash", "color": "#1c2430"},
             "x": [1, len(entries)],
             "y": [floor, floor],
         }
     )
-    layout = {
-        "xaxis": {"title": {"text": "evaluation"}},
-        "yaxis": {
-            "title": {"text": f"{'Chamfer' if chamfer else 'surface RMS'}, mm"},
-            "type": "log",
-            "tickvals": TICKS,
-        },
-        "margin": {"l": 55, "r": 10, "t": 10, "b": 0},
-        "legend": LEGEND | {"y": -0.2},
-    }
-    return {"data": traces, "layout": layout}
+    title = f"{'Chamfer' if chamfer else 'surface RMS'}, mm"
+    return chart(traces, x="evaluation", y=title, yaxis={"type": "log", "tickvals": TICKS})
 
 
 def points_trace(points: NDArray[np.float64], name: str, color: str) -> Trace:

@@ -16,8 +16,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from mpl_toolkits.mplot3d import Axes3D
 
+from fabdesign.layout_drawing import HALF, HIGH, LOW
 from fabdesign.output import whole_file
-from studies.layouts.drawing import HALF, HIGH, LOW
 from studies.layouts.result import StudyResult
 
 SHOWN = 1200  # target points drawn

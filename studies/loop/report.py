@@ -7,14 +7,14 @@ import numpy as np
 from markupsafe import Markup
 
 from fabdesign.design_file import read_design
+from fabdesign.layout_drawing import layout_svg
 from fabdesign.loop_file import LoopStudy
 from fabdesign.output import write_text
 from fabdesign.pressure_file import read_pressures
-from studies.layouts.drawing import layout_svg
-from studies.layouts.figures import LEGEND, SHOWN, TARGET, faces_trace, points_trace, scene_layout
+from studies.layouts.figures import SHOWN, TARGET, faces_trace, points_trace
 from studies.layouts.target import LoadedTarget
 from studies.loop.record import LoopOutcome, Turn
-from studies.report import PlotlyFigure, html_of
+from studies.report import PlotlyFigure, html_of, scene_layout
 
 PREDICTED, DEVICE = "#92c5de", "#b2182b"
 _BAR, _GAP, _WIDE = 16, 26, 420  # of a drawing unit
@@ -107,4 +107,4 @@ def _scene(turn: Turn, targets: Sequence[LoadedTarget], folder: Path) -> PlotlyF
         faces_trace(shapes["device"]) | {"name": "measured", "color": DEVICE, "opacity": 0.7},
         faces_trace(shapes["believed"]) | {"name": "predicted", "color": PREDICTED, "opacity": 0.7},
     ]
-    return {"data": traces, "layout": scene_layout() | {"legend": LEGEND}}
+    return {"data": traces, "layout": scene_layout(traces)}

@@ -4,6 +4,20 @@ it, and pictures that stand in a page. A report is one file for any browser, wit
 Belongs here: what two reports need. What one study shows stands in its room: `report.py`, and `report.html.j2`, which
 begins with `{% extends "report/base.html.j2" %}`."""
 
+from studies.report.charts import (
+    BLUE,
+    GREY,
+    RED,
+    Gain,
+    bars_chart,
+    chart,
+    gain_in_words,
+    gains_chart,
+    scene_layout,
+)
 from studies.report.page import PlotlyFigure, Trace, html_of, package_versions, png_address, svg_of
 
-__all__ = ["PlotlyFigure", "Trace", "html_of", "package_versions", "png_address", "svg_of"]
+__all__ = [
+    "BLUE", "GREY", "RED", "Gain", "PlotlyFigure", "Trace", "bars_chart", "chart", "gain_in_words", "gains_chart",
+    "html_of", "package_versions", "png_address", "scene_layout", "svg_of",
+]  # fmt: skip

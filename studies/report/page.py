@@ -66,9 +66,15 @@ def png_address(png: bytes) -> str:
 @cache
 def _environment() -> Environment:
     environment = Environment(autoescape=True, loader=PackageLoader("studies", ""))
+    environment.filters["sentence"] = _sentence
     environment.filters["mm"] = lambda metres, digits=2: f"{in_mm(metres):.{digits}f}"
     environment.filters["kpa"] = lambda pascals, digits=0: f"{in_kpa(pascals):.{digits}f}"
     return environment
+
+
+def _sentence(text: str) -> str:
+    """Return it with a capital at its beginning and a full stop at its end."""
+    return text[:1].upper() + text[1:] + ("" if text.endswith((".", "!", "?", ":")) else ".")
 
 
 def _in_script(content: Any) -> str:

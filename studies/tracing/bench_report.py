@@ -1,7 +1,20 @@
 """The page and the words of a bench's trace."""
 
-from fabdesign.units import in_mm
-from studies.report import PlotlyFigure, html_of
+from fabdesign.bench import Bench
+from fabdesign.headings import DIMENSIONS
+from fabdesign.units import in_kpa, in_mm
+from studies.report import (
+    BLUE,
+    GREY,
+    RED,
+    Gain,
+    PlotlyFigure,
+    bars_chart,
+    chart,
+    gain_in_words,
+    gains_chart,
+    html_of,
+)
 from studies.tracing.bench_outcome import BenchOutcome
 from studies.tracing.words import effect_in_words
 
@@ -51,9 +64,10 @@ def as_text(outcome: BenchOutcome) -> str:
     """For the terminal."""
     lines = [f"{outcome.verdict}: {bench_in_words(outcome)}"]
     for c in outcome.candidates:
-        gain, low, high = (_shown(v, outcome.unit) for v in (c.gain, *c.interval90))
+        scale, unit = (in_mm(1.0), "mm") if outcome.unit == "m" else (1.0, outcome.unit)
+        gain = gain_in_words(scale * c.gain, [scale * v for v in c.interval90], unit, ".3g")
         sign = ", only with a sign that it cannot have" if c.refused else ""
-        lines.append(f"  {c.effect:<18} gains {gain} (90 % {low} to {high}){sign}")
+        lines.append(f"  {c.effect:<18} gains {gain}{sign}")
     lines.append(f"the flexible baseline leaves {_shown(outcome.evidence.box_before, outcome.unit)}")
     lines.append(outcome.noise.in_words(_shown(outcome.floor, outcome.unit)))
     return "\n".join(lines)
@@ -65,38 +79,63 @@ def _shown(value: float, unit: str) -> str:
 
 def render_bench(outcome: BenchOutcome) -> str:
     """HTML, self-contained."""
-    error = outcome.as_json()["error"]
-    bars = {"noise": error["noise_floor"], "flexible baseline": error["ceiling"], "after": error["after"]["held_out"],
-            "before": error["before"]["held_out"]}  # fmt: skip
-    names = [c.effect + (" (wrong sign)" if c.refused else "") for c in outcome.candidates]
+    error, unit = outcome.as_json()["error"], "mm" if outcome.unit == "m" else outcome.unit
+    scale = in_mm(1.0) if outcome.unit == "m" else 1.0
+    bars = [
+        ("noise", error["noise_floor"], GREY),
+        ("flexible baseline", error["ceiling"], GREY),
+        ("after", error["after"]["held_out"], BLUE),
+        ("before", error["before"]["held_out"], RED),
+    ]
+    chosen = {effect.name for effect in outcome.found}
+    gains = [
+        Gain(
+            c.effect + (" (wrong sign)" if c.refused else ""),
+            scale * c.gain,
+            (scale * c.interval90[0], scale * c.interval90[1]),
+            c.effect in chosen,
+        )
+        for c in outcome.candidates
+    ]
     figures: dict[str, PlotlyFigure] = {
-        "bars": {
-            "data": [{"type": "bar", "orientation": "h", "y": [*bars], "x": [*bars.values()]}],
-            "layout": {"xaxis": {"title": f"RMS of records left out, {outcome.unit}"}},
-        },
-        "candidates": {
-            "data": [{"type": "scatter", "mode": "markers", "y": names,
-                      "x": [c.gain for c in outcome.candidates],
-                      "error_x": {"type": "data", "symmetric": False,
-                                  "array": [max(c.interval90[1] - c.gain, 0) for c in outcome.candidates],
-                                  "arrayminus": [max(c.gain - c.interval90[0], 0) for c in outcome.candidates]}}],
-            "layout": {"xaxis": {"title": f"gain, {outcome.unit}"}, "margin": {"l": 150}},
-        },
-    }  # fmt: skip
-    records = []
+        "bars": bars_chart([(name, scale * v, colour) for name, v, colour in bars], unit, "RMS of records left out"),
+        "candidates": gains_chart(gains, unit, "gain on records left out", scale * outcome.tolerance),
+    }
+    titles = {}
+    output = "displacement" if outcome.unit == "m" else outcome.bench.output
     for k, (name, place, *lines) in enumerate(outcome.curves):
+        by, x = _axis(outcome.bench, name)
         data = [
-            {"type": "scatter", "mode": "lines", "name": title, "x": place.tolist(), "y": line.tolist()}
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "name": title,
+                "x": (by * place).tolist(),
+                "y": (scale * line).tolist(),
+            }
             for title, line in zip(("measured", "before", "after"), lines, strict=True)
         ]
-        figures[f"record-{k}"] = {"data": data, "layout": {"title": name}}
-        records.append(f"record-{k}")
+        figures[f"record-{k}"] = chart(data, x=x, y=f"{output}, {unit}", height=320)
+        titles[f"record-{k}"] = name
     return html_of(
         "tracing/bench_report.html.j2",
         figures=figures,
         name=outcome.bench.name,
         verdict=outcome.verdict,
         words=bench_in_words(outcome),
-        source=f"{outcome.bench.description}. {outcome.bench.source}",
-        records=records,
+        source=[line for line in (outcome.bench.description, outcome.bench.source) if line],
+        records=[*titles],
+        titles=titles,
     )
+
+
+def _axis(bench: Bench, record: str) -> tuple[float, str]:
+    """Return what a record's curves lie over: a factor on its values in SI, and the axis' title with its unit."""
+    columns = next(r.columns for r in bench.records if r.name == record)
+    name = next((n for n in ("time", *bench.input) if n in columns), "row")
+    unit = DIMENSIONS.get(name)
+    factor, shown = {"time": (1.0, "s"), "pressure": (in_kpa(1.0), "kPa"), "length": (in_mm(1.0), "mm")}.get(
+        unit or "", (1.0, "")
+    )
+    title = name.replace("_", " ")
+    return factor, f"{title}, {shown}" if shown else title

@@ -8,7 +8,18 @@ from fabdesign.effects import EFFECTS
 from fabdesign.model import Model
 from fabdesign.motion_file import square_triangles
 from fabdesign.units import in_mm
-from studies.report import PlotlyFigure, Trace, html_of
+from studies.report import (
+    BLUE,
+    GREY,
+    RED,
+    Gain,
+    PlotlyFigure,
+    bars_chart,
+    chart,
+    gain_in_words,
+    gains_chart,
+    html_of,
+)
 from studies.tracing.outcome import Outcome
 from studies.tracing.residual import remains
 from studies.tracing.residuals import Residuals
@@ -18,9 +29,6 @@ from studies.view.items import Item
 from studies.view.page import render_page
 
 _FRAMES = 45  # of the motion shown
-_BLUE, _RED, _GREY = "#2f6db3", "#c23b3b", "#9aa5b1"
-_LAYOUT = {"margin": {"l": 60, "r": 20, "t": 30, "b": 45}, "font": {"family": "system-ui, sans-serif", "size": 13},
-           "paper_bgcolor": "#fff", "plot_bgcolor": "#fff"}  # fmt: skip
 
 
 def render_report(outcome: Outcome) -> str:
@@ -39,6 +47,7 @@ def render_report(outcome: Outcome) -> str:
         "tracing/report.html.j2",
         figures=figures,
         outcome=outcome,
+        gain=lambda row: gain_in_words(row["gain"], row["interval90"], ""),
         result=outcome.as_json(),
         verdict=verdict_in_words(outcome),
         experiment=experiment_in_words(outcome),
@@ -54,34 +63,21 @@ def render_report(outcome: Outcome) -> str:
 
 def _bars(outcome: Outcome) -> PlotlyFigure:
     error = outcome.as_json()["error"]
-    rows = [("noise floor", error["noise_floor"], _GREY), ("baseline", error["ceiling"], _GREY),
-            ("after", error["after"]["held_out"], _BLUE), ("before", error["before"]["held_out"], _RED)]  # fmt: skip
-    bar = {
-        "type": "bar", "orientation": "h", "y": [r[0] for r in rows], "x": [r[1] for r in rows],
-        "marker": {"color": [r[2] for r in rows]}, "text": [f"{r[1]:.2f} mm" for r in rows], "textposition": "auto",
-    }  # fmt: skip
-    axis = {"title": "surface RMS of trials held out, mm", "rangemode": "tozero"}
-    return _figure([bar], xaxis=axis, margin={"l": 90, "r": 20, "t": 10, "b": 45})
-
-
-def _figure(data: list[Trace], **layout: Any) -> PlotlyFigure:
-    return {"data": data, "layout": {**_LAYOUT, **layout}}
+    rows = [
+        ("noise floor", error["noise_floor"], GREY),
+        ("flexible baseline", error["ceiling"], GREY),
+        ("after", error["after"]["held_out"], BLUE),
+        ("before", error["before"]["held_out"], RED),
+    ]
+    return bars_chart(rows, "mm", "surface RMS of trials held out")
 
 
 def _candidates(outcome: Outcome) -> PlotlyFigure:
-    rows = [*reversed(outcome.candidates)]
-    marks = {
-        "type": "scatter", "mode": "markers", "y": [c.name for c in rows], "x": [in_mm(c.gain) for c in rows],
-        "marker": {"size": 9, "color": [_BLUE if c.chosen else _GREY for c in rows]},
-        "error_x": {"type": "data", "symmetric": False, "thickness": 1.5,
-                    "array": [in_mm(max(c.interval90[1] - c.gain, 0)) for c in rows],
-                    "arrayminus": [in_mm(max(c.gain - c.interval90[0], 0)) for c in rows]},
-    }  # fmt: skip
-    tolerance = in_mm(outcome.tolerance)
-    line = {"type": "line", "x0": tolerance, "x1": tolerance, "y0": 0, "y1": 1, "yref": "paper",
-            "line": {"dash": "dot", "color": _RED}}  # fmt: skip
-    axis = {"title": "gain of held-out excess, mm (90 %); dotted: the tolerance"}
-    return _figure([marks], shapes=[line], margin={"l": 150, "r": 20, "t": 10, "b": 45}, xaxis=axis)
+    gains = [
+        Gain(c.name, in_mm(c.gain), (in_mm(c.interval90[0]), in_mm(c.interval90[1])), c.chosen)
+        for c in outcome.candidates
+    ]
+    return gains_chart(gains, "mm", "gain of held-out excess", in_mm(outcome.tolerance))
 
 
 def _cloth(outcome: Outcome, cells: np.ndarray, title: str) -> PlotlyFigure:
@@ -91,22 +87,25 @@ def _cloth(outcome: Outcome, cells: np.ndarray, title: str) -> PlotlyFigure:
     heat = {
         "type": "heatmap", "z": [[None if np.isnan(v) else in_mm(v) for v in row] for row in cells.tolist()],
         "x": (in_mm(fabric.width) * centres).tolist(), "y": (in_mm(fabric.height) * centres).tolist(),
-        "colorscale": "Viridis", "zmin": 0, "colorbar": {"title": "mm"},
+        "colorscale": "Viridis", "zmin": 0, "colorbar": {"title": {"text": "mm"}, "thickness": 12},
     }  # fmt: skip
-    down = {"title": "v, mm", "autorange": "reversed", "scaleanchor": "x"}
-    return _figure([heat], title=title, xaxis={"title": "u, mm", "constrain": "domain"}, yaxis=down)
+    down = {"autorange": "reversed", "scaleanchor": "x", "constrain": "domain"}
+    across = {"constrain": "domain"}
+    above = {"text": title, "x": 0.5, "y": 0.98, "yanchor": "top"}
+    margin = {"l": 10, "r": 10, "t": 45, "b": 10}
+    return chart([heat], x="u, mm", y="v, mm", title=above, xaxis=across, yaxis=down, margin=margin, height=400)
 
 
 def _over_time(outcome: Outcome, before: dict[str, Any]) -> PlotlyFigure:
     lines = []
-    for which, table, colour in (("before", before, _RED), ("after", outcome.remains.over_time, _BLUE)):
+    for which, table, colour in (("before", before, RED), ("after", outcome.remains.over_time, BLUE)):
         for k, (name, (times, rms)) in enumerate(table.items()):
             lines.append({
                 "type": "scatter", "mode": "lines", "x": times.tolist(), "y": in_mm(rms).tolist(), "name": which,
                 "legendgroup": which, "showlegend": k == 0, "line": {"color": colour, "width": 1},
                 "hovertemplate": f"{name} {which}: %{{y:.2f}} mm at %{{x:.2f}} s<extra></extra>",
             })  # fmt: skip
-    return _figure(lines, xaxis={"title": "s"}, yaxis={"title": "RMS, mm", "rangemode": "tozero"})
+    return chart(lines, x="time, s", y="RMS, mm", yaxis={"rangemode": "tozero"})
 
 
 def _program(outcome: Outcome) -> PlotlyFigure:
@@ -125,7 +124,7 @@ def _program(outcome: Outcome) -> PlotlyFigure:
         }
         for c in range(len(rows[0]))
     ]
-    return _figure(lines, xaxis={"title": "s"}, yaxis={"title": "kPa"})
+    return chart(lines, x="time, s", y="pressure, kPa")
 
 
 def _worst(outcome: Outcome) -> str:

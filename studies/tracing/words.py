@@ -3,6 +3,7 @@
 from fabdesign.effects.learned import formula
 from fabdesign.model import EffectTerm, Quantity
 from fabdesign.units import in_mm
+from studies.report import gain_in_words
 from studies.tracing.outcome import Outcome
 
 
@@ -85,10 +86,9 @@ def as_text(outcome: Outcome) -> str:
         f"noise floor {error['noise_floor']:.2f}, flexible baseline {error['ceiling']:.2f}"
     )
     for row in result["candidates"]:
-        low, high = row["interval90"]
         if row["name"] != "none":
             what = "gains" if row["chosen"] else "would gain"
-            lines.append(f"  {row['name']:<20} {what} {row['gain']:6.2f} mm (90 % {low:.2f} to {high:.2f})")
+            lines.append(f"  {row['name']:<20} {what} {gain_in_words(row['gain'], row['interval90'], 'mm')}")
     lines.append(f"left out: {outcome.data.used.share_left_out:.0%} of the frames")
     lines += outcome.said
     if (experiment := experiment_in_words(outcome)) is not None:

@@ -113,7 +113,7 @@ def _add_unsewn(
 
     result["design"] = unsewn.design.name
     result["model_points_per_side"] = unsewn.model.points_per_side
-    result["doubted"] = [name for name, parameter in unsewn.model.parameters.items() if not parameter.reliable]
+    result["doubted"] = list(unsewn.model.unreliable)
     result["poses"] = poses
     result["unknown"] = list(draws.unknown)
     result["calibrated"] = spread_of(unsewn.model) is not None

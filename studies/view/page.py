@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from studies.view.distance import Distance, errors_in_words
 from studies.view.items import Item
-from studies.view.shapes import CLOUD, KEY, parts_of, vertices_of
+from studies.view.shapes import CLOUD, KEY, parts_of, points_beneath, vertices_of
 
 LEVELS = 32_000  # a coordinate is stored as a whole number of the largest one's 32,000th: 10 um of 0.3 m
 MOST_POINTS = 4_000  # of a frame that has no triangles: more look the same
@@ -36,22 +36,36 @@ class PackedItem(TypedDict):
     points: str  # base64
     triangles: str
     parts: list[tuple[int, tuple[float, float, float]]]  # corners, colour
+    beneath: str  # base64: of each vertex of the muscles' tubes, the point of the cloth that it lies on
 
 
-def render_page(title: str, items: Sequence[Item], apart: Sequence[Distance | None] = ()) -> str:
+def render_page(
+    title: str, items: Sequence[Item], apart: Sequence[Distance | None] = (), *, overlay: bool = False
+) -> str:
     """HTML of the items side by side, with one time slider where something moves; points are rounded to the LEVELS-th
-    part of the largest coordinate. apart: of every panel, how far it is from what it is compared with; none: unsaid."""
+    part of the largest coordinate. apart: of every panel, how far it is from what it is compared with; none: unsaid.
+    overlay: whether
+    that one's points lie over it until a click takes them away."""
     size = max(float(np.abs(frame).max(initial=0.0)) for item in items for frame in vertices_of(item))
     scale = max(size, 1e-6) / LEVELS
     compared = [_compared(distance) for distance in apart or [None] * len(items)]
-    packed = [{**_packed(item, scale), "apart": own} for item, own in zip(items, compared, strict=True)]
+    titles = [item.title for item in items]
+    references = [
+        None if distance is None else titles.index(distance.reference) for distance in apart or [None] * len(items)
+    ]
+    packed = [
+        {**_packed(item, scale), "apart": own, "reference": reference}
+        for item, own, reference in zip(items, compared, references, strict=True)
+    ]
     data = {"scale": scale, "cloud": CLOUD, "items": packed}
     template = Environment(autoescape=True).from_string(
         files("studies.view").joinpath("page.html.j2").read_text(encoding="utf-8")
     )
     content = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
     moves = any(item.moves for item in items)
-    return template.render(title=title, items=items, data=Markup(content), key=KEY, moves=moves)
+    return template.render(
+        title=title, items=items, data=Markup(content), key=KEY, moves=moves, overlay=overlay, compared=any(apart)
+    )
 
 
 def _packed(item: Item, scale: float) -> PackedItem:
@@ -65,6 +79,7 @@ def _packed(item: Item, scale: float) -> PackedItem:
         "counts": [len(frame) for frame in whole],
         "points": _base64(np.concatenate(whole)),
         "triangles": _base64(triangles.astype("<u4")),
+        "beneath": _base64(points_beneath(item).astype("<u4")),
         "parts": [(3 * len(part.triangles), part.colour) for part in parts],
     }
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import matplotlib
@@ -11,6 +12,7 @@ matplotlib.use("Agg")
 import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.ticker import FixedLocator, MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from scipy.spatial import cKDTree
 
@@ -25,6 +27,7 @@ _UPWARDS = [0, 2, 1]
 _ELEVATION, _AZIMUTH = 12, -60  # degrees
 _TO_VIEWER = np.array([0.489, 0.208, 0.847])  # x, y, z of the file, whose z is the second axis reversed
 _LEAST_WIDTH = 6.0  # inches, that a line of words needs
+_LETTERS = 13.0  # an inch holds, of 9 points
 
 
 def instants_of(items: Sequence[Item], times: Sequence[float]) -> list[float]:
@@ -36,20 +39,23 @@ def instants_of(items: Sequence[Item], times: Sequence[float]) -> list[float]:
 
 
 def save_picture(
-    items: Sequence[Item], path: Path, apart: Sequence[Distance | None], times: Sequence[float] = ()
+    items: Sequence[Item],
+    path: Path,
+    apart: Sequence[Distance | None],
+    times: Sequence[float] = (),
+    *,
+    overlay: bool = False,
 ) -> None:
-    """A PNG with a row an item and a column an instant [s]. apart: how far each panel is from the one it is compared
-    with."""
+    """Write a PNG with a row an item and a column an instant [s]. apart: how far each panel is from the one it is
+    compared with; overlay: whether that one's points lie over it."""
     instants = instants_of(items, times)
     shape = (len(items), len(instants))
     figure = plt.figure(figsize=(max(2.6 * shape[1], _LEAST_WIDTH) + 0.4, 3.1 * shape[0]), layout="constrained")
     box = _box(items)
     rows = figure.subfigures(shape[0], 1, squeeze=False)[:, 0]
     for row, item, distance in zip(rows, items, apart, strict=True):
-        drawn = _DrawnPanel(item)
-        row.suptitle(
-            f"{item.title}\n{_distance_in_words(distance)}" if distance else item.title, fontsize=9, x=0.01, ha="left"
-        )
+        drawn = _DrawnPanel(item, _reference(items, distance, overlay))
+        row.suptitle(_wrapped(item, distance, figure.get_figwidth()), fontsize=9, x=0.01, ha="left")
         for column, instant in enumerate(instants if item.moves else instants[:1]):
             axes = row.add_subplot(1, shape[1], column + 1, projection="3d")
             frame = item.nearest(instant)
@@ -59,13 +65,20 @@ def save_picture(
     plt.close(figure)
 
 
-def save_animation(items: Sequence[Item], path: Path, apart: Sequence[Distance | None]) -> None:
-    """A GIF of the items side by side, in real time at RATE."""
+def _reference(items: Sequence[Item], distance: Distance | None, overlay: bool) -> Item | None:
+    """Return what a panel is compared with, where its points are to lie over the panel."""
+    return next((item for item in items if overlay and distance and item.title == distance.reference), None)
+
+
+def save_animation(
+    items: Sequence[Item], path: Path, apart: Sequence[Distance | None], *, overlay: bool = False
+) -> None:
+    """Write a GIF of the items side by side, in real time at RATE. overlay: as in a picture."""
     begin, end = _span(items)
     instants = np.arange(begin, end + 0.5 / RATE, 1 / RATE)
     figure = plt.figure(figsize=(3.4 * len(items), 4.1), layout="constrained")
     panels = [figure.add_subplot(1, len(items), k + 1, projection="3d") for k in range(len(items))]
-    drawn = [_DrawnPanel(item) for item in items]
+    drawn = [_DrawnPanel(item, _reference(items, own, overlay)) for item, own in zip(items, apart, strict=True)]
     heads = [_head(item, distance) for item, distance in zip(items, apart, strict=True)]
     box = _box(items)
 
@@ -78,6 +91,12 @@ def save_animation(items: Sequence[Item], path: Path, apart: Sequence[Distance |
 
     FuncAnimation(figure, show, frames=instants, blit=False).save(path, writer=PillowWriter(fps=round(RATE)), dpi=70)
     plt.close(figure)
+
+
+def _wrapped(item: Item, distance: Distance | None, width: float) -> str:
+    """Return what stands over a row, in lines that a picture of `width` inches holds."""
+    lines = [item.title, *([_distance_in_words(distance)] if distance else [])]
+    return "\n".join(part for line in lines for part in wrap(line, int(_LETTERS * width)))
 
 
 def _distance_in_words(distance: Distance) -> str:
@@ -106,8 +125,8 @@ def _box(items: Sequence[Item]) -> np.ndarray:
 class _DrawnPanel:
     """A panel that is drawn frame by frame, the file's y upwards: matplotlib's vertical axis is its third."""
 
-    def __init__(self, item: Item) -> None:
-        self.item = item
+    def __init__(self, item: Item, below: Item | None = None) -> None:
+        self.item, self._below = item, below
         parts = [part for part in parts_of(item) if part.triangles.max() < len(item.frames[0])]  # muscles are lines
         self._corners = np.concatenate([np.zeros((0, 3), int), *(part.triangles for part in parts)])
         self._colours = np.repeat([part.colour for part in parts], [len(part.triangles) for part in parts], axis=0)
@@ -122,13 +141,19 @@ class _DrawnPanel:
             axes.add_collection3d(Poly3DCollection(points[self._corners], **colours, linewidths=0.1, shade=True))
             if len(muscles := self._seen_muscles(frame)):
                 axes.add_collection3d(Line3DCollection(muscles, colors=[MUSCLE], zorder=10))
+        if self._below is not None:
+            cloud = np.asarray(self._below.frames[self._below.nearest(self.item.times[frame])])[:, _UPWARDS]
+            axes.scatter(*cloud[:: -(-len(cloud) // SHOWN)].T, s=1.2, color=CLOUD, depthshade=False, zorder=20)
         low, high = box[:, _UPWARDS]
         axes.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]), zlim=(low[2], high[2]))
         axes.computed_zorder = False
-        axes.set_box_aspect(np.maximum(high - low, 0.02))
+        sides = np.maximum(high - low, 0.02)
+        axes.set_box_aspect(sides)
         axes.view_init(elev=_ELEVATION, azim=_AZIMUTH)
         axes.tick_params(labelsize=6, pad=-2)
-        axes.locator_params(nbins=3)
+        for axis, share in zip(axes._axis_map.values(), sides / sides.max(), strict=True):
+            # a shallow axis has room for one number
+            axis.set_major_locator(MaxNLocator(3 if share > 0.5 else 2) if share > 0.35 else FixedLocator([0.0]))
 
     def _seen_muscles(self, frame: int) -> np.ndarray:
         """(n, 2, 3) m: intervals on a face that looks towards the viewer. Drawn last, since by their depth matplotlib

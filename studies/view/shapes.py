@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from studies.view.items import Item
 
@@ -52,6 +53,19 @@ def vertices_of(item: Item) -> list[NDArray[np.float32]]:
         for span, diameter in zip(item.muscles.spans, item.muscles.diameters, strict=True)
     ]
     return [np.concatenate([frame, *(tube[k] for tube in tubes)]) for k, frame in enumerate(frames)]
+
+
+def points_beneath(item: Item) -> Triangles:
+    """Return for every vertex of the muscles' tubes the point of the cloth, on the muscle's side, that it lies on."""
+    if item.muscles is None or not item.is_cloth:
+        return np.zeros(0, np.int64)
+    points, half = np.asarray(item.frames[0]), len(item.frames[0]) // 2
+    beneath = []
+    for span, side in zip(item.muscles.spans, item.muscles.sides, strict=True):
+        begin = 0 if side == 1 else half
+        nearest = cKDTree(points[begin : begin + half]).query(item.muscles.points[0, span])[1] + begin
+        beneath.append(np.repeat(nearest, AROUND))
+    return np.concatenate([np.zeros(0, np.int64), *beneath])
 
 
 def _tube(axis: NDArray[np.float32], radius: float) -> NDArray[np.float32]:

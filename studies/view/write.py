@@ -22,11 +22,17 @@ class PanelNote(TypedDict, total=False):
 Writer = Callable[[Sequence[Item], Path], list[PanelNote]]
 
 
-def writer(kind: str, times: Sequence[float] = (), markers: Mapping[str, tuple[float, float]] | None = None) -> Writer:
+def writer(
+    kind: str,
+    times: Sequence[float] = (),
+    markers: Mapping[str, tuple[float, float]] | None = None,
+    *,
+    overlay: bool = False,
+) -> Writer:
     """Writes a file of a kind, one of KINDS; answers a note on each panel, or none. times: s, of a picture.
-    markers: (u, v) m, of a table."""
+    markers: (u, v) m, of a table. overlay: whether a panel shows what it is compared with, too."""
     if kind in (".html", ".png", ".gif"):
-        return lambda items, path: _shown(items, path, kind, times)
+        return lambda items, path: _shown(items, path, kind, times, overlay)
     if kind == ".glb":
         from studies.view.gltf import kept, save_glb
 
@@ -52,20 +58,20 @@ def writer(kind: str, times: Sequence[float] = (), markers: Mapping[str, tuple[f
     return plain
 
 
-def _shown(items: Sequence[Item], path: Path, kind: str, times: Sequence[float]) -> list[PanelNote]:
+def _shown(items: Sequence[Item], path: Path, kind: str, times: Sequence[float], overlay: bool) -> list[PanelNote]:
     from studies.view.distance import distances
 
     apart = distances(items)
     if kind == ".html":
         from studies.view.page import render_page
 
-        write_text(path, render_page(path.stem, items, apart))
+        write_text(path, render_page(path.stem, items, apart, overlay=overlay))
     elif kind == ".png":
         from studies.view.picture import save_picture
 
-        save_picture(items, path, apart, times)
+        save_picture(items, path, apart, times, overlay=overlay)
     else:
         from studies.view.picture import save_animation
 
-        save_animation(items, path, apart)
+        save_animation(items, path, apart, overlay=overlay)
     return [{} if distance is None else {"distance": distance.as_json()} for distance in apart]

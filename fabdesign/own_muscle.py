@@ -1,0 +1,30 @@
+"""A muscle type of a user's own for a layout of the catalogue: from what `calibrate` wrote, or from a bench table."""
+
+from pathlib import Path
+
+from fabdesign.bench_table_file import read_bench_table
+from fabdesign.catalogue import standard
+from fabdesign.design_file import read_part
+from fabdesign.errors import InputError, note
+from fabdesign.muscle import MuscleType
+from fabdesign.term import Term
+
+
+def read_own_muscle(file: Path, name: str) -> tuple[MuscleType, tuple[Term, ...]]:
+    """Return the muscle type `name` and the effects that its bench showed.
+
+    file: a TOML with [muscle_types.NAME], as `fabdesign calibrate BENCH -o TYPE.toml` writes it, or a CSV
+    pressure_kpa,contraction,force_n, whose muscle has the sizes of EM20. Raises InputError for any other.
+    """
+    if file.suffix.lower() == ".toml":
+        part = read_part(file)
+        if name not in part.types:
+            known = ", ".join(part.types) or "no muscle type"
+            raise InputError(f"{file}: has no muscle type {name}; it has {known}")
+        return part.types[name], part.effects
+    if file.is_dir():
+        raise InputError(f"{file}: a folder; expected the file that `fabdesign calibrate {file} -o TYPE.toml` writes")
+    (like,) = standard().muscle_types.values()
+    note(f"{file}: a table without sizes; outer_diameter, mass_per_length and axis_offset are those of {like.name}")
+    bench = read_bench_table(file)
+    return MuscleType(name, like.outer_diameter, like.mass_per_length, like.axis_offset, bench, like.viscosity), ()

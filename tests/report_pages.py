@@ -1,0 +1,80 @@
+"""Reports of made results, in seconds: what tests look at as pages and what a person opens to see them."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from fabdesign.bench import Bench, BenchRecord
+from fabdesign.catalogue import build
+from fabdesign.pressure_file import constant_program
+from fabdesign.study_file import Study
+from fabdesign.study_targets import TargetFile
+from optimize.design_space import DesignSpace
+from optimize.evaluations import Evaluations, Stage
+from optimize.history import History
+from optimize.objective import Objective, Target
+from studies.forward_model import forward_model
+from studies.layouts.begin import limits_of
+from studies.layouts.report import Section, render_report
+from studies.layouts.result import StudyResult
+from studies.layouts.run import _result
+from studies.layouts.target import LoadedTarget
+from studies.tracing.bench import examine
+from studies.tracing.bench_report import render_bench
+from tests.analytic_cloth import AnalyticCloth
+
+CLOTHS = {"square": (0.2, 0.2), "wide": (0.24, 0.15), "tall": (0.12, 0.3)}  # m, across and down
+KPA = np.array([[320e3, 150e3, 80e3, 260e3]])
+
+
+def search_result(width: float, height: float) -> StudyResult:
+    """Return what a search of a few evaluations on a cloth in closed form came to; sizes in m."""
+    design = build("basic", width=width, height=height, muscles=4, name="a long name of a layout for a page")
+    study = Study("made", design, (TargetFile(Path("target.ply")),))
+    cloud = AnalyticCloth().equilibria([_case(design)])[0][::2].astype(float)
+    cloud += np.random.default_rng(1).normal(0, 6e-4, cloud.shape)
+    spaces = [DesignSpace(design, limits_of(study), KPA * share) for share in (0.2, 0.6, 0.9, 0.95, 1.0)]
+    starts = [(space, space.encode(design, space.start_pressures)) for space in spaces]
+    stages = [Stage("full model, positions and pressures", AnalyticCloth(), keep=2, rounds=1)]
+    with History(":memory:", {}) as history:
+        evaluations = Evaluations(Objective([Target(cloud)]), starts, stages, history, seconds=100, evaluations=100)
+        evaluations.evaluate(0, [(k, x) for k, (_, x) in enumerate(starts)])
+        model = forward_model(AnalyticCloth(), None)
+        loaded = LoadedTarget(cloud, None, "a cloud made for tests")
+        return _result(study, (loaded,), evaluations, model, "the limit of 5 evaluations is reached", follow=False)
+
+
+def search_page(width: float, height: float) -> str:
+    """Return the page of `optimize`."""
+    result = search_result(width, height)
+    return render_report(result.design.name, [Section(result.design.name, result)])
+
+
+def bench_page() -> str:
+    """Return the page of a trace of a bench with friction."""
+    rng, records = np.random.default_rng(4), []
+    from tests.test_trace_bench import cylinder
+
+    for k, pressure in enumerate((1e5, 3e5, 5e5, 7e5)):
+        records.append(BenchRecord(f"record {k}", cylinder(rng, pressure, 4e-3, 2.0), {}))
+    bench = Bench("SLEEVE28B", "cylinder", (), "force", {}, tuple(records))
+    return render_bench(examine(bench, 0.005, say=lambda line: None))
+
+
+def _case(design):
+    from fabdesign.forward import Case
+
+    return Case(design, constant_program(KPA[0]))
+
+
+PAGES: dict[str, Callable[[], str]] = {
+    **{f"search_{name}": (lambda size=size: search_page(*size)) for name, size in CLOTHS.items()},
+    "bench": bench_page,
+}
+
+if __name__ == "__main__":
+    import sys
+
+    for name, make in PAGES.items():
+        Path(sys.argv[1], f"{name}.html").write_text(make(), encoding="utf-8")
