@@ -22,6 +22,7 @@ from fabdesign.cli import (  # noqa: F401 their commands join the group
 )
 from fabdesign.cli.console import commands, notes_told
 from fabdesign.errors import InputError, SimulationError
+from fabdesign.shortage import line_of
 
 _EXTRAS = {
     "open3d": "clouds",
@@ -67,6 +68,10 @@ def main() -> None:
         if error.name not in _EXTRAS:
             raise
         _fail(f"needs {error.name}; install it with: pip install 'fabdesign[{_EXTRAS[error.name]}]'", 1)
+    except (OSError, MemoryError, ImportError, RuntimeError, SystemError) as error:
+        if (line := line_of(error)) is None:
+            raise
+        _fail(line, 2)
     except Terminated as stop:
         _fail(str(stop), 128 + stop.number)
     except (click.exceptions.Abort, KeyboardInterrupt):

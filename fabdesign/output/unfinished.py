@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fabdesign.errors import InputError
 from fabdesign.output.own import MARK, files_in, others_in, own_files, read_mark, require_apart, write_mark
-from fabdesign.output.whole import PREFIX, Scratch, cannot_write, scratch
+from fabdesign.output.whole import PREFIX, Scratch, cannot_write, flush_file, scratch, settle, write_text
 
 Inputs = Iterable[Path | str]
 _COMPLETE = "complete"  # in a folder's scratch: the new content is whole, and is being moved to its place
@@ -49,8 +49,7 @@ def new_files(
         for source, place in moves.items():
             if place == goal or not (place.is_file() and place.read_bytes() == source.read_bytes()):
                 _require_free_file(path.with_name(place.name), place, force, inputs)
-        for source, place in moves.items():
-            source.replace(place)
+        settle(moves)
 
 
 @contextmanager
@@ -187,7 +186,9 @@ def _clear(folder: Path, goal: Path) -> None:
 def _replace_content(hidden: Path, new: Path, made_by: str) -> None:
     """The content of `new`, which lies in the hidden folder of its goal, becomes that of the goal."""
     write_mark(new, made_by, {*files_in(new)} - {MARK})
-    (hidden / _COMPLETE).write_text(new.name, encoding="utf-8")
+    for name in files_in(new):
+        flush_file(new / name)
+    write_text(hidden / _COMPLETE, new.name)
     _finish(hidden)
 
 
@@ -206,6 +207,7 @@ def _finish(hidden: Path) -> None:
 
 
 def _move(source: Path, goal: Path) -> None:
-    for name in sorted(files_in(source), key=lambda name: name == MARK):
+    names = sorted(files_in(source), key=lambda name: name == MARK)
+    for name in names:
         (goal / name).parent.mkdir(parents=True, exist_ok=True)
-        (source / name).replace(goal / name)
+    settle({source / name: goal / name for name in names})

@@ -18,6 +18,7 @@ spends nine tenths of the compile time on the loop.
 import contextlib
 import io
 import itertools
+import mmap
 import os
 import threading
 import time
@@ -61,6 +62,7 @@ F: Any = SimpleNamespace(ready=False)
 X: Any = SimpleNamespace()
 C: Any = SimpleNamespace()
 lock = threading.RLock()
+_POOL = 1 << 30  # bytes of addresses that Taichi reserves
 
 
 @brief()  # fields too keep where they come from
@@ -78,6 +80,7 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
         modes=max(modes + -modes % 4, had.get("modes", 0)),
     )
     blocks = max(blocks, had.get("blocks", 0))
+    _require_address_space()
     kept = {"offline_cache_file_path": _wide_folder()} if widen() else {}
     with contextlib.redirect_stdout(io.StringIO()):
         ti.init(arch=ti.cpu, default_fp=ti.f32, offline_cache=True, advanced_optimization=False, **kept)
@@ -86,6 +89,16 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     _make_shared(sizes, blocks)
     F.after = ti.field(ti.i32, shape=_longest()) if wanted(HIDDEN_STEPS) else Following()  # filled with the first batch
     F.ready = True
+
+
+def _require_address_space() -> None:
+    """Raise MemoryError where Taichi would get no room for its pool, which it reserves at once: it prints more than a
+    line when it is refused."""
+    if hasattr(mmap, "MAP_NORESERVE"):
+        try:
+            mmap.mmap(-1, _POOL, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | mmap.MAP_NORESERVE).close()
+        except OSError:
+            raise MemoryError(f"the simulator reserves {_POOL / 1e9:.2g} GB of addresses") from None
 
 
 def _wide_folder() -> str:
