@@ -21,22 +21,8 @@ from fabdesign.cli import (  # noqa: F401 their commands join the group
     viewing,
 )
 from fabdesign.cli.console import commands, notes_told
-from fabdesign.errors import InputError, SimulationError
+from fabdesign.errors import EXTRAS, InputError, SimulationError, needs
 from fabdesign.shortage import line_of
-
-_EXTRAS = {
-    "open3d": "clouds",
-    "trimesh": "mesh",
-    "ezdxf": "dxf",
-    "torch": "corrector",
-    "pygltflib": "export",
-    "meshio": "export",
-    "rerun": "rerun",
-    "pandas": "tables",
-    "pyarrow": "tables",
-    "optuna": "optuna",
-    "viser": "studio",
-}
 
 
 class Terminated(BaseException):
@@ -65,9 +51,9 @@ def main() -> None:
     except SimulationError as error:
         _fail(str(error), 1)
     except ModuleNotFoundError as error:
-        if error.name not in _EXTRAS:
+        if error.name not in EXTRAS:
             raise
-        _fail(f"needs {error.name}; install it with: pip install 'fabdesign[{_EXTRAS[error.name]}]'", 1)
+        _fail(needs(error), 1)
     except (OSError, MemoryError, ImportError, RuntimeError, SystemError) as error:
         if (line := line_of(error)) is None:
             raise

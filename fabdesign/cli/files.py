@@ -5,13 +5,13 @@ from pathlib import Path
 
 import click
 
-from fabdesign.cli.console import FILE, FINITE, commands, force_option, json_option, print_result
+from fabdesign.cli.console import FILE, FINITE, FOLDER, OutputPath, commands, force_option, json_option, print_result
 from fabdesign.json_file import json_text
 
 
 @commands.command()
 @click.argument("layout")
-@click.option("-o", "--output", type=FILE, required=True, help="The design file to write (TOML).")
+@click.option("-o", "--output", type=OutputPath(".toml"), required=True, help="The design file to write (TOML).")
 @click.option("--name", help="Name of the design; by default that of the layout.")
 @click.option("--width", type=FINITE, help="Width of the cloth, m.")
 @click.option("--height", type=FINITE, help="Height of the cloth, m.")
@@ -101,7 +101,7 @@ def _counted(warnings: tuple[str, ...]) -> str:
     show_default=True,
     help="Paper of the PDF's pages.",
 )
-@click.option("-o", "--output", type=FILE, required=True, help="The folder to write to.")
+@click.option("-o", "--output", type=FOLDER, required=True, help="The folder to write to.")
 @force_option
 @json_option
 def export(

@@ -1,7 +1,6 @@
 """Look at motions, measured clouds and predictions, and draw a layout in the browser."""
 
 import json
-from importlib import import_module
 from pathlib import Path
 
 import click
@@ -42,7 +41,7 @@ from fabdesign.errors import InputError
     "-o",
     "--output",
     type=FILE,
-    help="File to write. The ending selects the kind: .html (turns and plays), .png, .gif, .glb (animated), .pvd "
+    help="File to write. The ending selects the kind: .html (turns and plays), .png, .gif, .mp4, .glb (animated), .pvd "
     "(ParaView), .rrd (Rerun) or .csv (markers). By default the first file's name with .html.",
 )
 @force_option
@@ -66,7 +65,7 @@ def view(
     """
     from fabdesign.output import new_files
     from studies.view.items import items_of
-    from studies.view.write import KINDS, NEEDS, writer
+    from studies.view.write import KINDS, require_writer, writer
 
     output = Path(f"{files[0].resolve().stem}.html") if output is None else output
     kind = output.suffix.lower()
@@ -76,8 +75,7 @@ def view(
         raise InputError(f"--time: instants of a picture; expected an output that ends in .png, not {kind}")
     if markers and kind != ".csv":
         raise InputError(f"--marker: points in a table; expected an output that ends in .csv, not {kind}")
-    if kind in NEEDS:
-        import_module(NEEDS[kind])  # missing: said before anything is computed
+    require_writer(kind)  # before anything is computed
     places = dict(_marker(text) for text in markers)
     inputs = [*files, *(file for file in (model, design) if file is not None)]
     with new_files(output, force=force, inputs=inputs) as unfinished:

@@ -1,14 +1,16 @@
 """Which writer makes a file of panels, by the file's ending."""
 
+import shutil
 from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TypedDict
 
 from studies.view.items import Item
 
 # the package that writes a kind of file, besides what is always there
-NEEDS = {".glb": "pygltflib", ".pvd": "meshio", ".rrd": "rerun"}
-KINDS = (".html", ".png", ".gif", ".glb", ".pvd", ".rrd", ".csv")
+_NEEDS = {".glb": "pygltflib", ".pvd": "meshio", ".rrd": "rerun", ".mp4": "imageio_ffmpeg"}
+KINDS = (".html", ".png", ".gif", ".mp4", ".glb", ".pvd", ".rrd", ".csv")
 
 
 class PanelNote(TypedDict, total=False):
@@ -21,10 +23,16 @@ class PanelNote(TypedDict, total=False):
 Writer = Callable[[Sequence[Item], Path], list[PanelNote]]
 
 
+def require_writer(kind: str) -> None:
+    """Raise ModuleNotFoundError where the package that writes a kind is missing. An ffmpeg of the system serves too."""
+    if kind in _NEEDS and not (kind == ".mp4" and shutil.which("ffmpeg")):
+        import_module(_NEEDS[kind])
+
+
 def writer(kind: str, times: Sequence[float] = (), markers: Mapping[str, tuple[float, float]] | None = None) -> Writer:
     """Writes a file of a kind, one of KINDS; answers a note on each panel, or none. times: s, of a picture.
     markers: (u, v) m, of a table."""
-    if kind in (".html", ".png", ".gif"):
+    if kind in (".html", ".png", ".gif", ".mp4"):
         return lambda items, path: _shown(items, path, kind, times)
     if kind == ".glb":
         from studies.view.gltf import kept, save_glb
