@@ -54,14 +54,14 @@ def main() -> None:
         if error.name not in EXTRAS:
             raise
         _fail(needs(error), 1)
-    except (OSError, MemoryError, ImportError, RuntimeError, SystemError) as error:
-        if (line := line_of(error)) is None:
-            raise
-        _fail(line, 2)
     except Terminated as stop:
         _fail(str(stop), 128 + stop.number)
     except (click.exceptions.Abort, KeyboardInterrupt):
         _fail("interrupted", 130)
+    except (OSError, MemoryError, ImportError, RuntimeError, SystemError) as error:  # after Abort, a RuntimeError
+        if (line := line_of(error)) is None:
+            raise
+        _fail(line, 2)
 
 
 @contextmanager
