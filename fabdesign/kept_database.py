@@ -12,8 +12,10 @@ from pathlib import Path
 from fabdesign.checkpoint import require_same
 from fabdesign.errors import note
 from fabdesign.output import cannot_write
+from fabdesign.shortage import free_bytes
 
 ASIDE = ".damaged"  # ending of what is put aside
+_PAGES = 1 << 16  # bytes that SQLite needs to write at all
 _CONTENT = "create table if not exists content (field text primary key, value text);"
 
 
@@ -33,7 +35,7 @@ def open_database(path: Path | str, schema: str, content: Mapping[str, str], hol
         return _opened(path, schema, content, holds)
     except sqlite3.DatabaseError as error:
         if not _damaged(error):
-            raise cannot_write(Path(path), _as_os_error(error)) from None
+            raise cannot_write(Path(path), _as_os_error(Path(path), error)) from None
         note(f"{path}: damaged ({error}); kept as {Path(path).name}{ASIDE}, and its work is done again")
     file = Path(path)
     with writing(file):
@@ -49,7 +51,7 @@ def writing(path: Path | str) -> Iterator[None]:
     try:
         yield
     except (OSError, sqlite3.OperationalError) as error:
-        raise cannot_write(Path(path), _as_os_error(error)) from error
+        raise cannot_write(Path(path), _as_os_error(Path(path), error)) from error
 
 
 def _opened(path: Path | str, schema: str, content: Mapping[str, str], holds: str) -> sqlite3.Connection:
@@ -86,9 +88,12 @@ def _damaged(error: sqlite3.Error) -> bool:
     return _code(error) in (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
 
 
-def _as_os_error(error: OSError | sqlite3.Error) -> OSError:
-    """Return the error as the system's, which SQLite does not pass on."""
+def _as_os_error(path: Path, error: OSError | sqlite3.Error) -> OSError:
+    """Return the error as the system's, which SQLite does not pass on: of a disk with no room for a page, too, it says
+    "disk I/O error"."""
     if isinstance(error, OSError):
         return error
     number = {sqlite3.SQLITE_FULL: errno.ENOSPC, sqlite3.SQLITE_IOERR: errno.EIO}.get(_code(error), errno.EACCES)
+    if number == errno.EIO and free_bytes(path) < _PAGES:
+        number = errno.ENOSPC
     return OSError(number, str(error))

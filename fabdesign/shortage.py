@@ -27,13 +27,14 @@ def disk_line(path: Path, error: OSError, *, needed: int | None = None, written:
     reason = error.strerror or str(error)
     if error.errno not in _FULL:
         return f"{path}: cannot be written ({reason})"
-    needs = f"{in_bytes(written)} written so far, " if needed is None else f"needs {in_bytes(needed)}, "
+    needs = f"{in_bytes(written)} written so far, " if written else ""
+    needs = needs if needed is None else f"needs {in_bytes(needed)}, "
     if error.errno == errno.EFBIG:
         most = _limit("RLIMIT_FSIZE")
         allowed = "" if most is None else f"{needs}a file may have {in_bytes(most)} here (ulimit -f)"
         missing = "" if most is None else _missing(needed, most)
         return f"{path}: cannot be written ({reason}): {allowed or 'expected a higher limit'}{missing}"
-    free = _free(path)
+    free = free_bytes(path)
     room = f"{needs}{in_bytes(free)} free{_missing(needed, free)}"
     return f"{path}: cannot be written ({reason}): {room}; expected more room"
 
@@ -76,7 +77,7 @@ def _memory_line(reason: str) -> str:
     )
 
 
-def _free(path: Path) -> int:
+def free_bytes(path: Path) -> int:
     """Return the bytes free for the file system of the nearest folder above `path` that is there."""
     above = next((folder for folder in path.resolve().parents if folder.is_dir()), Path("/"))
     with suppress(OSError):

@@ -188,3 +188,23 @@ def test_a_search_whose_state_is_damaged_begins_anew(state: str, tmp_path: Path)
     file.close()
     with pytest.warns(InputNote, match=r"its checkpoint is damaged; the search begins anew$"):
         assert optimize(tmp_path) == expected
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_what_is_kept_beside_is_done_again_too(damage: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """How a grid shared its time, and a motion of the rig in the user's cache."""
+    from studies.layout_grid.run import _state
+    from studies.rig import specimen
+
+    file = tmp_path / "turns.json"
+    file.write_bytes(DAMAGES[damage](b'{"spent": 3.0, "cells": {}}\n'))
+    with pytest.warns(InputNote, match=r"turns.json: damaged .*; how the time was shared is computed again$"):
+        assert _state(file) == ({}, 0.0)
+    monkeypatch.setattr(specimen, "_digest", lambda task: "task")
+    monkeypatch.setattr(specimen, "user_cache", lambda kind: tmp_path)
+    monkeypatch.setattr(specimen, "_run", lambda task: np.arange(6.0))
+    assert specimen.control_points(None).tolist() == [*range(6)]  # type: ignore[arg-type]
+    kept = tmp_path / "task.npy"
+    kept.write_bytes(DAMAGES[damage](kept.read_bytes()))
+    with pytest.warns(InputNote, match=r"task.npy: damaged .*; it is computed again$"):
+        assert specimen.control_points(None).tolist() == [*range(6)]  # type: ignore[arg-type]
