@@ -1,5 +1,6 @@
 """Training of the paper's network: autoencoder 1 on simulated clouds, 2 on measured ones, then the LSTM between."""
 
+import pickle
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from corrector.paper import FRAMES, LENGTH, OUTPUT_POINTS, Autoencoder, NextCode, chamfer_squared, drawn, to_unit
+from fabdesign.checkpoint import read_kept
 from fabdesign.output import whole_file
 from fabdesign.units import in_mm
 
@@ -104,6 +106,14 @@ def train_paper(
     }
 
 
+def _read_state(file: Path) -> dict[str, Any]:
+    try:
+        state: dict[str, Any] = torch.load(file, weights_only=True)
+    except (RuntimeError, pickle.UnpicklingError, IndexError, AttributeError) as error:  # torch's, of a damaged file
+        raise ValueError(" ".join(str(error).split())[:80]) from None
+    return state
+
+
 def _descend(
     name: str,
     network: nn.Module,
@@ -120,8 +130,8 @@ def _descend(
     optimizer = torch.optim.Adam(network.parameters(), lr=plan.rates[stage])
     epochs, every = plan.epochs[stage], plan.every if stage == 0 else 1
     state: dict[str, Any] = {"epoch": 0, "waited": 0, "best": float("inf"), "kept": network.state_dict()}
-    if file.is_file():
-        state = torch.load(file, weights_only=True)
+    if file.is_file() and (kept := read_kept(file, _read_state, f"the training of {name}")) is not None:
+        state = kept
         network.load_state_dict(state["network"])
         optimizer.load_state_dict(state["optimizer"])
     while state["epoch"] < epochs and state["waited"] < plan.patience[stage]:

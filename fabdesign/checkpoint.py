@@ -1,8 +1,8 @@
 """Work that is kept as it is done: the same call goes on where it stood, and never from work on other content.
 
 What a result depends on (hashes of files, designs, options, the version of the algorithm, which its author raises) is
-its content, by field. A folder's pieces are of one content. `user_cache`: the folder of results that depend on nothing
-but what their name hashes.
+its content, by field. A folder's pieces are of one content. A piece that is damaged is said and computed again.
+`user_cache`: the folder of results that depend on nothing but what their name hashes.
 """
 
 import hashlib
@@ -11,17 +11,20 @@ import os
 import time
 import zipfile
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, note
 from fabdesign.output import WorkFolder, whole_file, write_text
 
 FOLDER = "pieces"
 Arrays = dict[str, NDArray[Any]]
+Value = TypeVar("Value")
+DAMAGE = (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile)  # what a damaged file raises
 _CONTENT = "content.json"
 _TOLD = 3  # fields that differ
 _LONGEST = 50  # characters of a value that is told
@@ -45,10 +48,10 @@ class Checkpoint:
         self._folder = work.folder / FOLDER
         file = self._folder / _CONTENT
         if file.is_file():
-            known = json.loads(file.read_text(encoding="utf-8"))
+            known = read_kept(file, _json_table, "what lies beside it")
             if known == content:
                 return
-            if not (work.anew or force):
+            if known is not None and not (work.anew or force):
                 require_same(known, content, work.folder, "other work")
             work.clear()
             for piece in self._folder.glob("*"):
@@ -59,8 +62,12 @@ class Checkpoint:
     @property
     def spent(self) -> float:
         """s of computing, all sessions together, in pieces by `get`."""
-        files = [file for file in self._folder.glob("*.json") if file.name != _CONTENT]
-        return float(sum(json.loads(file.read_text(encoding="utf-8"))["seconds"] for file in files))
+        total = 0.0
+        for file in self._folder.glob("*.json"):
+            if file.name != _CONTENT:
+                with suppress(*DAMAGE):  # which is said where the piece is asked for
+                    total += float(_json_table(file)["seconds"])
+        return total
 
     def has(self, name: str) -> bool:
         """Whether a piece is kept."""
@@ -71,30 +78,38 @@ class Checkpoint:
         self._work.claim(*(f"{FOLDER}/{file}" for file in files))
         return self._folder
 
-    def get(self, name: str, compute: Callable[[], Any]) -> Any:
+    def get(self, name: str, compute: Callable[[], Any], *, files: Callable[[Any], object] | None = None) -> Any:
         """What JSON can hold: what is kept of this name, else computed and kept; None where there is no time to begin
-        it."""
+        it.
+
+        files: reads what belongs to a kept value and lies in files; where it raises, the piece is damaged.
+        """
         file = self._file(name, "json")
-        if not file.is_file():
-            if self._seconds is not None and self.spent >= self._seconds:
-                return None
-            begun = time.monotonic()
-            value = compute()
-            self._write(file.name, {"found": value, "seconds": time.monotonic() - begun})
-        return json.loads(file.read_text(encoding="utf-8"))["found"]
+
+        def read(path: Path) -> list[Any]:
+            value = _json_table(path)["found"]
+            if files is not None:
+                files(value)
+            return [value]
+
+        if file.is_file() and (kept := read_kept(file, read, "it")) is not None:
+            return kept[0]
+        if self._seconds is not None and self.spent >= self._seconds:
+            return None
+        begun = time.monotonic()
+        value = compute()
+        self._write(file.name, {"found": value, "seconds": time.monotonic() - begun})
+        return _json_table(file)["found"]
 
     def arrays(self, name: str, compute: Callable[[], Arrays]) -> Arrays:
         """The same of arrays by name."""
         file = self._file(name, "npz")
-        if file.is_file():
-            try:
-                with np.load(file, allow_pickle=False) as kept:
-                    return {key: kept[key] for key in kept.files}
-            except (OSError, ValueError, zipfile.BadZipFile):
-                pass  # damaged: it is computed again
+        if file.is_file() and (kept := read_kept(file, _read_arrays, "it")) is not None:
+            return kept
         arrays = compute()
         self.own(file.name)
-        with whole_file(file) as temporary, temporary.open("wb") as stream:
+        needed = sum(array.nbytes for array in arrays.values())
+        with whole_file(file, needed=needed) as temporary, temporary.open("wb") as stream:
             np.savez(stream, **arrays)  # type: ignore[arg-type]
         return arrays
 
@@ -104,6 +119,28 @@ class Checkpoint:
     def _write(self, name: str, content: Any) -> None:
         self.own(name)
         write_text(self._folder / name, json.dumps(content) + "\n")
+
+
+def read_kept(file: Path, read: Callable[[Path], Value], again: str) -> Value | None:
+    """Return what `read` gives of a kept file; None of a damaged one, which is said: `again` is done again."""
+    try:
+        return read(file)
+    except DAMAGE as error:
+        reason = str(error) or type(error).__name__
+        note(f"{file}: damaged ({reason if file.stat().st_size else 'empty'}); {again} is computed again")
+        return None
+
+
+def _json_table(file: Path) -> dict[str, Any]:
+    table = json.loads(file.read_text(encoding="utf-8"))
+    if not isinstance(table, dict):
+        raise ValueError("no table")
+    return table
+
+
+def _read_arrays(file: Path) -> Arrays:
+    with np.load(file, allow_pickle=False) as kept:
+        return {key: kept[key] for key in kept.files}
 
 
 def require_same(known: Mapping[str, str], content: Mapping[str, str], folder: Path, holds: str) -> None:

@@ -8,6 +8,7 @@ import hashlib
 import logging
 import os
 import platform
+import socket
 import threading
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,13 +21,14 @@ from typing import Any, TypeVar
 
 from fabdesign import SIMULATOR, __version__
 from fabdesign.effects.registry import register_source, registered_sources
-from fabdesign.errors import InputError, SimulationError
+from fabdesign.errors import InputError, SimulationError, needs
 
 VARIABLE = "FABDESIGN_CLUSTER"
 WAIT = 10.0  # s, for a scheduler to answer
 MOST = 4096  # cases in a call: their results are in memory here
 SILENCE = 3600.0  # s, for which a worker may be silent
 TASKS = 4  # of a worker's share of a call: the fewer, the longer the last one is waited for
+_GREETING = 1 << 20  # bytes that a scheduler's first words have at most
 _LIBRARIES = ("taichi", "numpy", "scipy", "numba", "distributed")
 _CODE = ("fabdesign", "sim", "studies/rig")  # what a task runs
 
@@ -71,15 +73,18 @@ def _connected(address: str, say: Say) -> Iterator["Cluster"]:
     try:
         from distributed import Client
     except ModuleNotFoundError as error:
-        raise InputError(f"{address}: needs {error.name}; install it with: pip install 'fabdesign[cluster]'") from None
+        raise InputError(f"{address}: {needs(error)}") from None
     for name in ("distributed", "distributed.client"):
         logging.getLogger(name).setLevel(logging.CRITICAL)  # a lost worker is no news, a lost scheduler is told here
     try:
+        _require_greeting(address)
         client = Client(address, timeout=WAIT, name="fabdesign")
-    except (OSError, ValueError, TimeoutError) as error:
+    except InputError:
+        raise
+    except Exception as error:  # whatever answers there decides what is raised
         raise InputError(
             f"{address}: no scheduler answers within {WAIT:g} s ({type(error).__name__}); expected an address such as "
-            "tcp://HOST:8786"
+            "tcp://HOST:8786, or tls://HOST:8786 with certificates (docs/cluster.md)"
         ) from None
     try:
         cluster = Cluster(address, client, say)
@@ -88,6 +93,20 @@ def _connected(address: str, say: Say) -> Iterator["Cluster"]:
     finally:
         with suppress(Exception):  # of a scheduler that is gone
             client.close(timeout=1)
+
+
+def _require_greeting(address: str) -> None:
+    """Raise InputError where another program listens at a tcp address: a scheduler speaks first, with the length of
+    what it says. Dask itself would wait for ever, or take any eight bytes for a length."""
+    from distributed.comm.addressing import parse_address, parse_host_port
+
+    scheme, place = parse_address(address)
+    if scheme != "tcp":
+        return
+    with socket.create_connection(parse_host_port(place), timeout=WAIT) as connection:
+        head = connection.recv(8, socket.MSG_WAITALL)
+    if not 8 < int.from_bytes(head, "little") < _GREETING:
+        raise InputError(f"{address}: another program answers there; expected the address that a Dask scheduler prints")
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from fabdesign.output import write_text
 from fabdesign.toml_file import LARGEST_TEXT
 
 _MARKS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
+_FORMULA = ("=", "+", "-", "@")
 _WITH_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")  # as well a thousand as a decimal comma
 _SEPARATOR_LINE = re.compile(r'\A"?sep=.?"?[ \t]*(?=[\r\n])', re.IGNORECASE)
@@ -132,9 +133,19 @@ def decimal(text: str, path: Path, line: int, column: str) -> Decimal:
 
 
 def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """Write a CSV whole or not at all. Floats are written so that they read back the same."""
+    """Write a CSV whole or not at all. Floats are written so that they read back the same. A word that a spreadsheet
+    would take for a formula has an apostrophe before it."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
+    writer.writerows([_harmless(cell) for cell in row] for row in (header, *rows))
     write_text(path, text.getvalue())
+
+
+def _harmless(cell: object) -> object:
+    if not isinstance(cell, str) or not cell.lstrip().startswith(_FORMULA):
+        return cell
+    try:
+        float(cell)
+    except ValueError:
+        return f"'{cell}"
+    return cell

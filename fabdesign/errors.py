@@ -4,6 +4,27 @@ import numbers
 import warnings
 from typing import Any
 
+# the extra of pyproject.toml that brings a module
+EXTRAS = {
+    "open3d": "clouds",
+    "trimesh": "mesh",
+    "ezdxf": "dxf",
+    "torch": "corrector",
+    "pygltflib": "export",
+    "meshio": "export",
+    "rerun": "rerun",
+    "pandas": "tables",
+    "pyarrow": "tables",
+    "optuna": "optuna",
+    "viser": "studio",
+    "imageio_ffmpeg": "video",
+    "distributed": "cluster",
+    "xarray": "tables",
+    "c3d": "mocap",
+    "mcap": "ros",
+    "mcap_ros2": "ros",
+}
+
 
 class InputError(ValueError):
     """Bad input, said in one line: what came, where, and what was expected. The command line exits with 2."""
@@ -29,3 +50,10 @@ def require_number(name: str, value: Any, least: float, most: float, *, whole: b
     if not number or not least <= value <= most:
         kind = " whole" if whole else ""
         raise InputError(f"{name} is {value!r}; expected a{kind} number from {least:g} to {most:g}{unit}")
+
+
+def needs(error: ModuleNotFoundError) -> str:
+    """Return what to install for a module that is missing, in a clause."""
+    extra = EXTRAS.get((error.name or "").partition(".")[0])
+    package = error.name if extra is None else f"'fabdesign[{extra}]'"
+    return f"needs {error.name}; install it with: pip install {package}"

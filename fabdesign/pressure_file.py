@@ -1,4 +1,5 @@
-"""Pressures in: a CSV, a trial's npz, or one constant row such as "400,0,200". Pressures out: the CSV."""
+"""Pressures in: a CSV, a trial's npz, or one constant row such as "400,0,200" (kPa) or "2bar,0,29psi". Pressures out:
+the CSV."""
 
 import re
 from decimal import Decimal
@@ -11,15 +12,19 @@ from fabdesign.csv_table import write_rows
 from fabdesign.design import Design
 from fabdesign.effort import LONGEST
 from fabdesign.errors import InputError
+from fabdesign.headings import UNITS, Unit, unit_of
 from fabdesign.lab_table import LabTable, TableColumn
 from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.trial_file import program_of, read_trial_pressures
-from fabdesign.units import kilopascals, pascals
+from fabdesign.units import in_kpa, kilopascals
 
 TABLES = (".csv", ".tsv", ".txt")  # endings of text tables
 SINGLE_ROW_DURATION = 1.5  # s, of a program that has one row
-_KILO = Decimal(1000)  # Pa: `channel_0` without a unit is in kPa
-_CONSTANT = re.compile(r"\s*[-+.\w]+(\s*,\s*[-+.\w]+)*\s*,?\s*")
+_KPA = UNITS["kPa"]
+_KILO = _KPA.factor  # `channel_0` without a unit is in kPa
+_CONSTANT = re.compile(r"\s*[-+.\w]+(\s+[a-zA-Z]+)?(\s*,\s*[-+.\w]+(\s+[a-zA-Z]+)?)*\s*,?\s*")
+_CELL = re.compile(r"([-+]?(?:[\d.]+(?:e[-+]?\d+)?|nan|inf))\s*([a-z]*)", re.IGNORECASE)
+_SLIGHT = 1 / 40  # of the benches' largest pressure: 400 kPa written in bar is a hundredth of it
 
 
 def pressure_file_of(pose: int) -> str:
@@ -36,6 +41,18 @@ def read_pressures(spec: str | Path, design: Design) -> PressureProgram:
     program = _read(spec)
     require_pressures(program, design, str(spec))
     return program
+
+
+def told_slight(program: PressureProgram, design: Design, spec: str | Path) -> str:
+    """Return a line where the pressures move next to nothing, as 2 bar written as kPa; else nothing."""
+    benches = [max(design.muscle_types[muscle.type].bench.pressure) for muscle in design.muscles]
+    highest, most = float(program.pressure.max(initial=0.0)), max(benches, default=0.0)
+    if not 0 < highest < _SLIGHT * most:
+        return ""
+    return (
+        f"{spec}: the largest pressure is {in_kpa(highest):g} kPa, and the muscles' benches go to {in_kpa(most):g} "
+        "kPa: next to nothing moves; a number without a unit is in kPa (2bar, 0.2MPa and 29psi are read too)"
+    )
 
 
 def constant_program(pressure: ArrayLike, duration: float = SINGLE_ROW_DURATION) -> PressureProgram:
@@ -82,11 +99,26 @@ def _exists(path: Path) -> bool:
 
 
 def _read_constant(spec: str) -> PressureProgram:
+    """The program of one row; its cells are in kPa, or each in the unit that it names."""
+    cells = [_CELL.fullmatch(cell.strip()) for cell in spec.strip().rstrip(",").split(",")]
+    units = [None if cell is None else unit_of(cell[2]) if cell[2] else _KPA for cell in cells]
     try:
-        row = [pascals(cell.strip()) for cell in spec.strip().rstrip(",").split(",")]
+        row = [_in_pascals(cell, unit) for cell, unit in zip(cells, units, strict=True)]
     except ArithmeticError:
-        raise InputError(f"{spec}: no such file, and no row of pressures in kPa such as 400,0,200") from None
+        raise InputError(
+            f"{spec}: no such file, and no row of pressures such as 400,0,200 (kPa) or 4bar,0,29psi"
+        ) from None
+    named = {bool(cell[2]) for cell in cells if cell is not None and float(cell[1]) != 0}
+    if len(named) > 1:
+        raise InputError(f"{spec}: some pressures have a unit, others have none; expected one at each, or kPa at none")
     return constant_program(row)
+
+
+def _in_pascals(cell: "re.Match[str] | None", unit: Unit | None) -> float:
+    """Raises ArithmeticError for what is no pressure."""
+    if cell is None or unit is None or unit.dimension != "pressure":
+        raise ArithmeticError
+    return float(Decimal(cell[1]) * unit.factor)
 
 
 def read_csv(path: Path) -> PressureProgram:

@@ -1,17 +1,16 @@
 """What a search has evaluated, and where it stands, on disk: an interrupted search goes on from its last round."""
 
 import json
-import sqlite3
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from fabdesign.checkpoint import require_same
+from fabdesign.errors import note
+from fabdesign.kept_database import open_database, writing
 
 _SCHEMA = """
-create table if not exists content (field text primary key, value text);
 create table if not exists evaluations
     (number integer primary key, seconds real, stage text, objective real, diverged integer, x text);
 create table if not exists checkpoint
@@ -39,25 +38,29 @@ class History:
 
     def __init__(self, path: Path | str, study: Mapping[str, str] | str) -> None:
         self._path = path
-        self._file = sqlite3.connect(path)
-        try:
-            self._open({"study": study} if isinstance(study, str) else study)
-        except BaseException:
-            self._file.close()
-            raise
+        content = {"study": study} if isinstance(study, str) else study
+        self._file = open_database(path, _SCHEMA, content, "the search of another study")
+        row = self._file.execute("select evaluations, seconds, state from checkpoint").fetchone()
+        sound = row is None or self._sound(*row)
+        if not sound:
+            note(f"{path}: its checkpoint is damaged; the search begins anew")
+        self.evaluations: int = row[0] if row and sound else 0
+        self.seconds: float = row[1] if row and isinstance(row[1], float) else 0.0
+        with writing(path), self._file:
+            if not sound:
+                self._file.execute("delete from checkpoint")
+            self._file.execute("delete from evaluations where number > ?", (self.evaluations,))
 
-    def _open(self, study: Mapping[str, str]) -> None:
-        self._file.execute("pragma journal_mode = wal")
-        self._file.executescript(_SCHEMA)
-        known = dict(self._file.execute("select field, value from content").fetchall())
-        if known:
-            require_same(known, study, Path(self._path).parent, "the search of another study")
-        self._file.executemany("insert or replace into content values (?, ?)", study.items())
-        kept = self._file.execute("select evaluations, seconds from checkpoint").fetchone() or (0, 0.0)
-        self._file.execute("delete from evaluations where number > ?", kept[:1])
-        self._file.commit()
-        self.evaluations: int = kept[0]
-        self.seconds: float = kept[1]
+    def _sound(self, evaluations: object, seconds: object, state: Any) -> bool:
+        """Return whether a checkpoint and the evaluations before it can be read."""
+        valid = "select count(*) from evaluations where number <= ? and json_valid(x)"
+        if not isinstance(evaluations, int) or not isinstance(seconds, float):
+            return False
+        try:
+            json.loads(state)
+        except (TypeError, ValueError):
+            return False
+        return bool(self._file.execute(valid, (evaluations,)).fetchone()[0] == evaluations)
 
     def add(self, entries: Iterable[Entry]) -> None:
         rows = []
@@ -66,7 +69,7 @@ class History:
             self.seconds = entry.seconds
             x = json.dumps(entry.x)
             rows.append((self.evaluations, entry.seconds, entry.stage, entry.objective, entry.diverged, x))
-        with self._file:
+        with writing(self._path), self._file:
             self._file.executemany("insert into evaluations values (?, ?, ?, ?, ?, ?)", rows)
 
     def entries(self) -> list[Entry]:
@@ -80,7 +83,7 @@ class History:
 
     def save(self, state: Any, seconds: float) -> None:
         """Checkpoint: a state that JSON holds exactly."""
-        with self._file:
+        with writing(self._path), self._file:
             self._file.execute(
                 "insert or replace into checkpoint values (0, ?, ?, ?)", (self.evaluations, seconds, json.dumps(state))
             )

@@ -55,7 +55,10 @@ def _searches(folder: Path, histories: Sequence[Path]) -> EvaluationsTable:
     entries = []
     for history in histories:
         part = history.parent.relative_to(folder).as_posix()
-        entries += [(part, *row[:5], json.loads(row[5])) for row in _read(history)]
+        try:
+            entries += [(part, *row[:5], json.loads(row[5])) for row in _read(history)]
+        except (TypeError, json.JSONDecodeError) as error:
+            raise InputError(f"{history}: cannot be read ({error})") from None
     most = max((len(row[-1]) for row in entries), default=0)
     rows = [
         [part, number, seconds, stage, None if diverged else in_mm(objective), bool(diverged), *x]
@@ -104,7 +107,8 @@ def write_optuna_store(table: EvaluationsTable, path: Path, name: str) -> None:
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
-    storage = optuna.storages.RDBStorage(f"sqlite:///{path}")
+    opened = {"creator": lambda: sqlite3.connect(path)}  # a URL would take ? and % in a name for its own
+    storage = optuna.storages.RDBStorage("sqlite:///of-the-creator", engine_kwargs=opened)
     try:
         rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
         for part, own in groupby(rows, key=lambda row: row["part"]):

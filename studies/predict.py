@@ -17,6 +17,7 @@ from fabdesign.motion_file import MotionData, write_motion
 from fabdesign.output import new_folder
 from fabdesign.pressure import PressureProgram
 from fabdesign.trial import MeasurementSet
+from fabdesign.units import in_mm
 from studies.forward_model import forward_model
 from studies.intervals.band import bands
 from studies.laced_motion import laced_motions, laced_rests
@@ -81,7 +82,7 @@ def require_motions(
     cannot be used, SimulationError where a motion diverges."""
     motions = laced_motions(forward, model, cases, times)
     for case, motion in zip(cases, motions, strict=True):
-        _require_finite(motion.points, motion.time, case.design.name)
+        _require_finite(motion.points, motion.time, case.design.name, _on_grid(forward, case.design))
     return motions
 
 
@@ -119,7 +120,7 @@ def predicted(
         times = [trial.times for trial in batch]
         motions = laced_motions(forward, model, cases[part], times, sensing=True)
         for trial, motion in zip(batch, motions, strict=True):
-            _require_finite(motion.points, motion.time, str(trial.file))
+            _require_finite(motion.points, motion.time, str(trial.file), _on_grid(forward, trial.design))
         around = bands(whole, coarse or forward, cases[part], times, [motion.points for motion in motions])
         for trial, motion, band in zip(batch, motions, around, strict=True):
             yield trial, replace(motion, band=band)
@@ -174,11 +175,29 @@ def require_shapes(forward: ForwardModel, cases: Sequence[Case], *, model: Model
     shapes = laced_rests(forward, model, cases)
     for case, shape in zip(cases, shapes, strict=True):
         if not np.isfinite(shape.points).all():
-            raise SimulationError(f"{case.design.name}: no shape at rest was found; nothing written")
+            grid = _on_grid(forward, case.design)
+            raise SimulationError(f"{case.design.name}: no shape at rest was found{grid}; nothing written")
     return shapes
 
 
-def _require_finite(points: NDArray[np.float32], times: NDArray[np.float64], what: str) -> None:
+def _require_finite(points: NDArray[np.float32], times: NDArray[np.float64], what: str, grid: str) -> None:
     lost = ~np.isfinite(points).all(axis=(1, 2))
     if lost.any():
-        raise SimulationError(f"{what}: the motion diverged at {times[int(np.argmax(lost))]:.3f} s; nothing written")
+        at = times[int(np.argmax(lost))]
+        raise SimulationError(f"{what}: the motion diverged at {at:.3f} s{grid}; nothing written")
+
+
+def _on_grid(forward: ForwardModel, design: Design) -> str:
+    """Return the grid in words, with one that would follow the lacing where this one is wider; nothing of a forward
+    model that has none."""
+    side = getattr(forward, "points_per_side", None)
+    if side is None:
+        return ""
+    size = max(design.fabric.width, design.fabric.height)
+    pitch = min((muscle.fixed_point_pitch for muscle in design.muscles), default=size)
+    grid, wide = f" on a grid of {side} points a side", size / (side - 1)
+    if wide <= pitch * (1 + 1e-6):
+        return grid
+    enough = int(np.ceil(size / pitch - 1e-6)) + 1
+    apart = f"{in_mm(wide):.3g} mm apart, wider than the fixed points' {in_mm(pitch):.3g} mm"
+    return f"{grid}, {apart}; expected --grid {enough} or more"

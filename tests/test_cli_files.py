@@ -14,9 +14,12 @@ import pytest
 from fabdesign.catalogue import build
 from fabdesign.cli import commands
 from fabdesign.design_file import read_design
+from fabdesign.errors import SimulationError
 from fabdesign.model import PARTS
 from fabdesign.model_file import read_model
-from tests.command_line import Diverging, Hanging, Run
+from fabdesign.pressure_file import constant_program
+from studies.predict import moved
+from tests.command_line import Diverging, Hanging, Run, one_line
 from tests.conftest import ROOT
 
 
@@ -215,6 +218,46 @@ def test_place_that_cannot_be_written_is_refused_before_computing(
         paths = [folder / word if "." in word or word == "set" else word for word in arguments]
         assert run(*paths, "-o", folder / "file" / "out")[0] == 2
     assert hanging.asked == []
+
+
+@pytest.mark.parametrize(
+    ("words", "problem"),
+    [
+        (
+            "simulate cross.toml --pressures 100,0 -o x.mp4",
+            "x.mp4: ends in .mp4, another format; expected a name that ends in .npz; fabdesign view x.npz -o x.mp4",
+        ),
+        ("simulate cross.toml --pressures 100,0 -o x.csv", "x.csv: ends in .csv, another format; expected a name that"),
+        ("new cross -o x.json", "x.json: ends in .json, another format; expected a name that ends in .toml"),
+        ("calibrate set -o x.npz", "another format; expected a name that ends in .toml"),
+        ("train set -o x.safetensors", "another format; expected a name that ends in .toml"),
+        *((f"{words} -o x.html", "another format; expected the name of a folder") for words in (
+            "predict set --model model.toml", "evaluate set --model model.toml", "export cross.toml", "trace set",
+            "fuse set", "rig cross.toml --pressures p.csv", "optimize s.toml", "sensitivity s.toml", "study s.toml",
+            "loop s.toml", "demo",
+        )),
+        ("view set -o x.npz", "expected a name that ends in .html, .png, .gif, .mp4, "),
+        ("studies table set -o x.xlsx", "expected a name that ends in .csv, .parquet or .db"),
+    ],
+)  # fmt: skip
+def test_an_ending_of_another_format_is_refused(
+    words: str, problem: str, run: Run, folder: Path, hanging: type[Hanging], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(folder)
+    one_line(run(*words.split()), problem)
+    assert not [*folder.glob("x*")]
+
+
+def test_a_motion_that_diverges_on_a_coarse_grid_names_the_grid(folder: Path) -> None:
+    """Fixed points 20 mm apart on a grid of 25 mm: 11 points a side follow them."""
+    coarse = Diverging(9)
+    coarse.points_per_side = 9  # type: ignore[attr-defined]
+    with pytest.raises(SimulationError) as told:
+        moved(coarse, build("basic"), constant_program(np.full(build("basic").channels, 3e5)), np.array([0.0, 0.2]))
+    assert str(told.value) == (
+        "basic: the motion diverged at 0.200 s on a grid of 9 points a side, 25 mm apart, wider than the fixed points' "
+        "20 mm; expected --grid 11 or more; nothing written"
+    )
 
 
 def test_installed_program_prints_no_traceback(tmp_path: Path) -> None:

@@ -1,7 +1,12 @@
 """Batches on the workers of a Dask scheduler: same bits, whoever dies; what cannot work is said in a line."""
 
+import shutil
+import socket
+import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -182,3 +187,61 @@ def _now() -> Cluster:
     found = current()
     assert found is not None
     return found
+
+
+@pytest.mark.parametrize("said", [b"HTTP/1.1 400 Bad Request\r\n\r\n", b"SSH-2.0-OpenSSH_9.2\r\n", bytes(64), b"\x01"])
+def test_another_program_at_the_address_is_a_line(said: bytes, run: Run, folder: Path) -> None:
+    """Its first eight bytes are no length: nobody asks for exbibytes, or waits for ever."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def answer() -> None:
+            with suppress(OSError):
+                connection, _ = server.accept()
+                with connection:
+                    connection.sendall(said)
+
+        threading.Thread(target=answer, daemon=True).start()
+        address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        arguments = ("predict", folder / "set", "--model", folder / "model.toml", "-o", folder / "out")
+        one_line(run(*arguments, "--cluster", address), f"{address}: another program answers there; expected")
+
+
+def test_a_cluster_with_certificates(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Dask's own configuration holds; who has no certificate of this authority is not let in."""
+    import dask
+    from distributed import LocalCluster, Security
+
+    if shutil.which("openssl") is None:
+        pytest.skip("no openssl makes a certificate here")
+    key, certificate = str(tmp_path / "key.pem"), str(tmp_path / "cert.pem")
+    make = [
+        "openssl",
+        "req",
+        "-x509",
+        "-newkey",
+        "rsa:2048",
+        "-nodes",
+        "-days",
+        "1",
+        "-subj",
+        "/CN=localhost",
+        "-keyout",
+    ]
+    subprocess.run([*make, key, "-out", certificate], check=True, capture_output=True)
+    pairs = {f"tls_{who}_{what}": path for who in ("scheduler", "worker", "client") for what, path in
+             (("key", key), ("cert", certificate))}  # fmt: skip
+    security = Security(tls_ca_file=certificate, require_encryption=True, **pairs)
+    tls = {"ca-file": certificate, "client.key": key, "client.cert": certificate}
+    configured = {f"distributed.comm.tls.{name}": value for name, value in tls.items()}
+    with LocalCluster(
+        n_workers=1, processes=False, dashboard_address=None, protocol="tls://", security=security
+    ) as local:
+        address = local.scheduler_address
+        assert address.startswith("tls://")
+        with dask.config.set(configured), on_cluster(address):
+            assert current() is not None
+            assert [*_now().map(abs, [-1, 2], str)] == [1, 2]
+        monkeypatch.setattr(machines, "WAIT", 3.0)
+        for wrong in (address, address.replace("tls:", "tcp:")):
+            with pytest.raises(InputError, match=f"^{wrong}: .*expected"), on_cluster(wrong):
+                pass

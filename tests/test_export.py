@@ -1,5 +1,6 @@
 """Sewing: templates, pages, DXF and cut list are at 1:1, and what is missing is said."""
 
+import csv
 import re
 import zlib
 from dataclasses import replace
@@ -11,10 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fabdesign.catalogue import build, standard
+from fabdesign.csv_table import write_rows
 from fabdesign.design import Design
 from fabdesign.drawing import Words
 from fabdesign.errors import InputError, InputNote
-from fabdesign.export import export_design, pressures_beside
+from fabdesign.export import export_design, pressures_beside, write_cut_list
 from fabdesign.muscle import Muscle
 from fabdesign.pages import NAMES, OVERLAP, PAPERS, joints, page_name, tiled, window
 from fabdesign.pressure import poses_in_words
@@ -170,6 +172,18 @@ def test_cut_list_has_tails(tmp_path: Path) -> None:
     assert rows[1] == "0,EM20,front,0,240.4,50.0,340.4,13"  # 170 mm sqrt(2), and a tail at each end
     export_design(design, tmp_path / "asked", stem="d", paper=None, tail_length=0.03)
     assert "240.4,30.0,300.4" in (tmp_path / "asked" / "d_cut_list.csv").read_text()
+
+
+def test_a_name_is_no_formula_in_a_cut_list(tmp_path: Path) -> None:
+    for k, name in enumerate(('=HYPERLINK("x")', "+1+1", "-2-3", "@SUM(A1)", " =1+1")):
+        kind = replace(build("cross").muscle_types["EM20"], name=name, tail_length=0.05)
+        muscles = tuple(replace(muscle, type=name) for muscle in build("cross").muscles)
+        design = replace(build("cross"), muscle_types={name: kind}, muscles=muscles)
+        write_cut_list(design, tmp_path / f"{k}.csv")
+        rows = [*csv.reader((tmp_path / f"{k}.csv").open())]
+        assert {row[1] for row in rows[1:]} == {f"'{name}"}
+    write_rows(tmp_path / "n.csv", ["a"], [["-1.5"], ["+2e3"], [-3.0], ["-inf"]])
+    assert (tmp_path / "n.csv").read_text().split() == ["a", "-1.5", "+2e3", "-3.0", "-inf"]
 
 
 def test_no_cut_list_without_tails(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from fabdesign.catalogue import build, standard
 from fabdesign.errors import InputError
 from fabdesign.pressure import PressureProgram
-from fabdesign.pressure_file import read_pressures, write_pressures
+from fabdesign.pressure_file import read_pressures, told_slight, write_pressures
 from fabdesign.trial_file import program_of
 from studies.predict import frame_times
 
@@ -143,3 +143,31 @@ def test_bad_csv_is_one_line(text: str, problem: str, tmp_path: Path) -> None:
 def test_design_without_muscles_has_no_channels() -> None:
     with pytest.raises(InputError, match="expected 0 channels"):
         read_pressures("100", standard())
+
+
+@pytest.mark.parametrize(
+    ("row", "expected"),
+    [
+        ("2bar,0", [200e3, 0.0]),
+        ("200kPa, 0.2 MPa", [200e3, 200e3]),
+        ("29psi,0.29BAR", [29 * 6894.757293168, 29e3]),
+        ("1e2,200", [100e3, 200e3]),
+    ],
+)
+def test_a_row_may_name_its_units(row: str, expected: list[float]) -> None:
+    assert read_pressures(row, CROSS).pressure.tolist() == [expected]
+
+
+@pytest.mark.parametrize("row", ["2bar,100", "2m,0", "2mPa,0", "bar,0", "2 bar 3,0"])
+def test_a_row_whose_units_could_mean_two_things_is_refused(row: str) -> None:
+    with pytest.raises(InputError, match=r"expected one at each|no row of pressures such as|no such file"):
+        read_pressures(row, CROSS)
+
+
+def test_bar_written_as_kilopascals_is_said() -> None:
+    for row, slight in (("2,2", True), ("0,0", False), ("2bar,2bar", False), ("20,0", False)):
+        line = told_slight(read_pressures(row, CROSS), CROSS, row)
+        assert bool(line) == slight
+    assert told_slight(read_pressures("2,2", CROSS), CROSS, "2,2").startswith(
+        "2,2: the largest pressure is 2 kPa, and the muscles' benches go to 400 kPa: next to nothing moves;"
+    )

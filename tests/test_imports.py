@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -134,3 +135,24 @@ def test_nouns_load_nothing_heavy(module: str) -> None:
     )
     loaded = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True, cwd=ROOT)
     assert loaded.stdout.strip() == "[]"
+
+
+def test_every_extra_that_is_named_exists() -> None:
+    """In code and in pages, `fabdesign[NAME]` and what a missing module is said to need."""
+    from fabdesign.errors import EXTRAS
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    known = set(project["optional-dependencies"])
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md"), ROOT / "Makefile"]
+    named = {
+        (name, file.relative_to(ROOT).as_posix())
+        for file in [*FILES, *pages, *(ROOT / "examples").glob("*"), *(ROOT / "scripts").glob("*")]
+        if file.is_file()
+        for names in re.findall(
+            r"(?:fabdesign|\.)\[([a-z][a-z0-9,-]*)\]", file.read_text(encoding="utf-8", errors="ignore")
+        )
+        for name in names.split(",")
+    }
+    assert len(named) > 5
+    assert {(name, file) for name, file in named if name not in known} == set()
+    assert set(EXTRAS.values()) <= known

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import sqlite3
 from pathlib import Path
 from typing import Any
 
@@ -120,6 +121,14 @@ def test_a_search_is_a_store_of_optuna_studies(tmp_path: Path) -> None:
     single = search_folder(tmp_path / "lift", 4.5, ENTRIES)
     run("table", single, "-o", tmp_path / "lift.db")
     assert optuna.get_all_study_names(f"sqlite:///{tmp_path / 'lift.db'}") == ["lift"]
+    for name in ("a?b.db", "50%20.db", "a#b c.db"):
+        run("table", single, "-o", tmp_path / name)
+        file = sqlite3.connect(tmp_path / name)
+        assert file.execute("select study_name from studies").fetchall() == [("lift",)]
+        file.close()
+    assert sorted(path.name for path in tmp_path.glob("*.db")) == sorted(
+        ["all.db", "lift.db", "a?b.db", "50%20.db", "a#b c.db"]
+    )
     (tmp_path / "sweep").mkdir()
     (tmp_path / "sweep" / "samples.csv").write_text("method,pressure.0\nmorris,1\n")
     with pytest.raises(InputError, match=r"^sweep: has no objective_mm; expected the folder of a search"):

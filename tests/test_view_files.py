@@ -1,6 +1,7 @@
 """Motions for other programs: GLB, VTK, Rerun and CSV, opened by what reads them, and how far panels are apart."""
 
 import json
+import shutil
 import struct
 import subprocess
 import sys
@@ -204,6 +205,28 @@ def test_a_recording_for_rerun_is_sound(files: dict[str, Path], tmp_path: Path) 
     assert "1 file verified without error" in found.stdout + found.stderr
     (tmp_path / "m.rrd").write_bytes((tmp_path / "m.rrd").read_bytes()[:1000])
     assert subprocess.run(verify, capture_output=True, check=False).returncode
+
+
+def test_a_motion_becomes_a_video(files: dict[str, Path], tmp_path: Path) -> None:
+    if shutil.which("ffmpeg") is None:
+        pytest.importorskip("imageio_ffmpeg", reason="no ffmpeg, and the extra video is not installed")
+    view(files["motion"], "-o", tmp_path / "m.mp4")
+    content = (tmp_path / "m.mp4").read_bytes()
+    assert content[4:8] == b"ftyp" and b"moov" in content and b"avc1" in content
+
+
+def test_without_ffmpeg_a_video_says_what_to_install(
+    files: dict[str, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from fabdesign.cli import main
+
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
+    monkeypatch.setattr(sys, "argv", ["fabdesign", "view", str(files["motion"]), "-o", str(tmp_path / "m.mp4")])
+    with pytest.raises(SystemExit):
+        main()
+    said = "fabdesign: needs imageio_ffmpeg; install it with: pip install 'fabdesign[video]'\n"
+    assert capsys.readouterr().err == said
 
 
 def test_a_missing_package_is_said_in_one_line_before_work(

@@ -23,21 +23,9 @@ from fabdesign.cli import (  # noqa: F401 their commands join the group
     viewing,
 )
 from fabdesign.cli.console import commands, notes_told
-from fabdesign.errors import InputError, SimulationError
+from fabdesign.errors import EXTRAS, InputError, SimulationError, needs
+from fabdesign.shortage import line_of
 from fabdesign.supervisor import SIGNALS, ended_by, is_supervised, record
-
-_EXTRAS = {
-    "open3d": "clouds",
-    "ezdxf": "dxf",
-    "torch": "corrector",
-    "pygltflib": "export",
-    "meshio": "export",
-    "rerun": "rerun",
-    "pandas": "tables",
-    "pyarrow": "tables",
-    "optuna": "optuna",
-    "viser": "studio",
-}
 
 
 class Terminated(BaseException):
@@ -67,13 +55,17 @@ def main() -> None:
     except SimulationError as error:
         _fail(str(error), 1)
     except ModuleNotFoundError as error:
-        if error.name not in _EXTRAS:
+        if error.name not in EXTRAS:
             raise
-        _fail(f"needs {error.name}; install it with: pip install 'fabdesign[{_EXTRAS[error.name]}]'", 1)
+        _fail(needs(error), 1)
     except Terminated as stop:
         _end(stop, str(stop), 128 + stop.number)
     except (click.exceptions.Abort, KeyboardInterrupt) as stop:
         _end(stop, ended_by(signal.SIGINT), 130)
+    except (OSError, MemoryError, ImportError, RuntimeError, SystemError) as error:  # after Abort, a RuntimeError
+        if (line := line_of(error)) is None:
+            raise
+        _fail(line, 2)
 
 
 def _print_any_name() -> None:

@@ -1,5 +1,6 @@
 """What the commands share: the group, options, how they print, and where their batches are computed."""
 
+import os
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -12,7 +13,7 @@ import click
 from fabdesign import __version__
 from fabdesign.cache_folder import ensure_cache_folder
 from fabdesign.effort import COARSEST, FINEST
-from fabdesign.errors import InputNote
+from fabdesign.errors import InputError, InputNote
 from fabdesign.json_file import json_text
 
 if TYPE_CHECKING:
@@ -41,7 +42,37 @@ class IntegerRange(click.IntRange):
     name = "integer"
 
 
+class OutputPath(click.Path):
+    """A file to write, whose name ends in `ending` or in nothing that is another format's; without `ending` a folder.
+
+    `view` makes what shows a motion.
+    """
+
+    _SHOWN = (".html", ".png", ".gif", ".mp4", ".glb", ".pvd", ".rrd")
+    _FORMATS = (
+        *_SHOWN, ".npz", ".npy", ".csv", ".tsv", ".txt", ".json", ".toml", ".svg", ".pdf", ".dxf", ".jpg", ".jpeg",
+        ".mov", ".avi", ".webm", ".mkv", ".vtu", ".vtk", ".gltf", ".ply", ".obj", ".stl", ".pcd", ".xyz", ".zip", ".db",
+        ".sqlite", ".parquet", ".xlsx", ".bag", ".mcap", ".safetensors", ".md", ".yaml",
+    )  # fmt: skip
+
+    def __init__(self, ending: str | None = None) -> None:
+        super().__init__(path_type=Path)
+        self._ending = ending
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        path = Path(os.fsdecode(super().convert(value, param, ctx)))
+        ending = path.suffix.lower()
+        if ending in self._FORMATS and ending != self._ending:
+            expected = "the name of a folder" if self._ending is None else f"a name that ends in {self._ending}"
+            more = ""
+            if self._ending == ".npz" and ending in self._SHOWN:
+                more = f"; fabdesign view {path.with_suffix('.npz')} -o {path} then makes that"
+            raise InputError(f"{path}: ends in {ending}, another format; expected {expected}{more}")
+        return path
+
+
 FILE = click.Path(path_type=Path)
+FOLDER = OutputPath()
 FINITE = _Finite()
 SECONDS = NumberRange(min=0, min_open=True)
 GRID = IntegerRange(COARSEST, FINEST)

@@ -10,6 +10,8 @@ import click
 from fabdesign.cli.console import (
     FILE,
     FINITE,
+    FOLDER,
+    OutputPath,
     commands,
     force_option,
     json_option,
@@ -27,7 +29,7 @@ if TYPE_CHECKING:
 
 @commands.command()
 @click.argument("layout")
-@click.option("-o", "--output", type=FILE, required=True, help="The design file to write (TOML).")
+@click.option("-o", "--output", type=OutputPath(".toml"), required=True, help="The design file to write (TOML).")
 @click.option("--name", help="Name of the design; by default that of the layout.")
 @click.option("--width", type=FINITE, help="Width of the cloth, m.")
 @click.option("--height", type=FINITE, help="Height of the cloth, m.")
@@ -146,7 +148,7 @@ def _counted(warnings: tuple[str, ...]) -> str:
     multiple=True,
     help="Pressures to write too, a file for each pose; by default those beside a DESIGN that optimize wrote.",
 )
-@click.option("-o", "--output", type=FILE, required=True, help="The folder to write to.")
+@click.option("-o", "--output", type=FOLDER, required=True, help="The folder to write to.")
 @force_option
 @json_option
 def export(

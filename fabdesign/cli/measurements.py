@@ -7,9 +7,11 @@ import click
 
 from fabdesign.cli.console import (
     FILE,
+    FOLDER,
     GRID,
     SEED,
     IntegerRange,
+    OutputPath,
     cluster_option,
     commands,
     force_option,
@@ -39,7 +41,7 @@ from fabdesign.model import POINTS_PER_SIDE
 )
 @click.option("--skip-bad", is_flag=True, help="Leave out invalid frames and recordings, and list them.")
 @click.option("--seed", type=SEED, default=0, show_default=True)
-@click.option("-o", "--output", type=FILE, required=True, help="The measurement set to write.")
+@click.option("-o", "--output", type=FOLDER, required=True, help="The measurement set to write.")
 @force_option
 @json_option
 def fuse(
@@ -116,7 +118,7 @@ def fuse(
 @click.option(
     "-o",
     "--output",
-    type=FILE,
+    type=OutputPath(".toml"),
     required=True,
     help="The model, or for a bench the muscle type or cloth, to write (TOML).",
 )
@@ -181,8 +183,8 @@ def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Pa
         calibrate_bench,
         effects_in_words,
         errors_in_words,
-        noise_in_words,
         next_step,
+        noise_in_words,
         write_bench_type,
     )
 
@@ -219,7 +221,7 @@ def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Pa
     "--test-trials", type=int, default=0, show_default=True, help="Number of last trials that get the role test."
 )
 @cluster_option
-@click.option("-o", "--output", type=FILE, required=True, help="The measurement set to write.")
+@click.option("-o", "--output", type=FOLDER, required=True, help="The measurement set to write.")
 @force_option
 @json_option
 def rig(

@@ -10,8 +10,10 @@ import click
 from fabdesign.cli.console import (
     FILE,
     FINITE,
+    FOLDER,
     SEED,
     NumberRange,
+    OutputPath,
     cluster_option,
     commands,
     force_option,
@@ -30,7 +32,10 @@ from fabdesign.json_file import write_json
 
 @commands.command()
 @click.argument("design", type=FILE)
-@click.option("--pressures", help='Pressures in kPa: a CSV, a trial\'s npz, or one constant row such as "400,0,200".')
+@click.option(
+    "--pressures",
+    help='Pressures: a CSV, a trial\'s npz, or one constant row such as "400,0,200", in kPa, or "4bar,0,29psi".',
+)
 @click.option("--model", type=FILE, help="A model file; by default the data sheet.")
 @without_option
 @effects_option
@@ -61,7 +66,7 @@ from fabdesign.json_file import write_json
     "--self-contact", is_flag=True, help="Layers of the cloth do not pass through each other; 5 to 8 times slower."
 )
 @grid_option
-@click.option("-o", "--output", type=FILE, required=True, help="The npz to write: time, points.")
+@click.option("-o", "--output", type=OutputPath(".npz"), required=True, help="The npz to write: time, points.")
 @force_option
 @json_option
 def simulate(
@@ -90,7 +95,7 @@ def simulate(
     from fabdesign.motion_file import mesh_paths, square_triangles, write_mesh, write_motion
     from fabdesign.output import new_file, new_files
     from fabdesign.pressure import rising_program
-    from fabdesign.pressure_file import constant_program, read_pressures
+    from fabdesign.pressure_file import constant_program, read_pressures, told_slight
     from studies.forward_model import extrapolated
     from studies.predict import frame_times, moved, rested
 
@@ -135,6 +140,8 @@ def simulate(
     result: dict[str, Any] = {"motion": str(output), "frames": len(times), "points": motion.points.shape[1]}
     if mesh_files:
         result["meshes"] = [str(file) for file in mesh_files]
+    if pressures is not None and (slight := told_slight(program, loaded, pressures)):
+        tell(f"note: {slight}")
     what = "the shape at rest," if equilibrium else f"{len(times)} frames of"
     print_result(result, f"{output}: {what} {motion.points.shape[1]} points", as_json)
 
@@ -147,7 +154,7 @@ def simulate(
 @click.option("--design", type=FILE, help="Design of a single trial file.")
 @grid_option
 @cluster_option
-@click.option("-o", "--output", type=FILE, required=True, help="The folder to write to.")
+@click.option("-o", "--output", type=FOLDER, required=True, help="The folder to write to.")
 @force_option
 @json_option
 def predict(
@@ -198,7 +205,7 @@ def predict(
 @skip_bad_option
 @grid_option
 @cluster_option
-@click.option("-o", "--output", type=FILE, help="A folder for tables, a picture and the whole result.")
+@click.option("-o", "--output", type=FOLDER, help="A folder for tables, a picture and the whole result.")
 @force_option
 @json_option
 def evaluate(

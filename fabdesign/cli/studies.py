@@ -6,7 +6,16 @@ from typing import Any
 
 import click
 
-from fabdesign.cli.console import FILE, SECONDS, cluster_option, commands, force_option, json_option, print_result
+from fabdesign.cli.console import (
+    FILE,
+    FOLDER,
+    SECONDS,
+    cluster_option,
+    commands,
+    force_option,
+    json_option,
+    print_result,
+)
 from fabdesign.cli.models import effects_option
 from fabdesign.cli.progress import SEARCH, described
 from fabdesign.units import in_mm
@@ -18,7 +27,7 @@ def study_options(seconds: str) -> Callable[[Command], Command]:
     """STUDY, -o, --effects, --cluster, --seconds, --force and --json, in this order. seconds: what they limit."""
     options: tuple[Callable[[Any], Any], ...] = (
         click.argument("study", type=FILE),
-        click.option("-o", "--output", type=FILE, required=True, help="Folder to write to, or to continue in."),
+        click.option("-o", "--output", type=FOLDER, required=True, help="Folder to write to, or to continue in."),
         effects_option,
         cluster_option,
         click.option("--seconds", type=SECONDS, help=seconds),
@@ -35,7 +44,7 @@ def study_options(seconds: str) -> Callable[[Command], Command]:
 
 
 @commands.command()
-@click.option("-o", "--output", type=FILE, default=Path("demo"), show_default=True, help="The folder to write to.")
+@click.option("-o", "--output", type=FOLDER, default=Path("demo"), show_default=True, help="The folder to write to.")
 @force_option
 @json_option
 def demo(output: Path, force: bool, as_json: bool) -> None:

@@ -6,6 +6,7 @@ import click
 
 from fabdesign.cli.console import (
     FILE,
+    FOLDER,
     GRID,
     SECONDS,
     SEED,
@@ -34,7 +35,7 @@ from fabdesign.units import from_mm
 @click.option("--seed", type=SEED, default=0, show_default=True, help="Seed of the points drawn.")
 @effects_option
 @cluster_option
-@click.option("-o", "--output", type=FILE, required=True, help="Folder to write to, or to continue in.")
+@click.option("-o", "--output", type=FOLDER, required=True, help="Folder to write to, or to continue in.")
 @force_option
 @json_option
 def trace(

@@ -8,6 +8,7 @@ import click
 from fabdesign.cli.console import (
     FILE,
     SEED,
+    OutputPath,
     cluster_option,
     commands,
     force_option,
@@ -43,7 +44,11 @@ from fabdesign.cli.progress import described
 @effects_option
 @cluster_option
 @click.option(
-    "-o", "--output", type=FILE, required=True, help="The model to write (TOML); its weights are written beside it."
+    "-o",
+    "--output",
+    type=OutputPath(".toml"),
+    required=True,
+    help="The model to write (TOML); its weights are written beside it.",
 )
 @force_option
 @json_option

@@ -1,7 +1,6 @@
 """Look at motions, measured clouds and predictions, and draw a layout in the browser."""
 
 import json
-from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -51,7 +50,7 @@ if TYPE_CHECKING:
     "-o",
     "--output",
     type=FILE,
-    help="File to write. The ending selects the kind: .html (turns and plays), .png, .gif, .glb (animated), .pvd "
+    help="File to write. The ending selects the kind: .html (turns and plays), .png, .gif, .mp4, .glb (animated), .pvd "
     "(ParaView), .rrd (Rerun) or .csv (markers). By default the first file's name with .html.",
 )
 @force_option
@@ -80,7 +79,7 @@ def view(
     from fabdesign.output import new_files
     from fabdesign.target_file import AsTarget
     from studies.view.items import items_of
-    from studies.view.write import KINDS, NEEDS, writer
+    from studies.view.write import KINDS, require_writer, writer
 
     output = Path(f"{files[0].resolve().stem}.html") if output is None else output
     kind = output.suffix.lower()
@@ -92,10 +91,11 @@ def view(
         raise InputError(f"--marker: points in a table; expected an output that ends in .csv, not {kind}")
     if place == "fit" and design is None:
         raise InputError("--place fit: needs the cloth; expected --design with its design file")
-    if overlay and kind not in (".html", ".png", ".gif"):
-        raise InputError(f"--overlay: of pictures; expected an output that ends in .html, .png or .gif, not {kind}")
-    if kind in NEEDS:
-        import_module(NEEDS[kind])  # missing: said before anything is computed
+    if overlay and kind not in (".html", ".png", ".gif", ".mp4"):
+        raise InputError(
+            f"--overlay: of pictures; expected an output that ends in .html, .png, .gif or .mp4, not {kind}"
+        )
+    require_writer(kind)  # before anything is computed
     places = dict(_marker(text) for text in markers)
     inputs = [*files, *(file for file in (model, design) if file is not None)]
     with new_files(output, force=force, inputs=inputs) as unfinished:

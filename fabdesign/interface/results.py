@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.design import Design
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, needs
 from fabdesign.model import Model
 from fabdesign.summary import Summary
 from fabdesign.units import in_mm
@@ -242,4 +242,4 @@ def _of_model(model: Model) -> Columns:
 
 
 def _extra(error: ModuleNotFoundError) -> InputError:
-    return InputError(f"needs {error.name}; install it with: pip install 'fabdesign[tables]'")
+    return InputError(needs(error))

@@ -16,13 +16,14 @@ one leaves its file, and these folders must be gone when the work is done.
 
 from fabdesign.output.own import MARK, always_input, others_in, own_files, read_mark, write_mark
 from fabdesign.output.unfinished import Inputs, WorkFolder, given_up, new_file, new_files, new_folder, work_folder
-from fabdesign.output.whole import sweep, whole_file, write_text
+from fabdesign.output.whole import cannot_write, sweep, whole_file, write_text
 
 __all__ = [
     "MARK",
     "Inputs",
     "WorkFolder",
     "always_input",
+    "cannot_write",
     "given_up",
     "new_file",
     "new_files",

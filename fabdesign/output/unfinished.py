@@ -9,7 +9,17 @@ from typing import Any
 
 from fabdesign.errors import InputError
 from fabdesign.output.own import MARK, files_in, others_in, own_files, read_mark, require_apart, write_mark
-from fabdesign.output.whole import PREFIX, Scratch, abandoned, cannot_write, scratch, unmake
+from fabdesign.output.whole import (
+    PREFIX,
+    Scratch,
+    abandoned,
+    cannot_write,
+    flush_file,
+    scratch,
+    settle,
+    unmake,
+    whole_file,
+)
 from fabdesign.supervisor import record
 
 Inputs = Iterable[Path | str]
@@ -52,7 +62,7 @@ def new_files(
         for source, place in moves.items():
             if place == goal or not (place.is_file() and place.read_bytes() == source.read_bytes()):
                 _require_free_file(path.with_name(place.name), place, force, inputs)
-        _replace_all(moves)
+        settle(moves)
 
 
 @contextmanager
@@ -222,7 +232,10 @@ def _clear(folder: Path, goal: Path) -> None:
 def _replace_content(hidden: Path, new: Path, made_by: str) -> None:
     """The content of `new`, which lies in the hidden folder of its goal, becomes that of the goal."""
     write_mark(new, made_by, {*files_in(new)} - {MARK})
-    (hidden / _COMPLETE).write_bytes(os.fsencode(new.name))
+    for name in files_in(new):
+        flush_file(new / name)
+    with whole_file(hidden / _COMPLETE) as marker:
+        marker.write_bytes(os.fsencode(new.name))
     _finish_move(hidden)
 
 
@@ -243,21 +256,7 @@ def _finish_move(hidden: Path) -> None:
 
 
 def _move(source: Path, goal: Path) -> None:
-    _replace_all({source / name: goal / name for name in sorted(files_in(source), key=lambda name: name == MARK)})
-
-
-def _replace_all(moves: Mapping[Path, Path]) -> None:
-    """Move every file to its place; where a signal asks the program to end meanwhile, all of them still move."""
-
-    def replace_left() -> None:
-        for source, place in moves.items():
-            if source.exists():
-                place.parent.mkdir(parents=True, exist_ok=True)
-                source.replace(place)
-
-    try:
-        replace_left()
-    except BaseException as error:
-        if not isinstance(error, Exception):
-            replace_left()
-        raise
+    names = sorted(files_in(source), key=lambda name: name == MARK)
+    for name in names:
+        (goal / name).parent.mkdir(parents=True, exist_ok=True)
+    settle({source / name: goal / name for name in names})

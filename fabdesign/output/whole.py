@@ -6,13 +6,14 @@ import os
 import shutil
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 from uuid import uuid4
 
 from fabdesign.errors import InputError
+from fabdesign.shortage import concerns_disk, disk_line
 from fabdesign.supervisor import record
 
 if sys.platform == "win32":
@@ -70,7 +71,8 @@ def scratch(goal: Path, at: Path) -> Iterator[Scratch]:
     """Hold the folder `at` while `goal` is written; `release` what is held within the block, or it goes at its end.
 
     Folders above are made. What killed processes left beside `at` is swept; what one left in it is there still.
-    Raises InputError where another process holds it and where it cannot be written.
+    Raises InputError where another process holds it, where it cannot be written, and where the disk is full within the
+    block.
     """
     made = make_folders(at.parent, goal)
     sweep(at.parent, but=at)
@@ -85,6 +87,10 @@ def scratch(goal: Path, at: Path) -> Iterator[Scratch]:
     held = Scratch(at, lock, made)
     try:
         yield held
+    except OSError as error:
+        if not concerns_disk(error):
+            raise
+        raise cannot_write(goal, error, written=_bytes_in(at)) from error
     finally:
         if not lock.closed:
             held.release()
@@ -162,6 +168,8 @@ def make_folders(path: Path, goal: Path) -> list[Path]:
     except OSError as error:
         unmake(missing)
         raise cannot_write(goal, error) from None
+    for folder in missing:
+        _flush(folder.parent)
     return missing
 
 
@@ -174,15 +182,72 @@ def unmake(folders: list[Path]) -> None:
             return  # not empty, or never made
 
 
-def cannot_write(path: Path, error: OSError) -> InputError:
-    return InputError(f"{path}: cannot be written ({error.strerror})")
+def cannot_write(path: Path, error: OSError, *, needed: int | None = None, written: int = 0) -> InputError:
+    """Return what says so in a line. needed: bytes of the whole file, where they are known. written: bytes so far."""
+    return InputError(disk_line(_shown(path), error, needed=needed, written=written))
+
+
+def _shown(path: Path) -> Path:
+    """Return where a file that is written within a hidden folder will lie."""
+    parts = path.parts
+    hidden = next((k for k, part in enumerate(parts[:-1]) if part.startswith(PREFIX)), None)
+    if hidden is None:
+        return path
+    inner = parts[hidden + 1 :]  # new/NAME, where NAME is that of the goal; or piece
+    goal_is_folder = parts[hidden] == PREFIX
+    return Path(*parts[:hidden], *(inner[2:] if goal_is_folder and inner[0] == "new" else inner[1:]))
+
+
+def _bytes_in(folder: Path) -> int:
+    with suppress(OSError):
+        return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+    return 0
+
+
+def settle(moves: Mapping[Path, Path]) -> None:
+    """Rename files to their places, in this order. When it returns, what they hold and their names are on the disk:
+    neither a kill nor a power cut takes them back. Where a signal asks the program to end meanwhile, all still move."""
+
+    def replace_remaining() -> None:
+        for source, place in moves.items():
+            if source.exists():
+                source.replace(place)
+
+    for source in moves:
+        flush_file(source)
+    try:
+        replace_remaining()
+    except BaseException as error:
+        if not isinstance(error, Exception):
+            replace_remaining()
+        raise
+    for folder in {place.parent for place in moves.values()}:
+        _flush(folder)
+
+
+def flush_file(path: Path) -> None:
+    """Bring what a file holds to the disk. Raises OSError where it does not fit."""
+    if path.is_file():
+        with path.open("rb+" if os.name == "nt" else "rb") as stream:
+            os.fsync(stream.fileno())
+
+
+def _flush(folder: Path) -> None:
+    """Bring the names in a folder to the disk, where the system can."""
+    with suppress(OSError):
+        number = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(number)
+        finally:
+            os.close(number)
 
 
 @contextmanager
-def whole_file(path: Path | str) -> Iterator[Path]:
+def whole_file(path: Path | str, *, needed: int | None = None) -> Iterator[Path]:
     """A temporary path beside `path`; it replaces `path` when the block ends well, and goes when it does not.
 
-    Folders above `path` are made. Raises InputError where nothing can be written.
+    Folders above `path` are made. needed: bytes, where they are known. Raises InputError where nothing can be written
+    and where the disk is full within the block.
     """
     path = Path(path)
     if path.is_dir():
@@ -197,11 +262,20 @@ def whole_file(path: Path | str) -> Iterator[Path]:
         raise cannot_write(path, error) from None
     try:
         yield temporary
-        temporary.replace(path)
-    except BaseException:
+        settle({temporary: path})
+    except BaseException as error:
+        written = _size(temporary)
         temporary.unlink(missing_ok=True)
         unmake(made)
+        if isinstance(error, OSError) and concerns_disk(error):
+            raise cannot_write(path, error, needed=needed, written=written) from error
         raise
+
+
+def _size(path: Path) -> int:
+    with suppress(OSError):
+        return path.stat().st_size
+    return 0
 
 
 def write_text(path: Path | str, text: str) -> None:
@@ -209,5 +283,6 @@ def write_text(path: Path | str, text: str) -> None:
 
     A file's name in the text keeps its bytes, also where they are no UTF-8.
     """
-    with whole_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8", errors="surrogateescape", newline="\n")
+    content = text.encode("utf-8", "surrogateescape")
+    with whole_file(path, needed=len(content)) as temporary:
+        temporary.write_bytes(content)

@@ -18,6 +18,7 @@ spends nine tenths of the compile time on the loop.
 import contextlib
 import io
 import itertools
+import mmap
 import os
 import threading
 import time
@@ -67,6 +68,7 @@ X: Any = SimpleNamespace()
 C: Any = SimpleNamespace()
 lock = threading.RLock()
 watch_forks(lock)
+_POOL = 1 << 30  # bytes of addresses that Taichi reserves
 
 
 @brief()  # fields too keep where they come from
@@ -87,6 +89,7 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     )
     blocks = max(blocks, had.get("blocks", 0))
     require_unshared()
+    _require_address_space()
     kept: dict[str, Any] = {} if "TI_OFFLINE_CACHE" in os.environ else {"offline_cache": True}  # the user's goes first
     if widen():
         kept["offline_cache_file_path"] = _wide_folder()
@@ -101,6 +104,16 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     finally:
         mark(F, C)  # also where it is interrupted
     F.runtime, F.ready = runtime(), True
+
+
+def _require_address_space() -> None:
+    """Raise MemoryError where Taichi would get no room for its pool, which it reserves at once: it prints more than a
+    line when it is refused."""
+    if hasattr(mmap, "MAP_NORESERVE"):
+        try:
+            mmap.mmap(-1, _POOL, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | mmap.MAP_NORESERVE).close()
+        except OSError:
+            raise MemoryError(f"the simulator reserves {_POOL / 1e9:.2g} GB of addresses") from None
 
 
 def _wide_folder() -> str:

@@ -5,8 +5,8 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
+from fabdesign.checkpoint import read_kept
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import ForwardModel
 from fabdesign.layouts_file import Cell, LayoutsStudy, read_layouts
@@ -95,9 +95,8 @@ class _Grid:
         self._models = forward, coarse
         self._cells = [*study.cells]
         self._found: list[CellResult] = []
-        state = _state(work.folder / TURNS)
-        self._turns = {name: CellTurns(**row) for name, row in state.get("cells", {}).items()}
-        self._began = time.monotonic() - state.get("spent", 0.0)
+        self._turns, spent = _state(work.folder / TURNS)
+        self._began = time.monotonic() - spent
         self._end = 0.0  # s that a turn took beyond its search
         self._longest = 0.0  # s that it took to follow the motions to a result
 
@@ -231,6 +230,11 @@ class _Grid:
             write_text(files / TURNS, json.dumps(state) + "\n")
 
 
-def _state(file: Path) -> dict[str, Any]:
-    """Empty before the first turn."""
-    return json.loads(file.read_text(encoding="utf-8")) if file.is_file() else {}
+def _state(file: Path) -> tuple[dict[str, CellTurns], float]:
+    """Return the turns of each cell and the s spent; none before the first turn."""
+    return (read_kept(file, _read_turns, "how the time was shared") if file.is_file() else None) or ({}, 0.0)
+
+
+def _read_turns(file: Path) -> tuple[dict[str, CellTurns], float]:
+    state = json.loads(file.read_text(encoding="utf-8"))
+    return {name: CellTurns(**row) for name, row in state["cells"].items()}, float(state["spent"])

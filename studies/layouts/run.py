@@ -1,6 +1,5 @@
 """A target cloud becomes a layout with pressures: one study from its file to its report."""
 
-import sqlite3
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -9,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.checkpoint import OtherContent
-from fabdesign.errors import InputError, SimulationError
+from fabdesign.errors import SimulationError
 from fabdesign.forward import HOLD, RISE, ForwardModel
+from fabdesign.kept_database import files_of
 from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.predictor import Predictor
@@ -195,19 +195,15 @@ def _stages(study: Study, coarse: Predictor, fine: Predictor, objective: Objecti
 
 
 def _open_history(work: WorkFolder, content: dict[str, str]) -> History:
-    work.claim(*(HISTORY + suffix for suffix in ("", "-wal", "-shm")))
-    file = work.folder / HISTORY
+    work.claim(*files_of(HISTORY))
     try:
-        try:
-            return History(file, content)
-        except OtherContent:
-            if not work.anew:
-                raise
-            work.clear()
-            work.claim(*(HISTORY + suffix for suffix in ("", "-wal", "-shm")))
-            return History(file, content)
-    except (OSError, sqlite3.Error) as error:
-        raise InputError(f"{file}: cannot be written ({error})") from None
+        return History(work.folder / HISTORY, content)
+    except OtherContent:
+        if not work.anew:
+            raise
+        work.clear()
+        work.claim(*files_of(HISTORY))
+        return History(work.folder / HISTORY, content)
 
 
 def _keeping_best(

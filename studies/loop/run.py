@@ -173,7 +173,9 @@ def _chosen(loop: _Loop, number: int, model: Model | None, earlier: Choice | Non
 
     loop.work.claim(f"{name}/shapes.npz")
     kept = loop.checkpoint.get(
-        f"{name}_choice", lambda: choose(loop.study, model, earlier, folder, loop.simulators, progress=told)
+        f"{name}_choice",
+        lambda: choose(loop.study, model, earlier, folder, loop.simulators, progress=told),
+        files=lambda value: chosen(value, folder),
     )
     return kept, chosen(kept, folder)
 
@@ -194,7 +196,11 @@ def _measured(loop: _Loop, number: int, choice: Choice) -> MeasurementSet | None
         return {"trials": len(asked.programs)}
 
     try:
-        loop.checkpoint.get(f"{name}_measurement", measure)
+        loop.checkpoint.get(
+            f"{name}_measurement",
+            measure,
+            files=lambda _: [trial.load() for trial in read_set(loop.work.folder / name / MEASURED).trials],
+        )
     except _Waiting:
         return None
     return read_set(loop.work.folder / name / MEASURED)
@@ -220,7 +226,8 @@ def _learned(loop: _Loop, number: int, sets: Sequence[MeasurementSet], model: Mo
             say=lambda line: loop.say(number, line, 0.7),
         )
 
-    kept: Learned = loop.checkpoint.get(f"{turn_name(number)}_model", teach)
+    name = turn_name(number)
+    kept: Learned = loop.checkpoint.get(f"{name}_model", teach, files=lambda _: model_of(loop.work, name))
     return kept
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign import muscle_law
-from fabdesign.checkpoint import user_cache
+from fabdesign.checkpoint import read_kept, user_cache
 from fabdesign.design import Design
 from fabdesign.output import sweep, whole_file
 from fabdesign.pressure import PressureProgram
@@ -57,13 +57,17 @@ def control_points(task: TrialTask) -> Array:
     Raises RigDiverged where even a quarter of the time step finds no solution.
     """
     file = user_cache("rig") / f"{_digest(task)}.npy"
-    if file.is_file():
-        return np.asarray(np.load(file))
+    if file.is_file() and (kept := read_kept(file, _read_points, "it")) is not None:
+        return kept
     result = _run(task)
     sweep(file.parent)
     with whole_file(file) as temporary, temporary.open("wb") as stream:
         np.save(stream, result)
     return result
+
+
+def _read_points(file: Path) -> Array:
+    return np.asarray(np.load(file, allow_pickle=False))
 
 
 def _run(task: TrialTask) -> Array:

@@ -17,6 +17,7 @@ from fabdesign.cluster import at_once as machines
 from fabdesign.effort import duration
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case, ForwardModel
+from fabdesign.kept_database import files_of
 from fabdesign.model import Model
 from fabdesign.output import WorkFolder, work_folder
 from fabdesign.sensitivity_file import Output, SensitivityStudy, read_sensitivity
@@ -221,15 +222,14 @@ def _filled(outputs: dict[int, Array], shape: tuple[int, ...], columns: int) -> 
 
 
 def _store(work: WorkFolder, content: dict[str, str]) -> Store:
-    names = [FILE + suffix for suffix in ("", "-wal", "-shm")]
-    work.claim(*names)
+    work.claim(*files_of(FILE))
     try:
         return Store(work.folder / FILE, content)
     except OtherContent:
         if not work.anew:
             raise
         work.clear()
-        work.claim(*names)
+        work.claim(*files_of(FILE))
         return Store(work.folder / FILE, content)
 
 

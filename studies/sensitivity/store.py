@@ -1,6 +1,5 @@
 """The samples of a sweep on disk: what is computed stays, whatever ends the process."""
 
-import sqlite3
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -9,17 +8,17 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.checkpoint import OtherContent, require_same
-from fabdesign.errors import InputError
+from fabdesign.errors import note
+from fabdesign.kept_database import open_database, writing
 
 Array = NDArray[np.float64]
 FILE = "samples.sqlite"
 _SCHEMA = """
-create table if not exists content (field text primary key, value text);
 create table if not exists samples (part text, number integer, numbers blob, primary key (part, number));
 create table if not exists spent (id integer primary key check (id = 0), wall real, cpu real);
 insert or ignore into spent values (0, 0, 0);
 """
+_DROP_DAMAGED = "delete from samples where typeof(numbers) <> 'blob' or length(numbers) = 0 or length(numbers) % 8 <> 0"
 
 
 class Store:
@@ -30,20 +29,11 @@ class Store:
     """
 
     def __init__(self, path: Path, content: Mapping[str, str]) -> None:
-        try:
-            self._file = sqlite3.connect(path)
-            self._file.execute("pragma journal_mode = wal")
-            self._file.executescript(_SCHEMA)
-            known = dict(self._file.execute("select field, value from content").fetchall())
-            if known:
-                require_same(known, content, path.parent, "another study")
-            with self._file:
-                self._file.executemany("insert or replace into content values (?, ?)", content.items())
-        except OtherContent:
-            self._file.close()
-            raise
-        except (OSError, sqlite3.Error) as error:
-            raise InputError(f"{path}: cannot be written ({error})") from None
+        self._path, self._file = path, open_database(path, _SCHEMA, content, "another study")
+        with writing(path), self._file:
+            dropped = self._file.execute(_DROP_DAMAGED).rowcount
+        if dropped:
+            note(f"{path}: {dropped} samples are damaged; they are computed again")
 
     def samples(self, part: str) -> dict[int, Array]:
         """Numbers of each sample that is there."""
@@ -53,7 +43,7 @@ class Store:
     def add(self, part: str, numbers: Sequence[int], values: Sequence[Array], *, wall: float, cpu: float) -> None:
         """Add samples, and the seconds that they took."""
         rows = [(part, int(n), np.asarray(v, float).tobytes()) for n, v in zip(numbers, values, strict=True)]
-        with self._file:
+        with writing(self._path), self._file:
             self._file.executemany("insert or replace into samples values (?, ?, ?)", rows)
             self._file.execute("update spent set wall = wall + ?, cpu = cpu + ?", (wall, cpu))
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, needs
 from fabdesign.forward import RISE
 from fabdesign.motion_file import MotionData
 from fabdesign.output import new_files
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from studies.studio.session import Session
 
 FRAME_RATE = 30.0  # Hz, of a motion that is played
-SLOW = ".gif"  # for which the page would stand still; `view` writes it
+SLOW = (".gif", ".mp4")  # for which the page would stand still; `view` writes them
 
 
 class Playing:
@@ -132,7 +132,7 @@ def _points(answer: Answer) -> np.ndarray:
 
 def _require_kind(path: Path) -> str:
     """The file's ending. Raises InputError."""
-    kind, kinds = path.suffix.lower(), [kind for kind in KINDS if kind != SLOW]
+    kind, kinds = path.suffix.lower(), [kind for kind in KINDS if kind not in SLOW]
     if kind not in kinds:
         raise InputError(f"{path}: expected a name that ends in {', '.join(kinds[:-1])} or {kinds[-1]}")
     return kind
@@ -150,4 +150,4 @@ def _export(path: Path, shown: TrialMotion, laced: MotionData) -> None:
         with new_files(path) as unfinished:
             writer(kind)(items, unfinished)
     except ModuleNotFoundError as error:
-        raise InputError(f"{path}: needs {error.name}; install it with: pip install 'fabdesign[view]'") from None
+        raise InputError(f"{path}: {needs(error)}") from None

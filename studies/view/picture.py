@@ -1,5 +1,7 @@
-"""The same side by side as a picture (PNG) of some instants, or an animation (GIF)."""
+"""The same side by side as a picture (PNG) of some instants, or an animation (GIF, MP4)."""
 
+import shutil
+import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from textwrap import wrap
@@ -11,11 +13,12 @@ matplotlib.use("Agg")
 
 import numpy as np
 from matplotlib import pyplot as plt
-from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
 from matplotlib.ticker import FixedLocator, MaxNLocator
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 from scipy.spatial import cKDTree
 
+from fabdesign.errors import InputError
 from studies.view.distance import Distance, errors_in_words
 from studies.view.items import Item
 from studies.view.shapes import CLOUD, MUSCLE, parts_of, vertex_normals
@@ -73,7 +76,8 @@ def _reference(items: Sequence[Item], distance: Distance | None, overlay: bool) 
 def save_animation(
     items: Sequence[Item], path: Path, apart: Sequence[Distance | None], *, overlay: bool = False
 ) -> None:
-    """Write a GIF of the items side by side, in real time at RATE. overlay: as in a picture."""
+    """Write a GIF, or by the ending an MP4, of the items side by side, in real time at RATE. overlay: as in a picture.
+    Raises InputError where ffmpeg fails."""
     begin, end = _span(items)
     instants = np.arange(begin, end + 0.5 / RATE, 1 / RATE)
     figure = plt.figure(figsize=(3.4 * len(items), 4.1), layout="constrained")
@@ -89,8 +93,31 @@ def save_animation(
             axes.set_title(f"{head}\n{instant:.2f} s", fontsize=7, loc="left")
         return []
 
-    FuncAnimation(figure, show, frames=instants, blit=False).save(path, writer=PillowWriter(fps=round(RATE)), dpi=70)
-    plt.close(figure)
+    animation = FuncAnimation(figure, show, frames=instants, blit=False)
+    try:
+        if path.suffix.lower() == ".mp4":
+            _save_video(animation, path)
+        else:
+            animation.save(path, writer=PillowWriter(fps=round(RATE)), dpi=70)
+    finally:
+        plt.close(figure)
+
+
+def _save_video(animation: FuncAnimation, path: Path) -> None:
+    """By the ffmpeg of the system, else by that of the package imageio-ffmpeg."""
+    ffmpeg = shutil.which("ffmpeg")
+    if ffmpeg is None:
+        import imageio_ffmpeg
+
+        ffmpeg = imageio_ffmpeg.get_ffmpeg_exe()
+    try:
+        with plt.rc_context({"animation.ffmpeg_path": ffmpeg}):
+            animation.save(path, writer=FFMpegWriter(fps=round(RATE)), dpi=100)
+    except (subprocess.CalledProcessError, BrokenPipeError) as error:
+        said = (getattr(error, "stderr", None) or str(error)).strip().splitlines()[-1]
+        raise InputError(
+            f"{path.name}: {Path(ffmpeg).name} cannot write it ({said}); expected room, or a .gif"
+        ) from None
 
 
 def _wrapped(item: Item, distance: Distance | None, width: float) -> str:

@@ -1,6 +1,8 @@
 """Which writer makes a file of panels, by the file's ending."""
 
+import shutil
 from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import TypedDict
 
@@ -8,8 +10,8 @@ from fabdesign.output import write_text
 from studies.view.items import Item
 
 # the package that writes a kind of file, besides what is always there
-NEEDS = {".glb": "pygltflib", ".pvd": "meshio", ".rrd": "rerun"}
-KINDS = (".html", ".png", ".gif", ".glb", ".pvd", ".rrd", ".csv")
+_NEEDS = {".glb": "pygltflib", ".pvd": "meshio", ".rrd": "rerun", ".mp4": "imageio_ffmpeg"}
+KINDS = (".html", ".png", ".gif", ".mp4", ".glb", ".pvd", ".rrd", ".csv")
 
 
 class PanelNote(TypedDict, total=False):
@@ -22,6 +24,12 @@ class PanelNote(TypedDict, total=False):
 Writer = Callable[[Sequence[Item], Path], list[PanelNote]]
 
 
+def require_writer(kind: str) -> None:
+    """Raise ModuleNotFoundError where the package that writes a kind is missing. An ffmpeg of the system serves too."""
+    if kind in _NEEDS and not (kind == ".mp4" and shutil.which("ffmpeg")):
+        import_module(_NEEDS[kind])
+
+
 def writer(
     kind: str,
     times: Sequence[float] = (),
@@ -31,7 +39,7 @@ def writer(
 ) -> Writer:
     """Writes a file of a kind, one of KINDS; answers a note on each panel, or none. times: s, of a picture.
     markers: (u, v) m, of a table. overlay: whether a panel shows what it is compared with, too."""
-    if kind in (".html", ".png", ".gif"):
+    if kind in (".html", ".png", ".gif", ".mp4"):
         return lambda items, path: _shown(items, path, kind, times, overlay)
     if kind == ".glb":
         from studies.view.gltf import kept, save_glb
