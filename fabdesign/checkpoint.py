@@ -8,7 +8,6 @@ but what their name hashes.
 import hashlib
 import json
 import os
-import time
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign import working_time
 from fabdesign.errors import InputError
 from fabdesign.output import WorkFolder, whole_file, write_text
 
@@ -78,9 +78,9 @@ class Checkpoint:
         if not file.is_file():
             if self._seconds is not None and self.spent >= self._seconds:
                 return None
-            begun = time.monotonic()
+            begun = working_time.seconds()
             value = compute()
-            self._write(file.name, {"found": value, "seconds": time.monotonic() - begun})
+            self._write(file.name, {"found": value, "seconds": working_time.seconds() - begun})
         return json.loads(file.read_text(encoding="utf-8"))["found"]
 
     def arrays(self, name: str, compute: Callable[[], Arrays]) -> Arrays:

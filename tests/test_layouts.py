@@ -19,7 +19,7 @@ from fabdesign.study_file import MuscleChoice, Study, StudyLimits
 from fabdesign.study_targets import TargetFile
 from fabdesign.trial_file import TrialData, read_trial, write_trial
 from studies.demo.run import as_json, as_text, run_demo
-from studies.layouts.run import run_study
+from studies.layouts.run import FILES, run_study
 from tests.analytic_cloth import AnalyticCloth
 
 TRUTH = np.array([320e3, 60e3, 210e3])
@@ -55,6 +55,37 @@ def test_a_study_writes_what_others_read(trial: Path, tmp_path: Path) -> None:
     program = read_pressures(out / "pressures.csv", design)
     np.testing.assert_allclose(program.pressure[-1] / 1e3, result["pressures_kpa"])
     assert program.duration == pytest.approx(TIME)
+
+
+class Refusing(AnalyticCloth):
+    """Computes nothing."""
+
+    def motions(self, cases: object, times: object) -> list[np.ndarray]:
+        raise AssertionError("a finished study asks for motions")
+
+    def equilibria(self, cases: object) -> list[np.ndarray]:
+        raise AssertionError("a finished study asks for shapes")
+
+
+def test_a_finished_study_answers_at_once(trial: Path, tmp_path: Path) -> None:
+    """By what it has kept: every value, every file; wider limits, where a limit ended it, go further."""
+    out, cut = tmp_path / "out", study(trial, limits=StudyLimits(evaluations=60))
+    first = run_study(cut, out, forward=AnalyticCloth())
+    written = {name: (out / name).read_bytes() for name in FILES}
+    again = run_study(cut, out, forward=Refusing())
+    assert again.as_json() == first.as_json() and again.history == first.history
+    assert again.points.tobytes() == first.points.tobytes() and again.rest.tobytes() == first.rest.tobytes()
+    assert again.pressures.tobytes() == first.pressures.tobytes() and again.design == first.design
+    assert {name: (out / name).read_bytes() for name in FILES} == written
+    (out / "report.html").unlink()
+    run_study(cut, out, forward=Refusing())
+    assert (out / "report.html").is_file() and (out / "result.json").read_bytes() == written["result.json"]
+    further = replace(cut, limits=StudyLimits(evaluations=2000))
+    done = run_study(further, out, forward=AnalyticCloth())
+    assert len(done.history) > 60 and done.history[:60] == first.history and "limit" not in done.stop_reason
+    run_study(replace(cut, limits=StudyLimits(evaluations=4000)), out, forward=Refusing())  # it has converged
+    with pytest.raises(AssertionError, match="finished study asks"):
+        run_study(cut, out, forward=Refusing(), force=True)
 
 
 def test_a_result_says_within_how_much_it_is_expected(trial: Path, tmp_path: Path) -> None:

@@ -20,11 +20,11 @@ import io
 import itertools
 import os
 import threading
-import time
 from types import SimpleNamespace
 from typing import Any
 
 from fabdesign.errors import InputError
+from fabdesign.working_time import not_counted
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
@@ -35,6 +35,7 @@ except ImportError as error:  # a bare machine lacks libX11
 
 from sim import state  # after the error above
 from sim.kernels.devices import HIDDEN_STEPS, wanted
+from sim.kernels.first_calls import first_call
 from sim.kernels.frontend import brief
 from sim.kernels.vector_width import widen
 from sim.materials import CONSTANTS
@@ -79,7 +80,7 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     )
     blocks = max(blocks, had.get("blocks", 0))
     kept = {"offline_cache_file_path": _wide_folder()} if widen() else {}
-    with contextlib.redirect_stdout(io.StringIO()):
+    with not_counted(), contextlib.redirect_stdout(io.StringIO()):
         ti.init(arch=ti.cpu, default_fp=ti.f32, offline_cache=True, advanced_optimization=False, **kept)
     F.__dict__.update(sizes.__dict__, blocks=blocks, declared=declared)
     _make_fields(sizes, blocks)
@@ -144,26 +145,17 @@ def _begins(parts: dict[str, int]) -> dict[str, int]:
     return dict(zip(parts, itertools.accumulate(parts.values(), initial=0), strict=False))
 
 
-_compile_seconds = [0.0]
-
-
-def compile_seconds() -> float:
-    """Seconds that this process has spent in kernels' first calls (compilation, or loading from the cache)."""
-    return _compile_seconds[0]
-
-
 class Timed:
-    """A kernel whose first call after a start of Taichi is booked as compilation."""
+    """A kernel whose first call after a start of Taichi compiles or loads it, which is nobody's time. costly: what it
+    computes, where it takes long to compile."""
 
-    def __init__(self, kernel: Any) -> None:
-        self.kernel, self.start = kernel, None
+    def __init__(self, kernel: Any, costly: str = "") -> None:
+        self.kernel, self.costly, self.start = kernel, costly, None
 
     def __call__(self, *arguments: Any) -> Any:
         if self.start is F.node:
             return self.kernel(*arguments)
-        begin = time.perf_counter()
-        with brief():
+        with first_call(self.costly, (F.nodes, F.points, F.modes, F.blocks, LANES)):
             result = self.kernel(*arguments)
-        _compile_seconds[0] += time.perf_counter() - begin
         self.start = F.node
         return result

@@ -21,7 +21,8 @@ from studies.demo.measured import as_text as shipped_as_text
 from studies.layouts.picture import save_picture
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult
-from studies.layouts.run import forward_models, run_study
+from studies.layouts.run import run_study
+from studies.layouts.stages import forward_models
 
 TARGET = "demo_target.npz"
 SOURCE = "last frame, 1.5 s after rest, of trial 078 of set rig_a, a basic motion measured on a synthetic rig"
