@@ -12,12 +12,16 @@ from fabdesign.catalogue import build
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case
+from fabdesign.measurement_set import read_set
+from fabdesign.metrics import Errors
 from fabdesign.model import Model, Spread
+from fabdesign.model_file import read_model
 from fabdesign.pressure_file import constant_program, read_pressures
 from fabdesign.spread import spread_hash
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits
 from fabdesign.study_targets import TargetFile
 from fabdesign.trial_file import TrialData, read_trial, write_trial
+from studies.demo import measured
 from studies.demo.run import as_json, as_text, run_demo
 from studies.layouts.run import FILES, run_study
 from tests.analytic_cloth import AnalyticCloth
@@ -212,7 +216,17 @@ def test_a_ply_is_compared_with_the_equilibrium(tmp_path: Path) -> None:
 
 def test_the_demo_runs_both_searches_on_embedded_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("studies.demo.run.SECONDS", {"basic": 2.0, "free": 2.0})
-    monkeypatch.setattr("studies.demo.run.evaluate_shipped", lambda **options: None)  # held by tests/test_demo.py
+    data = Path(measured.__file__).parents[2] / "fabdesign" / "data"
+    errors = {measured.CALIBRATED: Errors(7e-3, 6e-3, 2e-3, 0.6e-3), measured.CORRECTED: Errors(6e-3, 6e-3, 1 / 3e3, 0)}
+    shipped = measured.ShippedErrors(
+        read_set(data / measured.SET),
+        read_model(data / measured.MODEL),
+        errors,
+        0.1,
+        {"076": Errors(1 / 3, 0, 0, 0)},
+        {},
+    )
+    monkeypatch.setattr("studies.demo.run.evaluate_shipped", lambda **_: shipped)  # held by tests/test_demo.py
     found = run_demo(tmp_path, forward=AnalyticCloth(), coarse=AnalyticCloth(21))
     runs, results = as_json(found)["runs"], found.runs
     assert [run["name"] for run in runs] == ["basic", "free"]
@@ -222,6 +236,14 @@ def test_the_demo_runs_both_searches_on_embedded_data(tmp_path: Path, monkeypatc
     page = (tmp_path / "report.html").read_text()
     assert "synthetic rig" in page
     assert "not hardware" in page.replace("\n", " ")
+
+    def again(**_: object) -> None:
+        raise AssertionError("a finished demo compares the model once more")
+
+    monkeypatch.setattr("studies.demo.run.evaluate_shipped", again)
+    monkeypatch.setattr("studies.demo.run.render_report", again)
+    repeated = run_demo(tmp_path, forward=Refusing(), coarse=Refusing())
+    assert as_json(repeated) == as_json(found) and as_text(repeated) == as_text(found)
 
 
 def test_the_demo_target_is_the_measured_one(data: Path) -> None:

@@ -108,8 +108,8 @@ def test_a_study_says_what_would_help(tmp_path: Path) -> None:
     assert 40 < reach["needs"]["evaluations"] < 400 and reach["needs"]["seconds"] > 0
     [said] = reach["said"]
     assert re.fullmatch(
-        r"The search ended before it converged, \d+\.\d mm over the noise floor\. About \d+ evaluations more are needed, "
-        r"\d+ (s|minutes) at the pace it had\.",
+        r"The search ended before it converged, \d+\.\d mm over the noise floor\. "
+        r"About \d+ evaluations more are needed, \d+ (s|minutes) at the pace it had\.",
         said,
     )
     assert said in page and not re.search(r"out of reach|What holds it back|derivatives neither|kind of layout", page)
