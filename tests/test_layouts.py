@@ -215,7 +215,8 @@ def test_a_ply_is_compared_with_the_equilibrium(tmp_path: Path) -> None:
 
 
 def test_the_demo_runs_both_searches_on_embedded_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studies.demo.run.SECONDS", {"basic": 2.0, "free": 2.0})
+    limits = StudyLimits(seconds=2.0)
+    monkeypatch.setattr("studies.demo.run.LIMITS", {"basic": limits, "free": limits})
     data = Path(measured.__file__).parents[2] / "fabdesign" / "data"
     errors = {measured.CALIBRATED: Errors(7e-3, 6e-3, 2e-3, 0.6e-3), measured.CORRECTED: Errors(6e-3, 6e-3, 1 / 3e3, 0)}
     shipped = measured.ShippedErrors(
