@@ -231,7 +231,7 @@ def _result(
 ) -> StudyResult:
     """Of `points`, by default what is as near as the best, the first whose loading path is not sensitive, else the
     first: where its motion leads, valued once more on the full model, and the resting cloth beside it."""
-    objective = evaluations.objective
+    objective, searched_s = evaluations.objective, evaluations.elapsed
     points = [*points] or evaluations.finalists()
     layouts = [space.decode(x) for space, x in points]
     still = [
@@ -271,7 +271,7 @@ def _result(
         rest_errors=target_errors(targets, rest, design, seed=study.seed, draws=1),
         constraints=margins,
         history=tuple(evaluations.history.entries()),
-        wall_s=evaluations.elapsed,
+        wall_s=searched_s,
         stop_reason=stop_reason,
         reach=reach,
         loading_path=path,

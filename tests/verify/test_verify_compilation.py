@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tests.conftest import ROOT
 
-SECONDS = 40  # of search: less than compiling takes
+SECONDS = 300  # of search at most, on the busiest machine: evaluations end it
 SEARCH = """
 import sys
 from dataclasses import replace
@@ -35,7 +35,8 @@ def test_a_search_with_an_empty_kernel_folder_is_the_one_with_a_full_folder(tmp_
         assert ("compiling the simulator" in ended.stderr) == (name == "empty"), ended.stderr
         compiled.append(float(ended.stdout))
         result = json.loads((tmp_path / name / "result.json").read_text())
-        assert result["wall_s"] < SECONDS
+        if name == "empty":
+            assert result["wall_s"] < compiled[0]  # it would be more, were compiling counted
         result["wall_s"] = 0.0
         result["reach"]["needs"].pop("seconds")
         result["reach"].pop("said")
