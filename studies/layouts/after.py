@@ -101,8 +101,8 @@ def made_robust(
     return [*of_rows([known["row"]], study.design, limits_of(study)), *points], known["doubled"]
 
 
-def fewer_said(study: Study, fewer: Fewer) -> str:
-    """For people."""
+def fewer_said(study: Study, fewer: Fewer, *, converged: bool = True) -> str:
+    """For people. converged: whether the search ended by itself, so that what it did not find is not enough."""
     space = fewer.start[0]
     count = len(space.design.muscles)
     near = f"within {study.price.tolerance:.0%} of it" if not study.price.muscle else "for the price of a muscle"
@@ -114,12 +114,13 @@ def fewer_said(study: Study, fewer: Fewer) -> str:
     if not fewer.ended:
         straight = "" if any(len(own.path) > 2 for own in space.design.muscles) else ", straight,"
         mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
-        return (
-            f"The {count} muscles{straight} are enough on {space.channels} channels: {mm}, {near}. Fewer muscles are "
-            "not enough."
+        return f"The {count} muscles{straight} are enough on {space.channels} channels: {mm}, {near}." + (
+            " Fewer muscles are not enough." if converged else ""
         )
     if fewer.cut:
         return f"Layouts of fewer than {fewer.count} muscles were not tried to the end: {fewer.ended}."
+    if not converged:
+        return f"No layout of fewer than {fewer.count} muscles came {near} so far."
     return f"Fewer than {fewer.count} muscles are not enough: no smaller layout came {near}."
 
 

@@ -8,7 +8,6 @@ from markupsafe import Markup
 
 from fabdesign.metrics import MANY_BEYOND, told_beyond
 from fabdesign.model import Model
-from studies.layouts.after import fewer_said, front_said
 from studies.layouts.drawing import layout_svg
 from studies.layouts.figures import convergence_figure, scene_figure
 from studies.layouts.result import StudyResult
@@ -53,8 +52,6 @@ def render_report(title: str, sections: Sequence[Section], *, more: str = "") ->
         ],
         failed=lambda result: sum(entry.diverged for entry in result.history),
         layout=_layout,
-        fewer_said=fewer_said,
-        front_said=front_said,
         robust_said=robust_said,
         robust_picture=_robust_picture,
         with_unit=_with_unit,
