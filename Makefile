@@ -64,6 +64,7 @@ clean:
 
 .venv/.ready-demo: $(SETUP)
 	scripts/setup.sh
+	.venv/bin/fabdesign prepare
 	touch $@
 
 .venv/.ready-test: $(SETUP)

@@ -5,6 +5,9 @@ import numpy as np
 from numba import njit
 
 from fabdesign.cell_items import ROUNDED_UP, Array, Indices, Ints
+from fabdesign.working_time import watch_numba
+
+watch_numba()
 
 Place = int | np.int64 | np.uint64  # unsigned where it counts up, which compiles to less
 

@@ -8,7 +8,6 @@ its content, by field. A folder's pieces are of one content. A piece that is dam
 import hashlib
 import json
 import os
-import time
 import zipfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -18,6 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign import working_time
 from fabdesign.errors import InputError, note
 from fabdesign.output import WorkFolder, whole_file, write_text
 
@@ -96,9 +96,9 @@ class Checkpoint:
             return kept[0]
         if self._seconds is not None and self.spent >= self._seconds:
             return None
-        begun = time.monotonic()
+        begun = working_time.seconds()
         value = compute()
-        self._write(file.name, {"found": value, "seconds": time.monotonic() - begun})
+        self._write(file.name, {"found": value, "seconds": working_time.seconds() - begun})
         return _json_table(file)["found"]
 
     def arrays(self, name: str, compute: Callable[[], Arrays]) -> Arrays:

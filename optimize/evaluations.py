@@ -1,6 +1,5 @@
 """The evaluations of a search: batches within its limits, all recorded, the best kept."""
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -8,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from fabdesign import working_time
 from fabdesign.forward import ForwardModel
 from fabdesign.jacobian import Jacobians
 from optimize.design_space import DesignSpace, Vector
@@ -73,7 +73,8 @@ class Evaluations:
     """Values designs on the stages' forward models within limits, and keeps the best so far in `best`.
 
     starts: (space, vector) each. `seconds` includes the earlier sessions of `history`. on_progress is told after every
-    batch. near: share of the best value within which others are kept besides it.
+    batch. near: share of the best value within which others are kept besides it. limit: s that are told
+    as the limit, where `seconds` are a part of them.
     """
 
     def __init__(
@@ -87,6 +88,7 @@ class Evaluations:
         evaluations: int,
         on_progress: Callable[["Evaluations"], None] = lambda _: None,
         near: float = NEAR,
+        limit: float | None = None,
     ) -> None:
         self.starts, self.stages, self.history = [*starts], stages, history
         self.best: Best | None = None
@@ -99,14 +101,15 @@ class Evaluations:
         self.objective, self._at_rest = objective, objective.at_rest
         self._on_progress, self._near = on_progress, near
         self.seconds, self._most = seconds, evaluations
-        self._began = time.monotonic() - history.seconds
+        self.limit = seconds if limit is None else limit
+        self._began = working_time.seconds() - history.seconds
         self._noting = True
         self._pace: dict[tuple[int, int, bool], float] = {}  # s that a batch of a size took last in a stage
 
     @property
     def elapsed(self) -> float:
         """s spent, earlier sessions of this history included."""
-        return time.monotonic() - self._began
+        return working_time.seconds() - self._began
 
     @property
     def share(self) -> float:
@@ -208,7 +211,7 @@ class Evaluations:
     def require_time(self, needed: float = 0.0) -> None:
         """Raises Stop where less than `needed` s are left."""
         if self.elapsed + needed > self.seconds:
-            raise Stop(f"time used: the limit of {self.seconds:g} s is reached")
+            raise Stop(f"time used: the limit of {self.limit:g} s is reached")
 
     def set_down(self, reason: str = "") -> None:
         """Keep the best, and what was spent, at an end within a round. reason: of an end by a limit."""

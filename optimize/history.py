@@ -15,6 +15,7 @@ create table if not exists evaluations
     (number integer primary key, seconds real, stage text, objective real, diverged integer, x text);
 create table if not exists checkpoint
     (id integer primary key check (id = 0), evaluations integer, seconds real, state text);
+create table if not exists answer (id integer primary key check (id = 0), evaluations integer, value text);
 """
 
 
@@ -92,6 +93,16 @@ class History:
         """The last checkpoint's state; None where there is none."""
         row = self._file.execute("select state from checkpoint").fetchone()
         return json.loads(row[0]) if row else None
+
+    def keep_answer(self, value: Any) -> None:
+        """Keep what the search came to: what JSON can hold."""
+        with self._file:
+            self._file.execute("insert or replace into answer values (0, ?, ?)", (self.evaluations, json.dumps(value)))
+
+    def answer(self) -> Any:
+        """What was kept of the search as it stands; None where nothing was."""
+        row = self._file.execute("select evaluations, value from answer").fetchone()
+        return json.loads(row[1]) if row and row[0] == self.evaluations else None
 
     def __enter__(self) -> Self:
         return self

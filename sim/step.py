@@ -106,7 +106,7 @@ def _advance(added: tuple[AddedForce, ...]) -> Timed:
                                 record(b, nu, nv, npt, lane, theta[frame], frame, shapes, states)
                                 frame += 1
 
-    return Timed(advance_kernel)
+    return Timed(advance_kernel, "motions with effects" if added else "motions")
 
 
 def _stressed(added: tuple[AddedForce, ...]) -> bool:  # taichi knows no generators

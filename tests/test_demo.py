@@ -1,5 +1,6 @@
 """What the demo ships, and what its page says of a measured set."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -137,3 +138,5 @@ def test_the_page_says_what_was_closed() -> None:
     assert "comes to 0.90 mm, without the change 3.00 mm." in told and told in page and told in text
     assert values["another_branch"] == {"078": True}
     assert values["effects"] == ["air_drag", "odd_muscle"]
+    kept = measured.ShippedErrors.of_kept(json.loads(json.dumps(errors.kept())))
+    assert (kept.errors, kept.by_trial, kept.far_off) == (errors.errors, errors.by_trial, errors.far_off)

@@ -113,8 +113,7 @@ def timed(tmp_path_factory: pytest.TempPathFactory) -> GridResult:
     _write(folder, STUDY.replace('["front"]', '["front", "both"]').replace("250", "100000"))
     cloth = Timed(21)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("optimize.evaluations.time", cloth)
-        patch.setattr("studies.layout_grid.run.time", cloth)
+        patch.setattr("fabdesign.working_time.seconds", cloth.monotonic)
         return run_layouts(folder / "s.toml", folder / "out", forward=cloth, seconds=SECONDS)
 
 

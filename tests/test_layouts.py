@@ -12,14 +12,18 @@ from fabdesign.catalogue import build
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case
+from fabdesign.measurement_set import read_set
+from fabdesign.metrics import Errors
 from fabdesign.model import Model, Spread
+from fabdesign.model_file import read_model
 from fabdesign.pressure_file import constant_program, read_pressures
 from fabdesign.spread import spread_hash
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits
 from fabdesign.study_targets import TargetFile
 from fabdesign.trial_file import TrialData, read_trial, write_trial
+from studies.demo import measured
 from studies.demo.run import as_json, as_text, run_demo
-from studies.layouts.run import run_study
+from studies.layouts.run import FILES, run_study
 from tests.analytic_cloth import AnalyticCloth
 
 TRUTH = np.array([320e3, 60e3, 210e3])
@@ -55,6 +59,37 @@ def test_a_study_writes_what_others_read(trial: Path, tmp_path: Path) -> None:
     program = read_pressures(out / "pressures.csv", design)
     np.testing.assert_allclose(program.pressure[-1] / 1e3, result["pressures_kpa"])
     assert program.duration == pytest.approx(TIME)
+
+
+class Refusing(AnalyticCloth):
+    """Computes nothing."""
+
+    def motions(self, cases: object, times: object) -> list[np.ndarray]:
+        raise AssertionError("a finished study asks for motions")
+
+    def equilibria(self, cases: object) -> list[np.ndarray]:
+        raise AssertionError("a finished study asks for shapes")
+
+
+def test_a_finished_study_answers_at_once(trial: Path, tmp_path: Path) -> None:
+    """By what it has kept: every value, every file; wider limits, where a limit ended it, go further."""
+    out, cut = tmp_path / "out", study(trial, limits=StudyLimits(evaluations=60))
+    first = run_study(cut, out, forward=AnalyticCloth())
+    written = {name: (out / name).read_bytes() for name in FILES}
+    again = run_study(cut, out, forward=Refusing())
+    assert again.as_json() == first.as_json() and again.history == first.history
+    assert again.points.tobytes() == first.points.tobytes() and again.rest.tobytes() == first.rest.tobytes()
+    assert again.pressures.tobytes() == first.pressures.tobytes() and again.design == first.design
+    assert {name: (out / name).read_bytes() for name in FILES} == written
+    (out / "report.html").unlink()
+    run_study(cut, out, forward=Refusing())
+    assert (out / "report.html").is_file() and (out / "result.json").read_bytes() == written["result.json"]
+    further = replace(cut, limits=StudyLimits(evaluations=2000))
+    done = run_study(further, out, forward=AnalyticCloth())
+    assert len(done.history) > 60 and done.history[:60] == first.history and "limit" not in done.stop_reason
+    run_study(replace(cut, limits=StudyLimits(evaluations=4000)), out, forward=Refusing())  # it has converged
+    with pytest.raises(AssertionError, match="finished study asks"):
+        run_study(cut, out, forward=Refusing(), force=True)
 
 
 def test_a_result_says_within_how_much_it_is_expected(trial: Path, tmp_path: Path) -> None:
@@ -180,8 +215,19 @@ def test_a_ply_is_compared_with_the_equilibrium(tmp_path: Path) -> None:
 
 
 def test_the_demo_runs_both_searches_on_embedded_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("studies.demo.run.SECONDS", {"basic": 2.0, "free": 2.0})
-    monkeypatch.setattr("studies.demo.run.evaluate_shipped", lambda **options: None)  # held by tests/test_demo.py
+    limits = StudyLimits(seconds=2.0)
+    monkeypatch.setattr("studies.demo.run.LIMITS", {"basic": limits, "free": limits})
+    data = Path(measured.__file__).parents[2] / "fabdesign" / "data"
+    errors = {measured.CALIBRATED: Errors(7e-3, 6e-3, 2e-3, 0.6e-3), measured.CORRECTED: Errors(6e-3, 6e-3, 1 / 3e3, 0)}
+    shipped = measured.ShippedErrors(
+        read_set(data / measured.SET),
+        read_model(data / measured.MODEL),
+        errors,
+        0.1,
+        {"076": Errors(1 / 3, 0, 0, 0)},
+        {},
+    )
+    monkeypatch.setattr("studies.demo.run.evaluate_shipped", lambda **_: shipped)  # held by tests/test_demo.py
     found = run_demo(tmp_path, forward=AnalyticCloth(), coarse=AnalyticCloth(21))
     runs, results = as_json(found)["runs"], found.runs
     assert [run["name"] for run in runs] == ["basic", "free"]
@@ -191,6 +237,14 @@ def test_the_demo_runs_both_searches_on_embedded_data(tmp_path: Path, monkeypatc
     page = (tmp_path / "report.html").read_text()
     assert "synthetic rig" in page
     assert "not hardware" in page.replace("\n", " ")
+
+    def again(**_: object) -> None:
+        raise AssertionError("a finished demo compares the model once more")
+
+    monkeypatch.setattr("studies.demo.run.evaluate_shipped", again)
+    monkeypatch.setattr("studies.demo.run.render_report", again)
+    repeated = run_demo(tmp_path, forward=Refusing(), coarse=Refusing())
+    assert as_json(repeated) == as_json(found) and as_text(repeated) == as_text(found)
 
 
 def test_the_demo_target_is_the_measured_one(data: Path) -> None:

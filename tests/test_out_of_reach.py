@@ -1,6 +1,7 @@
 """Of a target that no layout reaches: where it is missed, and what would bring it nearer, by derivatives."""
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -95,11 +96,28 @@ def test_the_place_that_misses_is_found() -> None:
 
 
 def test_a_study_says_what_would_help(tmp_path: Path) -> None:
+    """Once it has converged; ended before by a limit, it says what a longer search needs, and nothing of reach."""
     np.savetxt(tmp_path / "target.xyz", cloud([400, 400, 400])[::2])
-    limits = StudyLimits(pressure=(0.0, 150e3), evaluations=150)
+    limits = StudyLimits(pressure=(0.0, 150e3), evaluations=80)
     study = Study("s", DESIGN, (TargetFile(tmp_path / "target.xyz"),), limits=limits)
     run_study(study, tmp_path / "out", forward=Stronger(21))
-    reach = json.loads((tmp_path / "out" / "result.json").read_text())["reach"]
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["stop_reason"] == "the limit of 80 evaluations is reached"
+    reach, page = result["reach"], (tmp_path / "out" / "report.html").read_text()
+    assert (reach["out_of_reach"], reach["converged"], reach["helps"], reach["missed"]) == (False, False, None, [])
+    assert 40 < reach["needs"]["evaluations"] < 400 and reach["needs"]["seconds"] > 0
+    [said] = reach["said"]
+    assert re.fullmatch(
+        r"The search ended before it converged, \d+\.\d mm over the noise floor\. "
+        r"About \d+ evaluations more are needed, \d+ (s|minutes) at the pace it had\.",
+        said,
+    )
+    assert said in page and not re.search(r"out of reach|What holds it back|derivatives neither|kind of layout", page)
+
+    run_study(replace(study, limits=replace(limits, evaluations=300)), tmp_path / "out", forward=Stronger(21))
+    result = json.loads((tmp_path / "out" / "result.json").read_text())
+    assert result["stop_reason"].startswith("converged") and result["evaluations"] > 80
+    reach = result["reach"]
     assert reach["out_of_reach"] and reach["held_by"] == ["all muscles at 150 kPa"]
     assert [row["what"] for row in reach["helps"]] == [
         "20% more pull of the muscles at the same pressure",

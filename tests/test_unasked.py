@@ -18,6 +18,7 @@ from fabdesign.cli import commands
 from fabdesign.design_file import write_design
 from fabdesign.measurement_set import NewTrial, TrialData, write_set
 from fabdesign.metrics import Errors
+from fabdesign.study_file import StudyLimits
 from tests.analytic_cloth import AnalyticCloth
 from tests.command_line import Run, one_line
 from tests.conftest import ROOT
@@ -258,7 +259,8 @@ def test_demo_again_and_after_an_interruption(
     study: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("studies.demo.run.SECONDS", {"basic": 0.3, "free": 0.3})
+    limits = StudyLimits(seconds=0.3)
+    monkeypatch.setattr("studies.demo.run.LIMITS", {"basic": limits, "free": limits})
     monkeypatch.setattr("studies.layouts.begin.LAYOUT_STARTS", 8)
     monkeypatch.setattr("studies.layouts.begin.THINNED_STARTS", 8)
     # what it writes counts here, not what stands in it

@@ -16,7 +16,7 @@ from optimize.design_space import DesignSpace, Vector
 from optimize.evaluations import PENALTY
 from optimize.margins import Limits
 from optimize.objective import Objective, Target
-from studies.layouts.run import forward_models
+from studies.layouts.stages import forward_models
 
 BATCH = 32
 TIMES = 5  # our seconds to there, that each has

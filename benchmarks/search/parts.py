@@ -26,8 +26,9 @@ from studies.forward_model import forward_model
 from studies.layout_grid.run import run_layouts
 from studies.layouts.result import StudyResult
 from studies.layouts.robustness import as_json, robustness_of
-from studies.layouts.run import forward_models, run_study
+from studies.layouts.run import run_study
 from studies.layouts.scatter import Scatter
+from studies.layouts.stages import forward_models
 
 SECONDS = 60.0  # of a search
 CELL = 80.0  # of a cell of the half tube's grid

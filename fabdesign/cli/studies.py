@@ -15,6 +15,7 @@ from fabdesign.cli.console import (
     force_option,
     json_option,
     print_result,
+    tell,
 )
 from fabdesign.cli.models import effects_option
 from fabdesign.cli.progress import SEARCH, described
@@ -59,6 +60,19 @@ def demo(output: Path, force: bool, as_json: bool) -> None:
     with LiveLine("demo") as line:
         outcome = run_demo(output, force=force, progress=lambda name, evaluations: line.show(evaluations), say=line.say)
     print_result(json_of(outcome), f"{as_text(outcome)}\nreport: {output / 'report.html'}", as_json)
+
+
+@commands.command()
+@json_option
+def prepare(as_json: bool) -> None:
+    """Compile the simulator's kernels once on this machine.
+
+    For images and clusters; otherwise that happens at the first use. Two processes may compile side by side.
+    """
+    from studies.prepare import prepare as compile_all
+
+    seconds = compile_all(tell)
+    print_result({"seconds": seconds}, f"the simulator is compiled, {seconds:.0f} s", as_json)
 
 
 @commands.command()

@@ -21,13 +21,13 @@ import itertools
 import mmap
 import os
 import threading
-import time
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 from fabdesign.cache_folder import ensure_cache_folder, remove_stale_lock, require_writable
 from fabdesign.errors import InputError
+from fabdesign.working_time import not_counted
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")
@@ -40,6 +40,7 @@ except ImportError as error:  # a bare machine lacks libX11
 
 from sim import state  # after the error above
 from sim.kernels.devices import HIDDEN_STEPS, wanted
+from sim.kernels.first_calls import first_call
 from sim.kernels.frontend import brief
 from sim.kernels.ownership import mark, require_no_fork, require_unshared, runtime, watch_forks
 from sim.kernels.vector_width import widen
@@ -94,7 +95,7 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
     if widen():
         kept["offline_cache_file_path"] = _wide_folder()
     remove_stale_lock(Path(kept.get("offline_cache_file_path") or _folder()))
-    with contextlib.redirect_stdout(io.StringIO()):
+    with not_counted(), contextlib.redirect_stdout(io.StringIO()):
         ti.init(arch=ti.cpu, default_fp=ti.f32, advanced_optimization=False, **kept)
     F.__dict__.update(sizes.__dict__, blocks=blocks, declared=declared)
     try:
@@ -175,26 +176,17 @@ def _begins(parts: dict[str, int]) -> dict[str, int]:
     return dict(zip(parts, itertools.accumulate(parts.values(), initial=0), strict=False))
 
 
-_compile_seconds = [0.0]
-
-
-def compile_seconds() -> float:
-    """Seconds that this process has spent in kernels' first calls (compilation, or loading from the cache)."""
-    return _compile_seconds[0]
-
-
 class Timed:
-    """A kernel whose first call after a start of Taichi is booked as compilation."""
+    """A kernel whose first call after a start of Taichi compiles or loads it, which is nobody's time. costly: what it
+    computes, where it takes long to compile."""
 
-    def __init__(self, kernel: Any) -> None:
-        self.kernel, self.start = kernel, None
+    def __init__(self, kernel: Any, costly: str = "") -> None:
+        self.kernel, self.costly, self.start = kernel, costly, None
 
     def __call__(self, *arguments: Any) -> Any:
         if self.start is F.node:
             return self.kernel(*arguments)
-        begin = time.perf_counter()
-        with brief():
+        with first_call(self.costly, (F.nodes, F.points, F.modes, F.blocks, LANES)):
             result = self.kernel(*arguments)
-        _compile_seconds[0] += time.perf_counter() - begin
         self.start = F.node
         return result

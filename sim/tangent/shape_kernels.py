@@ -185,7 +185,7 @@ still, write_columns, explicit, solve, read_columns, read_found = (
     Timed(_still_kernel),
     Timed(_write_kernel),
     Timed(_explicit_kernel),
-    Timed(_solve_kernel),
+    Timed(_solve_kernel, "derivatives"),
     Timed(_read_kernel),
     Timed(_found_kernel),
 )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from fabdesign.effects.registry import acting_effects
 from fabdesign.forward import Case, ForwardModel
+from fabdesign.kept_values import as_json, of_json
 from fabdesign.measurement_set import read_set
 from fabdesign.metrics import Errors, closed, mean_errors, trial_errors
 from fabdesign.model import Model
@@ -59,6 +60,34 @@ class ShippedErrors:
             + branch_in_words(self.branches[name])
             for name, others in far_off(surface).items()
         ]
+
+    def kept(self) -> dict[str, Any]:
+        """What `of_kept` takes: JSON, to the last bit."""
+        own = {name: {"own": one.own, "others": as_json(one.others)} for name, one in self.branches.items()}
+        return {
+            "errors": as_json(self.errors),
+            "share_left_out": self.share_left_out,
+            "by_trial": as_json(self.by_trial),
+            "branches": own,
+        }
+
+    @staticmethod
+    def of_kept(kept: Mapping[str, Any]) -> "ShippedErrors":
+        """Those of the set and the model that are shipped. Raises KeyError, TypeError or ValueError."""
+        data = Path(str(files("fabdesign") / "data"))
+        measured = read_set(data / SET)
+        trials = {trial.name: trial for trial in measured.trials}
+        return ShippedErrors(
+            measured,
+            read_model(data / MODEL),
+            of_json(dict[str, Errors], kept["errors"]),
+            kept["share_left_out"],
+            of_json(dict[str, Errors], kept["by_trial"]),
+            {
+                name: Branches(trials[name], one["own"], of_json(NDArray[np.float64], one["others"]))
+                for name, one in kept["branches"].items()
+            },
+        )
 
     def rows(self) -> list[tuple[str, Errors, float | None]]:
         """Each model's name, errors, and the share of the calibrated model's excess that it closes."""

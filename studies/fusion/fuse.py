@@ -4,7 +4,6 @@ Every sensor is registered to the cloth at rest, all of them jointly to one anot
 thinned on a grid, face by face, and sampled. docs/results/fuse.md has the figures.
 """
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, replace
 from importlib import import_module
@@ -13,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from fabdesign import working_time
 from fabdesign.design import Design
 from fabdesign.errors import InputError
 from fabdesign.json_file import write_json
@@ -153,7 +153,7 @@ def _fused(
     """Raises InputError."""
     from studies.fusion import input as fuse_input
 
-    started = time.monotonic()
+    started = working_time.seconds()
     anchored = fuse_input.anchor_sensors(recording, tolerance)
     views = fuse_input.read_views(recording, anchored, tolerance)
     views, poses = fuse_input.consistent(recording, anchored, views, tolerance)
@@ -165,9 +165,8 @@ def _fused(
         progress(done + 1, len(indices))
     if not fusion.frames:
         raise InputError(f"recording {recording.name}: no sound frame is left")
-    return fusion, fusion.report(
-        tuple(filter(None, (recording.left_out, *tolerance.skipped))), time.monotonic() - started
-    )
+    skipped = tuple(filter(None, (recording.left_out, *tolerance.skipped)))
+    return fusion, fusion.report(skipped, working_time.seconds() - started)
 
 
 def _require_open3d() -> None:

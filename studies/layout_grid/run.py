@@ -1,11 +1,11 @@
 """A grid of searches for one target, each in a folder of its own, and their front."""
 
 import json
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
+from fabdesign import working_time
 from fabdesign.checkpoint import read_kept
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import ForwardModel
@@ -96,7 +96,7 @@ class _Grid:
         self._cells = [*study.cells]
         self._found: list[CellResult] = []
         self._turns, spent = _state(work.folder / TURNS)
-        self._began = time.monotonic() - spent
+        self._began = working_time.seconds() - spent
         self._end = 0.0  # s that a turn took beyond its search
         self._longest = 0.0  # s that it took to follow the motions to a result
 
@@ -119,7 +119,7 @@ class _Grid:
     def _followed(self, result: GridResult) -> GridResult:
         """With the motions that lead to what is on the front, the nearest first, while there is time for another."""
         while ahead := [f for f in reversed(result.front) if f.result is not None and f.result.loading_path is None]:
-            begin = time.monotonic()
+            begin = working_time.seconds()
             if self._spent + self._to_follow > self._limit:
                 return result
             own = self._turns[ahead[0].cell.name]
@@ -127,7 +127,7 @@ class _Grid:
                 ahead[0].cell, own, first_starts(ahead[0].cell.study) if own.drawn else [], follow=True
             )
             self._found[self._found.index(ahead[0])] = CellResult(ahead[0].cell, followed, "")
-            self._longest = max(self._longest, time.monotonic() - begin)
+            self._longest = max(self._longest, working_time.seconds() - begin)
             result = self._result()
         return result
 
@@ -143,7 +143,7 @@ class _Grid:
 
     @property
     def _spent(self) -> float:
-        return time.monotonic() - self._began
+        return working_time.seconds() - self._began
 
     def _result(self) -> GridResult:
         return GridResult(self._study, tuple(self._found), len(self._cells), self._spent)
@@ -201,11 +201,11 @@ class _Grid:
     def _run(
         self, cell: Cell, own: CellTurns, drawn: list[Start], *, anew: bool = False, follow: bool = False
     ) -> StudyResult:
-        last = time.monotonic()
+        last = working_time.seconds()
 
         def told(evaluations: Evaluations) -> None:
             nonlocal last
-            last = time.monotonic()
+            last = working_time.seconds()
             self._progress(cell, self._cells.index(cell) + 1, len(self._cells), evaluations)
 
         forward, coarse = self._models
@@ -221,7 +221,7 @@ class _Grid:
             progress=told,
         )
         if not follow:
-            self._end = max(self._end, time.monotonic() - last)
+            self._end = max(self._end, working_time.seconds() - last)
         return result
 
     def _keep(self) -> None:

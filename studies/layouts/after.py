@@ -1,7 +1,8 @@
 """What follows a search: no more muscles than needed, and a robust layout where it is asked for."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -48,9 +49,7 @@ def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
     state = evaluations.history.load()
     known = state.get("fewer")
     if known and known["best"] == best.as_row() and known["seconds"] >= (evaluations.seconds if known["cut"] else 0):
-        [start] = of_rows([known["row"]], study.design, limits_of(study))
-        front = tuple((count, value) for count, value in known.get("front", []))
-        return Fewer(start, known["value"], known["before"], known["count"], known["ended"], known["cut"], front)
+        return kept_fewer(study, state)
     fewer = fewer_muscles(evaluations, least=choice.least, price=study.price)
     fewer = replace(fewer, front=tuple(evaluations.front))
     state["fewer"] = {
@@ -66,6 +65,16 @@ def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
     }
     evaluations.history.save(state, evaluations.elapsed)
     return fewer
+
+
+def kept_fewer(study: Study, state: Mapping[str, Any]) -> Fewer | None:
+    """What `shrunk` came to, as the history's state has it; None where it was not asked."""
+    known = state.get("fewer")
+    if known is None or not _may_shrink(study):
+        return None
+    [start] = of_rows([known["row"]], study.design, limits_of(study))
+    front = tuple((count, value) for count, value in known.get("front", []))
+    return Fewer(start, known["value"], known["before"], known["count"], known["ended"], known["cut"], front)
 
 
 def made_robust(
@@ -92,8 +101,8 @@ def made_robust(
     return [*of_rows([known["row"]], study.design, limits_of(study)), *points], known["doubled"]
 
 
-def fewer_said(study: Study, fewer: Fewer) -> str:
-    """For people."""
+def fewer_said(study: Study, fewer: Fewer, *, converged: bool = True) -> str:
+    """For people. converged: whether the search ended by itself, so that what it did not find is not enough."""
     space = fewer.start[0]
     count = len(space.design.muscles)
     near = f"within {study.price.tolerance:.0%} of it" if not study.price.muscle else "for the price of a muscle"
@@ -105,12 +114,13 @@ def fewer_said(study: Study, fewer: Fewer) -> str:
     if not fewer.ended:
         straight = "" if any(len(own.path) > 2 for own in space.design.muscles) else ", straight,"
         mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
-        return (
-            f"The {count} muscles{straight} are enough on {space.channels} channels: {mm}, {near}. Fewer muscles are "
-            "not enough."
+        return f"The {count} muscles{straight} are enough on {space.channels} channels: {mm}, {near}." + (
+            " Fewer muscles are not enough." if converged else ""
         )
     if fewer.cut:
         return f"Layouts of fewer than {fewer.count} muscles were not tried to the end: {fewer.ended}."
+    if not converged:
+        return f"No layout of fewer than {fewer.count} muscles came {near} so far."
     return f"Fewer than {fewer.count} muscles are not enough: no smaller layout came {near}."
 
 

@@ -12,9 +12,11 @@ from fabdesign.metrics import Errors
 from fabdesign.self_intersection import pierced
 from fabdesign.study_file import Study
 from fabdesign.units import in_kpa, in_mm
+from optimize.evaluations import Evaluations
+from optimize.search import evaluations_to_converge, has_converged
 from studies.layouts.out_of_reach import Helps, Missed, missed_said
 
-LEAST_GAP = 1e-3  # m over the floor from which a target counts as out of reach,
+LEAST_GAP = 1e-3  # m over the floor from which noise does not explain it,
 GAP = 0.25  # and at least this share of the floor
 AT_LIMIT = 0.01  # of the pressure range
 TOUCHING = 2e-4  # m of a limit's margin
@@ -22,17 +24,48 @@ TOUCHING_SHARE = 2e-3  # of contraction, and of the air
 
 
 @dataclass(frozen=True)
+class Lacking:
+    """About what a search that ended before it converged still needs."""
+
+    evaluations: int
+    seconds: float  # at the pace that it had
+
+    @property
+    def sentence(self) -> str:
+        return f"About {self.evaluations} evaluations more are needed, {_duration(self.seconds)} at the pace it had."
+
+
+def _duration(seconds: float) -> str:
+    """For people."""
+    return f"{max(1, round(seconds))} s" if seconds < 100 else f"{seconds / 60:.0f} minutes"
+
+
+def lacking_of(evaluations: Evaluations) -> Lacking | None:
+    """None of a search that has converged."""
+    if has_converged(evaluations):
+        return None
+    more, done = evaluations_to_converge(evaluations), evaluations.history.evaluations
+    return Lacking(more, more * evaluations.elapsed / max(done, 1))
+
+
+@dataclass(frozen=True)
 class Reach:
-    """gap: m, of the searched measure over its floor. held_by: what the result has come up against, a clause each.
-    crossing: (u, v) m where the cloth passes through itself, a pose each, None where it does not. missed: a pose each,
-    and helps, where it is out of reach."""
+    """gap: m, of the searched measure over its floor. out_of_reach: so much that noise does not explain it, of a search
+    that has converged. held_by: what the result has come up against, a clause each. crossing: (u, v) m where the cloth
+    passes through itself, a pose each, None where it does not. lacking: of a search that has not converged. missed: a
+    pose each, and helps, where it is out of reach."""
 
     gap: float
-    out_of_reach: bool
+    beyond_noise: bool
     held_by: tuple[str, ...]
     crossing: tuple[tuple[float, float] | None, ...]
+    lacking: Lacking | None = None
     missed: tuple[Missed, ...] = ()
     helps: Helps | None = None
+
+    @property
+    def out_of_reach(self) -> bool:
+        return self.beyond_noise and self.lacking is None
 
     @property
     def passes_through_itself(self) -> bool:
@@ -42,9 +75,14 @@ class Reach:
     def sentences(self) -> list[str]:
         said = []
         if self.out_of_reach:
-            held = ", ".join(self.held_by) or "no limit: another kind of layout, or a longer search, may come nearer"
+            held = ", ".join(self.held_by) or "no limit; another kind of layout may come nearer"
             said.append(f"Out of reach: {in_mm(self.gap):.1f} mm over the noise floor. What holds it back: {held}.")
             said += missed_said(self.missed) + (self.helps.sentences if self.helps else [])
+        elif self.beyond_noise and self.lacking:
+            said.append(
+                f"The search ended before it converged, {in_mm(self.gap):.1f} mm over the noise floor. "
+                f"{self.lacking.sentence}"
+            )
         for pose, place in enumerate(self.crossing, start=1):
             if place is not None:
                 of = f" of pose {pose}" if len(self.crossing) > 1 else ""
@@ -57,6 +95,8 @@ class Reach:
         return {
             "gap_mm": in_mm(self.gap),
             "out_of_reach": self.out_of_reach,
+            "converged": self.lacking is None,
+            "needs": self.lacking and {"evaluations": self.lacking.evaluations, "seconds": self.lacking.seconds},
             "held_by": list(self.held_by),
             "passes_through_itself": self.passes_through_itself,
             "missed": [{"u": m.place[0], "v": m.place[1], "off_mm": in_mm(m.off)} for m in self.missed],
@@ -72,6 +112,7 @@ def reach_of(
     shapes: NDArray[np.float64],
     errors: Errors,
     margins: Mapping[str, float],
+    lacking: Lacking | None = None,
 ) -> Reach:
     """pressures (poses, channels) Pa, shapes (poses, 2 n, 3) m and `margins` (`constraint_margins`) of the result."""
     chamfer = study.objective == "chamfer"
@@ -80,8 +121,9 @@ def reach_of(
     places = [pierced(shape) for shape in shapes]
     return Reach(
         gap=value - floor,
-        out_of_reach=value - floor > max(LEAST_GAP, GAP * floor),
+        beyond_noise=value - floor > max(LEAST_GAP, GAP * floor),
         held_by=tuple(_held_by(study, design, pressures, margins)),
+        lacking=lacking,
         crossing=tuple(None if p is None else (float(p[0] * size[0]), float(p[1] * size[1])) for p in places),
     )
 

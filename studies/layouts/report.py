@@ -10,7 +10,6 @@ from fabdesign.layout_drawing import layout_svg
 from fabdesign.metrics import MANY_BEYOND, told_beyond
 from fabdesign.model import Model
 from fabdesign.pressure import poses_in_words
-from studies.layouts.after import fewer_said, front_said
 from studies.layouts.figures import convergence_figure, scene_figure
 from studies.layouts.result import StudyResult
 from studies.layouts.robustness import said as robust_said
@@ -56,8 +55,6 @@ def render_report(title: str, sections: Sequence[Section], *, more: str = "") ->
         layout=_layout,
         corners=lambda result: any(len(muscle.path) > 2 for muscle in result.design.muscles),
         poses_in_words=poses_in_words,
-        fewer_said=fewer_said,
-        front_said=front_said,
         robust_said=robust_said,
         robust_picture=_robust_picture,
         with_unit=_with_unit,

@@ -100,8 +100,16 @@ class StudyResult:
             "tolerance": self.study.price.tolerance,
             "channels": fewer.start[0].channels,
             "front": [{"muscles": count, "objective_mm": in_mm(value)} for count, value in fewer.front],
-            "said": " ".join(filter(None, [fewer_said(self.study, fewer), front_said(fewer)])),
+            "said": self.fewer_in_words,
         }
+
+    @property
+    def fewer_in_words(self) -> str:
+        """For people; empty where the number of muscles is given."""
+        if self.fewer is None:
+            return ""
+        said = fewer_said(self.study, self.fewer, converged=self.reach.lacking is None), front_said(self.fewer)
+        return " ".join(filter(None, said))
 
     @property
     def within_said(self) -> str | None:

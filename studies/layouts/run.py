@@ -9,21 +9,20 @@ from numpy.typing import NDArray
 
 from fabdesign.checkpoint import OtherContent
 from fabdesign.errors import SimulationError
-from fabdesign.forward import HOLD, RISE, ForwardModel
+from fabdesign.forward import ForwardModel
 from fabdesign.kept_database import files_of
-from fabdesign.model import POINTS_PER_SIDE, Model
+from fabdesign.model import Model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.predictor import Predictor
 from fabdesign.study_file import Study, read_study, require_searchable
 from fabdesign.units import in_mm
 from optimize.design_space import DesignSpace
-from optimize.evaluations import FINALISTS, NEAR, Evaluations, Stage
+from optimize.evaluations import FINALISTS, NEAR, Evaluations
 from optimize.fewer import Fewer
 from optimize.history import History
 from optimize.margins import constraint_margins
 from optimize.objective import Objective
 from optimize.search import INTERRUPTED, search
-from optimize.slopes import jacobians_for
 from optimize.starts import Start
 from studies.forward_model import forward_model, without_resistance
 from studies.layouts.after import NEAR as NEAR_ENOUGH
@@ -31,17 +30,19 @@ from studies.layouts.after import POOL, made_robust, points_of, search_seconds, 
 from studies.layouts.begin import first_starts, further_starts, limits_of
 from studies.layouts.content import study_content
 from studies.layouts.expected import expected_within
+from studies.layouts.kept import answer, keep
 from studies.layouts.loading_path import loading_paths
 from studies.layouts.out_of_reach import helps_of, missed_at
 from studies.layouts.progress import saying_a_tenth
-from studies.layouts.reach import reach_of
+from studies.layouts.reach import lacking_of, reach_of
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult, pressures_kpa, write_best
 from studies.layouts.robustness import robustness_of
+from studies.layouts.stages import coarse_hold_of, forward_models, stages_of
 from studies.layouts.target import LoadedTarget, load_target, target_errors
 
 HISTORY = "history.sqlite"
-COARSE = 21  # points a side, of the simulator on which a search begins
+FILES = "result.json", "design.toml", "pressures.csv", "report.html"  # of every result
 
 
 def run_study(
@@ -85,14 +86,26 @@ def run_study(
     begun = first_starts(study) if starts is None else [*starts]
     inputs = [*([] if isinstance(given, Study) else [given]), *(target.file for target in study.targets)]
     with work_folder(out, made_by="optimize", force=force, inputs=inputs) as work:
-        result = _search_in(work, study, targets, objective, begun, forward, coarse, follow, progress)
+        with _open_history(work, study_content(study, targets)) as history:
+            if (kept := answer(history, study, targets, follow=follow)) is not None:
+                if not all((work.folder / name).is_file() for name in FILES):
+                    _write(work, kept)
+                return kept
+            result = _search_in(work, study, targets, objective, begun, forward, coarse, follow, progress, history)
+            if not result.interrupted:
+                keep(history, result, follow=follow)
         if work.anew and result.interrupted:
             work.complete = False
             result = replace(result, stop_reason=f"{result.stop_reason}; {out} holds the earlier result until then")
-        with work.adding() as files:
-            result.write(files)
-            write_text(files / "report.html", render_report(study.name, [Section(study.name, result)]))
+        _write(work, result)
     return result
+
+
+def _write(work: WorkFolder, result: StudyResult) -> None:
+    with work.adding() as files:
+        result.write(files)
+        name = result.study.name
+        write_text(files / "report.html", render_report(name, [Section(name, result)]))
 
 
 def _search_in(
@@ -105,93 +118,51 @@ def _search_in(
     coarse: ForwardModel | None,
     follow: bool,
     progress: Callable[[Evaluations], None],
+    history: History,
 ) -> StudyResult:
-    with _open_history(work, study_content(study, targets)) as history:
-        given = forward_models(
-            forward,
-            coarse,
-            points_per_side=(study.model or Model()).points_per_side,
-            rise=study.rise,
-            hold=study.hold,
-            coarse_hold=_coarse_hold(study, targets),
-        )
-        floor = _floor(study, targets)
-        fine, quick = (forward_model(simulator, study.model) for simulator in given)
-        evaluations = Evaluations(
-            objective,
-            starts,
-            _stages(study, quick, fine, objective),
-            history,
-            seconds=search_seconds(study),
-            evaluations=study.limits.evaluations,
-            on_progress=_keeping_best(work, targets, study.rise, saying_a_tenth(floor, progress)),
-            near=NEAR_ENOUGH if study.robust else NEAR,
-        )
-        stop_reason, fewer = search(evaluations, further=further_starts(study), floor=floor), None
-        try:
-            fewer = None if stop_reason == INTERRUPTED else shrunk(study, evaluations)
-        except KeyboardInterrupt:
-            stop_reason = INTERRUPTED
-        if study.robust is None or not follow:
-            points = [*points_of(fewer), *evaluations.finalists()][: None if follow else 1]
-            result = _result(study, targets, evaluations, fine, stop_reason, points, follow=follow, fewer=fewer)
-            return replace(result, within=expected_within(result, objective, quick)) if follow else result
-        points = [*points_of(fewer), *evaluations.finalists(POOL)]
-        doubled = 0
-        try:
-            points, doubled = made_robust(study, study.robust, evaluations, points, quick)
-        except KeyboardInterrupt:
-            stop_reason = INTERRUPTED
-        result = _result(study, targets, evaluations, fine, stop_reason, points[:FINALISTS], fewer=fewer)
-        result = replace(result, within=expected_within(result, objective, quick))
-        nearest = evaluations.best.value if evaluations.best else result.objective
-        layout = (result.design, result.pressures)
-        robust = robustness_of(study, study.robust, layout, objective, quick, fine, nominal=nearest)
-        own = len(result.design.muscles) == len(points[0][0].design.muscles)
-        return replace(result, robust=replace(robust, doubled=doubled if own else 0))
-
-
-def forward_models(
-    fine: ForwardModel | None,
-    coarse: ForwardModel | None,
-    *,
-    points_per_side: int = POINTS_PER_SIDE,
-    rise: float = RISE,
-    hold: float = HOLD,
-    coarse_hold: float | None = None,
-) -> tuple[ForwardModel, ForwardModel]:
-    """The models given, or the simulator, the fine one with `points_per_side`; a single one given serves for both."""
-    if fine is not None:
-        return fine, coarse or fine
-    from sim import Simulator  # here: it loads and starts taichi
-
-    fine = Simulator(points_per_side, rise=rise, hold=hold)
-    return fine, coarse or Simulator(
-        COARSE, tolerance=1e-6, rise=rise, hold=hold if coarse_hold is None else coarse_hold
+    given = forward_models(
+        forward,
+        coarse,
+        points_per_side=(study.model or Model()).points_per_side,
+        rise=study.rise,
+        hold=study.hold,
+        coarse_hold=coarse_hold_of(study, targets),
     )
-
-
-def _coarse_hold(study: Study, targets: Sequence[LoadedTarget]) -> float:
-    """s for which pressures hold where shapes at rest stand for frames of the targets (optimize.objective)."""
-    times = [target.time for target in targets if target.time is not None]
-    return study.hold if len(times) < len(targets) else min(study.hold, max(0.0, max(times) - study.rise))
-
-
-def _stages(study: Study, coarse: Predictor, fine: Predictor, objective: Objective) -> list[Stage]:
-    """Slopes are those without forces against motion, where derivatives are known."""
-    known = jacobians_for(coarse, objective) is not None
-    own = without_resistance(coarse) if known else None
-    if study.muscles is not None:
-        return [
-            Stage("pressures of drawn layouts", coarse, keep=10, rounds=1, until=0.4, slopes=own, at_rest=True),
-            Stage("layouts", coarse, keep=4, rounds=4, vary_positions=study.positions, until=0.5, slopes=own),
-            Stage("best layouts", coarse, keep=2, rounds=12, vary_positions=study.positions, until=0.65, slopes=own),
-            Stage("full model", fine, keep=1, rounds=32, vary_positions=study.positions, slopes=own or coarse),
-        ]
-    return [
-        Stage("coarse model", coarse, keep=2, rounds=8, vary_positions=study.positions, until=0.5, slopes=own),
-        Stage("full model", fine, keep=2, rounds=8, vary_positions=study.positions, slopes=own or coarse),
-    ]
+    floor = _floor(study, targets)
+    fine, quick = (forward_model(simulator, study.model) for simulator in given)
+    evaluations = Evaluations(
+        objective,
+        starts,
+        stages_of(study, quick, fine, objective),
+        history,
+        seconds=search_seconds(study),
+        evaluations=study.limits.evaluations,
+        on_progress=_keeping_best(work, targets, study.rise, saying_a_tenth(floor, progress)),
+        near=NEAR_ENOUGH if study.robust else NEAR,
+        limit=study.limits.seconds,
+    )
+    stop_reason, fewer = search(evaluations, further=further_starts(study), floor=floor), None
+    try:
+        fewer = None if stop_reason == INTERRUPTED else shrunk(study, evaluations)
+    except KeyboardInterrupt:
+        stop_reason = INTERRUPTED
+    if study.robust is None or not follow:
+        points = [*points_of(fewer), *evaluations.finalists()][: None if follow else 1]
+        result = _result(study, targets, evaluations, fine, stop_reason, points, follow=follow, fewer=fewer)
+        return replace(result, within=expected_within(result, objective, quick)) if follow else result
+    points = [*points_of(fewer), *evaluations.finalists(POOL)]
+    doubled = 0
+    try:
+        points, doubled = made_robust(study, study.robust, evaluations, points, quick)
+    except KeyboardInterrupt:
+        stop_reason = INTERRUPTED
+    result = _result(study, targets, evaluations, fine, stop_reason, points[:FINALISTS], fewer=fewer)
+    result = replace(result, within=expected_within(result, objective, quick))
+    nearest = evaluations.best.value if evaluations.best else result.objective
+    layout = (result.design, result.pressures)
+    robust = robustness_of(study, study.robust, layout, objective, quick, fine, nominal=nearest)
+    own = len(result.design.muscles) == len(points[0][0].design.muscles)
+    return replace(result, robust=replace(robust, doubled=doubled if own else 0))
 
 
 def _open_history(work: WorkFolder, content: dict[str, str]) -> History:
@@ -256,7 +227,7 @@ def _result(
 ) -> StudyResult:
     """Of `points`, by default what is as near as the best, the first whose loading path is not sensitive, else the
     first: where its motion leads, valued once more on the full model, and the resting cloth beside it."""
-    objective = evaluations.objective
+    objective, searched_s = evaluations.objective, evaluations.elapsed
     points = [*points] or evaluations.finalists()
     layouts = [space.decode(x) for space, x in points]
     still = [
@@ -276,7 +247,7 @@ def _result(
     errors = target_errors(targets, shape, design, seed=study.seed)
     targets = tuple(target.beside(one) for target, one in zip(targets, shape, strict=True))
     margins = constraint_margins(design, pressures, limits_of(study), shape)
-    reach = reach_of(study, design, pressures, shape, errors, margins)
+    reach = reach_of(study, design, pressures, shape, errors, margins, lacking_of(evaluations))
     if reach.out_of_reach and follow:
         size = design.fabric.width, design.fabric.height
         missed = tuple(missed_at(one, t, size) for one, t in zip(shape, targets, strict=True))
@@ -296,7 +267,7 @@ def _result(
         rest_errors=target_errors(targets, rest, design, seed=study.seed, draws=1),
         constraints=margins,
         history=tuple(evaluations.history.entries()),
-        wall_s=evaluations.elapsed,
+        wall_s=searched_s,
         stop_reason=stop_reason,
         reach=reach,
         loading_path=path,

@@ -19,7 +19,8 @@ from fabdesign.study_file import EarlierResult
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import from_mm, in_mm
 from optimize.evaluations import Evaluations
-from studies.layouts.run import COARSE, run_study
+from studies.layouts.run import run_study
+from studies.layouts.stages import COARSE
 from studies.layouts.target import LoadedTarget, target_errors
 from studies.loop.learning import Simulators
 from studies.loop.record import ChosenDesign, DeviceErrors, ShapeErrors

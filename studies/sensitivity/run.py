@@ -2,7 +2,6 @@
 
 import hashlib
 import inspect
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign import SIMULATOR
+from fabdesign import SIMULATOR, working_time
 from fabdesign.checkpoint import OtherContent
 from fabdesign.cluster import at_once as machines
 from fabdesign.effort import duration
@@ -118,7 +117,7 @@ class _Sweep:
             parts["sobol"] = saltelli_rows(len(self.inputs.names), groups, study.samples, study.seed)
         checked = self._checked(parts)
         total = sum(cube.shape[0] * cube.shape[1] for cube in parts.values()) + 3 * len(checked)
-        self._total, self._done, self._begun, self._computed = total, 0, time.monotonic(), 0
+        self._total, self._done, self._begun, self._computed = total, 0, working_time.seconds(), 0
         in_time = True
         for part, cube in parts.items():
             values = self.inputs.values(cube.reshape(-1, cube.shape[-1]), screened=part == "morris")
@@ -168,7 +167,7 @@ class _Sweep:
             if self.study.seconds is not None and self._store.spent[0] >= self.study.seconds:
                 break
             numbers = missing[begin : begin + at_once]
-            wall, cpu = time.monotonic(), time.process_time()
+            wall, cpu = working_time.seconds(), working_time.processor_seconds()
             try:
                 new = compute(values[numbers])
             except KeyboardInterrupt:
@@ -176,7 +175,9 @@ class _Sweep:
                     raise
                 self._interrupted = True
                 break
-            self._store.add(part, numbers, new, wall=time.monotonic() - wall, cpu=time.process_time() - cpu)
+            self._store.add(
+                part, numbers, new, wall=working_time.seconds() - wall, cpu=working_time.processor_seconds() - cpu
+            )
             done |= dict(zip(numbers, new, strict=True))
             self._done += cases * len(numbers)
             self._computed += cases * len(numbers)
@@ -184,7 +185,7 @@ class _Sweep:
         return {k: v for k, v in done.items() if k < len(values)}
 
     def _say(self, part: str) -> None:
-        pace = (time.monotonic() - self._begun) / self._computed if self._computed else None
+        pace = (working_time.seconds() - self._begun) / self._computed if self._computed else None
         left = None if pace is None else pace * (self._total - self._done)
         self._progress(Progress(part, self._done, self._total, left))
 

@@ -7,7 +7,6 @@ import contextlib
 import multiprocessing
 import os
 import signal
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
@@ -17,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign import working_time
 from fabdesign.corrector import Corrector, Trust, central_hash
 from fabdesign.design import Design
 from fabdesign.errors import InputError, SimulationError
@@ -111,7 +111,7 @@ class StudioSolver:
         self._last: tuple[Design, NDArray[np.float32]] | None = None  # the shape followed from, and of which design
 
     def answer(self, ask: Ask) -> Answer:
-        begin = time.perf_counter()
+        begin = working_time.seconds()
         if ask.kind == "laced":
             return self._laced(ask)
         coarse = ask.kind in ("follow", "nearby")
@@ -126,7 +126,7 @@ class StudioSolver:
                 errors = _errors(ask, points, correction)
         except (InputError, SimulationError) as problem:
             error = str(problem)
-        return Answer(ask.number, ask.kind, points, side, time.perf_counter() - begin, error, correction, errors)
+        return Answer(ask.number, ask.kind, points, side, working_time.seconds() - begin, error, correction, errors)
 
     def _laced(self, ask: Ask) -> Answer:
         assert ask.times is not None

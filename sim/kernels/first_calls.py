@@ -1,0 +1,49 @@
+"""A kernel's first call, in which Taichi compiles it, or loads what it has compiled on this machine.
+
+That takes the seconds of nothing else (fabdesign/working_time.py). A kernel that takes long to compile says so, unless
+a mark in Taichi's folder tells that it lies there. Marks hold for the very source and fields.
+"""
+
+import functools
+import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import taichi as ti
+
+from fabdesign.errors import note
+from fabdesign.working_time import not_counted
+from sim.kernels.frontend import brief
+
+SECONDS = 20  # that a costly kernel takes to compile on one core
+
+
+@contextmanager
+def first_call(costly: str, sizes: tuple[int, ...]) -> Iterator[None]:
+    """A context for a kernel's first call. costly: what the kernel computes, where it takes long to compile. sizes: of
+    the fields, which are part of the compiled kernel."""
+    with not_counted(), brief():
+        mark = _mark(costly, sizes) if costly else None
+        if mark is not None and not mark.exists():
+            note(f"compiling the simulator ({costly}), once on this machine: about {SECONDS} s")
+        yield
+        if mark is not None:
+            with suppress(OSError):  # without a mark the next process says it again
+                mark.parent.mkdir(parents=True, exist_ok=True)  # Taichi makes it when the process ends
+                mark.touch()
+
+
+def _mark(costly: str, sizes: tuple[int, ...]) -> Path:
+    key = hashlib.sha256(f"{_sources()} {costly} {sizes}".encode()).hexdigest()[:24]
+    return Path(ti.lang.impl.current_cfg().offline_cache_file_path) / f"fabdesign_{key}.compiled"
+
+
+@functools.cache
+def _sources() -> str:
+    """A hash of what kernels are made of: this package, Taichi's version, its processor."""
+    package = Path(__file__).parents[1]
+    own = hashlib.sha256(repr((ti.__version__, ti.lang.impl.current_cfg().arch)).encode())
+    for file in sorted(package.rglob("*.py")):
+        own.update(file.read_bytes())
+    return own.hexdigest()

@@ -1,0 +1,94 @@
+"""Compiling and loading is nobody's time."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fabdesign import working_time
+from fabdesign.catalogue import build
+from fabdesign.forward import Case
+from fabdesign.pressure_file import constant_program
+from fabdesign.study_file import Study, StudyLimits
+from fabdesign.study_targets import TargetFile
+from fabdesign.working_time import Stopwatch
+from studies.layouts.run import run_study
+from tests.analytic_cloth import AnalyticCloth
+
+
+class Clock:
+    now = 0.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+def test_a_stopped_watch_stands_still_until_the_last_stop_is_undone() -> None:
+    clock = Clock()
+    watch = Stopwatch(clock.monotonic)
+    clock.now = 3.0
+    watch.stop()
+    clock.now = 13.0
+    watch.stop()
+    clock.now = 20.0
+    watch.go()
+    clock.now = 43.0
+    assert (watch.seconds(), watch.excluded) == (3.0, 40.0)
+    watch.go()
+    clock.now = 45.0
+    assert (watch.seconds(), watch.excluded) == (5.0, 40.0)
+
+
+def test_numba_stops_the_clock_while_it_compiles() -> None:
+    from numba import njit
+
+    working_time.watch_numba()
+    before, begun = working_time.compile_seconds(), working_time.seconds()
+
+    @njit
+    def shifted(x: float) -> float:
+        return x + 1.0
+
+    assert shifted(1.0) == 2.0
+    compiled = working_time.compile_seconds() - before
+    assert compiled > 0.01
+    assert working_time.seconds() - begun < compiled
+
+
+class CompilesFirst(AnalyticCloth):
+    """Its first batch takes `compiles` s more of a clock, for a kernel that is not compiled yet."""
+
+    def __init__(self, clock: Clock, compiles: float) -> None:
+        super().__init__(21)
+        self._clock, self._compiles = clock, compiles
+
+    def equilibria(self, cases: list[Case]) -> list[np.ndarray]:
+        if self._compiles:
+            with working_time.not_counted():
+                self._clock.now += self._compiles
+            self._compiles = 0.0
+        self._clock.now += 0.125 * len(cases)
+        return super().equilibria(cases)
+
+
+def test_a_search_is_the_same_whether_its_kernels_are_compiled_or_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The compilation takes ten times the search's seconds."""
+    design = build("vertical")
+    shape = AnalyticCloth().equilibria([Case(design, constant_program([300e3, 0, 200e3]))])[0]
+    np.savetxt(tmp_path / "target.xyz", shape[::8])
+    study = Study(
+        "s", design, (TargetFile(tmp_path / "target.xyz"),), limits=StudyLimits(seconds=30.0, evaluations=100)
+    )
+    results = []
+    for name, compiles in (("full", 0.0), ("empty", 300.0)):
+        clock = Clock()
+        watch = Stopwatch(clock.monotonic)
+        monkeypatch.setattr(working_time, "_wall", watch)
+        results.append(run_study(study, tmp_path / name, forward=CompilesFirst(clock, compiles)))
+        assert watch.excluded == compiles
+    full, empty = results
+    assert full.history == empty.history and len(full.history) > 32
+    assert full.pressures.tobytes() == empty.pressures.tobytes() and full.points.tobytes() == empty.points.tobytes()
+    assert (full.wall_s, full.stop_reason) == (empty.wall_s, empty.stop_reason)
