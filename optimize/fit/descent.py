@@ -20,7 +20,7 @@ from optimize.fit.problem import BenchProblem, Evaluation, FitProblem, Linearisa
 STEP = 0.03  # of a logarithm, in the first finite differences
 _ITERATIONS = 20
 _CONVERGED = 0.01  # of a logarithm
-_CLOSE = 0.1  # of log likelihood, an unknown: a step that promises less in all is the last, and still taken
+_CLOSE = 0.007  # of log likelihood, an unknown: a step that promises less in all is the last, and still taken
 _NEARLY = (3.0, 0.02)  # of log likelihood, in all and an observation, where another fit follows: 2 % of what is left
 _PROMISED = 0.25  # of the gain that a step promised: while it gains as much, its Jacobian is updated, not made anew
 _WRONG = 2.0  # times what a right model leaves: no last steps are worth their motions
@@ -61,8 +61,7 @@ def fit(
     percents off.
     accuracy: of the inputs, whose errors then enter the residuals' covariance; or what they do on the last horizon,
     known from a fit of the same samples, so that models are compared by the same weights; None: the inputs are exact.
-    close: of log likelihood, what the last step promises, or gains, at most; by default 0.1 for each unknown, less than
-    half a standard deviation.
+    close: of log likelihood, what the last step promises, or gains, at most; by default 0.007 for each unknown.
     near: another fit goes on from where this one ends, so that a step under 3 % ends it, and far frames count as
     others. jacobian: (N, p) m, of a place near `start`, of which columns of NaN are made; the others are made again
     only where its steps gain too little.
@@ -123,7 +122,7 @@ def fit(
         iterations, wrong = iterations + more, capped(state.found.residual) > _WRONG * expected
         there = _ending(reached, problem, inputs, before, iterations)
         state, more, converged = _descend(
-            problem, state, weight, line, second, near=wrong, sure=False, exact=False,
+            problem, state, weight, line, second, near=wrong, exact=False,
             close=None if wrong else close, expected=expected, hopeless=hopeless, inputs=inputs, reached=there,
         )  # fmt: skip
     iterations += more
@@ -248,7 +247,7 @@ def _descend(
             if not small and gains[best] > _PROMISED * promised:
                 state, exact = problem.with_jacobian(there, _updated(problem, state, there)), False
                 continue
-        elif small and (exact or not sure):
+        elif small and exact:
             return state, iteration, True
         elif exact and whole:
             damping = max(10 * damping, _DAMPING)

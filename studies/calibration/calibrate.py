@@ -38,6 +38,7 @@ TRIALS = 16  # fitted at most without effects, spread over those allowed
 MOST_TRIALS = 48  # with effects, whose last fit takes 10 CPU s a trial; never more than half of those allowed over 32
 DRAWN = Density(until=1.5, frames=30, points=300)
 _MANY = 20  # unknowns, of which last steps gain less than the noise of their differences promises, at minutes each
+_CLOSE = 0.1  # of log likelihood, an unknown: a step that promises less, under half a standard deviation, is the last
 _WITHOUT_EFFECTS = 0.25  # of the work, where effects are fitted after it
 
 
@@ -262,6 +263,7 @@ def _fit(
                 vector=own,
                 accuracy=seen.weighed,
                 start=start,
+                close=_CLOSE * len(own.parameters),
                 near=horizon is not None or len(own.parameters) > _MANY,
                 jacobian=jacobian,
                 expected=expected,
