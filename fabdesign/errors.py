@@ -7,7 +7,6 @@ from typing import Any
 # the extra of pyproject.toml that brings a module
 EXTRAS = {
     "open3d": "clouds",
-    "trimesh": "mesh",
     "ezdxf": "dxf",
     "torch": "corrector",
     "pygltflib": "export",

@@ -1,13 +1,16 @@
 """A layout drawn flat, one face beside the other, as SVG."""
 
 from html import escape
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
 from fabdesign.pressure import LARGEST
 from fabdesign.units import in_kpa
+
+if TYPE_CHECKING:
+    from fabdesign.design import Design
 
 SCALE = 1000.0  # drawing units a metre
 GAP, TOP = 30.0, 26.0
@@ -30,7 +33,7 @@ def pressure_colour(share: float) -> str:
     return f"rgb({red},{green},{blue})"
 
 
-def layout_svg(design: Design, pressures: NDArray[np.float64] | None = None, highest: float = LARGEST) -> str:
+def layout_svg(design: "Design", pressures: NDArray[np.float64] | None = None, highest: float = LARGEST) -> str:
     """Return both faces as seen from the front. pressures (channels,) Pa; `highest` Pa has the strongest colour."""
     width, height = design.fabric.width * SCALE, design.fabric.height * SCALE
     step = max(width, LEAST) + GAP

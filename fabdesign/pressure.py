@@ -2,13 +2,16 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.design import Design
 from fabdesign.errors import InputError
 from fabdesign.units import in_kpa
+
+if TYPE_CHECKING:
+    from fabdesign.design import Design
 
 RISE_STEPS = 60
 LARGEST = 1e6  # Pa, for a muscle type that states no maximum
@@ -68,7 +71,7 @@ def sequence_program(rows: NDArray[np.float64], rise: float, hold: float) -> Pre
     return PressureProgram(times, steps, len(rows) * (rise + hold))
 
 
-def limits(design: Design) -> NDArray[np.float64]:
+def limits(design: "Design") -> NDArray[np.float64]:
     """(channels,) Pa: the lowest maximum of the muscle types on each channel, 1,000 kPa where none is stated."""
     most = np.full(design.channels, LARGEST)
     for muscle in design.muscles:
@@ -93,7 +96,7 @@ def poses_in_words(pressures: Sequence[NDArray[np.float64]]) -> list[str]:
     ]
 
 
-def require_pressures(program: PressureProgram, design: Design, where: str) -> None:
+def require_pressures(program: PressureProgram, design: "Design", where: str) -> None:
     """Raise InputError unless the program has one pressure for each channel of the design, all of them from 0 Pa to
     the muscles' maximum."""
     given = program.pressure.shape[1]

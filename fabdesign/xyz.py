@@ -8,7 +8,7 @@ from typing import NoReturn, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.bounded_file import decode_any, read_bytes, require_few
+from fabdesign.bounded_file import LARGEST, decode_any, read_bytes, require_few
 from fabdesign.csv_table import is_number, separator, without_separator_line
 from fabdesign.errors import InputError, note
 from fabdesign.headings import parse_heading, parse_units_row
@@ -55,6 +55,8 @@ def read_xyz(path: Path | str) -> TextCloud:
 
 def is_text_cloud(path: Path) -> bool:
     """Whether a text begins with a point, or with a header that names x, y and z. Raises InputError."""
+    if path.is_file() and path.stat().st_size > LARGEST:
+        return False  # a table has fewer bytes still
     lines = _header_of_cloudcompare(_lines(path), path)
     head = _split(lines[0][1], _mark(lines[0][1])) if lines else [""]
     return set(_AXES) <= {parse_heading(cell).name for cell in head} or all(

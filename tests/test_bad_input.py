@@ -116,7 +116,7 @@ BAD = [
     ("simulate cross.toml --pressures 1,2 --grid -1 -o OUT", "-1 is not in the range 9<=x<=161"),
     ("simulate cross.toml --pressures far.csv -o OUT", "far.csv line 3: time_s = 1e+09; expected at most 3600 s"),
     ("simulate cross.toml --pressures huge.csv -o OUT", "huge.csv line 2: channel_0 = '1e999999'; expected a finite"),
-    ("simulate cross.toml --pressures 1,1e999999 -o OUT", "no row of pressures in kPa"),
+    ("simulate cross.toml --pressures 1,1e999999 -o OUT", "no row of pressures such as 400,0,200 (kPa)"),
     ("simulate cross.toml --pressures LONG -o OUT", "pressures for 400 channels; expected 2 channels"),
     ("simulate cross.toml --pressures far.npz -o OUT", "far.npz"),
     ("simulate cross.toml --pressures claims.npz -o OUT", "claims.npz: is damaged or cut short"),

@@ -162,11 +162,11 @@ def test_model_is_used_on_the_grid_that_it_was_fitted_on(run: Run, hanging: type
     """A cloth that no factor moves: the data sheet stays, its prior the only thing known."""
     hanging.made.clear()
     code, out, _ = run("calibrate", folder / "set", "-o", folder / "fitted.toml", "--json")
-    assert (code, hanging.made) == (
-        0,
-        {21, 41, 61},
-    )  # stretches, early horizons and differences, the last horizon
-    model = ("--model", folder / "fitted.toml")
+    assert (code, hanging.made) == (0, {21, 41})  # stretches and all steps, the last look
+    hanging.made.clear()
+    assert run("calibrate", folder / "set", "--grid", 61, "-o", folder / "finer.toml")[0] == 0
+    assert hanging.made == {21, 61}
+    model = ("--model", folder / "finer.toml")
     simulate = ("simulate", folder / "cross.toml", "--pressures", "1,2", *model, "-o", folder / "fitted.npz")
     for arguments in (
         ("evaluate", folder / "set", *model, "--all"),

@@ -75,10 +75,12 @@ def test_output_is_refused_and_replaced_with_force(
 
 # what would write over what it reads
 INTO_INPUTS = [
-    ("simulate cross.toml --pressures 1,2 -o cross.toml", "is an input"),
-    ("simulate cross.toml --pressures 1,2 -o em20_bench.csv", "is an input"),
-    ("simulate cross.toml --pressures p.csv -o link.csv", "is an input"),
-    ("simulate cross.toml --pressures 1,2 --model model.toml -o ../{}/model.toml", "is an input"),
+    ("simulate cross.toml --pressures 1,2 -o cross.toml", "ends in .toml, another format"),
+    ("simulate cross.toml --pressures 1,2 -o em20_bench.csv", "ends in .csv, another format"),
+    ("simulate cross.toml --pressures p.csv -o link.csv", "ends in .csv, another format"),
+    ("simulate cross.toml --pressures set/trials/000.npz -o set/trials/000.npz", "is an input"),
+    ("simulate cross.toml --pressures set/trials/000.npz -o link.npz", "is an input"),
+    ("simulate cross.toml --pressures 1,2 --model model.toml -o ../{}/model.toml", "ends in .toml, another format"),
     ("predict set --model model.toml -o set", "is an input"),
     ("predict set --model model.toml -o set/trials", "holds the input"),
     ("evaluate set --model model.toml -o .", "holds the input"),
@@ -86,7 +88,7 @@ INTO_INPUTS = [
     ("calibrate set --model model.toml -o model.toml", "is an input"),
     ("trace set --model traced/model.toml -o traced", "holds the input model.toml"),
     ("calibrate set -o set/set.toml", "is part of the input set"),
-    ("calibrate set -o set/trials/000.npz", "is part of the input set"),
+    ("calibrate set -o set/trials/000.npz", "ends in .npz, another format"),
     ("export cross.toml -o .", "holds the input"),
     ("rig cross.toml --pressures 1,2 -o .", "holds the input"),
     ("rig cross.toml --pressures 1,2 -o new --recording new/raw", "not apart from the set"),
@@ -109,6 +111,7 @@ def test_an_input_is_never_an_output(
 ) -> None:
     monkeypatch.chdir(folder)
     (folder / "link.csv").symlink_to("p.csv")
+    (folder / "link.npz").symlink_to("set/trials/000.npz")
     (folder / "traced").mkdir()
     shutil.copy(folder / "model.toml", folder / "traced")
     (folder / "own.py").write_text("from fabdesign.effects.environment import AIR_DRAG\n")

@@ -135,7 +135,7 @@ def test_what_cannot_be_shown_is_refused_and_nothing_is_written(files: tuple[Pat
         ((far, "-o", out), "far.xyz: points are beyond 5 m; expected metres"),
         (
             (*files, "-o", tmp_path / "out" / "p.pdf"),
-            "expected a name that ends in .html, .png, .gif, .glb, .pvd, .rrd or .csv",
+            "expected a name that ends in .html, .png, .gif, .mp4, .glb, .pvd, .rrd or .csv",
         ),
         ((*files, "--time", "1", "-o", out), "instants of a picture"),
         ((*files, "--marker", "a=0,0", "-o", out), "points in a table; expected an output that ends in .csv"),

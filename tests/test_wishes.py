@@ -132,7 +132,7 @@ def test_a_study_fulfils_wishes(study, tmp_path: Path) -> None:
 
 
 def test_a_wish_that_nothing_fulfils_says_where_and_what_would_help(study, tmp_path: Path) -> None:
-    limited = "[limits]\nevaluations = 100\npressure = [0.0, 60.0]\n"
+    limited = "[limits]\nevaluations = 300\npressure = [0.0, 60.0]\n"
     run_study(study(FORWARD, limited), tmp_path / "out", forward=WithJacobian())
     reach = json.loads((tmp_path / "out" / "result.json").read_text())["reach"]
     assert reach["out_of_reach"]

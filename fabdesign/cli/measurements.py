@@ -23,7 +23,6 @@ from fabdesign.cli.console import (
 from fabdesign.cli.models import effects_option
 from fabdesign.cli.progress import counted, described
 from fabdesign.errors import InputError
-from fabdesign.model import POINTS_PER_SIDE
 
 
 @commands.command()
@@ -110,7 +109,7 @@ def fuse(
 @click.option(
     "--grid",
     type=GRID,
-    default=POINTS_PER_SIDE,
+    default=41,
     show_default=True,
     help="Grid points per side of the last step and of the model; the steps before take 21.",
 )

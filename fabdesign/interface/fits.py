@@ -69,8 +69,8 @@ def calibrate(
     taken = [t for sound, _ in checked for t in sound.trials if (t.role == "fit" if fit is None else t.order in fit)]
     motion = [min(t.times[-1], DRAWN.until) for t in taken]
     seconds = fit_seconds(CALIBRATION, motion, len(vector.parameters), grid)
-    progress(fit_in_words(len(motion), len(vector.parameters), seconds), None)
     with _file(out, force, paths_of(measured, model)) as unfinished, computing(cluster):
+        progress(fit_in_words(len(motion), len(vector.parameters), seconds), None)
         calibration = calibrate_sets(
             [sound for sound, _ in checked],
             simulator(grid),
@@ -127,8 +127,13 @@ def trace(
     motion = [min(t.times[-1], DRAWN.until) for t in sound.trials if t.role == "fit"][:TRIALS]
     unknowns = len(_unknowns(["all"], (), fitted or Model(), [sound]).parameters)
     seconds = fit_seconds(TRACE, motion, unknowns, grid or GRID)
-    progress(fit_in_words(len(motion), unknowns, seconds), None)
-    pace = Pace(seconds)
+    pace, opening = Pace(seconds), [fit_in_words(len(motion), unknowns, seconds)]
+
+    def announce(line: str) -> None:
+        while opening:  # once the folder is known to be free
+            progress(opening.pop(), None)
+        progress(line, None if line.startswith(SO_FAR) else pace.share())
+
     with work_folder(out) as folder, computing(cluster):
         outcome = trace_set(
             sound,
@@ -137,7 +142,7 @@ def trace(
             model=fitted,
             options=options,
             force=force,
-            say=lambda line: progress(line, None if line.startswith(SO_FAR) else pace.share()),
+            say=announce,
         )
     return Traced(outcome)
 

@@ -136,8 +136,10 @@ def work_folder(path: Path | str, *, made_by: str, force: bool = False, inputs: 
             work = WorkFolder(folder, made_by, held.at, anew=staged)
             yield work
         except BaseException as error:
-            for line in _leave(held, path):
-                error.add_note(line)
+            lines = _leave(held, path)
+            if not isinstance(error, Exception):  # a signal: whoever sent it is to know what stays
+                for line in lines:
+                    error.add_note(line)
             raise
         if staged and work.complete:
             _replace_content(held.at, anew, made_by)
