@@ -24,7 +24,15 @@ from fabdesign.output import WorkFolder, whole_file, write_text
 FOLDER = "pieces"
 Arrays = dict[str, NDArray[Any]]
 Value = TypeVar("Value")
-DAMAGE = (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile)  # what a damaged file raises
+DAMAGE = (
+    OSError,
+    ValueError,
+    KeyError,
+    TypeError,
+    EOFError,
+    RecursionError,
+    zipfile.BadZipFile,
+)  # what a damaged file raises
 _CONTENT = "content.json"
 _TOLD = 3  # fields that differ
 _LONGEST = 50  # characters of a value that is told

@@ -127,7 +127,7 @@ def decimal(text: str, path: Path, line: int, column: str) -> Decimal:
         value = Decimal(text)
     except InvalidOperation:
         value = Decimal("nan")
-    if not isfinite(float(value)):
+    if not value.is_finite() or not isfinite(float(value)):
         raise InputError(f"{path} line {line}: {column} = {text!r}; expected a finite number")
     return value
 

@@ -87,7 +87,7 @@ def _header(content: bytes, path: Path) -> tuple[str, list[Element], int]:
             case ["format", name, "1.0"] if name in _ORDERS and order is None:
                 order = _ORDERS[name]
             case ["element", name, count] if count.isdecimal():
-                elements.append(Element(name, int(count), ()))
+                elements.append(Element(name, int(count[:18]), ()))
             case ["property", kind, name] if kind in _TYPES and elements:
                 elements[-1] = _with(elements[-1], Property(name, _TYPES[kind]))
             case ["property", "list", n, kind, name] if (

@@ -72,7 +72,7 @@ def read_pts(path: Path | str) -> NDArray[np.float64]:
     lines = _lines(path)
     if not lines or not lines[0][1].isdecimal():
         raise InputError(f"{path}: its first line is no count of points; expected a sound PTS")
-    count, rows = int(lines[0][1]), lines[1:]
+    count, rows = int(lines[0][1][:18]), lines[1:]
     if count != len(rows):
         raise InputError(f"{path}: has {len(rows)} points; its first line says {count}; expected a sound PTS")
     if not rows:

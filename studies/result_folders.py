@@ -46,7 +46,7 @@ def read_folder(path: Path) -> ResultFolder:
         return ResultFolder(path, mark.made_by, {})
     try:
         result = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise InputError(f"{file}: cannot be read ({error})") from None
     if not isinstance(result, dict):
         raise InputError(f"{file}: expected a table at the top")

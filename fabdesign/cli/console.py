@@ -42,7 +42,16 @@ class IntegerRange(click.IntRange):
     name = "integer"
 
 
-class OutputPath(click.Path):
+class NamedPath(click.Path):
+    """A path that has a name: a variable of the shell that is not set is none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if not os.fspath(value):
+            raise InputError("an empty name; expected that of a file or folder")
+        return super().convert(value, param, ctx)
+
+
+class OutputPath(NamedPath):
     """A file to write, whose name ends in `ending` or in nothing that is another format's; without `ending` a folder.
 
     `view` makes what shows a motion.
@@ -71,7 +80,7 @@ class OutputPath(click.Path):
         return path
 
 
-FILE = click.Path(path_type=Path)
+FILE = NamedPath(path_type=Path)
 FOLDER = OutputPath()
 FINITE = _Finite()
 SECONDS = NumberRange(min=0, min_open=True)

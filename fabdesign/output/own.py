@@ -34,7 +34,7 @@ def read_mark(folder: Path) -> Mark | None:
         if content["format"] != FORMAT:
             return None
         return Mark(str(content["made_by"]), frozenset(map(str, content["files"])))
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
 
 

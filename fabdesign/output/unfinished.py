@@ -50,7 +50,9 @@ def new_files(
     file has moved. companions: names of those that are known now and refused now.
     """
     path, inputs = Path(path), [*inputs]
-    goal = path.resolve()
+    goal = goal_of(path)
+    if not path.name:
+        raise InputError(f"{path}: is a folder; expected a file name to write to")
     for name in (path.name, *companions):
         place = goal if name == path.name else goal.with_name(name)
         _require_free_file(path.with_name(name), place, force, inputs)
@@ -176,6 +178,14 @@ def given_up(records: Sequence[Mapping[str, Any]]) -> list[str]:
     return kept[-1:]
 
 
+def goal_of(path: Path) -> Path:
+    """Return where a path leads. Raises InputError for links that lead to themselves."""
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError):  # the latter before Python 3.13
+        raise InputError(f"{path}: its links lead to themselves; expected another place to write to") from None
+
+
 def _require_free_file(path: Path, goal: Path, force: bool, inputs: Inputs) -> None:
     if goal.is_dir():
         raise InputError(f"{path}: is a folder; expected a file name to write to")
@@ -189,7 +199,7 @@ def _require_free_file(path: Path, goal: Path, force: bool, inputs: Inputs) -> N
 @contextmanager
 def _held(path: Path, force: bool, inputs: Inputs) -> Iterator[Scratch]:
     """The scratch of the folder `path`, which is made; an interrupted move is finished first."""
-    goal = path.resolve()
+    goal = goal_of(path)
     if goal.exists() and not goal.is_dir():
         raise InputError(f"{path}: is a file; expected a folder to write to")
     require_apart(path, inputs)

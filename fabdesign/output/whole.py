@@ -3,7 +3,9 @@ process lives, swept when it was killed."""
 
 import errno
 import os
+import re
 import shutil
+import stat
 import sys
 import time
 from collections.abc import Iterator, Mapping
@@ -49,6 +51,8 @@ else:
 
 PREFIX = ".unfinished"
 _LOCK = "lock"
+_OWN = b"fabdesign"  # in a lock: folders of others may have one too
+_LONE = re.compile(re.escape(PREFIX) + r"-[0-9a-f]{32}(\..*)?")  # names of unfinished files
 _OLD = 3600.0  # s: a lone unfinished file takes a moment to write
 
 
@@ -101,6 +105,10 @@ def _acquire(at: Path) -> IO[bytes] | None:
     while True:
         at.mkdir(exist_ok=True)
         try:
+            if not _is_users(at) or (any(at.iterdir()) and not (at / _LOCK).exists()):
+                raise InputError(
+                    f"{at}: is a link, another user's, or holds other files; expected nothing of this name"
+                )
             lock = (at / _LOCK).open("ab")
         except FileNotFoundError:
             continue  # another process swept the folder meanwhile
@@ -108,6 +116,9 @@ def _acquire(at: Path) -> IO[bytes] | None:
             lock.close()
             return None
         if _same(at / _LOCK, lock):
+            if not lock.tell():
+                lock.write(_OWN)
+                lock.flush()
             return lock
         lock.close()
 
@@ -141,18 +152,26 @@ def _remove(at: Path, lock: IO[bytes]) -> None:
 
 
 def sweep(folder: Path, *, but: Path | None = None) -> None:
-    """Remove what killed processes left in `folder`, except `but`."""
+    """Remove what killed processes of this program and user left in `folder`, except `but`. Links are not followed."""
     for entry in folder.glob(f"{PREFIX}*"):
         if entry == but:
             continue
         with suppress(OSError):
+            if not _is_users(entry):
+                continue
             if entry.is_file():
-                if time.time() - entry.stat().st_mtime > _OLD:
+                if _LONE.fullmatch(entry.name) and time.time() - entry.stat().st_mtime > _OLD:
                     entry.unlink()
-            elif (entry / _LOCK).is_file():
+            elif _is_users(entry / _LOCK) and (entry / _LOCK).read_bytes() == _OWN:
                 with (entry / _LOCK).open("ab") as lock:
                     if try_lock(lock):  # where there are no locks, nothing says that it was left
                         _remove(entry, lock)
+
+
+def _is_users(path: Path) -> bool:
+    """Whether a file or folder is this user's, and no link."""
+    state = path.lstat()
+    return not stat.S_ISLNK(state.st_mode) and (not hasattr(os, "getuid") or state.st_uid == os.getuid())
 
 
 def make_folders(path: Path, goal: Path) -> list[Path]:

@@ -79,4 +79,4 @@ def _sentence(text: str) -> str:
 
 def _in_script(content: Any) -> str:
     """JSON that may stand in a script element."""
-    return json.dumps(content, separators=(",", ":")).replace("</", "<\\/")
+    return json.dumps(content, separators=(",", ":")).replace("<", "\\u003c")

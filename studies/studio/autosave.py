@@ -48,7 +48,7 @@ class Autosave:
             muscles = tuple(_muscle(entry, design) for entry in content["muscles"])
             pressures = tuple(float(pressure) for pressure in content["pressures_pa"])
             begun_on = content["begun_on"]
-        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return None
         return Layout.of(replace(design, muscles=muscles), pressures), begun_on == content_hash(self._file)
 

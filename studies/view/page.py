@@ -61,7 +61,7 @@ def render_page(
     template = Environment(autoescape=True).from_string(
         files("studies.view").joinpath("page.html.j2").read_text(encoding="utf-8")
     )
-    content = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
+    content = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     moves = any(item.moves for item in items)
     return template.render(
         title=title, items=items, data=Markup(content), key=KEY, moves=moves, overlay=overlay, compared=any(apart)
