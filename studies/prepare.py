@@ -14,6 +14,7 @@ import numpy as np
 
 from fabdesign.catalogue import build
 from fabdesign.column import factor
+from fabdesign.effort import cores
 from fabdesign.errors import SimulationError
 from fabdesign.forward import Case
 from fabdesign.metrics import trial_errors
@@ -32,7 +33,9 @@ def prepare(say: Callable[[str], None] = lambda _: None) -> float:
     begun = time.monotonic()
     done = 0
     lock = threading.Lock()
-    say(f"compiling the simulator, once on this machine: about {60 / min(_cores(), 2):.0f} s")
+    say(
+        f"compiling the simulator, once on this machine: about {60 / min(cores(), 2):.0f} s; loading it, if it is: 10 s"
+    )
 
     def run(part: str) -> None:
         nonlocal done
@@ -46,14 +49,10 @@ def prepare(say: Callable[[str], None] = lambda _: None) -> float:
             done += 1
             say(f"compiled {done} of {len(PARTS)}: {part}")
 
-    with ThreadPoolExecutor(min(_cores(), len(PARTS))) as pool:
+    with ThreadPoolExecutor(min(cores(), len(PARTS))) as pool:
         for _ in pool.map(run, PARTS):
             pass
     return time.monotonic() - begun
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _case(*effects: Term) -> Case:

@@ -28,6 +28,7 @@ def test_a_bench_becomes_a_design_with_its_effects(tmp_path: Path, run: Run) -> 
     design = read_design(tmp_path / "mine.toml")
     (kind,) = design.muscle_types.values()
     assert (kind.name, kind.outer_diameter, kind.axis_offset) == ("OWN25", 0.0025, 0.0015)
+    assert kind.max_pressure == max(kind.bench.pressure)
     assert [effect.name for effect in design.effects] == ["braid_hysteresis"]
     with pytest.raises(InputError, match="has no muscle type OWN; it has OWN25"):
         read_own_muscle(tmp_path / "own.toml", "OWN")
