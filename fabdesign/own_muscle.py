@@ -34,7 +34,7 @@ def read_own_muscle(file: Path, name: str) -> tuple[MuscleType, tuple[Term, ...]
 
 
 def _limited(kind: MuscleType) -> MuscleType:
-    """Return the type with the bench's highest pressure as its maximum, where it states none: beyond, nothing is known."""
+    """Return the type with the bench's highest pressure as its maximum, where it states none."""
     if kind.max_pressure is not None:
         return kind
     highest = max(kind.bench.pressure)

@@ -33,9 +33,8 @@ def prepare(say: Callable[[str], None] = lambda _: None) -> float:
     begun = time.monotonic()
     done = 0
     lock = threading.Lock()
-    say(
-        f"compiling the simulator, once on this machine: about {60 / min(cores(), 2):.0f} s; loading it, if it is: 10 s"
-    )
+    seconds = 60 / min(cores(), 2)
+    say(f"compiling the simulator, once on this machine: about {seconds:.0f} s (10 s where it is compiled)")
 
     def run(part: str) -> None:
         nonlocal done
