@@ -1,5 +1,6 @@
 """Measured data: fuse recordings, calibrate on them, or measure a virtual rig."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -170,9 +171,21 @@ def calibrate(
             progress=shown,
             say=tell,
         ).found
-    then = f"fabdesign trace {' '.join(map(str, sources))} --model {output} -o traced"
-    text = f"{output}: {as_text(calibrated)}\nnext: {then} (which effect the model lacks, if any)"
+    then, why = _after_calibration(
+        sources, output, sum(t.role == "fit" for s in calibrated.data.sets for t in s.trials)
+    )
+    text = f"{output}: {as_text(calibrated)}\nnext: {then} ({why})"
     print_result(calibrated.as_json() | {"model": str(output), "next": then}, text, as_json)
+
+
+def _after_calibration(sources: Sequence[Path], output: Path, trials: int) -> tuple[str, str]:
+    """Return the command that comes next, and why. trials: of role `fit`; a trace takes one set with several."""
+    from studies.tracing.run import LEAST_TRIALS
+
+    named = " ".join(map(str, sources))
+    if len(sources) == 1 and trials >= LEAST_TRIALS:
+        return f"fabdesign trace {named} --model {output} -o traced", "which effect the model lacks, if any"
+    return f"fabdesign evaluate {named} --model {output} --all", "the errors before and after"
 
 
 def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Path, force: bool, as_json: bool) -> None:

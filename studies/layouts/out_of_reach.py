@@ -56,7 +56,7 @@ class Helps:
     @property
     def sentences(self) -> list[str]:
         if not self.nearer:
-            return [f"By derivatives neither a limit nor a constant, {BY:.0%} other, would gain {WORTH:.0%}."]
+            return [f"By derivatives no limit or constant that is changed by {BY:.0%} gains {WORTH:.0%}."]
         gains = [f"{own.what}: {in_mm(self.before - own.value):.1f} mm" for own in self.nearer[:SAID]]
         return [f"What would bring it nearer, by derivatives: {'; '.join(gains)}."]
 
