@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from math import isfinite
 from pathlib import Path
+from typing import NoReturn
 
 from fabdesign.bounded_file import decode_any, read_bytes
 from fabdesign.errors import InputError
@@ -74,11 +75,36 @@ def without_separator_line(text: str) -> str:
 
 
 def is_number(cell: str) -> bool:
+    """Whether a text is a number as programs write it; Python also takes 1_000 and the digits of other scripts."""
     try:
         float(cell)
     except ValueError:
         return False
-    return True
+    return cell.isascii() and "_" not in cell
+
+
+def doubtful_comma(rows: Iterable[tuple[int, Sequence[str]]], mark: str | None) -> tuple[int, str] | None:
+    """The line and text of the first number with a comma, where commas may part thousands: all have three digits
+    behind them, and blanks or commas part the columns or numbers without a comma stand in the same column."""
+    first, plain, columns = None, set(), set()
+    for line, row in rows:
+        for i, cell in enumerate(row):
+            if _WITH_COMMA.fullmatch(cell):
+                if not _THOUSANDS.fullmatch(cell):
+                    return None
+                first = first or (line, cell)
+                columns.add(i)
+            elif is_number(cell):
+                plain.add(i)
+    return first if mark in (None, " ", ",") or columns & plain else None
+
+
+def refuse_comma(path: Path, line: int, cell: str) -> NoReturn:
+    """Raise InputError for what `doubtful_comma` gives."""
+    raise InputError(
+        f"{path} line {line}: {cell!r} may be {cell.replace(',', '')} or {cell.replace(',', '.')}; expected numbers "
+        "without commas, or semicolons between the columns and as many decimals in every number"
+    )
 
 
 def separator(header: str) -> str:
@@ -103,11 +129,8 @@ def _with_points(table: RawTable, path: Path) -> RawTable:
     if not with_comma:
         return table
     commas = with_comma[0]
-    if table.mark in ", " and all(_THOUSANDS.fullmatch(cell) for _, cell in with_comma):
-        raise InputError(
-            f"{path} line {commas[0]}: {commas[1]!r} may be {commas[1].replace(',', '')} or "
-            f"{commas[1].replace(',', '.')}; expected numbers without commas, or semicolons between the columns"
-        )
+    if (doubtful := doubtful_comma(table.rows, table.mark)) is not None:
+        refuse_comma(path, *doubtful)
     points = next(((line, cell) for line, row in table.rows for cell in row if _WITH_POINT.fullmatch(cell)), None)
     if points is not None:
         raise InputError(
@@ -124,7 +147,7 @@ def _with_points(table: RawTable, path: Path) -> RawTable:
 def decimal(text: str, path: Path, line: int, column: str) -> Decimal:
     """A finite number, exactly as written; InputError otherwise."""
     try:
-        value = Decimal(text)
+        value = Decimal(text if is_number(text) else "nan")
     except InvalidOperation:
         value = Decimal("nan")
     if not value.is_finite() or not isfinite(float(value)):
@@ -144,8 +167,4 @@ def write_rows(path: Path, header: Sequence[str], rows: Iterable[Sequence[object
 def _harmless(cell: object) -> object:
     if not isinstance(cell, str) or not cell.lstrip().startswith(_FORMULA):
         return cell
-    try:
-        float(cell)
-    except ValueError:
-        return f"'{cell}"
-    return cell
+    return cell if is_number(cell) else f"'{cell}"

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.bounded_file import LARGEST, read_bytes, require_few
+from fabdesign.bounded_file import LARGEST, read_bytes
 from fabdesign.errors import InputError
+from fabdesign.gltf_file import require_plain
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else it prints the stacks of what it tries
 KINDS = (".stl", ".off", ".glb", ".gltf")
@@ -21,7 +22,6 @@ _FACET = re.compile(
     rb"facet\s+normal(?:\s+\S+){3}\s+outer\s+loop(?:\s+vertex(?:\s+\S+){3}){3}\s+endloop\s+endfacet(?!\S)",
     re.IGNORECASE,
 )
-_COUNT = re.compile(rb'"count"\s*:\s*(\d{1,18})')  # of an accessor of glTF
 
 
 def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
@@ -31,20 +31,21 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """
     kind = path.suffix.lower()
     content = read_bytes(path, "a mesh", largest=LARGEST if kind == ".stl" else LARGEST // 10)  # others are packed
-    number = None
+    number, bare = None, {}
     if kind == ".stl":
         content, number = _stl(content, path)
     elif kind == ".off":
         number = _triangles_of_off(content, path)
     else:
-        require_few(max(map(int, _COUNT.findall(content)), default=0), path, "values in an accessor")
+        require_plain(content, path)
+        bare = {"skip_materials": True}  # whose pictures may be any files
     import trimesh
 
     beside = trimesh.resolvers.FilePathResolver(str(path))
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", DeprecationWarning)  # by which numpy says that a text's numbers end early
-            mesh = trimesh.load(io.BytesIO(content), kind[1:], resolver=beside, force="mesh", process=False)
+            mesh = trimesh.load(io.BytesIO(content), kind[1:], resolver=beside, force="mesh", process=False, **bare)
         vertices, triangles = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.intp)
     except Exception as error:  # trimesh raises whatever its parsers meet
         why = "a facet has a word where a number should be" if kind == ".stl" else "cannot be read as a mesh"

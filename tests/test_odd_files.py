@@ -1,5 +1,7 @@
 """Files that were met, with the right answer for each, and small files that must not cost gigabytes or minutes."""
 
+import base64
+import json
 import os
 import struct
 import subprocess
@@ -8,6 +10,7 @@ import time
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -130,6 +133,78 @@ def test_an_off_that_is_cut_short(text: str, message: str, tmp_path: Path) -> No
     (tmp_path / "a.off").write_text(text)
     with pytest.raises(InputError, match=message):
         read_geometry(tmp_path / "a.off")
+
+
+def plain_gltf() -> dict[str, Any]:
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes()
+    uri = "data:application/octet-stream;base64," + base64.b64encode(corners).decode()
+    return {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "buffers": [{"uri": uri, "byteLength": len(corners)}],
+        "bufferViews": [{"buffer": 0, "byteLength": len(corners)}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+    }
+
+
+GLTF = {
+    "requires 'KHR_mesh_quantization'": {"extensionsRequired": ["KHR_mesh_quantization"]},
+    "has a skin": {"skins": [{"joints": [0]}]},
+    "morph targets with weights": {"nodes": [{"mesh": 0, "weights": [0, 0.5]}]},
+    "accessor that is sparse": {"accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "sparse": {}}]},
+    "not float32": {"accessors": [{"bufferView": 0, "componentType": 5122, "count": 3, "normalized": True}]},
+    "KHR_draco": {"meshes": [{"primitives": [{"extensions": {"KHR_draco_mesh_compression": {}}}]}]},
+    "node in more than one place": {"nodes": [{"children": [1, 1]}, {"mesh": 0}]},
+    "has 12000000 points in all": {
+        "nodes": [{"mesh": 0}] * 4,
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3_000_000}],
+    },
+    "its buffers have 200 MB": {"buffers": [{"uri": "big.bin", "byteLength": 36}]},
+    "is no plain file": {"buffers": [{"uri": "/dev/zero", "byteLength": 36}]},
+}
+
+
+@pytest.mark.parametrize(("message", "change"), GLTF.items(), ids=[*GLTF])
+def test_a_gltf_whose_shape_trimesh_would_miss(message: str, change: dict[str, Any], tmp_path: Path) -> None:
+    with (tmp_path / "big.bin").open("wb") as stream:
+        stream.truncate(200_000_000)  # sparse
+    text = json.dumps(plain_gltf() | change).encode()
+    chunk = text + b" " * (-len(text) % 4)
+    (tmp_path / "a.gltf").write_bytes(text)
+    (tmp_path / "a.glb").write_bytes(struct.pack("<4sIII4s", b"glTF", 2, 20 + len(chunk), len(chunk), b"JSON") + chunk)
+    for name in ("a.gltf", "a.glb"):
+        with pytest.raises(InputError, match=message) as caught:
+            read_geometry(tmp_path / name)
+        assert "\n" not in str(caught.value)
+    (tmp_path / "a.gltf").write_text(json.dumps(plain_gltf()))
+    assert read_geometry(tmp_path / "a.gltf").triangles.shape == (1, 3)
+
+
+@pytest.mark.parametrize("mark", [";", "\t", " "])
+def test_commas_that_may_part_thousands(mark: str, tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text(mark.join(["time_s", "channel_0\n0", "500\n1", "1,000\n"]))
+    with pytest.raises(InputError, match=r"line 3: '1,000' may be 1000 or 1\.000"):
+        read_csv(tmp_path / "p.csv")
+    for last in ("1,000", "2,5"):
+        (tmp_path / "a.xyz").write_text(mark.join(["999", "0", "1\n1,000", "0", last]) + "\n")
+        if last == "2,5":
+            np.testing.assert_array_equal(read_geometry(tmp_path / "a.xyz").points, [[999, 0, 1], [1, 0, 2.5]])
+            continue
+        with pytest.raises(InputError, match="line 2: '1,000' may be 1000"):
+            read_geometry(tmp_path / "a.xyz")
+
+
+@pytest.mark.parametrize("cell", ["1_000", "1_0.5", "\u0661"])
+def test_numbers_that_only_python_takes(cell: str, tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text(f"time_s,channel_0\n0,0\n1,{cell}\n")
+    with pytest.raises(InputError, match="line 3"):
+        read_csv(tmp_path / "p.csv")
+    (tmp_path / "a.xyz").write_text(f"0 0 0\n1 {cell} 0\n")
+    with pytest.raises(InputError, match="line 2"):
+        read_geometry(tmp_path / "a.xyz")
 
 
 # --- recordings whose cameras lose messages ---------------------------------------------------------------------------
