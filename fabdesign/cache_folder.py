@@ -49,7 +49,7 @@ def remove_stale_lock(folder: Path) -> None:
 
 
 def _is_writable(folder: Path) -> bool:
-    """Whether files can be made in the folder, which is made where it is not there."""
+    """Return whether files can be made in the folder, which is made where it is not there."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

@@ -69,7 +69,7 @@ def _without_repeated(stamps: NDArray[np.int64], order: NDArray[np.intp], interv
 
 
 def _partners(reference: NDArray[np.int64], other: NDArray[np.int64], interval: float) -> NDArray[np.intp]:
-    """Of each stamp the number of the reference that is nearest and to which it is nearest; -1: none. Both rise."""
+    """Return of each stamp the number of the reference that is nearest, if both are; -1: none. Both rise."""
     nearest = _nearest(other, reference)
     mutual = _nearest(reference, other)[nearest] == np.arange(len(other))
     return np.where(mutual & (np.abs(other - reference[nearest]) < _TOGETHER * interval), nearest, -1)

@@ -1,5 +1,5 @@
-"""What a glTF or GLB may hold: trimesh skips in silence what it does not know, such as morph targets and skins, and
-copies a mesh for each node that shows it. So its JSON is checked before."""
+"""Checks of what a glTF or GLB may hold: trimesh skips in silence what it does not know, such as morph targets and skins,
+and copies a mesh for each node that shows it. So its JSON is checked before."""
 
 import json
 from collections import Counter
@@ -43,7 +43,7 @@ def _json_of(content: bytes) -> bytes:
 
 
 def _not_handled(tree: dict[str, Any]) -> str | None:
-    """What would change the shape and is not read, in words."""
+    """Return what would change the shape and is not read, in words."""
     if required := tree.get("extensionsRequired"):
         return f"requires {str(required[0])[:60]!r}, which is not read"
     nodes, accessors = tree.get("nodes", []), tree["accessors"]

@@ -46,8 +46,8 @@ def read_mcap(path: Path | str) -> Mapping[str, tuple[Array, ...]]:
 
 
 def read_stamps(path: Path | str) -> Mapping[str, NDArray[np.int64]]:
-    """By topic the stamps [ns] of its clouds, in the order of `read_mcap`. A cloud without a stamp has the instant at
-    which it was logged, less the delay of the topic's others. Raises InputError like it."""
+    """Return by topic the stamps [ns] of its clouds, in the order of `read_mcap`. A cloud without a stamp has the
+    instant at which it was logged, less the delay of the topic's others. Raises InputError like it."""
     stamps_of: dict[str, list[tuple[int, int]]] = {}
     for topic, record, _ in _messages(Path(path)):
         seconds, rest = struct.unpack_from("<iI" if record.data[1] & 1 else ">iI", record.data, _ENCAPSULATION)

@@ -1,4 +1,4 @@
-"""What is said where the machine has too little of something: disk, memory, or what its limits allow.
+"""Messages for where the machine has too little of something: disk, memory, or what its limits allow.
 
 `fabdesign/output` says it of what it writes, the command line of all else (`line_of`).
 """

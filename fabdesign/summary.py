@@ -1,4 +1,4 @@
-"""What `print` and a notebook show of an object: one line, some rows of a table, and a picture."""
+"""Summaries, which `print` and a notebook show of an object: one line, some rows of a table, and a picture."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

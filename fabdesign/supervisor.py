@@ -52,7 +52,7 @@ def supervised(work: Callable[[], None], give_up: GiveUp) -> None:
 
 
 def is_supervised() -> bool:
-    """Whether this process is such a child."""
+    """Return whether this process is such a child."""
     return bool(_shared)
 
 

@@ -55,7 +55,7 @@ def seconds() -> float:
 
 
 def processor_seconds() -> float:
-    """The same of this process's processor time."""
+    """Return this process's processor time [s], counted likewise."""
     return _processor.seconds()
 
 
@@ -90,7 +90,7 @@ def watch_numba() -> None:
     from numba.core import event
 
     class Watch(event.Listener):
-        """What Numba tells of its compiler."""
+        """Listens to what Numba tells of its compiler."""
 
         def on_start(self, _: Any) -> None:
             _stop()

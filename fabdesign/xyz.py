@@ -54,7 +54,7 @@ def read_xyz(path: Path | str) -> TextCloud:
 
 
 def is_text_cloud(path: Path) -> bool:
-    """Whether a text begins with a point, or with a header that names x, y and z. Raises InputError."""
+    """Return whether a text begins with a point, or with a header that names x, y and z. Raises InputError."""
     if path.is_file() and path.stat().st_size > LARGEST:
         return False  # a table has fewer bytes still
     lines = _header_of_cloudcompare(_lines(path), path)

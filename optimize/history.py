@@ -100,7 +100,7 @@ class History:
             self._file.execute("insert or replace into answer values (0, ?, ?)", (self.evaluations, json.dumps(value)))
 
     def answer(self) -> Any:
-        """What was kept of the search as it stands; None where nothing was."""
+        """Return what was kept of the search as it stands; None where nothing was."""
         row = self._file.execute("select evaluations, value from answer").fetchone()
         return json.loads(row[1]) if row and row[0] == self.evaluations else None
 

@@ -63,7 +63,7 @@ def search(
 
 
 def has_converged(evaluations: Evaluations) -> bool:
-    """Whether the search has ended by itself, by no limit and no interrupt."""
+    """Return whether the search has ended by itself, by no limit and no interrupt."""
     return bool((evaluations.history.load() or {}).get("reason"))
 
 

@@ -28,7 +28,7 @@ Columns = dict[str, "list[Any] | NDArray[Any]"]  # by name, all of one length
 
 
 class Tabled:
-    """What can be a table, and shows itself in some lines."""
+    """A result that can be a table, and shows itself in some lines."""
 
     def summary(self) -> Summary:
         """Return what `print` and a notebook show."""

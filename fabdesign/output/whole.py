@@ -169,7 +169,7 @@ def sweep(folder: Path, *, but: Path | None = None) -> None:
 
 
 def _is_users(path: Path) -> bool:
-    """Whether a file or folder is this user's, and no link."""
+    """Return whether a file or folder is this user's, and no link."""
     state = path.lstat()
     return not stat.S_ISLNK(state.st_mode) and (not hasattr(os, "getuid") or state.st_uid == os.getuid())
 

@@ -1,4 +1,4 @@
-"""What a law in a file says of a bench's records, and how far that is from them, for `calibrate` and `evaluate`."""
+"""Predictions of a bench's records by a law in a file, and how far these are off, for `calibrate` and `evaluate`."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -75,7 +75,7 @@ def travels(effect: EffectTerm | Term) -> bool:
 
 
 def prediction(path: Path, bench: Bench) -> Predict:
-    """What the file says of the bench's records: without what motion adds (friction, viscosity, effects), and with it.
+    """Return what the file says of the bench's records: without what motion adds (friction, viscosity, effects), and with it.
 
     Raises InputError for a file of another specimen, and for a cloth where the bench does not state the strip's width.
     """

@@ -170,7 +170,7 @@ def _npz(path: Path, how: AsTarget) -> Findings:
 
 
 def _cloud(path: Path, how: AsTarget) -> Findings:
-    """Of a cloud or mesh, which may stand in any unit and frame: options or a study say which."""
+    """Check a cloud or mesh, which may stand in any unit and frame: options or a study say which."""
     if how.fabric is not None:
         with keys_as_options():
             placed = read_target(how.target(path), how.fabric)

@@ -62,7 +62,7 @@ class ShippedErrors:
         ]
 
     def kept(self) -> dict[str, Any]:
-        """What `of_kept` takes: JSON, to the last bit."""
+        """Return what `of_kept` takes: JSON, to the last bit."""
         own = {name: {"own": one.own, "others": as_json(one.others)} for name, one in self.branches.items()}
         return {
             "errors": as_json(self.errors),

@@ -85,7 +85,7 @@ def run_demo(
 
 
 def _content(out: Path, results: Sequence[StudyResult]) -> dict[str, str]:
-    """What the comparison with measured trials and the page depend on, by name."""
+    """Return what the comparison with measured trials and the page depend on, by name."""
     data = Path(str(files("fabdesign") / "data"))
     shipped = [*(data / SET).rglob("*"), data / MODEL, *data.glob("*.safetensors")]
     content = {file.relative_to(data).as_posix(): sha256(file) for file in sorted(shipped) if file.is_file()}
@@ -95,7 +95,7 @@ def _content(out: Path, results: Sequence[StudyResult]) -> dict[str, str]:
 
 
 def _kept_errors(out: Path, content: dict[str, str]) -> ShippedErrors | None:
-    """What the last call found, where it depended on the same; None otherwise."""
+    """Return what the last call found, where it depended on the same; None otherwise."""
     try:
         kept = json.loads((out / MEASURED).read_text(encoding="utf-8"))
         return ShippedErrors.of_kept(kept["errors"]) if kept["content"] == content else None

@@ -68,7 +68,7 @@ def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
 
 
 def kept_fewer(study: Study, state: Mapping[str, Any]) -> Fewer | None:
-    """What `shrunk` came to, as the history's state has it; None where it was not asked."""
+    """Return what `shrunk` came to, as the history's state has it; None where it was not asked."""
     known = state.get("fewer")
     if known is None or not _may_shrink(study):
         return None

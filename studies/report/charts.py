@@ -18,7 +18,7 @@ Box = dict[str, tuple[float, float]]  # lowest and highest, by axis
 
 @dataclass(frozen=True)
 class Gain:
-    """What a candidate gains, with its 90 % interval, in the chart's unit."""
+    """Return what a candidate gains, with its 90 % interval, in the chart's unit."""
 
     name: str
     value: float

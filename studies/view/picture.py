@@ -104,7 +104,7 @@ def save_animation(
 
 
 def _save_video(animation: FuncAnimation, path: Path) -> None:
-    """By the ffmpeg of the system, else by that of the package imageio-ffmpeg."""
+    """Write by the ffmpeg of the system, else by that of the package imageio-ffmpeg."""
     ffmpeg = shutil.which("ffmpeg")
     if ffmpeg is None:
         import imageio_ffmpeg
