@@ -1,4 +1,4 @@
-"""Estimates of what work takes, before it is begun: motions that take too much are bad input, and a fit says how long."""
+"""Estimates of what work takes, before it is begun: motions that take too much are bad input, a fit says how long."""
 
 import os
 import time

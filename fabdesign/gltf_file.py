@@ -1,5 +1,5 @@
-"""Checks of what a glTF or GLB may hold: trimesh skips in silence what it does not know, such as morph targets and skins,
-and copies a mesh for each node that shows it. So its JSON is checked before."""
+"""Checks of what a glTF or GLB may hold: trimesh skips in silence what it does not know, such as morph targets and
+skins, and copies a mesh for each node that shows it. So its JSON is checked before."""
 
 import json
 from collections import Counter

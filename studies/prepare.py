@@ -66,7 +66,7 @@ def _motions(case: Case) -> None:
 
 
 def _derivatives() -> None:
-    """Compile derivatives of a cloth that does not hang at rest: what comes of it is dropped, and no motion is compiled for it."""
+    """Compile derivatives of a cloth that does not hang at rest: no motion is compiled for it."""
     from sim.chunks import chunks_of, laid
     from sim.kernels.transfer import load
     from sim.tangent.shapes import LaneColumns, solve_at_rest

@@ -75,7 +75,7 @@ def travels(effect: EffectTerm | Term) -> bool:
 
 
 def prediction(path: Path, bench: Bench) -> Predict:
-    """Return what the file says of the bench's records: without what motion adds (friction, viscosity, effects), and with it.
+    """Return what the file says of the bench's records: without and with friction, viscosity, effects.
 
     Raises InputError for a file of another specimen, and for a cloth where the bench does not state the strip's width.
     """
