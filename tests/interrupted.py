@@ -71,9 +71,10 @@ def interrupted(
 def descendants(pid: int) -> Iterator[int]:
     """Processes that a process has started, and those that these have."""
     with suppress(FileNotFoundError, ProcessLookupError):  # it has ended
-        for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
-            yield int(child)
-            yield from descendants(int(child))
+        for threads_own in Path(f"/proc/{pid}/task").glob("*/children"):
+            for child in threads_own.read_text().split():
+                yield int(child)
+                yield from descendants(int(child))
 
 
 def snapshot(folder: Path) -> dict[str, bytes]:

@@ -22,6 +22,7 @@ from fabdesign.errors import InputError
 from studies.studio.gate import Gate
 from tests.browser import browser_at, chromium
 from tests.conftest import ROOT
+from tests.interrupted import descendants
 
 viser = pytest.importorskip("viser", reason="no viser: pip install 'fabdesign[studio]'")
 websockets = pytest.importorskip("websockets")
@@ -280,11 +281,7 @@ def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
 
 def tree(process: int) -> list[int]:
     """Return a process and all that descend from it."""
-    children: list[str] = []
-    with contextlib.suppress(OSError):  # gone meanwhile
-        for file in Path(f"/proc/{process}/task").glob("*/children"):
-            children += file.read_text().split()
-    return [process, *(pid for child in children for pid in tree(int(child)))]
+    return [process, *descendants(process)]
 
 
 def maps_of(process: int) -> str:

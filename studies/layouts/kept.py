@@ -1,7 +1,7 @@
 """The result of a search that has ended, kept in its history: the same call answers without a simulation."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -48,6 +48,9 @@ class Kept:
     within: float | None
 
 
+_SHARED = {own.name for own in fields(Kept)} & {own.name for own in fields(StudyResult)}  # kept as they are
+
+
 def keep(history: History, result: StudyResult, *, follow: bool) -> None:
     """Let the same call answer with this result."""
     study, state = result.study, history.load()
@@ -60,17 +63,7 @@ def keep(history: History, result: StudyResult, *, follow: bool) -> None:
         complete=bool(state.get("reason")) and study.robust is None and not (result.fewer and result.fewer.cut),
         follow=follow,
         layout={"muscles": [asdict(own) for own in result.design.muscles], "pressures": result.pressures.tolist()},
-        points=result.points,
-        rest=result.rest,
-        errors=result.errors,
-        rest_errors=result.rest_errors,
-        constraints=result.constraints,
-        wall_s=result.wall_s,
-        stop_reason=result.stop_reason,
-        reach=result.reach,
-        loading_path=result.loading_path,
-        robust=result.robust,
-        within=result.within,
+        **{name: getattr(result, name) for name in _SHARED},
     )
     history.keep_answer(as_json(kept))
 
@@ -92,17 +85,7 @@ def answer(history: History, study: Study, targets: Sequence[LoadedTarget], *, f
         design=space.design,
         pressures=space.start_pressures,
         targets=tuple(target.beside(shape) for target, shape in zip(targets, kept.points, strict=True)),
-        points=kept.points,
-        rest=kept.rest,
-        errors=kept.errors,
-        rest_errors=kept.rest_errors,
-        constraints=kept.constraints,
         history=tuple(history.entries()),
-        wall_s=kept.wall_s,
-        stop_reason=kept.stop_reason,
-        reach=kept.reach,
-        loading_path=kept.loading_path,
-        robust=kept.robust,
-        within=kept.within,
+        **{name: getattr(kept, name) for name in _SHARED},
         fewer=kept_fewer(study, history.load()),
     )
