@@ -24,7 +24,7 @@ class Column:
 
     step: units by which the parameter is moved to see what forces change, small against what the model bends over;
     far: units for differences of whole shapes and motions, large against what a solver leaves. room: how far a case's
-    parameter may be moved down and up.
+    parameter may be moved down and up. differences: whether those stand in for a tangent that is not there, else NaN.
     """
 
     name: str
@@ -33,6 +33,7 @@ class Column:
     far: float
     moved: Callable[[Case, float], Case]
     room: Callable[[Case], tuple[float, float]] = _everywhere
+    differences: bool = True
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,7 @@ from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.problem import widened
 from studies.calibration.intervals import expected_rms
 from studies.measured_data import MeasuredData
+from studies.rest_fit import beginning
 
 EARLY = 1.0  # s, of the horizons before all frames: a column costs a motion as long
 EARLY_TRIALS = 8  # of these at most: they lead near, where the last fit begins
@@ -59,11 +60,19 @@ def joint_fit(
     progress: Progress = lambda line, share: None,
     *,
     patient: bool = False,
+    at_rest: Fit | None = None,
 ) -> Fit:
     """The fit of all frames. What cannot matter beside `tolerance` [m], of the terms whose strengths alone are fitted
     and that no model gave, takes part in the last fit alone. fitted: makes each fit. patient: whether it begins again
-    wherever a horizon leaves more than a right model, not the first alone where that is far more."""
+    wherever a horizon leaves more than a right model, not the first alone where that is far more. at_rest: what shapes
+    at rest say; where that is known, no horizon is looked at, and what they say is nothing takes no part at all."""
     right = expected_rms(data.noise, tolerance)
+    if at_rest is not None:
+        index = (fewer := vector.only(set(vector.labels) - negligible(at_rest, tolerance)))[1]
+        return fitted(
+            data, fewer[0], beginning(vector, at_rest)[index], named="from rest", horizon=None,
+            expected=np.inf if vector.terms else right, progress=progress,
+        )  # fmt: skip
     much = right if patient else expected_rms(data.noise, 2 * tolerance)
     few = data.only(evenly(len(data.trials), EARLY_TRIALS).tolist())
     lengths = horizons(data.samples)

@@ -16,6 +16,7 @@ from fabdesign.model import Provenance
 from fabdesign.sensor_noise import SensorNoise, estimate_noise
 from fabdesign.splits import by_program
 from fabdesign.trial import Accuracy, MeasurementSet, Trial
+from optimize.fit.at_rest import Standing
 from optimize.fit.clouds import Sample, cut, sample_trial
 from studies.used_frames import UsedFrames
 
@@ -47,6 +48,7 @@ class MeasuredData:
     used: UsedFrames
     accuracy: Accuracy
     seed: int
+    standing: tuple[Standing, ...] = ()  # shapes at rest, of these and of other trials that may be fitted
 
     @staticmethod
     def of(

@@ -25,7 +25,6 @@ _NEARLY = (3.0, 0.02)  # of log likelihood, in all and an observation, where ano
 _PROMISED = 0.25  # of the gain that a step promised: while it gains as much, its Jacobian is updated, not made anew
 _WRONG = 2.0  # times what a right model leaves: no last steps are worth their motions
 _NEAR = 0.03  # of a logarithm: steps under it are left to the next horizon
-_LENGTHS = (1.0, 0.5, 2.0, 0.25)  # of a step, simulated at once: lanes that one motion a trial leaves empty
 _LITTLE = 2.0  # of log likelihood: an effect that costs less to drop keeps its former column
 _DAMPING = 0.3  # Levenberg-Marquardt's, after a step that made it worse
 
@@ -148,16 +147,26 @@ def _begun(problem: Problem, evaluation: Evaluation, along: Array, jacobian: Arr
     return problem.linearise(evaluation, along, jacobian, missing)
 
 
-def fit_bench(problem: BenchProblem) -> Fit:
-    """As `fit`, of a bench: from the vector's start, on all rows at once."""
+def come_near(
+    problem: Problem, inputs: InputErrors | None = None, progress: Progress = lambda line, share: None
+) -> Fit:
+    """The fit of a bench, or of shapes at rest, from the vector's start on all rows at once, until another goes on."""
     vector = problem.vector
-    weight, progress = np.diag(1 / vector.prior**2), lambda line, share: None
     evaluation = problem.evaluate([vector.start])[0]
     before = capped(evaluation.found.residual, evaluation.found.loss.cap)
     state = problem.linearise(evaluation, np.diag(STEP * vector.scale))
-    state, first, _ = _descend(problem, state, weight, "", progress, near=True, sure=False)
-    state, more, converged = _descend(problem, state, weight, "", progress, exact=False)
-    return concluded(problem, state, None, before, first + more, converged)
+    weight = np.diag(1 / vector.prior**2)
+    state, iterations, converged = _descend(
+        problem, state, weight, "", progress, near=True, sure=False, inputs=inputs
+    )  # fmt: skip
+    return concluded(problem, state, inputs, before, iterations, converged)
+
+
+def fit_bench(problem: BenchProblem) -> Fit:
+    """As `fit`, of a bench."""
+    near, weight = come_near(problem), np.diag(1 / problem.vector.prior**2)
+    state, more, converged = _descend(problem, near.state, weight, "", lambda line, share: None, exact=False)
+    return concluded(problem, state, None, near.before, near.iterations + more, converged)
 
 
 def _ending(
@@ -231,11 +240,11 @@ def _descend(
         uncut = longest < LARGEST * (1 - 1e-9)
         if exact and uncut and capped(linear.found.residual) > hopeless:
             return state, iteration, False
-        evaluations = problem.evaluate([problem.vector.inside(state.x + length * step) for length in _LENGTHS])
+        evaluations = problem.evaluate([problem.vector.inside(state.x + length * step) for length in problem.lengths])
         gains = [-loss(problem.samples, state, other, normal, weight, inputs) for other in evaluations]
         best = int(np.argmax(gains))
         # where a part of a step is best, what is left of it is not slight
-        longest *= max(1.0, _LENGTHS[best])
+        longest *= max(1.0, problem.lengths[best])
         enough = close or _close(near, len(vector.parameters), float(normal.frames.sum()))
         enough *= max(1.0, capped(state.found.residual) / expected) ** 2
         small = promised < enough or longest < slight or (exact and 0 < gains[best] < enough)

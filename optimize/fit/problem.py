@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import isqrt
+from typing import ClassVar
 
 import numpy as np
 
@@ -32,6 +33,7 @@ class Problem:
 
     samples: Sequence[Sample]
     vector: FitVector
+    lengths: ClassVar[tuple[float, ...]] = (1.0, 0.5, 2.0, 0.25)  # of a step, tried at once: lanes that are empty else
 
     def evaluate(self, xs: Sequence[Array]) -> list[Evaluation]:
         """All in one batch."""

@@ -38,7 +38,8 @@ def differences(
 def completed(
     outcome: Outcome, cases: Sequence[Case], columns: Sequence[Column], solved: Mapping[int, Solved]
 ) -> list[Jacobian]:
-    """Jacobians of all cases: what the tangent `solved`, by case, and differences of the outcome for the rest."""
+    """Jacobians of all cases: what the tangent `solved`, by case, and differences of the outcome for the rest, but for
+    columns without."""
     known = {i: own for i, own in solved.items() if own.settled}
     left = [i for i in range(len(cases)) if i not in known]
     middles = dict(zip(left, outcome(left, [cases[i] for i in left]), strict=True)) if left else {}
@@ -46,7 +47,9 @@ def completed(
     pairs = [
         (i, c) for i in range(len(cases)) for c in range(len(columns)) if i not in known or c not in known[i].changes
     ]
-    changes = differences(outcome, cases, columns, pairs) if pairs else {}
+    made = [(i, c) for i, c in pairs if columns[c].differences]
+    changes = differences(outcome, cases, columns, made) if made else {}
+    changes |= {(i, c): np.full_like(middles[i], np.nan) for i, c in pairs if not columns[c].differences}
     return [
         Jacobian(
             middles[i],

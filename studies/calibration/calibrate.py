@@ -31,6 +31,7 @@ from studies.intervals.calibrate import chosen as chosen_trials
 from studies.intervals.calibrate import spread_json, with_spread
 from studies.joint_fit import joint_fit
 from studies.measured_data import Density, MeasuredData
+from studies.rest_fit import fit_at_rest, with_shapes_at_rest
 from studies.sensitive_stretches import find_used_frames
 from studies.used_frames import UsedFrames
 
@@ -150,6 +151,7 @@ def calibrate(
     data = MeasuredData.of(sets, chosen, used, DRAWN, seed=seed)
     bare, forward = forward, Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
+    data = with_shapes_at_rest(data, allowed)
     fitted = _fit(data, forward, slopes, vector, progress, interruptible, checkpoint)
     if lines := {} if fitted.interrupted else _implausible(fitted, data.samples, forward):
         tolerance = Tolerance(skip_bad, [*skipped])
@@ -291,10 +293,13 @@ def _fit(
         factors = vector.without_effects
         alone = partial(fitted, of="factors")
         few = data.only(evenly(len(data.trials), TRIALS).tolist())
+        engine = slopes or forward
+        rested = [fit_at_rest(data, engine, own, checkpoint=checkpoint, progress=early) for own in (factors, vector)]
         plain = joint_fit(
-            few, factors, factors.start, EXCESS, alone, lambda line, share: early(f"no effects, {line}", share)
-        )
-        found = joint_fit(data, vector, vector.start, EXCESS, fitted, late)
+            few, factors, factors.start, EXCESS, alone, lambda line, share: early(f"no effects, {line}", share),
+            at_rest=rested[0],
+        )  # fmt: skip
+        found = joint_fit(data, vector, vector.start, EXCESS, fitted, late, at_rest=rested[1])
         return beside(plain, found)
     except KeyboardInterrupt:
         if not (interruptible and (reached or plain)):

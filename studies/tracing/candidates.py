@@ -49,6 +49,7 @@ def candidates_of(selection: Selection) -> tuple[tuple[Candidate, ...], dict[str
     none = wide.scored(added)
     candidates = [_chosen(wide, none, added, label, selection) for label in chosen.vector.labels]
     candidates += [_other(wide, none, added, places[label], label, selection) for label in others]
+    candidates += _aside(selection, none.excess(selection.floor))
     best: dict[str, Candidate] = {}
     for candidate in sorted(candidates, key=lambda c: c.gain):
         best[candidate.name] = candidate
@@ -106,19 +107,38 @@ def _other(
     )  # fmt: skip
 
 
+def _aside(selection: Selection, excess: float) -> list[Candidate]:
+    """Effects of which shapes at rest say that they are nothing. excess: m, of the model chosen."""
+    at_rest = selection.at_rest
+    if at_rest is None:
+        return []
+    judged = {label_effect(label) for label in selection.everything.vector.labels}
+    deviation = np.sqrt(np.diag(at_rest.covariance))
+    none: tuple[float, float] = (0.0, 0.0)
+    return [
+        Candidate(name, 0.0, none, excess, False, _smallest(name, deviation[at_rest.vector.part(label)]))
+        for label in at_rest.vector.labels
+        if (name := label_effect(label)) not in judged
+    ]
+
+
 def _detectable(wide: LeftOut, off: np.ndarray, part: np.ndarray, label: str) -> dict[str, float]:
     """The value of each strength that would have cost NEEDED to drop, the declared parameters and those chosen free."""
     free = np.setdiff1d(np.arange(len(wide.x)), off)
     covariance = np.linalg.inv(wide.information[np.ix_(free, free)])
-    effect = EFFECTS[label_effect(label)]
-    smallest = {}
-    for key, k in zip(effect.strengths, part, strict=False):
-        place = int(np.searchsorted(free, k))
-        size = float(np.sqrt(2 * NEEDED * covariance[place, place]))
-        parameter = effect.parameters[key]
-        smallest[key] = (
-            parameter.centre * float(np.exp(size)) if parameter.transform == "log" else parameter.centre + size
-        )
+    places = np.searchsorted(free, part)
+    return _smallest(label_effect(label), np.sqrt(np.diag(covariance)[places]))
+
+
+def _smallest(name: str, deviations: np.ndarray) -> dict[str, float]:
+    """The value of each strength of an effect that would have cost NEEDED to drop. deviations: of x, in order."""
+    effect, smallest = EFFECTS[name], {}
+    for key, deviation in zip(effect.strengths, deviations.tolist(), strict=False):
+        parameter, size = effect.parameters[key], float(np.sqrt(2 * NEEDED)) * deviation
+        if parameter.transform == "log":
+            smallest[key] = parameter.centre * float(np.exp(size))
+        else:
+            smallest[key] = parameter.centre + size
     return smallest
 
 

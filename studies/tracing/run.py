@@ -22,6 +22,7 @@ from fabdesign.units import in_mm
 from optimize.fit.clouds import Sample, evenly
 from optimize.fit.left_out import LeftOut
 from studies.measured_data import Density, MeasuredData, TooLittle
+from studies.rest_fit import with_shapes_at_rest
 from studies.sensitive_stretches import sensitive_stretches
 from studies.tracing.black_box import baseline_score
 from studies.tracing.candidates import candidates_of, same_from_rest
@@ -105,6 +106,7 @@ def _trace(
     used = _used(checkpoint, every, bare, say)
     say(used.in_words)
     data = MeasuredData.of([measured], trials, used, DRAWN, seed=options.seed)
+    data = with_shapes_at_rest(data, fit_trials(measured.trials))
     if len(data.trials) < LEAST_TRIALS:
         raise TooLittle(
             f"{measured.name}: {len(data.trials)} trials with frames to use; expected at least {LEAST_TRIALS}"

@@ -16,6 +16,7 @@ from optimize.fit.parameters import FitVector
 from studies.calibration.intervals import expected_rms
 from studies.joint_fit import beside, joint_fit
 from studies.measured_data import MeasuredData
+from studies.rest_fit import fit_at_rest
 from studies.tracing.backwards import backwards, gains_of, is_cause, parts_of, sparse
 from studies.tracing.decoys import Decoys
 from studies.tracing.task import Task
@@ -38,6 +39,7 @@ class Selection:
     floor: float
     small: tuple[str, ...]
     decoys: Decoys | None = None
+    at_rest: Fit | None = None  # what shapes at rest say of the effects that act there
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -69,7 +71,12 @@ def select(task: Task) -> Selection:
     every = fit_vector(["all"], factors=task.factors, designs=task.designs)
     vector = without(every, task.known)
     hopeless = expected_rms(task.data.noise, HOPELESS * task.tolerance)
-    plain = task.fit("plain", vector.without_effects, near=True, hopeless=hopeless)
+    at_rest, factors = (
+        fit_at_rest(task.data, task.forward, own, checkpoint=task.checkpoint, progress=lambda line, _: task.say(line))
+        for own in (vector, vector.without_effects)
+    )
+    start = None if factors is None else factors.x
+    plain = task.fit("plain", vector.without_effects, start=start, near=True, hopeless=hopeless)
     excess = _excess(task, plain)
     plausible = plain.vector.is_plausible(plain.x)
     if excess <= task.tolerance and plausible:
@@ -90,11 +97,11 @@ def select(task: Task) -> Selection:
         named = f"every effect {named}".strip()
         return replace(task, data=data).fit(named, own, start=start, near=True, expected=expected, jacobian=jacobian)
 
-    everything = joint_fit(task.data, vector, start, task.tolerance, fitted, patient=True)
+    everything = joint_fit(task.data, vector, start, task.tolerance, fitted, patient=True, at_rest=at_rest)
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
     plain = task.weighed(plain, everything.inputs)
     plain, chosen, small, decoys = backwards(task, everything, plain)
-    return Selection(everything, plain, chosen, task.data.folds, task.floor, tuple(small), decoys)
+    return Selection(everything, plain, chosen, task.data.folds, task.floor, tuple(small), decoys, at_rest)
 
 
 def _excess(task: Task, fitted: Fit) -> float:

@@ -1,0 +1,144 @@
+"""Shapes at rest beside what was measured of them: a column, by the forces' tangent, costs a hundredth of a motion."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import isqrt
+from typing import ClassVar
+
+import numpy as np
+
+from fabdesign.column import Column, of_effect
+from fabdesign.effects.registry import EFFECTS
+from fabdesign.forward import Case, ForwardModel
+from fabdesign.jacobian import Floats, Jacobians
+from fabdesign.pressure import PressureProgram
+from fabdesign.sheet import of_faces
+from fabdesign.trial import Accuracy
+from optimize.fit.clouds import Array, Indices, Sample, match
+from optimize.fit.inputs import InputErrors
+from optimize.fit.parameters import FitVector
+from optimize.fit.problem import Evaluation, Linearisation, Problem, columns
+
+_STEP, _FAR = 0.007, 0.15  # of a prior's deviation, of a column and of the differences that stand in for one
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """A cloth that stands: its points, in one cloud, and the pressures that are held, (channels,) Pa."""
+
+    sample: Sample
+    pressure: Array
+
+
+@dataclass(frozen=True, eq=False)
+class RestProblem(Problem):
+    """Shapes at rest. jacobians: the forward's own, of its shapes."""
+
+    standing: Sequence[Standing]
+    forward: ForwardModel
+    jacobians: Jacobians
+    vector: FitVector
+    lengths: ClassVar[tuple[float, ...]] = (1.0, 0.5)  # shapes leave no lane empty
+
+    @property
+    def samples(self) -> Sequence[Sample]:  # type: ignore[override]
+        return [one.sample for one in self.standing]
+
+    def evaluate(self, xs: Sequence[Array]) -> list[Evaluation]:
+        shapes = self.forward.equilibria([case for x in xs for case in self._cases(x)])
+        count = len(self.standing)
+        return [self._evaluation(x, shapes[k * count : (k + 1) * count]) for k, x in enumerate(xs)]
+
+    def linearise(
+        self, evaluation: Evaluation, along: Array, old: Array | None = None, fresh: Indices | None = None
+    ) -> Linearisation:
+        """With all columns, whatever `along`, `old` and `fresh` are: they cost next to nothing. NaN of shapes near a
+        snap, where the forces have no tangent that holds them."""
+        there, table = self._columns(evaluation.x, [_column(self.vector, k) for k in range(len(evaluation.x))])
+        return self.with_jacobian(there, self.moving(table))
+
+    def input_errors(self, x: Array, accuracy: Accuracy) -> InputErrors:
+        """What errors of the pressures and of the frame's level do, to first order."""
+        channels = max(len(one.pressure) for one in self.standing)
+        tilts = [of_effect("frame_tilt", axis, 0.01) for axis in ("about_x", "about_z")]
+        _, table = self._columns(x, [*map(_share_of_pressure, range(channels)), *tilts])
+        deviations = np.array([accuracy.pressure] * channels + [accuracy.tilt] * len(tilts))
+        return InputErrors(table * deviations, np.zeros(len(table)))
+
+    def _cases(self, x: Array) -> list[Case]:
+        factors, terms = self.vector.factors_at(x), self.vector.terms_at(x)
+        held = [PressureProgram(np.zeros(1), one.pressure[None], 1.0) for one in self.standing]
+        trials = [one.sample.trial for one in self.standing]
+        return [Case(t.design, own, factors, terms, t.order) for t, own in zip(trials, held, strict=True)]
+
+    def _columns(self, x: Array, moved: Sequence[Column]) -> tuple[Evaluation, Array]:
+        """The shapes, and (N, k) m how each residual changes with columns."""
+        found = self.jacobians(self._cases(x), moved)
+        there = self._evaluation(x, [one.points for one in found])
+        return there, columns(there, [_middle(_solved(one.changes)) for one in found])
+
+    def _evaluation(self, x: Array, shapes: Sequence[Floats]) -> Evaluation:
+        motions = [np.asarray(points)[None] for points in shapes]
+        return Evaluation(x, [of_faces(points) for points in motions], match(self.samples, motions))
+
+
+def _solved(changes: Floats) -> Floats:
+    """(k, 2 n, 3) m: a column that alone is not solved moves next to nothing, such as a muscle's without pressure."""
+    lost = ~np.isfinite(changes).all(axis=(1, 2))
+    return changes if lost.all() else np.where(lost[:, None, None], 0.0, changes)
+
+
+def _middle(changes: Floats) -> Floats:
+    """(k, 1, n, n, 3) m of the mid-surface, from those of both faces (k, 2 n^2, 3)."""
+    half = changes.shape[1] // 2
+    side = isqrt(half)
+    return np.asarray(0.5 * (changes[:, :half] + changes[:, half:])).reshape(-1, 1, side, side, 3)
+
+
+def _column(vector: FitVector, k: int) -> Column:
+    """An unknown of a vector; a case's terms are the vector's, behind those that a model has."""
+    parameter = vector.parameters[k]
+    label, _, key = parameter.name.rpartition(".")
+    term = None if parameter.is_factor else vector.labels.index(label) - len(vector.terms)
+
+    def x_of(case: Case) -> float:
+        if term is None:
+            return parameter.unknown(case.factors.get(parameter.name, 1.0))
+        return parameter.unknown(case.effects[term].values[key])
+
+    def moved(case: Case, by: float) -> Case:
+        value = parameter.value(x_of(case) + by)
+        if term is None:
+            return replace(case, factors={**case.factors, parameter.name: value})
+        effects = [*case.effects]
+        effects[term] = replace(effects[term], values={**effects[term].values, key: value})
+        return replace(case, effects=tuple(effects))
+
+    def room(case: Case) -> tuple[float, float]:
+        low, high = parameter.limits
+        return low - x_of(case), high - x_of(case)
+
+    return Column(
+        parameter.name, "1", _STEP * parameter.deviation, _FAR * parameter.deviation, moved, room, differences=False
+    )
+
+
+def _share_of_pressure(channel: int) -> Column:
+    """1, a share of a channel's pressure more; nothing where there is no such channel."""
+
+    def moved(case: Case, by: float) -> Case:
+        pressure = case.program.pressure.copy()
+        pressure[:, channel : channel + 1] *= 1 + by
+        return replace(case, program=replace(case.program, pressure=pressure))
+
+    return Column(f"share of pressure {channel}", "1", 1e-3, 0.01, moved)
+
+
+def acting_at_rest(vector: FitVector) -> tuple[FitVector, Indices]:
+    """The factors, and the terms without a force of their own, a clock or a memory, all of them off at the start; and
+    which of the unknowns these are."""
+    effects = [EFFECTS[term.name] for term in vector.terms]
+    still = [e.force is None and e.clock is None and not e.remembers for e in effects]
+    fewer, index = vector.only([label for label, own in zip(vector.labels, still, strict=True) if own])
+    begun = tuple(p if p.is_factor else replace(p, start=0.0) for p in fewer.parameters)
+    return replace(fewer, parameters=begun), index

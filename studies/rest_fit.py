@@ -1,0 +1,69 @@
+"""The fit of shapes at rest: of what acts where a cloth stands, before motions are looked at."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fabdesign.checkpoint import Checkpoint
+from fabdesign.forward import ForwardModel
+from fabdesign.jacobian import Jacobians
+from fabdesign.trial import Trial
+from optimize.fit.at_rest import RestProblem, Standing, acting_at_rest
+from optimize.fit.clouds import Array, evenly
+from optimize.fit.descent import Progress, come_near
+from optimize.fit.fitted import Fit, kept
+from optimize.fit.parameters import FitVector
+from optimize.fit.standing import standing_of
+from studies.measured_data import MeasuredData
+
+TRIALS = 48  # looked at for shapes at rest, at most
+SHAPES = 24  # fitted at most
+SHOWS = 1e-5  # m RMS that a prior's deviation of an unknown moves shapes by; less is rounding
+LEAST = 8  # fewer tell too little of what acts at rest
+
+
+def shapes_at_rest(trials: Sequence[Trial], noise: float, seed: int) -> list[Standing]:
+    """Shapes at rest of some trials, one for each design and pressures, spread over the session; none where there are
+    fewer than LEAST. noise: m, of a point."""
+    rng = np.random.default_rng(seed)
+    looked_at = [trials[k] for k in evenly(len(trials), TRIALS)]
+    found = [one for trial in looked_at for one in standing_of(trial, trial.load(), noise, rng)]
+    unlike = [*{(one.sample.trial.design_name, *one.pressure.tolist()): one for one in reversed(found)}.values()]
+    if len(unlike) < LEAST:
+        return []
+    return [unlike[k] for k in evenly(len(unlike), SHAPES)]
+
+
+def with_shapes_at_rest(data: MeasuredData, trials: Sequence[Trial]) -> MeasuredData:
+    """The data with shapes at rest of trials that may be fitted."""
+    return replace(data, standing=tuple(shapes_at_rest(trials, data.noise.sigma, data.seed)))
+
+
+def fit_at_rest(
+    data: MeasuredData,
+    forward: ForwardModel,
+    vector: FitVector,
+    *,
+    checkpoint: Checkpoint | None = None,
+    progress: Progress = lambda line, share: None,
+) -> Fit | None:
+    """What of a vector acts at rest, fitted to shapes; None without shapes, or where `forward` has no tangent."""
+    jacobians: Jacobians | None = getattr(forward, "faces_jacobian", None)
+    if not data.standing or jacobians is None:
+        return None
+    named = "at rest" if vector.terms else "factors at rest"
+    problem = RestProblem(data.standing, forward, jacobians, acting_at_rest(vector)[0])
+
+    def fitted() -> Fit:
+        inputs = None if data.weighed is None else problem.input_errors(problem.vector.start, data.weighed)
+        return come_near(problem, inputs, lambda line, share: progress(f"{named}, {line}", share))
+
+    return fitted() if checkpoint is None else kept(checkpoint, named, problem, fitted)
+
+
+def beginning(vector: FitVector, at_rest: Fit) -> Array:
+    """(p,) where a fit of motions begins: what shapes at rest say of an unknown that shows there, else its start."""
+    shows = np.sqrt(np.diag(at_rest.sensitivity)) * at_rest.vector.prior > SHOWS
+    known = {name: x for name, x, k in zip(at_rest.vector.names, at_rest.x, shows, strict=True) if k}
+    return np.array([known.get(p.name, p.start) for p in vector.parameters])
