@@ -85,7 +85,7 @@ class RestProblem(Problem):
 def _solved(changes: Floats) -> Floats:
     """(k, 2 n, 3) m: a column that alone is not solved moves next to nothing, such as a muscle's without pressure."""
     lost = ~np.isfinite(changes).all(axis=(1, 2))
-    return changes if lost.all() else np.where(lost[:, None, None], 0.0, changes)
+    return changes if np.all(lost) else np.where(np.reshape(lost, (-1, 1, 1)), 0.0, changes)
 
 
 def _middle(changes: Floats) -> Floats:
