@@ -128,7 +128,11 @@ def test_a_study_fulfils_wishes(study, tmp_path: Path) -> None:
     assert result["objective_mm"] < 0.5 and result["chamfer_floor"] == 0
     said = "wishes ((0.1, 0.2): 60 mm forward; (0.03, 0.2): z = 30 mm)"
     assert result["targets"][0].startswith(said)
-    assert said in (tmp_path / "out" / "report.html").read_text()
+    page = (tmp_path / "out" / "report.html").read_text()
+    body = page[page.index("<body>") : page.index('id="figures"')]
+    assert said in body and "mean distance from<br>what was asked for, mm" in body
+    assert "Chamfer" not in body and "surface RMS" not in body
+    assert '"asked for"' in page and "nearest<br>target" not in page  # no colour bar
 
 
 def test_a_wish_that_nothing_fulfils_says_where_and_what_would_help(study, tmp_path: Path) -> None:

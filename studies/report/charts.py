@@ -108,8 +108,8 @@ def _ticks(share: float) -> int:
 
 def _box(traces: Sequence[Trace]) -> Box:
     """Return what holds all traces, with some room around."""
-    ends = {axis: [(min(t[axis]), max(t[axis])) for t in traces if len(t.get(axis, ()))] for axis in "xyz"}
-    box = {axis: (min(low for low, _ in own), max(high for _, high in own)) for axis, own in ends.items()}
+    values = {axis: [v for t in traces for v in t.get(axis, ()) if v is not None] for axis in "xyz"}
+    box = {axis: (min(own), max(own)) for axis, own in values.items()}
     room = 0.02 * max(high - low for low, high in box.values())
     return {axis: (low - room, high + room) for axis, (low, high) in box.items()}
 
