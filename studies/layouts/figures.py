@@ -11,7 +11,7 @@ from fabdesign.units import in_kpa, in_mm
 from fabdesign.wishes import Landmarks
 from studies.layouts.result import StudyResult
 from studies.layouts.wished import measure_of, reached_and_asked
-from studies.report import PlotlyFigure, Trace, chart, scene_layout
+from studies.report import DARK, GREY, PlotlyFigure, Trace, chart, line, scene_layout
 
 SHOWN = 2000  # target points drawn: enough to see the shape through
 SAMPLED = 2.4  # mm from the nearest point of a dense cloud, that sampling alone makes: one colour up to there
@@ -78,12 +78,12 @@ def _wished(landmarks: Landmarks, points: NDArray[np.float64]) -> list[Trace]:
     """The places that wishes name, where each was to come, and a line between."""
     reached, asked = reached_and_asked(landmarks, points)
     between = np.stack([reached, asked, np.full_like(asked, np.nan)], axis=1).reshape(-1, 3)
-    line = {axis: [None if v != v else v for v in values] for axis, values in _axes(between).items()}
+    between_them = {axis: [None if v != v else v for v in values] for axis, values in _axes(between).items()}
     return [
         points_trace(asked, "asked for", TARGET, size=4.5),
         points_trace(reached, "reached", FAR, size=3.5),
         {"type": "scatter3d", "mode": "lines", "name": "from one to the other", "line": {"width": 4, "color": FAR},
-         "hoverinfo": "skip", **line},
+         "hoverinfo": "skip", **between_them},
     ]  # fmt: skip
 
 
@@ -108,7 +108,7 @@ def convergence_figure(result: StudyResult) -> PlotlyFigure:
         {
             "mode": "markers",
             "name": "evaluations",
-            "marker": {"size": 3, "color": "#9aa5b1"},
+            "marker": {"size": 3, "color": GREY},
             "x": numbers[shown].tolist(),
             "y": _rounded(values[shown], 3),
         }
@@ -116,13 +116,11 @@ def convergence_figure(result: StudyResult) -> PlotlyFigure:
     for stage in stages:
         own = np.array([entry.stage == stage for entry in entries])
         best = np.minimum.accumulate(values[own])
-        traces.append({"mode": "lines", "name": stage, "x": numbers[own].tolist(), "y": _rounded(best, 3)})
+        traces.append(line(stage, numbers[own].tolist(), _rounded(best, 3)))
     chamfer = result.study.objective == "chamfer"
     floor = in_mm(result.errors.chamfer_floor if chamfer else result.errors.surface_floor)
     if floor > 0:  # of a mesh under surface RMS, and of wishes, there is none
-        dashed = {"dash": "dash", "color": "#1c2430"}
-        ends: Trace = {"x": [1, len(entries)], "y": [floor, floor]}
-        traces.append({"mode": "lines", "name": "noise floor", "line": dashed, **ends})
+        traces.append(line("noise floor", [1, len(entries)], [floor, floor], DARK, line={"dash": "dash"}))
     sound = [*values[shown], *([floor] if floor > 0 else [])]
     wide = bool(len(sound)) and max(sound) > 2 * min(sound)  # else a logarithmic axis may have no number
     axis = {"type": "log", "tickvals": TICKS} if wide else {}

@@ -19,6 +19,7 @@ from studies.report import (
     gain_in_words,
     gains_chart,
     html_of,
+    line,
 )
 from studies.tracing.outcome import Outcome
 from studies.tracing.residual import remains
@@ -100,11 +101,9 @@ def _over_time(outcome: Outcome, before: dict[str, Any]) -> PlotlyFigure:
     lines = []
     for which, table, colour in (("before", before, RED), ("after", outcome.remains.over_time, BLUE)):
         for k, (name, (times, rms)) in enumerate(table.items()):
-            lines.append({
-                "type": "scatter", "mode": "lines", "x": times.tolist(), "y": in_mm(rms).tolist(), "name": which,
-                "legendgroup": which, "showlegend": k == 0, "line": {"color": colour, "width": 1},
-                "hovertemplate": f"{name} {which}: %{{y:.2f}} mm at %{{x:.2f}} s<extra></extra>",
-            })  # fmt: skip
+            shown = f"{name} {which}: %{{y:.2f}} mm at %{{x:.2f}} s<extra></extra>"
+            group = {"legendgroup": which, "showlegend": k == 0, "hovertemplate": shown, "line": {"width": 1}}
+            lines.append(line(which, times.tolist(), in_mm(rms).tolist(), colour, **group))
     return chart(lines, x="time, s", y="RMS, mm", yaxis={"rangemode": "tozero"})
 
 
@@ -113,17 +112,7 @@ def _program(outcome: Outcome) -> PlotlyFigure:
     program = outcome.next_experiment["program"]
     times = [*program["time_s"], program["duration_s"]]
     rows = [*program["pressure_kpa"], program["pressure_kpa"][-1]]
-    lines = [
-        {
-            "type": "scatter",
-            "mode": "lines",
-            "line": {"shape": "hv"},
-            "name": f"channel {c}",
-            "x": times,
-            "y": [row[c] for row in rows],
-        }
-        for c in range(len(rows[0]))
-    ]
+    lines = [line(f"channel {c}", times, [row[c] for row in rows], line={"shape": "hv"}) for c in range(len(rows[0]))]
     return chart(lines, x="time, s", y="pressure, kPa")
 
 
