@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Callable
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import numpy as np
 from fabdesign.bench import Bench, BenchRecord
 from fabdesign.catalogue import build
 from fabdesign.design import Design
+from fabdesign.layouts_file import Cell, LayoutsStudy
 from fabdesign.pressure_file import constant_program
 from fabdesign.study_file import Study
 from fabdesign.study_targets import TargetFile
@@ -20,6 +22,8 @@ from optimize.evaluations import Evaluations, Stage
 from optimize.history import History
 from optimize.objective import Objective
 from studies.forward_model import forward_model
+from studies.layout_grid.report import render
+from studies.layout_grid.result import CellResult, GridResult
 from studies.layouts.begin import limits_of
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult
@@ -66,6 +70,16 @@ def search_page(width: float, height: float, *, wish: bool = False) -> str:
     return render_report(result.design.name, [Section(result.design.name, result)])
 
 
+def grid_page(width: float, height: float) -> str:
+    """Return the page of `layouts`: a search, another of the same result, and one that found no layout."""
+    result = search_result(width, height)
+    cells = [Cell(f"{n}_EM20_{sides}", n, "EM20", sides, result.study) for n, sides in ((4, "both"), (5, "front"))]
+    outcomes = [CellResult(cell, result, "") for cell in cells]
+    outcomes.append(CellResult(replace(cells[0], name="9", muscles=9), None, "no room for nine muscles, 12 mm apart"))
+    study = LayoutsStudy(result.study, (4, 5, 9), ("EM20",), ("both", "front"))
+    return render(GridResult(study, tuple(outcomes), 3))
+
+
 def bench_page() -> str:
     """Return the page of a trace of a bench with friction."""
     rng, records = np.random.default_rng(4), []
@@ -86,6 +100,7 @@ def _case(design):
 PAGES: dict[str, Callable[[], str]] = {
     **{f"search_{name}": (lambda size=size: search_page(*size)) for name, size in CLOTHS.items()},
     "wish": lambda: search_page(*CLOTHS["wide"], wish=True),
+    "grid": lambda: grid_page(*CLOTHS["wide"]),
     "bench": bench_page,
 }
 

@@ -83,7 +83,7 @@ def front_svg(result: GridResult) -> str:
         axes.axhline(in_mm(floor), color="#5a6675", linestyle="--", label="noise floor")
     axes.set(xlabel="muscles", ylabel=f"{measure_of(result.study.search)}, mm", ylim=(0, None))
     axes.set_xticks(np.unique([f.cell.muscles for f in sound]))
-    axes.legend(fontsize="small")
+    axes.legend(fontsize="small", frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1))
     return svg_of(figure)
 
 
