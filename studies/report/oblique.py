@@ -45,7 +45,7 @@ def draw_triangles(axes: Any, corners: Array, colours: Array) -> None:
     )
 
 
-def draw_points(axes: Any, points: Any, colour: Any, size: float = 2.0) -> None:
+def draw_points(axes: Any, points: Any, colour: Any, size: float = 4.0) -> None:
     """Draw points (n, 3) m. size: points squared."""
     axes.scatter(*flat(points).T, s=size, color=colour, linewidths=0, zorder=20)
 
