@@ -45,8 +45,9 @@ def draw_triangles(axes: Any, corners: Array, colours: Array) -> None:
     )
 
 
-def draw_points(axes: Any, points: Any, colour: Any, size: float = 4.0) -> None:
-    """Draw points (n, 3) m. size: points squared."""
+def draw_points(axes: Any, points: Any, colour: Any) -> None:
+    """Draw points (n, 3) m, larger ones where they are few."""
+    size = 2.5 * float(np.clip(600 / max(len(points), 1), 1, 4))  # points squared
     axes.scatter(*flat(points).T, s=size, color=colour, linewidths=0, zorder=20)
 
 
