@@ -139,6 +139,7 @@ def test_a_wish_that_nothing_fulfils_says_where_and_what_would_help(study, tmp_p
     limited = "[limits]\nevaluations = 300\npressure = [0.0, 60.0]\n"
     run_study(study(FORWARD, limited), tmp_path / "out", forward=WithJacobian())
     reach = json.loads((tmp_path / "out" / "result.json").read_text())["reach"]
-    assert reach["out_of_reach"]
+    assert reach["out_of_reach"] and "mm from what was asked for. What holds it back" in reach["said"][0]
+    assert "capped" not in (tmp_path / "out" / "report.html").read_text()
     assert reach["missed"][0]["v"] == pytest.approx(0.2)
     assert [row["what"] for row in reach["helps"]] == ["pressures up to 66 kPa"]

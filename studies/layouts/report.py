@@ -52,7 +52,7 @@ def render_report(title: str, sections: Sequence[Section], *, more: str = "") ->
         capped=[
             f"{s.title}: {told_beyond(s.result.errors.beyond)}"
             for s in sections
-            if s.result.errors.beyond >= MANY_BEYOND and not is_wished(first.study.targets)  # those have no cap
+            if s.result.errors.beyond >= MANY_BEYOND
         ],
         failed=lambda result: sum(entry.diverged for entry in result.history),
         layout=_layout,
