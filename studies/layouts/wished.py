@@ -28,7 +28,7 @@ def measure_of(study: Study) -> str:
 
 
 @dataclass(frozen=True)
-class Asked:
+class WishOutcome:
     """One wish beside a shape."""
 
     said: str
@@ -37,12 +37,12 @@ class Asked:
     weight: float
 
 
-def asked_of(target: TargetFile, shape: Array, fabric: Fabric) -> list[Asked]:
+def asked_of(target: TargetFile, shape: Array, fabric: Fabric) -> list[WishOutcome]:
     """Return the wishes of a pose beside its shape (2 n, 3) m."""
     rows = []
     for wish in target.wishes:
         off = Landmarks.of([wish], fabric).distances(shape)
-        rows.append(Asked(wish.said, float(off.mean()), float(off.max()), wish.weight))
+        rows.append(WishOutcome(wish.said, float(off.mean()), float(off.max()), wish.weight))
     return rows
 
 
