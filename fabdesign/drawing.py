@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from textwrap import wrap
 from typing import Literal
 
 Point = tuple[float, float]  # mm
@@ -57,6 +58,19 @@ def scale_bar(start: Point, length: float = 100.0) -> list[Shape]:
         high = 4.0 if i % 5 == 0 else 2.0
         shapes.append(Line(((x + 10 * i, y), (x + 10 * i, y - high)), 0.3))
     return [*shapes, Words((x, y + 4.2), f"measure this: {length:g} mm", 3.2)]
+
+
+_LETTER = 0.62  # of the size, a letter's width, wide ones and bold among them
+
+
+def size_within(text: str, width: float, size: float) -> float:
+    """Return the size [mm] of words, at most `size`, at which they fit a width [mm]."""
+    return min(size, width / (_LETTER * max(len(text), 1)))
+
+
+def lines_within(text: str, width: float, size: float) -> list[str]:
+    """Return words of a size [mm] in lines that fit a width [mm]."""
+    return wrap(text, max(int(width / (_LETTER * size)), 12))
 
 
 def cross(centre: Point, size: float, width: float, colour: str) -> list[Shape]:

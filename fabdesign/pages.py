@@ -9,8 +9,8 @@ from fabdesign.drawing import Circle, Drawing, Line, Point, Shape, Words, cross
 PAPERS = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}  # mm, upright
 NAMES = {"a4": "A4", "letter": "Letter"}
 MARGIN = 11.0  # mm left and right, more than printers leave white
-HEAD = 17.0  # mm above the window, for the title
-FOOT = 19.0  # mm below it, for the bar
+HEAD = 12.5  # mm above the window, for the title; printers leave 4 mm of it white
+FOOT = 13.5  # mm below it, for the bar
 OVERLAP = 10.0  # mm that neighbours share
 _MARK = 5.0  # mm, a registration mark from end to end
 _GREY = "#666666"

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from fabdesign.design import Design
-from fabdesign.drawing import Circle, Drawing, Line, Shape, Words, scale_bar
+from fabdesign.drawing import Circle, Drawing, Line, Shape, Words, scale_bar, size_within
 from fabdesign.errors import InputError
 from fabdesign.output import whole_file
 from fabdesign.pages import FOOT, HEAD, MARGIN, NAMES, PAPERS, Tiling, grid_drawing, joints, page_name, tiled
@@ -49,13 +49,13 @@ def write_pages(design: Design, path: Path, *, paper: str, seam_allowance: float
                 for row, column in tiling.pages():
                     number += 1
                     title = f"{design.name}, {side} face: page {page_name(row, column)}"
-                    foot = f"{shown}; print at 100 % on {NAMES[paper]}; sheet {number} of {count}"
-                    pdf.savefig(_page(face, tiling, row, column, (title, foot)))
+                    foot = f"print at 100 % on {NAMES[paper]}; sheet {number} of {count}"
+                    pdf.savefig(_page(face, tiling, row, column, (title, shown, foot)))
     return count
 
 
-def _page(face: Drawing, tiling: Tiling, row: int, column: int, words: tuple[str, str]) -> Any:
-    """One page with its part of a face."""
+def _page(face: Drawing, tiling: Tiling, row: int, column: int, words: tuple[str, str, str]) -> Any:
+    """Return one page with its part of a face. words: its title, what it shows, and what stands beside the bar."""
     figure = _figure(tiling.page)
     page, part = tiling.page, tiling.box_of(row, column)
     inside, outside = joints(tiling, row, column)
@@ -64,9 +64,12 @@ def _page(face: Drawing, tiling: Tiling, row: int, column: int, words: tuple[str
     # the whole page, in the drawing's frame
     whole = (part[0] - MARGIN, part[1] - HEAD, part[2] + MARGIN, part[3] + FOOT)
     around = _axes(figure, page, (0, 0, *page), whole)
-    left, top, _, bottom = part
-    title = [Words((left, top - 8), words[0], 4.5, bold=True), Words((left, top - 3.2), words[1], 2.7)]
-    _draw(around, [*title, *outside, *scale_bar((left, bottom + 9))])
+    left, top, right, bottom = part
+    left += 8 if column else 0  # beside the crop mark
+    title, shown = (size_within(text, right - left - 8, size) for text, size in zip(words, (4.0, 2.7), strict=False))
+    heading = [Words((left, top - 5.6), words[0], title, bold=True), Words((left, top - 1.6), words[1], shown)]
+    beside = Words((left + 104, bottom + 5), words[2], 2.7)
+    _draw(around, [*heading, *outside, *scale_bar((left, bottom + 5)), beside])
     return figure
 
 
@@ -75,7 +78,9 @@ def _overview(design: Design, faces: list[tuple[str, Drawing, Tiling]], paper: s
     page = PAPERS[paper]
     figure = _figure(page)
     around = _axes(figure, page, (0, 0, *page), (0, 0, *page))
-    shapes: list[Shape] = [Words((MARGIN, 18), f"{design.name}: sewing template", 6, bold=True)]
+    title = f"{design.name}: sewing template"
+    size = size_within(title, page[0] - 2 * MARGIN, 6)
+    shapes: list[Shape] = [Words((MARGIN, 18), title, size, bold=True)]
     shapes.append(Words((MARGIN, 25), f"{count} sheets of {NAMES[paper]}, this one included", 3.2))
     shapes += [Words((MARGIN, 33 + 5 * i), f"{i + 1}. {line}", 3.2) for i, line in enumerate(_HOW)]
     low = page[1] - 18.0

@@ -27,6 +27,8 @@ _GAIN = 0.006  # what exchanged axes must gain over the file's own
 CLEAR = 0.004  # by how much a placement must fit better than one at another edge
 TIE = 1e-4  # what a quarter turn must gain: between front and back the lesser turn decides
 _ROUNDS = 4
+_SOME = 500  # points by which shapes are compared
+_ALIKE = 1e-3  # m, in the mean, beside the points' spacing, by which shapes that are one differ
 OVER = Rotation.from_euler("y", 180, degrees=True)  # changes front and back
 SAME = np.radians(20)  # turns that differ by less find the same edge
 MARKERS = 200  # points; a cloud of fewer is markers: what lies between them is not measured
@@ -86,8 +88,8 @@ def fit_placement(
     metres = given.apply(factor * points)
     fits = []
     for turn in right_angles()[: 1 if rotation is not None else None]:
-        final, shift = _laid_on_edge(metres, turn, fabric, drawn)
-        gap = _strip_gap(final.apply(metres) + shift, fabric)
+        final, shift, width = _laid_on_edge(metres, turn, fabric, drawn)
+        gap = _strip_gap(final.apply(metres) + shift, fabric) + abs(width - fabric.width)
         fits.append((gap + TIE * turn.magnitude() / (np.pi / 2), final * given, shift))
     least, turn, shift = min(fits, key=lambda candidate: candidate[0])
     if fits[0][0] <= least + _GAIN:
@@ -95,9 +97,28 @@ def fit_placement(
     placement = placement_of(factor, turn, shift)
     near = [(gap, other, placement_of(factor, other, s)) for gap, other, s in fits if gap < least + CLEAR]
     over = [p for gap, other, p in near if gap < least + 3 * TIE and differ(other, OVER * turn) < SAME]
-    rivals = [p for _, other, p in near if min(differ(other, turn), differ(other, OVER * turn)) >= SAME]
+    at = placement.apply(points)
+    rivals = [
+        p
+        for _, other, p in near
+        if min(differ(other, turn), differ(other, OVER * turn)) >= SAME
+        and not (_opposite(other, turn) and _same_shape(p.apply(points), at))
+    ]
     kept = turn is fits[0][1]
     return PlacementFit(placement, over[0] if over else None, rivals[0] if rivals and not kept else None)
+
+
+def _opposite(one: Rotation, other: Rotation) -> bool:
+    """Whether two turns lay opposite edges of a cloth on the hung edge."""
+    return bool(abs((one * other.inv()).as_matrix()[0, 0]) > np.cos(SAME))
+
+
+def _same_shape(one: Array, other: Array) -> bool:
+    """Whether two placements (n, 3) m of a cloud show one shape, or one with front and back changed."""
+    some, tree = one[:: max(1, len(one) // _SOME)], cKDTree(other)
+    spacing = tree.query(other[:: max(1, len(other) // _SOME)], k=2)[0][:, 1].mean()
+    gaps = [tree.query(shape)[0].mean() for shape in (some, some * [-1, 1, -1])]
+    return bool(min(gaps) < spacing + _ALIKE)
 
 
 def differ(a: Rotation, b: Rotation) -> float:
@@ -123,8 +144,9 @@ def right_angles() -> list[Rotation]:
     return sorted(turns, key=lambda turn: round(float(turn.magnitude()), 6))
 
 
-def _laid_on_edge(points: Array, turn: Rotation, fabric: Fabric, drawn: bool) -> tuple[Rotation, Array]:
-    """The turn, made straight, and the shift that lays the upper edge of the turned points on the hung edge."""
+def _laid_on_edge(points: Array, turn: Rotation, fabric: Fabric, drawn: bool) -> tuple[Rotation, Array, float]:
+    """Return the turn, made straight, the shift that lays the upper edge of the turned points on the hung edge, and how
+    wide [m] that upper edge is."""
     for _ in range(_ROUNDS):
         turned = turn.apply(points)
         edge = _upper_edge(turned, fabric.height if drawn else 0.0)
@@ -134,8 +156,8 @@ def _laid_on_edge(points: Array, turn: Rotation, fabric: Fabric, drawn: bool) ->
         turn = Rotation.from_euler("yz", [yaw, -roll], degrees=True) * turn
     top, depth = np.median(edge[:, 1]), np.median(edge[:, 2])
     beside = turned[turned[:, 1] > top - _TOP * _STRIP * fabric.height, 0]
-    middle = np.mean(np.quantile(beside, [0.005, 0.995]) if drawn else [beside.min(), beside.max()])
-    return turn, -np.array([middle, top, depth])
+    left, right = np.quantile(beside, [0.005, 0.995]) if drawn else (beside.min(), beside.max())
+    return turn, -np.array([(left + right) / 2, top, depth]), float(right - left)
 
 
 def _upper_edge(points: Array, height: float) -> Array:

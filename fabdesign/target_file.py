@@ -91,9 +91,10 @@ class AsTarget:
     unit: Unit = "m"
     place: Literal["given", "fit"] = "given"
     fabric: Fabric | None = None
+    rotation: tuple[float, float, float] | None = None  # degrees, as a study has it
 
     def target(self, file: Path) -> TargetFile:
-        return TargetFile(file, unit=self.unit, place=self.place)
+        return TargetFile(file, unit=self.unit, place=self.place, rotation=self.rotation)
 
     def read(self, file: Path) -> Geometry:
         """Return a cloud or mesh whole, in m and where it was placed. Raises InputError like `read_target`, with
@@ -103,8 +104,9 @@ class AsTarget:
                 placed = read_target(self.target(file), self.fabric)
                 return replace(placed.geometry, points=placed.placement.apply(placed.geometry.points), unit="m")
             geometry = read_geometry(file)
-            factor = UNITS[_in_unit_of(geometry, self.target(file)).unit]
-            return replace(geometry, points=factor * geometry.points, unit="m")
+            target = _in_unit_of(geometry, self.target(file))
+            placement = Placement(UNITS[target.unit], self.rotation or (0.0, 0.0, 0.0))
+            return replace(geometry, points=placement.apply(geometry.points), unit="m")
 
 
 AS_GIVEN = AsTarget()
@@ -117,7 +119,8 @@ def keys_as_options() -> Iterator[None]:
         yield
     except InputError as error:
         message = re.sub(r'\b(unit|place) = "(\w+)"', r"--\1 \2", str(error))
-        raise InputError(message.replace("as rotation", "as rotation of a study's target")) from None
+        turn = re.compile(r"\[(-?[\d.e+-]+), (-?[\d.e+-]+), (-?[\d.e+-]+)\](?=.* as rotation)")
+        raise InputError(turn.sub(r"\1,\2,\3", message).replace("as rotation", "as --rotation")) from None
 
 
 def _without_far(geometry: Geometry, factor: float, fabric: Fabric, target: TargetFile) -> Geometry:

@@ -3,12 +3,25 @@
 from math import atan2, cos, degrees, dist, radians, sin
 
 from fabdesign.design import Design
-from fabdesign.drawing import Circle, Drawing, Line, Point, Shape, Words, cross, holding, scale_bar
+from fabdesign.drawing import (
+    Circle,
+    Drawing,
+    Line,
+    Point,
+    Shape,
+    Words,
+    cross,
+    holding,
+    lines_within,
+    scale_bar,
+    size_within,
+)
 from fabdesign.muscle import Muscle
 from fabdesign.units import in_mm
 
 _MARGIN = 15.0  # mm around the cloth that is cut
 _HEAD = 12.0  # mm above it, for the title
+_LINE = 4.4  # mm, of its further lines
 _FOOT = 18.0  # mm below it, for the bar
 _BAR = 100.0  # mm
 _TWO_LABELS = 60.0  # mm: a muscle as long as this is labelled at both ends
@@ -40,14 +53,18 @@ def face_drawing(design: Design, side: str, *, seam_allowance: float) -> Drawing
 def whole_template(design: Design, side: str, *, seam_allowance: float) -> Drawing:
     """A face with its title and a bar of 100 mm to check the print by, on one sheet."""
     face = face_drawing(design, side, seam_allowance=seam_allowance)
-    left, top, _, bottom = face.box
+    left, top, right, bottom = face.box
+    width = max(right - left, _BAR)
+    lines = lines_within(f"{what_it_shows(design, side, seam_allowance)}; print at 100 %", width, 3.2)
+    title = f"{design.name}: {side} face"
+    head = top - _HEAD - _LINE * (len(lines) - 1)
     shapes: list[Shape] = [
-        Words((left, top - _HEAD), f"{design.name}: {side} face", 5, bold=True),
-        Words((left, top - _HEAD + 6), f"{what_it_shows(design, side, seam_allowance)}; print at 100 %", 3.2),
+        Words((left, head), title, size_within(title, width, 5), bold=True),
+        *(Words((left, head + 6 + _LINE * k), line, 3.2) for k, line in enumerate(lines)),
         *face.shapes,
         *scale_bar((left, bottom + _FOOT - 4), _BAR),
     ]
-    inside = holding([face.box, (left, top - _HEAD - 4, left + _BAR, bottom + _FOOT)])
+    inside = holding([face.box, (left, head - 4, left + _BAR, bottom + _FOOT)])
     box = (inside[0] - _MARGIN, inside[1] - _MARGIN, inside[2] + _MARGIN, inside[3] + _MARGIN)
     return Drawing(tuple(shapes), box)
 

@@ -30,6 +30,7 @@ from studies.used_frames import Flags, UsedFrames
 _AT_ONCE = 16  # trials, two motions each in memory
 _UNKNOWN = Errors(*[np.nan] * 5)
 ERRORS = ("chamfer", "chamfer_floor", "surface_rms", "surface_floor")
+ERROR_NAMES = {"chamfer": "Chamfer distance", "surface_rms": "surface RMS"}  # for people
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from fabdesign.json_file import write_json
 from fabdesign.metrics import Statistics, told_beyond
 from fabdesign.output import new_folder
 from fabdesign.units import in_mm
-from studies.evaluate import ERRORS, DesignResult, SetEvaluation, histogram
+from studies.evaluate import ERROR_NAMES, ERRORS, DesignResult, SetEvaluation, histogram
 from studies.intervals.widths import IntervalScore
 
 _FEW = 12  # trials, of which a histogram says less than their values
@@ -116,7 +116,7 @@ def _write_histogram(evaluation: SetEvaluation, path: Path) -> None:
         for axis, error, floor in zip(row, ("chamfer", "surface_rms"), ("chamfer_floor", "surface_floor"), strict=True):
             _draw_distribution(axis, design, error)
             axis.axvline(in_mm(design.after[floor].mean), color="black", linestyle="--", label="noise floor")
-            axis.set(xlabel=f"{error.replace('_', ' ')}, mm", title=f"{name}, {kind} trials")
+            axis.set(xlabel=f"{ERROR_NAMES[error]}, mm", title=f"{name}, {kind} trials")
             axis.legend(fontsize="small", loc="center left", bbox_to_anchor=(1, 0.5))
     figure.suptitle("; ".join(sorted({design.source for *_, design in panels})), fontsize="small")
     figure.savefig(path, dpi=120)

@@ -1,25 +1,34 @@
 """Reports of made results, in seconds: what tests look at as pages and what a person opens to see them."""
 
+import tomllib
 from collections.abc import Callable
+from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
 
 from fabdesign.bench import Bench, BenchRecord
 from fabdesign.catalogue import build
+from fabdesign.design import Design
+from fabdesign.layouts_file import Cell, LayoutsStudy
 from fabdesign.pressure_file import constant_program
 from fabdesign.study_file import Study
 from fabdesign.study_targets import TargetFile
+from fabdesign.table import Table
+from fabdesign.wishes import read_wishes
 from optimize.design_space import DesignSpace
 from optimize.evaluations import Evaluations, Stage
 from optimize.history import History
-from optimize.objective import Objective, Target
+from optimize.objective import Objective
 from studies.forward_model import forward_model
+from studies.layout_grid.report import render
+from studies.layout_grid.result import CellResult, GridResult
 from studies.layouts.begin import limits_of
 from studies.layouts.report import Section, render_report
 from studies.layouts.result import StudyResult
 from studies.layouts.run import _result
-from studies.layouts.target import LoadedTarget
+from studies.layouts.target import LoadedTarget, load_target
 from studies.tracing.bench import examine
 from studies.tracing.bench_report import render_bench
 from tests.analytic_cloth import AnalyticCloth
@@ -28,27 +37,47 @@ CLOTHS = {"square": (0.2, 0.2), "wide": (0.24, 0.15), "tall": (0.12, 0.3)}  # m,
 KPA = np.array([[320e3, 150e3, 80e3, 260e3]])
 
 
-def search_result(width: float, height: float) -> StudyResult:
-    """Return what a search of a few evaluations on a cloth in closed form came to; sizes in m."""
+def search_result(width: float, height: float, *, wish: bool = False) -> StudyResult:
+    """Return what a search of a few evaluations on a cloth in closed form came to; sizes in m. wish: for the lower edge
+    in place of a cloud."""
     design = build("basic", width=width, height=height, muscles=4, name="a long name of a layout for a page")
-    study = Study("made", design, (TargetFile(Path("target.ply")),))
+    target = wished(design) if wish else TargetFile(Path("target.ply"))
+    study = Study("made", design, (target,))
     cloud = AnalyticCloth().equilibria([_case(design)])[0][::2].astype(float)
     cloud += np.random.default_rng(1).normal(0, 6e-4, cloud.shape)
     spaces = [DesignSpace(design, limits_of(study), KPA * share) for share in (0.2, 0.6, 0.9, 0.95, 1.0)]
     starts = [(space, space.encode(design, space.start_pressures)) for space in spaces]
     stages = [Stage("full model, positions and pressures", AnalyticCloth(), keep=2, rounds=1)]
     with History(":memory:", {}) as history:
-        evaluations = Evaluations(Objective([Target(cloud)]), starts, stages, history, seconds=100, evaluations=100)
+        loaded = load_target(target, design) if wish else LoadedTarget(cloud, None, "a cloud made for tests")
+        evaluations = Evaluations(Objective([loaded.sought]), starts, stages, history, seconds=100, evaluations=100)
         evaluations.evaluate(0, [(k, x) for k, (_, x) in enumerate(starts)])
         model = forward_model(AnalyticCloth(), None)
-        loaded = LoadedTarget(cloud, None, "a cloud made for tests")
         return _result(study, (loaded,), evaluations, model, "the limit of 5 evaluations is reached", follow=False)
 
 
-def search_page(width: float, height: float) -> str:
+def wished(design: Design) -> TargetFile:
+    """Return a target that asks for the lower edge and one corner."""
+    edge = "[[wishes]]\nedge = 'bottom'\nforward = 0.04\n"
+    corner = f"[[wishes]]\nat = [0.0, {design.fabric.height}]\nx = -0.05\nz = 0.05\nweight = 2"
+    table = Table(tomllib.loads(edge + corner, parse_float=Decimal), "made")
+    return TargetFile(Path("study.toml"), wishes=read_wishes(table, design.fabric))
+
+
+def search_page(width: float, height: float, *, wish: bool = False) -> str:
     """Return the page of `optimize`."""
-    result = search_result(width, height)
+    result = search_result(width, height, wish=wish)
     return render_report(result.design.name, [Section(result.design.name, result)])
+
+
+def grid_page(width: float, height: float) -> str:
+    """Return the page of `layouts`: a search, another of the same result, and one that found no layout."""
+    result = search_result(width, height)
+    cells = [Cell(f"{n}_EM20_{sides}", n, "EM20", sides, result.study) for n, sides in ((4, "both"), (5, "front"))]
+    outcomes = [CellResult(cell, result, "") for cell in cells]
+    outcomes.append(CellResult(replace(cells[0], name="9", muscles=9), None, "no room for nine muscles, 12 mm apart"))
+    study = LayoutsStudy(result.study, (4, 5, 9), ("EM20",), ("both", "front"))
+    return render(GridResult(study, tuple(outcomes), 3))
 
 
 def bench_page() -> str:
@@ -70,6 +99,8 @@ def _case(design):
 
 PAGES: dict[str, Callable[[], str]] = {
     **{f"search_{name}": (lambda size=size: search_page(*size)) for name, size in CLOTHS.items()},
+    "wish": lambda: search_page(*CLOTHS["wide"], wish=True),
+    "grid": lambda: grid_page(*CLOTHS["wide"]),
     "bench": bench_page,
 }
 

@@ -7,9 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from fabdesign.catalogue import build, standard
 from fabdesign.csv_table import write_rows
@@ -19,9 +21,10 @@ from fabdesign.errors import InputError, InputNote
 from fabdesign.export import export_design, pressures_beside, write_cut_list
 from fabdesign.muscle import Muscle
 from fabdesign.pages import NAMES, OVERLAP, PAPERS, joints, page_name, tiled, window
+from fabdesign.pdf import _axes, _draw, _figure, _overview, _page
 from fabdesign.pressure import poses_in_words
 from fabdesign.pressure_file import constant_program, write_pressures
-from fabdesign.template import face_drawing
+from fabdesign.template import face_drawing, what_it_shows, whole_template
 
 POINT = 72 / 25.4  # PDF points in a millimetre
 
@@ -208,6 +211,38 @@ def test_a_small_wide_cloth_fits_one_page_on_its_side() -> None:
     face = face_drawing(build("cross", width=0.24, height=0.15), "front", seam_allowance=0.01)
     tiling = tiled(face.box, "a4")
     assert (tiling.rows, tiling.columns, tiling.page) == (1, 1, PAPERS["a4"][::-1])
+
+
+@pytest.mark.parametrize(("width", "height"), [(0.15, 0.25), (0.25, 0.15)])
+def test_a_cloth_that_fits_the_paper_with_its_seam_is_one_page(width: float, height: float) -> None:
+    face = face_drawing(build("cross", width=width, height=height), "front", seam_allowance=0.01)
+    tiling = tiled(face.box, "a4")
+    assert (tiling.rows, tiling.columns) == (1, 1)
+
+
+@pytest.mark.parametrize("size", [(0.15, 0.25), (0.24, 0.15), (0.3, 0.3), (0.05, 0.2)])
+def test_no_words_of_a_page_or_a_template_come_near_its_edge(size: tuple[float, float]) -> None:
+    """All words of pages stand 4 mm inside the paper, those of a template on one sheet 10 mm inside the sheet."""
+    design = build("cross", width=size[0], height=size[1], name="a layout with a name as long as people give them")
+    face = face_drawing(design, "front", seam_allowance=0.01)
+    tiling, words = tiled(face.box, "a4"), (f"{design.name}, front face: page A2", what_it_shows(design, "back", 0.01))
+    sheet = whole_template(design, "back", seam_allowance=0.01)
+    left, top, right, bottom = sheet.box
+    one = _figure((right - left, bottom - top))
+    _draw(_axes(one, (right - left, bottom - top), (0, 0, right - left, bottom - top), sheet.box), sheet.shapes)
+    pages = [
+        # but for the window onto the drawing, whose words a page may cut
+        (_page(face, tiling, *place, (*words, "print at 100 % on A4; sheet 12 of 13")).axes[1:], tiling.page, 3.9)
+        for place in tiling.pages()
+    ]
+    pages.append((_overview(design, [("front", face, tiling)], "a4", 3).axes, PAPERS["a4"], 3.9))
+    for windows, page, room in [*pages, (one.axes, (right - left, bottom - top), 10.0)]:
+        figure = windows[0].figure
+        figure.set_dpi(100)
+        for text in (text for axes in windows for text in axes.texts):
+            box = text.get_window_extent(FigureCanvasAgg(figure).get_renderer())
+            low, high = np.array(box.get_points()) * 25.4 / 100
+            assert (low >= room - 0.5).all() and (high <= np.array(page) - room + 0.5).all(), text.get_text()
 
 
 @pytest.mark.parametrize("side", ["front", "back"])

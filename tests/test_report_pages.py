@@ -32,6 +32,7 @@ OUTSIDE = """(() => {
     if (picture && !inside(box, picture.getBoundingClientRect())) lost.push(['picture', node.textContent]);
     const table = node.parentElement.closest('table');
     if (table && !inside(box, table.getBoundingClientRect())) lost.push(['table', node.textContent]);
+    if (table && box.height > 120) lost.push(['narrow', node.textContent]);
     if (!picture && /[0-9]/.test(node.textContent) && node.parentElement.matches('td:not(:first-child):not(.left)')
         && !node.parentElement.closest('.left') && box.height > 28) lost.push(['broken', node.textContent]);
   }
@@ -51,8 +52,8 @@ OVERLAPS = """(() => {
 UNTITLED = """[...document.querySelectorAll('.js-plotly-plot .cartesianlayer')].filter(e => e.children.length)
   .map(e => e.closest('.js-plotly-plot')).filter(f => !f.querySelector('.xtitle')).map(f => f.id)"""
 NAMES = "[...document.querySelectorAll('#candidates .yaxislayer-above text')].map(e => e.textContent)"
-READY = """document.readyState == 'complete' && typeof Plotly != 'undefined'
-  && [...document.querySelectorAll('.js-plotly-plot')].length == Object.keys(JSON.parse(figures.textContent)).length"""
+READY = """document.readyState == 'complete' && (!document.getElementById('figures') || typeof Plotly != 'undefined'
+  && [...document.querySelectorAll('.js-plotly-plot')].length == Object.keys(JSON.parse(figures.textContent)).length)"""
 
 FITTED = """(() => { const fits = [...document.querySelectorAll('.js-plotly-plot')].every(
   figure => Math.abs(figure._fullLayout.width - figure.clientWidth) < 2);
@@ -104,5 +105,8 @@ def test_nothing_is_cut_or_covered(name: str, page: Page, made: dict[str, Path])
         assert page.run(UNTITLED) == [], width
         if page.run("Boolean(document.querySelector('.gl-container'))"):
             assert drawn_edges(page, ".js-plotly-plot") == 0, width
+    if name == "wish":  # ended by a limit: said where it is seen
+        notes = page.run("[...document.querySelectorAll('.note')].map(e => e.textContent)")
+        assert "limit of 5 evaluations" in notes[0] and "mm from what was asked for" in notes[1]
     if name == "bench":
         assert len(page.run(NAMES)) == 5 and "braid_hysteresis" in page.run(NAMES)  # every one, the winner too

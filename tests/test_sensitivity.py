@@ -23,6 +23,7 @@ from fabdesign.varied import Varied
 from studies.sensitivity.estimators import STEP, indices, saltelli_rows, screening, trajectories
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import Outputs, mean_curvature, tip
+from studies.sensitivity.report import bars_figure
 from studies.sensitivity.run import Progress, run_sensitivity
 from studies.sensitivity.snapping import snaps
 from tests.analytic_cloth import AnalyticCloth
@@ -220,6 +221,26 @@ def test_a_study_says_what_matters_and_writes_it(study: SensitivityStudy, tmp_pa
     assert '<td>position.1.u</td><td class="left">shift of muscle 1 across</td>' in page
     assert told[-1].done == told[-1].total
     assert told[-1].left == 0
+
+
+@pytest.mark.parametrize("method", ["morris", "sobol"])
+def test_a_page_explains_what_ran_and_its_legends_leave_the_bars_free(
+    study: SensitivityStudy, tmp_path: Path, method: str
+) -> None:
+    result = run_sensitivity(replace(study, methods=(method,), samples=8), tmp_path / "o", forward=AnalyticCloth())
+    page = (tmp_path / "o" / "report.html").read_text()
+    assert ("First order: the share" in page, "mu*: mean absolute change" in page) == (
+        method == "sobol",
+        method == "morris",
+    )
+    figure = bars_figure(result, 2)
+    figure.savefig(tmp_path / "bars.png")
+    for axes in figure.axes:
+        legend = axes.get_legend()
+        assert legend is not None
+        over = legend.get_window_extent()
+        assert over.y0 >= axes.get_window_extent().y1 - 1
+        assert over.x1 <= figure.bbox.x1 and over.y1 <= figure.bbox.y1
 
 
 def test_a_study_killed_goes_on_and_ends_with_the_same_numbers(study: SensitivityStudy, tmp_path: Path) -> None:

@@ -129,6 +129,21 @@ def test_where_edges_are_alike_the_file_says_which(tmp_path: Path) -> None:
     assert placed.placement.rotation == (-90.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("size", [(0.24, 0.15), (0.12, 0.3), (0.22, 0.2)])
+@pytest.mark.parametrize("bent", [0.0, 30.0, -10.0])
+def test_the_edge_as_wide_as_the_cloth_is_hung(size: tuple[float, float], bent: float) -> None:
+    """The longer edge is no rival, nor is the opposite one of a shape that is the same upside down."""
+    points, triangles = sheet(20, 20, roll=bent)
+    points *= [size[0] / 0.2, size[1] / 0.2, 1.0]
+    fabric = replace(FABRIC, width=size[0], height=size[1])
+    drawn = np.concatenate([points, Surface(points, triangles).sample(3000, np.random.default_rng(0))[0]])
+    for turn in ([0, 0, 90], [-90, 0, 0], [90, 0, 90]):
+        file = Rotation.from_euler("xyz", turn, degrees=True).apply(drawn) + 0.3
+        fit = fit_placement(file, fabric, drawn=False)
+        assert fit.rival is None
+        assert min(chamfer(fit.placement.apply(file), drawn * mirrored) for mirrored in (1, [-1, 1, -1])) < 6e-3
+
+
 def test_turns_are_about_fixed_axes_in_order() -> None:
     placed = Placement(0.001, (90.0, 0.0, 90.0), (0.0, 0.0, 0.5)).apply(np.array([[100.0, 0.0, 0.0], [0.0, 0.0, 10.0]]))
     np.testing.assert_allclose(placed, [[0.0, 0.1, 0.5], [0.01, 0.0, 0.5]], atol=1e-12)
@@ -179,9 +194,9 @@ def test_unit_and_place_are_options_of_commands_as_keys_of_a_study(run: Run, tmp
     with pytest.raises(InputError, match=r"\(--unit mm and --place fit would bring it onto the cloth\)"):
         open_files([design, mesh], None)
     with pytest.raises(InputError, match=r"\(--place fit would bring it onto the cloth\)"):
-        open_files([design, mesh], None, unit="mm")
-    with pytest.raises(InputError, match="--unit or --place without a target"):
-        open_files([design], None, unit="mm")
+        open_files([design, mesh], None, AsTarget("mm"))
+    with pytest.raises(InputError, match="--unit, --place or --rotation without a target"):
+        open_files([design], None, AsTarget("mm"))
 
     code, out, _ = run("check", design, mesh, *fit, "--json")
     assert code == 0
@@ -191,7 +206,17 @@ def test_unit_and_place_are_options_of_commands_as_keys_of_a_study(run: Run, tmp
     assert item.triangles is not None
     (item,) = items_of([mesh], how=AsTarget("mm"))
     np.testing.assert_allclose(item.frames[0], 1e-3 * placed.geometry.points)
-    (shown,) = open_files([design, mesh], None, unit="mm", place="fit").targets
+    code, out, err = run("check", design, mesh, "--unit", "mm", "--rotation", "-90,0,0", "--place", "fit", "--json")
+    assert code == 0, err
+    assert "rotation [-90, 0, 0]" in json.loads(out)["files"][str(mesh)]["notes"][0]
+    (item,) = items_of([mesh], how=AsTarget("mm", rotation=(-90.0, 0.0, 0.0)))
+    np.testing.assert_allclose(np.ptp(item.frames[0], axis=0), np.ptp(POINTS, axis=0), atol=1e-6)
+    one_line(run("check", design, mesh, "--rotation", "90"), "--rotation 90: expected three angles X,Y,Z in degrees")
+    flat = Rotation.from_euler("x", 90, degrees=True).apply(sheet(20, 20)[0])
+    alike = write_obj(tmp_path / "flat.obj", flat, TRIANGLES)
+    shown = run("view", alike, "--place", "fit", "--design", design, "-o", tmp_path / "v.html")
+    one_line(shown, "fit the hung one, -90,0,0 or 90,0,90; expected one of them as --rotation")
+    (shown,) = open_files([design, mesh], None, AsTarget("mm", "fit")).targets
     np.testing.assert_array_equal(shown.points, placed.points)
     assert shown.file.unit == "mm"  # so a study that is saved says it
 

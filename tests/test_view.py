@@ -22,7 +22,9 @@ from fabdesign.trial_file import TrialData, write_trial
 from studies.view.distance import distances
 from studies.view.items import items_of
 from studies.view.page import LEVELS, render_page
+from studies.view.shapes import OVERLAY, key_of
 from tests.analytic_cloth import AnalyticCloth
+from tests.meshes import sheet, write_stl
 
 PRESSURES = [320e3, 60e3, 210e3]
 TIMES = np.array([0.2, 0.5, 1.0])
@@ -114,6 +116,32 @@ def test_pictures_and_animations_are_images(files: tuple[Path, Path], tmp_path: 
     assert run(*files, "-o", tmp_path / "a.gif")[0] == 0
     with Image.open(tmp_path / "a.gif") as animation:
         assert animation.n_frames == 13  # 0.8 s at 15 Hz
+
+
+@pytest.mark.parametrize("size", [(1.0, 1.0), (1.2, 0.75), (0.6, 1.5)])
+def test_a_picture_of_a_still_shape_is_filled_by_it(size: tuple[float, float], tmp_path: Path) -> None:
+    points, triangles = sheet(8, 8, roll=25.0)
+    write_stl(tmp_path / "s.stl", points * [*size, 1.0], triangles)
+    assert run(tmp_path / "s.stl", "-o", tmp_path / "s.png")[0] == 0
+    pixels = np.asarray(Image.open(tmp_path / "s.png").convert("RGB")).astype(int)
+    down, across = np.nonzero((pixels[..., 1] - pixels[..., 0] > 15) & (pixels[..., 1] - pixels[..., 2] > 15))
+    assert np.ptp(across) > 0.4 * pixels.shape[1]
+    assert np.ptp(down) > 0.6 * pixels.shape[0]
+
+
+def test_what_is_laid_over_has_a_colour_of_its_own_and_a_key(files: tuple[Path, Path], tmp_path: Path) -> None:
+    """Its light differs from that of every other colour, so that it shows without colour vision too."""
+    shares = {name: np.dot(colour, (0.21, 0.72, 0.07)) for name, colour in key_of(items_of(files), overlay=True)}
+    (over,) = (light for name, light in shares.items() if name.startswith("overlaid"))
+    assert all(abs(over - light) > 0.2 for name, light in shares.items() if not name.startswith("overlaid"))
+    counts = []
+    for more in ((), ("--overlay",)):
+        assert run(*files, "--time", "1", *more, "-o", tmp_path / "a.png", "--force")[0] == 0
+        pixels = np.asarray(Image.open(tmp_path / "a.png").convert("RGB")).astype(int)
+        counts.append(int((np.abs(pixels - 255 * np.array(OVERLAY)).max(axis=-1) < 25).sum()))
+    assert counts[0] == 0 and counts[1] > 100
+    page = render_page("both", items_of(files), distances(items_of(files)))
+    assert all(name in page for name in shares) and "muscles</span>" not in page
 
 
 def _red(r: int, g: int, b: int) -> bool:

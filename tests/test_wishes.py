@@ -128,13 +128,18 @@ def test_a_study_fulfils_wishes(study, tmp_path: Path) -> None:
     assert result["objective_mm"] < 0.5 and result["chamfer_floor"] == 0
     said = "wishes ((0.1, 0.2): 60 mm forward; (0.03, 0.2): z = 30 mm)"
     assert result["targets"][0].startswith(said)
-    assert said in (tmp_path / "out" / "report.html").read_text()
+    page = (tmp_path / "out" / "report.html").read_text()
+    body = page[page.index("<body>") : page.index('id="figures"')]
+    assert said in body and "mean distance from<br>what was asked for, mm" in body
+    assert "Chamfer" not in body and "surface RMS" not in body
+    assert '"asked for"' in page and "nearest<br>target" not in page  # no colour bar
 
 
 def test_a_wish_that_nothing_fulfils_says_where_and_what_would_help(study, tmp_path: Path) -> None:
     limited = "[limits]\nevaluations = 300\npressure = [0.0, 60.0]\n"
     run_study(study(FORWARD, limited), tmp_path / "out", forward=WithJacobian())
     reach = json.loads((tmp_path / "out" / "result.json").read_text())["reach"]
-    assert reach["out_of_reach"]
+    assert reach["out_of_reach"] and "mm from what was asked for. What holds it back" in reach["said"][0]
+    assert "capped" not in (tmp_path / "out" / "report.html").read_text()
     assert reach["missed"][0]["v"] == pytest.approx(0.2)
     assert [row["what"] for row in reach["helps"]] == ["pressures up to 66 kPa"]

@@ -2,8 +2,9 @@
 
 import os
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import wraps
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -80,6 +81,21 @@ class OutputPath(NamedPath):
         return path
 
 
+class _Turn(click.ParamType[tuple[float, ...]]):
+    """Three angles."""
+
+    name = "X,Y,Z"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        try:
+            angles = tuple(float(cell) for cell in str(value).split(","))
+        except ValueError:
+            angles = ()
+        if len(angles) != 3 or not all(abs(angle) <= 360 for angle in angles):
+            raise InputError(f"--rotation {value}: expected three angles X,Y,Z in degrees, such as -90,0,0")
+        return angles
+
+
 FILE = NamedPath(path_type=Path)
 FOLDER = OutputPath()
 FINITE = _Finite()
@@ -87,18 +103,37 @@ SECONDS = NumberRange(min=0, min_open=True)
 GRID = IntegerRange(COARSEST, FINEST)
 SEED = IntegerRange(0)
 grid_option = click.option("--grid", type=GRID, help="Grid points per side; by default the model's, or 41.")
-unit_option = click.option(
-    "--unit",
-    type=click.Choice(["m", "cm", "mm", "in"]),
-    default="m",
-    help="Unit of clouds and meshes, as in a study; by default metres, or what a file says.",
-)
-place_option = click.option(
-    "--place",
-    type=click.Choice(["given", "fit"]),
-    default="given",
-    help="Where clouds and meshes lie, as in a study: as given, or registered to the hanging cloth (fit).",
-)
+
+
+def target_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options by which clouds and meshes are read as a study's target, as one argument `how`."""
+
+    @click.option(
+        "--unit",
+        type=click.Choice(["m", "cm", "mm", "in"]),
+        default="m",
+        help="Unit of clouds and meshes, as in a study; by default metres, or what a file says.",
+    )
+    @click.option(
+        "--place",
+        type=click.Choice(["given", "fit"]),
+        default="given",
+        help="Where clouds and meshes lie, as in a study: as given, or registered to the hanging cloth (fit).",
+    )
+    @click.option(
+        "--rotation",
+        type=_Turn(),
+        help="Turns of clouds and meshes about the fixed axes x, y, z in this order, degrees, as in a study.",
+    )
+    @wraps(command)
+    def with_target(*, unit: Any, place: Any, rotation: Any, **values: Any) -> None:
+        from fabdesign.target_file import AsTarget
+
+        command(how=AsTarget(unit, place, rotation=rotation), **values)
+
+    return with_target
+
+
 force_option = click.option(
     "--force",
     is_flag=True,

@@ -3,7 +3,7 @@
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import click
 
@@ -15,16 +15,15 @@ from fabdesign.cli.console import (
     commands,
     force_option,
     json_option,
-    place_option,
     print_result,
-    unit_option,
+    target_options,
 )
 from fabdesign.errors import InputError
 from fabdesign.json_file import json_text
 from fabdesign.units import in_kpa
 
 if TYPE_CHECKING:
-    from fabdesign.placement import Unit
+    from fabdesign.target_file import AsTarget
 
 
 @commands.command()
@@ -80,23 +79,22 @@ def new(
 
 @commands.command()
 @click.argument("files", nargs=-1, required=True, type=FILE)
-@unit_option
-@place_option
+@target_options
 @json_option
-def check(files: tuple[Path, ...], unit: "Unit", place: Literal["given", "fit"], as_json: bool) -> None:
+def check(files: tuple[Path, ...], how: "AsTarget", as_json: bool) -> None:
     """Check whether FILES are valid and plausible.
 
-    FILES are any files and folders that commands read. With --unit or --place, and a design among FILES, clouds and
+    FILES are any files and folders that commands read. With --unit, --place or
+    --rotation, and a design among FILES, clouds and
     meshes are checked as targets of that cloth.
     """
-    from fabdesign.target_file import AsTarget
+    from fabdesign.target_file import AS_GIVEN
     from studies.check import fabric_of, inspect
 
-    fabric = fabric_of(files) if (unit, place) != ("m", "given") else None
-    if place == "fit" and fabric is None:
+    fabric = fabric_of(files) if how != AS_GIVEN else None
+    if how.place == "fit" and fabric is None:
         raise InputError("--place fit: needs the cloth; expected a design among the files")
-    how = AsTarget(unit, place, fabric)
-    findings = {str(file): inspect(file, how) for file in files}
+    findings = {str(file): inspect(file, replace(how, fabric=fabric)) for file in files}
     if as_json:
         listed = {
             name: {

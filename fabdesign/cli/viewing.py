@@ -1,8 +1,9 @@
 """Look at motions, measured clouds and predictions, and draw a layout in the browser."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import click
 
@@ -13,16 +14,15 @@ from fabdesign.cli.console import (
     force_option,
     grid_option,
     json_option,
-    place_option,
     points_per_side,
     print_result,
-    unit_option,
+    target_options,
 )
 from fabdesign.cli.models import effects_option, load_model, without_option
 from fabdesign.errors import InputError
 
 if TYPE_CHECKING:
-    from fabdesign.placement import Unit
+    from fabdesign.target_file import AsTarget
 
 
 @commands.command()
@@ -42,8 +42,7 @@ if TYPE_CHECKING:
     metavar="NAME=U,V",
     help="Point of the cloth for a CSV, m; may be given several times.",
 )
-@unit_option
-@place_option
+@target_options
 @click.option("--overlay", is_flag=True, help="Lay what a panel is compared with, such as the measured cloud, over it.")
 @grid_option
 @click.option(
@@ -63,8 +62,7 @@ def view(
     trial: str | None,
     times: tuple[float, ...],
     markers: tuple[str, ...],
-    unit: "Unit",
-    place: Literal["given", "fit"],
+    how: "AsTarget",
     overlay: bool,
     grid: int | None,
     output: Path | None,
@@ -77,7 +75,6 @@ def view(
     """
     from fabdesign.design_file import read_design
     from fabdesign.output import new_files
-    from fabdesign.target_file import AsTarget
     from studies.view.items import items_of
     from studies.view.write import KINDS, require_writer, writer
 
@@ -89,7 +86,7 @@ def view(
         raise InputError(f"--time: instants of a picture; expected an output that ends in .png, not {kind}")
     if markers and kind != ".csv":
         raise InputError(f"--marker: points in a table; expected an output that ends in .csv, not {kind}")
-    if place == "fit" and design is None:
+    if how.place == "fit" and design is None:
         raise InputError("--place fit: needs the cloth; expected --design with its design file")
     if overlay and kind not in (".html", ".png", ".gif", ".mp4"):
         raise InputError(
@@ -105,7 +102,8 @@ def view(
             from sim import Simulator
 
             forward = Simulator(points_per_side(grid, fitted))
-        how = AsTarget(unit, place, read_design(design).fabric if place == "fit" and design is not None else None)
+        if how.place == "fit" and design is not None:
+            how = replace(how, fabric=read_design(design).fabric)
         items = items_of(files, trial=trial, design=design, model=fitted, forward=forward, how=how)
         more = writer(kind, times, places, overlay=overlay)(items, unfinished)
     panels = [{"title": item.title, "frames": len(item.frames)} for item in items]
@@ -137,8 +135,7 @@ def _marker(text: str) -> tuple[str, tuple[float, float]]:
 )
 @click.option("--port", type=click.IntRange(1, 65535), help="Port; by default the first free one from 8080.")
 @click.option("--no-browser", is_flag=True, help="Only print the address.")
-@unit_option
-@place_option
+@target_options
 @json_option
 def studio(
     files: tuple[Path, ...],
@@ -146,8 +143,7 @@ def studio(
     host: str,
     port: int | None,
     no_browser: bool,
-    unit: "Unit",
-    place: Literal["given", "fit"],
+    how: "AsTarget",
     as_json: bool,
 ) -> None:
     """Draw a layout in the browser. FILES: a design, study or measurement set, and with it a target and pressures.
@@ -164,7 +160,7 @@ def studio(
         click.echo(json.dumps({"address": address}) if as_json else address)
 
     serve(
-        open_files(files, model, unit=unit, place=place),
+        open_files(files, model, how),
         host=host,
         port=port,
         announce=announce,

@@ -12,6 +12,7 @@ from fabdesign.output import write_text
 from fabdesign.units import in_mm
 from studies.layout_grid.result import WORDS, CellResult, GridResult
 from studies.layouts.shape_picture import shape_png
+from studies.layouts.wished import is_wished, measure_of
 from studies.report import html_of, svg_of
 
 MARKS = {"front": ">", "back": "<", "both": "D"}
@@ -34,7 +35,8 @@ def render(result: GridResult) -> str:
         front=result.front,
         rows=[(f, result.nearest(f.cell), result.statements(f.cell)) for f in result.cells],
         words=WORDS,
-        measure="Chamfer distance" if search.objective == "chamfer" else "surface RMS",
+        measure=measure_of(search),
+        wished=is_wished(search.targets),
         points_per_side=search.model.points_per_side if search.model else 41,
         picture=Markup(front_svg(result)),
         shapes=[_shapes(f) for f in _shown(result)],
@@ -77,10 +79,11 @@ def front_svg(result: GridResult) -> str:
     most = max(f.cell.muscles for f in sound)
     steps = [*(f.cell.muscles for f in front), most], [*(in_mm(f.objective) for f in front), in_mm(front[-1].objective)]
     axes.step(*steps, where="post", color="#1c2430", linewidth=1.5, label="best with as many or fewer")
-    axes.axhline(in_mm(_floor(front[-1])), color="#5a6675", linestyle="--", label="floor")
-    axes.set(xlabel="muscles", ylabel=f"{result.study.search.objective.replace('_', ' ')}, mm", ylim=(0, None))
+    if (floor := _floor(front[-1])) > 0:
+        axes.axhline(in_mm(floor), color="#5a6675", linestyle="--", label="noise floor")
+    axes.set(xlabel="muscles", ylabel=f"{measure_of(result.study.search)}, mm", ylim=(0, None))
     axes.set_xticks(np.unique([f.cell.muscles for f in sound]))
-    axes.legend(fontsize="small")
+    axes.legend(fontsize="small", frameon=False, ncols=3, loc="lower left", bbox_to_anchor=(0, 1))
     return svg_of(figure)
 
 

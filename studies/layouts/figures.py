@@ -8,8 +8,10 @@ from fabdesign.mid_surface import at_places, two_faces
 from fabdesign.muscle import Muscle
 from fabdesign.surface import face_triangles
 from fabdesign.units import in_kpa, in_mm
+from fabdesign.wishes import Landmarks
 from studies.layouts.result import StudyResult
-from studies.report import PlotlyFigure, Trace, chart, scene_layout
+from studies.layouts.wished import measure_of, reached_and_asked
+from studies.report import DARK, GREY, PlotlyFigure, Trace, chart, line, scene_layout
 
 SHOWN = 2000  # target points drawn: enough to see the shape through
 SAMPLED = 2.4  # mm from the nearest point of a dense cloud, that sampling alone makes: one colour up to there
@@ -20,26 +22,14 @@ FRONT, BACK, TARGET = "#b2182b", "#2166ac", "#222222"
 
 def scene_figure(result: StudyResult, pose: int) -> PlotlyFigure:
     """Target cloud over the result's faces, coloured by their distance to the cloud, with the muscles on them."""
-    points, target = result.points[pose], result.targets[pose].points
-    far = in_mm(nearest_distances(points, target))
-    top = max(float(np.ceil(10 * far.max()) / 10), 0.1)
+    points, target = result.points[pose], result.targets[pose]
+    asked = target.landmarks is not None
     traces = [
-        points_trace(target[:: max(1, len(target) // SHOWN)], "target", TARGET),
+        *(_wished(target.landmarks, points) if target.landmarks is not None else [_target(target.points)]),
         {
             **faces_trace(points),
             "name": "result",
-            "intensity": _rounded(far, 2),
-            "colorscale": colour_scale(top),
-            "cmin": 0,
-            "cmax": top,
-            "opacity": 0.85,
-            "colorbar": {
-                "title": {"text": f"mm to the nearest<br>target point,<br>largest {far.max():.1f}"},
-                "thickness": 12,
-                "len": 0.5,
-                "x": 1.0,
-            },
-            "hovertemplate": "%{intensity:.1f} mm<extra>result</extra>",
+            **({"color": NEAR} if asked else _by_distance(points, target.points)),
         },
         {
             **faces_trace(result.rest),
@@ -64,6 +54,39 @@ def scene_figure(result: StudyResult, pose: int) -> PlotlyFigure:
     return {"data": traces, "layout": scene_layout(traces)}
 
 
+def _target(points: NDArray[np.float64]) -> Trace:
+    return points_trace(points[:: max(1, len(points) // SHOWN)], "target", TARGET)
+
+
+def _by_distance(points: NDArray[np.float64], target: NDArray[np.float64]) -> Trace:
+    """Of faces: coloured by their distance to a target."""
+    far = in_mm(nearest_distances(points, target))
+    top = max(float(np.ceil(10 * far.max()) / 10), 0.1)
+    title = {"text": f"mm to the nearest<br>target point,<br>largest {far.max():.1f}"}
+    return {
+        "intensity": _rounded(far, 2),
+        "colorscale": colour_scale(top),
+        "cmin": 0,
+        "cmax": top,
+        "opacity": 0.85,
+        "colorbar": {"title": title, "thickness": 12, "len": 0.5, "x": 1.0},
+        "hovertemplate": "%{intensity:.1f} mm<extra>result</extra>",
+    }
+
+
+def _wished(landmarks: Landmarks, points: NDArray[np.float64]) -> list[Trace]:
+    """The places that wishes name, where each was to come, and a line between."""
+    reached, asked = reached_and_asked(landmarks, points)
+    between = np.stack([reached, asked, np.full_like(asked, np.nan)], axis=1).reshape(-1, 3)
+    between_them = {axis: [None if v != v else v for v in values] for axis, values in _axes(between).items()}
+    return [
+        points_trace(asked, "asked for", TARGET, size=4.5),
+        points_trace(reached, "reached", FAR, size=3.5),
+        {"type": "scatter3d", "mode": "lines", "name": "from one to the other", "line": {"width": 4, "color": FAR},
+         "hoverinfo": "skip", **between_them},
+    ]  # fmt: skip
+
+
 def colour_scale(top: float) -> list[list[float | str]]:
     """Plotly's, from 0 to `top` mm."""
     begin = SAMPLED / top
@@ -85,7 +108,7 @@ def convergence_figure(result: StudyResult) -> PlotlyFigure:
         {
             "mode": "markers",
             "name": "evaluations",
-            "marker": {"size": 3, "color": "#9aa5b1"},
+            "marker": {"size": 3, "color": GREY},
             "x": numbers[shown].tolist(),
             "y": _rounded(values[shown], 3),
         }
@@ -93,29 +116,24 @@ def convergence_figure(result: StudyResult) -> PlotlyFigure:
     for stage in stages:
         own = np.array([entry.stage == stage for entry in entries])
         best = np.minimum.accumulate(values[own])
-        traces.append({"mode": "lines", "name": stage, "x": numbers[own].tolist(), "y": _rounded(best, 3)})
+        traces.append(line(stage, numbers[own].tolist(), _rounded(best, 3)))
     chamfer = result.study.objective == "chamfer"
     floor = in_mm(result.errors.chamfer_floor if chamfer else result.errors.surface_floor)
-    traces.append(
-        {
-            "mode": "lines",
-            "name": "noise floor",
-            "line": {"dash": "dash", "color": "#1c2430"},
-            "x": [1, len(entries)],
-            "y": [floor, floor],
-        }
-    )
-    title = f"{'Chamfer' if chamfer else 'surface RMS'}, mm"
-    return chart(traces, x="evaluation", y=title, yaxis={"type": "log", "tickvals": TICKS})
+    if floor > 0:  # of a mesh under surface RMS, and of wishes, there is none
+        traces.append(line("noise floor", [1, len(entries)], [floor, floor], DARK, line={"dash": "dash"}))
+    sound = [*values[shown], *([floor] if floor > 0 else [])]
+    wide = bool(len(sound)) and max(sound) > 2 * min(sound)  # else a logarithmic axis may have no number
+    axis = {"type": "log", "tickvals": TICKS} if wide else {}
+    return chart(traces, x="evaluation", y=f"{measure_of(result.study)}, mm", yaxis=axis)
 
 
-def points_trace(points: NDArray[np.float64], name: str, color: str) -> Trace:
-    """Of a cloud (n, 3) m."""
+def points_trace(points: NDArray[np.float64], name: str, color: str, *, size: float = 1.6) -> Trace:
+    """Of a cloud (n, 3) m. size: px."""
     return {
         "type": "scatter3d",
         "mode": "markers",
         "name": name,
-        "marker": {"size": 1.6, "color": color},
+        "marker": {"size": size, "color": color},
         "hoverinfo": "skip",
         **_axes(points),
     }

@@ -14,11 +14,12 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LinearSegmentedColormap, Normalize
-from mpl_toolkits.mplot3d import Axes3D
 
 from fabdesign.layout_drawing import HALF, HIGH, LOW
 from fabdesign.output import whole_file
 from studies.layouts.result import StudyResult
+from studies.layouts.shape_picture import draw_shape, middle_of
+from studies.report.oblique import box_of
 
 SHOWN = 1200  # target points drawn
 COLOURS = LinearSegmentedColormap.from_list("pressure", [tuple(c / 255) for c in (LOW, HALF, HIGH)])
@@ -29,7 +30,7 @@ def save_picture(results: Sequence[tuple[str, StudyResult]], path: Path) -> None
     figure = plt.figure(figsize=(10.5, 3.9 * len(results)), layout="constrained")
     grid = figure.add_gridspec(len(results), 3, width_ratios=(1.7, 1, 1))
     for row, (title, result) in enumerate(results):
-        _draw_scene(figure.add_subplot(grid[row, 0], projection="3d"), title, result)
+        _draw_scene(figure.add_subplot(grid[row, 0]), title, result)
         flat = [figure.add_subplot(grid[row, column]) for column in (1, 2)]
         for axes, side in zip(flat, ("front", "back"), strict=True):
             _draw_face(axes, side, result)
@@ -40,21 +41,13 @@ def save_picture(results: Sequence[tuple[str, StudyResult]], path: Path) -> None
     plt.close(figure)
 
 
-def _draw_scene(axes: Axes3D, title: str, result: StudyResult) -> None:
+def _draw_scene(axes: Axes, title: str, result: StudyResult) -> None:
     points, target = result.points[0], result.targets[0].points
-    side = round(np.sqrt(len(points) / 2))
-    middle = in_mm(points.reshape(2, side, side, 3).mean(axis=0))
-    shown = in_mm(target[:: max(1, len(target) // SHOWN)])
-    axes.plot_surface(*np.moveaxis(middle, -1, 0), color="#8fb3d9", alpha=0.75, linewidth=0)
-    axes.scatter(*shown.T, s=1.2, c="#222222", depthshade=False)
-    axes.set(xlabel="x, mm", ylabel="y, mm", zlabel="z, mm")
+    draw_shape(axes, middle_of(points), target[:: max(1, len(target) // SHOWN)], box_of([points, target]))
     errors = result.errors
     axes.set_title(
         f"{title}\nChamfer {in_mm(errors.chamfer):.2f} mm, floor {in_mm(errors.chamfer_floor):.2f}", fontsize=11
     )
-    axes.view_init(elev=18, azim=30, vertical_axis="y")
-    axes.set_aspect("equal")
-    axes.locator_params(nbins=4)
 
 
 def _draw_face(axes: Axes, side: str, result: StudyResult) -> None:

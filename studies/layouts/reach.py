@@ -15,6 +15,7 @@ from fabdesign.units import in_kpa, in_mm
 from optimize.evaluations import Evaluations
 from optimize.search import evaluations_to_converge, has_converged
 from studies.layouts.out_of_reach import Helps, Missed, missed_said
+from studies.layouts.wished import is_wished
 
 LEAST_GAP = 1e-3  # m over the floor from which noise does not explain it,
 GAP = 0.25  # and at least this share of the floor
@@ -53,7 +54,7 @@ class Reach:
     """gap: m, of the searched measure over its floor. out_of_reach: so much that noise does not explain it, of a search
     that has converged. held_by: what the result has come up against, a clause each. crossing: (u, v) m where the cloth
     passes through itself, a pose each, None where it does not. lacking: of a search that has not converged. missed: a
-    pose each, and helps, where it is out of reach."""
+    pose each, and helps, where it is out of reach. wished: the target is wishes, without noise."""
 
     gap: float
     beyond_noise: bool
@@ -62,6 +63,7 @@ class Reach:
     lacking: Lacking | None = None
     missed: tuple[Missed, ...] = ()
     helps: Helps | None = None
+    wished: bool = False
 
     @property
     def out_of_reach(self) -> bool:
@@ -73,15 +75,14 @@ class Reach:
 
     @property
     def sentences(self) -> list[str]:
-        said = []
+        said, over = [], "from what was asked for" if self.wished else "over the noise floor"
         if self.out_of_reach:
             held = ", ".join(self.held_by) or "no limit; another kind of layout may come nearer"
-            said.append(f"Out of reach: {in_mm(self.gap):.1f} mm over the noise floor. What holds it back: {held}.")
+            said.append(f"Out of reach: {in_mm(self.gap):.1f} mm {over}. What holds it back: {held}.")
             said += missed_said(self.missed) + (self.helps.sentences if self.helps else [])
         elif self.beyond_noise and self.lacking:
             said.append(
-                f"The search ended before it converged, {in_mm(self.gap):.1f} mm over the noise floor. "
-                f"{self.lacking.sentence}"
+                f"The search ended before it converged, {in_mm(self.gap):.1f} mm {over}. {self.lacking.sentence}"
             )
         for pose, place in enumerate(self.crossing, start=1):
             if place is not None:
@@ -124,6 +125,7 @@ def reach_of(
         beyond_noise=value - floor > max(LEAST_GAP, GAP * floor),
         held_by=tuple(_held_by(study, design, pressures, margins)),
         lacking=lacking,
+        wished=is_wished(study.targets),
         crossing=tuple(None if p is None else (float(p[0] * size[0]), float(p[1] * size[1])) for p in places),
     )
 

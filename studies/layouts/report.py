@@ -14,6 +14,7 @@ from studies.layouts.figures import convergence_figure, scene_figure
 from studies.layouts.result import StudyResult
 from studies.layouts.robustness import said as robust_said
 from studies.layouts.shape_picture import shape_png
+from studies.layouts.wished import asked_of, is_wished
 from studies.report import PlotlyFigure, html_of, package_versions
 
 PACKAGES = ("taichi", "nlopt", "numpy", "scipy")
@@ -43,6 +44,8 @@ def render_report(title: str, sections: Sequence[Section], *, more: str = "") ->
         sections=sections,
         more=Markup(more),
         targets=first.targets,
+        wished=is_wished(first.study.targets),
+        asked=lambda result, pose: asked_of(result.study.targets[pose], result.points[pose], result.design.fabric),
         measured=any(target.measured for target in first.targets),
         synthetic=any(target.synthetic for target in first.targets),
         points_per_side=(first.study.model or Model()).points_per_side,
@@ -83,7 +86,7 @@ def _provenance(sections: Sequence[Section]) -> dict[str, str]:
     study = sections[0].result.study
     hashes = ", ".join(target.sha256[:12] for target in sections[0].result.targets)
     return {
-        "target clouds, sha256": hashes,
+        **({} if is_wished(study.targets) else {"target clouds, sha256": hashes}),
         "parameters": "data sheet" if study.model is None else "calibrated model",
         "search": "prox-linear local searches over NLopt (SLSQP), derivatives of shapes or differences in batches",
         "versions": package_versions(PACKAGES),

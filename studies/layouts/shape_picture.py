@@ -5,13 +5,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
 from fabdesign.surface import face_triangles
 from fabdesign.units import in_mm
 from studies.report import png_address
+from studies.report.oblique import box_of, draw_points, draw_room, draw_triangles
 
 Array = NDArray[np.float64]
 SHOWN = 900  # points of the target drawn
@@ -22,36 +23,32 @@ WIDTH, HEIGHT, DPI = 9.0, 4.4, 90  # inches of a picture, and dots an inch
 def shape_png(points: Array, target: Array, copies: Sequence[Array] = ()) -> str:
     """A PNG as a data address. points (2 n n, 3) m: front face, then back face; target (n, 3) m. copies: shapes like
     `points` whose columns are drawn thinly in the side view."""
-    middle, others = _middle(points), [_middle(copy) for copy in copies]
+    middle, others = middle_of(points), [middle_of(copy) for copy in copies]
     some = target[:: max(1, len(target) // SHOWN)]
     every = np.concatenate([middle.reshape(-1, 3), some, *(other.reshape(-1, 3) for other in others)])
-    low, high = every.min(axis=0) - 0.005, every.max(axis=0) + 0.005
+    box = box_of([every])
+    low, high = box + [[-0.005], [0.005]]
     figure = Figure(figsize=(WIDTH, HEIGHT), layout="constrained")
-    _from_an_angle(figure.add_subplot(1, 2, 1, projection="3d"), middle, some, low, high)
+    draw_shape(figure.add_subplot(1, 2, 1), middle, some, box)
     _from_the_side(figure.add_subplot(1, 2, 2), middle, others, some, low, high)
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=DPI, metadata={"Software": None})
     return png_address(data.getvalue())
 
 
-def _middle(points: Array) -> Array:
-    """(n, n, 3) m."""
+def middle_of(points: Array) -> Array:
+    """(n, n, 3) m, the nodes midway between both faces."""
     side = round(np.sqrt(len(points) / 2))
     return np.asarray(points.reshape(2, side, side, 3).mean(axis=0))
 
 
-def _from_an_angle(axes: Any, middle: Array, target: Array, low: Array, high: Array) -> None:
-    """With y upwards: matplotlib's vertical axis is its third."""
-    turned = [0, 2, 1]
+def draw_shape(axes: Any, middle: Array, target: Array, box: Array) -> None:
+    """Draw a cloth's nodes (n, n, 3) m and the points of its target, from the front at an angle."""
     side = len(middle)
-    corners = middle.reshape(-1, 3)[face_triangles(side, side)[: 2 * (side - 1) ** 2]][:, :, turned]
-    axes.add_collection3d(Poly3DCollection(corners, facecolors=[CLOTH] * len(corners), alpha=0.55, shade=True))
-    axes.scatter(*target[:, turned].T, s=2.5, color=TARGET, depthshade=False)
-    (x0, z0, y0), (x1, z1, y1) = low[turned], high[turned]
-    axes.set(xlim=(x0, x1), ylim=(z1, z0), zlim=(y0, y1))
-    axes.set_box_aspect(np.maximum(high - low, 0.02)[turned])
-    axes.view_init(elev=14, azim=-58)
-    axes.set(xticklabels=[], yticklabels=[], zticklabels=[])
+    corners = middle.reshape(-1, 3)[face_triangles(side, side)[: 2 * (side - 1) ** 2]]
+    draw_triangles(axes, corners, np.tile(to_rgba(CLOTH, 0.75), (len(corners), 1)))
+    draw_points(axes, target, TARGET)
+    draw_room(axes, box)
 
 
 def _from_the_side(axes: Any, middle: Array, others: Sequence[Array], target: Array, low: Array, high: Array) -> None:

@@ -143,7 +143,7 @@ def _errors(target: LoadedTarget, shape: NDArray[np.float64], *, seed: int, draw
 
 def _wished(target: TargetFile, design: Design) -> LoadedTarget:
     said = "; ".join(wish.said for wish in target.wishes)
-    parts = [target.description, f"wishes ({said}): the mean distance of these places in place of Chamfer"]
+    parts = [target.description, f"wishes ({said}), measured by the mean distance of these places"]
     landmarks = Landmarks.of(target.wishes, design.fabric)
     return LoadedTarget(
         landmarks.goals, None, ", ".join(filter(None, parts)), weight=target.weight, landmarks=landmarks

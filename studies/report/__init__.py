@@ -6,6 +6,7 @@ begins with `{% extends "report/base.html.j2" %}`."""
 
 from studies.report.charts import (
     BLUE,
+    DARK,
     GREY,
     RED,
     Gain,
@@ -13,11 +14,12 @@ from studies.report.charts import (
     chart,
     gain_in_words,
     gains_chart,
+    line,
     scene_layout,
 )
 from studies.report.page import PlotlyFigure, Trace, html_of, package_versions, png_address, svg_of
 
 __all__ = [
-    "BLUE", "GREY", "RED", "Gain", "PlotlyFigure", "Trace", "bars_chart", "chart", "gain_in_words", "gains_chart",
-    "html_of", "package_versions", "png_address", "scene_layout", "svg_of",
+    "BLUE", "DARK", "GREY", "RED", "Gain", "PlotlyFigure", "Trace", "bars_chart", "chart", "gain_in_words",
+    "gains_chart", "html_of", "line", "package_versions", "png_address", "scene_layout", "svg_of",
 ]  # fmt: skip

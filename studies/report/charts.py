@@ -8,7 +8,7 @@ import numpy as np
 
 from studies.report.page import PlotlyFigure, Trace
 
-BLUE, RED, GREY = "#2f6db3", "#c23b3b", "#9aa5b1"
+BLUE, RED, GREY, DARK = "#2f6db3", "#c23b3b", "#9aa5b1", "#1c2430"
 LEGEND = {"orientation": "h", "x": 0, "y": 1.02, "yanchor": "bottom", "font": {"size": 12}}  # above the axes
 _FONT = {"family": "system-ui, sans-serif", "size": 13}
 _ROW, _FRAME = 26, 90  # px: a row of bars, and what axis and title take
@@ -34,6 +34,12 @@ def chart(data: Sequence[Trace], *, x: str, y: str = "", height: int = 340, **la
     }
     frame = {"margin": {"l": 10, "r": 20, "t": 20, "b": 10}, "font": _FONT, "legend": LEGEND, "height": height}
     return {"data": data, "layout": {**frame, **axes, **layout}}
+
+
+def line(name: str, x: Sequence[Any], y: Sequence[Any], colour: str | None = None, **more: Any) -> Trace:
+    """Return a curve with its name; without a colour one of Plotly's. more: of Plotly's, `line` merged."""
+    style = {**({"color": colour} if colour else {}), **more.pop("line", {})}
+    return {"type": "scatter", "mode": "lines", "name": name, "x": [*x], "y": [*y], "line": style, **more}
 
 
 def bars_chart(rows: Sequence[tuple[str, float, str]], unit: str, x: str) -> PlotlyFigure:
@@ -68,8 +74,8 @@ def gains_chart(gains: Sequence[Gain], unit: str, x: str, tolerance: float) -> P
             "arrayminus": np.maximum(value - low, 0).tolist(),
         },
     }
-    line = {"dash": "dot", "color": RED}
-    limit = {"type": "line", "x0": tolerance, "x1": tolerance, "y0": 0, "y1": 1, "yref": "paper", "line": line}
+    dotted = {"dash": "dot", "color": RED}
+    limit = {"type": "line", "x0": tolerance, "x1": tolerance, "y0": 0, "y1": 1, "yref": "paper", "line": dotted}
     title = f"{x}, {unit} (90 %); dotted: the tolerance"
     return chart([marks], x=title, shapes=[limit], yaxis=_ROWS, height=_height(len(rows)))
 
@@ -108,8 +114,8 @@ def _ticks(share: float) -> int:
 
 def _box(traces: Sequence[Trace]) -> Box:
     """Return what holds all traces, with some room around."""
-    ends = {axis: [(min(t[axis]), max(t[axis])) for t in traces if len(t.get(axis, ()))] for axis in "xyz"}
-    box = {axis: (min(low for low, _ in own), max(high for _, high in own)) for axis, own in ends.items()}
+    values = {axis: [v for t in traces for v in t.get(axis, ()) if v is not None] for axis in "xyz"}
+    box = {axis: (min(own), max(own)) for axis, own in values.items()}
     room = 0.02 * max(high - low for low, high in box.values())
     return {axis: (low - room, high + room) for axis, (low, high) in box.items()}
 

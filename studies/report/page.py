@@ -74,7 +74,8 @@ def _environment() -> Environment:
 
 def _sentence(text: str) -> str:
     """Return it with a capital at its beginning and a full stop at its end."""
-    return text[:1].upper() + text[1:] + ("" if text.endswith((".", "!", "?", ":")) else ".")
+    name = "_" in text.partition(" ")[0]  # of an effect, which stays as it is written elsewhere
+    return (text if name else text[:1].upper() + text[1:]) + ("" if text.endswith((".", "!", "?", ":")) else ".")
 
 
 def _in_script(content: Any) -> str:

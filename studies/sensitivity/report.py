@@ -20,14 +20,17 @@ from studies.sensitivity.result import SensitivityResult
 FIRST, TOTAL, SIGMA = "#2166ac", "#92c5de", "#b2182b"
 
 
-def bars_svg(result: SensitivityResult, column: int) -> str:
-    """Of one output: Sobol indices and Morris' mu* with their 90 % intervals, the largest on top."""
+def bars_figure(result: SensitivityResult, column: int) -> Figure:
+    """Return of one output Sobol indices and Morris' mu* with their 90 % intervals, the largest on top."""
     panels = [draw for draw, own in ((_sobol, result.indices[column]), (_morris, result.screenings[column])) if own]
     names = max(len(result.inputs.names), len(result.inputs.groups))
-    figure = Figure(figsize=(5.4 * len(panels), 1.1 + 0.32 * names), layout="constrained")
+    figure = Figure(figsize=(5.4 * len(panels), 1.4 + 0.32 * names), layout="constrained")
     for draw, axes in zip(panels, np.atleast_1d(figure.subplots(1, len(panels))), strict=True):
         draw(axes, result, column)
-    return svg_of(figure)
+        axes.legend(fontsize="small", frameon=False, ncols=2, loc="lower left", bbox_to_anchor=(0, 1), borderpad=0)
+        axes.grid(axis="x", color="#e3e7ec")
+        axes.set_axisbelow(True)
+    return figure
 
 
 def _sobol(axes: Axes, result: SensitivityResult, column: int) -> None:
@@ -42,8 +45,7 @@ def _sobol(axes: Axes, result: SensitivityResult, column: int) -> None:
         axes.barh(place + shift, values[order], 0.4, xerr=_reach(values, interval)[:, order], color=colour, label=label)
     axes.set_yticks(place, [names[i] for i in order])
     axes.axvline(0, color="#1c2430", linewidth=0.8)
-    axes.set(xlabel="share of the variance", title="Sobol indices")
-    axes.legend(fontsize="small", loc="lower right")
+    axes.set(xlabel="Sobol index, share of the variance, with 90 % intervals")
 
 
 def _morris(axes: Axes, result: SensitivityResult, column: int) -> None:
@@ -52,11 +54,10 @@ def _morris(axes: Axes, result: SensitivityResult, column: int) -> None:
     order = np.argsort(screening.mu_star)
     place = np.arange(len(order))
     reach = _reach(screening.mu_star, screening.mu_star90)[:, order]
-    axes.barh(place, screening.mu_star[order], 0.6, xerr=reach, color=TOTAL, label="mu*: mean absolute effect")
-    axes.plot(screening.sigma[order], place, "D", color=SIGMA, markersize=4, label="sigma: not additive, not linear")
+    axes.barh(place, screening.mu_star[order], 0.6, xerr=reach, color=TOTAL, label="mu*")
+    axes.plot(screening.sigma[order], place, "D", color=SIGMA, markersize=4, label="sigma")
     axes.set_yticks(place, [result.inputs.names[i] for i in order])
-    axes.set(xlabel=f"over the whole range, {result.columns[column].unit}", title="Morris screening")
-    axes.legend(fontsize="small", loc="lower right")
+    axes.set(xlabel=f"Morris effect over the whole range, {result.columns[column].unit}, with 90 % intervals")
 
 
 def _reach(values: np.ndarray, interval: np.ndarray) -> np.ndarray:
@@ -92,7 +93,7 @@ def render(result: SensitivityResult) -> str:
         study=result.study,
         columns=result.columns,
         varies=varies,
-        bars={k: Markup(bars_svg(result, k)) for k in varies},
+        bars={k: Markup(svg_of(bars_figure(result, k))) for k in varies},
         json=result.as_json(),
         held=_held(result.study),
         versions=package_versions(PACKAGES),

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -14,11 +13,10 @@ from fabdesign.errors import InputError
 from fabdesign.measurement_set import MeasurementSet, read_set
 from fabdesign.model import Model
 from fabdesign.model_file import read_model
-from fabdesign.placement import Unit
 from fabdesign.pressure import PressureProgram, limits
 from fabdesign.pressure_file import read_pressures
 from fabdesign.study_file import Study, read_kind, read_study
-from fabdesign.target_file import AsTarget, keys_as_options
+from fabdesign.target_file import AS_GIVEN, AsTarget, keys_as_options
 from fabdesign.toml_file import parse_toml
 from optimize.margins import Limits
 from studies.layouts.begin import limits_of
@@ -43,25 +41,23 @@ class Opened:
     program: PressureProgram | None = None
 
 
-def open_files(
-    files: Sequence[Path], model_file: Path | None, *, unit: Unit = "m", place: Literal["given", "fit"] = "given"
-) -> Opened:
+def open_files(files: Sequence[Path], model_file: Path | None, how: AsTarget = AS_GIVEN) -> Opened:
     """A design, study or set, at most one of them (none: the catalogue's *basic*), and beside it at most one target and
-    one table of pressures. unit, place: of that target. Raises InputError."""
+    one table of pressures. how: that target is read. Raises InputError."""
     kinds = {file: _kind(file) for file in files}
     for kind in ("design, study or set", "target", "pressures"):
         several = [str(file) for file, (sort, _) in kinds.items() if sort == kind]
         if len(several) > 1:
             raise InputError(f"{several[1]}: a second {kind} beside {several[0]}; expected one")
-    if (unit, place) != ("m", "given") and "target" not in {sort for sort, _ in kinds.values()}:
-        raise InputError("--unit or --place without a target; expected a cloud or mesh among the files")
+    if how != AS_GIVEN and "target" not in {sort for sort, _ in kinds.values()}:
+        raise InputError("--unit, --place or --rotation without a target; expected a cloud or mesh among the files")
     opened = _begun([(file, name) for file, (sort, name) in kinds.items() if sort == "design, study or set"])
     if model_file is not None:
         opened = replace(opened, model_file=model_file, model=read_model(model_file))
     for file, (sort, _) in kinds.items():
         if sort == "target":
             with keys_as_options():
-                target = ShownTarget.read(AsTarget(unit, place).target(file), opened.layout.design)
+                target = ShownTarget.read(how.target(file), opened.layout.design)
             opened = replace(opened, targets=(target,))
         elif sort == "pressures":
             program = read_pressures(file, opened.layout.design)

@@ -5,6 +5,7 @@ from fabdesign.headings import DIMENSIONS
 from fabdesign.units import in_kpa, in_mm
 from studies.report import (
     BLUE,
+    DARK,
     GREY,
     RED,
     Gain,
@@ -14,6 +15,7 @@ from studies.report import (
     gain_in_words,
     gains_chart,
     html_of,
+    line,
 )
 from studies.tracing.bench_outcome import BenchOutcome
 from studies.tracing.words import effect_in_words
@@ -105,15 +107,10 @@ def render_bench(outcome: BenchOutcome) -> str:
     output = "displacement" if outcome.unit == "m" else outcome.bench.output
     for k, (name, place, *lines) in enumerate(outcome.curves):
         by, x = _axis(outcome.bench, name)
+        styles = (("measured", DARK), ("before", RED), ("after", BLUE))
         data = [
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "name": title,
-                "x": (by * place).tolist(),
-                "y": (scale * line).tolist(),
-            }
-            for title, line in zip(("measured", "before", "after"), lines, strict=True)
+            line(title, (by * place).tolist(), (scale * values).tolist(), colour)
+            for (title, colour), values in zip(styles, lines, strict=True)
         ]
         figures[f"record-{k}"] = chart(data, x=x, y=f"{output}, {unit}", height=320)
         titles[f"record-{k}"] = name

@@ -19,6 +19,7 @@ from studies.report import (
     gain_in_words,
     gains_chart,
     html_of,
+    line,
 )
 from studies.tracing.outcome import Outcome
 from studies.tracing.residual import remains
@@ -34,11 +35,12 @@ _FRAMES = 45  # of the motion shown
 def render_report(outcome: Outcome) -> str:
     """HTML."""
     before = remains(Residuals.of(outcome.data.samples, outcome.before), outcome.selection.folds)
+    most = float(np.nanmax([before.cells, outcome.remains.cells]))
     figures = {
         "bars": _bars(outcome),
         "candidates": _candidates(outcome),
-        "cloth-before": _cloth(outcome, before.cells, "before"),
-        "cloth-after": _cloth(outcome, outcome.remains.cells, "after"),
+        "cloth-before": _cloth(outcome, before.cells, "before", most),
+        "cloth-after": _cloth(outcome, outcome.remains.cells, "after", most),
         "time": _over_time(outcome, before.over_time),
     }
     if outcome.next_experiment is not None:
@@ -80,14 +82,16 @@ def _candidates(outcome: Outcome) -> PlotlyFigure:
     return gains_chart(gains, "mm", "gain of held-out excess", in_mm(outcome.tolerance))
 
 
-def _cloth(outcome: Outcome, cells: np.ndarray, title: str) -> PlotlyFigure:
+def _cloth(outcome: Outcome, cells: np.ndarray, title: str, most: float) -> PlotlyFigure:
+    """Return the residual's RMS by places. most: m, of the colours, alike before and after so that they compare."""
     fabric = outcome.data.trials[0].design.fabric
     n = len(cells)
     centres = (np.arange(n) + 0.5) / n
     heat = {
         "type": "heatmap", "z": [[None if np.isnan(v) else in_mm(v) for v in row] for row in cells.tolist()],
         "x": (in_mm(fabric.width) * centres).tolist(), "y": (in_mm(fabric.height) * centres).tolist(),
-        "colorscale": "Viridis", "zmin": 0, "colorbar": {"title": {"text": "mm"}, "thickness": 12},
+        "colorscale": "Viridis", "zmin": 0, "zmax": in_mm(most),
+        "colorbar": {"title": {"text": "RMS, mm"}, "thickness": 12},
     }  # fmt: skip
     down = {"autorange": "reversed", "scaleanchor": "x", "constrain": "domain"}
     across = {"constrain": "domain"}
@@ -100,11 +104,9 @@ def _over_time(outcome: Outcome, before: dict[str, Any]) -> PlotlyFigure:
     lines = []
     for which, table, colour in (("before", before, RED), ("after", outcome.remains.over_time, BLUE)):
         for k, (name, (times, rms)) in enumerate(table.items()):
-            lines.append({
-                "type": "scatter", "mode": "lines", "x": times.tolist(), "y": in_mm(rms).tolist(), "name": which,
-                "legendgroup": which, "showlegend": k == 0, "line": {"color": colour, "width": 1},
-                "hovertemplate": f"{name} {which}: %{{y:.2f}} mm at %{{x:.2f}} s<extra></extra>",
-            })  # fmt: skip
+            shown = f"{name} {which}: %{{y:.2f}} mm at %{{x:.2f}} s<extra></extra>"
+            group = {"legendgroup": which, "showlegend": k == 0, "hovertemplate": shown, "line": {"width": 1}}
+            lines.append(line(which, times.tolist(), in_mm(rms).tolist(), colour, **group))
     return chart(lines, x="time, s", y="RMS, mm", yaxis={"rangemode": "tozero"})
 
 
@@ -113,17 +115,7 @@ def _program(outcome: Outcome) -> PlotlyFigure:
     program = outcome.next_experiment["program"]
     times = [*program["time_s"], program["duration_s"]]
     rows = [*program["pressure_kpa"], program["pressure_kpa"][-1]]
-    lines = [
-        {
-            "type": "scatter",
-            "mode": "lines",
-            "line": {"shape": "hv"},
-            "name": f"channel {c}",
-            "x": times,
-            "y": [row[c] for row in rows],
-        }
-        for c in range(len(rows[0]))
-    ]
+    lines = [line(f"channel {c}", times, [row[c] for row in rows], line={"shape": "hv"}) for c in range(len(rows[0]))]
     return chart(lines, x="time, s", y="pressure, kPa")
 
 
@@ -151,8 +143,10 @@ def _parameter_rows(model: Model) -> list[tuple[str, str, str]]:
     """Name, before, after."""
 
     def cell(parameter: Any) -> str:
-        low, high = parameter.interval90 or (np.nan, np.nan)
-        return f"{parameter.factor:.3f} ({low:.2f} to {high:.2f})"
+        factor = f"{parameter.factor:.3f}"
+        if parameter.interval90 is None or not np.isfinite(parameter.interval90).all():
+            return factor
+        return "{} ({:.2f} to {:.2f})".format(factor, *parameter.interval90)
 
     plain = model.without_effects or model.parameters
     return [(name, cell(plain[name]), cell(model.parameters[name])) for name in model.parameters]

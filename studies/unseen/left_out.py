@@ -113,6 +113,6 @@ def _overlay(trial: Trial, k: int, model: Model, forward: ForwardModel, path: Pa
             panel.plot(in_mm(clouds[k][::2, axis]), in_mm(clouds[k][::2, 1]), ".", color="#1c2430", markersize=1)
             panel.set(title=f"{said}, {'side' if axis == 2 else 'front'}", xlabel=f"{label}, mm", aspect="equal")
     axes[0].set_ylabel("y, mm")
-    figure.suptitle(f"{trial.design_name} {trial.name}, {trial.times[k]:.2f} s: measured (dark) over model")
+    figure.suptitle(f"{trial.design_name} {trial.name}, {trial.times[k]:.2f} s: measured (dark) over model (light)")
     with whole_file(path) as unfinished:
         figure.savefig(unfinished, dpi=90, format="png")

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from fabdesign.json_file import write_json
 from fabdesign.output import write_text
 from fabdesign.units import in_mm
+from studies.evaluate import ERROR_NAMES
 from studies.report import html_of, png_address, svg_of
 from studies.unseen.result import PoseResult, UnseenResult
 
@@ -85,19 +86,22 @@ def _band_svg(pose: PoseResult) -> str:
     axes = figure.subplots()
     for line in lines:
         axes.plot(line[:, 0], line[:, 1], color="#92c5de", linewidth=0.6)
-    axes.plot(*lines.mean(axis=0).T, color="#1c2430", linewidth=1.4)
+    axes.plot([], [], color="#92c5de", label="models drawn")
+    axes.plot(*lines.mean(axis=0).T, color="#1c2430", linewidth=1.4, label="their mean")
+    axes.legend(fontsize="small", frameon=False, loc="lower left", bbox_to_anchor=(0, 1))
     axes.set(xlabel="z, mm (front)", ylabel="y, mm", aspect="equal")
     return svg_of(figure)
 
 
 def _histogram_svg(sizes: dict[str, Any]) -> str:
-    figure = Figure(figsize=(7, 2.4), layout="constrained")
+    figure = Figure(figsize=(7, 2.8), layout="constrained")
     for axes, error in zip(figure.subplots(1, 2), ("chamfer", "surface_rms"), strict=True):
         shown = sizes["histogram"][error]
         for state, colour in (("before", "#9aa5b1"), ("after", "#2166ac")):
             axes.stairs(shown[state], shown["edges"], fill=True, alpha=0.6, color=colour, label=state)
-        axes.set(xlabel=f"{error.replace('_', ' ')}, mm", ylabel="trials")
-        axes.legend(fontsize="small")
+        axes.set(xlabel=f"{ERROR_NAMES[error]}, mm", ylabel="trials")
+        axes.yaxis.get_major_locator().set_params(integer=True)
+        axes.legend(fontsize="small", frameon=False, ncols=2, loc="lower left", bbox_to_anchor=(0, 1))
     return svg_of(figure)
 
 

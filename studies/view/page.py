@@ -12,7 +12,7 @@ from markupsafe import Markup
 
 from studies.view.distance import Distance, errors_in_words
 from studies.view.items import Item
-from studies.view.shapes import CLOUD, KEY, parts_of, points_beneath, vertices_of
+from studies.view.shapes import CLOUD, OVERLAY, key_of, parts_of, points_beneath, vertices_of
 
 LEVELS = 32_000  # a coordinate is stored as a whole number of the largest one's 32,000th: 10 um of 0.3 m
 MOST_POINTS = 4_000  # of a frame that has no triangles: more look the same
@@ -57,14 +57,18 @@ def render_page(
         {**_packed(item, scale), "apart": own, "reference": reference}
         for item, own, reference in zip(items, compared, references, strict=True)
     ]
-    data = {"scale": scale, "cloud": CLOUD, "items": packed}
+    data = {"scale": scale, "cloud": CLOUD, "overlay": OVERLAY, "items": packed}
     template = Environment(autoescape=True).from_string(
         files("studies.view").joinpath("page.html.j2").read_text(encoding="utf-8")
     )
     content = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
     moves = any(item.moves for item in items)
+    key = [
+        (name, "rgb(" + ", ".join(f"{round(255 * share)}" for share in colour) + ")")
+        for name, colour in key_of(items, overlay=any(apart))
+    ]
     return template.render(
-        title=title, items=items, data=Markup(content), key=KEY, moves=moves, overlay=overlay, compared=any(apart)
+        title=title, items=items, data=Markup(content), key=key, moves=moves, overlay=overlay, compared=any(apart)
     )
 
 

@@ -14,31 +14,31 @@ matplotlib.use("Agg")
 import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.animation import FFMpegWriter, FuncAnimation, PillowWriter
-from matplotlib.ticker import FixedLocator, MaxNLocator
-from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from scipy.spatial import cKDTree
 
 from fabdesign.errors import InputError
+from studies.report.oblique import TO_VIEWER, box_of, draw_lines, draw_points, draw_room, draw_triangles, extent, facing
 from studies.view.distance import Distance, errors_in_words
-from studies.view.items import Item
-from studies.view.shapes import CLOUD, MUSCLE, parts_of, vertex_normals
+from studies.view.items import Item, timeline
+from studies.view.shapes import CLOUD, MUSCLE, OVERLAY, key_of, parts_of, vertex_normals
 
 SHOWN = 1500  # points of a cloud drawn
 INSTANTS = 5  # of a picture, from the first to the last frame
 RATE = 15.0  # Hz of an animation
-_UPWARDS = [0, 2, 1]
-_ELEVATION, _AZIMUTH = 12, -60  # degrees
-_TO_VIEWER = np.array([0.489, 0.208, 0.847])  # x, y, z of the file, whose z is the second axis reversed
+_WIDE, _NARROW = 6.0, 2.6  # inches: a still shape, and an instant of a motion
+_LINE = 0.16  # inches, of words of 9 points
 _LEAST_WIDTH = 6.0  # inches, that a line of words needs
 _LETTERS = 13.0  # an inch holds, of 9 points
 
 
 def instants_of(items: Sequence[Item], times: Sequence[float]) -> list[float]:
-    """s: those asked for, or INSTANTS spread over what there is."""
+    """Return those asked for [s], or at most INSTANTS frames spread over what there is."""
     if times:
         return list(times)
-    begin, end = _span(items)
-    return [begin] if end <= begin else np.linspace(begin, end, INSTANTS).tolist()
+    every = timeline(items)
+    return [float(every[k]) for k in np.unique(np.linspace(0, len(every) - 1, INSTANTS).round().astype(int))]
 
 
 def save_picture(
@@ -51,21 +51,33 @@ def save_picture(
 ) -> None:
     """Write a PNG with a row an item and a column an instant [s]. apart: how far each panel is from the one it is
     compared with; overlay: whether that one's points lie over it."""
-    instants = instants_of(items, times)
-    shape = (len(items), len(instants))
-    figure = plt.figure(figsize=(max(2.6 * shape[1], _LEAST_WIDTH) + 0.4, 3.1 * shape[0]), layout="constrained")
-    box = _box(items)
-    rows = figure.subfigures(shape[0], 1, squeeze=False)[:, 0]
-    for row, item, distance in zip(rows, items, apart, strict=True):
+    instants = instants_of(items, times) if any(item.moves for item in items) else [0.0]
+    box, width = box_of([frame for item in items for frame in item.frames]), _WIDE if len(instants) == 1 else _NARROW
+    low, high = extent(box)
+    height = width * float((high[1] - low[1]) / (high[0] - low[0]))
+    size = max(width * len(instants), _LEAST_WIDTH) + 0.2
+    heads = [_wrapped(item, distance, size) for item, distance in zip(items, apart, strict=True)]
+    heights = [height + 0.35 + _LINE * (head.count("\n") + 1) for head in heads]
+    figure = plt.figure(figsize=(size, sum(heights) + 0.4), layout="constrained")
+    _draw_key(figure, items, overlay=overlay)
+    rows = figure.subfigures(len(items), 1, squeeze=False, height_ratios=heights)[:, 0]
+    for row, item, distance, head in zip(rows, items, apart, heads, strict=True):
         drawn = _DrawnPanel(item, _reference(items, distance, overlay))
-        row.suptitle(_wrapped(item, distance, figure.get_figwidth()), fontsize=9, x=0.01, ha="left")
-        for column, instant in enumerate(instants if item.moves else instants[:1]):
-            axes = row.add_subplot(1, shape[1], column + 1, projection="3d")
+        row.suptitle(head, fontsize=9, x=0.01, ha="left")
+        for axes, instant in zip(row.subplots(1, len(instants), squeeze=False)[0], instants, strict=True):
             frame = item.nearest(instant)
             drawn.draw(axes, frame, box)
             axes.set_title(f"{item.times[frame]:.2f} s" if item.moves else "a still shape", fontsize=8, loc="left")
     figure.savefig(path, dpi=100, format="png")
     plt.close(figure)
+
+
+def _draw_key(figure: Figure, items: Sequence[Item], *, overlay: bool) -> None:
+    """Write below all panels what their colours stand for."""
+    key = key_of(items, overlay=overlay and len(items) > 1)
+    marks = [Line2D([], [], linestyle="", marker="o", markersize=5, color=colour, label=name) for name, colour in key]
+    style = {"frameon": False, "fontsize": 8, "handletextpad": 0.1, "columnspacing": 1.2}
+    figure.legend(handles=marks, loc="outside lower left", ncols=len(key), **style)
 
 
 def _reference(items: Sequence[Item], distance: Distance | None, overlay: bool) -> Item | None:
@@ -80,11 +92,14 @@ def save_animation(
     Raises InputError where ffmpeg fails."""
     begin, end = _span(items)
     instants = np.arange(begin, end + 0.5 / RATE, 1 / RATE)
-    figure = plt.figure(figsize=(3.4 * len(items), 4.1), layout="constrained")
-    panels = [figure.add_subplot(1, len(items), k + 1, projection="3d") for k in range(len(items))]
+    box = box_of([frame for item in items for frame in item.frames])
+    low, high = extent(box)
+    height = 3.4 * float((high[1] - low[1]) / (high[0] - low[0])) + 1.0
+    figure = plt.figure(figsize=(max(3.4 * len(items), _LEAST_WIDTH), height), layout="constrained")
+    panels = figure.subplots(1, len(items), squeeze=False)[0]
+    _draw_key(figure, items, overlay=overlay)
     drawn = [_DrawnPanel(item, _reference(items, own, overlay)) for item, own in zip(items, apart, strict=True)]
     heads = [_head(item, distance) for item, distance in zip(items, apart, strict=True)]
-    box = _box(items)
 
     def show(instant: float) -> list[Any]:
         for axes, one, head in zip(panels, drawn, heads, strict=True):
@@ -143,14 +158,8 @@ def _span(items: Sequence[Item]) -> tuple[float, float]:
     return min(float(item.times[0]) for item in items), max(float(item.times[-1]) for item in items)
 
 
-def _box(items: Sequence[Item]) -> np.ndarray:
-    """(2, 3) m, lowest and highest coordinates of all."""
-    ends = [(frame.min(axis=0), frame.max(axis=0)) for item in items for frame in item.frames if len(frame)]
-    return np.array([np.min([low for low, _ in ends], axis=0), np.max([high for _, high in ends], axis=0)])
-
-
 class _DrawnPanel:
-    """A panel that is drawn frame by frame, the file's y upwards: matplotlib's vertical axis is its third."""
+    """A panel that is drawn frame by frame."""
 
     def __init__(self, item: Item, below: Item | None = None) -> None:
         self.item, self._below = item, below
@@ -159,28 +168,20 @@ class _DrawnPanel:
         self._colours = np.repeat([part.colour for part in parts], [len(part.triangles) for part in parts], axis=0)
 
     def draw(self, axes: Any, frame: int, box: np.ndarray) -> None:
-        points = np.asarray(self.item.frames[frame])[:, _UPWARDS]
+        points = np.asarray(self.item.frames[frame])
         if not len(self._corners):
-            shown = points[:: -(-len(points) // SHOWN)]
-            axes.scatter(*shown.T, s=1.2, color=CLOUD, depthshade=False)
+            draw_points(axes, points[:: -(-len(points) // SHOWN)], CLOUD)
         else:
-            colours = {"facecolors": self._colours, "edgecolors": self._colours}
-            axes.add_collection3d(Poly3DCollection(points[self._corners], **colours, linewidths=0.1, shade=True))
+            corners = points[self._corners]
+            # of a cloth's two faces only what looks towards the viewer: they are too near to be sorted by depth
+            seen = facing(corners) if self.item.is_cloth else slice(None)
+            draw_triangles(axes, corners[seen], self._colours[seen])
             if len(muscles := self._seen_muscles(frame)):
-                axes.add_collection3d(Line3DCollection(muscles, colors=[MUSCLE], zorder=10))
+                draw_lines(axes, muscles, MUSCLE)
         if self._below is not None:
-            cloud = np.asarray(self._below.frames[self._below.nearest(self.item.times[frame])])[:, _UPWARDS]
-            axes.scatter(*cloud[:: -(-len(cloud) // SHOWN)].T, s=1.2, color=CLOUD, depthshade=False, zorder=20)
-        low, high = box[:, _UPWARDS]
-        axes.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]), zlim=(low[2], high[2]))
-        axes.computed_zorder = False
-        sides = np.maximum(high - low, 0.02)
-        axes.set_box_aspect(sides)
-        axes.view_init(elev=_ELEVATION, azim=_AZIMUTH)
-        axes.tick_params(labelsize=6, pad=-2)
-        for axis, share in zip(axes._axis_map.values(), sides / sides.max(), strict=True):
-            # a shallow axis has room for one number
-            axis.set_major_locator(MaxNLocator(3 if share > 0.5 else 2) if share > 0.35 else FixedLocator([0.0]))
+            cloud = np.asarray(self._below.frames[self._below.nearest(self.item.times[frame])])
+            draw_points(axes, cloud[:: -(-len(cloud) // SHOWN)], OVERLAY)
+        draw_room(axes, box)
 
     def _seen_muscles(self, frame: int) -> np.ndarray:
         """(n, 2, 3) m: intervals on a face that looks towards the viewer. Drawn last, since by their depth matplotlib
@@ -194,5 +195,5 @@ class _DrawnPanel:
         for side, face in ((1, slice(0, half)), (-1, slice(half, None))):
             own = muscles.sides[muscles.owners] == side
             nearest = cKDTree(points[face]).query(ends[own].mean(axis=1))[1]
-            seen[own] = normals[face][nearest] @ _TO_VIEWER > 0
-        return np.asarray(ends[seen][:, :, _UPWARDS])
+            seen[own] = normals[face][nearest] @ TO_VIEWER > 0
+        return np.asarray(ends[seen])

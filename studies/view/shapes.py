@@ -1,5 +1,6 @@
 """What a panel is drawn from: triangles in parts of one colour, the muscles as thin tubes on the cloth."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,8 @@ Triangles = NDArray[np.int64]
 AROUND = 6  # points of a tube's ring
 FRONT, BACK, MESH, CLOUD = (0.80, 0.22, 0.22), (0.22, 0.45, 0.75), (0.45, 0.60, 0.42), (0.13, 0.17, 0.24)  # RGB
 MUSCLE = 0.93, 0.69, 0.13
-KEY = "Front red, back blue, muscles yellow; clouds dark; other meshes green"
+OVERLAY = 0.34, 0.71, 0.91  # light: it differs from all others for colour-blind people too
+RGB = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,6 +23,17 @@ class MeshPart:
     name: str
     colour: tuple[float, float, float]  # RGB, 0 to 1
     triangles: Triangles  # (t, 3), over the vertices of its item
+
+
+def key_of(items: Sequence[Item], *, overlay: bool) -> list[tuple[str, RGB]]:
+    """Return what the colours of panels stand for, those that occur. overlay: whether any shows its reference too."""
+    cloth = any(item.is_cloth for item in items)
+    key = [("front", FRONT, cloth), ("back", BACK, cloth)]
+    key.append(("muscles", MUSCLE, any(item.muscles is not None for item in items)))
+    key.append(("mesh", MESH, any(item.triangles is not None and not item.is_cloth for item in items)))
+    key.append(("points of a cloud", CLOUD, any(item.triangles is None for item in items)))
+    key.append(("overlaid points of what a panel is compared with", OVERLAY, overlay))
+    return [(name, colour) for name, colour, occurs in key if occurs]
 
 
 def parts_of(item: Item) -> list[MeshPart]:
