@@ -85,7 +85,7 @@ def is_number(cell: str) -> bool:
 
 def doubtful_comma(rows: Iterable[tuple[int, Sequence[str]]], mark: str | None) -> tuple[int, str] | None:
     """The line and text of the first number with a comma, where commas may part thousands: all have three digits
-    behind them, and blanks or commas part the columns or numbers without a comma stand in the same column."""
+    behind them, and blanks, tabs or commas part the columns or numbers without a comma stand in the same column."""
     first, plain, columns = None, set(), set()
     for line, row in rows:
         for i, cell in enumerate(row):
@@ -96,7 +96,7 @@ def doubtful_comma(rows: Iterable[tuple[int, Sequence[str]]], mark: str | None) 
                 columns.add(i)
             elif is_number(cell):
                 plain.add(i)
-    return first if mark in (None, " ", ",") or columns & plain else None
+    return first if mark in (None, " ", "\t", ",") or columns & plain else None
 
 
 def refuse_comma(path: Path, line: int, cell: str) -> NoReturn:

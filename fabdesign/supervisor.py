@@ -2,7 +2,7 @@
 
 Python runs a signal's handler between two of its own instructions, and Taichi holds Python's lock for as long as it
 compiles, which may be many seconds: no handler and no thread of that process can answer meanwhile. So the program forks
-before it loads anything. The parent hands SIGINT, SIGTERM and SIGHUP on to the child. Where the child has not ended
+before it loads anything. The parent hands the signals that ask a program to end on to the child. Where the child has not ended
 after GRACE, or the same signal comes again, the parent kills it, and gives up for it what it has left unfinished. The
 line that says so, and the exit code, are the parent's. The child ends with its parent, whatever ends that.
 
@@ -17,7 +17,8 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 
 GRACE = 1.2  # s that a child has to end by itself
-SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+_ASK = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGUSR1", "SIGUSR2", "SIGALRM", "SIGXCPU")  # to end
+SIGNALS = [getattr(signal, name) for name in _ASK if hasattr(signal, name)]
 GiveUp = Callable[[list[dict[str, object]]], list[str]]
 _DIES_WITH_PARENT = 1  # PR_SET_PDEATHSIG
 _shared: list[int] = []  # in a child: the file in memory that its parent reads when it has ended
@@ -58,7 +59,8 @@ def is_supervised() -> bool:
 
 def record(**content: object) -> None:
     """Leave a record for the parent, which reads all of them when this process has ended; nothing without a parent.
-    `line`: what to say at the end. Others are for `give_up`."""
+    `ended`: the signal that this process ends by itself for, and `kept`: what to say of its work folders. Others are
+    for `give_up`."""
     if _shared:
         import json
 
@@ -122,18 +124,17 @@ def _wait(child: int, answered: Iterable[int], shared: int, give_up: GiveUp) -> 
 
     code = os.waitstatus_to_exitcode(status)
     records = [json.loads(line) for line in os.pread(shared, os.fstat(shared).st_size, 0).splitlines()]
-    lines = [one["line"] for one in records if "line" in one][-1:]
-    if asked or code < 0:
-        try:
-            kept = give_up(records)  # what the child has not given up itself
-        except Exception as error:  # the line must come whatever is wrong with the disk
-            kept = [f"unfinished output is left ({error})"]
-        hint = " (where memory is short the system does that)" if not asked and code == -signal.SIGKILL else ""
-        lines = lines or ["; ".join([ended_by(asked or -code) + hint, *kept])]
-        code = 128 + (asked or -code)
-    for line in lines:
-        _say(line)
-    return code
+    last = next((one for one in reversed(records) if "ended" in one), {})
+    number = asked or last.get("ended", max(-code, 0))  # of several signals the first, whichever the child met first
+    if not number:
+        return code
+    try:
+        kept = give_up(records)  # what the child has not given up itself
+    except Exception as error:  # the line must come whatever is wrong with the disk
+        kept = [f"unfinished output is left ({error})"]
+    hint = " (where memory is short the system does that)" if not asked and code == -signal.SIGKILL else ""
+    _say("; ".join([ended_by(number) + hint, *last.get("kept", kept)]))
+    return 128 + int(number)
 
 
 def _say(line: str) -> None:

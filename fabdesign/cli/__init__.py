@@ -59,9 +59,9 @@ def main() -> None:
             raise
         _fail(needs(error), 1)
     except Terminated as stop:
-        _end(stop, str(stop), 128 + stop.number)
+        _end(stop, stop.number)
     except (click.exceptions.Abort, KeyboardInterrupt) as stop:
-        _end(stop, ended_by(signal.SIGINT), 130)
+        _end(stop, signal.SIGINT)
     except (OSError, MemoryError, ImportError, RuntimeError, SystemError) as error:  # after Abort, a RuntimeError
         if (line := line_of(error)) is None:
             raise
@@ -103,16 +103,16 @@ def _ended_by_signals() -> Iterator[None]:
                 signal.signal(number, handler)
 
 
-def _end(stop: BaseException, message: str, code: int) -> None:
+def _end(stop: BaseException, number: int) -> None:
     """Exit with one line, which says what the work folder keeps: the outermost, whose note comes last."""
-    message = "; ".join([message, *getattr(stop, "__notes__", [])[-1:]])
+    kept = getattr(stop, "__notes__", [])[-1:]
     if is_supervised():
-        record(line=message)
+        record(ended=number, kept=kept)
         with suppress(OSError):
             sys.stdout.flush()
         atexit._run_exitfuncs()
-        os._exit(code)  # no more: Taichi would write its kernels, and a kill meanwhile leave its lock
-    _fail(message, code)
+        os._exit(128 + number)  # no more: Taichi would write its kernels, and a kill meanwhile leave its lock
+    _fail("; ".join([ended_by(number), *kept]), 128 + number)
 
 
 def _fail(message: str, code: int) -> None:
