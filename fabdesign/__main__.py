@@ -19,7 +19,8 @@ def _import_nothing_of_the_user() -> None:
     if sys.flags.safe_path:
         return
     with suppress(OSError):  # a folder that is gone
-        if os.path.samefile(sys.path[0] or os.curdir, os.path.dirname(os.path.dirname(__file__))):
+        # not pathlib, which takes its time
+        if os.path.samefile(sys.path[0] or os.curdir, f"{os.path.dirname(__file__)}/.."):  # noqa: PTH120, PTH121
             return
     del sys.path[0]  # that folder, or that of the console script
     os.environ.setdefault("PYTHONSAFEPATH", "1")

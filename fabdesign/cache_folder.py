@@ -4,6 +4,7 @@ Homes are read-only in containers, and on clusters that run jobs for others. Tai
 Numba with an error. All three take the place from XDG_CACHE_HOME, Matplotlib its settings from MPLCONFIGDIR.
 """
 
+import errno
 import os
 import stat
 import sys
@@ -56,8 +57,8 @@ def _is_writable(folder: Path) -> bool:
         with tempfile.TemporaryFile(dir=folder) as file:
             file.write(bytes(_ROOM))
         return True
-    except OSError:
-        return False
+    except OSError as error:
+        return error.errno == errno.EFBIG  # a limit that holds in any folder
 
 
 def _temporary() -> Path:

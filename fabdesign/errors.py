@@ -1,6 +1,7 @@
 """The exceptions that a user is meant to read, and notes on what was read."""
 
 import numbers
+import re
 import sys
 import warnings
 from typing import Any
@@ -24,6 +25,15 @@ EXTRAS = {
     "mcap": "ros",
     "mcap_ros2": "ros",
 }
+
+
+# what would command a terminal, break a line or turn the order of letters, but for tabs and ends of lines
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+
+
+def printable(text: str) -> str:
+    """Return a text with such characters as escapes: names in files of others may hold them."""
+    return CONTROL.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 class InputError(ValueError):

@@ -24,7 +24,7 @@ from fabdesign.cli import (  # noqa: F401 their commands join the group
     training,
     viewing,
 )
-from fabdesign.cli.console import commands, notes_told
+from fabdesign.cli.console import commands, notes_told, tell
 from fabdesign.errors import EXTRAS, InputError, SimulationError, needs
 from fabdesign.shortage import line_of
 from fabdesign.supervisor import SIGNALS, ended_by, is_supervised, record
@@ -145,5 +145,5 @@ def _end(stop: BaseException, number: int) -> None:
 
 
 def _fail(message: str, code: int) -> None:
-    click.echo(f"fabdesign: {' '.join(message.split())}", err=True)
+    tell(f"fabdesign: {' '.join(message.split())}")
     sys.exit(code)
