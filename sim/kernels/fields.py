@@ -96,7 +96,7 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
         kept["offline_cache_file_path"] = _wide_folder()
     remove_stale_lock(Path(kept.get("offline_cache_file_path") or _folder()))
     with not_counted(), contextlib.redirect_stdout(io.StringIO()):
-        ti.init(arch=ti.cpu, default_fp=ti.f32, advanced_optimization=False, **kept)
+        ti.init(arch=ti.cpu, default_fp=ti.f32, advanced_optimization=False, log_level=ti.CRITICAL, **kept)
     F.__dict__.update(sizes.__dict__, blocks=blocks, declared=declared)
     try:
         _make_fields(sizes, blocks)
