@@ -27,8 +27,8 @@ EXTRAS = {
 }
 
 
-# what would command a terminal, break a line or turn the order of letters, but for tabs and ends of lines
-CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]")
+# what would command a terminal, break a line or turn the order of letters, or is no letter; not tabs and ends of lines
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
 def printable(text: str) -> str:
