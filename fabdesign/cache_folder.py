@@ -1,9 +1,10 @@
-"""A folder for what Taichi, Numba and Matplotlib compile and keep, where the user's own cannot be written.
+"""A folder for what Taichi, Numba and Matplotlib compile and keep, where the user's own cannot be written, or is full.
 
 Homes are read-only in containers, and on clusters that run jobs for others. Taichi then ends with a segmentation fault,
 Numba with an error. All three take the place from XDG_CACHE_HOME, Matplotlib its settings from MPLCONFIGDIR.
 """
 
+import errno
 import os
 import stat
 import sys
@@ -15,6 +16,7 @@ from pathlib import Path
 from fabdesign.errors import InputError, note
 
 _STALE = 60.0  # s
+_ROOM = 1_000_000  # bytes: Matplotlib's list of fonts has some 100 kB
 
 
 def ensure_cache_folder() -> None:
@@ -49,13 +51,14 @@ def remove_stale_lock(folder: Path) -> None:
 
 
 def _is_writable(folder: Path) -> bool:
-    """Return whether files can be made in the folder, which is made where it is not there."""
+    """Return whether files can be written in the folder, which is made where it is not there, and hold something."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            return True
-    except OSError:
-        return False
+        with tempfile.TemporaryFile(dir=folder) as file:
+            file.write(bytes(_ROOM))
+        return True
+    except OSError as error:
+        return error.errno == errno.EFBIG  # a limit that holds in any folder
 
 
 def _temporary() -> Path:

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from math import isfinite
 from pathlib import Path
-from typing import NoReturn
 
 from fabdesign.bounded_file import decode_any, read_bytes
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, note
 from fabdesign.output import write_text
 from fabdesign.toml_file import LARGEST_TEXT
 
@@ -83,28 +82,29 @@ def is_number(cell: str) -> bool:
     return cell.isascii() and "_" not in cell
 
 
-def doubtful_comma(rows: Iterable[tuple[int, Sequence[str]]], mark: str | None) -> tuple[int, str] | None:
-    """The line and text of the first number with a comma, where commas may part thousands: all have three digits
-    behind them, and blanks or commas part the columns or numbers without a comma stand in the same column."""
+def require_decimal_commas(path: Path, rows: Iterable[tuple[int, Sequence[str]]], mark: str | None) -> None:
+    """Raise InputError where commas in numbers may part thousands: all have three digits behind them, and blanks or
+    commas part the columns, or numbers without a comma stand in the same column. Elsewhere semicolons or tabs say that
+    they are decimal; where all have three digits, a note says how they are read."""
     first, plain, columns = None, set(), set()
     for line, row in rows:
         for i, cell in enumerate(row):
             if _WITH_COMMA.fullmatch(cell):
                 if not _THOUSANDS.fullmatch(cell):
-                    return None
-                first = first or (line, cell)
+                    return
+                first = first or (f"{path} line {line}: {cell!r}", cell.replace(",", ""), cell.replace(",", "."))
                 columns.add(i)
             elif is_number(cell):
                 plain.add(i)
-    return first if mark in (None, " ", ",") or columns & plain else None
-
-
-def refuse_comma(path: Path, line: int, cell: str) -> NoReturn:
-    """Raise InputError for what `doubtful_comma` gives."""
-    raise InputError(
-        f"{path} line {line}: {cell!r} may be {cell.replace(',', '')} or {cell.replace(',', '.')}; expected numbers "
-        "without commas, or semicolons between the columns and as many decimals in every number"
-    )
+    if first is None:
+        return
+    where, thousands, decimal_comma = first
+    if mark in (None, " ", ",") or columns & plain:
+        raise InputError(
+            f"{where} may be {thousands} or {decimal_comma}; expected numbers without commas, or semicolons between "
+            "the columns and as many decimals in every number"
+        )
+    note(f"{where} is read as {decimal_comma}, and so are all commas")
 
 
 def separator(header: str) -> str:
@@ -129,8 +129,7 @@ def _with_points(table: RawTable, path: Path) -> RawTable:
     if not with_comma:
         return table
     commas = with_comma[0]
-    if (doubtful := doubtful_comma(table.rows, table.mark)) is not None:
-        refuse_comma(path, *doubtful)
+    require_decimal_commas(path, table.rows, table.mark)
     points = next(((line, cell) for line, row in table.rows for cell in row if _WITH_POINT.fullmatch(cell)), None)
     if points is not None:
         raise InputError(

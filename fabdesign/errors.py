@@ -1,6 +1,8 @@
 """The exceptions that a user is meant to read, and notes on what was read."""
 
 import numbers
+import re
+import sys
 import warnings
 from typing import Any
 
@@ -23,6 +25,15 @@ EXTRAS = {
     "mcap": "ros",
     "mcap_ros2": "ros",
 }
+
+
+# what would command a terminal, break a line or turn the order of letters, or is no letter; not tabs and ends of lines
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+
+
+def printable(text: str) -> str:
+    """Return a text with such characters as escapes: names in files of others may hold them."""
+    return CONTROL.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
 class InputError(ValueError):
@@ -49,6 +60,20 @@ def require_number(name: str, value: Any, least: float, most: float, *, whole: b
     if not number or not least <= value <= most:
         kind = " whole" if whole else ""
         raise InputError(f"{name} is {value!r}; expected a{kind} number from {least:g} to {most:g}{unit}")
+
+
+def why_not_loaded(error: ImportError) -> str:
+    """Return what to do about a package that is there and does not load, after a semicolon; nothing where that is not
+    known: a bare machine lacks a library, or a file of the user is loaded in place of a module."""
+    import sysconfig
+
+    if "libX11" in str(error):
+        return "; on Debian: apt install libx11-6"
+    name = (error.name or "").partition(".")[0]
+    if name not in sys.stdlib_module_names or (file := getattr(sys.modules.get(name), "__file__", None)) is None:
+        return ""
+    standard = file.startswith(sysconfig.get_path("stdlib"))
+    return "" if standard else f"; {file} is loaded in place of Python's {name}: expected another name"
 
 
 def needs(error: ModuleNotFoundError) -> str:

@@ -23,6 +23,7 @@ from fabdesign.errors import InputError
 Array = NDArray[np.float64]
 LARGEST = 600_000_000  # bytes of the file, and of its points: some hundred clouds of four sensors
 _SCHEMAS = ("sensor_msgs/msg/PointCloud2", "sensor_msgs/PointCloud2")
+_CHUNK_SIZE = 25  # bytes into a chunk's record, where its unpacked size stands: as its index may not say
 _ENCAPSULATION = 4  # bytes before a message in CDR; a cloud's stamp follows: seconds and nanoseconds
 _TYPES = {7: "f4", 8: "f8"}  # of a field, that coordinates may have
 
@@ -79,6 +80,7 @@ def _messages(path: Path) -> Iterator[tuple[str, Any, Callable[[], Any]]]:
         named = {f"{c.topic} ({kinds.get(c.schema_id, 'no schema')})" for c in summary.channels.values()}
         held = ", ".join(sorted(named)[:5]) or held
         topics = [c.topic for c in summary.channels.values() if kinds.get(c.schema_id) in _SCHEMAS]
+        _require_bounded(content, summary, topics, path)
         factory = DecoderFactory()
         for schema, channel, record in reader.iter_messages(topics=topics) if topics else ():
             with redirect_stderr(io.StringIO()):  # it prints what it meets in a schema
@@ -93,6 +95,18 @@ def _messages(path: Path) -> Iterator[tuple[str, Any, Callable[[], Any]]]:
         raise _unreadable(path, error) from None
     if not count:
         raise InputError(f"{path}: holds {held}; expected clouds, {_SCHEMAS[0]}")
+
+
+def _require_bounded(content: bytes, summary: Any, topics: list[str], path: Path) -> None:
+    """Raise InputError where the chunks of these topics unpack to too much, before any is unpacked."""
+    numbers = {number for number, channel in summary.channels.items() if channel.topic in topics}
+    size = sum(
+        max(index.uncompressed_size, *struct.unpack_from("<Q", content, index.chunk_start_offset + _CHUNK_SIZE))
+        for index in summary.chunk_indexes
+        if not index.message_index_offsets or numbers & index.message_index_offsets.keys()
+    )
+    if size > LARGEST:
+        raise InputError(f"{path}: its clouds unpack to {size / 1e6:.0f} MB; expected at most {LARGEST / 1e6:.0f} MB")
 
 
 def _decoded(decode: Callable[[bytes], Any], data: bytes, path: Path) -> Any:
@@ -123,6 +137,9 @@ def points_of(message: Any, what: str) -> Array:
     fields = {getattr(field, "name", None): field for field in listed}
     if not {"x", "y", "z"} <= fields.keys():
         raise InputError(f"{what}: a cloud has {', '.join(map(str, fields)) or 'no fields'}; expected x, y and z")
+    names = [getattr(field, "name", None) for field in listed]
+    if any(names.count(name) > 1 or getattr(fields[name], "count", -1) not in (0, 1) for name in "xyz"):
+        raise InputError(f"{what}: a cloud has x, y or z more than once; expected one number each")
     offsets = [getattr(fields[name], "offset", -1) for name in "xyz"]
     kinds = [getattr(fields[name], "datatype", -1) for name in "xyz"]
     if not all(map(_is_size, offsets)) or not all(kind in tuple(_TYPES) for kind in kinds):

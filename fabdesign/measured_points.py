@@ -19,6 +19,7 @@ _CENTIMETRES = 100.0  # cloth sizes, below which hundredths are likelier than th
 _BEYOND = 3.0  # cloth sizes from the middle of the cloud: no point of the cloth
 _ALONE = 100.0  # median distances from the middle, beyond which no shape's own points lie, where no size is known
 _FULL = 0.97  # of the range of integers
+_LARGEST = 1e5  # of a coordinate in any unit: 100 m in millimetres
 _REPEATED, _REPEATED_SHARE = 8, 0.01  # points at exactly one place, which a measured surface never has
 
 
@@ -66,7 +67,8 @@ def sound_points(
     kept = finite & depth
     near = np.ones(len(points), dtype=bool)
     if kept.any():
-        off = np.linalg.norm(points - np.median(points[kept], axis=0), axis=1)
+        with np.errstate(over="ignore"):  # far is far
+            off = np.linalg.norm(points - np.median(points[kept], axis=0), axis=1)
         far = kept & (off > (_BEYOND * size if size is not None else _ALONE * np.median(off[kept])))
         if far.sum() <= len(points) / 2:  # else it is the unit: `require_cloud` says so
             near = ~far
@@ -82,7 +84,7 @@ def require_cloud(points: Points, where: str, *, size: float | None = None) -> N
     """Raise InputError unless `points` is an (n, 3) cloud in m with n > 0 and finite coordinates.
 
     size: the cloth's longer side [m], 1 m where it is not known; a cloud ten times as far away is taken to be in
-    another unit.
+    another unit; one with a coordinate of over 1e5 is none, whatever its unit.
     """
     _require_points(points, where)
     if within_reach(points, size=size):
@@ -90,6 +92,9 @@ def require_cloud(points: Points, where: str, *, size: float | None = None) -> N
     bad = ~np.isfinite(points).all(axis=1)
     if bad.any():
         raise InputError(f"{where}: {int(bad.sum())} of {len(points)} points are not finite; expected metres")
+    largest = float(np.abs(points).max())
+    if not largest <= _LARGEST:
+        raise InputError(f"{where}: a coordinate is {largest:.4g}; expected at most {_LARGEST:g} in any unit")
     distance = float(np.median(np.linalg.norm(points, axis=1)))
     if distance > _FAR * (size or 1.0):
         unit = "centimetres" if size is not None and distance < _CENTIMETRES * size else "millimetres"
@@ -116,7 +121,7 @@ def require_room(points: NDArray[Any], where: str) -> None:
 def within_reach(points: Points, *, size: float | None = None) -> bool:
     """Whether every point (n, 3) m is finite and so near that nothing of `require_cloud` can fail but their number."""
     largest = max(float(points.max(initial=0.0)), -float(points.min(initial=0.0)))  # NaN where a point has one
-    return largest < _FAR * (size or 1.0) / 2  # of the three coordinates the root of three is the most
+    return largest < min(_FAR * (size or 1.0), _LARGEST) / 2  # of the three coordinates the root of three is the most
 
 
 def _require_points(points: Points, where: str) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.effort import LONGEST
 from fabdesign.errors import InputError
 from fabdesign.laced_muscles import LacedMuscles
 from fabdesign.npz_file import NpzArrays, open_npz
@@ -27,6 +28,7 @@ class MotionData:
     band: NDArray[np.float64] | None = None  # (T, 3, 3) m, half-widths of 90 % intervals by region; None: not known
 
 
+_FARTHEST = 100.0  # m, of what can be no cloth
 # optional arrays of a motion's file, by the field of LacedMuscles
 _OF_MUSCLES = {
     "points": "muscle_points",
@@ -82,6 +84,8 @@ def read_motion(path: Path) -> MotionData:
     time = time.astype(np.float64)
     if not np.isfinite(time).all() or (np.diff(time) <= 0).any():
         raise InputError(f"{path}: time does not rise frame by frame")
+    if time[-1] - time[0] > LONGEST:
+        raise InputError(f"{path}: time spans {time[-1] - time[0]:g} s; expected at most {LONGEST:g} s (is it in ms?)")
     if triangles is None:
         square = 2 * isqrt(count // 2) ** 2 == count and count >= 8
         return MotionData(time, points, square_triangles(count) if square else None, size, muscles)
@@ -116,6 +120,9 @@ def _points(arrays: NpzArrays, path: Path) -> NDArray[np.float32]:
     bad = ~np.isfinite(points).all(axis=(1, 2))
     if bad.any():
         raise InputError(f"{path}: {int(bad.sum())} of {len(points)} frames are not finite; expected metres")
+    farthest = float(np.abs(points).max())
+    if farthest > _FARTHEST:
+        raise InputError(f"{path}: points lie up to {farthest:.4g} m away; expected metres, at most {_FARTHEST:g}")
     return points.astype(np.float32, copy=False)
 
 

@@ -87,6 +87,8 @@ def open_npz(path: Path, expected: str) -> Iterator[NpzArrays]:
             archive = np.load(stream, allow_pickle=False)
         except Exception:  # numpy and zipfile raise whatever they meet
             raise _damaged(path, expected) from None
+        if repeated := next((name for name in archive.files if archive.files.count(name) > 1), None):
+            raise InputError(f"{path}: has the array {repeated} twice; expected each once")
         _require_small(archive.zip, path, expected)
         yield NpzArrays(archive, path, expected)
 

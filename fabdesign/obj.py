@@ -29,7 +29,7 @@ def read_obj(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     require_few(text.count("\n"), path, "lines")
     vertices: list[tuple[float, ...]] = []
     triangles: list[tuple[int, int, int]] = []
-    lines = False
+    lines = weighted = False
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split("#", 1)[0].split()
         if not words or words[0] in _OTHER:
@@ -38,6 +38,7 @@ def read_obj(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         try:
             if words[0] == "v" and len(words) in (4, 5, 7, 8):  # with a weight, with a colour
                 vertices.append(tuple(map(float, words[1:4])))
+                weighted |= len(words) == 5 and float(words[4]) != 1
             elif words[0] == "f" and len(words) > 3:
                 corners = [_corner(word, len(vertices)) for word in words[1:]]
                 triangles += [(corners[0], b, c) for b, c in pairwise(corners[1:])]
@@ -45,6 +46,8 @@ def read_obj(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
                 _refuse(path, number, line)
         except ValueError:
             _refuse(path, number, line)
+    if weighted:
+        raise InputError(f"{path}: has vertices whose weight is not 1: x, y, z may be meant divided by it; expected 1")
     if not vertices:
         raise InputError(f"{path}: has no vertices; expected a sound OBJ")
     if lines and not triangles:

@@ -15,6 +15,7 @@ from fabdesign.errors import InputError
 
 _KINDS = {"F4": "f4", "F8": "f8", **{f"{t}{n}": f"{t.lower()}{n}" for t in "IU" for n in (1, 2, 4, 8)}}
 _KEYS = {"VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"}
+_NO_VIEWPOINT = ["0", "0", "0", "1", "0", "0", "0"]  # a translation and a quaternion
 _LONGEST_HEADER = 65536  # bytes
 
 
@@ -34,9 +35,10 @@ class _Header:
 
 
 def read_pcd(path: Path | str) -> NDArray[np.float64]:
-    """(n, 3) points in the file's unit, NaN where the sensor saw nothing; the viewpoint is not applied.
+    """(n, 3) points in the file's unit, NaN where the sensor saw nothing.
 
-    Raises InputError, with one line, for anything that is not exactly a sound file.
+    Raises InputError, with one line, for anything that is not exactly a sound file, and for a viewpoint: some programs
+    move the points by it, others have moved them before they wrote it.
     """
     path = Path(path)
     content = read_bytes(path, "a PCD")
@@ -83,6 +85,16 @@ def _header(content: bytes, path: Path) -> _Header:
         _refuse(path, "its fields are not x, y, z")
     if any(counts[names.index(axis)] != "1" for axis in "xyz"):
         _refuse(path, "its fields x, y, z are not one number each")
+    viewpoint = values.get("VIEWPOINT", _NO_VIEWPOINT)
+    try:
+        moved = len(viewpoint) != 7 or [*map(float, viewpoint)] != [*map(float, _NO_VIEWPOINT)]
+    except ValueError:
+        moved = True
+    if moved:
+        raise InputError(
+            f"{path}: VIEWPOINT is {' '.join(viewpoint)[:60]}, by which the points may or may not be moved; expected "
+            f"{' '.join(_NO_VIEWPOINT)}, with points that lie where they are"
+        )
     if not values.get("WIDTH") or not values.get("HEIGHT"):
         _refuse(path, "its header has no width and height")
     points = int(values["WIDTH"][0]) * int(values["HEIGHT"][0])

@@ -98,6 +98,8 @@ def _header(content: bytes, path: Path) -> tuple[str, list[Element], int]:
                 refuse(path, f'its header has the line "{" ".join(words)[:60]}"')
     if order is None:
         refuse(path, "its header names no format")
+    if len({element.name for element in elements}) < len(elements):
+        refuse(path, "its header has two elements of one name")
     for element in elements:
         names = [p.name for p in element.properties]
         if not names or len(set(names)) < len(names):

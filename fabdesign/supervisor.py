@@ -2,9 +2,10 @@
 
 Python runs a signal's handler between two of its own instructions, and Taichi holds Python's lock for as long as it
 compiles, which may be many seconds: no handler and no thread of that process can answer meanwhile. So the program forks
-before it loads anything. The parent hands SIGINT, SIGTERM and SIGHUP on to the child. Where the child has not ended
-after GRACE, or the same signal comes again, the parent kills it, and gives up for it what it has left unfinished. The
-line that says so, and the exit code, are the parent's. The child ends with its parent, whatever ends that.
+before it loads anything. The parent hands the signals that ask a program to end on to the child. Where the child has
+not ended after GRACE, or the same signal comes again, the parent kills it and what it had started, and gives up for it
+what it has left unfinished. The line that says so, and the exit code, are the parent's. The child ends with its parent,
+whatever ends that.
 
 Until `supervised` is called an interrupt is shown by Python, as a traceback: what is imported here loads in no time.
 """
@@ -17,9 +18,10 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 
 GRACE = 1.2  # s that a child has to end by itself
-SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+_ASK = ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGUSR1", "SIGUSR2", "SIGALRM", "SIGXCPU")  # to end
+SIGNALS = [getattr(signal, name) for name in _ASK if hasattr(signal, name)]
 GiveUp = Callable[[list[dict[str, object]]], list[str]]
-_DIES_WITH_PARENT = 1  # PR_SET_PDEATHSIG
+_DIES_WITH_PARENT, _ADOPTS = 1, 36  # PR_SET_PDEATHSIG; PR_SET_CHILD_SUBREAPER
 _shared: list[int] = []  # in a child: the file in memory that its parent reads when it has ended
 
 
@@ -58,7 +60,8 @@ def is_supervised() -> bool:
 
 def record(**content: object) -> None:
     """Leave a record for the parent, which reads all of them when this process has ended; nothing without a parent.
-    `line`: what to say at the end. Others are for `give_up`."""
+    `ended`: the signal that this process ends by itself for, and `kept`: what to say of its work folders. Others are
+    for `give_up`."""
     if _shared:
         import json
 
@@ -92,16 +95,21 @@ def uninterrupted() -> Iterator[None]:
         signal.raise_signal(signal.SIGINT)
 
 
-def _die_with(parent: int) -> None:
+def _set(option: int, value: int) -> None:
     import ctypes
 
-    ctypes.CDLL(None).prctl(_DIES_WITH_PARENT, int(signal.SIGKILL))
+    ctypes.CDLL(None).prctl(option, value)
+
+
+def _die_with(parent: int) -> None:
+    _set(_DIES_WITH_PARENT, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(1)
 
 
 def _wait(child: int, answered: Iterable[int], shared: int, give_up: GiveUp) -> int:
     """Wait until the child has ended, answer signals, and return this process's exit code."""
+    _set(_ADOPTS, 1)
     asked, end = 0, 0.0
     while True:
         rest = max(0.0, end - time.monotonic()) if asked else 3600.0
@@ -122,22 +130,36 @@ def _wait(child: int, answered: Iterable[int], shared: int, give_up: GiveUp) -> 
 
     code = os.waitstatus_to_exitcode(status)
     records = [json.loads(line) for line in os.pread(shared, os.fstat(shared).st_size, 0).splitlines()]
-    lines = [one["line"] for one in records if "line" in one][-1:]
-    if asked or code < 0:
-        try:
-            kept = give_up(records)  # what the child has not given up itself
-        except Exception as error:  # the line must come whatever is wrong with the disk
-            kept = [f"unfinished output is left ({error})"]
-        hint = " (where memory is short the system does that)" if not asked and code == -signal.SIGKILL else ""
-        lines = lines or ["; ".join([ended_by(asked or -code) + hint, *kept])]
-        code = 128 + (asked or -code)
-    for line in lines:
-        _say(line)
-    return code
+    ends = [one for one in records if "ended" in one][-1:]
+    number = asked or (ends[0]["ended"] if ends else max(-code, 0))  # of several signals the first that came here
+    if not number:
+        return code
+    with contextlib.suppress(OSError):  # a kernel that does not list them
+        _kill_adopted()
+    try:
+        kept = give_up(records)  # what the child has not given up itself
+    except Exception as error:  # the line must come whatever is wrong with the disk
+        kept = [f"unfinished output is left ({error})"]
+    hint = " (where memory is short the system does that)" if not asked and code == -signal.SIGKILL else ""
+    _say("; ".join([ended_by(number) + hint, *(ends[0]["kept"] if ends else kept)]))
+    return 128 + int(number)
+
+
+def _kill_adopted() -> None:
+    """Kill what an ended child has left at work: processes of this group, which a browser that was opened is not."""
+    from pathlib import Path
+
+    listed = Path(f"/proc/self/task/{os.getpid()}/children")
+    while ours := [child for child in map(int, listed.read_text().split()) if os.getpgid(child) == os.getpgrp()]:
+        for child in ours:
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
 
 
 def _say(line: str) -> None:
+    from fabdesign.errors import printable
+
     # a progress bar has hidden the cursor and stands where ^C was shown
     terminal = "\r\x1b[K\x1b[?25h" if os.isatty(2) else ""
     with contextlib.suppress(OSError):  # nobody reads
-        os.write(2, f"{terminal}fabdesign: {' '.join(line.split())}\n".encode(errors="replace"))
+        os.write(2, f"{terminal}fabdesign: {printable(' '.join(line.split()))}\n".encode(errors="replace"))

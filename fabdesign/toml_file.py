@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fabdesign.bounded_file import decode, read_bytes
-from fabdesign.errors import InputError
+from fabdesign.errors import CONTROL, InputError
 
 LARGEST_TEXT = 50_000_000  # bytes: a table of some million rows
 LARGEST_TOML = 2_000_000
@@ -27,13 +27,30 @@ def parse_toml(path: Path) -> dict[str, Any]:
     if (longest := max(map(len, text.splitlines()), default=0)) > _LONGEST_LINE:
         raise InputError(f"{path}: has a line of {longest} characters; expected at most {_LONGEST_LINE}")
     try:
-        return tomllib.loads(text, parse_float=Decimal)
+        content = tomllib.loads(text, parse_float=Decimal)
     except (ValueError, ArithmeticError) as error:  # of the grammar, or numbers of thousands of digits
         if isinstance(error, InputError):
             raise
         raise InputError(f"{path}: is not sound TOML: {' '.join(str(error).split())}") from None
     except RecursionError:
         raise InputError(f"{path}: is not sound TOML: nested too deep") from None
+    _require_no_control(content, path)
+    return content
+
+
+def _require_no_control(content: dict[str, Any], path: Path) -> None:
+    """Raise InputError for a text that would command a terminal, or break the lines of what it is written to."""
+    remaining: list[Any] = [content]
+    while remaining:
+        value = remaining.pop()
+        if isinstance(value, dict):
+            if bad := next((key for key in value if CONTROL.search(key) or "\n" in key or "\t" in key), None):
+                raise InputError(f"{path}: the key {bad[:40]!a} has control characters; expected none")
+            remaining += value.values()
+        elif isinstance(value, list):
+            remaining += value
+        elif isinstance(value, str) and CONTROL.search(value):
+            raise InputError(f"{path}: the text {value[:40]!a} has control characters; expected none")
 
 
 def file_name(text: str, where: str) -> str:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.bounded_file import LARGEST, decode_any, read_bytes, require_few
-from fabdesign.csv_table import doubtful_comma, is_number, refuse_comma, separator, without_separator_line
+from fabdesign.csv_table import is_number, require_decimal_commas, separator, without_separator_line
 from fabdesign.errors import InputError, note
 from fabdesign.headings import parse_heading, parse_units_row
 from fabdesign.placement import Unit
@@ -141,9 +141,7 @@ def _unit(path: Path, header: tuple[int, str], symbols: list[str | None]) -> Uni
 
 def _numbers(path: Path, lines: Lines, mark: str | None, width: int, columns: list[int]) -> NDArray[np.float64]:
     if mark != "," and any("," in line for _, line in lines):  # else they part the cells
-        doubtful = doubtful_comma(((number, _split(line, mark)) for number, line in lines), mark)
-        if doubtful is not None:
-            refuse_comma(path, *doubtful)
+        require_decimal_commas(path, ((number, _split(line, mark)) for number, line in lines), mark)
         lines = [(number, line.replace(",", ".")) for number, line in lines]
     counted = mark is not None and all(line.count(mark) == width - 1 for _, line in lines)
     try:

@@ -121,6 +121,45 @@ def test_what_was_not_begun_leaves_no_folder(place: Path) -> None:
     assert made(place) == {"begun"}
 
 
+def test_the_first_signal_names_the_end(place: Path) -> None:
+    kept = "; out keeps what was done, and the same command goes on from there\n"
+    process = start(["deaf", "computes"], place, ("-c", DEAF))
+    while not (place / "begun").exists():
+        time.sleep(0.02)
+    for number in (signal.SIGTERM, signal.SIGINT):
+        os.killpg(process.pid, number)
+        time.sleep(0.1)  # of two that wait the system gives the lower number first
+    _, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (143, f"fabdesign: terminated by SIGTERM{kept}")
+
+
+@pytest.mark.parametrize("number", [signal.SIGQUIT, signal.SIGUSR1, signal.SIGXCPU], ids=lambda number: number.name)
+def test_every_signal_that_asks_to_end_leaves_nothing(number: signal.Signals, place: Path) -> None:
+    code, err, _ = deaf("idle", place, 1, number)
+    assert (code, err) == (128 + number, f"fabdesign: terminated by {number.name}\n")
+    assert made(place) == {"begun"}
+
+
+STARTING = """
+        import subprocess
+        for apart in (False, True):  # as a browser is, which stays
+            subprocess.Popen("exec sleep 60 >/dev/null 2>&1", shell=True, start_new_session=apart)
+        pathlib.Path("all").touch()
+"""
+
+
+def test_what_a_killed_command_had_started_ends_with_it(place: Path) -> None:
+    process = start(["deaf", "computes"], place, ("-c", DEAF.replace("        any(", f"{STARTING}        any(")))
+    while not (place / "all").exists():
+        assert process.poll() is None
+        time.sleep(0.02)
+    _, *sleeping = descendants(process.pid)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=60)
+    assert [Path(f"/proc/{child}").exists() for child in sleeping] == [False, True]
+    os.kill(sleeping[1], signal.SIGKILL)
+
+
 def test_who_does_the_work_ends_with_the_program_and_is_missed(place: Path) -> None:
     process = start(["deaf", "computes"], place, ("-c", DEAF))
     while not (place / "begun").exists():

@@ -144,3 +144,23 @@ def test_a_recording_lies_in_an_mcap(recording: Recording, tmp_path: Path) -> No
     file.write_text(text)
     with pytest.raises(InputError, match='expected mcap = "FILE", where a sensor has a topic'):
         read_recording(other)
+
+
+def test_a_coordinate_that_is_there_twice_is_refused(tmp_path: Path) -> None:
+    sound = message(POINTS[0])
+    x = sound["fields"][0]
+    for fields in ([*sound["fields"], x | {"offset": 4}], [x | {"count": 3}, *sound["fields"][1:]]):
+        path = write(tmp_path / "a.mcap", [("/left", sound | {"fields": fields})])
+        with pytest.raises(InputError, match="x, y or z more than once"):
+            read_mcap(path)
+
+
+def test_chunks_that_unpack_to_gigabytes_are_refused_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = write(tmp_path / "a.mcap", [("/left", message(POINTS[0]))])
+    content = bytearray(path.read_bytes())
+    at = content.index(b"zstd") - 16  # the length of the name, a checksum and the unpacked size stand before it
+    content[at : at + 8] = (2_000_000_000).to_bytes(8, "little")  # the index still says the sound one
+    path.write_bytes(content)
+    monkeypatch.setattr("mcap.reader.breakup_chunk", lambda *_, **__: pytest.fail("it was unpacked"))
+    with pytest.raises(InputError, match="clouds unpack to 2000 MB; expected at most 600 MB"):
+        read_mcap(path)

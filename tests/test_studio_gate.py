@@ -112,7 +112,8 @@ def test_what_cannot_be_read_is_a_400(gate: Gate, capfd: pytest.CaptureFixture[s
         assert status(port, Host=f"127.0.0.1:{port}\nHost: evil.example", **secret) == 400
         assert status(port, Origin=f"http://127.0.0.1:{port}\nOrigin: http://evil.example", **secret) == 400
     assert request(port, "GET / HTTP/1.1").startswith("HTTP/1.1 400")  # no Host
-    assert status(port, "//[?token=", Cookie=cookie) == 404
+    for path in ("//[?token=", f"/{'a' * 5000}", f"/{'a/' * 3000}", "/a%00b", "/a\0b"):
+        assert status(port, path, Cookie=cookie) == 404
     assert request(port, "\x16\x03\x01") == ""  # no request at all
     assert capfd.readouterr() == ("", "")
 

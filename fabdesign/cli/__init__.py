@@ -1,13 +1,15 @@
 """The command line. Each command parses, calls one function and prints; heavy imports stay inside the commands."""
 
 import atexit
+import errno
 import os
 import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from io import TextIOWrapper
+from io import BufferedWriter, FileIO, TextIOWrapper
 from types import FrameType
+from typing import Any
 
 import click
 
@@ -22,7 +24,7 @@ from fabdesign.cli import (  # noqa: F401 their commands join the group
     training,
     viewing,
 )
-from fabdesign.cli.console import commands, notes_told
+from fabdesign.cli.console import commands, notes_told, tell
 from fabdesign.errors import EXTRAS, InputError, SimulationError, needs
 from fabdesign.shortage import line_of
 from fabdesign.supervisor import SIGNALS, ended_by, is_supervised, record
@@ -41,10 +43,14 @@ def main() -> None:
     by Ctrl-C and by SIGTERM, each with one line."""
     # before numpy: matrices are small here, and on a busy machine threads that wait for each other cost ten times them
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    _print_any_name()
+    printed = _lasting_streams()
     try:
         with _ended_by_signals(), notes_told():
             commands.main(prog_name="fabdesign", standalone_mode=False)
+        if printed is not None and (failure := printed.failure) is not None:
+            if failure.errno == errno.EPIPE:  # who read has seen enough
+                sys.exit(1)
+            _fail(f"standard output cannot be written ({failure.strerror}); expected room for it", 2)
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
         sys.exit(2)
@@ -59,19 +65,42 @@ def main() -> None:
             raise
         _fail(needs(error), 1)
     except Terminated as stop:
-        _end(stop, str(stop), 128 + stop.number)
+        _end(stop, stop.number)
     except (click.exceptions.Abort, KeyboardInterrupt) as stop:
-        _end(stop, ended_by(signal.SIGINT), 130)
+        _end(stop, signal.SIGINT)
     except (OSError, MemoryError, ImportError, RuntimeError, SystemError) as error:  # after Abort, a RuntimeError
         if (line := line_of(error)) is None:
             raise
         _fail(line, 2)
 
 
-def _print_any_name() -> None:
-    """Let standard output take names of files that its encoding does not have, as standard error does."""
-    if isinstance(sys.stdout, TextIOWrapper) and sys.stdout.errors == "strict":
-        sys.stdout.reconfigure(errors="backslashreplace")
+class _Lasting(FileIO):
+    """A standard stream whose failure ends nothing: a command goes on, and keeps what it has computed."""
+
+    failure: OSError | None = None
+
+    def write(self, content: Any) -> int:
+        try:
+            return super().write(content)
+        except OSError as error:
+            self.failure = error
+            return memoryview(content).nbytes
+
+
+def _lasting_streams() -> _Lasting | None:
+    """Put such streams in place of those of the system, which also take names of files that their encoding does not
+    have. Return that of standard output; None where it is another's."""
+    streams = {}
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        buffer = getattr(stream, "buffer", None)
+        if isinstance(getattr(buffer, "raw", buffer), FileIO):
+            stream.flush()
+            streams[name] = _Lasting(stream.fileno(), "w", closefd=False)
+            new = TextIOWrapper(BufferedWriter(streams[name]), stream.encoding, "backslashreplace", line_buffering=True)
+            setattr(sys, name, new)
+            setattr(sys, f"__{name}__", new)  # Taichi compares them
+    return streams.get("stdout")
 
 
 @contextmanager
@@ -103,18 +132,18 @@ def _ended_by_signals() -> Iterator[None]:
                 signal.signal(number, handler)
 
 
-def _end(stop: BaseException, message: str, code: int) -> None:
+def _end(stop: BaseException, number: int) -> None:
     """Exit with one line, which says what the work folder keeps: the outermost, whose note comes last."""
-    message = "; ".join([message, *getattr(stop, "__notes__", [])[-1:]])
+    kept = getattr(stop, "__notes__", [])[-1:]
     if is_supervised():
-        record(line=message)
+        record(ended=number, kept=kept)
         with suppress(OSError):
             sys.stdout.flush()
         atexit._run_exitfuncs()
-        os._exit(code)  # no more: Taichi would write its kernels, and a kill meanwhile leave its lock
-    _fail(message, code)
+        os._exit(128 + number)  # no more: Taichi would write its kernels, and a kill meanwhile leave its lock
+    _fail("; ".join([ended_by(number), *kept]), 128 + number)
 
 
 def _fail(message: str, code: int) -> None:
-    click.echo(f"fabdesign: {' '.join(message.split())}", err=True)
+    tell(f"fabdesign: {' '.join(message.split())}")
     sys.exit(code)

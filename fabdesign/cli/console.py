@@ -14,7 +14,7 @@ import click
 from fabdesign import __version__
 from fabdesign.cache_folder import ensure_cache_folder
 from fabdesign.effort import COARSEST, FINEST
-from fabdesign.errors import InputError, InputNote
+from fabdesign.errors import InputError, InputNote, printable
 from fabdesign.json_file import json_text
 
 if TYPE_CHECKING:
@@ -154,12 +154,12 @@ def commands() -> None:
 
 
 def print_result(result: Mapping[str, Any], text: str, as_json: bool) -> None:
-    click.echo(json_text(result) if as_json else text)
+    click.echo(json_text(result) if as_json else printable(text))
 
 
 def tell(line: str) -> None:
     """On standard error."""
-    click.echo(line, err=True)
+    click.echo(printable(line), err=True)
 
 
 def points_per_side(grid: int | None, model: "Model | None") -> int:

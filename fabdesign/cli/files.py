@@ -17,8 +17,9 @@ from fabdesign.cli.console import (
     json_option,
     print_result,
     target_options,
+    tell,
 )
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, printable
 from fabdesign.json_file import json_text
 from fabdesign.units import in_kpa
 
@@ -108,13 +109,13 @@ def check(files: tuple[Path, ...], how: "AsTarget", as_json: bool) -> None:
         click.echo(json_text({"files": listed}))
     for name, of in findings.items():
         for line in of.problems:
-            click.echo(f"fabdesign: {line}", err=True)
+            tell(f"fabdesign: {line}")
         for line in () if of.problems else of.warnings:  # what is not sound is mended first
-            click.echo(f"warning: {line}", err=True)
+            tell(f"warning: {line}")
         for line in () if of.problems else of.notes:
-            click.echo(f"note: {line}", err=True)
+            tell(f"note: {line}")
         if not of.problems and not as_json:
-            click.echo(f"{name}: sound" + _counted(of.warnings))
+            click.echo(printable(f"{name}: sound") + _counted(of.warnings))
     if any(of.problems for of in findings.values()):
         sys.exit(2)
 

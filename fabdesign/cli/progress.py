@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-import click
-
+from fabdesign.cli.console import tell
 from fabdesign.effort import duration
+from fabdesign.errors import printable
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -22,7 +22,7 @@ _PERIOD = 600.0  # s of steps that the time left is taken from: a step of a fit 
 def counted(verb: str, what: str = "trials") -> Iterator[Counter]:
     """A context in which things are counted, as in "predicted 3 of 8 trials"."""
     if not _on_terminal():
-        yield lambda done, total: click.echo(f"{verb} {done} of {total} {what}", err=True)
+        yield lambda done, total: tell(f"{verb} {done} of {total} {what}")
         return
     with bar() as shown:
         task = shown.add_task(verb, total=None)
@@ -46,9 +46,9 @@ def described(title: str, *, interval: float = 0.0) -> Iterator[Callable[[str, f
 
         def show(line: str, share: float | None) -> None:
             if share is None:
-                shown.console.print(line, highlight=False, markup=False, soft_wrap=True)
+                shown.console.print(printable(line), highlight=False, markup=False, soft_wrap=True)
             else:
-                shown.update(task, description=line, completed=share)
+                shown.update(task, description=printable(line), completed=share)
 
         yield show
 
@@ -67,7 +67,7 @@ class _Lines:
         elapsed = now - self._begin
         known = share is not None and 0 < share < 1 and elapsed > _SETTLED
         rest = f"; about {duration(elapsed * (1 / share - 1))} left" if known and share else ""
-        click.echo(line + rest, err=True)
+        tell(line + rest)
 
 
 def bar() -> "Progress":
@@ -76,7 +76,7 @@ def bar() -> "Progress":
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),  # names may look like it
         BarColumn(),
         TimeRemainingColumn(),
         TextColumn("left"),

@@ -214,7 +214,7 @@ def _shown(path: Path) -> Path:
         return path
     inner = parts[hidden + 1 :]  # new/NAME, where NAME is that of the goal; or piece
     goal_is_folder = parts[hidden] == PREFIX
-    return Path(*parts[:hidden], *(inner[2:] if goal_is_folder and inner[0] == "new" else inner[1:]))
+    return _shown(Path(*parts[:hidden], *(inner[2:] if goal_is_folder and inner[0] == "new" else inner[1:])))
 
 
 def _bytes_in(folder: Path) -> int:
@@ -283,11 +283,13 @@ def whole_file(path: Path | str, *, needed: int | None = None) -> Iterator[Path]
         yield temporary
         settle({temporary: path})
     except BaseException as error:
-        written = _size(temporary)
+        refusal = None
+        if isinstance(error, OSError) and concerns_disk(error):  # what is free is asked while the file takes its room
+            refusal = cannot_write(path, error, needed=needed, written=_size(temporary))
         temporary.unlink(missing_ok=True)
         unmake(made)
-        if isinstance(error, OSError) and concerns_disk(error):
-            raise cannot_write(path, error, needed=needed, written=written) from error
+        if refusal is not None:
+            raise refusal from error
         raise
 
 

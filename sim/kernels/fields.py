@@ -26,7 +26,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from fabdesign.cache_folder import ensure_cache_folder, remove_stale_lock, require_writable
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, why_not_loaded
 from fabdesign.working_time import not_counted
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
@@ -35,8 +35,8 @@ try:
     ensure_cache_folder()  # without one Taichi ends by a segmentation fault
     require_writable("TI_OFFLINE_CACHE_FILE_PATH")
     import taichi as ti
-except ImportError as error:  # a bare machine lacks libX11
-    raise InputError(f"cannot load taichi ({error}); on Debian: apt install libx11-6") from error
+except ImportError as error:
+    raise InputError(f"cannot load taichi ({error}){why_not_loaded(error)}") from error
 
 from sim import state  # after the error above
 from sim.kernels.devices import HIDDEN_STEPS, wanted
@@ -96,7 +96,7 @@ def allocate(nodes: int, points: int, modes: int, *, blocks: int) -> None:
         kept["offline_cache_file_path"] = _wide_folder()
     remove_stale_lock(Path(kept.get("offline_cache_file_path") or _folder()))
     with not_counted(), contextlib.redirect_stdout(io.StringIO()):
-        ti.init(arch=ti.cpu, default_fp=ti.f32, advanced_optimization=False, **kept)
+        ti.init(arch=ti.cpu, default_fp=ti.f32, advanced_optimization=False, log_level=ti.CRITICAL, **kept)
     F.__dict__.update(sizes.__dict__, blocks=blocks, declared=declared)
     try:
         _make_fields(sizes, blocks)

@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fabdesign.bench_file import read_record
 from fabdesign.bench_law_file import TABLES as TABLES_OF_LAWS
@@ -40,7 +41,7 @@ _STUDY = "fabdesign.study/1"  # whose file may leave the line out
 _DESIGN = "fabdesign.design/1"  # as may a file that designs include
 _FOLDERS = ("set.toml", "recording.toml", "bench.toml", "model.toml", "design.toml")
 _LARGEST = 10.0  # m across, of a cloud in metres
-_SLOW = 8.0  # s between a program's rows, from which milliseconds are likelier
+_SLOW = 8.0  # s between rows of a program or frames of a motion, from which milliseconds are likelier
 
 
 def inspect(path: Path, how: AsTarget = AS_GIVEN) -> Findings:
@@ -164,8 +165,7 @@ def _npz(path: Path, how: AsTarget) -> Findings:
     if trial:
         return _programs(read_trial(path).program, str(path))
     if dimensions == 3:
-        read_motion(path)
-        return Findings()
+        return Findings(warnings=tuple(_slow(read_motion(path).time, f"{path}: frames")))
     return _cloud(path, how)
 
 
@@ -230,10 +230,15 @@ def _programs(program: PressureProgram, where: str, *, measured_at: object = Non
     """What is implausible in set points."""
     largest = float(program.pressure.max(initial=0.0))
     lines = [*beyond("largest pressure", largest, PRESSURE)] if largest > 0 else []
-    gaps = np.diff(program.time)
-    if measured_at is None and len(gaps) and float(np.median(gaps)) >= _SLOW:
-        lines.append(f"rows lie {np.median(gaps):.4g} s apart; expected seconds (is it in ms?)")
+    if measured_at is None:
+        lines += _slow(program.time, "rows")
     return Findings(warnings=tuple(f"{where}: {line}" for line in lines))
+
+
+def _slow(time: NDArray[np.float64], what: str) -> list[str]:
+    """Return a line about times [s] of rows or frames that may be milliseconds."""
+    interval = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
+    return [f"{what} lie {interval:.4g} s apart; expected seconds (is it in ms?)"] if interval >= _SLOW else []
 
 
 _BY_FORMAT: Mapping[str, Callable[[Path], Findings]] = {

@@ -40,7 +40,7 @@ class LiveLine:
 
     def __init__(self, title: str) -> None:
         self._title, self._console = title, Console(stderr=True)
-        columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[left]}")
+        columns = TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[left]}")
         self._bar = Progress(*columns, console=self._console, transient=True) if self._console.is_terminal else None
         self._task = None if self._bar is None else self._bar.add_task(title, total=1.0, left="")
         self._shown = -QUIET_INTERVAL
@@ -49,7 +49,7 @@ class LiveLine:
     def show(self, evaluations: Evaluations) -> None:
         if evaluations.told != self._told:
             self._told = evaluations.told
-            self._console.print(f"{self._title}: {self._told}", highlight=False, soft_wrap=True)
+            self._console.print(f"{self._title}: {self._told}", highlight=False, markup=False, soft_wrap=True)
         best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.3f} mm"
         done = f"{evaluations.history.evaluations} evaluations, {evaluations.elapsed:.0f} s"
         left = f"{max(0.0, evaluations.seconds - evaluations.elapsed):.0f} s left at most"
@@ -62,7 +62,7 @@ class LiveLine:
             self._bar.update(self._task, description=line, completed=share, left=left)
         elif time.monotonic() - self._shown > QUIET_INTERVAL:
             self._shown = time.monotonic()
-            self._console.print(line, highlight=False, soft_wrap=True)
+            self._console.print(line, highlight=False, markup=False, soft_wrap=True)
 
     def __enter__(self) -> Self:
         if self._bar is not None:

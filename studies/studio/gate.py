@@ -81,8 +81,12 @@ class Gate:
 
     def answer(self, request: "Request", then: Callable[["Request"], "Response | None"]) -> "Response | None":
         """Return the response to a request, by `then` where it is let in; None opens a websocket."""
-        refusal = self._refusal(request)
-        response = then(self._inside(request)) if refusal is None else refusal
+        response = self._refusal(request)
+        if response is None:
+            try:
+                response = then(self._inside(request))
+            except (OSError, ValueError):  # a path that no file can have: too long, with a zero byte
+                response = _response(HTTPStatus.NOT_FOUND, "There is no such file.")
         if response is not None:
             for name, value in _HEADERS.items():
                 response.headers[name] = value

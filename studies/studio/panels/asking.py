@@ -21,6 +21,11 @@ def on_click(handle: Any, post: Post, then: Callable[[], None]) -> None:
     handle.on_click(lambda _: post(then))
 
 
+def markdown(text: str) -> str:
+    """Return Markdown without HTML, which viser would run: names of files and designs stand in it."""
+    return text.replace("<", "&lt;")
+
+
 def put(handle: Any, value: Any) -> None:
     """Show a value where it is another: what is being typed is not disturbed."""
     if handle.value != value:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from fabdesign.output import read_mark
-from studies.studio.panels.asking import Post, on_click, put
+from studies.studio.panels.asking import Post, markdown, on_click, put
 from studies.studio.session import Session
 
 
@@ -26,7 +26,7 @@ class FilePanel:
         session = self._session
         state = "unsaved changes, kept in an autosave" if session.document.changed else "nothing unsaved"
         undo = f"; undo: {session.document.next_undo}" if session.document.next_undo else ""
-        self._text.content = f"`{session.opened.file}`: {state}{undo}"
+        self._text.content = markdown(f"`{session.opened.file}`: {state}{undo}")
 
     def _save(self) -> None:
         folder = Path(self._folder.value.strip())
@@ -50,7 +50,7 @@ class FilePanel:
             return
         dialog = self._gui.add_modal("Replace what is there?")
         with dialog:
-            self._gui.add_markdown(f"{reason}.")
+            self._gui.add_markdown(markdown(f"{reason}."))
             yes = self._gui.add_button("Replace it")
             no = self._gui.add_button("Leave it")
 

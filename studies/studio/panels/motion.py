@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from studies.studio.measured import TrialMotion, errors_table
-from studies.studio.panels.asking import Post, on_click, on_input, put
+from studies.studio.panels.asking import Post, markdown, on_click, on_input, put
 from studies.studio.panels.status import LEAST_SCALE, scale_bar
 from studies.studio.session import Session
 
@@ -58,7 +58,7 @@ class MotionPanel:
             self._scale.content = scale_bar(max(LEAST_SCALE, motion.largest), "measured point to the shown surface")
 
     def show_errors(self) -> None:
-        self._errors.content = errors_table(self._session.trial_errors.by_label)
+        self._errors.content = markdown(errors_table(self._session.trial_errors.by_label))
 
     def advance(self, seconds: float) -> bool:
         """Let it play for so long; whether another frame is due."""
@@ -76,7 +76,7 @@ class MotionPanel:
         if motion is not None:
             put(self._scrub, self.frame)
             beside = "" if motion.ghost(self.frame) is None else "; orange: without the corrector"
-            self._text.content = motion.in_words(self.frame) + beside
+            self._text.content = markdown(motion.in_words(self.frame) + beside)
 
     def _toggle(self) -> None:
         self.playing = not self.playing

@@ -4,7 +4,7 @@ from html import escape
 from typing import Any
 
 from fabdesign.units import in_kpa, in_mm
-from studies.studio.panels.asking import Post, on_click, on_input, put
+from studies.studio.panels.asking import Post, markdown, on_click, on_input, put
 from studies.studio.results import one_more_buys
 from studies.studio.session import Session
 
@@ -46,7 +46,7 @@ class ResultPanel:
         said = [f"{result.name}: {result.state}" for result in results]
         own = rows[0] if len(session.targets.all) == 1 else None
         bought = [one_more_buys(r, [o for o in results if o is not r], own) for r in results]
-        self._text.content = "\n\n".join([*said, *(line for line in bought if line)]) or (
+        self._text.content = markdown("\n\n".join([*said, *(line for line in bought if line)])) or (
             "Nothing yet: *Search from here* under *Target*. An edit of a result takes it as own drawing."
         )
 

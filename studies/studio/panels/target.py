@@ -8,7 +8,7 @@ from typing import Any
 from fabdesign.placement import UNITS
 from fabdesign.target_file import AsTarget
 from fabdesign.units import from_mm, in_mm
-from studies.studio.panels.asking import Post, on_click, on_input, put
+from studies.studio.panels.asking import Post, markdown, on_click, on_input, put
 from studies.studio.searching import VARIES
 from studies.studio.session import Session
 from studies.studio.target import ShownTarget, placed_by_hand
@@ -60,7 +60,7 @@ class TargetPanel:
         put(self._turn, target.file.rotation or (0.0, 0.0, 0.0))
 
     def show_search(self, message: str, *, running: bool) -> None:
-        self._text.content = message
+        self._text.content = markdown(message)
         self._start.disabled, self._stop.disabled = running, not running
 
     def _read(self, place: str) -> None:
