@@ -151,7 +151,8 @@ def _merged(tables: list[tuple[Path, Table]], scene: dict[str, Any]) -> Table:
         for key in table.names():
             if key in values:
                 elsewhere = "at top level" if key in scene else "in an included file"
-                raise InputError(f"{first.where}: {key} stands {elsewhere} too")
+                one = "; `fabdesign calibrate ACROSS DOWN -o CLOTH.toml` makes one curve of two strips"
+                raise InputError(f"{first.where}: {key} stands {elsewhere} too{one if key == 'membrane_curve' else ''}")
             value = table.take(key)
             values[key] = str(origin.parent / value) if key == "membrane_curve" and isinstance(value, str) else value
     return Table(values, first.where)

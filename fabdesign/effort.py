@@ -18,6 +18,9 @@ _SCHEME = 12 * 4  # bytes of a step's rule
 # CPU s of a fit for each second of motion and each unknown, on the grid of that work: rig_d took 60 for 8 trials of
 # 1.5 s and 7 unknowns on 41 points a side, and a trace of rig_b 461 for 3 s and 45 unknowns on 21
 CALIBRATION, TRACE = (0.62, 41, 0.85), (0.42, 21, 0.0)  # the last: share of it that has a grid of its own
+# CPU s of a muscle's law on a bench, and of a row, left-out record and unknown squared of effects fitted beside it:
+# made benches of 4 to 12 records of 500 to 4,000 rows, 3 and 5 unknowns, within a factor 1.4
+BENCH_LAW, BENCH_ROW = 0.05, 1.0e-5
 _LATE = 0.9  # of the time expected, from which on a bar no longer follows the clock
 
 
@@ -75,11 +78,26 @@ def fit_seconds(work: tuple[float, int, float], motion: Sequence[float], unknown
     return rate * (fixed + (1 - fixed) * (points_per_side / grid) ** 2) * sum(motion) * (unknowns + 1) / cores()
 
 
+def bench_fit_seconds(records: int, rows: int, unknowns: int) -> float:
+    """Return about how many seconds the fit of a muscle's bench takes, on one core. rows: of all records; unknowns: of
+    effects."""
+    return BENCH_LAW * (43 + 3 * records) + BENCH_ROW * records * rows * (unknowns + (unknowns > 0)) ** 2
+
+
+def in_words(seconds: float, *what: str) -> str:
+    """Return what is about to be done and how long that takes. what: parts of it, such as "8 trials"."""
+    rounded = 10 * max(1, round(seconds / 10)) if seconds < 90 else seconds
+    return f"{', '.join(what)}: about {duration(rounded)}"
+
+
+def on_cores() -> str:
+    """Return how many cores there are, in words."""
+    return "1 core" if cores() == 1 else f"{cores()} cores"
+
+
 def fit_in_words(trials: int, unknowns: int, seconds: float) -> str:
     """Return what a fit is about to do and how long that takes."""
-    many = "1 core" if cores() == 1 else f"{cores()} cores"
-    rounded = 10 * max(1, round(seconds / 10)) if seconds < 90 else seconds
-    return f"{trials} trials, {unknowns} unknowns, {many}: about {duration(rounded)}"
+    return in_words(seconds, f"{trials} trials", f"{unknowns} unknowns", on_cores())
 
 
 class Pace:

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from studies.benches.calibrate import calibrate_bench, write_bench_type
+from studies.benches.calibrate import calibrate_bench
 from studies.benches.evaluate import evaluate_bench
+from studies.benches.write import write_bench_type
 from tests.command_line import Run, one_line
 from tests.test_benches import j_force
 from tests.test_trace_bench import PRESSURES, actuator, cylinder, muscle

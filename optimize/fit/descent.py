@@ -148,15 +148,15 @@ def _begun(problem: Problem, evaluation: Evaluation, along: Array, jacobian: Arr
     return problem.linearise(evaluation, along, jacobian, missing)
 
 
-def fit_bench(problem: BenchProblem) -> Fit:
-    """As `fit`, of a bench: from the vector's start, on all rows at once."""
+def fit_bench(problem: BenchProblem, told: Callable[[float], None] = lambda share: None) -> Fit:
+    """As `fit`, of a bench: from the vector's start, on all rows at once. told: is given about what share is done."""
     vector = problem.vector
-    weight, progress = np.diag(1 / vector.prior**2), lambda line, share: None
+    weight, shares = np.diag(1 / vector.prior**2), parts(lambda line, share: told(share), 0.5)
     evaluation = problem.evaluate([vector.start])[0]
     before = capped(evaluation.found.residual, evaluation.found.loss.cap)
     state = problem.linearise(evaluation, np.diag(STEP * vector.scale))
-    state, first, _ = _descend(problem, state, weight, "", progress, near=True, sure=False)
-    state, more, converged = _descend(problem, state, weight, "", progress, exact=False)
+    state, first, _ = _descend(problem, state, weight, "", shares[0], near=True, sure=False)
+    state, more, converged = _descend(problem, state, weight, "", shares[1], exact=False)
     return concluded(problem, state, None, before, first + more, converged)
 
 
