@@ -92,7 +92,8 @@ def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_j
     result = outcome.as_json()
     text = (
         f"{output}: {result['objective_mm']:.3f} mm (Chamfer {result['chamfer']:.3f}, noise floor "
-        f"{result['chamfer_floor']:.3f}) after {result['evaluations']} evaluations; {result['stop_reason']}"
+        f"{result['chamfer_floor']:.3f}) after {result['evaluations']} evaluations, {outcome.search_time}; "
+        f"{result['stop_reason']}"
     )
     outputs = [f"{name}: {', '.join(values)}" for name, values in outcome.outputs.items()]
     after = [result["fewer"]["said"]] if result["fewer"] else []

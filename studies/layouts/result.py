@@ -51,6 +51,11 @@ class StudyResult:
     fewer: Fewer | None = None  # what leaving muscles out came to, where their number may vary
 
     @property
+    def search_time(self) -> str:
+        """For people: the time searched against its limit, both without compiling and loading."""
+        return f"{self.wall_s:.0f} of at most {self.study.limits.seconds:g} s of search time (without compilation)"
+
+    @property
     def interrupted(self) -> bool:
         """By Ctrl-C."""
         return self.stop_reason.startswith(INTERRUPTED)
@@ -131,6 +136,7 @@ class StudyResult:
             "evaluations": len(self.history),
             "diverged": sum(entry.diverged for entry in self.history),
             "wall_s": self.wall_s,
+            "limit_s": self.study.limits.seconds,
             "muscles": [asdict(muscle) for muscle in self.design.muscles],
             "pressures_kpa": pressures_kpa(self.pressures),
             "constraints": {k: in_kpa(v) if k == "pressure" else v for k, v in self.constraints.items()},
