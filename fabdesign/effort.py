@@ -1,9 +1,9 @@
 """Estimates of what work takes, before it is begun: motions that take too much are bad input, a fit says how long."""
 
 import os
-import time
 from collections.abc import Iterator, Sequence
 
+from fabdesign import working_time
 from fabdesign.errors import InputError
 
 MEMORY = 2e9  # bytes that a command may need beyond those of the program itself
@@ -104,9 +104,9 @@ class Pace:
     """The share of work that is done, by the clock, for work that does not know it itself. seconds: expected."""
 
     def __init__(self, seconds: float) -> None:
-        self._begin, self._seconds = time.monotonic(), seconds
+        self._begin, self._seconds = working_time.seconds(), seconds
 
     def share(self) -> float:
         """Return a share that rises evenly, and ever slower where it takes longer than expected."""
-        part = (time.monotonic() - self._begin) / self._seconds
+        part = (working_time.seconds() - self._begin) / self._seconds
         return part if part < _LATE else 1 - (1 - _LATE) * _LATE / part
