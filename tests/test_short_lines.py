@@ -9,9 +9,9 @@ import pytest
 
 import fabdesign
 from fabdesign.bench import Bench, BenchRecord
-from fabdesign.catalogue import build, standard
 from fabdesign.bench_file import read_record
 from fabdesign.bench_table_file import read_bench_table
+from fabdesign.catalogue import build, standard
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
 from fabdesign.interface.results import Motion
