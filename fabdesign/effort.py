@@ -18,6 +18,11 @@ _SCHEME = 12 * 4  # bytes of a step's rule
 # CPU s of a fit for each second of motion and each unknown, on the grid of that work: rig_d took 60 for 8 trials of
 # 1.5 s and 7 unknowns on 41 points a side, and a trace of rig_b 461 for 3 s and 45 unknowns on 21
 CALIBRATION, TRACE = (0.62, 41, 0.85), (0.42, 21, 0.0)  # the last: share of it that has a grid of its own
+# CPU s of an evaluation, and for each second of motion: practice_set (5 s) took 10, two and all trials of rig_d (6 and
+# 30 s) 18 and 23
+EVALUATION = (10.0, 0.45)
+TRAINING = (4.5, 0.65)  # likewise: practice_set (4 s) took 7.4, rig_d (24 s) 20.2
+RIG = 300.0  # CPU s for each second of motion and m^2 of cloth: basic under one pressure took 18 for 1.5 s and 0.04 m^2
 # CPU s of a muscle's law on a bench, and of a row, left-out record and unknown squared of effects fitted beside it:
 # made benches of 4 to 12 records of 500 to 4,000 rows, 3 and 5 unknowns, within a factor 1.4
 BENCH_LAW, BENCH_ROW = 0.05, 1.0e-5
@@ -76,6 +81,23 @@ def fit_seconds(work: tuple[float, int, float], motion: Sequence[float], unknown
     each trial."""
     rate, grid, fixed = work
     return rate * (fixed + (1 - fixed) * (points_per_side / grid) ** 2) * sum(motion) * (unknowns + 1) / cores()
+
+
+def training_seconds(motion: Sequence[float]) -> float:
+    """Return about how many seconds a corrector of the usual network takes. motion: s of each trial learned from."""
+    fixed, rate = TRAINING
+    return (fixed + rate * sum(motion)) / cores()
+
+
+def evaluation_seconds(motion: Sequence[float]) -> float:
+    """Return about how many seconds an evaluation takes by the clock on these cores. motion: s of each trial."""
+    fixed, rate = EVALUATION
+    return (fixed + rate * sum(motion)) / cores()
+
+
+def rig_seconds(motion: float, area: float) -> float:
+    """Return about how many seconds a trial takes on the virtual rig, on one core. motion: s; area: m^2, of cloth."""
+    return RIG * motion * area
 
 
 def bench_fit_seconds(records: int, rows: int, unknowns: int) -> float:

@@ -233,6 +233,7 @@ def rig(
             test_trials=test_trials,
             force=force,
             progress=shown,
+            say=tell,
         )
     trials = sum(len(own) for _, own in session)
     recorded = None if recording is None else str(recording)

@@ -82,7 +82,9 @@ def bar() -> "Progress":
     class Left(TimeRemainingColumn):
         """The time left by the clock that stands still while kernels compile, or that they do."""
 
-        max_refresh = None  # for that clock would keep what was shown before
+        def __init__(self) -> None:
+            super().__init__()
+            self.max_refresh = -1.0  # s: never kept, for that clock stands still
 
         def render(self, task: Task) -> Text:
             if working_time.compiling():

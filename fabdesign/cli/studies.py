@@ -72,7 +72,8 @@ def prepare(as_json: bool) -> None:
     from studies.prepare import prepare as compile_all
 
     seconds = compile_all(tell)
-    print_result({"seconds": seconds}, f"the simulator is compiled, {seconds:.0f} s", as_json)
+    serves = "for grids up to 41 points a side and designs up to 96 fixed points; others compile at their first use"
+    print_result({"seconds": seconds}, f"the simulator is compiled, {seconds:.0f} s, {serves}", as_json)
 
 
 @commands.command()
@@ -147,14 +148,19 @@ def study_of_any_kind(
 
 
 def _layouts(study: Path, output: Path, *, seconds: float | None, force: bool, as_json: bool) -> None:
-    from fabdesign.layouts_file import Cell
+    from fabdesign.effort import in_words
+    from fabdesign.layouts_file import Cell, read_layouts
     from optimize.evaluations import Evaluations
     from studies.layout_grid.report import as_text
     from studies.layout_grid.run import run_layouts
 
     with described(study.stem, interval=SEARCH) as shown:
+        opening = [in_words]
 
         def show(cell: Cell, number: int, total: int, evaluations: Evaluations) -> None:
+            while opening:  # once the folder is known to be free
+                limit = seconds or read_layouts(study).search.limits.seconds
+                shown(opening.pop()(limit, f"{total} searches, all within {limit:g} s of search time"), None)
             best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.3f} mm"
             line = f"{cell.name}, {number} of {total}: best {best}, {evaluations.elapsed:.0f} s in this search"
             shown(line, min(1.0, (number - 1 + evaluations.share) / total))
@@ -180,9 +186,17 @@ def loop(study: Path, output: Path, seconds: float | None, force: bool, as_json:
     A STUDY is a TOML file with a target. Measurements come from a virtual rig or from a laboratory. With a laboratory
     the command ends where it needs a measurement set. Run it again when the set is there.
     """
+    from fabdesign.loop_file import read_loop
     from studies.loop.report import as_text
-    from studies.loop.run import run_loop
+    from studies.loop.run import loop_in_words, run_loop
 
     with described(study.stem) as shown:
-        outcome = run_loop(study, output, seconds=seconds, force=force, progress=shown)
+        opening = [loop_in_words]
+
+        def show(line: str, share: float | None) -> None:
+            while opening:  # once the folder is known to be free
+                shown(opening.pop()(read_loop(study), seconds), None)
+            shown(line, share)
+
+        outcome = run_loop(study, output, seconds=seconds, force=force, progress=show)
     print_result(outcome.as_json(), f"{as_text(outcome)}\nreport: {output / 'report.html'}", as_json)
