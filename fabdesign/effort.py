@@ -22,6 +22,8 @@ CALIBRATION, TRACE = (0.62, 41, 0.85), (0.42, 21, 0.0)  # the last: share of it 
 # 30 s) 18 and 23
 EVALUATION = (10.0, 0.45)
 TRAINING = (4.5, 0.65)  # likewise: practice_set (4 s) took 7.4, rig_d (24 s) 20.2
+# for a shape and a candidate on this grid: 38 shapes of basic took 40; candidates by the share that the bar gives them
+UNSEEN = (1.05, 9.0, 21)
 RIG = 300.0  # CPU s for each second of motion and m^2 of cloth: basic under one pressure took 18 for 1.5 s and 0.04 m^2
 # CPU s of a muscle's law on a bench, and of a row, left-out record and unknown squared of effects fitted beside it:
 # made benches of 4 to 12 records of 500 to 4,000 rows, 3 and 5 unknowns, within a factor 1.4
@@ -81,6 +83,12 @@ def fit_seconds(work: tuple[float, int, float], motion: Sequence[float], unknown
     each trial."""
     rate, grid, fixed = work
     return rate * (fixed + (1 - fixed) * (points_per_side / grid) ** 2) * sum(motion) * (unknowns + 1) / cores()
+
+
+def unseen_seconds(shapes: int, candidates: int, points_per_side: int) -> float:
+    """Return about how many seconds shapes at rest of drawn models and what so many measurements would tell take."""
+    shape, candidate, grid = UNSEEN
+    return (shape * shapes + candidate * candidates) * (points_per_side / grid) ** 2 / cores()
 
 
 def training_seconds(motion: Sequence[float]) -> float:

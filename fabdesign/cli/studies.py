@@ -22,6 +22,7 @@ from fabdesign.cli.progress import SEARCH, described
 from fabdesign.units import in_mm
 
 Command = Callable[..., None]
+Shown = Callable[[str, float | None], None]
 
 
 def study_options(seconds: str) -> Callable[[Command], Command]:
@@ -169,12 +170,26 @@ def _layouts(study: Path, output: Path, *, seconds: float | None, force: bool, a
     print_result(result.as_json(), f"{as_text(result)}\nreport: {output / 'report.html'}", as_json)
 
 
+def _opened(shown: Shown, opening: Callable[[], str]) -> Shown:
+    """Return what shows an estimate before the first line, when the folder is known to be free."""
+    first = [opening]
+
+    def show(line: str, share: float | None) -> None:
+        while first:
+            shown(first.pop()(), None)
+        shown(line, share)
+
+    return show
+
+
 def _unseen(study: Path, output: Path, *, seconds: float | None, force: bool, as_json: bool) -> None:
+    from fabdesign.unseen_file import read_unseen
     from studies.unseen.report import as_text, without_lines
-    from studies.unseen.run import run_unseen
+    from studies.unseen.run import run_unseen, unseen_in_words
 
     with described(study.stem, interval=SEARCH) as shown:
-        result = run_unseen(study, output, seconds=seconds, force=force, progress=shown)
+        show = _opened(shown, lambda: unseen_in_words(read_unseen(study)))
+        result = run_unseen(study, output, seconds=seconds, force=force, progress=show)
     print_result(without_lines(result), f"{as_text(result)}\nreport: {output / 'report.html'}", as_json)
 
 
@@ -191,12 +206,6 @@ def loop(study: Path, output: Path, seconds: float | None, force: bool, as_json:
     from studies.loop.run import loop_in_words, run_loop
 
     with described(study.stem) as shown:
-        opening = [loop_in_words]
-
-        def show(line: str, share: float | None) -> None:
-            while opening:  # once the folder is known to be free
-                shown(opening.pop()(read_loop(study), seconds), None)
-            shown(line, share)
-
+        show = _opened(shown, lambda: loop_in_words(read_loop(study), seconds))
         outcome = run_loop(study, output, seconds=seconds, force=force, progress=show)
     print_result(outcome.as_json(), f"{as_text(outcome)}\nreport: {output / 'report.html'}", as_json)
