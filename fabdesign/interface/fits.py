@@ -187,7 +187,7 @@ def train(
     if vector is not None:
         seconds += fit_seconds(CALIBRATION, motion, len(vector.parameters), base.points_per_side)
     with places as unfinished, computing(cluster):
-        if network == "field":  # how long the paper's takes is its plan's
+        if motion and network == "field":  # how long the paper's takes is its plan's
             progress(in_words(seconds, f"{len(motion)} trials", on_cores()), None)
         result = train_on(
             [sound for sound, _ in checked],

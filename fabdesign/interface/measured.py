@@ -76,7 +76,8 @@ def evaluate(
             say(line)
         motion = [float(trial.times[-1]) for trial in asked]
         seconds = evaluation_seconds(motion)
-        progress(in_words(seconds, f"{len(asked)} trials", on_cores()), None)
+        if asked:  # else it is an error, in one line
+            progress(in_words(seconds, f"{len(asked)} trials", on_cores()), None)
         forward = simulator(grid) if grid else enough_points(fitted, trials, simulator, tell=say)
         evaluation = evaluate_sets(
             fitted,
