@@ -96,7 +96,7 @@ def answer(outcome: BenchOutcome, name: str) -> str:
 def row(name: str, columns: Columns, effect: Callable[[Columns], Array] | None, size: float, seed: int) -> str:
     """Return a line of the table."""
     bench, sigma = made(columns, effect, size, seed)
-    outcomes = [examine(bench, tolerance, say=lambda line: None) for tolerance in TOLERANCES]
+    outcomes = [examine(bench, tolerance) for tolerance in TOLERANCES]
     noise, evidence = outcomes[0].noise, outcomes[1].evidence
     put_in = f"{name}, {size:g} x" if effect else f"none ({bench.specimen})"
     cells = [put_in, f"{size * sigma:.2f}", f"{sigma:.3f}", f"{noise.sigma:.3f}, {noise.source}"]

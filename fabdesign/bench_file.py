@@ -8,7 +8,7 @@ import numpy as np
 
 from fabdesign.bench import Array, Bench, BenchRecord, Specimen
 from fabdesign.errors import InputError
-from fabdesign.headings import DIMENSIONS, Heading
+from fabdesign.headings import DIMENSIONS, Heading, without_unit
 from fabdesign.lab_table import LabTable, TableColumn
 from fabdesign.measured_units import require_measured_pressures
 from fabdesign.table import Table, load_toml
@@ -67,9 +67,12 @@ def read_record(file: Path, needed: tuple[str, ...] = ()) -> dict[str, Array]:
         columns[bare] = np.array([float(value) for _, _, value in table.cells(column)])
     for name in needed:
         quantity = _bare(name)[0]
-        said = quantity != name or DIMENSIONS.get(quantity) == "ratio"  # in which unit
+        dimension = DIMENSIONS.get(quantity)
+        said = quantity != name or dimension == "ratio"  # in which unit
         if name not in table.header and not (said and quantity in columns):
-            raise InputError(f"{file}: no column {name}; it has {', '.join(table.header)}")
+            plain = [h.text for h in table.headings if h.symbol is None and h.quantity == quantity]
+            unit = f" ({without_unit(plain[0], dimension)})" if plain and dimension else ""
+            raise InputError(f"{file}: no column {name}; it has {', '.join(table.header)}{unit}")
     table.say([] if table.taken else table.header)
     if "time" in columns and (np.diff(columns["time"]) <= 0).any():
         late = int(np.argmax(np.diff(columns["time"]) <= 0)) + 1

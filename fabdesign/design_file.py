@@ -18,13 +18,13 @@ from fabdesign.effort import CLOSEST, MUSCLES
 from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.muscle import Muscle, MuscleType
-from fabdesign.table import Table, load_toml, nearest
+from fabdesign.table import DESIGN, Table, load_toml, nearest
 from fabdesign.term import MUSCLE_TYPES, Term
 from fabdesign.toml_file import file_name, parse_toml
 
 __all__ = ["DesignPart", "is_part", "read_design", "read_part", "write_design"]
 
-FORMAT = "fabdesign.design/1"
+FORMAT = DESIGN
 EDGES = ("top", "bottom", "left", "right", "none")
 _LARGEST = 10.0  # m; a cloth beyond it was surely meant in millimetres
 _SLACK = 1e-9  # m, of rounding that a point on the border may have
@@ -151,7 +151,8 @@ def _merged(tables: list[tuple[Path, Table]], scene: dict[str, Any]) -> Table:
         for key in table.names():
             if key in values:
                 elsewhere = "at top level" if key in scene else "in an included file"
-                raise InputError(f"{first.where}: {key} stands {elsewhere} too")
+                one = "; `fabdesign calibrate ACROSS DOWN -o CLOTH.toml` makes one curve of two strips"
+                raise InputError(f"{first.where}: {key} stands {elsewhere} too{one if key == 'membrane_curve' else ''}")
             value = table.take(key)
             values[key] = str(origin.parent / value) if key == "membrane_curve" and isinstance(value, str) else value
     return Table(values, first.where)

@@ -1,9 +1,9 @@
 """Estimates of what work takes, before it is begun: motions that take too much are bad input, a fit says how long."""
 
 import os
-import time
 from collections.abc import Iterator, Sequence
 
+from fabdesign import working_time
 from fabdesign.errors import InputError
 
 MEMORY = 2e9  # bytes that a command may need beyond those of the program itself
@@ -18,6 +18,16 @@ _SCHEME = 12 * 4  # bytes of a step's rule
 # CPU s of a fit for each second of motion and each unknown, on the grid of that work: rig_d took 60 for 8 trials of
 # 1.5 s and 7 unknowns on 41 points a side, and a trace of rig_b 461 for 3 s and 45 unknowns on 21
 CALIBRATION, TRACE = (0.62, 41, 0.85), (0.42, 21, 0.0)  # the last: share of it that has a grid of its own
+# CPU s of an evaluation, and for each second of motion: practice_set (5 s) took 10, two and all trials of rig_d (6 and
+# 30 s) 18 and 23
+EVALUATION = (10.0, 0.45)
+TRAINING = (4.5, 0.65)  # likewise: practice_set (4 s) took 7.4, rig_d (24 s) 20.2
+# for a shape and a candidate on this grid: 38 shapes of basic took 40; candidates by the share that the bar gives them
+UNSEEN = (1.05, 9.0, 21)
+RIG = 300.0  # CPU s for each second of motion and m^2 of cloth: basic under one pressure took 18 for 1.5 s and 0.04 m^2
+# CPU s of a muscle's law on a bench, and of a row, left-out record and unknown squared of effects fitted beside it:
+# made benches of 4 to 12 records of 500 to 4,000 rows, 3 and 5 unknowns, within a factor 1.4
+BENCH_LAW, BENCH_ROW = 0.05, 1.0e-5
 _LATE = 0.9  # of the time expected, from which on a bar no longer follows the clock
 
 
@@ -75,20 +85,58 @@ def fit_seconds(work: tuple[float, int, float], motion: Sequence[float], unknown
     return rate * (fixed + (1 - fixed) * (points_per_side / grid) ** 2) * sum(motion) * (unknowns + 1) / cores()
 
 
+def unseen_seconds(shapes: int, candidates: int, points_per_side: int) -> float:
+    """Return about how many seconds shapes at rest of drawn models and what so many measurements would tell take."""
+    shape, candidate, grid = UNSEEN
+    return (shape * shapes + candidate * candidates) * (points_per_side / grid) ** 2 / cores()
+
+
+def training_seconds(motion: Sequence[float]) -> float:
+    """Return about how many seconds a corrector of the usual network takes. motion: s of each trial learned from."""
+    fixed, rate = TRAINING
+    return (fixed + rate * sum(motion)) / cores()
+
+
+def evaluation_seconds(motion: Sequence[float]) -> float:
+    """Return about how many seconds an evaluation takes by the clock on these cores. motion: s of each trial."""
+    fixed, rate = EVALUATION
+    return (fixed + rate * sum(motion)) / cores()
+
+
+def rig_seconds(motion: float, area: float) -> float:
+    """Return about how many seconds a trial takes on the virtual rig, on one core. motion: s; area: m^2, of cloth."""
+    return RIG * motion * area
+
+
+def bench_fit_seconds(records: int, rows: int, unknowns: int) -> float:
+    """Return about how many seconds the fit of a muscle's bench takes, on one core. rows: of all records; unknowns: of
+    effects."""
+    return BENCH_LAW * (43 + 3 * records) + BENCH_ROW * records * rows * (unknowns + (unknowns > 0)) ** 2
+
+
+def in_words(seconds: float, *what: str) -> str:
+    """Return what is about to be done and how long that takes. what: parts of it, such as "8 trials"."""
+    rounded = 10 * max(1, round(seconds / 10)) if seconds < 90 else seconds
+    return f"{', '.join(what)}: about {duration(rounded)}"
+
+
+def on_cores() -> str:
+    """Return how many cores there are, in words."""
+    return "1 core" if cores() == 1 else f"{cores()} cores"
+
+
 def fit_in_words(trials: int, unknowns: int, seconds: float) -> str:
     """Return what a fit is about to do and how long that takes."""
-    many = "1 core" if cores() == 1 else f"{cores()} cores"
-    rounded = 10 * max(1, round(seconds / 10)) if seconds < 90 else seconds
-    return f"{trials} trials, {unknowns} unknowns, {many}: about {duration(rounded)}"
+    return in_words(seconds, f"{trials} trials", f"{unknowns} unknowns", on_cores())
 
 
 class Pace:
     """The share of work that is done, by the clock, for work that does not know it itself. seconds: expected."""
 
     def __init__(self, seconds: float) -> None:
-        self._begin, self._seconds = time.monotonic(), seconds
+        self._begin, self._seconds = working_time.seconds(), seconds
 
     def share(self) -> float:
         """Return a share that rises evenly, and ever slower where it takes longer than expected."""
-        part = (time.monotonic() - self._begin) / self._seconds
+        part = (working_time.seconds() - self._begin) / self._seconds
         return part if part < _LATE else 1 - (1 - _LATE) * _LATE / part

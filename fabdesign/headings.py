@@ -83,6 +83,12 @@ def dimension_of(quantity: str) -> Dimension:
     return DIMENSIONS[quantity.rstrip("0123456789").rstrip("_")]
 
 
+def without_unit(text: str, dimension: Dimension) -> str:
+    """Return what is said of a heading that lacks its unit."""
+    example = next(symbol for symbol, unit in UNITS.items() if unit.dimension == dimension)
+    return f"{text} has no unit; write it in the heading, such as {text} [{example}]"
+
+
 def unit_of(symbol: str) -> Unit | None:
     symbol = symbol.strip()
     if symbol in _AS_WRITTEN:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from fabdesign.csv_table import decimal, read_raw_table
 from fabdesign.errors import InputError, note
-from fabdesign.headings import WORDS, Heading, dimension_of, parse_heading, parse_units_row
+from fabdesign.headings import WORDS, Heading, dimension_of, parse_heading, parse_units_row, without_unit
 
 _HINT = "or headings with units, as pressure [bar]"
 
@@ -70,7 +70,7 @@ class LabTable:
         if unit is None and heading.symbol is not None:
             raise self.bad(f"{heading.text} has the unit {heading.symbol}")
         if unit is None and default is None and dimension != "ratio":
-            raise self.bad(f"{heading.text} has no unit")
+            raise self.bad(without_unit(heading.text, dimension))
         if unit is not None and unit.dimension != dimension:
             raise self.bad(f"{heading.text} has the unit {heading.symbol}")
         self.taken[index] = quantity

@@ -17,12 +17,12 @@ class BenchTable:
     force: tuple[float, ...]  # N, positive is tension
 
 
-_WIDEST = 0.1  # m, of any muscle that is laced
+WIDEST = 0.05  # m, of any muscle that is laced
 
 
 def diameter_slip(diameter: float) -> str:
     """Return what is said of a diameter [m] that no laced muscle has; empty for any other."""
-    if diameter < _WIDEST:
+    if diameter <= WIDEST:
         return ""
     return f"; outer_diameter is in m, and {diameter:g} was probably given in mm"
 

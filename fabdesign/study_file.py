@@ -19,10 +19,10 @@ from fabdesign.pressure_file import pressure_file_of, read_pressures
 from fabdesign.search_terms import Price, Robust, read_price, read_robust
 from fabdesign.shape_output import ShapeOutput, read_shape_outputs
 from fabdesign.study_targets import TargetFile, read_targets
-from fabdesign.table import Table, load_toml
+from fabdesign.table import STUDY, Table, load_toml
 from fabdesign.units import in_kpa, pascals
 
-FORMAT = "fabdesign.study/1"
+FORMAT = STUDY
 KINDS = ("optimize", "sensitivity", "layouts", "unseen", "loop")
 Side = Literal["front", "back"]
 Measure = Literal["chamfer", "surface_rms"]

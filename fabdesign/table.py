@@ -222,12 +222,20 @@ class Table:
                 raise InputError(f"{self.where}: unknown key {key}{nearest(key, missing or sorted(self._known))}")
 
 
+DESIGN, STUDY = "fabdesign.design/1", "fabdesign.study/1"
+
+
 def load_toml(path: Path, form: str, *, partial: bool = False) -> Table:
     """The root table of a file whose `format` is `form`; with `partial` (an included file) `format` may be absent."""
     root = Table(parse_toml(path), str(path))
     given = root.text("format", None)
     if given is None and not partial:
         raise InputError(f'{path}: no format line; expected format = "{form}"')
+    if given == DESIGN and form == STUDY:
+        raise InputError(
+            f'{path}: a design; expected a study, a file with kind = "optimize" or another, design = "{path.name}" and '
+            'for a search [target] with file = "CLOUD.ply" (tutorial, step 4)'
+        )
     if given is not None and given != form:
         raise InputError(f'{path}: format is "{given}"; this version reads "{form}"')
     return root

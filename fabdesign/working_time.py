@@ -26,6 +26,11 @@ class Stopwatch:
             return (self._stopped_at if self._stops else self._clock()) - self._excluded
 
     @property
+    def stands_still(self) -> bool:
+        """Return whether it does now."""
+        return self._stops > 0
+
+    @property
     def excluded(self) -> float:
         """s for which it has stood still."""
         with self._lock:
@@ -62,6 +67,11 @@ def processor_seconds() -> float:
 def compile_seconds() -> float:
     """Wall-clock s that this process has spent on compiling and loading."""
     return _wall.excluded
+
+
+def compiling() -> bool:
+    """Return whether code is being compiled or loaded now."""
+    return _wall.stands_still
 
 
 @contextmanager

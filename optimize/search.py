@@ -67,19 +67,12 @@ def has_converged(evaluations: Evaluations) -> bool:
     return bool((evaluations.history.load() or {}).get("reason"))
 
 
-def evaluations_to_converge(evaluations: Evaluations) -> int:
-    """About how many more a search that has not converged needs: as many as its restarts took, until AGREE of them are
-    done, and at least one more; before the first is done, what its stages plan."""
+def evaluations_to_converge(evaluations: Evaluations) -> int | None:
+    """Return about how many more a search that has not converged needs: as many as its restarts took, until AGREE of
+    them are done, and at least one more. None before the first is done: then nothing says it."""
     state = evaluations.history.load() or {}
     done, restarts = evaluations.history.evaluations, len(state.get("bests", []))
-    each = done / restarts if restarts else max(done, _planned(evaluations))
-    return round(max(AGREE * each - done, each))
-
-
-def _planned(evaluations: Evaluations) -> int:
-    """Evaluations of one restart: its starts, and half of the rounds that its stages allow at most."""
-    rounds = [(max(1, stage.rounds // 2), stage.keep) for stage in evaluations.stages]
-    return len(evaluations.starts) + sum(count * (AT_ONCE + keep) for count, keep in rounds)
+    return round(max(AGREE * done / restarts - done, done / restarts)) if restarts else None
 
 
 def _reason_to_end(evaluations: Evaluations, at: SearchState, floor: Callable[[Shape], float] | None) -> str:

@@ -25,6 +25,7 @@ class SearchState:
     bests: list[list[Any]] = field(default_factory=list)  # of the restarts after the first: what was best before each
     ends: list[float] = field(default_factory=list)  # m, of searches from new starts on the last stage
     reason: str = ""  # why it ended
+    fewer: Any = None  # what leaving muscles out came to, as it was kept last
 
 
 def add_starts(evaluations: Evaluations, at: SearchState, further: FurtherStarts) -> None:
@@ -62,6 +63,7 @@ def save_state(evaluations: Evaluations, at: SearchState) -> None:
         "ends": at.ends,
         "began": evaluations.restart_began,
         "reason": at.reason,
+        "fewer": at.fewer,
     }
     evaluations.history.save(state, evaluations.elapsed)
 
@@ -77,6 +79,7 @@ def load_state(evaluations: Evaluations, further: FurtherStarts | None) -> Searc
             at.bests.append(best)
             add_starts(evaluations, at, further)
     at.stage, at.ends, at.reason = state["stage"], state["ends"], state["reason"]
+    at.fewer = state.get("fewer")
     evaluations.restart_began = state["began"]
     if state["best"] is not None:
         evaluations.best = Best.of_row(state["best"])

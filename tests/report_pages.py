@@ -88,7 +88,7 @@ def bench_page() -> str:
     for k, pressure in enumerate((1e5, 3e5, 5e5, 7e5)):
         records.append(BenchRecord(f"record {k}", cylinder(rng, pressure, 4e-3, 2.0), {}))
     bench = Bench("SLEEVE28B", "cylinder", (), "force", {}, tuple(records))
-    return render_bench(examine(bench, 0.005, say=lambda line: None))
+    return render_bench(examine(bench, 0.005))
 
 
 def _case(design):

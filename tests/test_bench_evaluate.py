@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from studies.benches.calibrate import calibrate_bench, write_bench_type
+from studies.benches.calibrate import calibrate_bench
 from studies.benches.evaluate import evaluate_bench
+from studies.benches.write import write_bench_type
 from tests.command_line import Run, one_line
 from tests.test_benches import j_force
 from tests.test_trace_bench import PRESSURES, actuator, cylinder, muscle
@@ -65,6 +66,8 @@ def test_the_file_predicts_as_the_law_that_was_fitted(kind: str, tmp_path: Path)
         assert errors.after < 0.5 * errors.before if kind in ("cylinder", "muscle") else errors.after == errors.before
     rms = np.sqrt(np.mean([e.after**2 for e in found.others.values()]))
     assert rms == pytest.approx(fitted.error_fit, abs=0.01 * largest)
+    last = found.as_markdown().splitlines()[-1]  # no source: no line with a name and nothing behind it
+    assert last == "RMS of each record; before: by the law at rest, after: with friction, viscosity and effects."
 
 
 def r_output(kind: str) -> str:

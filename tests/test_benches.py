@@ -16,10 +16,11 @@ from fabdesign.bench_law_file import TABLES, BenchLaw, read_bench_law, write_ben
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
 from studies.benches.actuator import StaticCurve
-from studies.benches.calibrate import calibrate_bench, errors_in_words, write_bench_type
+from studies.benches.calibrate import calibrate_bench, errors_in_words
 from studies.benches.cylinder import CylinderLaw, friction_state
 from studies.benches.muscle import BenchMuscle
 from studies.benches.strip import StripLaw, straight_line
+from studies.benches.write import write_bench_type
 
 DATA = Path(os.environ.get("FABDESIGN_DATA", Path(__file__).resolve().parents[1] / "../shared/data")) / "bench"
 

@@ -72,7 +72,7 @@ WARNINGS = [
     (replace(ONE, fabric=replace(ONE.fabric, gravity=(0.0, 981.0, 0.0))), "gravity = 981 m/s^2"),
     (changed(max_pressure=400.0), r"max_pressure = 0.4 kPa; thin muscles: 30 to 1000 kPa (is it in MPa?)"),
     (changed(max_pressure=9e5), "its bench ends at 400"),
-    (changed(outer_diameter=2.0), "is it in mm"),
+    (changed(axis_offset=1.5), "is it in mm"),
     (changed(axis_offset=0.009), "expected at most half the thickness and the muscle's diameter, 0.003 m"),
     (laid(((0.0, 0.0), (0.0, 0.2)), ((0.004, 0.0), (0.004, 0.2))), "lie 4 mm apart on the front; optimize keeps 6 mm"),
     (laid(((0.0, 0.0), (0.2, 0.2)), ((0.2, 0.0), (0.0, 0.2))), "cross on the front"),
@@ -89,6 +89,12 @@ def test_what_is_implausible_is_a_warning(design: object, warning: str) -> None:
     found = design_findings(design, "d")
     assert found.problems == ()
     assert any(warning in line for line in found.warnings), found.warnings
+
+
+@pytest.mark.parametrize(("diameter", "said"), [(1.8, "and 1.8 was probably given in mm"), (0.06, "at most 0.05 m")])
+def test_a_muscle_wider_than_any_is_one_line(diameter: float, said: str) -> None:
+    [line] = design_findings(changed(outer_diameter=diameter), "d").problems
+    assert said in line and "muscle_types.EM20: outer_diameter" in line
 
 
 def test_of_many_pairs_the_first_are_named_and_the_rest_counted() -> None:

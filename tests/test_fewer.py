@@ -24,8 +24,10 @@ from optimize.evaluations import Evaluations, Stage
 from optimize.fewer import Fewer, fewer_muscles
 from optimize.history import History
 from optimize.objective import Objective, Target
+from optimize.search import search
+from optimize.search_state import load_state, save_state
 from optimize.starts import Start
-from studies.layouts.after import fewer_said
+from studies.layouts.after import fewer_said, shrunk
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth
 
@@ -149,6 +151,24 @@ def test_a_study_says_how_few_would_do_and_does_not_try_it_twice(study: Study, t
     assert not told
     assert again.as_json()["fewer"] == result["fewer"]
     assert again.as_json()["pressures_kpa"] == pytest.approx(result["pressures_kpa"])
+
+
+def test_going_on_keeps_what_a_number_of_muscles_came_to(study: Study) -> None:
+    coarse, fine = AnalyticCloth(11), AnalyticCloth(21)
+    stages = [Stage("layouts", coarse, keep=1, rounds=3, vary_positions=True)]
+    stages.append(Stage("full model", fine, keep=1, rounds=3, vary_positions=True, slopes=coarse))
+    bare = layout((0.05, 0.15), (0.15, 0.12), (0.1, 0.1), pressures=[300, 230, 20])
+    objective = Objective([Target(cloud_of(TWO))])
+    with History(":memory:", "a") as history:
+        before = Evaluations(objective, [bare], stages, history, seconds=600, evaluations=9000)
+        search(before)
+        fewer = shrunk(study, before)
+        after = Evaluations(objective, [bare], stages, history, seconds=900, evaluations=9000)
+        save_state(after, load_state(after, None))  # what a round of the search that goes on keeps
+        assert fewer is not None and len(fewer.front) > 1 and after.front == before.front == list(fewer.front)
+        again = shrunk(study, after)
+    assert again is not None
+    assert len(again.start[0].design.muscles) <= len(fewer.start[0].design.muscles) and again.value <= fewer.value
 
 
 @pytest.mark.parametrize(

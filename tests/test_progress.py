@@ -8,20 +8,26 @@ import sys
 import pytest
 
 from fabdesign import effort
+from fabdesign.bench_file import read_bench
 from fabdesign.cli import progress
+from fabdesign.loop_file import read_loop
+from studies.loop.run import loop_in_words
+from studies.tracing.bench import examine
 from studies.tracing.verdict import so_far
 from tests.conftest import ROOT
 
 COUNT = """
 import time
 from fabdesign.cli.progress import counted, described
+from fabdesign.working_time import not_counted
 with counted("predicted") as shown:
     for done in range(1, 4):
         time.sleep(0.15)
         shown(done, 4)
 with described("calibrating") as told:
     told("to 0.5 s, iteration 1: 2.000 mm RMS", 0.25)
-    time.sleep(0.2)
+    with not_counted():
+        time.sleep(0.3)
 print("over")
 """
 SEARCH = """
@@ -66,7 +72,7 @@ def test_a_bar_on_a_terminal():
     shown = on_terminal(COUNT)
     assert "predicted 3 of 4 trials" in shown and "━" in shown and "left" in shown
     assert "0:00:0" in shown  # s left
-    assert "iteration 1: 2.000 mm RMS" in shown
+    assert "iteration 1: 2.000 mm RMS" in shown and "compiling the simulator" in shown
     assert shown.rstrip().endswith("over")
 
 
@@ -79,7 +85,7 @@ def test_a_search_shows_its_best_and_the_seconds_left():
 
 def test_an_estimate_stays_and_a_step_is_followed_by_the_time_left(monkeypatch, capsys):
     clock = iter([0.0, 0.0, 10.0, 12.0, 25.0])
-    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    monkeypatch.setattr(progress.working_time, "seconds", lambda: next(clock))
     monkeypatch.setattr(progress, "_on_terminal", lambda: False)
     with progress.described("tracing", interval=5.0) as shown:
         shown("8 trials, 45 unknowns, 2 cores: about 4 min", None)
@@ -101,13 +107,32 @@ def test_an_estimate_by_trials_unknowns_and_cores(monkeypatch):
     assert seconds == pytest.approx(273, rel=0.2)  # rig_b on two free cores
     assert effort.fit_seconds(effort.TRACE, [3.0] * 16, 45, 21) == pytest.approx(2 * seconds)
     assert effort.fit_in_words(8, 45, seconds) == "8 trials, 45 unknowns, 2 cores: about 4 min"
+    assert 2 * effort.evaluation_seconds([1.0] * 5) == pytest.approx(10.1, rel=0.3)  # CPU s of practice_set,
+    assert 2 * effort.evaluation_seconds([3.0] * 10) == pytest.approx(23.1, rel=0.3)  # and of rig_d
+    assert 2 * effort.training_seconds([1.0] * 4) == pytest.approx(7.4, rel=0.3)
+    assert 2 * effort.training_seconds([3.0] * 8) == pytest.approx(20.2, rel=0.3)
     assert so_far(["filling_lag"]).startswith("so far: filling lag (pressure follows the set point")
 
 
 def test_work_that_does_not_know_its_share_follows_the_clock_and_never_ends_early(monkeypatch):
     now = [0.0]
-    monkeypatch.setattr(effort.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(effort.working_time, "seconds", lambda: now[0])
     pace, shares = effort.Pace(100.0), []
     for now[0] in (0.0, 50.0, 89.0, 91.0, 400.0):
         shares.append(pace.share())
     assert shares[:2] == [0.0, 0.5] and shares == sorted(shares) and shares[-1] < 1
+
+
+def test_a_trace_of_a_bench_tells_its_share():
+    shown = []
+    examine(read_bench(ROOT / "examples/practice_bench/muscle"), 0.02, lambda line, share: shown.append((line, share)))
+    shares = [share for _, share in shown]
+    assert shares == sorted(shares) and shares[0] == 0 and 0.3 < shares[-1] < 1
+    assert shown[-1][0] == "law and effects in turn"
+
+
+def test_a_loop_says_what_it_takes_at_most(monkeypatch):
+    monkeypatch.setattr("fabdesign.effort.cores", lambda: 2)
+    said = loop_in_words(read_loop(ROOT / "examples/loop.toml"))
+    assert said.startswith("at most 2 designs, 120 s of search and 5 trials for each, 2 cores: about ")
+    assert int(said.split()[-2]) >= 4 and said.endswith("min")

@@ -9,16 +9,20 @@ import pytest
 
 import fabdesign
 from fabdesign.bench import Bench, BenchRecord
+from fabdesign.bench_file import read_record
+from fabdesign.bench_table_file import read_bench_table
 from fabdesign.catalogue import build, standard
-from fabdesign.design_file import read_design
+from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
 from fabdesign.interface.results import Motion
 from fabdesign.interface.study_results import Optimized
 from fabdesign.model import Model, Parameter
-from studies.benches.calibrate import _origin
+from fabdesign.study_file import read_kind, read_study
+from studies.benches.write import _origin
 from studies.check.design import design_findings
 from studies.evaluate import SetEvaluation
 from studies.evaluation_report import _draw_distribution, tables_markdown
+from studies.layouts.result import write_best
 from studies.used_frames import UsedFrames
 from tests.report_pages import search_result
 
@@ -86,3 +90,27 @@ def test_errors_of_a_few_trials_are_marks_not_bars_of_height_one() -> None:
     trials = [Made(before=Made(chamfer=k * 1e-3), after=Made(chamfer=1e-3)) for k in range(4)]
     _draw_distribution(axes, Made(trials=trials), "chamfer")
     assert not axes.patches and axes.lines[0].get_xdata().tolist() == [0.0, 1.0, 2.0, 3.0]
+
+
+def test_a_heading_without_its_unit_is_told_how_to_write_it(tmp_path: Path) -> None:
+    (tmp_path / "r.csv").write_text("Time [s],Pressure,Force [N]\n0,1,2\n1,1,2\n")
+    with pytest.raises(InputError, match=r"Pressure has no unit; .*such as Pressure \[kPa\]"):
+        read_record(tmp_path / "r.csv", ("pressure_kpa",))
+    (tmp_path / "t.csv").write_text("Pressure,contraction,force_n\n0,0,1\n")
+    with pytest.raises(InputError, match=r"Pressure has no unit; .*such as Pressure \[kPa\]"):
+        read_bench_table(tmp_path / "t.csv")
+
+
+def test_a_design_where_a_study_is_expected_is_told_what_to_write(tmp_path: Path) -> None:
+    write_design(build("basic"), tmp_path / "d.toml")
+    for read in (read_kind, read_study):
+        with pytest.raises(InputError, match=r'd\.toml: a design; expected a study.*design = "d\.toml"') as caught:
+            read(tmp_path / "d.toml")
+        assert "\n" not in str(caught.value)
+
+
+def test_pressures_of_a_result_are_written_in_steps_that_a_regulator_resolves(tmp_path: Path) -> None:
+    design = build("cross")
+    pressures = np.array([[123.4567890123e3, 399.99999999999e3]])
+    write_best(tmp_path, design, pressures, {}, [None])
+    assert (tmp_path / "pressures.csv").read_text().splitlines()[-1].split(",")[1:] == ["123.4", "400"]

@@ -70,7 +70,7 @@ def traced(specimen: Specimen, made: Callable[..., dict[str, np.ndarray]], *argu
     rng = np.random.default_rng(4)
     records = tuple(BenchRecord(f"r{k}", made(rng, *own), {}) for k, own in enumerate(arguments))
     output = "displacement" if specimen == "actuator" else "force"
-    return examine(Bench("made", specimen, (), output, {}, records), TIGHT, say=lambda line: None)
+    return examine(Bench("made", specimen, (), output, {}, records), TIGHT)
 
 
 PRESSURES = 1e5, 3e5, 5e5, 7e5

@@ -1,6 +1,7 @@
 """Wishes in place of a cloud: how they are read, their distance and its slope, and studies that run on them."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from fabdesign.catalogue import build
 from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
 from fabdesign.forward import Case
+from fabdesign.interface.study_results import Optimized
 from fabdesign.pressure_file import constant_program
 from fabdesign.study_file import read_study
 from fabdesign.wishes import Landmarks
@@ -133,6 +135,18 @@ def test_a_study_fulfils_wishes(study, tmp_path: Path) -> None:
     assert said in body and "mean distance from<br>what was asked for, mm" in body
     assert "Chamfer" not in body and "surface RMS" not in body
     assert '"asked for"' in page and "nearest<br>target" not in page  # no colour bar
+
+
+def test_a_wish_that_a_limit_ended_says_so(study, tmp_path: Path) -> None:
+    text = "\n[[target.wishes]]\nat = [0.1, 0.2]\nforward = 0.06\n"
+    found = run_study(
+        study("\n" + text, "[limits]\nevaluations = 12\nseconds = 77\n"), tmp_path / "out", forward=WithJacobian()
+    )
+    said = json.loads((tmp_path / "out" / "result.json").read_text())["reach"]["said"]
+    assert said[0].startswith("The search ended before it converged") and "not known" in said[0]
+    shown = str(Optimized(found))
+    assert said[0] in shown and "the limit of 12 evaluations is reached" in shown
+    assert re.search(r"^\d+ of at most 77 s of search time \(without compilation\)", shown, re.M)
 
 
 def test_a_wish_that_nothing_fulfils_says_where_and_what_would_help(study, tmp_path: Path) -> None:

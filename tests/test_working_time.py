@@ -12,6 +12,8 @@ from fabdesign.pressure_file import constant_program
 from fabdesign.study_file import Study, StudyLimits
 from fabdesign.study_targets import TargetFile
 from fabdesign.working_time import Stopwatch
+from sim.design.loading import SIZES
+from sim.kernels.first_calls import _in_words
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth
 
@@ -92,3 +94,8 @@ def test_a_search_is_the_same_whether_its_kernels_are_compiled_or_not(
     assert full.history == empty.history and len(full.history) > 32
     assert full.pressures.tobytes() == empty.pressures.tobytes() and full.points.tobytes() == empty.points.tobytes()
     assert (full.wall_s, full.stop_reason) == (empty.wall_s, empty.stop_reason)
+
+
+def test_a_compilation_says_for_which_designs_it_serves() -> None:
+    assert _in_words((43 * 43, 256, 44, 4, 8)) == "grids up to 41 points a side, designs up to 256 fixed points"
+    assert SIZES[0] == (43, 96)  # what `fabdesign prepare` says that it compiles for

@@ -140,17 +140,19 @@ def calibrate(
     """Fit a model to measurement sets, or a bench's law.
 
     The model's parameters are factors on the values of the data sheet. They are fitted to all sets together. --fit
-    applies to each SET. A bench is a folder with bench.toml.
+    applies to each SET. A bench is a folder with bench.toml; two strips, cut across and down, become one cloth.
     """
     from fabdesign.bench_file import is_bench
 
     benches = [source for source in sources if is_bench(source)]
-    if benches and len(sources) > 1:
-        raise InputError(f"{benches[0]}: a bench; expected it alone, or measurement sets")
     if benches:
+        from fabdesign.cli.benches import calibrate_benches
+
+        if len(benches) < len(sources):
+            raise InputError(f"{benches[0]}: a bench; expected benches alone, or measurement sets")
         if fixed is not None or model is not None:
             raise InputError("--fix and --model: of a measurement set; expected --free or --fit of a bench")
-        _calibrate_bench(benches[0], fit, free, output, force, as_json)
+        calibrate_benches(benches, output, fit=fit, free=free, force=force, as_json=as_json)
         return
     from fabdesign import interface
     from studies.calibration.calibrate import orders_of
@@ -186,41 +188,6 @@ def _after_calibration(sources: Sequence[Path], output: Path, trials: int) -> tu
     if len(sources) == 1 and trials >= LEAST_TRIALS:
         return f"fabdesign trace {named} --model {output} -o traced", "which effect the model lacks, if any"
     return f"fabdesign evaluate {named} --model {output} --all", "the errors before and after"
-
-
-def _calibrate_bench(source: Path, fit: str | None, free: str | None, output: Path, force: bool, as_json: bool) -> None:
-    from fabdesign.effect_file import effect_items
-    from fabdesign.output import new_files
-    from studies.benches.calibrate import (
-        calibrate_bench,
-        effects_in_words,
-        errors_in_words,
-        next_step,
-        noise_in_words,
-        write_bench_type,
-    )
-
-    with new_files(output, force=force, inputs=[source]) as unfinished:
-        fitted = calibrate_bench(
-            source, fit=None if fit is None else fit.split(","), free=free.split(",") if free else ()
-        )
-        files = [str(output.with_name(file.name)) for file in write_bench_type(fitted, unfinished)]
-    result = {
-        "bench": fitted.bench.name,
-        "unit": fitted.unit,
-        "error_fit": fitted.error_fit,
-        "error_left_out": fitted.error_left_out,
-        "error_test": fitted.error_test,
-        "error_as_fitted": fitted.error_as_fitted,
-        "noise_floor": fitted.noise.sigma,
-        "noise_from": fitted.noise.source,
-        "constants": {name: {"value": c.value, "unit": c.unit} for name, c in fitted.constants.items()},
-        "effects": [effect_items(effect) for effect in fitted.effects],
-        "files": files,
-    }
-    lines = [f"{files[0]}: {fitted.bench.name}, {errors_in_words(fitted)}"]
-    lines += [*noise_in_words(fitted), *effects_in_words(fitted), f"next: {next_step(fitted, output)}"]
-    print_result(result, "\n".join(lines), as_json)
 
 
 @commands.command()
@@ -266,6 +233,7 @@ def rig(
             test_trials=test_trials,
             force=force,
             progress=shown,
+            say=tell,
         )
     trials = sum(len(own) for _, own in session)
     recorded = None if recording is None else str(recording)

@@ -1,10 +1,12 @@
-"""Progress on standard error: on a terminal a bar with the time left, elsewhere lines."""
+"""Progress on standard error: on a terminal a bar with the time left, elsewhere lines. While kernels compile, the bar
+says so, and that time is not extrapolated."""
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from math import inf
 from typing import TYPE_CHECKING
 
+from fabdesign import working_time
 from fabdesign.cli.console import tell
 from fabdesign.effort import duration
 from fabdesign.errors import printable
@@ -22,13 +24,14 @@ _PERIOD = 600.0  # s of steps that the time left is taken from: a step of a fit 
 def counted(verb: str, what: str = "trials") -> Iterator[Counter]:
     """A context in which things are counted, as in "predicted 3 of 8 trials"."""
     if not _on_terminal():
-        yield lambda done, total: tell(f"{verb} {done} of {total} {what}")
+        lines = _Lines(0.0)
+        yield lambda done, total: lines.show(f"{verb} {done} of {total} {what}", done / total)
         return
     with bar() as shown:
         task = shown.add_task(verb, total=None)
 
         def show(done: int, total: int) -> None:
-            shown.update(task, description=f"{verb} {done} of {total} {what}", completed=done, total=total)
+            shown.update(task, description=printable(f"{verb} {done} of {total} {what}"), completed=done, total=total)
 
         yield show
 
@@ -57,10 +60,10 @@ class _Lines:
     """Steps as plain lines."""
 
     def __init__(self, interval: float) -> None:
-        self._interval, self._begin, self._shown = interval, time.monotonic(), -interval
+        self._interval, self._begin, self._shown = interval, working_time.seconds(), -inf
 
     def show(self, line: str, share: float | None) -> None:
-        now = time.monotonic()
+        now = working_time.seconds()
         if share is not None and now - self._shown < self._interval:
             return
         self._shown = now
@@ -73,15 +76,30 @@ class _Lines:
 def bar() -> "Progress":
     """On standard error, gone when it is closed: what is done is told by the command's result."""
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, Progress, Task, TextColumn, TimeRemainingColumn
+    from rich.text import Text
 
-    columns = (
+    class Left(TimeRemainingColumn):
+        """The time left by the clock that stands still while kernels compile, or that they do."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.max_refresh = -1.0  # s: never kept, for that clock stands still
+
+        def render(self, task: Task) -> Text:
+            if working_time.compiling():
+                return Text("compiling the simulator")
+            return Text.assemble(super().render(task), " left")
+
+    return Progress(
         TextColumn("{task.description}", markup=False),  # names may look like it
         BarColumn(),
-        TimeRemainingColumn(),
-        TextColumn("left"),
+        Left(),
+        console=Console(stderr=True),
+        transient=True,
+        speed_estimate_period=_PERIOD,
+        get_time=working_time.seconds,
     )
-    return Progress(*columns, console=Console(stderr=True), transient=True, speed_estimate_period=_PERIOD)
 
 
 def _on_terminal() -> bool:

@@ -22,6 +22,7 @@ from fabdesign.cli.progress import SEARCH, described
 from fabdesign.units import in_mm
 
 Command = Callable[..., None]
+Shown = Callable[[str, float | None], None]
 
 
 def study_options(seconds: str) -> Callable[[Command], Command]:
@@ -72,7 +73,8 @@ def prepare(as_json: bool) -> None:
     from studies.prepare import prepare as compile_all
 
     seconds = compile_all(tell)
-    print_result({"seconds": seconds}, f"the simulator is compiled, {seconds:.0f} s", as_json)
+    serves = "for grids up to 41 points a side and designs up to 96 fixed points; others compile at their first use"
+    print_result({"seconds": seconds}, f"the simulator is compiled, {seconds:.0f} s, {serves}", as_json)
 
 
 @commands.command()
@@ -92,7 +94,8 @@ def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_j
     result = outcome.as_json()
     text = (
         f"{output}: {result['objective_mm']:.3f} mm (Chamfer {result['chamfer']:.3f}, noise floor "
-        f"{result['chamfer_floor']:.3f}) after {result['evaluations']} evaluations; {result['stop_reason']}"
+        f"{result['chamfer_floor']:.3f}) after {result['evaluations']} evaluations, {outcome.search_time}; "
+        f"{result['stop_reason']}"
     )
     outputs = [f"{name}: {', '.join(values)}" for name, values in outcome.outputs.items()]
     after = [result["fewer"]["said"]] if result["fewer"] else []
@@ -146,14 +149,19 @@ def study_of_any_kind(
 
 
 def _layouts(study: Path, output: Path, *, seconds: float | None, force: bool, as_json: bool) -> None:
-    from fabdesign.layouts_file import Cell
+    from fabdesign.effort import in_words
+    from fabdesign.layouts_file import Cell, read_layouts
     from optimize.evaluations import Evaluations
     from studies.layout_grid.report import as_text
     from studies.layout_grid.run import run_layouts
 
     with described(study.stem, interval=SEARCH) as shown:
+        opening = [in_words]
 
         def show(cell: Cell, number: int, total: int, evaluations: Evaluations) -> None:
+            while opening:  # once the folder is known to be free
+                limit = seconds or read_layouts(study).search.limits.seconds
+                shown(opening.pop()(limit, f"{total} searches, all within {limit:g} s of search time"), None)
             best = "none yet" if evaluations.best is None else f"{in_mm(evaluations.best.value):.3f} mm"
             line = f"{cell.name}, {number} of {total}: best {best}, {evaluations.elapsed:.0f} s in this search"
             shown(line, min(1.0, (number - 1 + evaluations.share) / total))
@@ -162,12 +170,26 @@ def _layouts(study: Path, output: Path, *, seconds: float | None, force: bool, a
     print_result(result.as_json(), f"{as_text(result)}\nreport: {output / 'report.html'}", as_json)
 
 
+def _opened(shown: Shown, opening: Callable[[], str]) -> Shown:
+    """Return what shows an estimate before the first line, when the folder is known to be free."""
+    first = [opening]
+
+    def show(line: str, share: float | None) -> None:
+        while first:
+            shown(first.pop()(), None)
+        shown(line, share)
+
+    return show
+
+
 def _unseen(study: Path, output: Path, *, seconds: float | None, force: bool, as_json: bool) -> None:
+    from fabdesign.unseen_file import read_unseen
     from studies.unseen.report import as_text, without_lines
-    from studies.unseen.run import run_unseen
+    from studies.unseen.run import run_unseen, unseen_in_words
 
     with described(study.stem, interval=SEARCH) as shown:
-        result = run_unseen(study, output, seconds=seconds, force=force, progress=shown)
+        show = _opened(shown, lambda: unseen_in_words(read_unseen(study)))
+        result = run_unseen(study, output, seconds=seconds, force=force, progress=show)
     print_result(without_lines(result), f"{as_text(result)}\nreport: {output / 'report.html'}", as_json)
 
 
@@ -179,9 +201,11 @@ def loop(study: Path, output: Path, seconds: float | None, force: bool, as_json:
     A STUDY is a TOML file with a target. Measurements come from a virtual rig or from a laboratory. With a laboratory
     the command ends where it needs a measurement set. Run it again when the set is there.
     """
+    from fabdesign.loop_file import read_loop
     from studies.loop.report import as_text
-    from studies.loop.run import run_loop
+    from studies.loop.run import loop_in_words, run_loop
 
     with described(study.stem) as shown:
-        outcome = run_loop(study, output, seconds=seconds, force=force, progress=shown)
+        show = _opened(shown, lambda: loop_in_words(read_loop(study), seconds))
+        outcome = run_loop(study, output, seconds=seconds, force=force, progress=show)
     print_result(outcome.as_json(), f"{as_text(outcome)}\nreport: {output / 'report.html'}", as_json)

@@ -82,5 +82,5 @@ def _trace_bench(source: Path, tolerance: float | None, output: Path, force: boo
 
     share = TOLERANCE if tolerance is None else tolerance / 100
     with described("tracing") as shown:
-        outcome = trace_bench(source, output, tolerance=share, force=force, say=lambda line: shown(line, None))
+        outcome = trace_bench(source, output, tolerance=share, force=force, progress=shown)
     print_result(outcome.as_json(), f"{output}: {as_text(outcome)}", as_json)

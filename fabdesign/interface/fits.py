@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from fabdesign.effort import CALIBRATION, TRACE, Pace, fit_in_words, fit_seconds
+from fabdesign.effort import CALIBRATION, TRACE, Pace, fit_in_words, fit_seconds, in_words, on_cores, training_seconds
 from fabdesign.errors import InputError
 from fabdesign.interface.arguments import (
     ModelLike,
@@ -182,7 +182,13 @@ def train(
     vector = _unknowns(free, (), base, [sound for sound, _ in checked]) if free else None
     beside = out.with_suffix(".safetensors").name
     places = new_files(out, companions=[beside], force=force, inputs=paths_of(measured, model))
+    motion = [float(t.times[-1]) for sound, _ in checked for t in sound.trials if t.role == "fit"]
+    seconds = training_seconds(motion)
+    if vector is not None:
+        seconds += fit_seconds(CALIBRATION, motion, len(vector.parameters), base.points_per_side)
     with places as unfinished, computing(cluster):
+        if motion and network == "field":  # how long the paper's takes is its plan's
+            progress(in_words(seconds, f"{len(motion)} trials", on_cores()), None)
         result = train_on(
             [sound for sound, _ in checked],
             simulator(base.points_per_side),

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
+from fabdesign.effort import evaluation_seconds, in_words, on_cores
 from fabdesign.errors import InputError
 from fabdesign.interface.arguments import (
     DesignLike,
@@ -73,6 +74,10 @@ def evaluate(
             say(line)
         for line in extrapolated(fitted, [trial.program for trial in asked]):
             say(line)
+        motion = [float(trial.times[-1]) for trial in asked]
+        seconds = evaluation_seconds(motion)
+        if asked:  # else it is an error, in one line
+            progress(in_words(seconds, f"{len(asked)} trials", on_cores()), None)
         forward = simulator(grid) if grid else enough_points(fitted, trials, simulator, tell=say)
         evaluation = evaluate_sets(
             fitted,

@@ -31,7 +31,8 @@ class Optimized(Tabled):
         from fabdesign.layout_drawing import layout_svg
 
         said = f"Optimized: {in_mm(self.objective):.3f} mm after {len(self.found.history)} evaluations"
-        lines = [said, *poses_in_words(list(self.found.pressures))]
+        ended = f"{self.found.search_time}; {self.found.stop_reason}"
+        lines = [said, ended, *self.found.reach.sentences, *poses_in_words(list(self.found.pressures))]
         highest = self.found.study.limits.pressure[1]
         pictures = [layout_svg(self.design, pressures, highest) for pressures in self.found.pressures]
         return Summary(lines, muscle_columns(self.design), pictures)

@@ -162,10 +162,11 @@ def come_near(
     return concluded(problem, state, inputs, before, iterations, converged)
 
 
-def fit_bench(problem: BenchProblem) -> Fit:
+def fit_bench(problem: BenchProblem, progress: Progress = lambda line, share: None) -> Fit:
     """As `fit`, of a bench."""
-    near, weight = come_near(problem), np.diag(1 / problem.vector.prior**2)
-    state, more, converged = _descend(problem, near.state, weight, "", lambda line, share: None, exact=False)
+    early, late = parts(progress, 0.5)
+    near, weight = come_near(problem, progress=early), np.diag(1 / problem.vector.prior**2)
+    state, more, converged = _descend(problem, near.state, weight, "", late, exact=False)
     return concluded(problem, state, None, near.before, near.iterations + more, converged)
 
 

@@ -8,6 +8,7 @@ import functools
 import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from math import isqrt
 from pathlib import Path
 
 import taichi as ti
@@ -26,12 +27,18 @@ def first_call(costly: str, sizes: tuple[int, ...]) -> Iterator[None]:
     with not_counted(), brief():
         mark = _mark(costly, sizes) if costly else None
         if mark is not None and not mark.exists():
-            note(f"compiling the simulator ({costly}), once on this machine: about {SECONDS} s")
+            note(f"compiling the simulator ({costly}; {_in_words(sizes)}), once on this machine: about {SECONDS} s")
         yield
         if mark is not None:
             with suppress(OSError):  # without a mark the next process says it again
                 mark.parent.mkdir(parents=True, exist_ok=True)  # Taichi makes it when the process ends
                 mark.touch()
+
+
+def _in_words(sizes: tuple[int, ...]) -> str:
+    """Return for which designs kernels of these sizes serve: of others they are compiled apart."""
+    nodes, points, *_ = sizes
+    return f"grids up to {isqrt(nodes) - 2} points a side, designs up to {points} fixed points"
 
 
 def _mark(costly: str, sizes: tuple[int, ...]) -> Path:

@@ -1,24 +1,20 @@
 """What a bench gives: a law of its specimen, and a muscle type or a cloth that a design can include."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tomlkit
 
 from fabdesign.bench import Bench, BenchRecord
 from fabdesign.bench_file import read_bench
-from fabdesign.bench_law_file import BenchLaw, write_bench_law
-from fabdesign.bench_table_file import write_bench_table
-from fabdesign.curve_file import write_membrane_curve
 from fabdesign.effect_file import effect_items
+from fabdesign.effort import bench_fit_seconds, in_words
 from fabdesign.errors import InputError
 from fabdesign.model import EffectTerm, Quantity
-from fabdesign.output import write_text
-from fabdesign.units import in_kpa, in_mm
+from fabdesign.units import in_mm
 from optimize.fit.parameters import FitVector
 from studies.benches.actuator import StaticCurve
 from studies.benches.cylinder import CylinderLaw
@@ -26,11 +22,13 @@ from studies.benches.muscle import BenchMuscle
 from studies.benches.muscle_effects import FittedEffects, bench_vector, fit_effects
 from studies.benches.noise import BenchNoise, noise_of
 from studies.benches.predictions import Law, as_fitted, as_written, errors_of, travels
-from studies.benches.records import SIZES, measured, require_columns, require_sizes, unit_of
+from studies.benches.records import measured, require_columns, unit_of
 from studies.benches.rows import rows_of
 from studies.benches.strip import StripLaw
 
 LEAST_SHOWN = 0.001  # mm or N: what no gauge reads
+
+Progress = Callable[[str, float | None], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +65,15 @@ class BenchCalibration:
 
 
 def calibrate_bench(
-    path: Path | str, *, fit: Sequence[str] | None = None, free: Sequence[str] = ()
+    path: Path | str,
+    *,
+    fit: Sequence[str] | None = None,
+    free: Sequence[str] = (),
+    progress: Progress = lambda line, share: None,
 ) -> BenchCalibration:
     """Fit a bench's records of role `fit`, or those among them whose names (files without .csv) are given. free:
-    effects to fit with a muscle's law, as of `calibrate --free`.
+    effects to fit with a muscle's law, as of `calibrate --free`. progress: is given an estimate, then each step with
+    the share done.
 
     Raises InputError for an unsound bench, an unknown name and records that do not suffice.
     """
@@ -91,11 +94,20 @@ def calibrate_bench(
             f"{bench.file}: --free {','.join(free)}: the specimen is a {bench.specimen}; expected a muscle"
         )
     vector = bench_vector(free, bench.name) if free else None
-    law, effects = _fit(bench, chosen, vector, intervals=True)
+    unknowns = 0 if vector is None else len(vector.parameters)
+    if bench.specimen == "muscle":
+        rows = sum(len(measured(bench.specimen, record)) for record in chosen)
+        seconds = bench_fit_seconds(len(chosen), rows, unknowns)
+        what = f"{len(chosen)} records", f"{rows} rows", *([f"{unknowns} unknowns of effects"] if free else [])
+        progress(in_words(seconds, *what), None)
+    turns = len(chosen) if len(chosen) > 2 else 0
+    lines = ["all records", *(f"record {k} of {turns} left out" for k in range(1, turns + 1))]
+    first, *later = _steps(progress, [f"fitting {bench.name}, {line}" for line in lines])
+    law, effects = _fit(bench, chosen, vector, first)
     left_out = []
-    for i in range(len(chosen) if len(chosen) > 2 else 0):
+    for i, told in enumerate(later):
         others = chosen[:i] + chosen[i + 1 :]
-        left_out.append(_error(bench, _fit(bench, others, vector, intervals=False)[0], [chosen[i]]))
+        left_out.append(_error(bench, _fit(bench, others, vector, told, intervals=False)[0], [chosen[i]]))
     plain = [as_fitted(law, record) - measured(bench.specimen, record) for record in chosen]
     return BenchCalibration(
         bench=bench,
@@ -162,50 +174,26 @@ def _shown(error: float, unit: str) -> str:
     return f"{value:.3g} {unit} RMS" if value >= LEAST_SHOWN else f"under {LEAST_SHOWN} {unit} RMS"
 
 
-def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
-    """Write `output` (TYPE.toml) and the table it names beside it; the files written.
+def _steps(progress: Progress, lines: Sequence[str]) -> list[Callable[[float], None]]:
+    """Return what each of some equal steps, which shows its line, tells its own share to."""
 
-    A muscle becomes [muscle_types.NAME], with the sizes that the bench states as constants (outer_diameter,
-    mass_per_length, axis_offset), and [[effects]] that were fitted and belong to it; a strip whose width is stated a
-    [fabric] with its membrane_curve, in the `direction` (1 across, 2 down) that is stated or both. A design takes
-    either by `include`. Anything else becomes a file of the law alone (`fabdesign.bench-law/1`). Raises InputError for
-    a missing size and where `output` cannot be written.
-    """
-    bench, law = calibration.bench, calibration.law
-    require_sizes(bench)
-    document = tomlkit.document()
-    document.add(tomlkit.comment(_origin(bench)))
-    table = output.with_name(f"{output.stem}_{'bench' if isinstance(law, BenchMuscle) else 'law'}.csv")
-    if isinstance(law, BenchMuscle):
-        document["format"] = "fabdesign.design/1"
-        entry = tomlkit.table()
-        for key in SIZES:
-            entry[key] = bench.constant(key)
-        if law.viscosity is not None:
-            entry["viscosity"] = law.viscosity
-        entry["bench"] = table.name
-        document["muscle_types"] = {bench.name: entry}
-        if own := [effect for effect in calibration.effects if travels(effect)]:
-            document["effects"] = [effect_items(effect) for effect in own]
-        write_bench_table(law.table(), table)
-    elif isinstance(law, StripLaw) and "width" in bench.constants:
-        document["format"] = "fabdesign.design/1"
-        document["fabric"] = {"membrane_curve": table.name}
-        direction = bench.constants.get("direction")
-        curve = law.membrane_curve(bench.constant("width"), across=direction != 2, down=direction != 1)
-        write_membrane_curve(curve, table)
-    else:
-        write_bench_law(_bench_law(bench, law), output, table, comment=_origin(bench))
-        return [output, table]
-    write_text(output, tomlkit.dumps(document))
-    return [output, table]
+    def step(k: int, line: str) -> Callable[[float], None]:
+        return lambda share: progress(line, (k + share) / len(lines))
+
+    return [step(k, line) for k, line in enumerate(lines)]
 
 
 def _fit(
-    bench: Bench, records: Sequence[BenchRecord], vector: FitVector | None, *, intervals: bool
+    bench: Bench,
+    records: Sequence[BenchRecord],
+    vector: FitVector | None,
+    told: Callable[[float], None],
+    *,
+    intervals: bool = True,
 ) -> tuple[Law, tuple[EffectTerm, ...]]:
+    told(0.0)
     if bench.specimen == "muscle":
-        fitted = FittedEffects() if vector is None else fit_effects(partial(rows_of, records), vector)
+        fitted = FittedEffects() if vector is None else fit_effects(partial(rows_of, records), vector, told)
         options: dict[str, Any] = {} if intervals else {"refits": 0}
         return BenchMuscle.fit(records, terms=fitted.terms, **options), fitted.effects
     if bench.specimen == "strip":
@@ -230,23 +218,3 @@ def _constants(law: Law) -> dict[str, Quantity]:
     if isinstance(law, CylinderLaw):
         return {"presliding": Quantity(law.presliding, "m")}
     return {}
-
-
-def _origin(bench: Bench) -> str:
-    source = bench.source or bench.description
-    return f"fitted to the bench {bench.name}{source and f': {source}'}"
-
-
-def _bench_law(bench: Bench, law: Law) -> BenchLaw:
-    """As it is written to a file."""
-    if isinstance(law, CylinderLaw):
-        low, high = law.interval90.T
-        columns = {"coefficient_n": law.coefficients, "low90_n": low, "high90_n": high}
-        return BenchLaw("cylinder", bench.output, columns, law.terms, law.form, law.presliding)
-    if isinstance(law, StaticCurve):
-        return BenchLaw("actuator", bench.output, {"pressure_kpa": in_kpa(law.pressure), "displacement_m": law.level})
-    assert isinstance(law, StripLaw)
-    strain, _ = law.samples()
-    low, high = law.interval90(1 + strain)
-    columns = {"strain": strain, "force_n": law.force(1 + strain), "low90_n": low, "high90_n": high}
-    return BenchLaw("strip", bench.output, columns)

@@ -60,8 +60,10 @@ class BenchEvaluation:
                 means = (_statistics(records, state).mean for state in ("before", "after"))
                 lines += [f"| mean | {' | '.join(map(shown, means))} |", ""]
         noise = self.noise.in_words(f"{shown(self.noise.sigma)} {unit}")
-        lines += [f"{noise[0].upper()}{noise[1:]}.", ""]
-        return "\n".join([*lines, f"{self.bench.name}: {self.bench.source or self.bench.description}"])
+        lines.append(f"{noise[0].upper()}{noise[1:]}.")
+        lines.append("RMS of each record; before: by the law at rest, after: with friction, viscosity and effects.")
+        origin = self.bench.source or self.bench.description
+        return "\n".join([*lines, *(["", f"{self.bench.name}: {origin}"] if origin else [])])
 
 
 def evaluate_bench(path: Path, law: Path, *, all_records: bool = False) -> BenchEvaluation:

@@ -55,15 +55,21 @@ def _of_another_bench(name: str) -> bool:
     return bool(EFFECTS[effect].parameters[key].tried)
 
 
-def fit_effects(rows_of: Callable[[tuple[Term, ...]], Rows], vector: FitVector) -> FittedEffects:
-    """rows_of(terms): the records' rows with the effects in them."""
+def fit_effects(
+    rows_of: Callable[[tuple[Term, ...]], Rows],
+    vector: FitVector,
+    told: Callable[[float], None] = lambda share: None,
+) -> FittedEffects:
+    """rows_of(terms): the records' rows with the effects in them. told: is given the share done."""
     plain = rows_of(())
     spans, acting = _Spans.of(plain), {term.name for term in vector.terms}
 
     def left(x: Array) -> Array:
         return spans.left(rows_of(vector.terms_at(vector.inside(x))), acting)
 
-    fitted = fit_bench(BenchProblem(left, np.zeros_like(plain.block), plain.block, vector))
+    fitted = fit_bench(
+        BenchProblem(left, np.zeros_like(plain.block), plain.block, vector), lambda _, share: told(share)
+    )
     deviation = np.sqrt(np.diag(fitted.covariance))
     terms = vector.terms_at(fitted.x)
     quantities = {

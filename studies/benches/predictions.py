@@ -90,6 +90,8 @@ def prediction(path: Path, bench: Bench) -> Predict:
     if bench.specimen != "strip" or part.fabric is None or (curve := part.fabric.membrane_curve) is None:
         raise InputError(f"{path}: no law of a {bench.specimen}, which {bench.file} has; expected what calibrate wrote")
     width, across = bench.constant("width"), 1 if bench.constants.get("direction") == 2 else 0
+    if not curve.strain[across]:
+        raise InputError(f"{path}: its curve has no direction {across + 1}, which {bench.file} has")
     strain, force = np.array(curve.strain[across]), width * np.array(curve.tension[across])
     return _of_strip(strain, force)
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from fabdesign.bench import Bench, BenchRecord, Specimen
 from fabdesign.errors import InputError
+from fabdesign.muscle import WIDEST
 from studies.benches import actuator, rows
 from studies.benches.actuator import hold_of
 from studies.benches.rows import FORCES
@@ -38,6 +39,11 @@ def require_sizes(bench: Bench) -> None:
     if bench.specimen == "muscle" and missing:
         raise InputError(
             f"{bench.file}: [constants] lack {', '.join(missing)}; expected numbers in SI units, for a muscle type"
+        )
+    diameter = bench.constants.get("outer_diameter", 0.0)
+    if bench.specimen == "muscle" and diameter > WIDEST:
+        raise InputError(
+            f"{bench.file}: outer_diameter = {diameter:g}; expected at most {WIDEST:g} m (is it in millimetres?)"
         )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from fabdesign.design import Design
 from fabdesign.design_file import DesignPart
 from fabdesign.fabric import Fabric
-from fabdesign.muscle import BenchTable, MuscleType, diameter_slip
+from fabdesign.muscle import WIDEST, BenchTable, MuscleType, diameter_slip
 from fabdesign.units import in_kpa, in_mm
 from optimize.geometry import bend_radius, clearance
 from studies.check.findings import Findings
@@ -29,6 +29,8 @@ def design_findings(design: Design, where: str) -> Findings:
         for name, kind in design.muscle_types.items()
         if len(kind.bench.force) < _ROWS
     ]
+    too_wide = _too_wide(design.muscle_types, min(design.fabric.width, design.fabric.height))
+    problems += too_wide
     for number, muscle in enumerate(design.muscles):
         kind, called = design.muscle_types[muscle.type], f"muscles[{number}]"
         needed = muscle.length + 2 * (kind.tail_length or 0.0)
@@ -51,7 +53,7 @@ def design_findings(design: Design, where: str) -> Findings:
                 f"{called}: fixed_point_pitch = {muscle.fixed_point_pitch:g} m leaves one interval in a leg of "
                 f"{longest:.3g} m; a muscle bends the cloth between fixed points"
             )
-    too_close, close = spacing(design, SPACING)
+    too_close, close = ([], []) if too_wide else spacing(design, SPACING)
     problems += too_close
     warnings += close
     prefixed = [tuple(f"{where}: {line}" for line in lines) for lines in (problems, warnings)]
@@ -62,7 +64,18 @@ def part_findings(part: DesignPart, where: str) -> Findings:
     """Of a file that designs include."""
     known = {key: expected for key, expected in FABRIC.items() if key in part.keys}
     lines = [*(_fabric(part.fabric, known) if part.fabric else ()), *_types(part.types)]
-    return Findings(warnings=tuple(f"{where}: {line}" for line in lines))
+    wide = tuple(f"{where}: {line}" for line in _too_wide(part.types, np.inf))
+    return Findings(wide, tuple(f"{where}: {line}" for line in lines))
+
+
+def _too_wide(types: Mapping[str, MuscleType], side: float) -> list[str]:
+    """Lines on muscles as wide as the cloth's shorter side [m], or wider than any that is laced."""
+    return [
+        f"muscle_types.{name}: outer_diameter = {kind.outer_diameter:g} m; expected at most {WIDEST:g} m, and less "
+        f"than the cloth{diameter_slip(kind.outer_diameter)}"
+        for name, kind in types.items()
+        if kind.outer_diameter > WIDEST or kind.outer_diameter >= side
+    ]
 
 
 def spacing(design: Design, least: float) -> tuple[list[str], list[str]]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from fabdesign.predictor import Predictor
-from fabdesign.search_terms import Robust
+from fabdesign.search_terms import Price, Robust
 from fabdesign.study_file import Study
 from fabdesign.units import in_mm
 from optimize.design_space import DesignSpace, Vector
@@ -51,7 +51,7 @@ def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
     if known and known["best"] == best.as_row() and known["seconds"] >= (evaluations.seconds if known["cut"] else 0):
         return kept_fewer(study, state)
     fewer = fewer_muscles(evaluations, least=choice.least, price=study.price)
-    fewer = replace(fewer, front=tuple(evaluations.front))
+    fewer = replace(_fewest(fewer, kept_fewer(study, state), study.price), front=tuple(evaluations.front))
     state["fewer"] = {
         "best": best.as_row(),
         "row": as_rows([fewer.start])[0],
@@ -63,8 +63,24 @@ def shrunk(study: Study, evaluations: Evaluations) -> Fewer | None:
         "front": fewer.front,
         "seconds": evaluations.seconds,
     }
+    state["by_count"] = [*evaluations.by_count.items()]
     evaluations.history.save(state, evaluations.elapsed)
     return fewer
+
+
+def _fewest(fewer: Fewer, earlier: Fewer | None, price: Price) -> Fewer:
+    """Return `fewer`, with the layout that an earlier session came to where that serves still and is smaller, or as
+    small and nearer."""
+    if earlier is None or earlier.ended:
+        return fewer
+
+    def rank(own: Fewer) -> tuple[int, int, float]:
+        return len(own.start[0].design.muscles), own.start[0].channels, own.value
+
+    allowed = price.allowed(fewer.before, fewer.count - rank(earlier)[0])
+    if earlier.value > allowed or rank(earlier) >= rank(fewer):
+        return fewer
+    return replace(fewer, start=earlier.start, value=earlier.value, ended="")
 
 
 def kept_fewer(study: Study, state: Mapping[str, Any]) -> Fewer | None:

@@ -1,13 +1,14 @@
 """What a search reached: how far over the floor, what holds it back, and whether the shape can be."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.design import Design
+from fabdesign.effort import duration
 from fabdesign.metrics import Errors
 from fabdesign.self_intersection import pierced
 from fabdesign.study_file import Study
@@ -26,19 +27,24 @@ TOUCHING_SHARE = 2e-3  # of contraction, and of the air
 
 @dataclass(frozen=True)
 class Lacking:
-    """About what a search that ended before it converged still needs."""
+    """About what a search that ended before it converged still needs; None where nothing says it."""
 
-    evaluations: int
-    seconds: float  # at the pace that it had
+    evaluations: int | None
+    seconds: float | None  # at the pace that it had
 
     @property
     def sentence(self) -> str:
-        return f"About {self.evaluations} evaluations more are needed, {_duration(self.seconds)} at the pace it had."
+        if self.evaluations is None or self.seconds is None:
+            return "More time may bring it nearer; how much is not known before a first restart has ended."
+        return (
+            f"To converge it may need about {_rounded(self.evaluations)} evaluations more, about "
+            f"{duration(_rounded(self.seconds))} at its pace so far."
+        )
 
 
-def _duration(seconds: float) -> str:
-    """For people."""
-    return f"{max(1, round(seconds))} s" if seconds < 100 else f"{seconds / 60:.0f} minutes"
+def _rounded(value: float) -> int:
+    """Return a guess with two digits at most, and not less than 1."""
+    return max(1, int(float(f"{value:.1e}")))
 
 
 def lacking_of(evaluations: Evaluations) -> Lacking | None:
@@ -46,7 +52,7 @@ def lacking_of(evaluations: Evaluations) -> Lacking | None:
     if has_converged(evaluations):
         return None
     more, done = evaluations_to_converge(evaluations), evaluations.history.evaluations
-    return Lacking(more, more * evaluations.elapsed / max(done, 1))
+    return Lacking(more, None if more is None else more * evaluations.elapsed / max(done, 1))
 
 
 @dataclass(frozen=True)
@@ -80,10 +86,9 @@ class Reach:
             held = ", ".join(self.held_by) or "no limit; another kind of layout may come nearer"
             said.append(f"Out of reach: {in_mm(self.gap):.1f} mm {over}. What holds it back: {held}.")
             said += missed_said(self.missed) + (self.helps.sentences if self.helps else [])
-        elif self.beyond_noise and self.lacking:
-            said.append(
-                f"The search ended before it converged, {in_mm(self.gap):.1f} mm {over}. {self.lacking.sentence}"
-            )
+        elif self.lacking:
+            gap = f", {in_mm(self.gap):.1f} mm {over}" if self.beyond_noise else ""
+            said.append(f"The search ended before it converged{gap}. {self.lacking.sentence}")
         for pose, place in enumerate(self.crossing, start=1):
             if place is not None:
                 of = f" of pose {pose}" if len(self.crossing) > 1 else ""
@@ -97,7 +102,7 @@ class Reach:
             "gap_mm": in_mm(self.gap),
             "out_of_reach": self.out_of_reach,
             "converged": self.lacking is None,
-            "needs": self.lacking and {"evaluations": self.lacking.evaluations, "seconds": self.lacking.seconds},
+            "needs": asdict(self.lacking) if self.lacking and self.lacking.evaluations else None,
             "held_by": list(self.held_by),
             "passes_through_itself": self.passes_through_itself,
             "missed": [{"u": m.place[0], "v": m.place[1], "off_mm": in_mm(m.off)} for m in self.missed],

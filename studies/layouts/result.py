@@ -15,7 +15,7 @@ from fabdesign.metrics import Errors
 from fabdesign.pressure import rising_program
 from fabdesign.pressure_file import SINGLE_ROW_DURATION, constant_program, pressure_file_of, write_pressures
 from fabdesign.study_file import Study
-from fabdesign.units import in_kpa, in_mm
+from fabdesign.units import from_kpa, in_kpa, in_mm
 from optimize.evaluations import SLOPES
 from optimize.fewer import Fewer
 from optimize.history import Entry
@@ -26,6 +26,8 @@ from studies.layouts.reach import Reach
 from studies.layouts.robustness import Robustness
 from studies.layouts.robustness import as_json as robust_json
 from studies.layouts.target import LoadedTarget, pose_errors
+
+REGULATED = 0.1  # kPa, steps of the pressures in a file: finer than regulators resolve
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +51,11 @@ class StudyResult:
     robust: Robustness | None = None  # where the study asks for it
     within: float | None = None  # m, half of a 90 % interval along the normal; None: the model has no intervals
     fewer: Fewer | None = None  # what leaving muscles out came to, where their number may vary
+
+    @property
+    def search_time(self) -> str:
+        """For people: the time searched against its limit, both without compiling and loading."""
+        return f"{self.wall_s:.0f} of at most {self.study.limits.seconds:g} s of search time (without compilation)"
 
     @property
     def interrupted(self) -> bool:
@@ -131,6 +138,7 @@ class StudyResult:
             "evaluations": len(self.history),
             "diverged": sum(entry.diverged for entry in self.history),
             "wall_s": self.wall_s,
+            "limit_s": self.study.limits.seconds,
             "muscles": [asdict(muscle) for muscle in self.design.muscles],
             "pressures_kpa": pressures_kpa(self.pressures),
             "constraints": {k: in_kpa(v) if k == "pressure" else v for k, v in self.constraints.items()},
@@ -169,7 +177,8 @@ def write_best(
     """Write a design, each pose's pressures [Pa], held until its time [s] or, to a shape at rest, rising within `rise`
     s, and result.json, each file whole."""
     write_design(design, out / "design.toml")
-    for pose, (row, time) in enumerate(zip(pressures, times, strict=True), start=1):
+    steps = np.floor(in_kpa(pressures) / REGULATED + 1e-6)  # not above: a limit may lie there
+    for pose, (row, time) in enumerate(zip(from_kpa(steps * REGULATED), times, strict=True), start=1):
         file = pressure_file_of(pose)
         program = (
             rising_program(row, rise, rise + SINGLE_ROW_DURATION)

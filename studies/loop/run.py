@@ -6,6 +6,7 @@ from pathlib import Path
 
 from fabdesign.checkpoint import Checkpoint
 from fabdesign.design_file import read_design, write_design
+from fabdesign.effort import CALIBRATION, TRACE, cores, fit_seconds, in_words, on_cores, rig_seconds
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
 from fabdesign.json_file import write_json
@@ -27,6 +28,9 @@ from studies.loop.sources import ASKED, MEASURED, measured
 from studies.loop.turn import SEARCH, Choice, choose, chosen, errors_on_device, turn_name
 
 Progress = Callable[[str, float], None]  # what is done, and about what share of all
+
+
+_FACTORS, _EFFECTS = 7, 45  # unknowns of a calibration, and about of a trace
 
 
 class _Waiting(Exception):
@@ -88,6 +92,24 @@ def run_loop(
             write_json(files / "result.json", outcome.as_json())
             write_report(outcome, study, targets, work.folder, files)
     return outcome
+
+
+def loop_in_words(study: LoopStudy, seconds: float | None = None) -> str:
+    """Return what a loop does at most and about how long that takes, a laboratory's own time aside. seconds: of each
+    search, in place of the study's."""
+    trials, design = study.trials, study.search.design
+    turns, search = study.stop.turns + 1, seconds or study.search.limits.seconds
+    motion = [trials.seconds] * (trials.number + 1)
+    measuring = 0.0
+    if isinstance(study.source, VirtualRig):
+        cloth = design.fabric.width * design.fabric.height
+        measuring = sum(rig_seconds(one, cloth) for one in motion) / cores()
+    fits = 0.0
+    for turn in range(1, turns):  # of all that was measured so far
+        fits += fit_seconds(CALIBRATION, motion * turn, _FACTORS, study.points_per_side)
+        fits += fit_seconds(TRACE, motion * turn, _EFFECTS, study.learning.trace_grid) if study.learning.trace else 0.0
+    what = f"at most {turns} designs", f"{search:g} s of search and {len(motion)} trials for each", on_cores()
+    return in_words(turns * (search + measuring) + fits, *what)
 
 
 def open_study(study: LoopStudy) -> tuple[LoadedTarget, ...]:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fabdesign.cluster import current
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
-from fabdesign.effort import LONGEST, MEMORY
+from fabdesign.effort import LONGEST, MEMORY, in_words, on_cores, rig_seconds
 from fabdesign.errors import InputError
 from fabdesign.measurement_set import NewTrial, write_set
 from fabdesign.output import new_file, new_folder
@@ -50,13 +50,15 @@ def run_rig(
     workers: int | None = None,
     force: bool = False,
     progress: Callable[[int, int], None] = lambda done, of: None,
+    say: Callable[[str], None] = lambda line: None,
 ) -> None:
     """Measure a design on the virtual rig: one trial a pressure program, in session order, into the set `out`.
 
     `more`: designs measured after it in the same session, each with its pressures; `order` counts on. The last
     `test_trials` trials of each design get role "test". `recording`: a folder for the raw clouds of four virtual depth
     cameras of the first program; their true poses go beside it, to RECORDING.truth.json. force: replace folders that
-    this program made, and that file. progress(done, of) is called after each trial. Raises InputError;
+    this program made, and that file. progress(done, of) is called after each trial; say with an
+    estimate before. Raises InputError;
     studies.rig.solver.RigDiverged where a motion has no solution.
     """
     session = [(design, pressures), *more]
@@ -74,6 +76,8 @@ def run_rig(
     workers = min(workers or os.cpu_count() or 1, require_room(tasks, resolution))
 
     def trials() -> Generator[NewTrial, None, None]:
+        seconds = sum(rig_seconds(float(t.times[-1]), t.design.fabric.width * t.design.fabric.height) for t in tasks)
+        say(in_words(seconds / workers, f"{len(tasks)} trials", on_cores()))
         with closing(_shapes(tasks, workers)) as motions:
             for task, role, shapes in zip(tasks, roles, motions, strict=True):
                 yield NewTrial(f"{task.order:03d}", task.design.name, task.order, role, _sense(task, shapes))

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from fabdesign.model import EffectTerm, Model, Provenance, Quantity
 from fabdesign.model_file import write_model
 from fabdesign.output import new_folder, write_text
 from optimize.fit.clouds import Array, Indices, evenly
+from optimize.fit.descent import Progress, parts
 from optimize.fit.left_out import Scored
 from studies.benches.noise import noise_of
 from studies.benches.records import output_of, require_columns, unit_of
@@ -35,30 +37,38 @@ _ROWS = 400  # of a record
 _BOX_ROWS = 40
 _TURNS = 3  # at most, of the law and the effects beside it
 _SETTLED = 0.01  # of what is left, that one more turn would take
+_ENDS = (0.2, 0.3)  # shares of the work at which laws alone and effects end
 
 
 def trace_bench(
-    path: Path, out: Path, *, tolerance: float = TOLERANCE, force: bool = False, say: Callable[[str], None] = print
+    path: Path,
+    out: Path,
+    *,
+    tolerance: float = TOLERANCE,
+    force: bool = False,
+    progress: Progress = lambda line, share: None,
 ) -> BenchOutcome:
     """Trace a bench's records of role `fit`, and write trace.json, model.toml and report.html. tolerance: share of the
-    largest output. Raises InputError for an unsound bench and for fewer than three records."""
+    largest output. progress: is given what is done and about what share. Raises InputError for an unsound bench and for
+    fewer than three records."""
     with new_folder(out, made_by="trace", force=force, inputs=[path]) as files:
-        outcome = examine(read_bench(path), tolerance, say)
+        outcome = examine(read_bench(path), tolerance, progress)
         write_json(files / "trace.json", outcome.as_json())
         write_model(_model(outcome), files / "model.toml")
         write_text(files / "report.html", render_bench(outcome))
     return outcome
 
 
-def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) -> BenchOutcome:
+def examine(bench: Bench, tolerance: float, progress: Progress = lambda line, share: None) -> BenchOutcome:
     """The trace itself; `tolerance` is a share of the largest output."""
     records = [r for r in bench.records if r.role == "fit"]
     if len(records) < LEAST_RECORDS:
         raise InputError(f"{bench.file}: {len(records)} records of role fit; expected at least {LEAST_RECORDS}")
     require_columns(bench, bench.records)
     output = output_of(bench)
-    say(f"{len(records)} records, each predicted from the others by the quasi-static law")
-    laws = laws_of(bench, records)
+    first, second, third = parts(progress, *_ENDS)
+    line = f"{len(records)} records, each predicted from the others by the quasi-static law"
+    laws = laws_of(bench, records, told=partial(first, line))
     signals = [signals_of(r, predicted, k) for k, (r, predicted) in enumerate(zip(records, laws, strict=True))]
     rows = [evenly(len(r.columns[output]), _ROWS) for r in records]
     measured = [r.columns[output] for r in records]
@@ -70,9 +80,9 @@ def examine(bench: Bench, tolerance: float, say: Callable[[str], None] = print) 
     shapes = shapes_of(bench.specimen, signals, unit_of(bench.specimen))
     tables = [_table(shape, signals, rows) for shape in shapes]
     task = BenchTask(shapes, tables, residual, record, floor, limit)
-    say(f"{len(task.effects)} effects together on {len(records)} records")
+    second(f"{len(task.effects)} effects together on {len(records)} records", 0.0)
     none, chosen = task.fit(), select(task)
-    refitted = _with_law(bench, records, task, chosen, signals, rows)
+    refitted = _with_law(bench, records, task, chosen, signals, rows, told=partial(third, "law and effects in turn"))
     left = refitted.fit.state.found.residual
     box = _baseline(signals, rows, record, residual)
     beside = _baseline(signals, rows, record, left) if chosen.places else box
@@ -105,6 +115,8 @@ def _with_law(
     chosen: JointFit,
     signals: Sequence[Signals],
     rows: Sequence[Indices],
+    *,
+    told: Callable[[float], None],
 ) -> JointFit:
     """Return the effects chosen and the law fitted in turn: a law that was fitted alone has taken a part of them. An
     actuator's law is the level held, which has none."""
@@ -112,14 +124,18 @@ def _with_law(
     if bench.specimen == "actuator":
         return chosen
     columns = [[c for place in chosen.places for c in task.shapes[place].columns(s).values()] for s in signals]
-    for _ in range(_TURNS if chosen.places else 0):
+    for turn in range(_TURNS if chosen.places else 0):
         added = [sum((x * c for x, c in zip(refitted.fit.x, own, strict=True)), np.zeros(1)) for own in columns]
-        laws = laws_of(bench, records, added)
+        laws = laws_of(bench, records, added, told=partial(_turned, told, turn))
         residual = [(p - r.columns[output])[k] for p, r, k in zip(laws, records, rows, strict=True)]
         last, refitted = refitted, replace(task, residual=np.concatenate(residual)).fit(chosen.places)
         if refitted.scored.rms() > (1 - _SETTLED) * last.scored.rms():
             break
     return refitted
+
+
+def _turned(told: Callable[[float], None], turn: int, share: float) -> None:
+    told((turn + share) / _TURNS)
 
 
 def _tested(bench: Bench, output: str, shapes: Sequence[Shape], coefficients: Array) -> tuple[float, float] | None:

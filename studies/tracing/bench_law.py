@@ -1,6 +1,6 @@
 """The quasi-static law of a bench: what its specimen would do at once, and the same way each time."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,16 +15,26 @@ from studies.benches.strip import StripLaw
 _MOVED = 0.05  # of the level held: what counts as moved
 
 
-def laws_of(bench: Bench, records: Sequence[BenchRecord], added: Sequence[Array] | None = None) -> list[Array]:
+def laws_of(
+    bench: Bench,
+    records: Sequence[BenchRecord],
+    added: Sequence[Array] | None = None,
+    *,
+    told: Callable[[float], None] = lambda share: None,
+) -> list[Array]:
     """Return what the law says of each record, fitted to the others. added: what effects add to each, taken off
-    before the fit."""
+    before the fit. told: is given the share done."""
     output = output_of(bench)
     if added is not None:
         records = [
             replace(r, columns={**r.columns, output: r.columns[output] - more})
             for r, more in zip(records, added, strict=True)
         ]
-    return [law(bench, [*records[:k], *records[k + 1 :]], record) for k, record in enumerate(records)]
+    laws = []
+    for k, record in enumerate(records):
+        told(k / len(records))
+        laws.append(law(bench, [*records[:k], *records[k + 1 :]], record))
+    return laws
 
 
 def law(bench: Bench, others: Sequence[BenchRecord], record: BenchRecord) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 
 from fabdesign import SIMULATOR
 from fabdesign.checkpoint import Checkpoint, sha256
+from fabdesign.effort import CALIBRATION, fit_seconds, in_words, on_cores, unseen_seconds
 from fabdesign.forward import ForwardModel
 from fabdesign.output import WorkFolder, work_folder
 from fabdesign.spread import spread_of
@@ -18,6 +19,7 @@ from optimize.fit.free import fit_vector
 from studies.forward_model import forward_model
 from studies.layouts.content import flat, shortened
 from studies.sensitive_stretches import GRID
+from studies.sensitivity.snapping import spreads
 from studies.unseen.draws import Draws
 from studies.unseen.left_out import left_out
 from studies.unseen.measurement import Array, after, candidates_of, in_turn, information, pose_slopes, spread
@@ -71,6 +73,23 @@ def run_unseen(
         with work.adding() as files:
             write_report(result, files, pictures=work.folder)
     return result
+
+
+def unseen_in_words(study: UnseenStudy) -> str:
+    """Return what a study computes and about how long that takes."""
+    seconds, what = 0.0, []
+    if (unsewn := study.unsewn) is not None:
+        shapes = len(unsewn.poses) * (study.samples + 1 + len(spreads(unsewn.design)))
+        candidates = candidates_of(unsewn, study.rig)
+        seconds += unseen_seconds(shapes, len(candidates), study.points_per_side)
+        what += [f"{shapes} shapes", f"{len(candidates)} measurements that could be made"]
+    if (measured := study.measured) is not None:
+        unknowns = len(fit_vector(study.free, where=FREE).parameters)
+        for name in measured.designs:
+            motion = [float(trial.times[-1]) for trial in measured.trials if trial.design_name != name]
+            seconds += fit_seconds(CALIBRATION, motion, unknowns, study.points_per_side)
+        what.append(f"{len(measured.designs)} designs left out")
+    return in_words(seconds, *what, on_cores())
 
 
 def _add_unsewn(
