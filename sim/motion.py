@@ -32,8 +32,8 @@ def faces(middle: NDArray[np.float32], thickness: float) -> NDArray[np.float32]:
     )
     normal = np.cross(down, across)
     normal *= thickness / 2 / np.linalg.norm(normal, axis=-1, keepdims=True)
-    frames = len(middle)
-    return np.concatenate([(middle + normal).reshape(frames, -1, 3), (middle - normal).reshape(frames, -1, 3)], axis=1)
+    sides = [side.reshape(len(middle), SIDE * SIDE, 3) for side in (middle + normal, middle - normal)]
+    return np.concatenate(sides, axis=1)
 
 
 @cache

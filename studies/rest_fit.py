@@ -53,7 +53,7 @@ def fit_at_rest(
     if not data.standing or jacobians is None:
         return None
     named = "at rest" if vector.terms else "factors at rest"
-    problem = RestProblem(data.standing, forward, jacobians, acting_at_rest(vector)[0])
+    problem = RestProblem(data.standing, jacobians, acting_at_rest(vector)[0])
 
     def fitted() -> Fit:
         inputs = None if data.weighed is None else problem.input_errors(problem.vector.start, data.weighed)

@@ -97,7 +97,7 @@ def standing(forward):
 def test_columns_are_what_differences_of_shapes_do_at_the_measured_points(forward, vector, standing):
     acting = acting_at_rest(vector)[0]
     assert "muscle_creep.share" not in acting.names and "registration_bias.z" in acting.names
-    problem = RestProblem(standing[:3], forward, forward.faces_jacobian, acting)
+    problem = RestProblem(standing[:3], forward.faces_jacobian, acting)
     x = 0.5 * acting.prior
     state = problem.linearise(problem.evaluate([x])[0], np.eye(len(x)))
     for name in ("bending", "muscle_gain", "orthotropy.ratio", "line_loss.share", "registration_bias.z"):
@@ -114,7 +114,7 @@ def test_columns_are_what_differences_of_shapes_do_at_the_measured_points(forwar
 def test_errors_of_the_pressures_are_shares_of_each_channels_own(forward, vector, standing):
     """A channel without pressure moves nothing; all channels up by 1 % do what the gain of all muscles does."""
     acting = acting_at_rest(vector)[0]
-    problem = RestProblem(standing[:2], forward, forward.faces_jacobian, acting)
+    problem = RestProblem(standing[:2], forward.faces_jacobian, acting)
     inputs = problem.input_errors(acting.start, Accuracy(pressure=0.01, tilt=0.5))
     first = problem.evaluate([acting.start])[0].found.sample == 0
     assert np.abs(inputs.columns[first, 0]).max() > 1e-5

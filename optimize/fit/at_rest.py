@@ -9,7 +9,7 @@ import numpy as np
 
 from fabdesign.column import Column, of_effect
 from fabdesign.effects.registry import EFFECTS
-from fabdesign.forward import Case, ForwardModel
+from fabdesign.forward import Case
 from fabdesign.jacobian import Floats, Jacobians
 from fabdesign.pressure import PressureProgram
 from fabdesign.sheet import of_faces
@@ -32,10 +32,10 @@ class Standing:
 
 @dataclass(frozen=True, eq=False)
 class RestProblem(Problem):
-    """Shapes at rest. jacobians: the forward's own, of its shapes."""
+    """Shapes at rest. jacobians: a forward model's, which gives the shapes too: near a snap another way to them may
+    lead to another one."""
 
     standing: Sequence[Standing]
-    forward: ForwardModel
     jacobians: Jacobians
     vector: FitVector
     lengths: ClassVar[tuple[float, ...]] = (1.0, 0.5)  # shapes leave no lane empty
@@ -45,8 +45,8 @@ class RestProblem(Problem):
         return [one.sample for one in self.standing]
 
     def evaluate(self, xs: Sequence[Array]) -> list[Evaluation]:
-        shapes = self.forward.equilibria([case for x in xs for case in self._cases(x)])
-        count = len(self.standing)
+        found = self.jacobians([case for x in xs for case in self._cases(x)], [])
+        shapes, count = [one.points for one in found], len(self.standing)
         return [self._evaluation(x, shapes[k * count : (k + 1) * count]) for k, x in enumerate(xs)]
 
     def linearise(
