@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 
 from fabdesign.catalogue import build
-from fabdesign.checkpoint import Checkpoint
 from fabdesign.errors import InputNote
-from fabdesign.kept_database import ASIDE
 from fabdesign.output import work_folder
 from fabdesign.sensitivity_file import SensitivityStudy
+from fabdesign.store import ASIDE, Checkpoint
 from fabdesign.varied import Varied
 from optimize.history import History
 from optimize.search import search

@@ -5,13 +5,13 @@ a mark in Taichi's folder tells that it lies there. Marks hold for the very sour
 """
 
 import functools
-import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import taichi as ti
 
+from fabdesign.content import sha256
 from fabdesign.errors import note
 from fabdesign.working_time import not_counted
 from sim.kernels.frontend import brief
@@ -35,15 +35,12 @@ def first_call(costly: str, sizes: tuple[int, ...]) -> Iterator[None]:
 
 
 def _mark(costly: str, sizes: tuple[int, ...]) -> Path:
-    key = hashlib.sha256(f"{_sources()} {costly} {sizes}".encode()).hexdigest()[:24]
+    key = sha256(f"{_sources()} {costly} {sizes}")[:24]
     return Path(ti.lang.impl.current_cfg().offline_cache_file_path) / f"fabdesign_{key}.compiled"
 
 
 @functools.cache
 def _sources() -> str:
     """A hash of what kernels are made of: this package, Taichi's version, its processor."""
-    package = Path(__file__).parents[1]
-    own = hashlib.sha256(repr((ti.__version__, ti.lang.impl.current_cfg().arch)).encode())
-    for file in sorted(package.rglob("*.py")):
-        own.update(file.read_bytes())
-    return own.hexdigest()
+    own = repr((ti.__version__, ti.lang.impl.current_cfg().arch))
+    return sha256(own, *sorted(Path(__file__).parents[1].rglob("*.py")))

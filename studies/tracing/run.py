@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fabdesign import SIMULATOR
-from fabdesign.checkpoint import Checkpoint, sha256
+from fabdesign.content import sha256
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import check_values, effect_named, effects_of
 from fabdesign.errors import InputError
@@ -17,6 +17,7 @@ from fabdesign.model_file import write_model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.predictor import Predictor
 from fabdesign.splits import fit_trials
+from fabdesign.store import Checkpoint
 from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Sample, evenly

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from corrector.designs import described
 from corrector.paper import FRAMES
 from corrector.paper_training import PaperTraining, TrainingPairs, train_paper
-from fabdesign.checkpoint import Checkpoint
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
+from fabdesign.store import Checkpoint
 from studies.training.data import Chosen, KeptMotions, Progress
 
 _PARTS = ("simulated", "measured", "following")
