@@ -4,7 +4,6 @@ The result depends on a trial's design and program alone, not on other trials or
 is kept in the user's cache, and one search serves calibrate, evaluate, trace and train.
 """
 
-import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -19,8 +18,7 @@ from fabdesign.content import sha256
 from fabdesign.design import Design
 from fabdesign.errors import InputError
 from fabdesign.forward import PARAMETERS, Case, ForwardModel, Term
-from fabdesign.json_file import read_json
-from fabdesign.output import write_text
+from fabdesign.json_file import read_json, write_json
 from fabdesign.store import read_kept, user_cache
 from fabdesign.trial import MeasurementSet, Trial
 from optimize.fit.parameters import PRIOR
@@ -94,7 +92,7 @@ def _spans(trials: Sequence[Trial], forward: ForwardModel, progress: Progress) -
         spans[k] = stretches
         if (file := files[k]) is not None:
             with suppress(InputError):  # a folder that cannot be written: it is searched again
-                write_text(file, json.dumps(stretches) + "\n")
+                write_json(file, stretches)
     return [own or [] for own in spans]
 
 

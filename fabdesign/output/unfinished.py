@@ -202,9 +202,8 @@ def _held(path: Path, force: bool, inputs: Inputs) -> Iterator[Scratch]:
         _finish_move(held.at)
         try:
             yield held
-        except BaseException:
+        finally:  # a signal may have come between the moves
             _finish_move(held.at)
-            raise
 
 
 def _require_free_folder(folder: Path, force: bool, shown: Path | None = None) -> None:

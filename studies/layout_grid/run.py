@@ -1,6 +1,5 @@
 """A grid of searches for one target, each in a folder of its own, and their front."""
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -8,9 +7,9 @@ from pathlib import Path
 from fabdesign import working_time
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import ForwardModel
-from fabdesign.json_file import read_json
+from fabdesign.json_file import read_json, write_json
 from fabdesign.layouts_file import Cell, LayoutsStudy, read_layouts
-from fabdesign.output import WorkFolder, work_folder, write_text
+from fabdesign.output import WorkFolder, work_folder
 from fabdesign.store import read_kept
 from optimize.evaluations import Evaluations
 from optimize.start_rows import as_rows, of_rows
@@ -228,7 +227,7 @@ class _Grid:
     def _keep(self) -> None:
         state = {"spent": self._spent, "cells": {name: own.as_row() for name, own in self._turns.items()}}
         with self._work.adding() as files:
-            write_text(files / TURNS, json.dumps(state) + "\n")
+            write_json(files / TURNS, state)
 
 
 def _state(file: Path) -> tuple[dict[str, CellTurns], float]:

@@ -1,7 +1,8 @@
 """Morris' and Sobol's measures from computed samples, with bootstrap intervals.
 
 scipy.stats.sobol_indices has the same Sobol estimators (the tests compare), but only for complete designs of 2^k rows:
-here rows with a failed sample are left out, and a sweep may end early. SALib would bring pandas and multiprocess.
+here rows with a failed sample are left out, and a sweep may end early. SALib has the same too, but no input both alone
+and in a group, and it would bring pandas and multiprocess.
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,5 @@
 """What is being edited, kept beside its file until it is saved: a crash or a closed window loses nothing."""
 
-import json
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -9,9 +8,8 @@ from fabdesign.content import sha256
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
-from fabdesign.json_file import read_json
+from fabdesign.json_file import read_json, write_json
 from fabdesign.muscle import Muscle
-from fabdesign.output import write_text
 from studies.studio.layout import Layout
 
 FORMAT = "fabdesign.studio-autosave/1"
@@ -36,7 +34,7 @@ class Autosave:
             "muscles": [asdict(muscle) for muscle in layout.design.muscles],
             "pressures_pa": list(layout.pressures),
         }
-        write_text(self.path, json.dumps(content, indent=1) + "\n")
+        write_json(self.path, content)
         self._written = layout
 
     def read(self, design: Design) -> tuple[Layout, bool] | None:
