@@ -97,7 +97,7 @@ def _acquire(at: Path) -> IO[bytes] | None:
         if try_lock(lock) is False:
             lock.close()
             return None
-        if _same(at / _LOCK, lock):
+        if os.fstat(lock.fileno()).st_nlink:  # its last holder may have removed it before letting go
             if not lock.tell():
                 lock.write(_OWN)
                 lock.flush()
@@ -109,14 +109,6 @@ def abandoned(at: Path) -> Scratch | None:
     """Return the scratch folder of an ended process, to be released; None where it was, or another one holds it."""
     lock = _acquire(at) if at.is_dir() else None
     return None if lock is None else Scratch(at, lock, [])
-
-
-def _same(path: Path, stream: IO[bytes]) -> bool:
-    """Whether the file opened is still the one at `path`: its last holder may have removed it before letting go."""
-    try:
-        return os.path.samestat(path.stat(), os.fstat(stream.fileno()))
-    except FileNotFoundError:
-        return False
 
 
 def _remove(at: Path, lock: IO[bytes]) -> None:
