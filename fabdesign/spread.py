@@ -24,8 +24,8 @@ def half_widths(spread: Spread, deviation: Array, moved: Array, design: str = ""
 def spread_hash(model: Model) -> str:
     """SHA-256 of all that a predicted motion and its covariance depend on: central values, covariance, corrector."""
     covariance = model.covariance
-    own = "" if covariance is None else repr((covariance.names, covariance.matrix.tolist()))
-    return sha256(central_hash(model), own, "" if model.corrector is None else sha256(model.corrector))
+    joint = "" if covariance is None else repr((covariance.names, covariance.matrix.tolist()))
+    return sha256(central_hash(model), joint, "" if model.corrector is None else sha256(model.corrector))
 
 
 def spread_of(model: Model) -> Spread | None:

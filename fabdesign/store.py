@@ -115,7 +115,7 @@ class Checkpoint:
         """Whether a piece is kept."""
         return any((self._folder / _file_name(name, ending)).is_file() for ending in ("json", "npz"))
 
-    def own(self, *files: str) -> Path:
+    def claim(self, *files: str) -> Path:
         """The folder of the pieces, where others write `files`, each of them whole."""
         self._work.claim(*(f"{FOLDER}/{file}" for file in files))
         return self._folder
@@ -146,10 +146,10 @@ class Checkpoint:
     def arrays(self, name: str, compute: Callable[[], Arrays]) -> Arrays:
         """The same of arrays by name."""
         file = _file_name(name, "npz")
-        return kept(self.own(file) / file, compute, read_arrays, write_arrays)
+        return kept(self.claim(file) / file, compute, read_arrays, write_arrays)
 
     def _write(self, name: str, content: Any) -> None:
-        write_text(self.own(name) / name, json.dumps(content) + "\n")
+        write_text(self.claim(name) / name, json.dumps(content) + "\n")
 
 
 def _file_name(name: str, ending: str) -> str:

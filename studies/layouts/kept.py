@@ -1,7 +1,7 @@
 """The result of a search that has ended, kept in its history: the same call answers without a simulation."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import fields
 from typing import get_type_hints
 
 from fabdesign import SIMULATOR, __version__
@@ -16,7 +16,7 @@ from studies.layouts.target import LoadedTarget
 
 VERSIONS = f"fabdesign {__version__}, simulator {SIMULATOR}"
 _MADE_AGAIN = ("study", "design", "pressures", "targets", "history", "fewer")
-_KEPT = [own.name for own in fields(StudyResult) if own.name not in _MADE_AGAIN]  # as they are
+_KEPT = [field.name for field in fields(StudyResult) if field.name not in _MADE_AGAIN]  # as they are
 
 
 def keep(history: History, result: StudyResult, *, follow: bool) -> None:
@@ -25,26 +25,26 @@ def keep(history: History, result: StudyResult, *, follow: bool) -> None:
     study, state = result.study, history.load()
     if state is None:
         return
-    own = {
+    kept = {
         "versions": VERSIONS,
         "seconds": study.limits.seconds,
         "evaluations": study.limits.evaluations,
         "complete": bool(state.get("reason")) and study.robust is None and not (result.fewer and result.fewer.cut),
         "follow": follow,
-        "layout": {"muscles": [asdict(own) for own in result.design.muscles], "pressures": result.pressures.tolist()},
+        "layout": {"muscles": result.design.muscles, "pressures": result.pressures.tolist()},
     }
-    history.keep_answer(as_json(own | {name: getattr(result, name) for name in _KEPT}))
+    history.keep_answer(as_json(kept | {name: getattr(result, name) for name in _KEPT}))
 
 
 def answer(history: History, study: Study, targets: Sequence[LoadedTarget], *, follow: bool) -> StudyResult | None:
     """The result that is kept, where a search within the study's limits would end with it; None where it may not."""
-    own, limits, kinds = history.answer(), study.limits, get_type_hints(StudyResult)
+    kept, limits, kinds = history.answer(), study.limits, get_type_hints(StudyResult)
     try:
-        as_far = own["seconds"] >= limits.seconds and own["evaluations"] >= limits.evaluations
-        if own["versions"] != VERSIONS or own["follow"] != follow or not (own["complete"] or as_far):
+        as_far = kept["seconds"] >= limits.seconds and kept["evaluations"] >= limits.evaluations
+        if kept["versions"] != VERSIONS or kept["follow"] != follow or not (kept["complete"] or as_far):
             return None
-        [(space, _)] = of_rows([own["layout"]], study.design, limits_of(study))
-        values = {name: of_json(kinds[name], own[name]) for name in _KEPT}
+        [(space, _)] = of_rows([kept["layout"]], study.design, limits_of(study))
+        values = {name: of_json(kinds[name], kept[name]) for name in _KEPT}
     except (KeyError, TypeError, ValueError, AttributeError):  # none, or of another version
         return None
     return StudyResult(

@@ -117,8 +117,8 @@ def loop_content(study: LoopStudy, targets: Sequence[LoadedTarget]) -> dict[str,
         where["rig.key"] = None if source.truth is None else sha256(source.truth)
     else:
         where = {"laboratory.folder": source.folder.resolve()}
-    own = content_of(study, (*_RAISED, "source"), where)
-    return {"simulator": str(SIMULATOR)} | own | study_content(study.search, targets)
+    content = content_of(study, (*_RAISED, "source"), where)
+    return {"simulator": str(SIMULATOR)} | content | study_content(study.search, targets)
 
 
 def stop_reason(rule: StopRule, excess: Sequence[float]) -> str | None:

@@ -64,8 +64,8 @@ def sweep_content(study: SensitivityStudy, target: Array | None) -> dict[str, st
         more["target.points"] = sha256(target)
     if study.target is not None and study.target.weighting is not None:
         more["target.regions"] = repr(study.target.weighting.regions)
-    own = content_of(study, (*_RAISED, "target", "functions"), more)
-    return {"simulator": str(SIMULATOR), "algorithm": str(ALGORITHM)} | own
+    content = content_of(study, (*_RAISED, "target", "functions"), more)
+    return {"simulator": str(SIMULATOR), "algorithm": str(ALGORITHM)} | content
 
 
 def _text_of(function: Output) -> str:

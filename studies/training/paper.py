@@ -28,7 +28,7 @@ def train(
         TrainingPairs(motion, chosen.trial.load().frames, chosen.used)
         for chosen, motion in zip(trials, motions, strict=True)
     ]
-    folder = checkpoint.own(*(f"paper-{part}.pt" for part in _PARTS))
+    folder = checkpoint.claim(*(f"paper-{part}.pt" for part in _PARTS))
     weights = train_paper(pairs, plan, folder, progress=progress)
     designs = {chosen.trial.design_name: chosen.trial.design for chosen in trials}
     return weights, about(plan, rate, [described(design) for design in designs.values()])

@@ -164,5 +164,5 @@ def _content(study: UnseenStudy) -> dict[str, str]:
         measured["unjudged"] = f"found with {GRID} points a side"
         for trial in study.measured.trials:
             measured[f"measured.{trial.file.name}"] = f"{trial.design_name}, {trial.role}, {sha256(trial.file)}"
-    own = content_of(study, ("name", "seconds", "folder", "measured"), measured)
-    return {"simulator": str(SIMULATOR), "algorithm": str(ALGORITHM)} | own
+    content = content_of(study, ("name", "seconds", "folder", "measured"), measured)
+    return {"simulator": str(SIMULATOR), "algorithm": str(ALGORITHM)} | content
