@@ -26,9 +26,8 @@ from studies.forward_model import forward_model, without_resistance
 from studies.layouts.after import NEAR as NEAR_ENOUGH
 from studies.layouts.after import POOL, made_robust, points_of, search_seconds, shrunk
 from studies.layouts.begin import first_starts, further_starts, limits_of
-from studies.layouts.content import study_content
 from studies.layouts.expected import expected_within
-from studies.layouts.kept import answer, keep
+from studies.layouts.kept import answer, keep, study_content
 from studies.layouts.loading_path import loading_paths
 from studies.layouts.out_of_reach import helps_of, missed_at
 from studies.layouts.progress import saying_a_tenth

@@ -10,7 +10,7 @@ from fabdesign import SIMULATOR
 from fabdesign.content import content_of, sha256
 from fabdesign.loop_file import LoopStudy, StopRule, VirtualRig
 from fabdesign.units import in_mm
-from studies.layouts.content import study_content
+from studies.layouts.kept import study_content
 from studies.layouts.target import LoadedTarget
 
 _RAISED = ("stop", "search")  # more turns go further; the search's own content has its own way
