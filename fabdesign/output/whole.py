@@ -258,11 +258,13 @@ def whole_file(path: Path | str, *, needed: int | None = None) -> Iterator[Path]
         yield temporary
         settle({temporary: path})
     except BaseException as error:
-        written = _bytes_in(temporary)
+        refusal = None
+        if isinstance(error, OSError) and concerns_disk(error):  # what is free is asked while the file takes its room
+            refusal = cannot_write(path, error, needed=needed, written=_bytes_in(temporary))
         temporary.unlink(missing_ok=True)
         unmake(made)
-        if isinstance(error, OSError) and concerns_disk(error):
-            raise cannot_write(path, error, needed=needed, written=written) from error
+        if refusal is not None:
+            raise refusal from error
         raise
 
 
