@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 from benchmarks.machine import commit
 from corrector.paper import PaperCorrector
 from corrector.paper_training import PaperTraining
-from fabdesign.checkpoint import Checkpoint
 from fabdesign.corrector import central_hash, with_history
 from fabdesign.measurement_set import read_set
 from fabdesign.metrics import Errors, mean_errors, trial_errors
 from fabdesign.model_file import read_model
 from fabdesign.output import work_folder, write_text
 from fabdesign.predictor import Predictor
+from fabdesign.store import Checkpoint
 from sim import Simulator
 from studies.measured_data import noise_of
 from studies.sensitive_stretches import GRID

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import binomtest
 
 from benchmarks.machine import ROOT, commit, processor
 from benchmarks.trace_sets import QUICK, RIGS, Rig, make
@@ -26,7 +27,6 @@ from fabdesign.effects import EFFECTS
 from fabdesign.measurement_set import read_set
 from fabdesign.model import Model
 from fabdesign.output import write_text
-from studies.sensitivity.result import wilson
 from studies.tracing.run import trace_set
 
 PAGE = ROOT / "docs" / "results" / "trace.md"
@@ -125,7 +125,7 @@ def _counted(said: str, count: int, rows: Sequence[dict[str, Any]]) -> str:
 
 def _between(right: int, count: int) -> str:
     """90 %, of none nothing."""
-    return "{:.0%} to {:.0%}".format(*wilson(right, count)) if count else ""
+    return "{:.0%} to {:.0%}".format(*binomtest(right, count).proportion_ci(0.9, method="wilson")) if count else ""
 
 
 def _by_size(rows: Sequence[dict[str, Any]]) -> list[str]:

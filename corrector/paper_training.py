@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from corrector.paper import FRAMES, LENGTH, OUTPUT_POINTS, Autoencoder, NextCode, chamfer_squared, drawn, to_unit
-from fabdesign.checkpoint import read_kept
 from fabdesign.output import whole_file
+from fabdesign.store import read_kept
 from fabdesign.units import in_mm
 
 Floats = NDArray[Any]
@@ -130,7 +130,7 @@ def _descend(
     optimizer = torch.optim.Adam(network.parameters(), lr=plan.rates[stage])
     epochs, every = plan.epochs[stage], plan.every if stage == 0 else 1
     state: dict[str, Any] = {"epoch": 0, "waited": 0, "best": float("inf"), "kept": network.state_dict()}
-    if file.is_file() and (kept := read_kept(file, _read_state, f"the training of {name}")) is not None:
+    if (kept := read_kept(file, _read_state, f"the training of {name}")) is not None:
         state = kept
         network.load_state_dict(state["network"])
         optimizer.load_state_dict(state["optimizer"])

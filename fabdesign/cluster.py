@@ -4,7 +4,6 @@
 nothing is imported and nothing changes. The only file here that knows `distributed`, the extra `cluster`.
 """
 
-import hashlib
 import logging
 import os
 import platform
@@ -20,6 +19,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from fabdesign import SIMULATOR, __version__
+from fabdesign.content import sha256
 from fabdesign.effects.registry import register_source, registered_sources
 from fabdesign.errors import InputError, SimulationError, needs
 
@@ -271,10 +271,8 @@ def _version(library: str) -> str:
 
 def _code() -> str:
     """What is installed may differ without a version that says so."""
-    top, content = Path(__file__).parents[1], hashlib.sha256()
-    for file in sorted(file for package in _CODE for file in (top / package).rglob("*.py")):
-        content.update(file.read_bytes())
-    return content.hexdigest()[:12]
+    top = Path(__file__).parents[1]
+    return sha256(*sorted(file for package in _CODE for file in (top / package).rglob("*.py")))[:12]
 
 
 def _processor() -> str:

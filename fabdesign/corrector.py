@@ -1,6 +1,5 @@
 """What corrects a simulator's motions: the protocol, and the instants that it wants to see. Numpy only."""
 
-import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.content import sha256
 from fabdesign.design import Design
 from fabdesign.forward import Case
 from fabdesign.model import Model
@@ -83,4 +83,4 @@ def central_hash(model: Model) -> str:
             for effect in model.effects
         ],
     }
-    return hashlib.sha256(json.dumps(central, sort_keys=True).encode()).hexdigest()
+    return sha256(json.dumps(central, sort_keys=True))

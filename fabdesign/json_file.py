@@ -1,5 +1,5 @@
-"""Results as JSON, written in one way. Their values are in the border's units, mm and kPa, by `fabdesign/units.py`; a
-name says the unit (`objective_mm`), or the docstring of the `as_json` that made it."""
+"""Results as JSON, written and read in one way. Their values are in the border's units, mm and kPa, by
+`fabdesign/units.py`; a name says the unit (`objective_mm`), or the docstring of the `as_json` that made it."""
 
 import json
 from dataclasses import fields, is_dataclass
@@ -7,6 +7,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from fabdesign.errors import InputError
 from fabdesign.output import write_text
 
 
@@ -18,6 +19,17 @@ def json_text(content: Any, *, indent: int | None = None) -> str:
 def write_json(path: Path, content: Any) -> None:
     """Write `content` to `path`, whole or not at all."""
     write_text(path, json_text(content, indent=1) + "\n")
+
+
+def read_json(path: Path, kind: type = dict) -> Any:
+    """Return what a file holds, of that type. Raises InputError, which says where it is damaged."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from None
+    if not isinstance(content, kind):
+        raise InputError(f"{path}: expected a {'table' if kind is dict else kind.__name__} at the top")
+    return content
 
 
 def _plain(value: Any) -> Any:

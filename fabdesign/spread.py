@@ -1,12 +1,11 @@
 """90 % intervals of a predicted motion: how wide a model's `Spread` says they are, and for which model it holds."""
 
-import hashlib
 from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.checkpoint import sha256
+from fabdesign.content import sha256
 from fabdesign.corrector import central_hash
 from fabdesign.model import Model, Spread
 
@@ -24,12 +23,9 @@ def half_widths(spread: Spread, deviation: Array, moved: Array, design: str = ""
 
 def spread_hash(model: Model) -> str:
     """SHA-256 of all that a predicted motion and its covariance depend on: central values, covariance, corrector."""
-    content = hashlib.sha256(central_hash(model).encode())
-    if model.covariance is not None:
-        content.update(repr((model.covariance.names, model.covariance.matrix.tolist())).encode())
-    if model.corrector is not None:
-        content.update(sha256(model.corrector).encode())
-    return content.hexdigest()
+    covariance = model.covariance
+    joint = "" if covariance is None else repr((covariance.names, covariance.matrix.tolist()))
+    return sha256(central_hash(model), joint, "" if model.corrector is None else sha256(model.corrector))
 
 
 def spread_of(model: Model) -> Spread | None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign import SIMULATOR, __version__
-from fabdesign.checkpoint import sha256
+from fabdesign.content import sha256
 from fabdesign.errors import InputError
 from fabdesign.model import Provenance
 from fabdesign.sensor_noise import SensorNoise, estimate_noise

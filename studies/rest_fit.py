@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from fabdesign.checkpoint import Checkpoint
 from fabdesign.forward import ForwardModel
 from fabdesign.jacobian import Jacobians
+from fabdesign.store import Checkpoint
 from fabdesign.trial import Trial
 from optimize.fit.at_rest import RestProblem, Standing, acting_at_rest
 from optimize.fit.clouds import Array, evenly

@@ -1,6 +1,5 @@
 """Folders that commands made: which there are, what they hold, and how they differ."""
 
-import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fabdesign.errors import InputError
+from fabdesign.json_file import read_json
 from fabdesign.output import MARK, read_mark
 
 RESULTS = ("result.json", "trace.json", "evaluation.json", "loop.json", "fusion.json")
@@ -44,13 +44,7 @@ def read_folder(path: Path) -> ResultFolder:
     file = next((path / name for name in RESULTS if (path / name).is_file()), None)
     if file is None:
         return ResultFolder(path, mark.made_by, {})
-    try:
-        result = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise InputError(f"{file}: cannot be read ({error})") from None
-    if not isinstance(result, dict):
-        raise InputError(f"{file}: expected a table at the top")
-    return ResultFolder(path, mark.made_by, result)
+    return ResultFolder(path, mark.made_by, read_json(file))
 
 
 def folders_below(paths: Sequence[Path]) -> list[ResultFolder]:

@@ -4,8 +4,6 @@ The result depends on a trial's design and program alone, not on other trials or
 is kept in the user's cache, and one search serves calibrate, evaluate, trace and train.
 """
 
-import hashlib
-import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -16,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign import SIMULATOR
-from fabdesign.checkpoint import user_cache
+from fabdesign.content import sha256
 from fabdesign.design import Design
 from fabdesign.errors import InputError
 from fabdesign.forward import PARAMETERS, Case, ForwardModel, Term
-from fabdesign.output import write_text
+from fabdesign.json_file import read_json, write_json
+from fabdesign.store import read_kept, user_cache
 from fabdesign.trial import MeasurementSet, Trial
 from optimize.fit.parameters import PRIOR
 from studies.used_frames import Array, Flags, Stretch, UsedFrames, used_mask
@@ -86,14 +85,14 @@ def _named(trials: Sequence[Trial], spans: Sequence[Sequence[Span]], names: Sequ
 def _spans(trials: Sequence[Trial], forward: ForwardModel, progress: Progress) -> list[list[Span]]:
     """Of each trial, kept or searched."""
     files = [_kept(trial, forward) for trial in trials]
-    spans = [None if file is None else _read(file) for file in files]
+    spans = [None if file is None else read_kept(file, _read) for file in files]
     missing = [k for k, own in enumerate(spans) if own is None]
     searched = _search([trials[k] for k in missing], forward, progress)
     for k, stretches in zip(missing, searched, strict=True):
         spans[k] = stretches
         if (file := files[k]) is not None:
             with suppress(InputError):  # a folder that cannot be written: it is searched again
-                write_text(file, json.dumps(stretches) + "\n")
+                write_json(file, stretches)
     return [own or [] for own in spans]
 
 
@@ -212,15 +211,9 @@ def _kept(trial: Trial, forward: ForwardModel) -> Path | None:
         _SEED,
         sorted(PRIOR.items()),
     )
-    content = hashlib.sha256(repr((SIMULATOR, forward, options, trial.design)).encode())
-    for array in (trial.program.time, trial.program.pressure, trial.times):
-        content.update(np.ascontiguousarray(array, dtype=np.float64).tobytes())
-    return user_cache("unjudged") / f"{content.hexdigest()[:32]}.json"
+    arrays = [np.asarray(array, np.float64) for array in (trial.program.time, trial.program.pressure, trial.times)]
+    return user_cache("unjudged") / f"{sha256(repr((SIMULATOR, forward, options, trial.design)), *arrays)[:32]}.json"
 
 
-def _read(file: Path) -> list[Span] | None:
-    """None where it is not there or damaged."""
-    try:
-        return [(float(begin), float(end)) for begin, end in json.loads(file.read_text(encoding="utf-8"))]
-    except (OSError, ValueError, TypeError):
-        return None
+def _read(file: Path) -> list[Span]:
+    return [(float(begin), float(end)) for begin, end in read_json(file, list)]

@@ -20,7 +20,7 @@ from optimize.contraction import Intervals, LinearContraction, largest_contracti
 from optimize.design_space import DesignSpace
 from optimize.margins import Limits, constraint_margins
 from optimize.starts import layout_starts
-from studies.layouts.content import study_content
+from studies.layouts.kept import study_content
 from studies.layouts.run import run_study
 from tests.analytic_cloth import AnalyticCloth
 from tests.sheets import rolled_sheet

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sheets import rolled_sheet
 
 from fabdesign.catalogue import build, standard
-from fabdesign.checkpoint import OtherContent
+from fabdesign.content import OtherContent
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
 from fabdesign.forward import Case

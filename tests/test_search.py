@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from fabdesign.catalogue import build
-from fabdesign.checkpoint import OtherContent
+from fabdesign.content import OtherContent
 from fabdesign.forward import Case
 from optimize.design_space import DesignSpace
 from optimize.evaluations import Evaluations, Stage

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from fabdesign.catalogue import build
-from fabdesign.checkpoint import Checkpoint
 from fabdesign.errors import InputNote
-from fabdesign.kept_database import ASIDE
+from fabdesign.json_file import read_json
 from fabdesign.output import work_folder
 from fabdesign.sensitivity_file import SensitivityStudy
+from fabdesign.store import ASIDE, Checkpoint, read_kept
 from fabdesign.varied import Varied
 from optimize.history import History
 from optimize.search import search
@@ -188,6 +188,18 @@ def test_a_search_whose_state_is_damaged_begins_anew(state: str, tmp_path: Path)
     file.close()
     with pytest.warns(InputNote, match=r"its checkpoint is damaged; the search begins anew$"):
         assert optimize(tmp_path) == expected
+
+
+def test_what_is_damaged_in_a_kept_file_is_said_with_its_place(tmp_path: Path) -> None:
+    file = tmp_path / "verdict.json"
+    for text, problem in (
+        ('{"found": 1,\n "seconds" 2}', "line 2 column 12"),
+        ("[1, 2]", "expected a table at the top"),
+    ):
+        file.write_text(text)
+        with pytest.warns(InputNote, match=rf"^{file}: damaged \(.*{problem}.*\); it is computed again$"):
+            assert read_kept(file, read_json) is None
+    assert read_kept(tmp_path / "none.json", read_json) is None  # which is nothing to say
 
 
 @pytest.mark.parametrize("damage", DAMAGES)

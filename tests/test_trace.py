@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from sheets import rolled_sheet
 
 from fabdesign.catalogue import build
-from fabdesign.checkpoint import Checkpoint
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.acting import acting_pressure, specimen_of
 from fabdesign.errors import InputError
@@ -27,6 +26,7 @@ from fabdesign.pressure import PressureProgram
 from fabdesign.rig_limits_file import RigLimits
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.splits import fit_trials
+from fabdesign.store import Checkpoint
 from fabdesign.surface import Surface
 from fabdesign.trial_file import program_of
 from optimize.fit.descent import STEP, _updated, fit, horizons

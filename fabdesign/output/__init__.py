@@ -10,8 +10,7 @@ and writes to `unfinished`, which becomes `path` when the block ends well. `work
 folder. `whole_file` and `write_text` replace: they are for a piece of one's own unfinished output.
 
 Others import from here alone. Inside: `whole.py` (a temporary file, a rename, one lock), `own.py` (the mark of what is
-this program's, and inputs), `unfinished.py` (the functions above). The lock is `flock`, not the package filelock: that
-one leaves its file, and these folders must be gone when the work is done.
+this program's, and inputs), `unfinished.py` (the functions above).
 """
 
 from fabdesign.output.own import MARK, always_input, others_in, own_files, read_mark, write_mark

@@ -5,6 +5,7 @@ import json
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -56,14 +57,12 @@ def files_in(folder: Path) -> Iterator[str]:
 
 def others_in(folder: Path) -> Iterator[str]:
     """Those of `files_in` that this program did not make, as the mark of the folder and of those in it say."""
-    marks: dict[Path, Mark | None] = {}
+    mark_of = cache(read_mark)
     for name in files_in(folder):
         file = folder / name
         above = [parent for parent in file.parents if parent == folder or folder in parent.parents]
-        marks |= {parent: read_mark(parent) for parent in above if parent not in marks}
-        known = [(parent, mark) for parent in above if (mark := marks[parent]) is not None]
-        marks_itself = file.name == MARK and marks[file.parent] is not None
-        if not marks_itself and not any(file.relative_to(p).as_posix() in mark.files for p, mark in known):
+        listed = any(file.relative_to(p).as_posix() in mark.files for p in above if (mark := mark_of(p)))
+        if not listed and not (file.name == MARK and mark_of(file.parent)):
             yield name
 
 

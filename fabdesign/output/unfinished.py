@@ -27,27 +27,17 @@ _COMPLETE = "complete"  # in a folder's scratch: the new content is whole, and i
 
 
 @contextmanager
-def new_file(path: Path | str, *, force: bool = False, inputs: Inputs = ()) -> Iterator[Path]:
-    """A path to write to, of the same name, in a hidden folder beside `path`; it becomes `path` when the block ends
-    well, and goes when it does not.
-
-    inputs: what the command reads, files and folders. Folders above `path` are made, and unmade after a failure.
-    Raises InputError for an input, with or without `force`; for a file that is there, unless `force`; where another
-    process writes the same file; and where nothing can be written.
-    """
-    with new_files(path, force=force, inputs=inputs) as unfinished:
-        yield unfinished
-
-
-@contextmanager
 def new_files(
     path: Path | str, *, companions: Iterable[str] = (), force: bool = False, inputs: Inputs = ()
 ) -> Iterator[Path]:
-    """Like `new_file`, for a file with companions: whatever is written beside the unfinished one comes to lie beside
-    `path`.
+    """A path to write to, of the same name, in a hidden folder beside `path`; it becomes `path` when the block ends
+    well, and goes when it does not. So does whatever is written beside it.
 
+    inputs: what the command reads, files and folders. Folders above `path` are made, and unmade after a failure.
     A companion that is there with the same content stays; one with other content is refused like `path`, before any
     file has moved. companions: names of those that are known now and refused now.
+    Raises InputError for an input, with or without `force`; for a file that is there, unless `force`; where another
+    process writes the same file; and where nothing can be written.
     """
     path, inputs = Path(path), [*inputs]
     goal = goal_of(path)
@@ -65,6 +55,9 @@ def new_files(
             if place == goal or not (place.is_file() and place.read_bytes() == source.read_bytes()):
                 _require_free_file(path.with_name(place.name), place, force, inputs)
         settle(moves)
+
+
+new_file = new_files  # without companions
 
 
 @contextmanager
@@ -209,9 +202,8 @@ def _held(path: Path, force: bool, inputs: Inputs) -> Iterator[Scratch]:
         _finish_move(held.at)
         try:
             yield held
-        except BaseException:
+        finally:  # a signal may have come between the moves
             _finish_move(held.at)
-            raise
 
 
 def _require_free_folder(folder: Path, force: bool, shown: Path | None = None) -> None:

@@ -6,7 +6,6 @@ import os
 import re
 import shutil
 import stat
-import sys
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -18,42 +17,25 @@ from fabdesign.errors import InputError
 from fabdesign.shortage import concerns_disk, disk_line
 from fabdesign.supervisor import record
 
-if sys.platform == "win32":
-    import msvcrt
-
-    def try_lock(stream: IO[bytes]) -> bool | None:
-        """Whether `stream`'s file is now this process's, until it closes the stream or ends; None where the file system
-        knows no locks."""
-        try:
-            msvcrt.locking(stream.fileno(), msvcrt.LK_NBLCK, 1)
-        except OSError:
-            return False
-        return True
-
-else:
-    import fcntl
-
-    _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP)
-
-    def try_lock(stream: IO[bytes]) -> bool | None:
-        """Whether `stream`'s file is now this process's, until it closes the stream or ends; None where the file system
-        knows no locks."""
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
-        except OSError as error:
-            if error.errno in _NO_LOCKS:
-                return None
-            raise
-        return True
-
-
 PREFIX = ".unfinished"
 _LOCK = "lock"
 _OWN = b"fabdesign"  # in a lock: folders of others may have one too
 _LONE = re.compile(re.escape(PREFIX) + r"-[0-9a-f]{32}(\..*)?")  # names of unfinished files
 _OLD = 3600.0  # s: a lone unfinished file takes a moment to write
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EINVAL, errno.ENOTSUP, errno.EOPNOTSUPP)
+
+
+def try_lock(stream: IO[bytes]) -> bool | None:
+    """Return whether `stream`'s file is now this process's, until it closes the stream or ends; None where the file
+    system knows no locks."""
+    from filelock import lock_descriptor  # here: it takes 0.1 s to load
+
+    try:
+        return lock_descriptor(stream.fileno(), blocking=False)
+    except OSError as error:
+        if error.errno in _NO_LOCKS:
+            return None
+        raise
 
 
 class Scratch:
@@ -115,7 +97,7 @@ def _acquire(at: Path) -> IO[bytes] | None:
         if try_lock(lock) is False:
             lock.close()
             return None
-        if _same(at / _LOCK, lock):
+        if os.fstat(lock.fileno()).st_nlink:  # its last holder may have removed it before letting go
             if not lock.tell():
                 lock.write(_OWN)
                 lock.flush()
@@ -127,14 +109,6 @@ def abandoned(at: Path) -> Scratch | None:
     """Return the scratch folder of an ended process, to be released; None where it was, or another one holds it."""
     lock = _acquire(at) if at.is_dir() else None
     return None if lock is None else Scratch(at, lock, [])
-
-
-def _same(path: Path, stream: IO[bytes]) -> bool:
-    """Whether the file opened is still the one at `path`: its last holder may have removed it before letting go."""
-    try:
-        return os.path.samestat(path.stat(), os.fstat(stream.fileno()))
-    except FileNotFoundError:
-        return False
 
 
 def _remove(at: Path, lock: IO[bytes]) -> None:
@@ -217,9 +191,10 @@ def _shown(path: Path) -> Path:
     return _shown(Path(*parts[:hidden], *(inner[2:] if goal_is_folder and inner[0] == "new" else inner[1:])))
 
 
-def _bytes_in(folder: Path) -> int:
+def _bytes_in(path: Path) -> int:
+    """Return the size of a file, or of what a folder holds."""
     with suppress(OSError):
-        return sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+        return sum(file.stat().st_size for file in (path, *path.rglob("*")) if file.is_file())
     return 0
 
 
@@ -285,18 +260,12 @@ def whole_file(path: Path | str, *, needed: int | None = None) -> Iterator[Path]
     except BaseException as error:
         refusal = None
         if isinstance(error, OSError) and concerns_disk(error):  # what is free is asked while the file takes its room
-            refusal = cannot_write(path, error, needed=needed, written=_size(temporary))
+            refusal = cannot_write(path, error, needed=needed, written=_bytes_in(temporary))
         temporary.unlink(missing_ok=True)
         unmake(made)
         if refusal is not None:
             raise refusal from error
         raise
-
-
-def _size(path: Path) -> int:
-    with suppress(OSError):
-        return path.stat().st_size
-    return 0
 
 
 def write_text(path: Path | str, text: str) -> None:

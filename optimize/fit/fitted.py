@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fabdesign.checkpoint import Arrays, Checkpoint
+from fabdesign.store import Arrays, Checkpoint
 from fabdesign.surface import CAP
 from optimize.fit.clouds import Array, Match, Sample, frames_of
 from optimize.fit.inputs import InputErrors

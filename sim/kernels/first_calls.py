@@ -5,7 +5,6 @@ a mark in Taichi's folder tells that it lies there. Marks hold for the very sour
 """
 
 import functools
-import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from math import isqrt
@@ -13,6 +12,7 @@ from pathlib import Path
 
 import taichi as ti
 
+from fabdesign.content import sha256
 from fabdesign.errors import note
 from fabdesign.working_time import not_counted
 from sim.kernels.frontend import brief
@@ -42,15 +42,12 @@ def _in_words(sizes: tuple[int, ...]) -> str:
 
 
 def _mark(costly: str, sizes: tuple[int, ...]) -> Path:
-    key = hashlib.sha256(f"{_sources()} {costly} {sizes}".encode()).hexdigest()[:24]
+    key = sha256(f"{_sources()} {costly} {sizes}")[:24]
     return Path(ti.lang.impl.current_cfg().offline_cache_file_path) / f"fabdesign_{key}.compiled"
 
 
 @functools.cache
 def _sources() -> str:
     """A hash of what kernels are made of: this package, Taichi's version, its processor."""
-    package = Path(__file__).parents[1]
-    own = hashlib.sha256(repr((ti.__version__, ti.lang.impl.current_cfg().arch)).encode())
-    for file in sorted(package.rglob("*.py")):
-        own.update(file.read_bytes())
-    return own.hexdigest()
+    own = repr((ti.__version__, ti.lang.impl.current_cfg().arch))
+    return sha256(own, *sorted(Path(__file__).parents[1].rglob("*.py")))

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from fabdesign.checkpoint import Checkpoint
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
 from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.predictor import Predictor
 from fabdesign.sensor_noise import SensorNoise
 from fabdesign.splits import fit_trials
+from fabdesign.store import Checkpoint
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Array, Sample, evenly

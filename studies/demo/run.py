@@ -1,7 +1,6 @@
 """The main job on embedded data: a measured cloud becomes pressures for *basic*, then a layout of few muscles; then
 what a measured set says about the model that was searched with."""
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -10,12 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from fabdesign.catalogue import build
-from fabdesign.checkpoint import OtherContent, sha256
+from fabdesign.content import OtherContent, sha256
 from fabdesign.forward import ForwardModel
-from fabdesign.json_file import write_json
+from fabdesign.json_file import read_json, write_json
 from fabdesign.metrics import MANY_BEYOND, told_beyond
 from fabdesign.output import work_folder, write_text
 from fabdesign.search_terms import Price
+from fabdesign.store import read_kept
 from fabdesign.study_file import MuscleChoice, Study, StudyLimits
 from fabdesign.study_targets import TargetFile
 from optimize.evaluations import Evaluations
@@ -96,11 +96,12 @@ def _content(out: Path, results: Sequence[StudyResult]) -> dict[str, str]:
 
 def _kept_errors(out: Path, content: dict[str, str]) -> ShippedErrors | None:
     """Return what the last call found, where it depended on the same; None otherwise."""
-    try:
-        kept = json.loads((out / MEASURED).read_text(encoding="utf-8"))
+
+    def read(file: Path) -> ShippedErrors | None:
+        kept = read_json(file)
         return ShippedErrors.of_kept(kept["errors"]) if kept["content"] == content else None
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
+
+    return read_kept(out / MEASURED, read, "the evaluation")
 
 
 def _run_studies(

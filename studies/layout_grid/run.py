@@ -1,16 +1,16 @@
 """A grid of searches for one target, each in a folder of its own, and their front."""
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 from fabdesign import working_time
-from fabdesign.checkpoint import read_kept
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import ForwardModel
+from fabdesign.json_file import read_json, write_json
 from fabdesign.layouts_file import Cell, LayoutsStudy, read_layouts
-from fabdesign.output import WorkFolder, work_folder, write_text
+from fabdesign.output import WorkFolder, work_folder
+from fabdesign.store import read_kept
 from optimize.evaluations import Evaluations
 from optimize.start_rows import as_rows, of_rows
 from optimize.starts import Start
@@ -227,14 +227,14 @@ class _Grid:
     def _keep(self) -> None:
         state = {"spent": self._spent, "cells": {name: own.as_row() for name, own in self._turns.items()}}
         with self._work.adding() as files:
-            write_text(files / TURNS, json.dumps(state) + "\n")
+            write_json(files / TURNS, state)
 
 
 def _state(file: Path) -> tuple[dict[str, CellTurns], float]:
     """Return the turns of each cell and the s spent; none before the first turn."""
-    return (read_kept(file, _read_turns, "how the time was shared") if file.is_file() else None) or ({}, 0.0)
+    return read_kept(file, _read_turns, "how the time was shared") or ({}, 0.0)
 
 
 def _read_turns(file: Path) -> tuple[dict[str, CellTurns], float]:
-    state = json.loads(file.read_text(encoding="utf-8"))
+    state = read_json(file)
     return {name: CellTurns(**row) for name, row in state["cells"].items()}, float(state["spent"])

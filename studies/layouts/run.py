@@ -7,10 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.checkpoint import OtherContent
 from fabdesign.errors import SimulationError
 from fabdesign.forward import ForwardModel
-from fabdesign.kept_database import files_of
 from fabdesign.model import Model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.predictor import Predictor
@@ -28,9 +26,8 @@ from studies.forward_model import forward_model, without_resistance
 from studies.layouts.after import NEAR as NEAR_ENOUGH
 from studies.layouts.after import POOL, made_robust, points_of, search_seconds, shrunk
 from studies.layouts.begin import first_starts, further_starts, limits_of
-from studies.layouts.content import study_content
 from studies.layouts.expected import expected_within
-from studies.layouts.kept import answer, keep
+from studies.layouts.kept import answer, keep, study_content
 from studies.layouts.loading_path import loading_paths
 from studies.layouts.out_of_reach import helps_of, missed_at
 from studies.layouts.progress import saying_a_tenth
@@ -86,7 +83,7 @@ def run_study(
     begun = first_starts(study) if starts is None else [*starts]
     inputs = [*([] if isinstance(given, Study) else [given]), *(target.file for target in study.targets)]
     with work_folder(out, made_by="optimize", force=force, inputs=inputs) as work:
-        with _open_history(work, study_content(study, targets)) as history:
+        with History.of_work(work, HISTORY, study_content(study, targets)) as history:
             if (kept := answer(history, study, targets, follow=follow)) is not None:
                 if not all((work.folder / name).is_file() for name in FILES):
                     _write(work, kept)
@@ -163,18 +160,6 @@ def _search_in(
     robust = robustness_of(study, study.robust, layout, objective, quick, fine, nominal=nearest)
     own = len(result.design.muscles) == len(points[0][0].design.muscles)
     return replace(result, robust=replace(robust, doubled=doubled if own else 0))
-
-
-def _open_history(work: WorkFolder, content: dict[str, str]) -> History:
-    work.claim(*files_of(HISTORY))
-    try:
-        return History(work.folder / HISTORY, content)
-    except OtherContent:
-        if not work.anew:
-            raise
-        work.clear()
-        work.claim(*files_of(HISTORY))
-        return History(work.folder / HISTORY, content)
 
 
 def _keeping_best(

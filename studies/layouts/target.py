@@ -1,6 +1,5 @@
 """Targets: the clouds that studies come close to, and how close a result came."""
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from fabdesign.content import sha256
 from fabdesign.design import Design
 from fabdesign.metrics import DRAWS, Errors, landmark_errors, trial_errors
 from fabdesign.placement import placement_of
@@ -66,7 +66,7 @@ class LoadedTarget:
 
     @property
     def sha256(self) -> str:
-        return hashlib.sha256(self.points.tobytes()).hexdigest()
+        return sha256(self.points)
 
 
 def load_target(target: TargetFile, design: Design, *, seed: int = 0) -> LoadedTarget:

@@ -101,7 +101,7 @@ def _traced(
 ) -> tuple[TracedEffects | None, Model | None, list[str]]:
     """The verdict, the model with the effects that it has from now on, and lines for people; no model where there was
     too little to trace."""
-    from fabdesign.checkpoint import OtherContent
+    from fabdesign.content import OtherContent
     from studies.measured_data import TooLittle
     from studies.tracing.run import Options, trace_set
     from studies.tracing.words import verdict_in_words

@@ -7,10 +7,10 @@ from typing import Any, TypedDict
 import numpy as np
 
 from fabdesign import SIMULATOR
-from fabdesign.checkpoint import sha256
+from fabdesign.content import content_of, sha256
 from fabdesign.loop_file import LoopStudy, StopRule, VirtualRig
 from fabdesign.units import in_mm
-from studies.layouts.content import flat, shortened, study_content
+from studies.layouts.kept import study_content
 from studies.layouts.target import LoadedTarget
 
 _RAISED = ("stop", "search")  # more turns go further; the search's own content has its own way
@@ -110,18 +110,15 @@ class LoopOutcome:
 
 def loop_content(study: LoopStudy, targets: Sequence[LoadedTarget]) -> dict[str, str]:
     """What the pieces depend on, by field; of a rig's ground truth its hash."""
-    content: dict[str, Any] = {"simulator": SIMULATOR}
-    for part in fields(study):
-        if part.name not in _RAISED and part.name != "source":
-            content |= flat(getattr(study, part.name), part.name)
     source = study.source
+    where: dict[str, Any]
     if isinstance(source, VirtualRig):
-        content |= {"rig.element": source.element, "rig.step": source.step}
-        content["rig.key"] = None if source.truth is None else sha256(source.truth)
+        where = {"rig.element": source.element, "rig.step": source.step}
+        where["rig.key"] = None if source.truth is None else sha256(source.truth)
     else:
-        content["laboratory.folder"] = source.folder.resolve()
-    named = {name: shortened(str(value)) for name, value in content.items()}
-    return named | study_content(study.search, targets)
+        where = {"laboratory.folder": source.folder.resolve()}
+    content = content_of(study, (*_RAISED, "source"), where)
+    return {"simulator": str(SIMULATOR)} | content | study_content(study.search, targets)
 
 
 def stop_reason(rule: StopRule, excess: Sequence[float]) -> str | None:

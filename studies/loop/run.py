@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from fabdesign.checkpoint import Checkpoint
 from fabdesign.design_file import read_design, write_design
 from fabdesign.effort import CALIBRATION, TRACE, cores, fit_seconds, in_words, on_cores, rig_seconds
 from fabdesign.errors import InputError
@@ -14,6 +13,7 @@ from fabdesign.loop_file import Laboratory, LoopStudy, VirtualRig, read_loop
 from fabdesign.measurement_set import read_set
 from fabdesign.model import Model
 from fabdesign.output import WorkFolder, work_folder
+from fabdesign.store import Checkpoint
 from fabdesign.study_file import require_searchable
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import from_mm, in_mm

@@ -13,8 +13,9 @@ from fabdesign.errors import InputError
 from fabdesign.loop_file import LoopStudy
 from fabdesign.metrics import Errors
 from fabdesign.model import POINTS_PER_SIDE, Model
-from fabdesign.output import WorkFolder, whole_file
+from fabdesign.output import WorkFolder
 from fabdesign.pressure_file import read_pressures
+from fabdesign.store import read_arrays, write_arrays
 from fabdesign.study_file import EarlierResult
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import from_mm, in_mm
@@ -100,8 +101,7 @@ def choose(
     )
     if result.interrupted:
         raise KeyboardInterrupt
-    with whole_file(folder.parent / SHAPES) as file, file.open("wb") as stream:
-        np.savez(stream, believed=result.points.astype(np.float32))
+    write_arrays(folder.parent / SHAPES, {"believed": result.points.astype(np.float32)})
     return {
         "believed": as_millimetres(result.errors),
         "stop_reason": result.stop_reason,
@@ -115,8 +115,7 @@ def chosen(kept: ChosenDesign, folder: Path) -> Choice:
     """A search's result from its folder and what the record kept."""
     design = read_design(folder / "design.toml")
     files = sorted(folder.glob("pressures*.csv"), key=lambda file: (len(file.name), file.name))
-    with np.load(folder.parent / SHAPES) as arrays:
-        shapes = np.asarray(arrays["believed"], dtype=np.float64)
+    shapes = read_arrays(folder.parent / SHAPES)["believed"].astype(np.float64)
     return Choice(
         folder=folder,
         design=design,
@@ -137,8 +136,8 @@ def errors_on_device(
     apart = np.sqrt(np.square(shapes - choice.shapes).sum(axis=-1).mean())
     name = f"{choice.folder.parent.name}/{SHAPES}"
     work.claim(name)
-    with whole_file(work.folder / name) as file, file.open("wb") as stream:
-        np.savez(stream, believed=choice.shapes.astype(np.float32), device=shapes.astype(np.float32))
+    parts = {"believed": choice.shapes, "device": shapes}
+    write_arrays(work.folder / name, {part: points.astype(np.float32) for part, points in parts.items()})
     return {**as_millimetres(errors), "from_believed": in_mm(float(apart))}
 
 

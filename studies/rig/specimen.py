@@ -1,6 +1,5 @@
 """One specimen's motion: a design, its ground truth and a pressure program give the cloth's shape at every frame."""
 
-import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign import muscle_law
-from fabdesign.checkpoint import read_kept, user_cache
+from fabdesign.content import sha256
 from fabdesign.design import Design
-from fabdesign.output import sweep, whole_file
+from fabdesign.output import whole_file
 from fabdesign.pressure import PressureProgram
+from fabdesign.store import kept, user_cache
 from studies.rig.effects import EFFECTS
 from studies.rig.effects.sensing import OF_CLOUDS
 from studies.rig.ground_truth import GroundTruth
@@ -56,18 +56,12 @@ def control_points(task: TrialTask) -> Array:
 
     Raises RigDiverged where even a quarter of the time step finds no solution.
     """
-    file = user_cache("rig") / f"{_digest(task)}.npy"
-    if file.is_file() and (kept := read_kept(file, _read_points, "it")) is not None:
-        return kept
-    result = _run(task)
-    sweep(file.parent)
-    with whole_file(file) as temporary, temporary.open("wb") as stream:
-        np.save(stream, result)
-    return result
+    return kept(user_cache("rig") / f"{_digest(task)}.npy", lambda: _run(task), np.load, _write_points)
 
 
-def _read_points(file: Path) -> Array:
-    return np.asarray(np.load(file, allow_pickle=False))
+def _write_points(file: Path, points: Array) -> None:
+    with whole_file(file, needed=points.nbytes) as temporary, temporary.open("wb") as stream:
+        np.save(stream, points)
 
 
 def _run(task: TrialTask) -> Array:
@@ -91,17 +85,9 @@ def _run(task: TrialTask) -> Array:
 
 def _digest(task: TrialTask) -> str:
     """Hash of everything that a motion depends on, the code of its mechanics included."""
-    h = hashlib.sha256()
-    for part in (task.design, task.order, task.truth.seed, sorted(task.truth.parameters.items()), task.resolution):
-        h.update(repr(part).encode())
-    for effect in task.truth.effects:
-        if effect.name in OF_CLOUDS:
-            continue
-        h.update(repr((effect.name, sorted(effect.parameters.items()))).encode())
-    for array in (task.program.time, task.program.pressure, task.times):
-        h.update(np.ascontiguousarray(array, dtype=np.float64).tobytes())
+    parts = [task.design, task.order, task.truth.seed, sorted(task.truth.parameters.items()), task.resolution]
+    parts += [(e.name, sorted(e.parameters.items())) for e in task.truth.effects if e.name not in OF_CLOUDS]
+    arrays = [np.asarray(array, np.float64) for array in (task.program.time, task.program.pressure, task.times)]
     here = Path(__file__).parent
     sources = [here / f"{name}.py" for name in MECHANICS] + sorted((here / "effects").glob("*.py"))
-    for source in (*sources, Path(str(muscle_law.__file__))):
-        h.update(source.read_bytes())
-    return h.hexdigest()[:32]
+    return sha256(*map(repr, parts), *arrays, *sources, Path(str(muscle_law.__file__)))[:32]

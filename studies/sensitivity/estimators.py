@@ -1,7 +1,8 @@
 """Morris' and Sobol's measures from computed samples, with bootstrap intervals.
 
 scipy.stats.sobol_indices has the same Sobol estimators (the tests compare), but only for complete designs of 2^k rows:
-here rows with a failed sample are left out, and a sweep may end early. SALib would bring pandas and multiprocess.
+here rows with a failed sample are left out, and a sweep may end early. SALib has the same too, but no input both alone
+and in a group, and it would bring pandas and multiprocess.
 """
 
 from collections.abc import Sequence
@@ -69,7 +70,7 @@ class Indices:
 
 
 def screening(paths: Array, values: Array, *, seed: int = 0) -> Screening:
-    """Of trajectories (count, inputs + 1, inputs) and their outputs (count, inputs + 1), all finite."""
+    """Of two trajectories or more (count, inputs + 1, inputs) and their outputs (count, inputs + 1), all finite."""
     steps = np.diff(paths, axis=1)
     moved = np.abs(steps).argmax(axis=2)  # (count, inputs): which input
     sign = np.sign(np.take_along_axis(steps, moved[..., None], axis=2)[..., 0])
@@ -77,7 +78,7 @@ def screening(paths: Array, values: Array, *, seed: int = 0) -> Screening:
     np.put_along_axis(effects, moved, np.diff(values, axis=1) * sign / STEP, axis=1)
     size = np.abs(effects)
     resampled = np.array([size[pick].mean(axis=0) for pick in _picks(len(size), seed)])
-    return Screening(effects.mean(axis=0), size.mean(axis=0), _std(effects), _interval(resampled))
+    return Screening(effects.mean(axis=0), size.mean(axis=0), effects.std(axis=0, ddof=1), _interval(resampled))
 
 
 def indices(values: Array, *, seed: int = 0) -> Indices:
@@ -101,7 +102,3 @@ def _picks(count: int, seed: int) -> NDArray[np.int_]:
 
 def _interval(resampled: Array) -> Array:
     return np.percentile(resampled, INTERVAL, axis=0).T
-
-
-def _std(effects: Array) -> Array:
-    return effects.std(axis=0, ddof=1) if len(effects) > 1 else np.zeros(effects.shape[1])

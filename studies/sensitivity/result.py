@@ -1,12 +1,13 @@
 """What a sweep found, as numbers."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binomtest
 
 from fabdesign.errors import SimulationError
 from fabdesign.sensitivity_file import SensitivityStudy
@@ -16,7 +17,12 @@ from studies.sensitivity.outputs import OutputColumn
 from studies.sensitivity.snapping import snaps
 
 Array = NDArray[np.float64]
+Measured = TypeVar("Measured", Screening, Indices)
 FEWEST = {"morris": 4, "sobol": 8}  # whole rows or trajectories under which nothing is said
+_FIGURES = {  # keys of result.json, and what they hold
+    "morris": {"mu_star": "mu_star", "interval90": "mu_star90", "mu": "mean", "sigma": "sigma"},
+    "sobol": {"first": "first", "first_interval90": "first90", "total": "total", "total_interval90": "total90"},
+}
 MANY_SNAP = 0.05  # share of samples that snap above which indices depend partly on chance
 
 
@@ -66,26 +72,21 @@ class SensitivityResult:
                 rows = f"{samples.sound.sum()} of {len(samples.cube)} {ROWS[method]} are whole"
                 why = f"{samples.failed} samples failed" if samples.failed else "the time was too short"
                 raise SimulationError(f"{self.study.name}: {rows}, {why}; expected at least {FEWEST[method]}")
-        object.__setattr__(self, "screenings", [self._screening(k) for k in range(len(self.columns))])
-        object.__setattr__(self, "indices", [self._indices(k) for k in range(len(self.columns))])
+        seed = self.study.seed
+        object.__setattr__(self, "screenings", self._measured("morris", partial(screening, seed=seed)))
+        object.__setattr__(self, "indices", self._measured("sobol", lambda _, values: indices(values, seed=seed)))
 
-    def _screening(self, column: int) -> Screening | None:
-        samples = self.computed.get("morris")
+    def _measured(self, method: str, measure: Callable[[Array, Array], Measured]) -> list[Measured | None]:
+        """Return a method's measure of each column that varies, of its sound rows: their points and outputs."""
+        samples = self.computed.get(method)
         if samples is None:
-            return None
-        outputs = samples.outputs[samples.sound][..., column]
-        if outputs.std() < self.columns[column].least:
-            return None
-        return screening(samples.cube[: len(samples.outputs)][samples.sound], outputs, seed=self.study.seed)
-
-    def _indices(self, column: int) -> Indices | None:
-        samples = self.computed.get("sobol")
-        if samples is None:
-            return None
-        outputs = samples.outputs[samples.sound][..., column]
-        if outputs[:, :2].std() < self.columns[column].least:
-            return None
-        return indices(outputs, seed=self.study.seed)
+            return [None] * len(self.columns)
+        cube, outputs = samples.cube[: len(samples.outputs)][samples.sound], samples.outputs[samples.sound]
+        spread = np.std(outputs[:, : 2 if method == "sobol" else None], axis=(0, 1))
+        return [
+            measure(cube, outputs[..., k]) if spread[k] >= column.least else None
+            for k, column in enumerate(self.columns)
+        ]
 
     @property
     def samples(self) -> int:
@@ -127,7 +128,7 @@ class SensitivityResult:
             rows = ", ".join(f"{(~f.sound).sum()} {ROWS[m]}" for m, f in self.computed.items() if f.failed)
             said.append((f"{self.failed} of {self.samples} samples failed; {rows} were left out with them.", True))
         if len(self.moves):
-            low, high = wilson(self.snapping, len(self.moves))
+            low, high = binomtest(self.snapping, len(self.moves)).proportion_ci(0.9, method="wilson")
             share = f"90 % interval of the share: {low:.0%} to {high:.0%}"
             snap = f"{self.snapping} of {len(self.moves)} checked samples snap: pressures 2 % off lead to another "
             snap += f"stable shape ({share})."
@@ -167,35 +168,14 @@ class SensitivityResult:
 
     def _output(self, k: int) -> dict[str, Any]:
         entry: dict[str, Any] = {"unit": self.columns[k].unit, **self.spread(k)}
-        if (s := self.screenings[k]) is not None:
-            entry["morris"] = {
-                name: {
-                    "mu_star": float(s.mu_star[i]),
-                    "interval90": s.mu_star90[i].tolist(),
-                    "mu": float(s.mean[i]),
-                    "sigma": float(s.sigma[i]),
+        measured = {"morris": (self.screenings[k], self.inputs.names), "sobol": (self.indices[k], self.inputs.groups)}
+        for method, (measure, names) in measured.items():
+            if measure is not None:
+                entry[method] = {
+                    name: {key: getattr(measure, figure)[i].tolist() for key, figure in _FIGURES[method].items()}
+                    for i, name in enumerate(names)
                 }
-                for i, name in enumerate(self.inputs.names)
-            }
-        if (x := self.indices[k]) is not None:
-            entry["sobol"] = {
-                name: {
-                    "first": float(x.first[i]),
-                    "first_interval90": x.first90[i].tolist(),
-                    "total": float(x.total[i]),
-                    "total_interval90": x.total90[i].tolist(),
-                }
-                for i, name in enumerate(self.inputs.groups)
-            }
         return entry
 
 
 ROWS = {"morris": "trajectories", "sobol": "rows"}
-
-
-def wilson(hits: int, count: int) -> tuple[float, float]:
-    """90 % interval of a share (Wilson 1927)."""
-    z = 1.645
-    middle = (hits + z**2 / 2) / (count + z**2)
-    half = z * np.sqrt(hits * (count - hits) / count + z**2 / 4) / (count + z**2)
-    return max(0.0, float(middle - half)), min(1.0, float(middle + half))

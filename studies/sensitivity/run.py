@@ -1,28 +1,22 @@
 """A sweep from its file to its report."""
 
-import hashlib
-import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign import SIMULATOR, working_time
-from fabdesign.checkpoint import OtherContent
+from fabdesign import working_time
 from fabdesign.cluster import at_once as machines
 from fabdesign.effort import duration
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case, ForwardModel
-from fabdesign.kept_database import files_of
 from fabdesign.model import Model
-from fabdesign.output import WorkFolder, work_folder
-from fabdesign.sensitivity_file import Output, SensitivityStudy, read_sensitivity
+from fabdesign.output import work_folder
+from fabdesign.sensitivity_file import SensitivityStudy, read_sensitivity
 from studies.forward_model import forward_model
 from studies.laced_motion import WithMuscleStates, knows_muscles
-from studies.layouts.content import flat, shortened
 from studies.layouts.target import LoadedTarget, load_target
 from studies.sensitivity.estimators import saltelli_rows, trajectories
 from studies.sensitivity.inputs import Inputs
@@ -30,14 +24,12 @@ from studies.sensitivity.outputs import Outputs, needs_tension
 from studies.sensitivity.report import write_report
 from studies.sensitivity.result import Computed, SensitivityResult
 from studies.sensitivity.snapping import moved, spreads
-from studies.sensitivity.store import FILE, Store
+from studies.sensitivity.store import FILE, Samples, sweep_content
 
 Array = NDArray[np.float64]
 BATCH = 128  # samples in one call: twice what the simulator takes side by side
 CHECKED = 8, 32  # samples at least and at most of which it is looked whether they snap
 _SHARE = 16  # every so many-th row is looked at
-ALGORITHM = 1  # of what samples hold: raised where kept ones are no longer what this code would compute
-_RAISED = ("name", "methods", "samples", "trajectories", "seconds")  # what may grow, or changes no sample
 
 
 @dataclass(frozen=True)
@@ -77,7 +69,8 @@ def run_sensitivity(
     inputs += [study.target.file] if study.target else []
     target = load_target(study.target, study.design, seed=study.seed) if study.target else None
     with work_folder(out, made_by="sensitivity", force=force, inputs=inputs) as work:
-        with _store(work, _content(study, None if target is None else target.points)) as store:
+        content = sweep_content(study, None if target is None else target.points)
+        with Samples.of_work(work, FILE, content) as store:
             result = _Sweep(study, target, store, forward, progress, interruptible).run()
         with work.adding() as files:
             write_report(result, files)
@@ -89,7 +82,7 @@ class _Sweep:
         self,
         study: SensitivityStudy,
         target: LoadedTarget | None,
-        store: Store,
+        store: Samples,
         forward: ForwardModel | None,
         progress: Callable[[Progress], None],
         interruptible: bool,
@@ -121,14 +114,14 @@ class _Sweep:
         in_time = True
         for part, cube in parts.items():
             values = self.inputs.values(cube.reshape(-1, cube.shape[-1]), screened=part == "morris")
-            samples = self._all(part, values, self._outputs_of, cases=1) if in_time else self._store.samples(part)
+            samples = self._all(part, values, self._outputs_of, cases=1) if in_time else self._store.of(part)
             in_time = in_time and len(samples) >= len(values)
             shape = cube.shape[:2]
             computed[part] = Computed(
                 cube, values.reshape(cube.shape), _filled(samples, shape, len(self.outputs.columns))
             )
         snapping = f"snapping of {[*parts][-1]}"
-        moves = self._all(snapping, checked, self._moves_of, cases=3) if in_time else self._store.samples(snapping)
+        moves = self._all(snapping, checked, self._moves_of, cases=3) if in_time else self._store.of(snapping)
         wall, cpu = self._store.spent
         if self._interrupted:  # a part of which nothing is there says nothing; the others do
             computed = {part: samples for part, samples in computed.items() if len(samples.outputs)}
@@ -158,7 +151,7 @@ class _Sweep:
         self, part: str, values: Array, compute: Callable[[Array], list[Array]], *, cases: int
     ) -> dict[int, Array]:
         """What the store has of a part, with what is missing computed, as long as there is time."""
-        done = self._store.samples(part)
+        done = self._store.of(part)
         missing = [k for k in range(len(values)) if k not in done]
         self._done += cases * (len(values) - len(missing))
         self._say(part)
@@ -175,10 +168,9 @@ class _Sweep:
                     raise
                 self._interrupted = True
                 break
-            self._store.add(
-                part, numbers, new, wall=working_time.seconds() - wall, cpu=working_time.processor_seconds() - cpu
-            )
-            done |= dict(zip(numbers, new, strict=True))
+            added = dict(zip(numbers, new, strict=True))
+            self._store.add(part, added, wall=working_time.seconds() - wall, cpu=working_time.processor_seconds() - cpu)
+            done |= added
             self._done += cases * len(numbers)
             self._computed += cases * len(numbers)
             self._say(part)
@@ -220,41 +212,3 @@ def _filled(outputs: dict[int, Array], shape: tuple[int, ...], columns: int) -> 
     rows, each = shape
     whole = next((k for k in range(rows * each) if k not in outputs), rows * each) // each
     return np.array([outputs[k] for k in range(whole * each)]).reshape(whole, each, columns)
-
-
-def _store(work: WorkFolder, content: dict[str, str]) -> Store:
-    work.claim(*files_of(FILE))
-    try:
-        return Store(work.folder / FILE, content)
-    except OtherContent:
-        if not work.anew:
-            raise
-        work.clear()
-        work.claim(*files_of(FILE))
-        return Store(work.folder / FILE, content)
-
-
-def _content(study: SensitivityStudy, target: Array | None) -> dict[str, str]:
-    """What the samples depend on, by field."""
-    content: dict[str, object] = {"simulator": SIMULATOR, "algorithm": ALGORITHM}
-    for field in fields(study):
-        if field.name not in (*_RAISED, "target", "functions"):
-            content |= flat(getattr(study, field.name), field.name)
-    for name, function in study.functions.items():
-        content[f"functions.{name}"] = _text_of(function)
-    if target is not None:
-        content["target.points"] = hashlib.sha256(target.tobytes()).hexdigest()
-    if study.target is not None and study.target.weighting is not None:
-        content["target.regions"] = repr(study.target.weighting.regions)
-    return {name: shortened(str(value)) for name, value in content.items()}
-
-
-def _text_of(function: Output) -> str:
-    """By which a function is known again in another session: what it does, not where it lies."""
-
-    def content(code: Any) -> list[Any]:
-        inner = [content(c) if hasattr(c, "co_code") else repr(c) for c in code.co_consts]
-        return [code.co_code.hex(), code.co_names, inner]
-
-    code = getattr(inspect.unwrap(function), "__code__", None)
-    return repr(type(function)) if code is None else hashlib.sha256(repr(content(code)).encode()).hexdigest()

@@ -1,62 +1,79 @@
-"""The samples of a sweep on disk: what is computed stays, whatever ends the process."""
+"""The samples of a sweep on disk: what is computed stays, whatever ends the process; and what they depend on."""
 
-from collections.abc import Mapping, Sequence
+import inspect
+from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
-from typing import Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign import SIMULATOR
+from fabdesign.content import content_of, sha256
 from fabdesign.errors import note
-from fabdesign.kept_database import open_database, writing
+from fabdesign.sensitivity_file import Output, SensitivityStudy
+from fabdesign.store import Database
 
 Array = NDArray[np.float64]
 FILE = "samples.sqlite"
-_SCHEMA = """
+ALGORITHM = 1  # of what samples hold: raised where kept ones are no longer what this code would compute
+_RAISED = ("name", "methods", "samples", "trajectories", "seconds")  # what may grow, or changes no sample
+_DROP_DAMAGED = "delete from samples where typeof(numbers) <> 'blob' or length(numbers) = 0 or length(numbers) % 8 <> 0"
+
+
+class Samples(Database):
+    """A SQLite file of one study's samples, by part (a method's design) and number in it."""
+
+    schema = """
 create table if not exists samples (part text, number integer, numbers blob, primary key (part, number));
 create table if not exists spent (id integer primary key check (id = 0), wall real, cpu real);
 insert or ignore into spent values (0, 0, 0);
 """
-_DROP_DAMAGED = "delete from samples where typeof(numbers) <> 'blob' or length(numbers) = 0 or length(numbers) % 8 <> 0"
+    holds = "another study"
 
-
-class Store:
-    """A SQLite file of one study's samples, by part (a method's design) and number in it.
-
-    content: what the samples depend on, by field. Raises OtherContent, which says what differs, where the file is that
-    of another study.
-    """
-
-    def __init__(self, path: Path, content: Mapping[str, str]) -> None:
-        self._path, self._file = path, open_database(path, _SCHEMA, content, "another study")
-        with writing(path), self._file:
-            dropped = self._file.execute(_DROP_DAMAGED).rowcount
+    def __init__(self, path: Path | str, content: Mapping[str, str]) -> None:
+        super().__init__(path, content)
+        with self.writing() as file:
+            dropped = file.execute(_DROP_DAMAGED).rowcount
         if dropped:
             note(f"{path}: {dropped} samples are damaged; they are computed again")
 
-    def samples(self, part: str) -> dict[int, Array]:
-        """Numbers of each sample that is there."""
-        rows = self._file.execute("select number, numbers from samples where part = ?", (part,))
+    def of(self, part: str) -> dict[int, Array]:
+        """Return the numbers of each sample that is there."""
+        rows = self.rows("select number, numbers from samples where part = ?", part)
         return {number: np.frombuffer(numbers) for number, numbers in rows}
 
-    def add(self, part: str, numbers: Sequence[int], values: Sequence[Array], *, wall: float, cpu: float) -> None:
+    def add(self, part: str, values: Mapping[int, Array], *, wall: float, cpu: float) -> None:
         """Add samples, and the seconds that they took."""
-        rows = [(part, int(n), np.asarray(v, float).tobytes()) for n, v in zip(numbers, values, strict=True)]
-        with writing(self._path), self._file:
-            self._file.executemany("insert or replace into samples values (?, ?, ?)", rows)
-            self._file.execute("update spent set wall = wall + ?, cpu = cpu + ?", (wall, cpu))
+        rows = [(part, int(n), np.asarray(v, float).tobytes()) for n, v in values.items()]
+        with self.writing() as file:
+            file.executemany("insert or replace into samples values (?, ?, ?)", rows)
+            file.execute("update spent set wall = wall + ?, cpu = cpu + ?", (wall, cpu))
 
     @property
     def spent(self) -> tuple[float, float]:
         """s by the clock and of the processor, all sessions together."""
-        wall, cpu = self._file.execute("select wall, cpu from spent").fetchone()
+        [(wall, cpu)] = self.rows("select wall, cpu from spent")
         return float(wall), float(cpu)
 
-    def __enter__(self) -> Self:
-        return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._file.close()
+def sweep_content(study: SensitivityStudy, target: Array | None) -> dict[str, str]:
+    """Return what the samples depend on, by field."""
+    more: dict[str, Any] = {f"functions.{name}": _text_of(function) for name, function in study.functions.items()}
+    if target is not None:
+        more["target.points"] = sha256(target)
+    if study.target is not None and study.target.weighting is not None:
+        more["target.regions"] = repr(study.target.weighting.regions)
+    content = content_of(study, (*_RAISED, "target", "functions"), more)
+    return {"simulator": str(SIMULATOR), "algorithm": str(ALGORITHM)} | content
+
+
+def _text_of(function: Output) -> str:
+    """Return that by which a function is known again in another session: what it does, not where it lies."""
+
+    def content(code: Any) -> list[Any]:
+        inner = [content(c) if hasattr(c, "co_code") else repr(c) for c in code.co_consts]
+        return [code.co_code.hex(), code.co_names, inner]
+
+    code = getattr(inspect.unwrap(function), "__code__", None)
+    return repr(type(function)) if code is None else sha256(repr(content(code)))

@@ -1,16 +1,15 @@
 """What is being edited, kept beside its file until it is saved: a crash or a closed window loses nothing."""
 
-import json
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from fabdesign.checkpoint import sha256
+from fabdesign.content import sha256
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
 from fabdesign.errors import InputError
+from fabdesign.json_file import read_json, write_json
 from fabdesign.muscle import Muscle
-from fabdesign.output import write_text
 from studies.studio.layout import Layout
 
 FORMAT = "fabdesign.studio-autosave/1"
@@ -35,20 +34,20 @@ class Autosave:
             "muscles": [asdict(muscle) for muscle in layout.design.muscles],
             "pressures_pa": list(layout.pressures),
         }
-        write_text(self.path, json.dumps(content, indent=1) + "\n")
+        write_json(self.path, content)
         self._written = layout
 
     def read(self, design: Design) -> tuple[Layout, bool] | None:
         """The layout that was left, on the cloth and the muscle types of `design`, and whether the file is still the
         one it was begun on; None where nothing was left, or nothing that fits."""
         try:
-            content: dict[str, Any] = json.loads(self.path.read_text(encoding="utf-8"))
+            content = read_json(self.path)
             if content["format"] != FORMAT:
                 return None
             muscles = tuple(_muscle(entry, design) for entry in content["muscles"])
             pressures = tuple(float(pressure) for pressure in content["pressures_pa"])
             begun_on = content["begun_on"]
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        except (ValueError, KeyError, TypeError, AttributeError):
             return None
         return Layout.of(replace(design, muscles=muscles), pressures), begun_on == content_hash(self._file)
 

@@ -1,6 +1,5 @@
 """A search from the layout as it stands: `optimize` in a process of its own, its best so far read as it comes."""
 
-import json
 import os
 import signal
 import subprocess
@@ -14,6 +13,7 @@ import tomlkit
 
 from fabdesign.design_file import read_design, write_design
 from fabdesign.errors import InputError
+from fabdesign.json_file import read_json
 from fabdesign.output import new_folder
 from fabdesign.pressure_file import pressure_file_of, read_pressures
 from fabdesign.study_targets import TargetFile
@@ -114,7 +114,8 @@ class Search:
         model: Path | None = None,
     ) -> None:
         """Raises InputError where the folder is there already, or cannot be written."""
-        self.folder, self._seen, self._poses, self._stopped = folder, "", len(targets), False
+        self.folder, self._poses, self._stopped = folder, len(targets), False
+        self._seen: dict[str, Any] = {}
         with new_folder(folder, made_by="studio") as unfinished:
             write_design(layout.design, unfinished / "design.toml")
             text = study_document(layout, targets, limits, vary=vary, seconds=seconds, model=model, beside=folder)
@@ -139,16 +140,15 @@ class Search:
     def best(self) -> SearchResult | None:
         """The best so far, when it is another than the last time; at the end the result."""
         try:
-            text = (self.result / "result.json").read_text(encoding="utf-8")
-            if text == self._seen:
+            content = read_json(self.result / "result.json")
+            if content == self._seen:
                 return None
-            content = json.loads(text)
             design = read_design(self.result / "design.toml")
             files = [self.result / pressure_file_of(pose) for pose in range(1, self._poses + 1)]
             rows = [read_pressures(file, design).pressure[-1] for file in files]
         except (OSError, ValueError):  # it is being replaced at this moment
             return None
-        self._seen = text
+        self._seen = content
         layouts = tuple(Layout.of(design, tuple(map(float, row))) for row in rows)
         return SearchResult(
             layouts,

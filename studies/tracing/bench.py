@@ -10,7 +10,7 @@ import numpy as np
 from fabdesign import __version__
 from fabdesign.bench import Bench, BenchRecord
 from fabdesign.bench_file import read_bench
-from fabdesign.checkpoint import sha256
+from fabdesign.content import sha256
 from fabdesign.effects import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.json_file import write_json

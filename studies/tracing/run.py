@@ -1,22 +1,23 @@
 """`fabdesign trace SET`: one trace from a measurement set to its files."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from fabdesign import SIMULATOR
-from fabdesign.checkpoint import Checkpoint, sha256
+from fabdesign.content import sha256
 from fabdesign.effects import EFFECTS
 from fabdesign.effects.registry import check_values, effect_named, effects_of
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
+from fabdesign.json_file import write_json
 from fabdesign.model import Model
 from fabdesign.model_file import write_model
 from fabdesign.output import WorkFolder, work_folder, write_text
 from fabdesign.predictor import Predictor
 from fabdesign.splits import fit_trials
+from fabdesign.store import Checkpoint
 from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
 from optimize.fit.clouds import Sample, evenly
@@ -257,6 +258,6 @@ def _write(work: WorkFolder, outcome: Outcome) -> None:
     from studies.tracing.report import render_report
 
     with work.adding() as files:
-        write_text(files / "trace.json", json.dumps(outcome.as_json(), indent=1) + "\n")
+        write_json(files / "trace.json", outcome.as_json())
         write_model(outcome.model, files / "model.toml")
         write_text(files / "report.html", render_report(outcome))

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fabdesign.checkpoint import Checkpoint
 from fabdesign.design import Design
 from fabdesign.forward import ForwardModel
 from fabdesign.sheet import sheets_of
+from fabdesign.store import Checkpoint
 from fabdesign.trial import Trial
 from optimize.fit.clouds import Array
 from optimize.fit.descent import STEP, fit

@@ -7,13 +7,13 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.checkpoint import Arrays, Checkpoint
 from fabdesign.corrector import with_history
 from fabdesign.effort import batches
 from fabdesign.errors import InputError, SimulationError
 from fabdesign.forward import Case, ForwardModel
 from fabdesign.model import Model
 from fabdesign.splits import split
+from fabdesign.store import Arrays, Checkpoint
 from fabdesign.trial import MeasurementSet, Trial
 from optimize.fit.clouds import evenly
 from optimize.fit.parameters import FitVector

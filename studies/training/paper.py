@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from corrector.designs import described
 from corrector.paper import FRAMES
 from corrector.paper_training import PaperTraining, TrainingPairs, train_paper
-from fabdesign.checkpoint import Checkpoint
 from fabdesign.errors import InputError
 from fabdesign.forward import ForwardModel
+from fabdesign.store import Checkpoint
 from studies.training.data import Chosen, KeptMotions, Progress
 
 _PARTS = ("simulated", "measured", "following")
@@ -28,7 +28,7 @@ def train(
         TrainingPairs(motion, chosen.trial.load().frames, chosen.used)
         for chosen, motion in zip(trials, motions, strict=True)
     ]
-    folder = checkpoint.own(*(f"paper-{part}.pt" for part in _PARTS))
+    folder = checkpoint.claim(*(f"paper-{part}.pt" for part in _PARTS))
     weights = train_paper(pairs, plan, folder, progress=progress)
     designs = {chosen.trial.design_name: chosen.trial.design for chosen in trials}
     return weights, about(plan, rate, [described(design) for design in designs.values()])

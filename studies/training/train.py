@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from corrector.load import load_corrector, write_weights
 from fabdesign import SIMULATOR, __version__
-from fabdesign.checkpoint import Checkpoint, sha256
+from fabdesign.content import sha256
 from fabdesign.corrector import Trust, central_hash
 from fabdesign.distances import chamfer
 from fabdesign.forward import ForwardModel
@@ -22,6 +22,7 @@ from fabdesign.model import Model
 from fabdesign.model_file import write_model
 from fabdesign.output import others_in, work_folder
 from fabdesign.predictor import Predictor
+from fabdesign.store import Checkpoint
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import in_mm
 from optimize.fit.parameters import FitVector

@@ -1,23 +1,23 @@
 """A study of what is not measured yet, from its file to its report."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fabdesign import SIMULATOR
-from fabdesign.checkpoint import Checkpoint, sha256
+from fabdesign.content import content_of, sha256
 from fabdesign.effort import CALIBRATION, fit_seconds, in_words, on_cores, unseen_seconds
 from fabdesign.forward import ForwardModel
 from fabdesign.output import WorkFolder, work_folder
 from fabdesign.spread import spread_of
+from fabdesign.store import Checkpoint
 from fabdesign.units import in_kpa, in_mm
 from fabdesign.unseen_file import FREE, UnseenStudy, Unsewn, read_unseen
 from optimize.fit.descent import Progress, parts
 from optimize.fit.free import fit_vector
 from studies.forward_model import forward_model
-from studies.layouts.content import flat, shortened
 from studies.sensitive_stretches import GRID
 from studies.sensitivity.snapping import spreads
 from studies.unseen.draws import Draws
@@ -178,12 +178,10 @@ def _left_out(
 
 def _content(study: UnseenStudy) -> dict[str, str]:
     """What the pieces depend on, by field."""
-    content: dict[str, object] = {"simulator": SIMULATOR, "algorithm": ALGORITHM}
-    for field in fields(study):
-        if field.name not in ("name", "seconds", "folder", "measured"):
-            content |= flat(getattr(study, field.name), field.name)
+    measured = {}
     if study.measured is not None:
-        content["unjudged"] = f"found with {GRID} points a side"
+        measured["unjudged"] = f"found with {GRID} points a side"
         for trial in study.measured.trials:
-            content[f"measured.{trial.file.name}"] = f"{trial.design_name}, {trial.role}, {sha256(trial.file)}"
-    return {name: shortened(str(value)) for name, value in content.items()}
+            measured[f"measured.{trial.file.name}"] = f"{trial.design_name}, {trial.role}, {sha256(trial.file)}"
+    content = content_of(study, ("name", "seconds", "folder", "measured"), measured)
+    return {"simulator": str(SIMULATOR), "algorithm": str(ALGORITHM)} | content
