@@ -118,7 +118,8 @@ def test_too_little_memory_is_a_line(
 
 
 def _without_progress(result: tuple[int, str, str]) -> tuple[int, str, str]:
-    lines = [line for line in result[2].splitlines(keepends=True) if not re.match(r"(predict|evaluat)ed \d", line)]
+    progress = re.compile(r"(predict|evaluat)ed \d|\d+ trials, \d+ cores?: about ")
+    lines = [line for line in result[2].splitlines(keepends=True) if not progress.match(line)]
     return result[0], result[1], "".join(lines)
 
 
