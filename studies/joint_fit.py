@@ -67,16 +67,13 @@ def joint_fit(
     wherever a horizon leaves more than a right model, not the first alone where that is far more. at_rest: what shapes
     at rest say; where that is known, no horizon is looked at, and what they say is nothing takes no part at all."""
     right = expected_rms(data.noise, tolerance)
-    if at_rest is not None:
-        index = (fewer := vector.only(set(vector.labels) - negligible(at_rest, tolerance)))[1]
-        return fitted(
-            data, fewer[0], beginning(vector, at_rest)[index], named="from rest", horizon=None,
-            expected=np.inf if vector.terms else right, progress=progress,
-        )  # fmt: skip
     much = right if patient else expected_rms(data.noise, 2 * tolerance)
     few = data.only(evenly(len(data.trials), EARLY_TRIALS).tolist())
+    nothing: frozenset[str] = frozenset()
     lengths = horizons(data.samples)
     lengths = [horizon for horizon in lengths if horizon <= EARLY or horizon == lengths[-1]]
+    if at_rest is not None:
+        lengths, start, nothing = lengths[-1:], beginning(vector, at_rest), negligible(at_rest, tolerance)
     share = _AT_LAST if len(few.trials) < len(data.trials) else _AT_LAST / 4
     *told, at_last = parts(progress, *((1 - share) * np.cumsum(lengths) / sum(lengths)).tolist())
     expected = np.inf if vector.terms else right  # effects at nothing leave much
@@ -89,7 +86,7 @@ def joint_fit(
         )
         for horizon, own in zip(lengths, told, strict=True)
     ]
-    descent, untried = _Descent(vector, start), bool(vector.terms)
+    descent, untried = _Descent(vector, start, aside=nothing), bool(vector.terms) and at_rest is None
     for k, stage in enumerate(stages):
         descent = stage.after(descent)
         if untried and descent.left > much and (patient or k == 0):
@@ -97,9 +94,10 @@ def joint_fit(
             for before in stages[: k + 1]:
                 other = before.after(other)
             descent = min(descent, other, key=lambda one: one.left)
+    there, index = vector.only(set(vector.labels) - nothing)
     return fitted(
-        data, vector, descent.x, named=f"{descent.named} at last".strip(), horizon=None, expected=expected,
-        progress=at_last, jacobian=descent.jacobian if len(few.trials) == len(data.trials) else None,
+        data, there, descent.x[index], named=f"{descent.named} at last".strip(), horizon=None, expected=expected,
+        progress=at_last, jacobian=descent.jacobian[:, index] if len(few.trials) == len(data.trials) else None,
     )  # fmt: skip
 
 
