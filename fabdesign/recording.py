@@ -22,6 +22,7 @@ from fabdesign.ply import write_ply
 from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.pressure_file import read_pressures, write_pressures
 from fabdesign.table import Table, load_toml
+from fabdesign.toml_file import file_stem
 
 Array = NDArray[np.float64]
 Convention = Literal["forward", "backward"]  # z forward and y down; or (x, -y, -z), as RealSense SDKs export
@@ -166,7 +167,8 @@ def write_recording(
     document = tomlkit.document()
     document["format"] = FORMAT
     document["name"] = folder.name
-    document["design"] = f"{design.name}.toml"
+    design_file = f"{file_stem(design.name)}.toml"
+    document["design"] = design_file
     document["times"] = [round(float(t), 6) for t in times]
     listed = tomlkit.aot()
     for sensor in sensors:
@@ -175,7 +177,7 @@ def write_recording(
         entry.update({"name": sensor.name, "camera_to_world": pose})
         listed.append(entry)
     document["sensors"] = listed
-    write_design(design, folder / f"{design.name}.toml")
+    write_design(design, folder / design_file)
     write_pressures(program, folder / "pressure.csv")
     for name, cloud in reference.items():
         write_ply(folder / "reference" / f"{name}.ply", cloud)
