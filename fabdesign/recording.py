@@ -1,5 +1,6 @@
 """Recordings: raw clouds of several depth sensors, `fabdesign.recording/1`."""
 
+import filecmp
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -86,22 +87,24 @@ class Recording:
             cloud, left_out = sound_points(self.topics[sensor.topic][index], what, size=_SIZE)
             left_out.tell(len(self.topics[sensor.topic][index]), what)
             return self._ahead(cloud, what)
-        number = f"{index:04d}"
-        frames = self.folder / "frames"
-        return self._cloud((frames / number / sensor.name, frames / sensor.name / number), f"frame {index}", sensor)
+        file = self._file(index, sensor)
+        if index and filecmp.cmp(file, self._file(index - 1, sensor), shallow=False):
+            raise InputError(
+                f"{file}: repeats the cloud of frame {index - 1}; expected one of its own (did the camera lose it?)"
+            )
+        return self._ahead(read_cloud(file, size=_SIZE), str(file))
+
+    def _file(self, index: int, sensor: Sensor) -> Path:
+        """The file of a sensor's cloud. Raises InputError where it is missing."""
+        number, frames = f"{index:04d}", self.folder / "frames"
+        return _cloud_file((frames / number / sensor.name, frames / sensor.name / number), f"frame {index}", sensor)
 
     def has_reference(self) -> bool:
         return (self.folder / "reference").is_dir()
 
     def reference(self, sensor: Sensor) -> Array:
         """(n, 3) m: the unloaded cloth as the sensor sees it. Raises InputError."""
-        return self._cloud((self.folder / "reference" / sensor.name,), "reference", sensor)
-
-    def _cloud(self, stems: Sequence[Path], what: str, sensor: Sensor) -> Array:
-        files = [stem.with_name(stem.name + suffix) for stem in stems for suffix in (".ply", ".npz")]
-        file = next((f for f in files if f.is_file()), None)
-        if file is None:
-            raise InputError(f"{what}: sensor {sensor.name} is missing; expected {files[0]} or .npz")
+        file = _cloud_file((self.folder / "reference" / sensor.name,), "reference", sensor)
         return self._ahead(read_cloud(file, size=_SIZE), str(file))
 
     def _ahead(self, cloud: Array, what: str) -> Array:
@@ -112,6 +115,14 @@ class Recording:
             other = "forward" if self.convention == "backward" else "backward"
             raise InputError(f"{what}: its points lie behind the camera; expected z ahead (convention {other}?)")
         return cloud
+
+
+def _cloud_file(stems: Sequence[Path], what: str, sensor: Sensor) -> Path:
+    files = [stem.with_name(stem.name + suffix) for stem in stems for suffix in (".ply", ".npz")]
+    file = next((f for f in files if f.is_file()), None)
+    if file is None:
+        raise InputError(f"{what}: sensor {sensor.name} is missing; expected {files[0]} or .npz")
+    return file
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,6 +204,9 @@ def _sensor(table: Table) -> Sensor:
         pose = np.array(rows, dtype=np.float64)
     except (TypeError, ValueError):
         raise table.bad("camera_to_world", "4 rows of 4 numbers") from None
+    if pose.shape == (4, 4) and not np.allclose(pose[3], [0, 0, 0, 1], atol=1e-9):
+        likely = " (is it transposed?)" if np.allclose(pose[:, 3], [0, 0, 0, 1], atol=1e-9) else ""
+        raise table.bad("camera_to_world", f"0, 0, 0, 1 as the last row{likely}")
     turn = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
     if np.abs(turn @ turn.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(turn) < 0:
         raise table.bad("camera_to_world", "a 4x4 matrix of a turn and a shift, metres")
@@ -261,10 +275,10 @@ def _left_out(pairs: FramePairs, topics: Sequence[str], times: Array, where: str
 
 
 def _times(root: Table, folder: Path, sensors: Sequence[Sensor]) -> Array:
-    """The frames' times; with a `frame_rate` as many as there are frame folders, or files of the first sensor."""
-    if (given := _given_times(root)) is not None:
-        return given
-    rate = root.number("frame_rate", above=0)
+    """The frames' times; with a `frame_rate` as many as there are frame folders, or files of the first sensor. Raises
+    InputError where there are more of these than times."""
+    given = _given_times(root)
+    rate = root.number("frame_rate", above=0) if given is None else 1.0
     frames = folder / "frames"
     by_sensor = frames / sensors[0].name
     stems = [p.stem for p in (by_sensor if by_sensor.is_dir() else frames).glob("[0-9]*")]
@@ -273,6 +287,10 @@ def _times(root: Table, folder: Path, sensors: Sequence[Sensor]) -> Array:
         raise InputError(f"{frames}: no frames; expected NNNN/SENSOR.ply or SENSOR/NNNN.ply")
     if max(numbers) > _FRAMES:
         raise InputError(f"{frames}: frame {max(numbers)}; expected numbers from 0 to {_FRAMES}")
+    if given is not None:
+        if max(numbers) >= len(given):
+            raise InputError(f"{frames}: has a frame {max(numbers)}; expected {len(given)}, from 0, one a time")
+        return given
     times = np.arange(1, max(numbers) + 2) / rate
     require_seconds(times, f"{folder / 'recording.toml'}")
     return times
