@@ -275,8 +275,8 @@ def _left_out(pairs: FramePairs, topics: Sequence[str], times: Array, where: str
 
 
 def _times(root: Table, folder: Path, sensors: Sequence[Sensor]) -> Array:
-    """The frames' times; with a `frame_rate` as many as there are frame folders, or files of the first sensor. Raises
-    InputError where there are more of these than times."""
+    """The frames' times; with a `frame_rate` as many as there are frame folders, or files of the first sensor. Of more
+    of these than times it says which are left out."""
     given = _given_times(root)
     rate = root.number("frame_rate", above=0) if given is None else 1.0
     frames = folder / "frames"
@@ -289,7 +289,9 @@ def _times(root: Table, folder: Path, sensors: Sequence[Sensor]) -> Array:
         raise InputError(f"{frames}: frame {max(numbers)}; expected numbers from 0 to {_FRAMES}")
     if given is not None:
         if max(numbers) >= len(given):
-            raise InputError(f"{frames}: has a frame {max(numbers)}; expected {len(given)}, from 0, one a time")
+            note(
+                f"{frames}: has frames to {max(numbers)}, and {len(given)} times; those from {len(given)} are left out"
+            )
         return given
     times = np.arange(1, max(numbers) + 2) / rate
     require_seconds(times, f"{folder / 'recording.toml'}")
