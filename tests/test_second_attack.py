@@ -189,6 +189,16 @@ def test_a_design_leads_to_no_other_folder(tmp_path: Path) -> None:
     assert trial.design_name == name and len(trial.load().frames) == 2
 
 
+def test_a_first_frame_long_after_rest_is_warned_of(tmp_path: Path) -> None:
+    cloud = np.random.default_rng(1).uniform([-0.1, -0.2, 0.0], [0.1, 0.0, 0.01], (50, 3))
+    for begins, warned in ((0.1, False), (2.1, True)):
+        data = TrialData(begins + np.arange(3) / 10, np.full((3, 2), 3e5), (cloud, cloud, cloud))
+        design = build("cross", muscles=2)
+        write_set(tmp_path / str(begins), {"cross": design}, [NewTrial("t", "cross", 0, "fit", data)], name="x")
+        late = [line for line in inspect(tmp_path / str(begins)).warnings if "does time begin at rest?" in line]
+        assert bool(late) == warned
+
+
 @pytest.mark.parametrize("name", ["..", ".fabdesign", "a/b"])
 def test_a_set_whose_name_is_no_folder_is_refused_before_its_motions(name: str) -> None:
     with pytest.raises(InputError, match="good for a folder"):
