@@ -89,9 +89,7 @@ class Recording:
             return self._ahead(cloud, what)
         file = self._file(index, sensor)
         if index and filecmp.cmp(file, self._file(index - 1, sensor), shallow=False):
-            raise InputError(
-                f"{file}: repeats the cloud of frame {index - 1}; expected one of its own (did the camera lose it?)"
-            )
+            note(f"{file}: repeats the cloud of frame {index - 1}: the camera may have lost one")
         return self._ahead(read_cloud(file, size=_SIZE), str(file))
 
     def _file(self, index: int, sensor: Sensor) -> Path:
@@ -283,16 +281,14 @@ def _times(root: Table, folder: Path, sensors: Sequence[Sensor]) -> Array:
     by_sensor = frames / sensors[0].name
     stems = [p.stem for p in (by_sensor if by_sensor.is_dir() else frames).glob("[0-9]*")]
     numbers = [int(stem) for stem in stems if stem.isdecimal()]
+    if given is not None:
+        if (last := max(numbers, default=0)) >= len(given):
+            note(f"{frames}: has frames to {last}, and {len(given)} times; those from {len(given)} are left out")
+        return given
     if not numbers:
         raise InputError(f"{frames}: no frames; expected NNNN/SENSOR.ply or SENSOR/NNNN.ply")
     if max(numbers) > _FRAMES:
         raise InputError(f"{frames}: frame {max(numbers)}; expected numbers from 0 to {_FRAMES}")
-    if given is not None:
-        if max(numbers) >= len(given):
-            note(
-                f"{frames}: has frames to {max(numbers)}, and {len(given)} times; those from {len(given)} are left out"
-            )
-        return given
     times = np.arange(1, max(numbers) + 2) / rate
     require_seconds(times, f"{folder / 'recording.toml'}")
     return times

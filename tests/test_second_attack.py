@@ -12,6 +12,7 @@ import pytest
 
 from fabdesign.catalogue import build
 from fabdesign.cloud_file import read_geometry
+from fabdesign.curve_file import read_membrane_curve
 from fabdesign.errors import InputError
 from fabdesign.measured_points import require_room
 from fabdesign.measurement_set import NewTrial, read_set, write_set
@@ -166,6 +167,12 @@ def test_pressures_like_these_are_read(content: str, first_row: list[float], tmp
     assert read_csv(tmp_path / "p.csv").pressure[0].tolist() == first_row
 
 
+def test_a_strain_in_percent_without_its_unit_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "c.csv").write_text("strain,tension_n_per_m\n0,0\n10,52\n")
+    with pytest.raises(InputError, match=r"strain = 10; expected at most 5 \(strain \[%\] is a percentage\)"):
+        read_membrane_curve(tmp_path / "c.csv")
+
+
 @pytest.mark.parametrize(
     "name", ["../../x", "a/b", "a\\b", ".", "..", ".fabdesign", "", "a\nb", "x" * 300, "ü" * 200, "a_b", "50 %: ä"]
 )
@@ -224,11 +231,11 @@ def test_a_pose_of_a_camera_that_is_transposed_is_refused(recording: Path) -> No
         assert str(refused.value).endswith(f"expected 0, 0, 0, 1 as the last row{likely}")
 
 
-def test_a_cloud_that_repeats_the_one_before_is_named(recording: Path) -> None:
+def test_a_cloud_that_repeats_the_one_before_is_said(recording: Path) -> None:
     frames = recording.parent / "frames"
     shutil.copyfile(frames / "0000" / "left.ply", frames / "0001" / "left.ply")
-    (problem,) = inspect(recording).problems
-    assert "repeats the cloud of frame 0" in problem
+    (line,) = inspect(recording).notes
+    assert "repeats the cloud of frame 0" in line
     shutil.copytree(frames / "0000", frames / "0005")
     assert any("has frames to 5, and 2 times" in line for line in inspect(recording).notes)
 
