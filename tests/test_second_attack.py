@@ -19,6 +19,8 @@ from fabdesign.measurement_set import NewTrial, read_set, write_set
 from fabdesign.model_file import read_model
 from fabdesign.pressure_file import constant_program, read_csv
 from fabdesign.recording import Sensor, read_recording, write_recording
+from fabdesign.study_targets import TargetFile
+from fabdesign.target_file import read_target
 from fabdesign.toml_file import file_stem
 from fabdesign.trial_file import TrialData
 from studies import evaluations_table
@@ -75,6 +77,12 @@ def test_a_cloud_that_could_mean_two_things_is_refused(name: str, content: str, 
     with pytest.raises(InputError) as refused:
         read_geometry(tmp_path / name)
     assert why in str(refused.value)
+
+
+def test_a_frame_of_a_file_without_frames_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.xyz").write_text(text(POINTS))
+    with pytest.raises(InputError, match="frame = 3 of a file that has no frames"):
+        read_target(TargetFile(tmp_path / "a.xyz", frame=3), build("cross").fabric)
 
 
 @pytest.mark.parametrize("name", ["scale", "unit"])
