@@ -1,4 +1,4 @@
-"""What a second fresh attack on the program has found: files as laboratories have them, and names that become files."""
+"""What a third attack on the program has found: files as laboratories have them, and names that become files."""
 
 import json
 import shutil
