@@ -60,6 +60,8 @@ def read_c3d(path: Path | str) -> Markers:
         raise InputError(f"{path}: has {len(frames)} of {declared} frames; expected a whole C3D")
     table = np.array(frames, dtype=np.float64)
     points = np.where(table[:, :, 3:] < 0, np.nan, table[:, :, :3])
+    if name and name not in get_args(Unit):
+        raise InputError(f"{path}: its unit is {name[:20]!r}; expected one of {', '.join(get_args(Unit))}, or none")
     return Markers(points, rate, next((unit for unit in get_args(Unit) if unit == name), None))
 
 
@@ -162,6 +164,10 @@ def _npz(path: Path, frame: int) -> Geometry:
     with open_npz(path, "points (n, 3)") as arrays:
         trial = "offsets" in arrays
         if not trial:
+            if (beside := next((name for name in ("scale", "unit", "units") if name in arrays), None)) is not None:
+                raise InputError(
+                    f"{path}: has {beside} beside points, and no offsets as a trial has; expected points alone"
+                )
             require_few(math.prod(arrays.shape("points")) // 3, path, "points")
             points = arrays.get("points")
     if trial:

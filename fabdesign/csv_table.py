@@ -21,7 +21,7 @@ from fabdesign.toml_file import LARGEST_TEXT
 _MARKS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "blanks"}
 _FORMULA = ("=", "+", "-", "@")
 _WITH_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")  # as well a thousand as a decimal comma
+_THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2}[,.]\d{3}")  # as well a thousand as a decimal
 _SEPARATOR_LINE = re.compile(r'\A"?sep=.?"?[ \t]*(?=[\r\n])', re.IGNORECASE)
 _WITH_POINT = re.compile(r"[-+]?\d*\.\d*([eE][-+]?\d+)?")
 
@@ -86,25 +86,50 @@ def require_decimal_commas(path: Path, rows: Iterable[tuple[int, Sequence[str]]]
     """Raise InputError where commas in numbers may part thousands: all have three digits behind them, and blanks or
     commas part the columns, or numbers without a comma stand in the same column. Elsewhere semicolons or tabs say that
     they are decimal; where all have three digits, a note says how they are read."""
-    first, plain, columns = None, set(), set()
+    if (read := _first_thousands(path, rows, _WITH_COMMA)) is None:
+        return
+    where, number, beside_others = read
+    if mark in (None, " ", ",") or beside_others:
+        raise _ambiguous(where, number, ",")
+    note(f"{where} is read as {number.replace(',', '.')}, and so are all commas")
+
+
+def require_decimal_points(path: Path, rows: Iterable[tuple[int, Sequence[str]]], mark: str | None) -> None:
+    """Raise InputError where points in numbers may part thousands: semicolons or tabs part the columns, all numbers
+    with a point have three digits behind it, and numbers without one stand in the same column. Elsewhere a note says
+    that they are decimal."""
+    if mark not in (";", "\t") or (read := _first_thousands(path, rows, _WITH_POINT)) is None:
+        return
+    where, number, beside_others = read
+    if beside_others:
+        raise _ambiguous(where, number, ".")
+    note(f"{where} is read with a decimal point, and so are all numbers")
+
+
+def _first_thousands(
+    path: Path, rows: Iterable[tuple[int, Sequence[str]]], kind: re.Pattern[str]
+) -> tuple[str, str, bool] | None:
+    """Return where the first number with such a sign stands, the number, and whether others stand without one in such a
+    column; None where a number shows that the sign is decimal, or none has it."""
+    first: tuple[str, str] | None = None
+    plain, columns = set(), set()
     for line, row in rows:
         for i, cell in enumerate(row):
-            if _WITH_COMMA.fullmatch(cell):
+            if kind.fullmatch(cell):
                 if not _THOUSANDS.fullmatch(cell):
-                    return
-                first = first or (f"{path} line {line}: {cell!r}", cell.replace(",", ""), cell.replace(",", "."))
+                    return None
+                first = first or (f"{path} line {line}: {cell!r}", cell)
                 columns.add(i)
             elif is_number(cell):
                 plain.add(i)
-    if first is None:
-        return
-    where, thousands, decimal_comma = first
-    if mark in (None, " ", ",") or columns & plain:
-        raise InputError(
-            f"{where} may be {thousands} or {decimal_comma}; expected numbers without commas, or semicolons between "
-            "the columns and as many decimals in every number"
-        )
-    note(f"{where} is read as {decimal_comma}, and so are all commas")
+    return None if first is None else (*first, bool(columns & plain))
+
+
+def _ambiguous(where: str, number: str, sign: str) -> InputError:
+    return InputError(
+        f"{where} may be {number.replace(sign, '')} or {number.replace(sign, '.')}; expected numbers that part no "
+        "thousands, and semicolons between the columns with as many decimals in every number"
+    )
 
 
 def separator(header: str) -> str:
@@ -127,6 +152,7 @@ def _with_points(table: RawTable, path: Path) -> RawTable:
     where commas may part thousands."""
     with_comma = [(line, cell) for line, row in table.rows for cell in row if _WITH_COMMA.fullmatch(cell)]
     if not with_comma:
+        require_decimal_points(path, table.rows, table.mark)
         return table
     commas = with_comma[0]
     require_decimal_commas(path, table.rows, table.mark)

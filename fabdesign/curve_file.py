@@ -17,6 +17,7 @@ class MembraneCurve:
 
 
 COLUMNS = ["strain", "tension_n_per_m", "direction"]
+_MOST = 5.0  # strain, more than any cloth bears
 
 
 def read_membrane_curve(path: Path) -> MembraneCurve:
@@ -35,6 +36,10 @@ def read_membrane_curve(path: Path) -> MembraneCurve:
         if name not in ("1", "2", "both"):
             raise InputError(f"{path} line {line}: direction = {name!r}; expected 1 (across), 2 (down) or both")
         values = [float(value) for _, _, value in cells]
+        if values[0] > _MOST:
+            raise InputError(
+                f"{path} line {line}: strain = {values[0]:g}; expected at most {_MOST:g} (strain [%] is a percentage)"
+            )
         for direction in (0, 1) if name == "both" else (int(name) - 1,):
             for column, samples, value in zip(COLUMNS, (strain, tension), values, strict=False):
                 if samples[direction] and value <= samples[direction][-1]:

@@ -10,6 +10,7 @@ from fabdesign.bounded_file import LARGEST, require_few
 from fabdesign.errors import InputError
 
 _FLOAT32, _TRIANGLES = 5126, 4
+_MODES = range(6)  # points, lines, triangles and their strips; trimesh leaves out fans in silence
 _COMPRESSED = "KHR_draco_mesh_compression"
 _INSTANCES = "EXT_mesh_gpu_instancing"
 _EXPECTED = "expected a sound glTF of plain triangles"
@@ -56,6 +57,8 @@ def _not_handled(tree: dict[str, Any]) -> str | None:
     for primitive in (primitive for mesh in tree["meshes"] for primitive in mesh["primitives"]):
         if _COMPRESSED in primitive.get("extensions", {}):
             return f"has {_COMPRESSED}, which is not read"
+        if primitive.get("mode", _TRIANGLES) not in _MODES:
+            return f"has primitives of mode {str(primitive['mode'])[:20]}, such as triangle fans, which are not read"
         place = accessors[primitive["attributes"]["POSITION"]]
         if place["componentType"] != _FLOAT32 or place.get("normalized"):
             return "has points that are not float32, which are not read"

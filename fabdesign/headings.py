@@ -52,6 +52,8 @@ DIMENSIONS: Mapping[str, Dimension] = {
     **dict.fromkeys(("contraction", "stretch", "strain"), "ratio"),
 }
 _CHANNEL = re.compile(r"(?:channel|kanal|canal|ch|valve|ventil)_?(\d+)")
+_ABSOLUTE = re.compile(r"(?:^|_)p?abs(?:ol\w*)?(?:_|\d|$)")  # of a pressure, which files have as gauge pressure
+_NUMBERED = re.compile(r"\D*?_?(\d+)")
 _BRACKETED = re.compile(r"(.*?)[\s_]*[\[(]([^\[\]()]*)[\])]\s*$")
 _SLASHED = re.compile(r"(.*\S)\s+/\s+(\S+)\s*$")
 _LAST_WORD = re.compile(r"(.*\S)[\s_]+(\S+)$")
@@ -76,6 +78,17 @@ class Heading:
         unit = self.unit
         fitting = (q for q, words in WORDS.items() if self.name in words)
         return next((q for q in fitting if unit is None or unit.dimension == DIMENSIONS[q]), None)
+
+    @property
+    def is_absolute(self) -> bool:
+        """Whether a pressure is named an absolute one, above vacuum."""
+        return _ABSOLUTE.search(self.name) is not None
+
+    @property
+    def number(self) -> int | None:
+        """The number at the end of its name, as in `p1` or `muscle 3`."""
+        matched = _NUMBERED.fullmatch(self.name)
+        return None if matched is None else int(matched[1][:9])
 
 
 def dimension_of(quantity: str) -> Dimension:

@@ -73,6 +73,8 @@ class LabTable:
             raise self.bad(without_unit(heading.text, dimension))
         if unit is not None and unit.dimension != dimension:
             raise self.bad(f"{heading.text} has the unit {heading.symbol}")
+        if dimension == "pressure" and heading.is_absolute:
+            raise self.bad(f"{heading.text} is an absolute pressure; all pressures are gauge pressures")
         self.taken[index] = quantity
         return TableColumn(index, heading, unit.factor if unit is not None else default or Decimal(1))
 

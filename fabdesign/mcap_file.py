@@ -36,9 +36,16 @@ def read_mcap(path: Path | str) -> Mapping[str, tuple[Array, ...]]:
     """
     path = Path(path)
     clouds_of: dict[str, list[Array]] = {}
+    frames: dict[str, str] = {}  # by topic, in which its points stand
     size = 0
     for topic, _, message in _messages(path):
-        cloud = points_of(message(), f"{path}: {topic}")
+        content = message()
+        cloud = points_of(content, f"{path}: {topic}")
+        frame = getattr(getattr(content, "header", None), "frame_id", "")
+        if frames.setdefault(topic, frame) != frame:
+            raise InputError(
+                f"{path}: {topic}: clouds of the frames {frames[topic][:40]!r} and {frame[:40]!r}; expected one sensor"
+            )
         size += cloud.nbytes
         if size > LARGEST:
             raise InputError(f"{path}: its clouds have over {LARGEST / 1e6:.0f} MB; expected fewer or smaller ones")

@@ -19,6 +19,7 @@ _CENTIMETRES = 100.0  # cloth sizes, below which hundredths are likelier than th
 _BEYOND = 3.0  # cloth sizes from the middle of the cloud: no point of the cloth
 _ALONE = 100.0  # median distances from the middle, beyond which no shape's own points lie, where no size is known
 _FULL = 0.97  # of the range of integers
+_MANY = 200  # points of a cloud, no markers, of which some lie between its ends
 _LARGEST = 1e5  # of a coordinate in any unit: 100 m in millimetres
 _REPEATED, _REPEATED_SHARE = 8, 0.01  # points at exactly one place, which a measured surface never has
 
@@ -104,13 +105,16 @@ def require_cloud(points: Points, where: str, *, size: float | None = None) -> N
 
 
 def require_room(points: NDArray[Any], where: str) -> None:
-    """Raise InputError where integers fill their range, below and above zero, on two axes or more: numbers that did not
-    fit and came out at the other end. A cloth hangs below its edge, so it cannot fill both."""
-    if points.dtype.kind != "i" or points.dtype.itemsize > 2 or points.ndim != 2 or not len(points):
+    """Raise InputError where integers fill their range on two axes or more, or lie at both ends of it with nothing in
+    the middle on one: numbers that did not fit and came out at the other end. A cloth hangs below its edge, so signed
+    ones cannot fill both sides of zero."""
+    if points.dtype.kind not in "iu" or points.dtype.itemsize > 2 or points.ndim != 2 or not len(points):
         return
-    most = np.iinfo(points.dtype).max
-    filled = (points.max(axis=0) > _FULL * most) & (points.min(axis=0) < -_FULL * most)
-    if filled.sum() >= 2:
+    least, most = (int(end) for end in (np.iinfo(points.dtype).min, np.iinfo(points.dtype).max))
+    margin, quarter = (1 - _FULL) * (most - least) / 2, (most - least) / 4
+    filled = (points.max(axis=0) > most - margin) & (points.min(axis=0) < least + margin)
+    parted = (len(points) >= _MANY) & filled & ~((points > least + quarter) & (points < most - quarter)).any(axis=0)
+    if (points.dtype.kind == "i" and filled.sum() >= 2) or parted.any():
         axes = " and ".join(axis for axis, full in zip("xyz", filled, strict=False) if full)
         raise InputError(
             f"{where}: points fill the range of {points.dtype}, {points.min()} to {points.max()}, in {axes}; expected "

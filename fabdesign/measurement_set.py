@@ -12,6 +12,7 @@ from fabdesign.errors import InputError
 from fabdesign.output import Inputs, new_folder
 from fabdesign.rig_limits_file import read_rig_limits
 from fabdesign.table import Table, load_toml, nearest
+from fabdesign.toml_file import file_stem
 from fabdesign.trial import USUAL, Accuracy, MeasurementSet, Role, Trial
 from fabdesign.trial_file import TrialData, write_trial
 
@@ -112,13 +113,13 @@ def write_set(
         document["frame_rate"] = rate
     if accuracy != USUAL:
         document["accuracy"] = accuracy.as_json()
-    document["designs"] = {key: f"{key}.toml" for key in designs}
+    document["designs"] = {key: f"{file_stem(key)}.toml" for key in designs}
     listed = tomlkit.aot()
     with new_folder(folder, made_by=made_by, force=force, inputs=inputs) as unfinished:
         for key, design in designs.items():
-            write_design(design, unfinished / f"{key}.toml")
+            write_design(design, unfinished / f"{file_stem(key)}.toml")
         for trial in trials:
-            file = f"trials/{trial.name}.npz"
+            file = f"trials/{file_stem(trial.name)}.npz"
             write_trial(trial.data, unfinished / file, scale=scale)
             entry = tomlkit.table()
             entry.update({"file": file, "design": trial.design_name, "order": trial.order, "role": trial.role})

@@ -5,6 +5,7 @@ import io
 import logging
 import re
 import warnings
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from fabdesign.bounded_file import LARGEST, read_bytes
 from fabdesign.errors import InputError
 from fabdesign.gltf_file import require_plain
+from fabdesign.surface import require_fans
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())  # else it prints the stacks of what it tries
 KINDS = (".stl", ".off", ".glb", ".gltf")
@@ -32,10 +34,11 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     kind = path.suffix.lower()
     content = read_bytes(path, "a mesh", largest=LARGEST if kind == ".stl" else LARGEST // 10)  # others are packed
     number, bare = None, {}
+    fans: list[tuple[int, int, int, int]] = []  # of polygons: their number, and the corners of a triangle
     if kind == ".stl":
         content, number = _stl(content, path)
     elif kind == ".off":
-        number = _triangles_of_off(content, path)
+        number, fans = _triangles_of_off(content, path)
     else:
         require_plain(content, path)
         bare = {"skip_materials": True}  # whose pictures may be any files
@@ -56,6 +59,9 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
         raise _bad(path, f"has {number} triangles, of which {len(triangles)} can be read")
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise _bad(path, f"a face names vertex {triangles.max()} of {len(vertices)}")
+    if fans:
+        polygons, *corners = np.array(fans, dtype=np.intp).T
+        require_fans(vertices, np.stack(corners, axis=1), np.unique(polygons, return_inverse=True)[1], str(path))
     return vertices, triangles
 
 
@@ -79,8 +85,8 @@ def _stl(content: bytes, path: Path) -> tuple[bytes, int]:
     return bare, len(between) - 1
 
 
-def _triangles_of_off(content: bytes, path: Path) -> int:
-    """As many triangles as the faces of an OFF are cut into."""
+def _triangles_of_off(content: bytes, path: Path) -> tuple[int, list[tuple[int, int, int, int]]]:
+    """As many triangles as the faces of an OFF are cut into, and those of the faces with more than three corners."""
     lines = [line for line in re.sub(rb"#[^\r\n]*", b"", content).splitlines() if line.strip()]
     head = re.sub(rb"^\s*C?N?OFF\b", b"", lines[0]).split() if lines else []
     if not head and len(lines) > 1:
@@ -93,7 +99,11 @@ def _triangles_of_off(content: bytes, path: Path) -> int:
     corners = [line.split() for line in lines[1 + vertices :]]
     if any(not row[0].isdigit() or not 3 <= int(row[0][:9]) < len(row) for row in corners):
         raise _bad(path, "a face is not whole")
-    return sum(int(row[0]) - 2 for row in corners)
+    polygons = [(k, row[1 : 1 + int(row[0])]) for k, row in enumerate(corners) if row[0] != b"3"]
+    if any(not word.isdigit() or len(word) > 9 for _, words in polygons for word in words):
+        raise _bad(path, "a face names no vertex")
+    fans = [(k, int(words[0]), int(b), int(c)) for k, words in polygons for b, c in pairwise(words[1:])]
+    return sum(int(row[0]) - 2 for row in corners), fans
 
 
 def _bad(path: Path, why: str) -> InputError:

@@ -33,6 +33,9 @@ def read_model(path: Path | str) -> Model:
     parameters = _parameters(root, "parameters") or {}
     without_effects = _parameters(root, "parameters_without_effects")
     effects = tuple(read_effect(table) for table in root.tables("effects"))
+    named = [(effect.name, effect.scope) for effect in effects]
+    if twice := next((name for name, scope in named if named.count((name, scope)) > 1), None):
+        raise InputError(f"{path}: effects: {twice} stands twice with one scope; expected it once")
     corrector, corrector_hash = None, None
     if (weights := root.table("corrector", None)) is not None:
         corrector = weights.path("weights", path.parent)

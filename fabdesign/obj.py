@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from fabdesign.bounded_file import MOST_POINTS, decode_any, read_bytes, require_few
 from fabdesign.errors import InputError, note
+from fabdesign.surface import require_fans
 
 # statements that say nothing about where the surface is
 _OTHER = {"vn", "vt", "vp", "g", "o", "s", "mg", "l", "p", "usemtl", "mtllib", "usemap", "maplib"}
@@ -29,6 +30,7 @@ def read_obj(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     require_few(text.count("\n"), path, "lines")
     vertices: list[tuple[float, ...]] = []
     triangles: list[tuple[int, int, int]] = []
+    polygons: list[int] = []  # of each triangle
     lines = weighted = False
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split("#", 1)[0].split()
@@ -41,6 +43,7 @@ def read_obj(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
                 weighted |= len(words) == 5 and float(words[4]) != 1
             elif words[0] == "f" and len(words) > 3:
                 corners = [_corner(word, len(vertices)) for word in words[1:]]
+                polygons += [number] * (len(corners) - 2)
                 triangles += [(corners[0], b, c) for b, c in pairwise(corners[1:])]
             else:
                 _refuse(path, number, line)
@@ -58,7 +61,9 @@ def read_obj(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     loose = len(vertices) - len(np.unique(faces))
     if len(faces) and loose > _LOOSE * len(vertices):
         raise InputError(f"{path}: {loose} of {len(vertices)} vertices belong to no face; expected a whole mesh")
-    return np.array(vertices), faces
+    points = np.array(vertices)
+    require_fans(points, faces, np.unique(polygons, return_inverse=True)[1], str(path))
+    return points, faces
 
 
 def _corner(word: str, count: int) -> int:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fabdesign.bounded_file import read_bytes, require_few
 from fabdesign.output import whole_file
 from fabdesign.ply_body import AsciiBody, BinaryBody, Block, Element, Property, refuse
+from fabdesign.surface import require_fans
 
 _TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
 _TYPES |= {"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"}
@@ -36,19 +37,20 @@ def read_ply(path: Path | str) -> Ply:
     order, elements, start = _header(content, path)
     body: AsciiBody | BinaryBody
     body = AsciiBody(content[start:], path) if order == "" else BinaryBody(content[start:], order, path)
-    points, triangles = None, np.zeros((0, 3), dtype=np.intp)
+    points, triangles, polygons = None, np.zeros((0, 3), dtype=np.intp), np.zeros(0, dtype=np.intp)
     for element in elements:
         require_few(element.count, path, f"{element.name} rows")
         blocks = body.read(element)
         if element.name == "vertex":
             points = _points(element, blocks, path)
         elif element.name == "face":
-            triangles = _triangles(element, blocks, path)
+            triangles, polygons = _triangles(element, blocks, path)
     body.finish()
     if points is None:
         refuse(path, "it has no vertices")
     if triangles.size and (triangles.min() < 0 or triangles.max() >= len(points)):
         refuse(path, f"a face names vertex {triangles.max()} of {len(points)}")
+    require_fans(points, triangles, polygons, str(path))
     return Ply(points, triangles)
 
 
@@ -128,8 +130,8 @@ def _points(element: Element, blocks: list[Block], path: Path) -> NDArray[np.flo
     return points
 
 
-def _triangles(element: Element, blocks: list[Block], path: Path) -> NDArray[np.intp]:
-    """(t, 3) in the order of the faces; polygons are cut into fans."""
+def _triangles(element: Element, blocks: list[Block], path: Path) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(t, 3) in the order of the faces, polygons cut into fans; and of each triangle the face's number."""
     name = next((p.name for p in element.properties if p.name in _CORNERS), "")
     faces = [(rows, columns[name]) for rows, columns in blocks]
     require_few(sum(corners.shape[0] * max(corners.shape[1] - 2, 0) for _, corners in faces), path, "triangles")
@@ -141,4 +143,6 @@ def _triangles(element: Element, blocks: list[Block], path: Path) -> NDArray[np.
             c = corners.astype(np.intp)
             fans.append(np.stack([c[:, [0] * (count - 2)], c[:, 1:-1], c[:, 2:]], axis=2).reshape(-1, 3))
             order.append(np.repeat(rows, count - 2))
-    return np.concatenate(fans)[np.argsort(np.concatenate(order), kind="stable")]
+    faces_of = np.concatenate(order)
+    ranks = np.argsort(faces_of, kind="stable")
+    return np.concatenate(fans)[ranks], np.unique(faces_of[ranks], return_inverse=True)[1]

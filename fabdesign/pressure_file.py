@@ -146,11 +146,15 @@ def read_csv(path: Path) -> PressureProgram:
 
 
 def _channels(table: LabTable, time: TableColumn) -> list[TableColumn]:
-    """Every other column, in the order of their numbers; of columns without numbers that have units of pressure, as
-    they stand. Raises InputError where the numbers are not 0, 1, ... or a column is neither."""
+    """Every other column, in the order of their numbers; of columns under other names that have units of pressure, as
+    they stand. Raises InputError where the numbers are not 0, 1, ..., where those of other names do not rise one by
+    one, or a column is neither."""
     others = [i for i in range(len(table.headings)) if i != time.index]
     names = [table.headings[i].quantity for i in others]
     if all(name in (None, "pressure") for name in names):
+        numbers = [number for i in others if (number := table.headings[i].number) is not None]
+        if len(others) > 1 and numbers and numbers != list(range(numbers[0], numbers[0] + len(others))):
+            raise table.bad("the numbers of its columns do not rise one by one: channel_0, channel_1, ... say which")
         return [table.take(i, f"channel_{k}") for k, i in enumerate(others)]
     by_name = {f"channel_{k}" for k in range(len(others))}
     if set(names) != by_name or len(set(names)) < len(names):

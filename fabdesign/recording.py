@@ -1,5 +1,6 @@
 """Recordings: raw clouds of several depth sensors, `fabdesign.recording/1`."""
 
+import filecmp
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,6 +23,7 @@ from fabdesign.ply import write_ply
 from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.pressure_file import read_pressures, write_pressures
 from fabdesign.table import Table, load_toml
+from fabdesign.toml_file import file_stem
 
 Array = NDArray[np.float64]
 Convention = Literal["forward", "backward"]  # z forward and y down; or (x, -y, -z), as RealSense SDKs export
@@ -85,22 +87,22 @@ class Recording:
             cloud, left_out = sound_points(self.topics[sensor.topic][index], what, size=_SIZE)
             left_out.tell(len(self.topics[sensor.topic][index]), what)
             return self._ahead(cloud, what)
-        number = f"{index:04d}"
-        frames = self.folder / "frames"
-        return self._cloud((frames / number / sensor.name, frames / sensor.name / number), f"frame {index}", sensor)
+        file = self._file(index, sensor)
+        if index and filecmp.cmp(file, self._file(index - 1, sensor), shallow=False):
+            note(f"{file}: repeats the cloud of frame {index - 1}: the camera may have lost one")
+        return self._ahead(read_cloud(file, size=_SIZE), str(file))
+
+    def _file(self, index: int, sensor: Sensor) -> Path:
+        """The file of a sensor's cloud. Raises InputError where it is missing."""
+        number, frames = f"{index:04d}", self.folder / "frames"
+        return _cloud_file((frames / number / sensor.name, frames / sensor.name / number), f"frame {index}", sensor)
 
     def has_reference(self) -> bool:
         return (self.folder / "reference").is_dir()
 
     def reference(self, sensor: Sensor) -> Array:
         """(n, 3) m: the unloaded cloth as the sensor sees it. Raises InputError."""
-        return self._cloud((self.folder / "reference" / sensor.name,), "reference", sensor)
-
-    def _cloud(self, stems: Sequence[Path], what: str, sensor: Sensor) -> Array:
-        files = [stem.with_name(stem.name + suffix) for stem in stems for suffix in (".ply", ".npz")]
-        file = next((f for f in files if f.is_file()), None)
-        if file is None:
-            raise InputError(f"{what}: sensor {sensor.name} is missing; expected {files[0]} or .npz")
+        file = _cloud_file((self.folder / "reference" / sensor.name,), "reference", sensor)
         return self._ahead(read_cloud(file, size=_SIZE), str(file))
 
     def _ahead(self, cloud: Array, what: str) -> Array:
@@ -111,6 +113,14 @@ class Recording:
             other = "forward" if self.convention == "backward" else "backward"
             raise InputError(f"{what}: its points lie behind the camera; expected z ahead (convention {other}?)")
         return cloud
+
+
+def _cloud_file(stems: Sequence[Path], what: str, sensor: Sensor) -> Path:
+    files = [stem.with_name(stem.name + suffix) for stem in stems for suffix in (".ply", ".npz")]
+    file = next((f for f in files if f.is_file()), None)
+    if file is None:
+        raise InputError(f"{what}: sensor {sensor.name} is missing; expected {files[0]} or .npz")
+    return file
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +176,8 @@ def write_recording(
     document = tomlkit.document()
     document["format"] = FORMAT
     document["name"] = folder.name
-    document["design"] = f"{design.name}.toml"
+    design_file = f"{file_stem(design.name)}.toml"
+    document["design"] = design_file
     document["times"] = [round(float(t), 6) for t in times]
     listed = tomlkit.aot()
     for sensor in sensors:
@@ -175,7 +186,7 @@ def write_recording(
         entry.update({"name": sensor.name, "camera_to_world": pose})
         listed.append(entry)
     document["sensors"] = listed
-    write_design(design, folder / f"{design.name}.toml")
+    write_design(design, folder / design_file)
     write_pressures(program, folder / "pressure.csv")
     for name, cloud in reference.items():
         write_ply(folder / "reference" / f"{name}.ply", cloud)
@@ -191,6 +202,9 @@ def _sensor(table: Table) -> Sensor:
         pose = np.array(rows, dtype=np.float64)
     except (TypeError, ValueError):
         raise table.bad("camera_to_world", "4 rows of 4 numbers") from None
+    if pose.shape == (4, 4) and not np.allclose(pose[3], [0, 0, 0, 1], atol=1e-9):
+        likely = " (is it transposed?)" if np.allclose(pose[:, 3], [0, 0, 0, 1], atol=1e-9) else ""
+        raise table.bad("camera_to_world", f"0, 0, 0, 1 as the last row{likely}")
     turn = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
     if np.abs(turn @ turn.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(turn) < 0:
         raise table.bad("camera_to_world", "a 4x4 matrix of a turn and a shift, metres")
@@ -259,14 +273,18 @@ def _left_out(pairs: FramePairs, topics: Sequence[str], times: Array, where: str
 
 
 def _times(root: Table, folder: Path, sensors: Sequence[Sensor]) -> Array:
-    """The frames' times; with a `frame_rate` as many as there are frame folders, or files of the first sensor."""
-    if (given := _given_times(root)) is not None:
-        return given
-    rate = root.number("frame_rate", above=0)
+    """The frames' times; with a `frame_rate` as many as there are frame folders, or files of the first sensor. Of more
+    of these than times it says which are left out."""
+    given = _given_times(root)
+    rate = root.number("frame_rate", above=0) if given is None else 1.0
     frames = folder / "frames"
     by_sensor = frames / sensors[0].name
     stems = [p.stem for p in (by_sensor if by_sensor.is_dir() else frames).glob("[0-9]*")]
     numbers = [int(stem) for stem in stems if stem.isdecimal()]
+    if given is not None:
+        if (last := max(numbers, default=0)) >= len(given):
+            note(f"{frames}: has frames to {last}, and {len(given)} times; those from {len(given)} are left out")
+        return given
     if not numbers:
         raise InputError(f"{frames}: no frames; expected NNNN/SENSOR.ply or SENSOR/NNNN.ply")
     if max(numbers) > _FRAMES:

@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.cells import Cells
+from fabdesign.errors import InputError
 from fabdesign.sheet import Face
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.floating[Any]]
 Indices = NDArray[np.intp]
+_TURNED = 1e-6  # of the area of a polygon, squared
 
 
 class Nearest(NamedTuple):
@@ -23,6 +25,22 @@ class Nearest(NamedTuple):
     signed: Array  # (n,) m, positive on the outer side of the triangle: off the sheet, for a face of a cloth
     triangle: Indices  # (n,)
     weights: Array  # (n, 3) barycentric
+
+
+def require_fans(vertices: Array, triangles: Indices, polygons: Indices, where: str) -> None:
+    """Raise InputError where a polygon that was cut into a fan of triangles is not what they cover: where one of them
+    is turned over, as at a corner that points inwards. polygons: (t,) the number of each triangle's polygon."""
+    if len(triangles) == 0 or len(triangles) == polygons.max() + 1:
+        return  # none has more than three corners
+    with np.errstate(over="ignore", invalid="ignore"):
+        normals = Surface(vertices, triangles)._normals
+        sums = np.stack([np.bincount(polygons, normals[:, axis]) for axis in range(3)], axis=1)
+        turned = np.einsum("ti,ti->t", normals, sums[polygons]) < -_TURNED * np.square(sums).sum(axis=1)[polygons]
+    if turned.any():
+        count = np.count_nonzero(polygons == polygons[turned][0]) + 2
+        raise InputError(
+            f"{where}: a face of {count} corners has one that points inwards; expected triangles, or convex faces"
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,6 +48,8 @@ def read_target(target: TargetFile, fabric: Fabric, *, seed: int = 0) -> PlacedT
     geometry, rng = read_geometry(target.file, frame=target.frame), np.random.default_rng(seed)
     if geometry.trial and (target.unit != "m" or target.scale != 1):
         raise InputError(f"{target.file}: unit or scale for a trial, which says its own; expected none")
+    if geometry.frame is None and target.frame != -1:
+        raise InputError(f"{target.file}: frame = {target.frame} of a file that has no frames; expected none")
     target = _in_unit_of(geometry, target)
     factor, turned_over = UNITS[target.unit] * target.scale, None
     geometry = _without_far(geometry, factor, fabric, target)

@@ -3,6 +3,7 @@
 import re
 import tomllib
 from decimal import Decimal
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ from fabdesign.errors import CONTROL, InputError
 LARGEST_TEXT = 50_000_000  # bytes: a table of some million rows
 LARGEST_TOML = 2_000_000
 _LONGEST_NAME = 255  # bytes of a name on usual file systems
+_LONGEST_STEM = 120  # bytes, which leaves room for endings
+_NO_FILE = re.compile(r"\A\.+|[/\\\x00-\x1f\x7f]")
 _LONGEST_LINE = 500_000  # characters: the times of some ten thousand frames
 _DEEPEST = 32  # parts of a key such as a.b.c, whose time tomllib squares
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
@@ -58,6 +61,15 @@ def file_name(text: str, where: str) -> str:
     if "\0" in text or any(len(part.encode("utf-8", "surrogateescape")) > _LONGEST_NAME for part in Path(text).parts):
         raise InputError(f"{where}: {text[:57]!r}; expected the name of a file")
     return text
+
+
+def file_stem(name: str) -> str:
+    """Return a name from a file as the name of one file or folder: itself where it can be one, else without what leads
+    to another folder, and told apart from similar names."""
+    plain = _NO_FILE.sub("_", name).encode("utf-8", "surrogateescape")[:_LONGEST_STEM].decode("utf-8", "ignore")
+    if plain == name and name:
+        return name
+    return f"{plain}_{sha256(name.encode('utf-8', 'surrogateescape')).hexdigest()[:6]}"
 
 
 def read_text(path: Path, *, largest: int = LARGEST_TEXT) -> str:

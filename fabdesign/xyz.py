@@ -9,12 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.bounded_file import LARGEST, decode_any, read_bytes, require_few
-from fabdesign.csv_table import is_number, require_decimal_commas, separator, without_separator_line
+from fabdesign.csv_table import (
+    is_number,
+    require_decimal_commas,
+    require_decimal_points,
+    separator,
+    without_separator_line,
+)
 from fabdesign.errors import InputError, note
 from fabdesign.headings import parse_heading, parse_units_row
 from fabdesign.placement import Unit
 
 _AXES = ["x", "y", "z"]
+_COMMENTS = ("#", "//")
+_INSTANTS = {"frame", "frames", "time", "t", "timestamp", "zeit", "step"}  # columns that say when a point was there
 _PTS_WIDTHS = (3, 4, 6, 7)  # x y z, then an intensity, a colour, or both
 Lines = list[tuple[int, str]]  # with their numbers in the file
 
@@ -28,12 +36,13 @@ class TextCloud:
 def read_xyz(path: Path | str) -> TextCloud:
     """Points of a text file.
 
-    Lines that are empty or start with # or // are skipped; numbers are parted by semicolons, tabs, commas or blanks,
-    and may have decimal commas where no commas part them. A header names the columns x, y and z, with their unit or
-    above a row of units; without one they are the first three, and a CSV has no others. Raises InputError.
+    Lines that are empty or start with # or // are skipped, but for one that names the columns; numbers are parted by
+    semicolons, tabs, commas or blanks, and may have decimal commas where no commas part them. A header names the
+    columns x, y and z, with their unit or above a row of units; without one they are the first three, and a CSV has no
+    others. Raises InputError.
     """
     path = Path(path)
-    lines = _header_of_cloudcompare(_lines(path), path)
+    lines = _with_header(_lines(path), path)
     if not lines:
         return TextCloud(np.zeros((0, 3)))
     mark = _mark(lines[0][1])
@@ -47,6 +56,8 @@ def read_xyz(path: Path | str) -> TextCloud:
     if not lines:
         return TextCloud(np.zeros((0, 3)))
     cloud = TextCloud(_numbers(path, lines, mark, len(head), columns), unit)
+    if columns == [0, 1, 2]:
+        _require_no_numbering(cloud.points, len(head), path)
     commas = mark != "," and any("," in line for _, line in lines)
     if mark == ";" or commas:
         note(f"{path}: written with {' and '.join(['semicolons'] * (mark == ';') + ['decimal commas'] * commas)}")
@@ -57,7 +68,7 @@ def is_text_cloud(path: Path) -> bool:
     """Return whether a text begins with a point, or with a header that names x, y and z. Raises InputError."""
     if path.is_file() and path.stat().st_size > LARGEST:
         return False  # a table has fewer bytes still
-    lines = _header_of_cloudcompare(_lines(path), path)
+    lines = _with_header(_lines(path), path)
     head = _split(lines[0][1], _mark(lines[0][1])) if lines else [""]
     return set(_AXES) <= {parse_heading(cell).name for cell in head} or all(
         is_number(cell.replace(",", ".")) for cell in head
@@ -69,7 +80,7 @@ def read_pts(path: Path | str) -> NDArray[np.float64]:
 
     Raises InputError."""
     path = Path(path)
-    lines = _lines(path)
+    lines = [line for line in _lines(path) if not line[1].startswith("#")]
     if not lines or not (lines[0][1].isascii() and lines[0][1].isdecimal()):
         raise InputError(f"{path}: its first line is no count of points; expected a sound PTS")
     count, rows = int(lines[0][1][:18]), lines[1:]
@@ -80,29 +91,55 @@ def read_pts(path: Path | str) -> NDArray[np.float64]:
     width = len(rows[0][1].split())
     if width not in _PTS_WIDTHS:
         _refuse(path, rows[0], "is no point")
-    return _numbers(path, rows, None, width, [0, 1, 2])
+    points = _numbers(path, rows, None, width, [0, 1, 2])
+    _require_no_numbering(points, width, path)
+    return points
+
+
+def _require_no_numbering(points: NDArray[np.float64], width: int, path: Path) -> None:
+    """Raise InputError where the first of more than three columns counts the points: it is no x."""
+    if width > 3 and len(points) > 2 and (np.diff(points[:, 0]) == 1).all():
+        raise InputError(f"{path}: its first column counts the points; expected x, y, z, or a header that names them")
 
 
 def _lines(path: Path) -> Lines:
     text = without_separator_line(decode_any(read_bytes(path, "a cloud"), path))
     require_few(text.count("\n"), path, "lines")
     numbered = ((number, line.strip()) for number, line in enumerate(text.splitlines(), start=1))
-    return [(number, line) for number, line in numbered if line and not line.startswith("#")]
+    return [(number, line) for number, line in numbered if line]
 
 
-def _header_of_cloudcompare(lines: Lines, path: Path) -> Lines:
-    """With "//X Y Z" as a header, as CloudCompare writes it, without other lines of this kind and without the count of
-    points that may follow. Raises InputError where there are not so many."""
-    rest = [line for line in lines if not line[1].startswith("//")]
-    for number, line in lines[: len(lines) - len(rest)]:
-        header = line.removeprefix("//").strip()
-        if line.startswith("//") and set(_AXES) <= {parse_heading(cell).name for cell in _split(header, _mark(header))}:
+def _with_header(lines: Lines, path: Path) -> Lines:
+    """Without comments, but with one above the points that names their columns as their header: "//X Y Z" of
+    CloudCompare, whose count of points may follow, "# z y x" of numpy's savetxt. Raises InputError where there are not
+    so many points."""
+    rest = [line for line in lines if not line[1].startswith(_COMMENTS)]
+    for number, line in lines:
+        if not line.startswith(_COMMENTS):
+            break
+        cells, unit = _commented(line)
+        if set(_AXES) <= {parse_heading(cell).name for cell in cells}:
             if rest and rest[0][1].isdecimal():
                 if int(rest[0][1][:18]) != len(rest) - 1:
                     _refuse(path, rest[0], f"is the count of points, of which there are {len(rest) - 1}")
                 rest = rest[1:]
-            return [(number, header), *rest]
+            mark = _mark(rest[0][1]) if rest else None
+            if line.startswith("//") or (rest and len(_split(rest[0][1], mark)) == len(cells) and _is_row(rest[0][1])):
+                return [(number, (mark or " ").join(cell.replace(" ", "") + unit for cell in cells)), *rest]
     return rest
+
+
+def _commented(line: str) -> tuple[list[str], str]:
+    """The headings in a comment, and the unit that may stand behind all of them, in brackets; "" for none."""
+    header = line.lstrip("#/ ")
+    cells = _split(header, _mark(header))
+    last = cells[-1].strip("[]()")
+    is_unit = cells[-1] != last and last in get_args(Unit)
+    return (cells[:-1], f"[{last}]") if is_unit else (cells, "")
+
+
+def _is_row(line: str) -> bool:
+    return all(is_number(cell.replace(",", ".")) for cell in _split(line, _mark(line))[:3])
 
 
 def _mark(line: str) -> str | None:
@@ -125,8 +162,15 @@ def _named(path: Path, lines: Lines, mark: str | None) -> tuple[list[int], Unit 
     symbols = [headings[i].symbol for i in columns]
     rest = lines[1:]
     if rest and (row := parse_units_row(_split(rest[0][1], mark))) is not None and len(row) == len(names):
+        if any(row[i] and symbol not in (None, row[i]) for i, symbol in zip(columns, symbols, strict=True)):
+            _refuse(path, rest[0], "names other units than the header")
         symbols = [row[i] or symbol for i, symbol in zip(columns, symbols, strict=True)]
         rest = rest[1:]
+    for i in (i for i, name in enumerate(names) if name in _INSTANTS and rest):
+        cells = (_split(line, mark)[i : i + 1] for _, line in rest)
+        first = next(cells)
+        if any(other != first for other in cells):
+            raise InputError(f"{path}: its points are of several instants ({headings[i].text}); expected those of one")
     return columns, _unit(path, lines[0], symbols), rest
 
 
@@ -143,6 +187,8 @@ def _numbers(path: Path, lines: Lines, mark: str | None, width: int, columns: li
     if mark != "," and any("," in line for _, line in lines):  # else they part the cells
         require_decimal_commas(path, ((number, _split(line, mark)) for number, line in lines), mark)
         lines = [(number, line.replace(",", ".")) for number, line in lines]
+    elif mark in (";", "\t"):
+        require_decimal_points(path, ((number, _split(line, mark)) for number, line in lines), mark)
     counted = mark is not None and all(line.count(mark) == width - 1 for _, line in lines)
     try:
         table = np.loadtxt(

@@ -5,6 +5,7 @@ import csv
 import json
 import sqlite3
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 
 from fabdesign.csv_table import write_rows
 from fabdesign.errors import InputError
+from fabdesign.kept_database import writing
 from fabdesign.units import in_mm
 
 HISTORY, SAMPLES = "history.sqlite", "samples.csv"
@@ -108,15 +110,29 @@ def write_optuna_store(table: EvaluationsTable, path: Path, name: str) -> None:
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     opened = {"creator": lambda: sqlite3.connect(path)}  # a URL would take ? and % in a name for its own
-    storage = optuna.storages.RDBStorage("sqlite:///of-the-creator", engine_kwargs=opened)
+    rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+    with writing(path), _unwrapped():
+        storage = optuna.storages.RDBStorage("sqlite:///of-the-creator", engine_kwargs=opened)
+        try:
+            for part, own in groupby(rows, key=lambda row: row["part"]):
+                study_name = name if part == "." else part
+                study = optuna.create_study(storage=storage, study_name=study_name, direction="minimize")
+                study.set_user_attr("objective", OBJECTIVE)
+                study.add_trials([*_trials(own)])
+        finally:
+            storage.engine.dispose()
+
+
+@contextmanager
+def _unwrapped() -> Iterator[None]:
+    """A context that raises what SQLite raised, which SQLAlchemy and Optuna wrap in errors of their own."""
     try:
-        rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
-        for part, own in groupby(rows, key=lambda row: row["part"]):
-            study = optuna.create_study(storage=storage, study_name=name if part == "." else part, direction="minimize")
-            study.set_user_attr("objective", OBJECTIVE)
-            study.add_trials([*_trials(own)])
-    finally:
-        storage.engine.dispose()
+        yield
+    except Exception as error:
+        cause: BaseException | None = error
+        while cause is not None and not isinstance(cause, sqlite3.OperationalError):
+            cause = cause.__cause__ or cause.__context__
+        raise cause or error from None
 
 
 def _trials(rows: Iterator[dict[str, Any]]) -> Iterator[Any]:

@@ -16,6 +16,7 @@ from fabdesign.model import POINTS_PER_SIDE, Model
 from fabdesign.motion_file import MotionData, write_motion
 from fabdesign.output import new_folder
 from fabdesign.pressure import PressureProgram
+from fabdesign.toml_file import file_stem
 from fabdesign.trial import MeasurementSet
 from fabdesign.units import in_mm
 from studies.forward_model import forward_model
@@ -149,7 +150,7 @@ def folders_of(sources: Sequence[tuple[str, tuple[Trial, ...]]]) -> dict[str, tu
         return {".": sources[0][1]}
     folders: dict[str, tuple[Trial, ...]] = {}
     for name, trials in sources:
-        if name in folders or Path(name).name != name:
+        if name in folders or file_stem(name) != name:
             raise InputError(f"set {name}: expected sets with a name of their own, good for a folder")
         folders[name] = trials
     return folders

@@ -414,6 +414,9 @@ def test_a_c3d_is_markers_in_its_own_unit(tmp_path: Path) -> None:
     np.testing.assert_allclose(found.points, frames[1, 1:], atol=0.01)
     assert len(target_of(tmp_path / "m.c3d", frame=0).points) == 19
     content = (tmp_path / "m.c3d").read_bytes()
+    (tmp_path / "m.c3d").write_bytes(content.replace(b"mm  ", b"ft  ", 1))
+    with pytest.raises(InputError, match="its unit is 'ft'; expected one of m, cm, mm, in"):
+        read_geometry(tmp_path / "m.c3d")
     (tmp_path / "m.c3d").write_bytes(content[:-512])
     with pytest.raises(InputError, match="C3D"):
         read_geometry(tmp_path / "m.c3d")

@@ -110,6 +110,13 @@ def test_what_is_no_cloud_is_one_line(tmp_path: Path) -> None:
             points_of(SimpleNamespace(**content), "a")
 
 
+def test_clouds_of_two_sensors_on_one_topic_are_refused(tmp_path: Path) -> None:
+    other = message(POINTS[1])
+    other["header"] = {**other["header"], "frame_id": "second"}
+    with pytest.raises(InputError, match="clouds of the frames 'camera' and 'second'; expected one sensor"):
+        read_mcap(write(tmp_path / "a.mcap", [("/left", message(POINTS[0])), ("/left", other)]))
+
+
 @pytest.fixture
 def recording(tmp_path: Path) -> Recording:
     """Two cameras, three frames, as a folder of PLY."""

@@ -94,6 +94,8 @@ def view(
         )
     require_writer(kind)  # before anything is computed
     places = dict(_marker(text) for text in markers)
+    if len(places) < len(markers):
+        raise InputError(f"--marker: {', '.join(markers)}; expected a name of its own for each")
     inputs = [*files, *(file for file in (model, design) if file is not None)]
     with new_files(output, force=force, inputs=inputs) as unfinished:
         fitted = load_model(model, without)

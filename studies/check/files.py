@@ -41,6 +41,7 @@ _STUDY = "fabdesign.study/1"  # whose file may leave the line out
 _DESIGN = "fabdesign.design/1"  # as may a file that designs include
 _FOLDERS = ("set.toml", "recording.toml", "bench.toml", "model.toml", "design.toml")
 _LARGEST = 10.0  # m across, of a cloud in metres
+_LATE = 10.0  # intervals between frames: a first frame later than so many is no first one
 _SLOW = 8.0  # s between rows of a program or frames of a motion, from which milliseconds are likelier
 
 
@@ -118,6 +119,9 @@ def _set(path: Path) -> Findings:
                 f"{trial.file}: a frame every {interval:.3g} s; set.toml says frame_rate = {measured.frame_rate:g} Hz"
             )
             findings += Findings(warnings=(line,))
+        if interval and trial.times[0] > _LATE * interval:
+            line = f"{trial.file}: its first frame is {trial.times[0]:.3g} s after rest, the next {interval:.3g} s on"
+            findings += Findings(warnings=(f"{line} (does time begin at rest?)",))
     return findings
 
 

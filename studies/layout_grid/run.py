@@ -11,6 +11,7 @@ from fabdesign.json_file import read_json, write_json
 from fabdesign.layouts_file import Cell, LayoutsStudy, read_layouts
 from fabdesign.output import WorkFolder, work_folder
 from fabdesign.store import read_kept
+from fabdesign.toml_file import file_stem
 from optimize.evaluations import Evaluations
 from optimize.start_rows import as_rows, of_rows
 from optimize.starts import Start
@@ -211,7 +212,7 @@ class _Grid:
         forward, coarse = self._models
         result = run_study(
             cell.study,
-            self._work.folder / CELLS / cell.name,
+            self._work.folder / CELLS / file_stem(cell.name),
             forward=forward,
             coarse=coarse,
             seconds=own.seconds,

@@ -17,7 +17,7 @@ from fabdesign.pressure import PressureProgram, limits
 from fabdesign.pressure_file import read_pressures
 from fabdesign.study_file import Study, read_kind, read_study
 from fabdesign.target_file import AS_GIVEN, AsTarget, keys_as_options
-from fabdesign.toml_file import parse_toml
+from fabdesign.toml_file import file_stem, parse_toml
 from optimize.margins import Limits
 from studies.layouts.begin import limits_of
 from studies.studio.layout import HIGHEST, Layout
@@ -95,7 +95,9 @@ def _begun(files: list[tuple[Path, str]]) -> Opened:
     if sort == "set":
         measured = read_set(file)
         design = measured.trials[0].design
-        own = Path(f"{measured.name}_{measured.trials[0].design_name}.toml")  # nothing is written into a set
+        own = Path(
+            file_stem(f"{measured.name}_{measured.trials[0].design_name}") + ".toml"
+        )  # nothing is written into a set
         return Opened(own, Layout.of(design), search_limits(design), measured=measured)
     if sort == "study":
         return _of_study(read_study(file) if read_kind(file) == "optimize" else _refused(file), file)

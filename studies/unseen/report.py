@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from fabdesign.json_file import write_json
 from fabdesign.output import write_text
+from fabdesign.toml_file import file_stem
 from fabdesign.units import in_mm
 from studies.evaluate import ERROR_NAMES
 from studies.report import html_of, png_address, svg_of
@@ -29,7 +30,7 @@ def write_report(result: UnseenResult, out: Path, *, pictures: Path) -> None:
         notes=_notes(result),
         bands=[Markup(_band_svg(pose)) for pose in result.get("poses") or []],
         histograms={name: Markup(_histogram_svg(own)) for name, own in left.items()},
-        overlays={name: png_address((pictures / f"left_out_{name}.png").read_bytes()) for name in left},
+        overlays={name: png_address((pictures / f"left_out_{file_stem(name)}.png").read_bytes()) for name in left},
     )
     write_text(out / "report.html", page)
 

@@ -13,6 +13,7 @@ from fabdesign.forward import ForwardModel
 from fabdesign.output import WorkFolder, work_folder
 from fabdesign.spread import spread_of
 from fabdesign.store import Checkpoint
+from fabdesign.toml_file import file_stem
 from fabdesign.units import in_kpa, in_mm
 from fabdesign.unseen_file import FREE, UnseenStudy, Unsewn, read_unseen
 from optimize.fit.descent import Progress, parts
@@ -155,7 +156,7 @@ def _left_out(
     names, begin = sorted(measured.designs), 0.0 if study.unsewn is None else _UNSEWN
     ends = np.linspace(begin, 1.0, len(names) + 1)[:-1]
     for name, own in zip(names, parts(progress, *ends.tolist())[1:], strict=True):
-        picture = f"left_out_{name}.png"
+        picture = f"left_out_{file_stem(name)}.png"
         work.claim(picture)
 
         def compute(name: str = name, picture: str = picture, own: Progress = own) -> dict[str, Any]:
@@ -172,7 +173,7 @@ def _left_out(
                 progress=own,
             )
 
-        results[name] = checkpoint.get(f"left_out_{name}", compute)
+        results[name] = checkpoint.get(f"left_out_{file_stem(name)}", compute)
     return results
 
 

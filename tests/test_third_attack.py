@@ -1,0 +1,269 @@
+"""What a third attack on the program has found: files as laboratories have them, and names that become files."""
+
+import json
+import shutil
+import sqlite3
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fabdesign.catalogue import build
+from fabdesign.cloud_file import read_geometry
+from fabdesign.curve_file import read_membrane_curve
+from fabdesign.errors import InputError
+from fabdesign.measured_points import require_room
+from fabdesign.measurement_set import NewTrial, read_set, write_set
+from fabdesign.model_file import read_model
+from fabdesign.pressure_file import constant_program, read_csv
+from fabdesign.recording import Sensor, read_recording, write_recording
+from fabdesign.study_targets import TargetFile
+from fabdesign.target_file import read_target
+from fabdesign.toml_file import file_stem
+from fabdesign.trial_file import TrialData
+from studies import evaluations_table
+from studies.check.files import inspect
+from studies.evaluations_table import EvaluationsTable, write_optuna_store
+from studies.predict import folders_of
+
+OPERATIONAL = sqlite3.OperationalError
+POINTS = np.random.default_rng(3).uniform([-0.1, -0.2, 0.0], [0.1, 0.0, 0.02], (12, 3)).round(4)
+
+
+def text(rows: np.ndarray, between: str = " ") -> str:
+    return "".join(between.join(f"{value:g}" for value in row) + "\n" for row in rows)
+
+
+def numbered(rows: np.ndarray) -> np.ndarray:
+    return np.column_stack([np.arange(len(rows)), rows])
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "unit"),
+    [
+        ("savetxt.xyz", "# z y x\n" + text(POINTS[:, ::-1]), None),
+        ("savetxt.csv", "# z,y,x\n" + text(POINTS[:, ::-1], ","), None),
+        ("blanks_above_commas.csv", "# z y x\n" + text(POINTS[:, ::-1], ","), None),
+        ("unit.txt", "# made today\n# x[mm] y[mm] z[mm]\n" + text(1e3 * POINTS), "mm"),
+        ("unit_behind.txt", "# x y z (mm)\n" + text(1e3 * POINTS), "mm"),
+        ("words.xyz", "# x y z of the cloth\n" + text(POINTS), None),
+        ("frame_of_one.csv", "frame,x,y,z\n" + "".join(f"7,{line}\n" for line in text(POINTS, ",").split()), None),
+    ],
+)
+def test_comments_that_name_the_columns_are_their_header(
+    name: str, content: str, unit: str | None, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_text(content)
+    cloud = read_geometry(tmp_path / name)
+    assert cloud.unit == unit
+    np.testing.assert_allclose(cloud.points, POINTS * (1e3 if unit == "mm" else 1), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "why"),
+    [
+        ("numbered.xyz", text(numbered(POINTS)), "its first column counts the points"),
+        ("numbered.pts", "12\n" + text(np.column_stack([numbered(POINTS), POINTS])), "counts the points"),
+        ("frames.csv", "frame,x,y,z\n" + text(numbered(POINTS), ","), "several instants (frame)"),
+        ("marker.csv", "time_s,x,y,z\n" + text(numbered(POINTS), ","), "several instants (time_s)"),
+        ("units.csv", "x_m,y_m,z_m\nmm,mm,mm\n" + text(POINTS, ","), "names other units than the header"),
+        ("thousands.csv", "x;y;z\n-10.000;0;5.250\n10.000;20.000;0\n", "may be -10000 or -10.000"),
+    ],
+)
+def test_a_cloud_that_could_mean_two_things_is_refused(name: str, content: str, why: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(content)
+    with pytest.raises(InputError) as refused:
+        read_geometry(tmp_path / name)
+    assert why in str(refused.value)
+
+
+def test_a_frame_of_a_file_without_frames_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.xyz").write_text(text(POINTS))
+    with pytest.raises(InputError, match="frame = 3 of a file that has no frames"):
+        read_target(TargetFile(tmp_path / "a.xyz", frame=3), build("cross").fabric)
+
+
+@pytest.mark.parametrize("name", ["scale", "unit"])
+def test_points_with_a_scale_of_their_own_are_refused(name: str, tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", points=(1e4 * POINTS).astype("i2"), **{name: 1e-4 if name == "scale" else "mm"})
+    with pytest.raises(InputError, match=f"has {name} beside points"):
+        read_geometry(tmp_path / "a.npz")
+
+
+def test_integers_that_wrapped_on_one_axis_are_refused() -> None:
+    z = np.random.default_rng(0).integers(-20, 20, 400)
+    points = np.column_stack([np.arange(400), np.arange(400), z])
+    with pytest.raises(InputError, match="fill the range of uint16, 0 to 65535, in z"):
+        require_room(np.vstack([points, [[0, 0, -1]]]).astype(np.uint16), "a.npy")
+    require_room((points + [0, 0, 20]).astype(np.uint16), "a.npy")
+
+
+U_SHAPE = np.array([[0, 0], [3, 0], [3, 3], [2, 3], [2, 1], [1, 1], [1, 3], [0, 3]])  # 7 of 9 squares
+
+
+@pytest.mark.parametrize("kind", ["ply", "obj", "off"])
+def test_a_face_with_a_corner_that_points_inwards_is_refused(kind: str, tmp_path: Path) -> None:
+    """A fan would cover 11 squares. The hull of the same corners is read."""
+
+    def write(places: np.ndarray) -> Path:
+        vertices = text(np.column_stack([places, np.zeros(len(places))]))
+        count, face = len(places), " ".join(map(str, range(len(places))))
+        header = (
+            f"ply\nformat ascii 1.0\nelement vertex {count}\nproperty float x\nproperty float y\nproperty float z\n"
+        )
+        path = tmp_path / f"a.{kind}"
+        path.write_text(
+            {
+                "ply": f"{header}element face 1\nproperty list uchar int vertex_indices\nend_header\n{vertices}",
+                "obj": "".join(f"v {line}\n" for line in vertices.splitlines()),
+                "off": f"OFF\n{count} 1 0\n{vertices}",
+            }[kind]
+            + ("f " + " ".join(str(k + 1) for k in range(count)) if kind == "obj" else f"{count} {face}")
+            + "\n"
+        )
+        return path
+
+    with pytest.raises(InputError, match="a face of 8 corners has one that points inwards"):
+        read_geometry(write(U_SHAPE))
+    assert len(read_geometry(write(U_SHAPE[[0, 1, 2, 7]])).triangles) == 2
+
+
+def test_a_fan_beside_triangles_in_a_gltf_is_refused(tmp_path: Path) -> None:
+    """trimesh leaves it out in silence."""
+    triangles = {"attributes": {"POSITION": 0}}
+    tree = {
+        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [triangles, {**triangles, "mode": 6}]}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "buffers": [{"byteLength": 36, "uri": "data:application/octet-stream;base64," + "AAAA" * 12}],
+    }  # fmt: skip
+    (tmp_path / "a.gltf").write_text(json.dumps(tree))
+    with pytest.raises(InputError, match="primitives of mode 6, such as triangle fans"):
+        read_geometry(tmp_path / "a.gltf")
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        ("time_s;channel_0 [Pa]\n0;100.000\n1;150.000\n2;0\n", "'100.000' may be 100000 or 100.000"),
+        ("time_s,p_abs [kPa]\n0,101\n1,301\n", "p_abs [kPa] is an absolute pressure"),
+        ("time_s,Absolutdruck 0 [bar]\n0,1\n1,3\n", "is an absolute pressure"),
+        ("time_s,p1 [kPa],p0 [kPa]\n0,1,2\n", "do not rise one by one"),
+        ("time_s,muscle 3 [kPa],muscle 1 [kPa]\n0,1,2\n", "do not rise one by one"),
+    ],
+)
+def test_pressures_that_could_mean_two_things_are_refused(content: str, why: str, tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text(content)
+    with pytest.raises(InputError) as refused:
+        read_csv(tmp_path / "p.csv")
+    assert why in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "first_row"),
+    [
+        ("time_s;channel_0 [mbar]\n0;0.500\n1;1.250\n2;2\n", [50.0]),
+        ("time_s,p1 [kPa],p2 [kPa]\n0,1,2\n", [1e3, 2e3]),
+        ("time_s,absorbed pressure [kPa]\n0,1\n", [1e3]),
+    ],
+)
+def test_pressures_like_these_are_read(content: str, first_row: list[float], tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text(content)
+    assert read_csv(tmp_path / "p.csv").pressure[0].tolist() == first_row
+
+
+def test_a_strain_in_percent_without_its_unit_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "c.csv").write_text("strain,tension_n_per_m\n0,0\n10,52\n")
+    with pytest.raises(InputError, match=r"strain = 10; expected at most 5 \(strain \[%\] is a percentage\)"):
+        read_membrane_curve(tmp_path / "c.csv")
+
+
+@pytest.mark.parametrize(
+    "name", ["../../x", "a/b", "a\\b", ".", "..", ".fabdesign", "", "a\nb", "x" * 300, "ü" * 200, "a_b", "50 %: ä"]
+)
+def test_a_name_is_one_file(name: str) -> None:
+    stem = file_stem(name)
+    assert Path(stem).name == stem and not stem.startswith(".") and "\\" not in stem and len(stem.encode()) < 140
+    assert (stem == name) == (name in ("a_b", "50 %: ä"))
+    assert file_stem("a/b") != file_stem("a_b")
+
+
+def test_a_design_leads_to_no_other_folder(tmp_path: Path) -> None:
+    """A design's name once named a file outside of the set, and replaced one there."""
+    name, victim = "../../../victim", tmp_path / "victim.toml"
+    victim.write_text("mine")
+    design = replace(build("cross", muscles=2), name=name)
+    cloud = np.random.default_rng(1).uniform([-0.1, -0.2, 0.0], [0.1, 0.0, 0.01], (50, 3))
+    data = TrialData(np.array([0.1, 0.2]), np.full((2, 2), 3e5), (cloud, cloud))
+    write_set(tmp_path / "a" / "set", {name: design}, [NewTrial("../../../t", name, 0, "fit", data)], name="x")
+    assert victim.read_text() == "mine" and {file.name for file in tmp_path.iterdir()} == {"a", "victim.toml"}
+    (trial,) = read_set(tmp_path / "a" / "set").trials
+    assert trial.design_name == name and len(trial.load().frames) == 2
+
+
+def test_a_first_frame_long_after_rest_is_warned_of(tmp_path: Path) -> None:
+    cloud = np.random.default_rng(1).uniform([-0.1, -0.2, 0.0], [0.1, 0.0, 0.01], (50, 3))
+    for begins, warned in ((0.1, False), (2.1, True)):
+        data = TrialData(begins + np.arange(3) / 10, np.full((3, 2), 3e5), (cloud, cloud, cloud))
+        design = build("cross", muscles=2)
+        write_set(tmp_path / str(begins), {"cross": design}, [NewTrial("t", "cross", 0, "fit", data)], name="x")
+        late = [line for line in inspect(tmp_path / str(begins)).warnings if "does time begin at rest?" in line]
+        assert bool(late) == warned
+
+
+@pytest.mark.parametrize("name", ["..", ".fabdesign", "a/b"])
+def test_a_set_whose_name_is_no_folder_is_refused_before_its_motions(name: str) -> None:
+    with pytest.raises(InputError, match="good for a folder"):
+        folders_of([("plain", ()), (name, ())])
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Path:
+    """Two frames of one camera."""
+    clouds = [{"left": POINTS + [0, 0, 1 + k / 100]} for k in range(2)]
+    design, program = build("cross", muscles=2), constant_program([1e5, 0.0], 0.3)
+    write_recording(tmp_path, design, program, np.array([0.1, 0.2]), [Sensor("left", np.eye(4))], clouds, clouds[0])
+    return tmp_path / "recording.toml"
+
+
+def test_a_pose_of_a_camera_that_is_transposed_is_refused(recording: Path) -> None:
+    assert not inspect(recording).problems
+    content = recording.read_text()
+    for last_row, likely in (("[0.1, 0.0, 0.0, 1.0]", " (is it transposed?)"), ("[0.0, 0.0, 0.0, 2.0]", "")):
+        recording.write_text(content.replace("[0.0, 0.0, 0.0, 1.0]", last_row))
+        with pytest.raises(InputError) as refused:
+            read_recording(recording)
+        assert str(refused.value).endswith(f"expected 0, 0, 0, 1 as the last row{likely}")
+
+
+def test_a_cloud_that_repeats_the_one_before_is_said(recording: Path) -> None:
+    frames = recording.parent / "frames"
+    shutil.copyfile(frames / "0000" / "left.ply", frames / "0001" / "left.ply")
+    (line,) = inspect(recording).notes
+    assert "repeats the cloud of frame 0" in line
+    shutil.copytree(frames / "0000", frames / "0005")
+    assert any("has frames to 5, and 2 times" in line for line in inspect(recording).notes)
+
+
+def test_an_effect_that_stands_twice_is_refused(tmp_path: Path) -> None:
+    effect = '[[effects]]\nname = "filling_lag"\n[effects.parameters.fill]\nvalue = 0.1\nunit = "s"\n'
+    (tmp_path / "m.toml").write_text('format = "fabdesign.model/1"\n' + 2 * effect)
+    with pytest.raises(InputError, match="filling_lag stands twice"):
+        read_model(tmp_path / "m.toml")
+
+
+def test_a_full_disk_under_an_optuna_store_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("optuna", reason="the extra optuna is not installed")
+
+    def small(path: Path) -> sqlite3.Connection:
+        connection = sqlite3.connect(path)
+        connection.execute("pragma max_page_count = 4")
+        return connection
+
+    monkeypatch.setattr(evaluations_table, "sqlite3", SimpleNamespace(connect=small, OperationalError=OPERATIONAL))
+    table = EvaluationsTable(["part", "evaluation", "seconds", "stage", "objective_mm", "diverged"], [])
+    with pytest.raises(InputError, match=r"cannot be written \(database or disk is full\)"):
+        write_optuna_store(table, tmp_path / "t.db", "x")
