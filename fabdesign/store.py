@@ -176,7 +176,7 @@ class Database:
                 raise cannot_write(self._path, _as_os_error(self._path, error)) from None
             aside = self._path.name + ASIDE
             note(f"{path}: damaged ({error}); kept as {aside}, and its work is done again")
-            with _writing(self._path):
+            with writing(self._path):
                 self._path.replace(self._path.with_name(aside))
                 for ending in ("-wal", "-shm"):
                     self._path.with_name(self._path.name + ending).unlink(missing_ok=True)
@@ -204,7 +204,7 @@ class Database:
     def writing(self) -> Iterator[sqlite3.Connection]:
         """Give what statements are executed on, and commit. A full disk, or a file that may not grow, is an
         InputError."""
-        with _writing(self._path), self._file:
+        with writing(self._path), self._file:
             yield self._file
 
     def _opened(self, content: Mapping[str, str]) -> sqlite3.Connection:
@@ -234,7 +234,8 @@ class Database:
 
 
 @contextmanager
-def _writing(path: Path) -> Iterator[None]:
+def writing(path: Path) -> Iterator[None]:
+    """Give a context in which SQLite writes: a full disk, or a file that may not grow, is an InputError."""
     try:
         yield
     except (OSError, sqlite3.OperationalError) as error:

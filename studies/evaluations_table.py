@@ -13,7 +13,7 @@ from typing import Any
 
 from fabdesign.csv_table import write_rows
 from fabdesign.errors import InputError
-from fabdesign.kept_database import writing
+from fabdesign.store import writing
 from fabdesign.units import in_mm
 
 HISTORY, SAMPLES = "history.sqlite", "samples.csv"
