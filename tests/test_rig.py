@@ -25,9 +25,11 @@ from fabdesign.muscle import Muscle
 from fabdesign.muscle_law import MuscleLaw
 from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import constant_program
+from fabdesign.term import Term
 from studies.rig import EffectSetting, GroundTruth, Sensing, read_ground_truth, run_rig
 from studies.rig.cameras import faces
 from studies.rig.effects import EFFECTS, LISTED
+from studies.rig.ground_truth import with_effects_of
 from studies.rig.motion import equilibrium, run
 from studies.rig.scene import Resolution, Scene, build_scene
 from studies.rig.solver import RigSolver
@@ -190,6 +192,19 @@ def test_all_listed_effects_are_there_and_others() -> None:
     frame_tilt added_mass registration_bias time_offset scale_error"""
     assert set(LISTED) == set(names.split())
     assert len(set(EFFECTS) - set(LISTED)) >= 4
+
+
+def test_a_design_with_an_effect_of_its_bench_has_it_on_the_rig() -> None:
+    friction = Term("braid_hysteresis", {"friction": 0.001, "friction_at_zero": 0.1}, "muscle_types.EM20")
+    found, key = replace(DUO, effects=(friction,)), EffectSetting("braid_hysteresis", {"friction": 0.002})
+    typical = {"friction": 0.001, "friction_at_zero": 0.1, "slip": 0.005}
+    assert with_effects_of(found, GroundTruth()).effects == (EffectSetting("braid_hysteresis", typical),)
+    assert with_effects_of(found, GroundTruth(effects=(key,))).effects == (key,)
+    elsewhere = replace(DUO, effects=(replace(friction, scope="muscle_types.OTHER"),))
+    assert with_effects_of(elsewhere, GroundTruth()).effects == ()
+    learned = replace(DUO, effects=(Term("learned", {}, "muscle_types.EM20"),))
+    with pytest.raises(InputError, match="effect learned: the virtual rig does not have it"):
+        with_effects_of(learned, GroundTruth())
 
 
 def hooked(name: str, pressure: Array, step: float, **values: float) -> Array:

@@ -25,7 +25,7 @@ from fabdesign.supervisor import uninterrupted
 from fabdesign.trial import Role
 from fabdesign.trial_file import TrialData, program_of
 from studies.rig.cameras import measure
-from studies.rig.ground_truth import GroundTruth, read_ground_truth
+from studies.rig.ground_truth import GroundTruth, read_ground_truth, with_effects_of
 from studies.rig.scene import DEFAULT, Resolution, control_counts
 from studies.rig.specimen import TrialTask, control_points, prepare
 
@@ -145,7 +145,7 @@ def _task(
         raise InputError(f"program {order}: lasts {program.duration:g} s; expected at most {LONGEST:g} s")
     times = np.arange(1, max(1, round(program.duration * rate)) + 1) / rate
     rows = program.at(times - 1e-6)
-    return TrialTask(design, program_of(times, rows), times, order, truth, resolution)
+    return TrialTask(design, program_of(times, rows), times, order, with_effects_of(design, truth), resolution)
 
 
 def _sense(task: TrialTask, shapes: Array) -> TrialData:
