@@ -176,6 +176,18 @@ def bench(tmp_path):
     return write
 
 
+def test_a_gauge_that_reads_a_little_below_zero_is_taken(bench):
+    pressure, contraction = (x.ravel() for x in np.meshgrid([-300.0, 1e5, 3e5], np.linspace(0, 0.2, 9)))
+    columns = {"pressure": pressure / 1e3, "contraction": contraction, "force": 2e-5 * pressure * (1 - contraction)}
+    header, inputs = "pressure_kpa,contraction,force_n", '["pressure_kpa", "contraction"]'
+    folder = bench("muscle", BenchRecord("r", columns, {}), header, inputs=inputs)
+    assert calibrate_bench(folder).law.law.pressure_limits[0] == 0
+    columns["pressure"] -= 20
+    bench("muscle", BenchRecord("r", columns, {}), header, inputs=inputs)
+    with pytest.raises(InputError, match=r"bench.toml: the lowest pressure is -20.3 kPa; expected gauge pressures"):
+        read_bench(folder)
+
+
 FABRIC = """
 [fabric]
 width = 0.2

@@ -43,6 +43,7 @@ def rows_of(records: Sequence[BenchRecord], terms: Sequence[Term] = ()) -> Rows:
             raise InputError(
                 f"{record.name}: columns {', '.join(columns)}; a muscle needs pressure, contraction, force"
             )
+        pressure = np.maximum(pressure, 0.0)  # a gauge without pressure reads a little below zero
         contraction, n = columns["contraction"], len(force)
         moving = "time" in columns and n > 2
         if terms and not moving:
