@@ -69,6 +69,15 @@ def taken(rows: Rows, index: NDArray[np.intp]) -> Rows:
     return Rows(*(getattr(rows, name)[index] for name in names))
 
 
+def only_speed(rows: Rows) -> float | None:
+    """Return the rate of contraction [1/s] at which all rows move, where there is one: viscosity and constant friction
+    look alike there."""
+    speeds = np.abs(rows.rate)
+    moving = speeds[speeds > _SAME_WAY]
+    low, middle, high = np.quantile(moving, (0.1, 0.5, 0.9)) if len(moving) else (0.0, 0.0, 0.0)
+    return float(middle) if high < 1.5 * low else None
+
+
 def motion_columns(rate: Array, *, friction: bool = True) -> Array:
     """(n, 2): what viscosity and hysteresis multiply; without friction the latter is zero."""
     sign = np.where(np.abs(rate) > _SAME_WAY, np.sign(rate), 0.0)
