@@ -60,7 +60,7 @@ def with_effects_of(design: Design, truth: GroundTruth) -> GroundTruth:
         if not known or any(value for name, value in values.items() if name not in known):
             raise InputError(f"{where}: the virtual rig does not have it; expected a design without it")
         if term.scope in types and len(types) > 1:
-            raise InputError(f"{where}: belongs to {term.scope}; on the rig expected no muscles of other types beside it")
+            raise InputError(f"{where}: belongs to {term.scope}; expected all muscles of one type, on the rig")
         settings.append(EffectSetting(term.name, {name: values[name] for name in known}))
     return replace(truth, effects=(*settings, *truth.effects))
 
