@@ -17,6 +17,7 @@ from scipy.optimize import fsolve
 from scipy.special import j0
 
 from fabdesign.catalogue import build
+from fabdesign.curve_file import MembraneCurve
 from fabdesign.design import Design
 from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
@@ -31,6 +32,7 @@ from studies.rig.cameras import faces
 from studies.rig.effects import EFFECTS, LISTED
 from studies.rig.ground_truth import with_effects_of
 from studies.rig.motion import equilibrium, run
+from studies.rig.run import linear_membrane
 from studies.rig.scene import Resolution, Scene, build_scene
 from studies.rig.solver import RigSolver
 from studies.rig.specimen import TrialTask, control_points, prepare
@@ -205,6 +207,14 @@ def test_a_design_with_an_effect_of_its_bench_has_it_on_the_rig() -> None:
     learned = replace(DUO, effects=(Term("learned", {}, "muscle_types.EM20"),))
     with pytest.raises(InputError, match="effect learned: the virtual rig does not have it"):
         with_effects_of(learned, GroundTruth())
+
+
+def test_a_membrane_curve_is_a_stiffness_on_the_rig() -> None:
+    strain = (0.0, 0.01, 0.03)
+    curve = MembraneCurve((strain, ()), ((0.0, 8.0, 28.0), ()))
+    straight = linear_membrane(replace(DUO, fabric=replace(DUO.fabric, membrane_curve=curve)))
+    assert straight.fabric.membrane_stiffness == pytest.approx((900.0, DUO.fabric.membrane_stiffness[1]))
+    assert straight.fabric.membrane_curve is None and linear_membrane(DUO) is DUO
 
 
 def hooked(name: str, pressure: Array, step: float, **values: float) -> Array:
