@@ -209,6 +209,18 @@ def test_a_design_with_an_effect_of_its_bench_has_it_on_the_rig() -> None:
         with_effects_of(learned, GroundTruth())
 
 
+def test_friction_without_pressure_is_there_from_the_first_step_on() -> None:
+    program, times = constant_program([3e5, 3e5, 3e5]), np.array([0.1, 0.2])
+    friction = EffectSetting("braid_hysteresis", {"friction": 0.0, "friction_at_zero": 0.3})
+    plain, held = (
+        control_points(TrialTask(DUO, program, times, 0, GroundTruth(effects=effects), COARSE))
+        for effects in ((), (friction,))
+    )
+    flat = prepare(TrialTask(DUO, program, times, 0, GroundTruth(), COARSE)).patch.flat()
+    assert np.abs(held[-1] - plain[-1]).max() > 1e-4
+    assert np.abs(held[-1] - flat).max() < np.abs(plain[-1] - flat).max()
+
+
 def test_a_membrane_curve_is_a_stiffness_on_the_rig() -> None:
     strain = (0.0, 0.01, 0.03)
     curve = MembraneCurve((strain, ()), ((0.0, 8.0, 28.0), ()))
