@@ -138,8 +138,8 @@ class SensitivityResult:
         widest = max((float(np.ptp(i.total90, axis=1).max()) for i in self.indices if i is not None), default=0.0)
         if widest > WIDE:
             count = len(self.computed["sobol"].outputs)
-            wide = f"The 90 % intervals of total Sobol indices are up to {widest:.2g} wide: {count} rows are too few to "
-            said.append((wide + "rank parameters by them; more `samples` narrow them.", True))
+            wide = f"The 90 % intervals of total Sobol indices are up to {widest:.2g} wide: {count} rows are too few "
+            said.append((wide + "to rank parameters by them; more `samples` narrow them.", True))
         return said
 
     def spread(self, column: int) -> dict[str, float]:
