@@ -12,9 +12,15 @@ from fabdesign.headings import DIMENSIONS, Heading, without_unit
 from fabdesign.lab_table import LabTable, TableColumn
 from fabdesign.measured_units import require_measured_pressures
 from fabdesign.table import Table, load_toml
+from fabdesign.units import in_kpa
 
 FORMAT = "fabdesign.bench/1"
 SPECIMENS: tuple[Specimen, ...] = ("muscle", "strip", "cylinder", "actuator")
+_GAUGE = 0.02  # of the highest pressure: so far below zero a gauge may read without pressure
+_RATIOS = {  # said of a column that is not there
+    "contraction": " (1 - l/l0; of a length, with rest_length in [constants], m)",
+    "stretch": " (l/l0; of a strain, or of a length or extension, with rest_length in [constants], m)",
+}
 _UNITS = {"kpa": 3, "s": 0, "m": 0, "n": 0}  # suffix of a column -> power of ten to SI
 
 
@@ -35,28 +41,31 @@ def read_bench(path: Path | str) -> Bench:
         raise root.bad("input", "at least one column name")
     description, source = root.text("description", ""), root.text("source", "")
     constants = _numbers(root) | _numbers(root.table("constants", Table({}, str(path))))
-    records = tuple(_record(table, path, (*inputs, output)) for table in root.tables("records"))
+    records = tuple(
+        _record(table, path, (*inputs, output), constants.get("rest_length")) for table in root.tables("records")
+    )
     root.finish()
     if not records:
         raise InputError(f"{path}: no [[records]]")
     names = [record.name for record in records]
     for twice in {name for name in names if names.count(name) > 1}:
         raise InputError(f"{path}: two records are called {twice}")
-    _require_units(records, path)
+    _require_units(records, path, specimen)
     bare = tuple(_bare(column)[0] for column in inputs)
     return Bench(name, specimen, bare, _bare(output)[0], constants, records, description, source, path)
 
 
-def _record(table: Table, path: Path, needed: tuple[str, ...]) -> BenchRecord:
+def _record(table: Table, path: Path, needed: tuple[str, ...], rest_length: float | None) -> BenchRecord:
     file = table.path("file", path.parent)
     role: Literal["fit", "test"] = table.text("role", "fit", choices=("fit", "test"))
     labels = _numbers(table)
     table.finish()
-    return BenchRecord(file.stem, read_record(file, needed), labels, role)
+    return BenchRecord(file.stem, read_record(file, needed, rest_length), labels, role)
 
 
-def read_record(file: Path, needed: tuple[str, ...] = ()) -> dict[str, Array]:
-    """Columns (n,) of a record's CSV, SI, by their names without unit. Raises InputError where a `needed` one is not
+def read_record(file: Path, needed: tuple[str, ...] = (), rest_length: float | None = None) -> dict[str, Array]:
+    """Columns (n,) of a record's CSV, SI, by their names without unit. rest_length: m, makes contraction and stretch of
+    a length. Raises InputError where a `needed` one is not
     there, for two of one name, a value that is no finite number and a time that does not rise."""
     table = LabTable(file, "columns such as time_s,pressure_kpa,force_n")
     columns: dict[str, Array] = {}
@@ -65,19 +74,33 @@ def read_record(file: Path, needed: tuple[str, ...] = ()) -> dict[str, Array]:
         if bare in columns:
             raise InputError(f"{file}: two columns hold {bare}")
         columns[bare] = np.array([float(value) for _, _, value in table.cells(column)])
+    for name, values in _ratios(columns, rest_length).items():
+        columns.setdefault(name, values)
     for name in needed:
         quantity = _bare(name)[0]
         dimension = DIMENSIONS.get(quantity)
         said = quantity != name or dimension == "ratio"  # in which unit
         if name not in table.header and not (said and quantity in columns):
             plain = [h.text for h in table.headings if h.symbol is None and h.quantity == quantity]
-            unit = f" ({without_unit(plain[0], dimension)})" if plain and dimension else ""
+            unit = f" ({without_unit(plain[0], dimension)})" if plain and dimension else _RATIOS.get(name, "")
             raise InputError(f"{file}: no column {name}; it has {', '.join(table.header)}{unit}")
     table.say([] if table.taken else table.header)
     if "time" in columns and (np.diff(columns["time"]) <= 0).any():
         late = int(np.argmax(np.diff(columns["time"]) <= 0)) + 1
         raise InputError(f"{file} line {table.rows[late][0]}: time_s = {columns['time'][late]:g} does not rise")
     return columns
+
+
+def _ratios(columns: dict[str, Array], rest_length: float | None) -> dict[str, Array]:
+    """Return the contraction and stretch that a strain, a length or an extension says."""
+    if "strain" in columns:
+        return {"stretch": 1 + columns["strain"]}
+    if not rest_length or rest_length < 0:
+        return {}
+    if "length" in columns:
+        stretch = columns["length"] / rest_length
+        return {"contraction": 1 - stretch, "stretch": stretch}
+    return {"stretch": 1 + columns["displacement"] / rest_length} if "displacement" in columns else {}
 
 
 def _column(table: LabTable, index: int, heading: Heading) -> tuple[str, TableColumn]:
@@ -91,11 +114,16 @@ def _column(table: LabTable, index: int, heading: Heading) -> tuple[str, TableCo
     return quantity, table.take(index, quantity)
 
 
-def _require_units(records: tuple[BenchRecord, ...], path: Path) -> None:
+def _require_units(records: tuple[BenchRecord, ...], path: Path, specimen: Specimen) -> None:
     """Over all records, for one of them may be taken at no pressure or at rest."""
     pressures = [c for record in records for name, c in record.columns.items() if name.startswith("pressure")]
     if pressures:
         require_measured_pressures(np.concatenate(pressures), str(path))
+        lowest, highest = (float(f(np.concatenate(pressures))) for f in (np.min, np.max))
+        if specimen == "muscle" and lowest < -_GAUGE * highest:
+            raise InputError(
+                f"{path}: the lowest pressure is {in_kpa(lowest):.4g} kPa; expected gauge pressures of at least 0"
+            )
     for record in records:
         contraction, stretch = (record.columns.get(name) for name in ("contraction", "stretch"))
         if contraction is not None and (contraction >= 1).any():

@@ -37,9 +37,10 @@ WORDS: Mapping[str, tuple[str, ...]] = {
     "contraction": ("contraction", "kontraktion", "contraction_ratio", "verkürzung", "contraccion"),
     "force": ("force", "f", "kraft", "tension", "zugkraft", "fuerza"),
     "load": ("load", "last"),
-    "displacement": ("displacement", "weg", "verschiebung", "hub", "déplacement"),
+    "displacement": ("displacement", "extension", "weg", "verschiebung", "hub", "déplacement"),
     "stretch": ("stretch", "streckung"),
     "strain": ("strain", "dehnung"),
+    "length": ("length", "länge", "longitud", "longueur"),
     "tension": ("tension",),
 }
 DIMENSIONS: Mapping[str, Dimension] = {
@@ -47,6 +48,7 @@ DIMENSIONS: Mapping[str, Dimension] = {
     "force": "force",
     "load": "force",
     "displacement": "length",
+    "length": "length",
     "time": "time",
     "tension": "tension",
     **dict.fromkeys(("contraction", "stretch", "strain"), "ratio"),

@@ -2,6 +2,7 @@
 
 import dataclasses
 import os
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from studies.benches.actuator import StaticCurve
 from studies.benches.calibrate import calibrate_bench, errors_in_words
 from studies.benches.cylinder import CylinderLaw, friction_state
 from studies.benches.muscle import BenchMuscle
+from studies.benches.rows import Rows, only_speed
 from studies.benches.strip import StripLaw, straight_line
 from studies.benches.write import write_bench_type
 
@@ -174,6 +176,26 @@ def bench(tmp_path):
         return tmp_path
 
     return write
+
+
+def test_one_speed_is_said_for_friction_and_viscosity_look_alike_there():
+    rate = np.r_[np.full(50, 0.02), np.full(50, -0.02)] * np.linspace(0.95, 1.05, 100)
+    rows = Rows(*(np.zeros((5, 100)) + np.array([0, 0, 0, 1, 0])[:, None] * rate), np.zeros(100, int))
+    assert only_speed(rows) == pytest.approx(0.02, rel=0.01)
+    assert only_speed(replace(rows, rate=np.r_[rate[:50], 3 * rate[50:]])) is None
+    assert only_speed(replace(rows, rate=0 * rate)) is None
+
+
+def test_a_gauge_that_reads_a_little_below_zero_is_taken(bench):
+    pressure, contraction = (x.ravel() for x in np.meshgrid([-300.0, 1e5, 3e5], np.linspace(0, 0.2, 9)))
+    columns = {"pressure": pressure / 1e3, "contraction": contraction, "force": 2e-5 * pressure * (1 - contraction)}
+    header, inputs = "pressure_kpa,contraction,force_n", '["pressure_kpa", "contraction"]'
+    folder = bench("muscle", BenchRecord("r", columns, {}), header, inputs=inputs)
+    assert calibrate_bench(folder).law.law.pressure_limits[0] == 0
+    columns["pressure"] -= 20
+    bench("muscle", BenchRecord("r", columns, {}), header, inputs=inputs)
+    with pytest.raises(InputError, match=r"bench.toml: the lowest pressure is -20.3 kPa; expected gauge pressures"):
+        read_bench(folder)
 
 
 FABRIC = """

@@ -123,7 +123,7 @@ def test_what_is_not_needed_goes_while_the_muscles_stay() -> None:
     assert [len(muscle.path) for muscle in design.muscles] == [2, 2]
     assert [muscle.channel for muscle in design.muscles] == [0, 0] and pressures.shape == (1, 1)
     assert not found.ended and found.value <= 1.03 * found.before
-    assert fewer_said(STUDY, found).startswith("The 2 muscles, straight, are enough on 1 channels")
+    assert fewer_said(STUDY, found).startswith("The 2 muscles, straight, are enough on 1 channel:")
 
 
 @pytest.fixture

@@ -244,6 +244,26 @@ def test_records_and_curves(tmp_path: Path) -> None:
     assert curve.tension[1] == (0.0, 40.0)
 
 
+@pytest.mark.parametrize(
+    ("heading", "values", "column", "expected"),
+    [
+        ("Length [mm]", (200, 180), "contraction", (0.0, 0.1)),
+        ("Length [mm]", (200, 220), "stretch", (1.0, 1.1)),
+        ("Extension [mm]", (0, 20), "stretch", (1.0, 1.1)),
+        ("Strain [%]", (0, 10), "stretch", (1.0, 1.1)),
+    ],
+)
+def test_a_length_or_strain_of_a_bench_says_its_ratio(
+    tmp_path: Path, heading: str, values: tuple[float, float], column: str, expected: tuple[float, float]
+) -> None:
+    file = tmp_path / "r.csv"
+    file.write_text(f"{heading};Force [N]\n{values[0]};0\n{values[1]};1\n")
+    np.testing.assert_allclose(read_record(file, (column,), rest_length=0.2)[column], expected, atol=1e-12)
+    if "mm" in heading:
+        with pytest.raises(InputError, match=rf"no column {column}; it has .*rest_length in \[constants\]"):
+            read_record(file, (column,))
+
+
 @settings(max_examples=40)
 @given(st.lists(st.lists(st.integers(-(10**6), 10**6), min_size=3, max_size=3), min_size=1, max_size=5), st.booleans())
 def test_numbers_read_back_the_same_with_any_separator(

@@ -17,6 +17,7 @@ from scipy.optimize import fsolve
 from scipy.special import j0
 
 from fabdesign.catalogue import build
+from fabdesign.curve_file import MembraneCurve
 from fabdesign.design import Design
 from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
@@ -25,10 +26,13 @@ from fabdesign.muscle import Muscle
 from fabdesign.muscle_law import MuscleLaw
 from fabdesign.pressure import PressureProgram
 from fabdesign.pressure_file import constant_program
+from fabdesign.term import Term
 from studies.rig import EffectSetting, GroundTruth, Sensing, read_ground_truth, run_rig
 from studies.rig.cameras import faces
 from studies.rig.effects import EFFECTS, LISTED
+from studies.rig.ground_truth import with_effects_of
 from studies.rig.motion import equilibrium, run
+from studies.rig.run import linear_membrane
 from studies.rig.scene import Resolution, Scene, build_scene
 from studies.rig.solver import RigSolver
 from studies.rig.specimen import TrialTask, control_points, prepare
@@ -190,6 +194,39 @@ def test_all_listed_effects_are_there_and_others() -> None:
     frame_tilt added_mass registration_bias time_offset scale_error"""
     assert set(LISTED) == set(names.split())
     assert len(set(EFFECTS) - set(LISTED)) >= 4
+
+
+def test_a_design_with_an_effect_of_its_bench_has_it_on_the_rig() -> None:
+    friction = Term("braid_hysteresis", {"friction": 0.001, "friction_at_zero": 0.1}, "muscle_types.EM20")
+    found, key = replace(DUO, effects=(friction,)), EffectSetting("braid_hysteresis", {"friction": 0.002})
+    typical = {"friction": 0.001, "friction_at_zero": 0.1, "slip": 0.005}
+    assert with_effects_of(found, GroundTruth()).effects == (EffectSetting("braid_hysteresis", typical),)
+    assert with_effects_of(found, GroundTruth(effects=(key,))).effects == (key,)
+    elsewhere = replace(DUO, effects=(replace(friction, scope="muscle_types.OTHER"),))
+    assert with_effects_of(elsewhere, GroundTruth()).effects == ()
+    learned = replace(DUO, effects=(Term("learned", {}, "muscle_types.EM20"),))
+    with pytest.raises(InputError, match="effect learned: the virtual rig does not have it"):
+        with_effects_of(learned, GroundTruth())
+
+
+def test_friction_without_pressure_is_there_from_the_first_step_on() -> None:
+    program, times = constant_program([3e5, 3e5, 3e5]), np.array([0.1, 0.2])
+    friction = EffectSetting("braid_hysteresis", {"friction": 0.0, "friction_at_zero": 0.3})
+    plain, held = (
+        control_points(TrialTask(DUO, program, times, 0, GroundTruth(effects=effects), COARSE))
+        for effects in ((), (friction,))
+    )
+    flat = prepare(TrialTask(DUO, program, times, 0, GroundTruth(), COARSE)).patch.flat()
+    assert np.abs(held[-1] - plain[-1]).max() > 1e-4
+    assert np.abs(held[-1] - flat).max() < np.abs(plain[-1] - flat).max()
+
+
+def test_a_membrane_curve_is_a_stiffness_on_the_rig() -> None:
+    strain = (0.0, 0.01, 0.03)
+    curve = MembraneCurve((strain, ()), ((0.0, 8.0, 28.0), ()))
+    straight = linear_membrane(replace(DUO, fabric=replace(DUO.fabric, membrane_curve=curve)))
+    assert straight.fabric.membrane_stiffness == pytest.approx((900.0, DUO.fabric.membrane_stiffness[1]))
+    assert straight.fabric.membrane_curve is None and linear_membrane(DUO) is DUO
 
 
 def hooked(name: str, pressure: Array, step: float, **values: float) -> Array:

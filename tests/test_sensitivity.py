@@ -23,7 +23,7 @@ from fabdesign.varied import Varied
 from studies.sensitivity.estimators import STEP, indices, saltelli_rows, screening, trajectories
 from studies.sensitivity.inputs import Inputs
 from studies.sensitivity.outputs import Outputs, mean_curvature, tip
-from studies.sensitivity.report import bars_figure
+from studies.sensitivity.report import as_text, bars_figure
 from studies.sensitivity.run import Progress, run_sensitivity
 from studies.sensitivity.snapping import snaps
 from tests.analytic_cloth import AnalyticCloth
@@ -277,6 +277,13 @@ def test_a_limit_of_time_gives_what_is_there(study: SensitivityStudy, tmp_path: 
     part = run_sensitivity(replace(study, methods=("sobol",), seconds=1e-9), tmp_path, forward=AnalyticCloth())
     assert not part.complete
     assert "8 of 32 rows" in part.sentences[0]
+    assert "8 rows are too few to rank parameters" in part.warnings[-1]
+    assert "mu*" not in as_text(part)
+
+
+def test_both_methods_are_said(study: SensitivityStudy, tmp_path: Path) -> None:
+    text = as_text(run_sensitivity(replace(study, samples=8), tmp_path, forward=AnalyticCloth()))
+    assert "total " in text and "mu* " in text
 
 
 def test_failed_samples_are_left_out_with_their_rows_and_counted(study: SensitivityStudy, tmp_path: Path) -> None:

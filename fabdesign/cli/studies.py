@@ -88,14 +88,14 @@ def optimize(study: Path, output: Path, seconds: float | None, force: bool, as_j
     from fabdesign.pressure import poses_in_words
     from studies.layouts.progress import LiveLine
     from studies.layouts.run import run_study
+    from studies.layouts.wished import errors_in_words
 
     with LiveLine(study.stem) as line:
         outcome = run_study(study, output, seconds=seconds, force=force, progress=line.show)
     result = outcome.as_json()
     text = (
-        f"{output}: {result['objective_mm']:.3f} mm (Chamfer {result['chamfer']:.3f}, noise floor "
-        f"{result['chamfer_floor']:.3f}) after {result['evaluations']} evaluations, {outcome.search_time}; "
-        f"{result['stop_reason']}"
+        f"{output}: {result['objective_mm']:.3f} mm ({errors_in_words(outcome.study, outcome.errors)}) after "
+        f"{result['evaluations']} evaluations, {outcome.search_time}; {result['stop_reason']}"
     )
     outputs = [f"{name}: {', '.join(values)}" for name, values in outcome.outputs.items()]
     after = [result["fewer"]["said"]] if result["fewer"] else []

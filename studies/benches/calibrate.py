@@ -23,7 +23,7 @@ from studies.benches.muscle_effects import FittedEffects, bench_vector, fit_effe
 from studies.benches.noise import BenchNoise, noise_of
 from studies.benches.predictions import Law, as_fitted, as_written, errors_of, travels
 from studies.benches.records import measured, require_columns, unit_of
-from studies.benches.rows import rows_of
+from studies.benches.rows import only_speed, rows_of
 from studies.benches.strip import StripLaw
 
 LEAST_SHOWN = 0.001  # mm or N: what no gauge reads
@@ -46,6 +46,7 @@ class BenchCalibration:
     noise: BenchNoise  # of the records fitted
     constants: Mapping[str, Quantity]
     effects: tuple[EffectTerm, ...] = ()  # fitted with the law
+    speed: float | None = None  # 1/s, of a muscle's contraction in all records, where there is only one
 
     def as_json(self) -> dict[str, Any]:
         """What `calibrate BENCH --json` prints."""
@@ -120,6 +121,7 @@ def calibrate_bench(
         noise=noise_of(bench, chosen),
         constants=_constants(law),
         effects=effects,
+        speed=only_speed(rows_of(chosen)) if bench.specimen == "muscle" else None,
     )
 
 
@@ -134,7 +136,8 @@ def errors_in_words(calibration: BenchCalibration) -> str:
 
 
 def noise_in_words(calibration: BenchCalibration) -> list[str]:
-    """A line on the noise of a reading, and one where what was fitted is better than what a file holds."""
+    """A line on the noise of a reading, one where what was fitted is better than what a file holds, and one where all
+    records move at one speed."""
     lines = ["  " + calibration.noise.in_words(_shown(calibration.noise.sigma, calibration.unit))]
     if calibration.error_as_fitted < calibration.error_fit - max(calibration.noise.sigma, LEAST_SHOWN) / 2:
         names = [name for name in calibration.constants if name == "hysteresis"]
@@ -142,6 +145,11 @@ def noise_in_words(calibration: BenchCalibration) -> list[str]:
         more = "; --free braid_hysteresis fits friction that a design has" if "hysteresis" in names else ""
         better = _shown(calibration.error_as_fitted, calibration.unit)
         lines.append(f"  {better} on the fit with {' and '.join(names)}, which the file does not hold{more}")
+    if calibration.speed is not None:
+        lines.append(
+            f"  all records contract at {calibration.speed:.2g} 1/s: viscosity and constant friction look alike there; "
+            "records at another speed tell them apart"
+        )
     return lines
 
 

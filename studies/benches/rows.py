@@ -43,6 +43,7 @@ def rows_of(records: Sequence[BenchRecord], terms: Sequence[Term] = ()) -> Rows:
             raise InputError(
                 f"{record.name}: columns {', '.join(columns)}; a muscle needs pressure, contraction, force"
             )
+        pressure = np.maximum(pressure, 0.0)  # a gauge without pressure reads a little below zero
         contraction, n = columns["contraction"], len(force)
         moving = "time" in columns and n > 2
         if terms and not moving:
@@ -66,6 +67,15 @@ def rows_of(records: Sequence[BenchRecord], terms: Sequence[Term] = ()) -> Rows:
 def taken(rows: Rows, index: NDArray[np.intp]) -> Rows:
     names = ("pressure", "contraction", "force", "rate", "friction", "block")
     return Rows(*(getattr(rows, name)[index] for name in names))
+
+
+def only_speed(rows: Rows) -> float | None:
+    """Return the rate of contraction [1/s] at which all rows move, where there is one: viscosity and constant friction
+    look alike there."""
+    speeds = np.abs(rows.rate)
+    moving = speeds[speeds > _SAME_WAY]
+    low, middle, high = np.quantile(moving, (0.1, 0.5, 0.9)) if len(moving) else (0.0, 0.0, 0.0)
+    return float(middle) if high < 1.5 * low else None
 
 
 def motion_columns(rate: Array, *, friction: bool = True) -> Array:

@@ -117,6 +117,10 @@ def made_robust(
     return [*of_rows([known["row"]], study.design, limits_of(study)), *points], known["doubled"]
 
 
+def _channels(count: int) -> str:
+    return "1 channel" if count == 1 else f"{count} channels"
+
+
 def fewer_said(study: Study, fewer: Fewer, *, converged: bool = True) -> str:
     """For people. converged: whether the search ended by itself, so that what it did not find is not enough."""
     space = fewer.start[0]
@@ -125,12 +129,12 @@ def fewer_said(study: Study, fewer: Fewer, *, converged: bool = True) -> str:
     if count < fewer.count:
         mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
         cut = ", not tried to the end" if fewer.cut else ""
-        on = f" on {space.channels} channels" if space.channels < count else ""
+        on = f" on {_channels(space.channels)}" if space.channels < count else ""
         return f"{count} muscles{on} are enough, where the search came to {fewer.count}: {mm}, {near}{cut}."
     if not fewer.ended:
         straight = "" if any(len(own.path) > 2 for own in space.design.muscles) else ", straight,"
         mm = f"{in_mm(fewer.value):.2f} mm instead of {in_mm(fewer.before):.2f}"
-        return f"The {count} muscles{straight} are enough on {space.channels} channels: {mm}, {near}." + (
+        return f"The {count} muscles{straight} are enough on {_channels(space.channels)}: {mm}, {near}." + (
             " Fewer muscles are not enough." if converged else ""
         )
     if fewer.cut:

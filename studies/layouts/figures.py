@@ -13,7 +13,7 @@ from studies.layouts.result import StudyResult
 from studies.layouts.wished import measure_of, reached_and_asked
 from studies.report import DARK, GREY, PlotlyFigure, Trace, chart, line, scene_layout
 
-SHOWN = 2000  # target points drawn: enough to see the shape through
+SHOWN = 700  # target points drawn: few enough that the result is seen between them
 SAMPLED = 2.4  # mm from the nearest point of a dense cloud, that sampling alone makes: one colour up to there
 NEAR, MIDDLE, FAR = "#dbe7f3", "#fdae61", "#b40426"
 TICKS = [1, 2, 3, 4, 5, 6, 8, 10, 15, 20, 30, 50, 100, 200, 500, 1000]  # mm

@@ -143,6 +143,9 @@ def _search_in(
         fewer = None if stop_reason == INTERRUPTED else shrunk(study, evaluations)
     except KeyboardInterrupt:
         stop_reason = INTERRUPTED
+    if follow:
+        evaluations.told = "following the motions that lead to the result; this comes after the limit of seconds"
+        progress(evaluations)
     if study.robust is None or not follow:
         points = [*points_of(fewer), *evaluations.finalists()][: None if follow else 1]
         result = _result(study, targets, evaluations, fine, stop_reason, points, follow=follow, fewer=fewer)

@@ -7,9 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.fabric import Fabric
+from fabdesign.metrics import Errors
 from fabdesign.mid_surface import at_places, mid_surface
 from fabdesign.study_file import Study
 from fabdesign.study_targets import TargetFile
+from fabdesign.units import in_mm
 from fabdesign.wishes import Landmarks
 
 Array = NDArray[np.float64]
@@ -25,6 +27,13 @@ def measure_of(study: Study) -> str:
     if is_wished(study.targets):
         return "distance from what was asked for"
     return "Chamfer distance" if study.objective == "chamfer" else "surface RMS"
+
+
+def errors_in_words(study: Study, errors: Errors) -> str:
+    """Return the errors of a result in mm, beside its objective."""
+    if is_wished(study.targets):
+        return f"mean distance from what was asked for; root mean square {in_mm(errors.surface_rms):.3f}"
+    return f"Chamfer {in_mm(errors.chamfer):.3f}, noise floor {in_mm(errors.chamfer_floor):.3f}"
 
 
 @dataclass(frozen=True)

@@ -101,7 +101,7 @@ def scene_layout(traces: Sequence[Trace]) -> dict[str, Any]:
             f"{axis}axis": {**grid, "title": {"text": f"{axis}, m"}, "range": [*box[axis]], "nticks": _ticks(share)}
             for axis, share in ((axis, extent / corners) for axis, extent in extents.items())
         },
-        "camera": {"up": {"x": 0, "y": 1, "z": 0}, "eye": {"x": 1.5, "y": 0.45, "z": 1.65}},
+        "camera": {"up": {"x": 0, "y": 1, "z": 0}, "eye": {"x": 1.2, "y": 0.36, "z": 1.32}},
     }
     margin = {"l": 25, "r": 10, "t": 10, "b": 10}
     return {"scene": scene, "margin": margin, "height": 600, "legend": LEGEND | {"font": {"size": 11}}}

@@ -1,9 +1,11 @@
 """The ground truth of a virtual specimen: `fabdesign.key/1`. It is never written into a set."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from fabdesign.design import Design
+from fabdesign.effects.registry import effect_named
 from fabdesign.errors import InputError
 from fabdesign.forward import FACTOR_RANGE, PARAMETERS
 from fabdesign.table import Table, load_toml, nearest
@@ -38,6 +40,29 @@ class GroundTruth:
     parameters: Mapping[str, float] = field(default_factory=dict)
     effects: tuple[EffectSetting, ...] = ()
     sensing: Sensing = Sensing()
+
+
+def with_effects_of(design: Design, truth: GroundTruth) -> GroundTruth:
+    """Return the ground truth with the effects of the design's benches, where it does not set the same effect itself.
+
+    Raises InputError for one that the rig does not have, or that belongs to one of several muscle types.
+    """
+    types = {f"muscle_types.{muscle.type}" for muscle in design.muscles}
+    settings = []
+    for term in design.effects:
+        absent = term.scope not in (None, "fabric", *types)  # of a muscle type that has no muscle here
+        if absent or any(setting.name == term.name for setting in truth.effects):
+            continue
+        where = f"design {design.name}: effect {term.name}"
+        declared = effect_named(term.name, where).parameters
+        values = {name: term.values.get(name, parameter.typical) for name, parameter in declared.items()}
+        known = EFFECTS[term.name].parameters if term.name in EFFECTS else {}
+        if not known or any(value for name, value in values.items() if name not in known):
+            raise InputError(f"{where}: the virtual rig does not have it; expected a design without it")
+        if term.scope in types and len(types) > 1:
+            raise InputError(f"{where}: belongs to {term.scope}; expected all muscles of one type, on the rig")
+        settings.append(EffectSetting(term.name, {name: values[name] for name in known}))
+    return replace(truth, effects=(*settings, *truth.effects))
 
 
 def read_ground_truth(path: Path | str) -> GroundTruth:

@@ -42,10 +42,10 @@ def tension(scene: Scene, p: Array, contraction: Array, rate: Array, rate_gain: 
 
 
 def settle(scene: Scene, p: Array, contraction: Array) -> None:
-    """Keep the friction that a finished step ends with."""
+    """Keep the friction that a finished step ends with; there is none at rest, before the first step."""
     state = scene.muscle_state
     limit = state.friction_at_zero + state.friction_per_pressure * p
-    if limit.any():
+    if limit.any() and len(state.contraction_before):
         state.friction, _ = _friction(scene, limit, contraction)
     state.contraction_before = contraction
 

@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import closing, contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +17,7 @@ from fabdesign.cluster import current
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
 from fabdesign.effort import LONGEST, MEMORY, in_words, on_cores, rig_seconds
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, note
 from fabdesign.measurement_set import NewTrial, write_set
 from fabdesign.output import new_file, new_folder
 from fabdesign.pressure import PressureProgram, require_pressures
@@ -25,11 +26,12 @@ from fabdesign.supervisor import uninterrupted
 from fabdesign.trial import Role
 from fabdesign.trial_file import TrialData, program_of
 from studies.rig.cameras import measure
-from studies.rig.ground_truth import GroundTruth, read_ground_truth
+from studies.rig.ground_truth import GroundTruth, read_ground_truth, with_effects_of
 from studies.rig.scene import DEFAULT, Resolution, control_counts
 from studies.rig.specimen import TrialTask, control_points, prepare
 
 Array = NDArray[np.float64]
+WORKING_STRAIN = 0.02  # up to which a membrane curve's slope is the stiffness of the rig's linear cloth
 THREAD_SETTINGS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -66,6 +68,10 @@ def run_rig(
     out, recording = Path(out), None if recording is None else Path(recording)
     truth = truth if isinstance(truth, GroundTruth) else GroundTruth() if truth is None else read_ground_truth(truth)
     read = [_read(*part, test_trials) for part in session]
+    for given in (design for design, _ in read if design.fabric.membrane_curve is not None):
+        k1, k2 = linear_membrane(given).fabric.membrane_stiffness
+        name, to = given.name, f"up to {WORKING_STRAIN:.0%} of strain"
+        note(f"design {name}: the rig's cloth is linear; it takes {k1:.4g} N/m across and {k2:.4g} N/m down, {to}")
     designs = _by_name([design for design, _ in read])
     roles: list[Role] = []
     for _, programs in read:
@@ -145,7 +151,22 @@ def _task(
         raise InputError(f"program {order}: lasts {program.duration:g} s; expected at most {LONGEST:g} s")
     times = np.arange(1, max(1, round(program.duration * rate)) + 1) / rate
     rows = program.at(times - 1e-6)
-    return TrialTask(design, program_of(times, rows), times, order, truth, resolution)
+    truth = with_effects_of(design, truth)
+    return TrialTask(linear_membrane(design), program_of(times, rows), times, order, truth, resolution)
+
+
+def linear_membrane(design: Design) -> Design:
+    """Return a design without a membrane curve: in its place stands its stiffness from 0 to 2 % of strain."""
+    curve = design.fabric.membrane_curve
+    if curve is None:
+        return design
+    k1, k2 = (
+        float(np.interp(WORKING_STRAIN, strain, tension) - np.interp(0.0, strain, tension)) / WORKING_STRAIN
+        if strain
+        else declared
+        for strain, tension, declared in zip(curve.strain, curve.tension, design.fabric.membrane_stiffness, strict=True)
+    )
+    return replace(design, fabric=replace(design.fabric, membrane_curve=None, membrane_stiffness=(k1, k2)))
 
 
 def _sense(task: TrialTask, shapes: Array) -> TrialData:

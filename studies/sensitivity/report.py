@@ -121,7 +121,7 @@ def as_text(result: SensitivityResult) -> str:
                 f"total {x['total']:6.3f} ({_pair(x['total_interval90'])})"
                 for name, x in ranked
             ]
-        elif "morris" in output:
+        if "morris" in output:
             ranked = sorted(output["morris"].items(), key=lambda item: -item[1]["mu_star"])
             lines += [
                 f"  {name:<28} mu* {x['mu_star']:8.4g} ({_pair(x['interval90'])})   sigma {x['sigma']:8.4g}"

@@ -136,6 +136,11 @@ class SensitivityResult:
         still = [c.name for c, s, i in zip(self.columns, self.screenings, self.indices, strict=True) if not s and not i]
         if still:
             said.append((f"No varied parameter changes {', '.join(still)}.", False))
+        widest = max((float(np.ptp(i.total90, axis=1).max()) for i in self.indices if i is not None), default=0.0)
+        if widest > WIDE:
+            count = len(self.computed["sobol"].outputs)
+            wide = f"The 90 % intervals of total Sobol indices are up to {widest:.2g} wide: {count} rows are too few "
+            said.append((wide + "to rank parameters by them; more `samples` narrow them.", True))
         return said
 
     def spread(self, column: int) -> dict[str, float]:
@@ -178,4 +183,5 @@ class SensitivityResult:
         return entry
 
 
+WIDE = 0.4  # of an output's variance: a wider interval of a Sobol index ranks nothing
 ROWS = {"morris": "trajectories", "sobol": "rows"}
