@@ -88,18 +88,16 @@ class Recording:
             cloud, left_out = sound_points(self.topics[sensor.topic][index], what, size=_SIZE)
             left_out.tell(len(self.topics[sensor.topic][index]), what)
             return self._ahead(cloud, what)
-        file = self._file(index, sensor)
-        if index and filecmp.cmp(file, self._file(index - 1, sensor), shallow=False):
-            note(f"{file}: repeats the cloud of frame {index - 1}: the camera may have lost one")
-        for other in self.sensors[: self.sensors.index(sensor)] if sensor in self.sensors else ():
-            if filecmp.cmp(file, self._file(index, other), shallow=False):
-                note(f"{file}: is the cloud of sensor {other.name} too: one of the two may be a copy")
+        file = _cloud_file(self._stems(index, sensor), f"frame {index}", sensor)
+        before = self.sensors[: self.sensors.index(sensor)] if sensor in self.sensors else ()
+        for other, k in ([(sensor, index - 1)] if index else []) + [(other, index) for other in before]:
+            if any(filecmp.cmp(file, its, shallow=False) for its in _there(self._stems(k, other))):
+                note(f"{file}: repeats the cloud of frame {k} of {other.name}: the camera may have lost one")
         return self._ahead(read_cloud(file, size=_SIZE), str(file))
 
-    def _file(self, index: int, sensor: Sensor) -> Path:
-        """The file of a sensor's cloud. Raises InputError where it is missing."""
+    def _stems(self, index: int, sensor: Sensor) -> tuple[Path, Path]:
         number, frames = f"{index:04d}", self.folder / "frames"
-        return _cloud_file((frames / number / sensor.name, frames / sensor.name / number), f"frame {index}", sensor)
+        return frames / number / sensor.name, frames / sensor.name / number
 
     def has_reference(self) -> bool:
         return (self.folder / "reference").is_dir()
@@ -119,11 +117,14 @@ class Recording:
         return cloud
 
 
+def _there(stems: Sequence[Path]) -> list[Path]:
+    files = (stem.with_name(stem.name + suffix) for stem in stems for suffix in (".ply", ".npz"))
+    return [file for file in files if file.is_file()]
+
+
 def _cloud_file(stems: Sequence[Path], what: str, sensor: Sensor) -> Path:
-    files = [stem.with_name(stem.name + suffix) for stem in stems for suffix in (".ply", ".npz")]
-    there = [file for file in files if file.is_file()]
-    if not there:
-        raise InputError(f"{what}: sensor {sensor.name} is missing; expected {files[0]} or .npz")
+    if not (there := _there(stems)):
+        raise InputError(f"{what}: sensor {sensor.name} is missing; expected {stems[0]}.ply or .npz")
     if len(there) > 1:
         raise InputError(f"{what}: sensor {sensor.name} has {there[0]} and {there[1]}; expected one of them")
     return there[0]

@@ -456,7 +456,10 @@ def test_a_recording_that_contradicts_itself_is_said(recording: Path) -> None:
         shutil.copyfile(folder / "left.ply", folder / "right.ply")
     shutil.copytree(recording.parent / "reference", recording.parent / "old")
     shutil.copyfile(recording.parent / "old" / "left.ply", recording.parent / "reference" / "right.ply")
-    assert sum("is the cloud of sensor left too" in line for line in inspect(recording).notes) == 2
+    assert (
+        sum("right.ply: repeats the cloud of frame" in line and "of left" in line for line in inspect(recording).notes)
+        == 2
+    )
     program.write_text("time_s,channel_0,channel_1\n0,2,0\n0.01,2,0\n")
     said = inspect(recording)
     assert any("ends at 0.02 s, the frames at 0.2 s" in line for line in said.notes)
