@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fabdesign.csv_table import write_rows
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, note
 from fabdesign.lab_table import LabTable
 
 
@@ -47,7 +47,7 @@ def read_membrane_curve(path: Path) -> MembraneCurve:
                     raise InputError(f"{path} line {line}: {column} = {value:g} does not rise from the row before")
                 samples[direction].append(value)
     if (first := max((rows[0] for rows in strain if rows), default=0.0)) >= _STRETCH:
-        raise InputError(f"{path}: its strain begins at {first:g}; expected about 0 (is it the stretch, l / l0?)")
+        note(f"{path}: its strain begins at {first:g}; expected about 0 (is it the stretch, l / l0?)")
     for direction in (0, 1):
         if len(strain[direction]) == 1:
             raise InputError(f"{path}: direction {direction + 1} has one row; a curve needs at least two")
