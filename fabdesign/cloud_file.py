@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from fabdesign.bounded_file import read_bytes, require_few
 from fabdesign.errors import InputError
 from fabdesign.mcap_file import read_mcap
-from fabdesign.measured_points import require_cloud, require_room, sound_points
+from fabdesign.measured_points import (
+    names_instants,
+    require_cloud,
+    require_one_instant,
+    require_room,
+    sound_points,
+)
 from fabdesign.mesh_file import KINDS as MESHES
 from fabdesign.mesh_file import read_mesh
 from fabdesign.npz_file import open_npz, read_npy
@@ -170,6 +176,9 @@ def _npz(path: Path, frame: int) -> Geometry:
                 )
             require_few(math.prod(arrays.shape("points")) // 3, path, "points")
             points = arrays.get("points")
+            for name in arrays.names:
+                if names_instants(name):
+                    require_one_instant(arrays.get(name), name, str(path))
     if trial:
         data = read_trial(path, size=np.inf)
         index = _frame(frame, len(data.frames), path)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fabdesign.csv_table import write_rows
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, note
 from fabdesign.lab_table import LabTable
 
 
@@ -17,6 +17,7 @@ class MembraneCurve:
 
 
 COLUMNS = ["strain", "tension_n_per_m", "direction"]
+_STRETCH = 0.9  # a first strain from here on is a stretch
 _MOST = 5.0  # strain, more than any cloth bears
 
 
@@ -45,6 +46,8 @@ def read_membrane_curve(path: Path) -> MembraneCurve:
                 if samples[direction] and value <= samples[direction][-1]:
                     raise InputError(f"{path} line {line}: {column} = {value:g} does not rise from the row before")
                 samples[direction].append(value)
+    if (first := max((rows[0] for rows in strain if rows), default=0.0)) >= _STRETCH:
+        note(f"{path}: its strain begins at {first:g}; expected about 0 (is it the stretch, l / l0?)")
     for direction in (0, 1):
         if len(strain[direction]) == 1:
             raise InputError(f"{path}: direction {direction + 1} has one row; a curve needs at least two")

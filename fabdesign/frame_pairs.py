@@ -80,3 +80,12 @@ def _nearest(of: NDArray[np.int64], among: NDArray[np.int64]) -> NDArray[np.intp
     after = np.minimum(after, len(among) - 1)
     before = np.maximum(after - 1, 0)
     return np.where(of - among[before] <= among[after] - of, before, after)
+
+
+def left_out_line(pairs: FramePairs, topics: Sequence[str], times: NDArray[np.float64], where: str) -> str:
+    """A line on the frames that are left out since a sensor lost them, and on what stands twice; "" for none."""
+    lost = [f"{topics[column]} at {times[k]:.3g} s" for k, column in np.argwhere(pairs.clouds < 0)]
+    shown = f" (no cloud on {', '.join(lost[:3])}{', ...' * (len(lost) > 3)})" if lost else ""
+    counts = f"{int((~pairs.whole).sum())} of {len(times)} frames are left out{shown}"
+    line = f"{where}: by the stamps {counts}, and {pairs.repeated} clouds that repeat the one before"
+    return line if lost or pairs.repeated else ""

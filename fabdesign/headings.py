@@ -54,7 +54,9 @@ DIMENSIONS: Mapping[str, Dimension] = {
     **dict.fromkeys(("contraction", "stretch", "strain"), "ratio"),
 }
 _CHANNEL = re.compile(r"(?:channel|kanal|canal|ch|valve|ventil)_?(\d+)")
-_ABSOLUTE = re.compile(r"(?:^|_)p?abs(?:ol\w*)?(?:_|\d|$)")  # of a pressure, which files have as gauge pressure
+# of a pressure, which files have as gauge pressure
+_ABSOLUTE = re.compile(r"(?:^|[\W_])p?abs(?:ol\w*)?(?:[\W_]|\d|$)")
+_VACUUM = re.compile(r"vacuum|vakuum|unterdruck|suction|below_atm")
 _NUMBERED = re.compile(r"\D*?_?(\d+)")
 _BRACKETED = re.compile(r"(.*?)[\s_]*[\[(]([^\[\]()]*)[\])]\s*$")
 _SLASHED = re.compile(r"(.*\S)\s+/\s+(\S+)\s*$")
@@ -85,6 +87,11 @@ class Heading:
     def is_absolute(self) -> bool:
         """Whether a pressure is named an absolute one, above vacuum."""
         return _ABSOLUTE.search(self.name) is not None
+
+    @property
+    def is_vacuum(self) -> bool:
+        """Whether a pressure is named one below the atmosphere's, whose sign is the other one."""
+        return _VACUUM.search(self.name) is not None
 
     @property
     def number(self) -> int | None:

@@ -75,6 +75,8 @@ class LabTable:
             raise self.bad(f"{heading.text} has the unit {heading.symbol}")
         if dimension == "pressure" and heading.is_absolute:
             raise self.bad(f"{heading.text} is an absolute pressure; all pressures are gauge pressures")
+        if dimension == "pressure" and heading.is_vacuum:
+            raise self.bad(f"{heading.text} is a vacuum; all pressures are gauge pressures from 0")
         self.taken[index] = quantity
         return TableColumn(index, heading, unit.factor if unit is not None else default or Decimal(1))
 

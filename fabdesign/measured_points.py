@@ -4,6 +4,7 @@ A depth sensor writes NaN, pixels without depth at its own origin, and now and t
 frame is left out for that, counted and said; where more would go, the frame is refused.
 """
 
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.errors import InputError, note
+from fabdesign.headings import parse_heading
 
 Points = NDArray[np.float64]
 
@@ -20,6 +22,8 @@ _BEYOND = 3.0  # cloth sizes from the middle of the cloud: no point of the cloth
 _ALONE = 100.0  # median distances from the middle, beyond which no shape's own points lie, where no size is known
 _FULL = 0.97  # of the range of integers
 _MANY = 200  # points of a cloud, no markers, of which some lie between its ends
+_INSTANTS = {"frame", "frames", "time", "t", "timestamp", "zeit", "step", "bild", "scan"}  # when a point was there
+_ORDERED = 0.8  # of a depth image's variance along some direction, which its rows, and its columns, tell apart
 _LARGEST = 1e5  # of a coordinate in any unit: 100 m in millimetres
 _REPEATED, _REPEATED_SHARE = 8, 0.01  # points at exactly one place, which a measured surface never has
 
@@ -120,6 +124,40 @@ def require_room(points: NDArray[Any], where: str) -> None:
             f"{where}: points fill the range of {points.dtype}, {points.min()} to {points.max()}, in {axes}; expected "
             "room (did they wrap? a larger scale)"
         )
+
+
+def names_instants(name: str) -> bool:
+    """Whether a column or array of that name says when a point was there: `frame`, `Frame #`, `time_s`."""
+    return re.sub(r"[^a-z]+|nr$|no$|number|index|idx|id$", "", parse_heading(name).name) in _INSTANTS
+
+
+def require_one_instant(values: NDArray[Any], name: str, where: str) -> None:
+    """Raise InputError where `values`, of a column that `names_instants`, differ: its points are of several frames."""
+    if values.size and (values != values.flat[0]).any():
+        raise InputError(f"{where}: its points are of several instants ({name}); expected those of one")
+
+
+def require_image(image: NDArray[Any], where: str) -> None:
+    """Raise InputError unless (rows, columns, 3) can be a depth image, whose rows lie beside each other, as do its
+    columns. Frames of a cloud, (frames, points, 3), lie on each other: they would be read as one cloud."""
+    points = image.astype(np.float64)
+    sound = np.isfinite(points).all(axis=2) & points.any(axis=2)
+    if min(image.shape[:2]) < 2 or sound.sum() < _REPEATED:
+        return
+    kept = points[sound] - points[sound].mean(axis=0)
+    total = kept.T @ kept
+    axes = np.linalg.eigh(total)
+    wide = axes.eigenvalues > 1e-6 * axes.eigenvalues[-1]
+    scaled = kept @ (axes.eigenvectors[:, wide] / np.sqrt(axes.eigenvalues[wide]))
+    for lines in np.nonzero(sound):
+        sums = np.stack([np.bincount(lines, column) for column in scaled.T], axis=1)
+        counts = np.maximum(np.bincount(lines), 1)
+        told_apart = float(np.linalg.eigvalsh(sums.T @ (sums / counts[:, None]))[-1])
+        if told_apart < _ORDERED:
+            raise InputError(
+                f"{where}: is {image.shape}, whose rows or columns lie on each other; expected points (n, 3) of one "
+                "frame, or a depth image (are they frames?)"
+            )
 
 
 def within_reach(points: Points, *, size: float | None = None) -> bool:

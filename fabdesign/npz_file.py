@@ -16,7 +16,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from fabdesign.bounded_file import read_bytes, require_few
 from fabdesign.errors import InputError
-from fabdesign.measured_points import require_room
+from fabdesign.measured_points import require_image, require_room
 
 _NPY = b"\x93NUMPY"
 LARGEST = 600_000_000  # bytes of all arrays as they lie in the file, unpacked
@@ -31,6 +31,10 @@ class NpzArrays:
 
     def __contains__(self, name: str) -> bool:
         return name in self._archive.files
+
+    @property
+    def names(self) -> list[str]:
+        return self._archive.files
 
     def shape(self, name: str) -> tuple[int, ...]:
         """Return an array's shape without reading it. Raises InputError where it is not there."""
@@ -112,7 +116,10 @@ def read_npy(path: Path) -> NDArray[np.float64]:
         )
     require_few(math.prod(shape) // 3, path, "points")
     stream.seek(0)
-    points = np.load(stream, allow_pickle=False).reshape(-1, 3)
+    points = np.load(stream, allow_pickle=False)
+    if points.ndim == 3:
+        require_image(points, str(path))
+    points = points.reshape(-1, 3)
     require_room(points, str(path))
     return points.astype(np.float64)
 

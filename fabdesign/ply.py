@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.bounded_file import read_bytes, require_few
+from fabdesign.measured_points import names_instants, require_one_instant
 from fabdesign.output import whole_file
 from fabdesign.ply_body import AsciiBody, BinaryBody, Block, Element, Property, refuse
 from fabdesign.surface import require_fans
@@ -124,6 +125,9 @@ def _points(element: Element, blocks: list[Block], path: Path) -> NDArray[np.flo
     if any(kinds[axis] is not None for axis in "xyz"):
         refuse(path, "its vertices have lists for x, y, z")
     points = np.empty((element.count, 3))
+    for name in (name for name, count in kinds.items() if count is None and names_instants(name)):
+        values = [np.ravel(columns[name]) for _, columns in blocks]
+        require_one_instant(np.concatenate(values) if values else np.zeros(0), name, str(path))
     for rows, columns in blocks:
         for k, axis in enumerate("xyz"):
             points[rows, k] = columns[axis]

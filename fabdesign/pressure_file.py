@@ -24,6 +24,7 @@ _KPA = UNITS["kPa"]
 _KILO = _KPA.factor  # `channel_0` without a unit is in kPa
 _CONSTANT = re.compile(r"\s*[-+.\w]+(\s+[a-zA-Z]+)?(\s*,\s*[-+.\w]+(\s+[a-zA-Z]+)?)*\s*,?\s*")
 _CELL = re.compile(r"([-+]?(?:[\d.]+(?:e[-+]?\d+)?|nan|inf))\s*([a-z]*)", re.IGNORECASE)
+_WHICH = {"set", "setpoint", "soll", "command", "cmd", "target", "ref", "ist", "meas", "measured", "actual", "feedback"}
 _SLIGHT = 1 / 40  # of the benches' largest pressure: 400 kPa written in bar is a hundredth of it
 
 
@@ -45,12 +46,17 @@ def read_pressures(spec: str | Path, design: Design) -> PressureProgram:
 
 def told_slight(program: PressureProgram, design: Design, spec: str | Path) -> str:
     """Return a line where the pressures move next to nothing, as 2 bar written as kPa; else nothing."""
+    return told_slight_pressure(float(program.pressure.max(initial=0.0)), design, str(spec))
+
+
+def told_slight_pressure(highest: float, design: Design, where: str) -> str:
+    """Return the line for the highest of some pressures [Pa]."""
     benches = [max(design.muscle_types[muscle.type].bench.pressure) for muscle in design.muscles]
-    highest, most = float(program.pressure.max(initial=0.0)), max(benches, default=0.0)
+    most = max(benches, default=0.0)
     if not 0 < highest < _SLIGHT * most:
         return ""
     return (
-        f"{spec}: the largest pressure is {in_kpa(highest):g} kPa, and the muscles' benches go to {in_kpa(most):g} "
+        f"{where}: the largest pressure is {in_kpa(highest):g} kPa, and the muscles' benches go to {in_kpa(most):g} "
         "kPa: next to nothing moves; a number without a unit is in kPa (2bar, 0.2MPa and 29psi are read too)"
     )
 
@@ -153,6 +159,9 @@ def _channels(table: LabTable, time: TableColumn) -> list[TableColumn]:
     names = [table.headings[i].quantity for i in others]
     if all(name in (None, "pressure") for name in names):
         numbers = [number for i in others if (number := table.headings[i].number) is not None]
+        kinds = {word for i in others for word in table.headings[i].name.split("_") if word in _WHICH}
+        if len(kinds) > 1:
+            raise table.bad(f"{' and '.join(sorted(kinds))} may be of one channel: channel_0, channel_1, ... say which")
         if len(others) > 1 and numbers and numbers != list(range(numbers[0], numbers[0] + len(others))):
             raise table.bad("the numbers of its columns do not rise one by one: channel_0, channel_1, ... say which")
         return [table.take(i, f"channel_{k}") for k, i in enumerate(others)]

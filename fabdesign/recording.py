@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from fabdesign.cloud_file import read_cloud
 from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
+from fabdesign.effort import LONGEST
 from fabdesign.errors import InputError, note
-from fabdesign.frame_pairs import FramePairs, pair_frames
+from fabdesign.frame_pairs import left_out_line, pair_frames
 from fabdesign.mcap_file import read_mcap, read_stamps
 from fabdesign.measured_points import sound_points
 from fabdesign.measured_units import require_measured_pressures, require_seconds
@@ -87,15 +88,16 @@ class Recording:
             cloud, left_out = sound_points(self.topics[sensor.topic][index], what, size=_SIZE)
             left_out.tell(len(self.topics[sensor.topic][index]), what)
             return self._ahead(cloud, what)
-        file = self._file(index, sensor)
-        if index and filecmp.cmp(file, self._file(index - 1, sensor), shallow=False):
-            note(f"{file}: repeats the cloud of frame {index - 1}: the camera may have lost one")
+        file = _cloud_file(self._stems(index, sensor), f"frame {index}", sensor)
+        before = self.sensors[: self.sensors.index(sensor)] if sensor in self.sensors else ()
+        for other, k in ([(sensor, index - 1)] if index else []) + [(other, index) for other in before]:
+            if any(filecmp.cmp(file, its, shallow=False) for its in _there(self._stems(k, other))):
+                note(f"{file}: repeats the cloud of frame {k} of {other.name}: the camera may have lost one")
         return self._ahead(read_cloud(file, size=_SIZE), str(file))
 
-    def _file(self, index: int, sensor: Sensor) -> Path:
-        """The file of a sensor's cloud. Raises InputError where it is missing."""
+    def _stems(self, index: int, sensor: Sensor) -> tuple[Path, Path]:
         number, frames = f"{index:04d}", self.folder / "frames"
-        return _cloud_file((frames / number / sensor.name, frames / sensor.name / number), f"frame {index}", sensor)
+        return frames / number / sensor.name, frames / sensor.name / number
 
     def has_reference(self) -> bool:
         return (self.folder / "reference").is_dir()
@@ -115,12 +117,17 @@ class Recording:
         return cloud
 
 
+def _there(stems: Sequence[Path]) -> list[Path]:
+    files = (stem.with_name(stem.name + suffix) for stem in stems for suffix in (".ply", ".npz"))
+    return [file for file in files if file.is_file()]
+
+
 def _cloud_file(stems: Sequence[Path], what: str, sensor: Sensor) -> Path:
-    files = [stem.with_name(stem.name + suffix) for stem in stems for suffix in (".ply", ".npz")]
-    file = next((f for f in files if f.is_file()), None)
-    if file is None:
-        raise InputError(f"{what}: sensor {sensor.name} is missing; expected {files[0]} or .npz")
-    return file
+    if not (there := _there(stems)):
+        raise InputError(f"{what}: sensor {sensor.name} is missing; expected {stems[0]}.ply or .npz")
+    if len(there) > 1:
+        raise InputError(f"{what}: sensor {sensor.name} has {there[0]} and {there[1]}; expected one of them")
+    return there[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +165,8 @@ def read_recording(path: Path | str, *, convention: Convention = "forward") -> R
     program = read_pressures(folder / "pressure.csv", design)
     require_pressures(program, design, str(folder / "pressure.csv"))
     require_measured_pressures(program.pressure, str(folder / "pressure.csv"))
+    if frames.times[-1] > program.duration + 1.5 * float(np.diff(frames.times, prepend=0.0).max()):
+        note(f"{folder / 'pressure.csv'}: ends at {program.duration:.3g} s, the frames at {frames.times[-1]:.3g} s")
     return Recording(
         folder, name, design, frames.times, sensors, program, convention, mcap, frames.chosen, frames.left_out
     )
@@ -227,10 +236,16 @@ def _given_times(root: Table) -> Array | None:
     if "times" not in root:
         return None
     times = np.array(root.numbers("times"))
-    root.take("frame_rate", None)
+    rate = root.number("frame_rate", None, above=0)
     if len(times) == 0 or times[0] < 0 or (np.diff(times) <= 0).any():
         raise root.bad("times", "seconds after rest that rise")
     require_seconds(times, root.where)
+    if times[-1] > LONGEST:
+        raise InputError(
+            f"{root.where}: times go to {times[-1]:.6g} s; expected seconds after rest, {LONGEST:g} at most"
+        )
+    if len(times) > 1 and rate and not 1 / _OTHER_RATE < rate * (interval := np.median(np.diff(times))) < _OTHER_RATE:
+        note(f"{root.where}: times has a frame every {interval:.3g} s, and frame_rate = {rate:g}; times counts")
     return times
 
 
@@ -257,19 +272,10 @@ def _stamped(root: Table, mcap: Path, sensors: Sequence[Sensor]) -> _Frames:
         raise InputError(f"{mcap}: {len(whole)} frames by their stamps; expected {len(given)}, one a time")
     times = given if given is not None else np.round(1 / (rate or 1.0) + pairs.time, 6)
     require_seconds(times, str(mcap))
-    left_out = _left_out(pairs, topics, times, str(mcap))
+    left_out = left_out_line(pairs, topics, times, str(mcap))
     if left_out:
         note(left_out)
     return _Frames(times[whole], pairs.clouds[whole], left_out)
-
-
-def _left_out(pairs: FramePairs, topics: Sequence[str], times: Array, where: str) -> str:
-    """A line on the frames that are left out since a sensor lost them, and on what stands twice; "" for none."""
-    lost = [f"{topics[column]} at {times[k]:.3g} s" for k, column in np.argwhere(pairs.clouds < 0)]
-    shown = f" (no cloud on {', '.join(lost[:3])}{', ...' * (len(lost) > 3)})" if lost else ""
-    counts = f"{int((~pairs.whole).sum())} of {len(times)} frames are left out{shown}"
-    line = f"{where}: by the stamps {counts}, and {pairs.repeated} clouds that repeat the one before"
-    return line if lost or pairs.repeated else ""
 
 
 def _times(root: Table, folder: Path, sensors: Sequence[Sensor]) -> Array:

@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
 from fabdesign.effort import MUSCLES
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, note
 from fabdesign.forward import HOLD, RISE
 from fabdesign.model import Model
 from fabdesign.model_file import read_model
 from fabdesign.pressure import LARGEST, limits
-from fabdesign.pressure_file import pressure_file_of, read_pressures
+from fabdesign.pressure_file import pressure_file_of, read_pressures, told_slight_pressure
 from fabdesign.search_terms import Price, Robust, read_price, read_robust
 from fabdesign.shape_output import ShapeOutput, read_shape_outputs
 from fabdesign.study_targets import TargetFile, read_targets
@@ -219,6 +219,7 @@ def _limits(root: Table, path: Path, design: Design) -> StudyLimits:
         pressure = (pascals(str(low)), pascals(str(high)))
         if pressure[1] > most:
             raise table.bad("pressure", f"at most {in_kpa(most):g} kPa, the muscles' maximum")
+        _say_slight(pressure[1], design, f"{table.where}: pressure")
     own = StudyLimits(
         pressure=pressure,
         spacing=table.number("spacing", default.spacing, least=0),
@@ -229,6 +230,8 @@ def _limits(root: Table, path: Path, design: Design) -> StudyLimits:
         seconds=table.number("seconds", default.seconds, above=0),
         evaluations=table.integer("evaluations", default.evaluations, least=1),
     )
+    if own.spacing >= min(design.fabric.width, design.fabric.height):
+        raise table.bad("spacing", "less than the cloth, in m")
     if 2 * own.edge >= min(design.fabric.width, design.fabric.height):
         raise table.bad("edge", "less than half the cloth, in m")
     table.finish()
@@ -242,7 +245,14 @@ def read_start_pressures(root: Table, design: Design) -> NDArray[np.float64] | N
         return None
     if len(values) != design.channels or min(values) < 0:
         raise root.bad("start_pressures", f"{design.channels} pressures in kPa, from 0")
-    return np.array([pascals(str(value)) for value in values])
+    pressures = np.array([pascals(str(value)) for value in values])
+    _say_slight(float(pressures.max(initial=0.0)), design, f"{root.where}: start_pressures")
+    return pressures
+
+
+def _say_slight(highest: float, design: Design, where: str) -> None:
+    if line := told_slight_pressure(highest, design, where):
+        note(line)
 
 
 def _earlier(root: Table, path: Path) -> EarlierResult | None:

@@ -4,13 +4,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from fabdesign.errors import InputError
+import numpy as np
+
+from fabdesign.errors import InputError, note
 from fabdesign.fabric import Fabric
 from fabdesign.placement import UNITS, Unit
 from fabdesign.regions import Weighting, read_regions
 from fabdesign.sheet import Face
 from fabdesign.table import Table
 from fabdesign.wishes import Wish, read_wishes
+
+_NEAR_RADIANS = 0.002  # of a quarter turn: 1.57 and 3.1416 degrees are no angles that anybody turns by
 
 
 @dataclass(frozen=True)
@@ -64,6 +68,9 @@ def read_targets(root: Table, path: Path, fabric: Fabric) -> tuple[TargetFile, .
             free=table.flag("free", False),
             weighting=read_regions(table, fabric),
         )
+        turns = target.rotation or ()
+        if any(abs(abs(turn) - k * np.pi / 2) < _NEAR_RADIANS for turn in turns for k in (1, 2, 3)):
+            note(f"{table.where}: rotation = {[*turns]} is read in degrees (is it in radians?)")
         if target.free and target.weighting is not None:
             raise table.bad("free", "false beside regions, which are weighed where the target stands")
         if target.place == "fit" and "translation" in table:

@@ -27,6 +27,7 @@ _HELD = 0.25  # of the cloth's shorter side: three quarters of the hung edge hav
 _ABOVE = 0.25  # of the shorter side above the hung edge, where ...
 _FEW = 0.2  # ... no more than this share of the points may be
 _SPANNED = 0.5  # of the hung edge, that the points span at least: it is held straight
+_ACROSS = 1.3  # of the cloth's diagonal: elastic cloth that muscles shorten
 _REACH = 1.5  # of the farthest place of the flat cloth from the hung edge
 
 # what may have been done to the points -> what takes it back
@@ -75,7 +76,8 @@ def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: f
     from scipy.spatial import cKDTree
 
     flat, short = at_rest(fabric, 5, 5), min(fabric.width, fabric.height)
-    span = float(np.ptp(np.quantile(points, [0.02, 0.98], axis=0), axis=0).max())
+    spans = np.ptp(np.quantile(points, [0.02, 0.98], axis=0), axis=0)
+    span, across, diagonal = float(spans.max()), float(np.linalg.norm(spans)), np.hypot(fabric.width, fabric.height)
     held = float(np.linalg.norm(np.ptp(hung, axis=0)))
     if span < _SPANNED * held:
         return f"the points span {in_mm(span):.3g} mm; expected a cloth held along {in_mm(held):.0f} mm"
@@ -86,6 +88,8 @@ def _fault(points: Array, middle: Array, hung: Array, fabric: Fabric, leaning: f
         return (
             f"points lie {in_mm(reached):.0f} mm from where the cloth is held; expected {in_mm(farthest):.0f} at most"
         )
+    if across > _ACROSS * diagonal:
+        return f"the points are {in_mm(across):.0f} mm across; expected the cloth's diagonal, {in_mm(diagonal):.0f} mm"
     sparse = 2 * np.sqrt(fabric.width * fabric.height / len(points))  # of points drawn by chance, the widest gaps
     near = cKDTree(points, balanced_tree=False, compact_nodes=False)  # built twice as fast, for few questions
     gap = float(np.quantile(near.query(hung)[0], 0.75))

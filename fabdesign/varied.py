@@ -7,12 +7,13 @@ import numpy as np
 
 from fabdesign.design import Design
 from fabdesign.effects.registry import check_values, effect_named
-from fabdesign.errors import InputError
+from fabdesign.errors import InputError, note
 from fabdesign.forward import FACTOR_RANGE, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
 from fabdesign.model import Model
 from fabdesign.pressure import limits
+from fabdesign.pressure_file import told_slight_pressure
 from fabdesign.table import Table, nearest
-from fabdesign.units import in_kpa
+from fabdesign.units import in_kpa, pascals
 
 Kind = Literal["pressure", "position", "factor", "effect"]
 _AXES = {"u": 0, "v": 1}
@@ -69,6 +70,8 @@ def _varied(name: str, table: Table, design: Design, model: Model) -> Varied:
             f"{table.where}: low = {low:g}, high = {high:g}; expected low < high, from {bounds[0]:g} to {bounds[1]:g}"
             f"{_in(unit)}"
         )
+    if kind == "pressure" and (slight := told_slight_pressure(pascals(str(high)), design, table.where)):
+        note(slight)
     return Varied(name, kind, key, low, high, unit)
 
 

@@ -23,6 +23,7 @@ Point = tuple[float, float, float]
 EDGES = ("top", "bottom", "left", "right")
 ALONG = 9  # places of an edge, and of a tube in each direction
 WORLD, FROM_FLAT = ("x", "y", "z"), ("right", "up", "forward")
+_FLAT = 50.0  # cloth heights, the radius of a tube that bends a cloth of 0.2 m by 2 mm
 _STRETCH = 1.15  # of the flat cloth's lengths, as of a cloud (fabdesign/hung_cloth.py)
 
 
@@ -82,7 +83,7 @@ def _tube(table: Table, fabric: Fabric) -> Wish:
     """The whole cloth bent about a horizontal axis, from the upper edge on, where the tube stands upright."""
     if fabric.hung != "top":
         raise InputError(f"{table.where}: for a cloth held elsewhere; expected one hung by its top edge")
-    radius = table.number("radius", least=0.005)
+    radius = table.number("radius", least=0.005, most=_FLAT * fabric.height)
     sign = {"front": 1.0, "back": -1.0}[table.text("towards", "front", choices=("front", "back"))]
     table.finish()
     u, v = np.meshgrid(np.linspace(0, fabric.width, ALONG), np.linspace(0, fabric.height, ALONG))

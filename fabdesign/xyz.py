@@ -18,11 +18,11 @@ from fabdesign.csv_table import (
 )
 from fabdesign.errors import InputError, note
 from fabdesign.headings import parse_heading, parse_units_row
+from fabdesign.measured_points import names_instants, require_one_instant
 from fabdesign.placement import Unit
 
 _AXES = ["x", "y", "z"]
 _COMMENTS = ("#", "//")
-_INSTANTS = {"frame", "frames", "time", "t", "timestamp", "zeit", "step"}  # columns that say when a point was there
 _PTS_WIDTHS = (3, 4, 6, 7)  # x y z, then an intensity, a colour, or both
 Lines = list[tuple[int, str]]  # with their numbers in the file
 
@@ -114,6 +114,7 @@ def _with_header(lines: Lines, path: Path) -> Lines:
     CloudCompare, whose count of points may follow, "# z y x" of numpy's savetxt. Raises InputError where there are not
     so many points."""
     rest = [line for line in lines if not line[1].startswith(_COMMENTS)]
+    _require_one_block(lines, path)
     for number, line in lines:
         if not line.startswith(_COMMENTS):
             break
@@ -127,6 +128,14 @@ def _with_header(lines: Lines, path: Path) -> Lines:
             if line.startswith("//") or (rest and len(_split(rest[0][1], mark)) == len(cells) and _is_row(rest[0][1])):
                 return [(number, (mark or " ").join(cell.replace(" ", "") + unit for cell in cells)), *rest]
     return rest
+
+
+def _require_one_block(lines: Lines, path: Path) -> None:
+    """Raise InputError where several comments name a frame, as "# frame 0" and "# frame 1" do above their points."""
+    words = (line.lstrip("#/ ").lower() for _, line in lines if line.startswith(_COMMENTS))
+    blocks = {word for word in words if names_instants(word.rstrip("0123456789.:=+- smµ[]()"))}
+    if len(blocks) > 1:
+        raise InputError(f"{path}: its comments part several frames ({min(blocks)[:40]}, ...); expected one")
 
 
 def _commented(line: str) -> tuple[list[str], str]:
@@ -166,11 +175,9 @@ def _named(path: Path, lines: Lines, mark: str | None) -> tuple[list[int], Unit 
             _refuse(path, rest[0], "names other units than the header")
         symbols = [row[i] or symbol for i, symbol in zip(columns, symbols, strict=True)]
         rest = rest[1:]
-    for i in (i for i, name in enumerate(names) if name in _INSTANTS and rest):
-        cells = (_split(line, mark)[i : i + 1] for _, line in rest)
-        first = next(cells)
-        if any(other != first for other in cells):
-            raise InputError(f"{path}: its points are of several instants ({headings[i].text}); expected those of one")
+    for i in (i for i, name in enumerate(names) if names_instants(name) and rest):
+        cells = np.array([",".join(_split(line, mark)[i : i + 1]) for _, line in rest])
+        require_one_instant(cells, headings[i].text, str(path))
     return columns, _unit(path, lines[0], symbols), rest
 
 

@@ -46,7 +46,7 @@ def terms(draw: st.DrawFn) -> EffectTerm:
 models = st.builds(
     Model,
     parameters=parameters,
-    effects=st.lists(terms(), max_size=2).map(tuple),
+    effects=st.lists(terms(), max_size=2, unique_by=lambda each: each.name).map(tuple),
     without_effects=st.none() | parameters,
     covariance=st.none() | st.just(Covariance(("bending", "filling_lag.fill"), np.array([[0.1, 0.2], [0.2, 3]]))),
     corrector=st.none(),

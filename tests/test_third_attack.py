@@ -1,4 +1,4 @@
-"""What a third attack on the program has found: files as laboratories have them, and names that become files."""
+"""What a third and a fourth attack have found: files as laboratories have them, and names that become files."""
 
 import json
 import shutil
@@ -13,7 +13,8 @@ import pytest
 from fabdesign.catalogue import build
 from fabdesign.cloud_file import read_geometry
 from fabdesign.curve_file import read_membrane_curve
-from fabdesign.errors import InputError
+from fabdesign.design_file import write_design
+from fabdesign.errors import InputError, InputNote
 from fabdesign.measured_points import require_room
 from fabdesign.measurement_set import NewTrial, read_set, write_set
 from fabdesign.model_file import read_model
@@ -267,3 +268,201 @@ def test_a_full_disk_under_an_optuna_store_is_one_line(tmp_path: Path, monkeypat
     table = EvaluationsTable(["part", "evaluation", "seconds", "stage", "objective_mm", "diverged"], [])
     with pytest.raises(InputError, match=r"cannot be written \(database or disk is full\)"):
         write_optuna_store(table, tmp_path / "t.db", "x")
+
+
+# what a fourth attack has found
+
+
+def bent(count: int) -> np.ndarray:
+    """(count, 20, 3) m: a cloth that bends further from frame to frame, by the same points."""
+    rows = np.random.default_rng(4).uniform([-0.1, -0.2, 0.0], [0.1, 0.0, 0.0], (20, 3))
+    depth = np.linspace(0.0, 0.08, count)[:, None] * (rows[:, 1] / 0.2) ** 2
+    return np.stack([np.broadcast_to(rows[:, 0], depth.shape), np.broadcast_to(rows[:, 1], depth.shape), depth], axis=2)
+
+
+def depth_image() -> np.ndarray:
+    """(24, 32, 3) m: a bent cloth as a camera at 0.6 m sees it, turned in its plane, with pixels that saw nothing."""
+    v, u = np.meshgrid(np.linspace(-0.2, 0.2, 24), np.linspace(-0.25, 0.25, 32), indexing="ij")
+    z = 0.6 + 0.08 * np.sin(3 * v + u)
+    cosine, sine = np.cos(0.6), np.sin(0.6)
+    image = np.stack([(cosine * u - sine * v) * z, (sine * u + cosine * v) * z, z], axis=2)
+    image[np.random.default_rng(0).random((24, 32)) < 0.2] = np.nan
+    image[0] = 0.0
+    return image
+
+
+@pytest.mark.parametrize("frames", [bent(6), bent(40), bent(6).swapaxes(0, 1), bent(1).repeat(5, axis=0)])
+def test_frames_in_an_npy_are_no_depth_image(frames: np.ndarray, tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", frames)
+    with pytest.raises(InputError, match=r"lie on each other; .*are they frames\?"):
+        read_geometry(tmp_path / "a.npy")
+
+
+def test_a_depth_image_is_read(tmp_path: Path) -> None:
+    image = depth_image()
+    for name, each in (("a", image), ("one_row", bent(1)), ("metres", image + [0.0, 0.5, 3.0])):
+        np.save(tmp_path / f"{name}.npy", each)
+        assert len(read_geometry(tmp_path / f"{name}.npy").points) > 0.7 * each.size / 3
+
+
+def write_numbered(folder: Path, kind: str, name: str, frames: np.ndarray) -> Path:
+    """A cloud whose points have a number each, under `name`."""
+    path, rows = folder / f"a.{kind}", np.column_stack([POINTS, frames])
+    if kind == "npz":
+        np.savez(path, points=POINTS, **{name: frames})
+        return path
+    ply = f"ply\nformat ascii 1.0\nelement vertex {len(rows)}\n"
+    ply += "".join(f"property float {each}\n" for each in ("x", "y", "z", name)) + "end_header\n"
+    pcd = f"FIELDS x y z {name}\nSIZE 4 4 4 4\nTYPE F F F F\nWIDTH {len(rows)}\nHEIGHT 1\nDATA ascii\n"
+    heads = {"ply": ply, "pcd": pcd, "csv": f"x,y,z,{name}\n"}
+    path.write_text(heads[kind] + text(rows, "," if kind == "csv" else " "))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kind", "name"),
+    [("npz", "time"), ("npz", "frame_id"), ("ply", "frame"), ("pcd", "time"), ("csv", "Frame #"), ("csv", "Bild Nr")],
+)
+def test_points_of_several_frames_are_refused(kind: str, name: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="its points are of several instants"):
+        read_geometry(write_numbered(tmp_path, kind, name, np.arange(12) // 6))
+    assert len(read_geometry(write_numbered(tmp_path, kind, name, np.full(12, 7))).points) == 12
+
+
+def test_comments_that_part_frames_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.xyz").write_text("# frame 0\n" + text(POINTS) + "# frame 1\n" + text(POINTS + 0.1))
+    with pytest.raises(InputError, match="comments part several frames"):
+        read_geometry(tmp_path / "a.xyz")
+    (tmp_path / "a.xyz").write_text("# frame 0\n# made today\n" + text(POINTS))
+    assert len(read_geometry(tmp_path / "a.xyz").points) == 12
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        ("time_s,Druck abs. [kPa]\n0,101\n1,301\n", "is an absolute pressure"),
+        ("time_s,vacuum_0 [kPa]\n0,50\n1,20\n", "is a vacuum"),
+        ("time_s,p_set [kPa],p_meas [kPa]\n0,100,99\n1,200,180\n", "may be of one channel"),
+    ],
+)
+def test_pressures_of_another_kind_are_refused(content: str, why: str, tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text(content)
+    with pytest.raises(InputError, match=why):
+        read_csv(tmp_path / "p.csv")
+
+
+def test_a_stretch_that_is_called_a_strain_is_said(tmp_path: Path) -> None:
+    (tmp_path / "c.csv").write_text("strain,tension_n_per_m\n1.0,0\n1.1,52\n")
+    with pytest.warns(InputNote, match="begins at 1; expected about 0"):
+        read_membrane_curve(tmp_path / "c.csv")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line"),
+    [
+        ("seed = 1", "seed = 1\nstart_pressures = [2, 2]", "the largest pressure is 2 kPa"),
+        ("[0, 300]", "[0, 3]", "the largest pressure is 3 kPa"),
+        ("[0, 300]", "[0, 300]\nspacing = 6", "spacing = 6; expected less than the cloth, in m"),
+        ('file = "a.xyz"', 'file = "a.xyz"\nrotation = [0, 3.1416, 0]', "is read in degrees (is it in radians?)"),
+        ('file = "a.xyz"', "[target.tube]\nradius = 64", "radius = 64; expected a number from 0.005 to 10"),
+    ],
+)
+def test_a_study_in_other_units_is_said(old: str, new: str, line: str, tmp_path: Path) -> None:
+    write_design(build("cross", muscles=2), tmp_path / "d.toml")
+    u, v = np.meshgrid(np.linspace(-0.1, 0.1, 20), np.linspace(-0.2, 0.0, 20))
+    (tmp_path / "a.xyz").write_text(text(np.column_stack([u.ravel(), v.ravel(), 0.02 + 0 * u.ravel()])))
+    content = (
+        'kind = "optimize"\ndesign = "d.toml"\nseed = 1\n[target]\nfile = "a.xyz"\n[limits]\npressure = [0, 300]\n'
+    )
+    (tmp_path / "s.toml").write_text(content)
+    assert not inspect(tmp_path / "s.toml").notes
+    assert old in content
+    (tmp_path / "s.toml").write_text(content.replace(old, new))
+    said = inspect(tmp_path / "s.toml")
+    assert any(line in each for each in (*said.problems, *said.notes))
+
+
+def test_a_sweep_of_pressures_in_bar_is_said(tmp_path: Path) -> None:
+    write_design(build("cross", muscles=2), tmp_path / "d.toml")
+    content = 'kind = "sensitivity"\ndesign = "d.toml"\n[parameters.pressure.0]\nlow = 1\nhigh = '
+    for high, count in ((3, 1), (300, 0)):
+        (tmp_path / "s.toml").write_text(f"{content}{high}\n")
+        assert len(inspect(tmp_path / "s.toml").notes) == count
+
+
+def test_gravity_that_pulls_upwards_is_warned_of(tmp_path: Path) -> None:
+    design = build("cross", muscles=2)
+    for upwards, count in ((9.81, 1), (-9.81, 0)):
+        fabric = replace(design.fabric, gravity=(0.0, upwards, 0.0))
+        write_design(replace(design, fabric=fabric), tmp_path / "d.toml")
+        lines = inspect(tmp_path / "d.toml").warnings
+        assert sum("where it is held (its sign?)" in line for line in lines) == count
+        (tmp_path / "d.toml").unlink()
+
+
+def test_frames_and_trials_that_repeat_are_warned_of(tmp_path: Path) -> None:
+    rng, design = np.random.default_rng(1), build("cross", muscles=2)
+    a, b, c = (rng.uniform([-0.1, -0.2, 0.0], [0.1, 0.0, 0.01], (50, 3)) for _ in range(3))
+    trials = [
+        NewTrial(name, "cross", order, role, TrialData(np.arange(1, 4) / 10, np.full((3, 2), 3e5), clouds))
+        for order, (name, role, clouds) in enumerate(
+            [("sound", "fit", (a, b, c)), ("stopped", "fit", (a, b, b)), ("again", "test", (a, b, c))]
+        )
+    ]
+    write_set(tmp_path / "set", {"cross": design}, trials, name="x")
+    lines = [line for line in inspect(tmp_path / "set").warnings if ".npz: " in line]
+    assert len(lines) == 2
+    assert "stopped.npz: 1 of 3 frames repeat the one before" in lines[0]
+    assert "again.npz: has the frames of" in lines[1] and "sound.npz" in lines[1]
+
+
+def test_a_trial_half_as_large_again_as_its_cloth_is_refused(tmp_path: Path) -> None:
+    cloud = np.random.default_rng(1).uniform([-0.1, -0.2, 0.0], [0.1, 0.0, 0.01], (200, 3))
+    for scale, sound in ((1.0, True), (1.5, False)):
+        data = TrialData(np.arange(1, 3) / 10, np.full((2, 2), 3e5), (scale * cloud, scale * cloud[::-1]))
+        folder = tmp_path / str(scale)
+        write_set(folder, {"cross": build("cross", muscles=2)}, [NewTrial("t", "cross", 0, "fit", data)], name="x")
+        problems = inspect(folder).problems
+        assert not problems if sound else "mm across; expected the cloth's diagonal, 283 mm" in problems[0]
+
+
+@pytest.mark.parametrize(
+    ("parameter", "covariance", "line"),
+    [
+        ("interval90 = [-0.05, 0.05]", "bending", "factor = 1.08 lies outside its interval90, -0.05 to 0.05"),
+        ("interval90 = [1.0, 1.2]", "bendin", "[covariance] names bendin"),
+        ("interval90 = [1.0, 1.2]", "bending", ""),
+    ],
+)
+def test_a_model_that_contradicts_itself_is_warned_of(
+    parameter: str, covariance: str, line: str, tmp_path: Path
+) -> None:
+    content = f'format = "fabdesign.model/1"\n[parameters.bending]\nfactor = 1.08\n{parameter}\n'
+    (tmp_path / "m.toml").write_text(f'{content}[covariance]\nnames = ["{covariance}"]\nmatrix = [[0.01]]\n')
+    warnings = inspect(tmp_path / "m.toml").warnings
+    assert line in warnings[0] if line else not warnings
+
+
+def test_a_recording_that_contradicts_itself_is_said(recording: Path) -> None:
+    content, frames, program = recording.read_text(), recording.parent / "frames", recording.parent / "pressure.csv"
+    recording.write_text(content.replace("times =", "frame_rate = 30\ntimes ="))
+    assert any("frame_rate = 30; times counts" in line for line in inspect(recording).notes)
+    recording.write_text(content.replace("[0.1, 0.2]", "[1.7e9, 1700000001.0]"))
+    with pytest.raises(InputError, match=r"times go to .*expected seconds after rest, 3600 at most"):
+        read_recording(recording)
+    pose = "[[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]"
+    recording.write_text(f'{content}\n[[sensors]]\nname = "right"\ncamera_to_world = {pose}\n')
+    for folder in frames.iterdir():
+        shutil.copyfile(folder / "left.ply", folder / "right.ply")
+    shutil.copytree(recording.parent / "reference", recording.parent / "old")
+    shutil.copyfile(recording.parent / "old" / "left.ply", recording.parent / "reference" / "right.ply")
+    assert (
+        sum("right.ply: repeats the cloud of frame" in line and "of left" in line for line in inspect(recording).notes)
+        == 2
+    )
+    program.write_text("time_s,channel_0,channel_1\n0,2,0\n0.01,2,0\n")
+    said = inspect(recording)
+    assert any("ends at 0.02 s, the frames at 0.2 s" in line for line in said.notes)
+    assert any("largest pressure = 2 kPa" in line and "in bar?" in line for line in said.warnings)
+    np.savez(frames / "0000" / "left.npz", points=POINTS)
+    assert any("left.ply and" in line for line in inspect(recording).problems)

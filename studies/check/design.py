@@ -8,6 +8,7 @@ import numpy as np
 from fabdesign.design import Design
 from fabdesign.design_file import DesignPart
 from fabdesign.fabric import Fabric
+from fabdesign.hung_cloth import at_rest, held_places
 from fabdesign.muscle import WIDEST, BenchTable, MuscleType, diameter_slip
 from fabdesign.units import in_kpa, in_mm
 from optimize.geometry import bend_radius, clearance
@@ -17,6 +18,7 @@ from studies.check.ranges import BLOCKED, FABRIC, FREE_CONTRACTION, GRAVITY, MUS
 SPACING = 0.006  # m, that `optimize` keeps between muscles on one face where a study says nothing
 _ROUNDING = 1e-6  # m
 _ROWS = 4  # of a bench table, that a muscle's law is fitted to
+_UPWARDS = 0.5  # cosine, from which gravity points back to the held places
 _THICK = 0.1  # of the cloth's shorter side
 _NAMED = 3  # pairs of muscles; of more the number is said
 
@@ -144,6 +146,11 @@ def bench_table_lines(bench: BenchTable, diameter: float | None = None) -> Itera
 
 
 def _scene(design: Design) -> Iterator[str]:
+    gravity, held = np.array(design.fabric.gravity), held_places(design.fabric)
+    if len(held) and gravity.any():
+        hangs = at_rest(design.fabric, 5, 5).mean(axis=0) - held.mean(axis=0)
+        if gravity @ hangs < -_UPWARDS * np.linalg.norm(gravity) * np.linalg.norm(hangs):
+            yield f"fabric: gravity = {[*design.fabric.gravity]} pulls the cloth towards where it is held (its sign?)"
     used = {muscle.channel for muscle in design.muscles}
     unused = design.channels - len(used)
     if unused:

@@ -1,8 +1,10 @@
 """Every kind of file that a command reads: how it is recognised, and what is asked of it."""
 
+import hashlib
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +24,7 @@ from fabdesign.fabric import Fabric
 from fabdesign.headings import parse_heading, parse_units_row, unit_of
 from fabdesign.measurement_set import read_set
 from fabdesign.model_file import read_model
+from fabdesign.model_sampling import joint_root
 from fabdesign.motion_file import read_motion
 from fabdesign.npz_file import open_npz
 from fabdesign.pressure import PressureProgram
@@ -42,6 +45,7 @@ _DESIGN = "fabdesign.design/1"  # as may a file that designs include
 _FOLDERS = ("set.toml", "recording.toml", "bench.toml", "model.toml", "design.toml")
 _LARGEST = 10.0  # m across, of a cloud in metres
 _LATE = 10.0  # intervals between frames: a first frame later than so many is no first one
+_OTHER = 1.5  # times the interval that a set's frame rate says
 _SLOW = 8.0  # s between rows of a program or frames of a motion, from which milliseconds are likelier
 
 
@@ -107,14 +111,18 @@ def _set(path: Path) -> Findings:
     findings = Findings()
     for name, design in measured.designs.items():
         findings += design_findings(design, f"{path}: designs.{name}")
-    findings += failures(trial.load for trial in measured.trials)
+    seen: dict[bytes, Path] = {}
     for trial in measured.trials:
+        try:
+            findings += _repeats(trial.load().frames, trial.file, seen)
+        except InputError as error:
+            findings += Findings((str(error),))
         try:
             findings += _programs(trial.program, str(trial.file), measured_at=trial.times)
             interval = float(np.median(np.diff(trial.times))) if len(trial.times) > 1 else 0.0
         except InputError:
             continue  # `load` has said so
-        if measured.frame_rate and interval and not 0.5 < interval * measured.frame_rate < 2:
+        if measured.frame_rate and interval and not 1 / _OTHER < interval * measured.frame_rate < _OTHER:
             line = (
                 f"{trial.file}: a frame every {interval:.3g} s; set.toml says frame_rate = {measured.frame_rate:g} Hz"
             )
@@ -125,9 +133,21 @@ def _set(path: Path) -> Findings:
     return findings
 
 
+def _repeats(frames: Sequence[NDArray[np.float64]], file: Path, seen: dict[bytes, Path]) -> Findings:
+    """What noise never does: frames equal to the one before, and those of a trial `seen` under another name."""
+    lines = []
+    hashes = [hashlib.sha256(frame.tobytes()).digest() for frame in frames]
+    if count := sum(a == b for a, b in pairwise(hashes)):
+        lines.append(f"{file}: {count} of {len(frames)} frames repeat the one before (did the sensor stop?)")
+    if (same := seen.setdefault(b"".join(hashes), file)) != file:
+        lines.append(f"{file}: has the frames of {same}; a trial counts once, and on one side of a split")
+    return Findings(warnings=tuple(lines))
+
+
 def _recording(path: Path) -> Findings:
     recording = read_recording(path)
-    return design_findings(recording.design, f"{path}: design") + failures(_clouds(recording))
+    findings = design_findings(recording.design, f"{path}: design") + failures(_clouds(recording))
+    return findings + _programs(recording.program, str(recording.folder / "pressure.csv"), measured_at=recording.times)
 
 
 def _clouds(recording: Recording) -> Iterator[Callable[[], object]]:
@@ -141,6 +161,12 @@ def _clouds(recording: Recording) -> Iterator[Callable[[], object]]:
 def _model(path: Path) -> Findings:
     model = read_model(path)
     lines = [line for name, factor in model.factors.items() for line in beyond(f"{name}: factor", factor, FACTOR)]
+    for name, parameter in model.parameters.items():
+        low, high = parameter.interval90 or (parameter.factor, parameter.factor)
+        if not low <= parameter.factor <= high:
+            lines.append(f"{name}: factor = {parameter.factor:g} lies outside its interval90, {low:g} to {high:g}")
+    sound = failures([partial(joint_root, model)]) if model.covariance is not None else Findings()
+    lines += sound.problems
     return Findings(warnings=tuple(f"{path}: {line}" for line in lines))
 
 
