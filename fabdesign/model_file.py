@@ -11,6 +11,7 @@ import tomlkit
 
 from fabdesign.corrector import central_hash
 from fabdesign.effect_file import effect_items, read_effect, read_interval, read_scope
+from fabdesign.effects.registry import label_effect, labels_of
 from fabdesign.effort import COARSEST, FINEST
 from fabdesign.errors import InputError
 from fabdesign.forward import FACTOR_RANGE, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS
@@ -33,9 +34,10 @@ def read_model(path: Path | str) -> Model:
     parameters = _parameters(root, "parameters") or {}
     without_effects = _parameters(root, "parameters_without_effects")
     effects = tuple(read_effect(table) for table in root.tables("effects"))
-    named = [(effect.name, effect.scope) for effect in effects]
-    if twice := next((name for name, scope in named if named.count((name, scope)) > 1), None):
-        raise InputError(f"{path}: effects: {twice} stands twice with one scope; expected it once")
+    terms = [effect.term for effect in effects]
+    labels = [(label, term.scope) for label, term in zip(labels_of(terms), terms, strict=True)]
+    if twice := next((label for label, scope in labels if labels.count((label, scope)) > 1), None):
+        raise InputError(f"{path}: effects: {label_effect(twice)} stands twice with one scope; expected it once")
     corrector, corrector_hash = None, None
     if (weights := root.table("corrector", None)) is not None:
         corrector = weights.path("weights", path.parent)

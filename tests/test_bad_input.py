@@ -278,9 +278,9 @@ def _impossible(folder: Path) -> None:
     (folder / "included.toml").write_text(design.replace("[fabric]", 'include = ["law.toml"]\n\n[fabric]', 1))
     (folder / "key.toml").write_text('format = "fabdesign.key/1"\n[parameters]\nbendin = 1.1\n')
     (folder / "bench").mkdir()
-    (folder / "bench" / "r.csv").write_text("strain,force_n\n0,0\n0.1,1\n")
+    (folder / "bench" / "r.csv").write_text("draw,force_n\n0,0\n0.1,1\n")
     (folder / "bench" / "bench.toml").write_text(
-        'format = "fabdesign.bench/1"\nspecimen = "strip"\ninput = ["strain"]\noutput = "force_n"\n'
+        'format = "fabdesign.bench/1"\nspecimen = "strip"\ninput = ["draw"]\noutput = "force_n"\n'
         '[[records]]\nfile = "r.csv"\n'
     )
 

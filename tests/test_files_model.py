@@ -43,10 +43,16 @@ def terms(draw: st.DrawFn) -> EffectTerm:
     return EffectTerm(effect.name, quantities, draw(scopes))
 
 
+def _what_acts(each: EffectTerm) -> tuple[object, ...]:
+    """An effect in one channel or at one place: a model has it once."""
+    chosen = [key for key in EFFECTS[each.name].chosen if key in each.parameters]
+    return each.name, each.scope, *(each.parameters[key].value for key in chosen)
+
+
 models = st.builds(
     Model,
     parameters=parameters,
-    effects=st.lists(terms(), max_size=2, unique_by=lambda each: each.name).map(tuple),
+    effects=st.lists(terms(), max_size=2, unique_by=_what_acts).map(tuple),
     without_effects=st.none() | parameters,
     covariance=st.none() | st.just(Covariance(("bending", "filling_lag.fill"), np.array([[0.1, 0.2], [0.2, 3]]))),
     corrector=st.none(),

@@ -57,7 +57,7 @@ def test_a_study_writes_what_others_read(trial: Path, tmp_path: Path) -> None:
     design = read_design(out / "design.toml")
     assert design.muscles == build("vertical").muscles
     program = read_pressures(out / "pressures.csv", design)
-    np.testing.assert_allclose(program.pressure[-1] / 1e3, result["pressures_kpa"])
+    np.testing.assert_allclose(program.pressure[-1] / 1e3, result["pressures_kpa"], atol=0.1, rtol=0)  # its steps
     assert program.duration == pytest.approx(TIME)
 
 

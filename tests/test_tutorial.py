@@ -12,8 +12,9 @@ import pytest
 from fabdesign.design_file import read_design
 from tests.conftest import ROOT
 
-# a step more or less is another machine's rounding; muscles that work against each other leave pressures open
-CHANCE = re.compile(r"\d+ (?=iterations|kPa)")
+# a step more or less is another machine's rounding, as are its seconds; muscles that work against each other leave
+# pressures open
+CHANCE = re.compile(r"\d+ (?=iterations|kPa|of at most)|about \d+ (s|min) at its pace")
 NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e-?\d+)?")
 
 

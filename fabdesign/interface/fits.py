@@ -186,9 +186,15 @@ def train(
     seconds = training_seconds(motion)
     if vector is not None:
         seconds += fit_seconds(CALIBRATION, motion, len(vector.parameters), base.points_per_side)
+    # how long the paper's takes is its plan's
+    opening = [in_words(seconds, f"{len(motion)} trials", on_cores())] if motion and network == "field" else []
+
+    def told(what: str, done: int, of: int) -> None:
+        while opening:  # once it is known that there is something to learn from
+            progress(opening.pop(), None)
+        progress(f"{what} {done} of {of}", done / of)
+
     with places as unfinished, computing(cluster):
-        if motion and network == "field":  # how long the paper's takes is its plan's
-            progress(in_words(seconds, f"{len(motion)} trials", on_cores()), None)
         result = train_on(
             [sound for sound, _ in checked],
             simulator(base.points_per_side),
@@ -202,7 +208,7 @@ def train(
             seed=seed,
             force=force,
             coarse=simulator(COARSE),
-            progress=lambda what, done, of: progress(f"{what} {done} of {of}", done / of),
+            progress=told,
         )
     return Trained(out, result, tuple(line for _, lines in checked for line in lines))
 

@@ -207,6 +207,8 @@ class _Grid:
         def told(evaluations: Evaluations) -> None:
             nonlocal last
             last = working_time.seconds()
+            if follow:  # no search
+                return
             self._progress(cell, self._cells.index(cell) + 1, len(self._cells), evaluations)
 
         forward, coarse = self._models

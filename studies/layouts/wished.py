@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 def is_wished(targets: Sequence[TargetFile]) -> bool:
     """Whether all poses are wishes, so that there is no cloud and no noise."""
-    return all(target.wishes for target in targets)
+    return bool(targets) and all(target.wishes for target in targets)
 
 
 def measure_of(study: Study) -> str:
