@@ -1,4 +1,4 @@
-"""Shapes at rest beside what was measured of them: a column, by the forces' tangent, costs a hundredth of a motion."""
+"""Shapes at rest beside what was measured of them: a column, by the forces' tangent, costs a tenth of a motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
