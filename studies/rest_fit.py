@@ -24,19 +24,19 @@ LEAST = 8  # fewer tell too little of what acts at rest
 
 
 def shapes_at_rest(trials: Sequence[Trial], noise: float, seed: int) -> list[Standing]:
-    """Shapes at rest of some trials, one for each design and pressures, spread over the session; none where there are
-    fewer than LEAST. noise: m, of a point."""
+    """Return shapes at rest of some trials, one for each design and pressures, spread over the session; none where
+    there are fewer than LEAST. noise: m, of a point."""
     rng = np.random.default_rng(seed)
     looked_at = [trials[k] for k in evenly(len(trials), TRIALS)]
-    found = [one for trial in looked_at for one in standing_of(trial, trial.load(), noise, rng)]
-    unlike = [*{(one.sample.trial.design_name, *one.pressure.tolist()): one for one in reversed(found)}.values()]
+    shapes = [one for trial in looked_at for one in standing_of(trial, trial.load(), noise, rng)]
+    unlike = [*{(one.sample.trial.design_name, *one.pressure.tolist()): one for one in reversed(shapes)}.values()]
     if len(unlike) < LEAST:
         return []
     return [unlike[k] for k in evenly(len(unlike), SHAPES)]
 
 
 def with_shapes_at_rest(data: MeasuredData, trials: Sequence[Trial]) -> MeasuredData:
-    """The data with shapes at rest of trials that may be fitted."""
+    """Return the data with shapes at rest of trials that may be fitted."""
     return replace(data, standing=tuple(shapes_at_rest(trials, data.noise.sigma, data.seed)))
 
 
@@ -48,12 +48,12 @@ def fit_at_rest(
     checkpoint: Checkpoint | None = None,
     progress: Progress = lambda line, share: None,
 ) -> Fit | None:
-    """What of a vector acts at rest, fitted to shapes; None without shapes, or where `forward` has no tangent."""
+    """Return the fit to shapes of what acts at rest of a vector; None without shapes, or a tangent of `forward`."""
     jacobians: Jacobians | None = getattr(forward, "faces_jacobian", None)
     if not data.standing or jacobians is None:
         return None
     named = "at rest" if vector.terms else "factors at rest"
-    problem = RestProblem(data.standing, jacobians, acting_at_rest(vector)[0])
+    problem = RestProblem(data.standing, jacobians, acting_at_rest(vector))
 
     def fitted() -> Fit:
         inputs = None if data.weighed is None else problem.input_errors(problem.vector.start, data.weighed)
@@ -63,7 +63,8 @@ def fit_at_rest(
 
 
 def beginning(vector: FitVector, at_rest: Fit) -> Array:
-    """(p,) where a fit of motions begins: what shapes at rest say of an unknown that shows there, else its start."""
+    """Return (p,) where a fit of motions begins: what shapes at rest say of an unknown that shows there, or its
+    start."""
     shows = np.sqrt(np.diag(at_rest.sensitivity)) * at_rest.vector.prior > SHOWS
     known = {name: x for name, x, k in zip(at_rest.vector.names, at_rest.x, shows, strict=True) if k}
     return np.array([known.get(p.name, p.start) for p in vector.parameters])

@@ -95,7 +95,7 @@ def standing(forward):
 
 
 def test_columns_are_what_differences_of_shapes_do_at_the_measured_points(forward, vector, standing):
-    acting = acting_at_rest(vector)[0]
+    acting = acting_at_rest(vector)
     assert "muscle_creep.share" not in acting.names and "registration_bias.z" in acting.names
     problem = RestProblem(standing[:3], forward.faces_jacobian, acting)
     x = 0.5 * acting.prior
@@ -113,7 +113,7 @@ def test_columns_are_what_differences_of_shapes_do_at_the_measured_points(forwar
 
 def test_errors_of_the_pressures_are_shares_of_each_channels_own(forward, vector, standing):
     """A channel without pressure moves nothing; all channels up by 1 % do what the gain of all muscles does."""
-    acting = acting_at_rest(vector)[0]
+    acting = acting_at_rest(vector)
     problem = RestProblem(standing[:2], forward.faces_jacobian, acting)
     inputs = problem.input_errors(acting.start, Accuracy(pressure=0.01, tilt=0.5))
     first = problem.evaluate([acting.start])[0].found.sample == 0

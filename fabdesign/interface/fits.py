@@ -189,7 +189,7 @@ def train(
     # how long the paper's takes is its plan's
     opening = [in_words(seconds, f"{len(motion)} trials", on_cores())] if motion and network == "field" else []
 
-    def told(what: str, done: int, of: int) -> None:
+    def announce(what: str, done: int, of: int) -> None:
         while opening:  # once it is known that there is something to learn from
             progress(opening.pop(), None)
         progress(f"{what} {done} of {of}", done / of)
@@ -208,7 +208,7 @@ def train(
             seed=seed,
             force=force,
             coarse=simulator(COARSE),
-            progress=told,
+            progress=announce,
         )
     return Trained(out, result, tuple(line for _, lines in checked for line in lines))
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import isqrt
 from typing import ClassVar
 
 import numpy as np
@@ -19,7 +18,7 @@ from optimize.fit.inputs import InputErrors
 from optimize.fit.parameters import FitVector
 from optimize.fit.problem import Evaluation, Linearisation, Problem, columns
 
-_STEP, _FAR = 0.007, 0.15  # of a prior's deviation, of a column and of the differences that stand in for one
+_STEP, _FAR = 0.007, 0.15  # of a prior's deviation, of a column, and of the differences of what sensors add
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,20 +44,20 @@ class RestProblem(Problem):
         return [one.sample for one in self.standing]
 
     def evaluate(self, xs: Sequence[Array]) -> list[Evaluation]:
-        found = self.jacobians([case for x in xs for case in self._cases(x)], [])
-        shapes, count = [one.points for one in found], len(self.standing)
+        at_rest = self.jacobians([case for x in xs for case in self._cases(x)], [])
+        shapes, count = [one.points for one in at_rest], len(self.standing)
         return [self._evaluation(x, shapes[k * count : (k + 1) * count]) for k, x in enumerate(xs)]
 
     def linearise(
         self, evaluation: Evaluation, along: Array, old: Array | None = None, fresh: Indices | None = None
     ) -> Linearisation:
-        """With all columns, whatever `along`, `old` and `fresh` are: they cost next to nothing. NaN of shapes near a
-        snap, where the forces have no tangent that holds them."""
+        """Return the shapes with all columns, whatever `along`, `old` and `fresh` are, since they cost little. NaN for
+        shapes near a snap, where the forces have no tangent that holds them."""
         there, table = self._columns(evaluation.x, [_column(self.vector, k) for k in range(len(evaluation.x))])
         return self.with_jacobian(there, self.moving(table))
 
     def input_errors(self, x: Array, accuracy: Accuracy) -> InputErrors:
-        """What errors of the pressures and of the frame's level do, to first order."""
+        """Return what errors of the pressures and of the frame's level do, to first order."""
         channels = max(len(one.pressure) for one in self.standing)
         tilts = [of_effect("frame_tilt", axis, 0.01) for axis in ("about_x", "about_z")]
         _, table = self._columns(x, [*map(_share_of_pressure, range(channels)), *tilts])
@@ -67,15 +66,15 @@ class RestProblem(Problem):
 
     def _cases(self, x: Array) -> list[Case]:
         factors, terms = self.vector.factors_at(x), self.vector.terms_at(x)
-        held = [PressureProgram(np.zeros(1), one.pressure[None], 1.0) for one in self.standing]
-        trials = [one.sample.trial for one in self.standing]
-        return [Case(t.design, own, factors, terms, t.order) for t, own in zip(trials, held, strict=True)]
+        pairs = [(one.sample.trial, PressureProgram(np.zeros(1), one.pressure[None], 1.0)) for one in self.standing]
+        return [Case(trial.design, program, factors, terms, trial.order) for trial, program in pairs]
 
     def _columns(self, x: Array, moved: Sequence[Column]) -> tuple[Evaluation, Array]:
-        """The shapes, and (N, k) m how each residual changes with columns."""
-        found = self.jacobians(self._cases(x), moved)
-        there = self._evaluation(x, [one.points for one in found])
-        return there, columns(there, [_middle(_solved(one.changes)) for one in found])
+        """Return the shapes, and (N, k) m how each residual changes with columns."""
+        at_rest = self.jacobians(self._cases(x), moved)
+        there = self._evaluation(x, [one.points for one in at_rest])
+        # the mid-surface is linear in the faces, so their changes are those of a sheet of one frame
+        return there, columns(there, [of_faces(_solved(one.changes)).middle[:, None] for one in at_rest])
 
     def _evaluation(self, x: Array, shapes: Sequence[Floats]) -> Evaluation:
         motions = [np.asarray(points)[None] for points in shapes]
@@ -83,20 +82,14 @@ class RestProblem(Problem):
 
 
 def _solved(changes: Floats) -> Floats:
-    """(k, 2 n, 3) m: a column that alone is not solved moves next to nothing, such as a muscle's without pressure."""
+    """Return (k, 2 n, 3) m with zeros for a column that alone is not solved: it moves next to nothing, such as that of
+    a muscle without pressure."""
     lost = ~np.isfinite(changes).all(axis=(1, 2))
     return changes if np.all(lost) else np.where(np.reshape(lost, (-1, 1, 1)), 0.0, changes)
 
 
-def _middle(changes: Floats) -> Floats:
-    """(k, 1, n, n, 3) m of the mid-surface, from those of both faces (k, 2 n^2, 3)."""
-    half = changes.shape[1] // 2
-    side = isqrt(half)
-    return np.asarray(0.5 * (changes[:, :half] + changes[:, half:])).reshape(-1, 1, side, side, 3)
-
-
 def _column(vector: FitVector, k: int) -> Column:
-    """An unknown of a vector; a case's terms are the vector's, behind those that a model has."""
+    """Return an unknown of a vector as a column; a case's terms are the vector's, behind those that a model has."""
     parameter = vector.parameters[k]
     label, _, key = parameter.name.rpartition(".")
     term = None if parameter.is_factor else vector.labels.index(label) - len(vector.terms)
@@ -124,7 +117,7 @@ def _column(vector: FitVector, k: int) -> Column:
 
 
 def _share_of_pressure(channel: int) -> Column:
-    """1, a share of a channel's pressure more; nothing where there is no such channel."""
+    """Return the column of a channel's pressure, by shares of it; a case without that channel stays as it is."""
 
     def moved(case: Case, by: float) -> Case:
         pressure = case.program.pressure.copy()
@@ -134,11 +127,10 @@ def _share_of_pressure(channel: int) -> Column:
     return Column(f"share of pressure {channel}", "1", 1e-3, 0.01, moved)
 
 
-def acting_at_rest(vector: FitVector) -> tuple[FitVector, Indices]:
-    """The factors, and the terms without a force of their own, a clock or a memory, all of them off at the start; and
-    which of the unknowns these are."""
+def acting_at_rest(vector: FitVector) -> FitVector:
+    """Return the factors, and the terms without a force of their own, a clock or a memory, all off at the start."""
     effects = [EFFECTS[term.name] for term in vector.terms]
     still = [e.force is None and e.clock is None and not e.remembers for e in effects]
-    fewer, index = vector.only([label for label, own in zip(vector.labels, still, strict=True) if own])
+    fewer, _ = vector.only([label for label, acts in zip(vector.labels, still, strict=True) if acts])
     begun = tuple(p if p.is_factor else replace(p, start=0.0) for p in fewer.parameters)
-    return replace(fewer, parameters=begun), index
+    return replace(fewer, parameters=begun)

@@ -151,7 +151,8 @@ def calibrate(
     data = MeasuredData.of(sets, chosen, used, DRAWN, seed=seed)
     bare, forward = forward, Predictor(forward, sensing=True)
     slopes = slopes and Predictor(slopes, sensing=True)
-    data = with_shapes_at_rest(data, allowed)
+    if vector.terms:  # factors alone go by horizons
+        data = with_shapes_at_rest(data, allowed)
     fitted = _fit(data, forward, slopes, vector, progress, interruptible, checkpoint)
     if lines := {} if fitted.interrupted else _implausible(fitted, data.samples, forward):
         tolerance = Tolerance(skip_bad, [*skipped])

@@ -5,7 +5,7 @@ Around the false minimum that a fit without them goes to the wrong names come fi
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 from optimize.fit.clouds import Array
 from optimize.fit.fitted import Fit
@@ -71,10 +71,10 @@ def select(task: Task) -> Selection:
     every = fit_vector(["all"], factors=task.factors, designs=task.designs)
     vector = without(every, task.known)
     hopeless = expected_rms(task.data.noise, HOPELESS * task.tolerance)
-    at_rest, factors = (
-        fit_at_rest(task.data, task.forward, own, checkpoint=task.checkpoint, progress=lambda line, _: task.say(line))
-        for own in (vector, vector.without_effects)
+    at_rest = partial(
+        fit_at_rest, task.data, task.forward, checkpoint=task.checkpoint, progress=lambda line, _: task.say(line)
     )
+    factors = at_rest(vector.without_effects)
     start = None if factors is None else factors.x
     plain = task.fit("plain", vector.without_effects, start=start, near=True, hopeless=hopeless)
     excess = _excess(task, plain)
@@ -97,11 +97,12 @@ def select(task: Task) -> Selection:
         named = f"every effect {named}".strip()
         return replace(task, data=data).fit(named, own, start=start, near=True, expected=expected, jacobian=jacobian)
 
-    everything = joint_fit(task.data, vector, start, task.tolerance, fitted, patient=True, at_rest=at_rest)
+    rested = at_rest(vector)
+    everything = joint_fit(task.data, vector, start, task.tolerance, fitted, patient=True, at_rest=rested)
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
     plain = task.weighed(plain, everything.inputs)
     plain, chosen, small, decoys = backwards(task, everything, plain)
-    return Selection(everything, plain, chosen, task.data.folds, task.floor, tuple(small), decoys, at_rest)
+    return Selection(everything, plain, chosen, task.data.folds, task.floor, tuple(small), decoys, rested)
 
 
 def _excess(task: Task, fitted: Fit) -> float:
