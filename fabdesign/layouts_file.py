@@ -1,16 +1,15 @@
 """Study files of kind "layouts": a search for every number of muscles, type and choice of sides."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Any, Literal
 
-from fabdesign.design import Design
+from fabdesign.decoder import as_number
 from fabdesign.effort import MUSCLES
-from fabdesign.errors import InputError
-from fabdesign.model import Model
-from fabdesign.study_file import FORMAT, MuscleChoice, Side, Study, read_subject, require_kind, search_of
-from fabdesign.table import Table, load_toml, nearest
+from fabdesign.schema import Key
+from fabdesign.study_file import MuscleChoice, Side, Study, study_of
+from fabdesign.table import Table, nearest
 
 Sides = Literal["front", "back", "both"]
 SIDES: dict[str, tuple[Side, ...]] = {"front": ("front",), "back": ("back",), "both": ("front", "back")}
@@ -32,15 +31,49 @@ class Cell:
         return fewer and {*SIDES[other.sides]} <= {*SIDES[self.sides]}
 
 
+def _counts(value: Any, table: Table) -> tuple[int, ...] | None:
+    """Return numbers of muscles, rising; None for any other value."""
+    numbers = [as_number(each) for each in value] if isinstance(value, list | tuple | range) else []
+    fits = numbers and all(number in range(1, MUSCLES + 1) for number in numbers)
+    return tuple(sorted({int(number or 0) for number in numbers})) if fits else None
+
+
 @dataclass(frozen=True, eq=False)
 class LayoutsStudy:
     """search: what all cells have in common. Each cell may use an even share of its limits' evaluations; their seconds
     are an even share too, which `studies.layout_grid` moves to where they gain."""
 
-    search: Study
-    muscles: tuple[int, ...]
-    types: tuple[str, ...]
-    sides: tuple[Sides, ...]
+    search: Annotated[Study, Key(inside=True)]
+    muscles: Annotated[
+        tuple[int, ...],
+        Key("grid.muscles", read=_counts, expected=f"numbers of muscles from 1 to {MUSCLES}, such as [1, 2, 4]"),
+        "numbers of muscles, a search for each",
+    ]
+    types: Annotated[
+        tuple[str, ...],
+        Key("grid.types", absent=lambda table: tuple(table.decoded["search"].design.muscle_types)),
+        "muscle types; absent: each of the design",
+    ]
+    sides: Annotated[
+        tuple[Sides, ...], Key("grid.sides", expected='some of "front", "back", "both"'), "absent: these three"
+    ] = ("front", "back", "both")
+
+    def resolved(self, table: Table) -> "LayoutsStudy":
+        """Return the grid without repetitions. Raises InputError for keys of one search, and for unknown types."""
+        variables, grid = table.within(["variables"]), table.within(["grid"])
+        if "muscles" in variables or "start" in table:
+            raise table.error("muscles of [variables] and start belong to one search; expected a [grid] alone")
+        search = self.search if "positions" in variables else replace(self.search, positions=True)
+        if not search.pressures:
+            raise variables.error("pressures = false; expected true where muscles are laid out")
+        known = tuple(search.design.muscle_types)
+        for name in self.types:
+            if name not in known:
+                raise grid.error(f"no muscle type {name}; expected {', '.join(known)}{nearest(name, known)}")
+        if not self.types or not self.sides:
+            raise grid.bad("sides" if self.types else "types", "some of them")
+        types, sides = (tuple(dict.fromkeys(values)) for values in (self.types, self.sides))
+        return LayoutsStudy(search, self.muscles, types, sides)
 
     @property
     def cells(self) -> Iterator[Cell]:
@@ -69,39 +102,6 @@ def _of_type(search: Study, type_: str) -> Study:
     return replace(search, design=design, start_pressures=search.start_pressures if alike else None)
 
 
-def read_layouts(path: Path | str) -> LayoutsStudy:
-    """Read a study of kind "layouts". Keys: docs/files.md. Raises InputError."""
-    path = Path(path)
-    root = load_toml(path, FORMAT, partial=True)
-    require_kind(root, "layouts")
-    return layouts_of(root, path, *read_subject(root, path))
-
-
-def layouts_of(root: Table, path: Path, design: Design, model: Model | None) -> LayoutsStudy:
-    """A study from the table of its file at `path`, whose other keys have been taken. Raises InputError."""
-    grid = root.table("grid")
-    variables = root.table("variables", None) or Table({}, "")
-    if "muscles" in variables or "start" in root:
-        raise InputError(f"{path}: muscles of [variables] and start belong to one search; expected a [grid] alone")
-    search = search_of(root, path, design, model)
-    if "positions" not in variables:
-        search = replace(search, positions=True)
-    if not search.pressures:
-        raise InputError(f"{path}: variables: pressures = false; expected true where muscles are laid out")
-    counts = grid.take("muscles")
-    if not isinstance(counts, list) or not counts or not all(_is_count(n) for n in counts):
-        raise grid.bad("muscles", f"numbers of muscles from 1 to {MUSCLES}, such as [1, 2, 4]")
-    known = tuple(search.design.muscle_types)
-    types = grid.texts("types", known)
-    for name in types:
-        if name not in known:
-            raise InputError(f"{grid.where}: no muscle type {name}; expected {', '.join(known)}{nearest(name, known)}")
-    sides = grid.texts("sides", tuple(SIDES))
-    if not types or not sides or not {*sides} <= {*SIDES}:
-        raise grid.bad("sides" if types else "types", 'some of "front", "back", "both"' if types else "a type or more")
-    grid.finish()
-    return LayoutsStudy(search, *(tuple(dict.fromkeys(values)) for values in (sorted(counts), types, sides)))
-
-
-def _is_count(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 1 <= value <= MUSCLES
+def read_layouts(path: Path | str | Mapping[str, Any]) -> LayoutsStudy:
+    """Read a study of kind "layouts". Raises InputError."""
+    return study_of(LayoutsStudy, "layouts", path)

@@ -1,87 +1,132 @@
 """Study files of kind "loop": a target, a start design, and where measurements come from."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from fabdesign.effort import COARSEST, FINEST, LONGEST
 from fabdesign.errors import InputError
 from fabdesign.model import POINTS_PER_SIDE
-from fabdesign.pages import PAPERS
-from fabdesign.rig_limits_file import RigLimits, read_rig_limits
-from fabdesign.study_file import FORMAT, Study, read_search, require_kind, require_searchable
-from fabdesign.table import Table, load_toml
-from fabdesign.units import from_mm, in_kpa, in_mm
+from fabdesign.rig_limits_file import RigLimits
+from fabdesign.schema import ABOVE_0, FROM_0, Key, Metre, Millimetre, Second, Within
+from fabdesign.study_file import Study, require_searchable, study_of
+from fabdesign.table import Table
+from fabdesign.units import in_kpa
 
 HOLD = 2.0  # s, for which the pressures of a shape at rest are held on the device
 TRACE_GRID = 21  # points a side: a trace asks for hundreds of motions
+UNLIMITED = RigLimits(np.inf, np.inf, LONGEST)
 LEAST_TRIALS = 3  # to calibrate and trace on, beside those held out
 
 
 @dataclass(frozen=True)
 class VirtualRig:
-    """Measures by `fabdesign rig`. truth: the ground truth of the specimens, which only the rig reads. element, step: m
-    and s of its mesh and time steps; None: the rig's own."""
+    """Measures by `fabdesign rig`. None: the rig's own."""
 
-    truth: Path | None
-    element: float | None = None
-    step: float | None = None
+    truth: Annotated[
+        Path | None, Key("key"), "ground truth of the specimens, which only the rig reads; absent: the data sheet"
+    ]
+    element: Annotated[Annotated[Metre, Within(least=0.002, most=0.05)] | None, "of its mesh"] = None
+    step: Annotated[Annotated[Second, Within(least=1e-4, most=0.01)] | None, "of its time steps"] = None
+
+    def resolved(self, table: Table) -> "VirtualRig":
+        """Raise InputError for a ground truth that is not there."""
+        if self.truth is not None and not self.truth.is_file():
+            raise table.error(f"the ground truth {self.truth} is not there")
+        return self
 
 
 @dataclass(frozen=True)
 class Laboratory:
-    """Puts a measurement set into `folder`/turn_K when asked. tail_length [m], paper: as `export` takes them."""
+    """Puts a measurement set into `folder`/turn_K when asked. tail_length, paper: as `export` takes them."""
 
-    folder: Path
-    tail_length: float | None = None
-    paper: str | None = "a4"
+    folder: Annotated[Path, "where sets are expected: in turn_0, turn_1, ... of it"]
+    tail_length: Annotated[
+        Annotated[Metre, Within(least=0, most=1)] | None, "of the cut list; absent: the muscle types' own"
+    ] = None
+    paper: Annotated[Literal["a4", "letter", "none"] | None, "of templates"] = "a4"
+
+    def resolved(self, table: Table) -> "Laboratory":
+        return replace(self, paper=None) if self.paper == "none" else self
 
 
 @dataclass(frozen=True)
 class Trials:
-    """What is run on a design beside its own pressures: `number` programs of `seconds` s each, the last `held_out` of
-    them with role test."""
+    """What is run on a design beside its own pressures."""
 
-    number: int = 4
-    seconds: float = 1.5
-    held_out: int = 1
+    number: Annotated[
+        int,
+        Key(absent=lambda table: max(4, LEAST_TRIALS + table.decoded.get("held_out", 1))),
+        Within(least=0, most=100),
+        "programs",
+    ] = 4
+    seconds: Annotated[Second, Within(least=0.2, most=60), "of each"] = 1.5
+    held_out: Annotated[int, FROM_0, "the last so many have role test"] = 1
+
+    def resolved(self, table: Table) -> "Trials":
+        """Raise InputError for too few to calibrate on."""
+        if self.number < LEAST_TRIALS - 1 + self.held_out:  # a shape's own rise is a trial too
+            raise table.error(
+                f"number = {self.number}, held_out = {self.held_out}; expected {LEAST_TRIALS - 1} more "
+                "than are held out, to calibrate on"
+            )
+        return self
 
 
 @dataclass(frozen=True)
 class Learning:
-    """What becomes of a turn's measurements. tolerance: m of excess, of the trace. train: the corrector's network,
-    where there are `train_trials` of role fit."""
+    """What becomes of a turn's measurements."""
 
-    trace: bool = True
-    tolerance: float = 0.5e-3
-    trace_grid: int = TRACE_GRID
-    train: Literal["field", "paper"] | None = None
-    train_trials: int = 20
+    trace: Annotated[bool, "whether what the model lacks is looked for"] = True
+    tolerance: Annotated[Millimetre, ABOVE_0, "of excess, of the trace"] = 0.5e-3  # m
+    trace_grid: Annotated[
+        int, Within(least=COARSEST, most=FINEST), "points a side; of points_per_side: the trace's own refit is taken"
+    ] = TRACE_GRID
+    train: Annotated[Literal["field", "paper"] | None, "the corrector's network; absent: none"] = None
+    train_trials: Annotated[int, Within(least=2), "of role fit, from which on there is one"] = 20
 
 
 @dataclass(frozen=True)
 class StopRule:
-    """The loop ends after `turns` turns beyond the first design, within `excess` [m] of the target on the device, and
-    where a turn takes off less than the share `gain` of the least excess before."""
+    """When the loop ends."""
 
-    turns: int = 2
-    excess: float = 0.5e-3
-    gain: float = 0.1
+    turns: Annotated[int, Within(least=0, most=100), "after the first design"] = 2
+    excess: Annotated[Millimetre, FROM_0, "of surface excess on the device: near enough"] = 0.5e-3  # m
+    gain: Annotated[
+        float, Within(least=-10, most=1), "share of the least excess before; a turn that takes off less is the last"
+    ] = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class LoopStudy:
     """search: the choice of every turn; its model is what is known at first."""
 
-    search: Study
-    source: VirtualRig | Laboratory
-    rig_limits: RigLimits
+    search: Annotated[Study, Key(inside=True)]
+    source: Annotated[
+        VirtualRig | Laboratory,
+        Key(
+            expected="one source of measurements, [rig] or [laboratory]",
+            one_of={"rig": VirtualRig, "laboratory": Laboratory},
+        ),
+    ]
+    rig_limits: RigLimits = UNLIMITED
     trials: Trials = Trials()
     learning: Learning = Learning()
     stop: StopRule = StopRule()
-    points_per_side: int = POINTS_PER_SIDE
+    points_per_side: Annotated[
+        int, Within(least=COARSEST, most=FINEST), "of the simulator's grid: the search's full model, the fit"
+    ] = POINTS_PER_SIDE
+
+    def resolved(self, table: Table) -> "LoopStudy":
+        """Return the study within what the rig can do. Raises InputError for what it cannot."""
+        require_searchable(self.search, table.where)
+        search = self.search if "hold" in table else replace(self.search, hold=HOLD)
+        study = replace(self, search=_within(search, self.rig_limits, table.where))
+        _require_runnable(study, table.where)
+        return study
 
     @property
     def highest(self) -> float:
@@ -89,121 +134,38 @@ class LoopStudy:
         return min(self.search.limits.pressure[1], self.rig_limits.pressure)
 
 
-def read_loop(path: Path | str) -> LoopStudy:
-    """Read a study of kind "loop". Keys: docs/files.md. Raises InputError."""
-    path = Path(path)
-    root = load_toml(path, FORMAT, partial=True)
-    require_kind(root, "loop")
-    rig = read_rig_limits(root, path, pressure=np.inf, duration=LONGEST)
-    source, trials, learning, stop = _source(root, path), _trials(root), _learning(root), _stop(root)
-    points_per_side = root.integer("points_per_side", POINTS_PER_SIDE, least=COARSEST, most=FINEST)
-    held = "hold" in root
-    search = read_search(root, path)
-    require_searchable(search, str(path))
-    study = LoopStudy(_within(search, rig, path), source, rig, trials, learning, stop, points_per_side)
-    if not held:
-        study = replace(study, search=replace(study.search, hold=HOLD))
-    _require_runnable(study, path)
-    return study
+def read_loop(path: Path | str | Mapping[str, Any]) -> LoopStudy:
+    """Read a study of kind "loop". Raises InputError."""
+    return study_of(LoopStudy, "loop", path)
 
 
-def _within(search: Study, rig: RigLimits, path: Path) -> Study:
+def _within(search: Study, rig: RigLimits, where: str) -> Study:
     """The search within what the rig can do: no higher pressure, no faster rise."""
     low, high = search.limits.pressure
     high = min(high, rig.pressure)
     if low >= high:
         raise InputError(
-            f"{path}: limits: pressure from {in_kpa(low):g} kPa; expected less than the rig's {in_kpa(high):g} kPa"
+            f"{where}: limits: pressure from {in_kpa(low):g} kPa; expected less than the rig's {in_kpa(high):g} kPa"
         )
     limits = replace(search.limits, pressure=(low, high))
     return replace(search, limits=limits, rise=max(search.rise, high / rig.rate))
 
 
-def _require_runnable(study: LoopStudy, path: Path) -> None:
+def _require_runnable(study: LoopStudy, where: str) -> None:
     rig, search = study.rig_limits, study.search
     longest = max(search.rise + search.hold, study.trials.seconds)
     if longest > rig.duration:
         raise InputError(
-            f"{path}: rig_limits: duration = {rig.duration:g}; a rise of {search.rise:g} s with its hold and the "
+            f"{where}: rig_limits: duration = {rig.duration:g}; a rise of {search.rise:g} s with its hold and the "
             f"trials take up to {longest:g} s"
         )
     most = search.design.channels if search.muscles is None else search.muscles.most
     if rig.channels is not None and most > rig.channels:
-        raise InputError(f"{path}: up to {most} muscles; the rig has {rig.channels} channels")
+        raise InputError(f"{where}: up to {most} muscles; the rig has {rig.channels} channels")
     if isinstance(study.source, Laboratory) and study.source.tail_length is None:
         for name, kind in search.design.muscle_types.items():
             if kind.tail_length is None:
                 raise InputError(
-                    f"{path}: laboratory: muscle type {name} has no tail_length; expected one there, in m, for the cut "
-                    "list"
+                    f"{where}: laboratory: muscle type {name} has no tail_length; expected one there, in m, for the "
+                    "cut list"
                 )
-
-
-def _source(root: Table, path: Path) -> VirtualRig | Laboratory:
-    rig, laboratory = root.table("rig", None), root.table("laboratory", None)
-    if (rig is None) == (laboratory is None):
-        raise InputError(f"{path}: expected one source of measurements, [rig] or [laboratory]")
-    if rig is not None:
-        key = rig.path("key", path.parent) if "key" in rig else None
-        source = VirtualRig(
-            truth=key,
-            element=rig.number("element", None, least=0.002, most=0.05),
-            step=rig.number("step", None, least=1e-4, most=0.01),
-        )
-        rig.finish()
-        if source.truth is not None and not source.truth.is_file():
-            raise InputError(f"{rig.where}: the ground truth {source.truth} is not there")
-        return source
-    assert laboratory is not None
-    paper = laboratory.text("paper", "a4", choices=(*PAPERS, "none"))
-    asked = Laboratory(
-        folder=laboratory.path("folder", path.parent),
-        tail_length=laboratory.number("tail_length", None, least=0, most=1),
-        paper=None if paper == "none" else paper,
-    )
-    laboratory.finish()
-    return asked
-
-
-def _trials(root: Table) -> Trials:
-    table, default = root.table("trials", None) or Table({}, ""), Trials()
-    held_out = table.integer("held_out", default.held_out, least=0)
-    trials = Trials(
-        number=table.integer("number", max(default.number, LEAST_TRIALS + held_out), least=0, most=100),
-        seconds=table.number("seconds", default.seconds, least=0.2, most=60),
-        held_out=held_out,
-    )
-    if trials.number < LEAST_TRIALS - 1 + held_out:  # a shape's own rise is a trial too
-        raise InputError(
-            f"{root.where}: trials: number = {trials.number}, held_out = {held_out}; expected {LEAST_TRIALS - 1} more "
-            "than are held out, to calibrate on"
-        )
-    table.finish()
-    return trials
-
-
-TRAINED: tuple[Literal["field", "paper"], ...] = ("field", "paper")
-
-
-def _learning(root: Table) -> Learning:
-    table, default = root.table("learning", None) or Table({}, ""), Learning()
-    learning = Learning(
-        trace=table.flag("trace", default.trace),
-        tolerance=from_mm(table.number("tolerance", in_mm(default.tolerance), above=0)),
-        trace_grid=table.integer("trace_grid", default.trace_grid, least=COARSEST, most=FINEST),
-        train=table.text("train", None, choices=TRAINED),
-        train_trials=table.integer("train_trials", default.train_trials, least=2),
-    )
-    table.finish()
-    return learning
-
-
-def _stop(root: Table) -> StopRule:
-    table, default = root.table("stop", None) or Table({}, ""), StopRule()
-    rule = StopRule(
-        turns=table.integer("turns", default.turns, least=0, most=100),
-        excess=from_mm(table.number("excess", in_mm(default.excess), least=0)),
-        gain=table.number("gain", default.gain, least=-10, most=1),
-    )
-    table.finish()
-    return rule

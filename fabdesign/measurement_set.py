@@ -6,12 +6,11 @@ from pathlib import Path
 
 import tomlkit
 
+from fabdesign.decoder import decode
 from fabdesign.design import Design
-from fabdesign.design_file import read_design, write_design
-from fabdesign.errors import InputError
+from fabdesign.design_file import write_design
 from fabdesign.output import Inputs, new_folder
-from fabdesign.rig_limits_file import read_rig_limits
-from fabdesign.table import Table, load_toml, nearest
+from fabdesign.table import load_toml
 from fabdesign.toml_file import file_stem
 from fabdesign.trial import USUAL, Accuracy, MeasurementSet, Role, Trial
 from fabdesign.trial_file import TrialData, write_trial
@@ -29,47 +28,7 @@ def read_set(path: Path | str) -> MeasurementSet:
     path = Path(path)
     if path.is_dir():
         path = path / "set.toml"
-    root = load_toml(path, FORMAT)
-    name = root.text("name", path.resolve().parent.name)
-    description = root.text("description", "")
-    frame_rate = root.number("frame_rate", None, above=0)
-    accuracy = _accuracy(root.table("accuracy", None))
-    limits = read_rig_limits(root, path)
-    files = root.table("designs")
-    designs = {key: read_design(files.path(key, path.parent)) for key in files.names()}
-    trials: list[Trial] = []
-    for table in root.tables("trials"):
-        design_name = table.text("design")
-        if design_name not in designs:
-            raise table.bad("design", f"one of [designs], {', '.join(designs)}{nearest(design_name, [*designs])}")
-        file = table.path("file", path.parent)
-        if not file.is_file():
-            raise InputError(f"{table.where}: file {file} is not there")
-        if any(file.name == trial.file.name for trial in trials):
-            raise InputError(f"{table.where}: file name {file.name} is taken by another trial")
-        role: Role = table.text("role", choices=("fit", "test"))
-        order = table.integer("order")
-        for other in trials:
-            if (other.design_name, other.order) == (design_name, order):
-                raise InputError(
-                    f"{table.where}: order = {order} is that of {other.file.name} too; expected each trial's own place "
-                    f"in the session of {design_name}"
-                )
-        trials.append(Trial(file, design_name, designs[design_name], order, role))
-        table.finish()
-    root.finish()
-    if not trials:
-        raise InputError(f"{path}: no [[trials]]")
-    return MeasurementSet(name, designs, tuple(trials), description, frame_rate, accuracy, limits)
-
-
-def _accuracy(table: Table | None) -> Accuracy:
-    if table is None:
-        return USUAL
-    pressure = table.number("pressure", USUAL.pressure, least=0, most=1)
-    tilt = table.number("tilt_deg", USUAL.tilt, least=0, most=45)
-    table.finish()
-    return Accuracy(pressure, tilt)
+    return decode(MeasurementSet, load_toml(path, FORMAT))
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,14 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import isqrt
-from typing import Any
+from math import isfinite, isqrt
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.errors import InputError
-from fabdesign.fabric import Fabric
+from fabdesign.decoder import as_number
+from fabdesign.schema import Key, Within
 from fabdesign.table import Table
 from fabdesign.units import in_mm
 
@@ -17,12 +17,47 @@ Array = NDArray[np.float64]
 ON_EDGE = 1e-9  # m from a region's edge: so near is inside
 
 
+Corners = tuple[tuple[float, float], ...]
+
+
+def _box(value: Any, table: Table) -> Corners | None:
+    """Return the corners of [left, upper, right, lower]."""
+    numbers = [as_number(each) for each in value] if isinstance(value, list | tuple) else []
+    if len(numbers) != 4 or not all(number is not None and isfinite(number) for number in numbers):
+        raise table.bad("box", "a list of 4 numbers")
+    left, upper, right, lower = (number or 0.0 for number in numbers)
+    return ((left, upper), (right, upper), (right, lower), (left, lower)) if left < right and upper < lower else None
+
+
 @dataclass(frozen=True)
 class Region:
-    """corners: (u, v) m of a polygon, in order. weight: of places in it, against 1 of the others."""
+    """A part of the cloth. corners: (u, v) m of a polygon, in order. weight: of places in it, against 1 of the
+    others."""
 
-    corners: tuple[tuple[float, float], ...]
-    weight: float
+    corners: Annotated[
+        Corners,
+        Key(
+            expected="either box = [u, v, u, v] or polygon = [[u, v], ...]",
+            one_of={
+                "box": Annotated[
+                    Corners, Key(read=_box, expected="[left, upper, right, lower] in m, of two corners (u, v)")
+                ],
+                "polygon": Corners,
+            },
+        ),
+    ]
+    weight: Annotated[float, Within(above=0, most=1000), "of the distances there; others count once"]
+
+    def resolved(self, table: Table) -> "Region":
+        """Raise InputError unless it is a part of the cloth."""
+        fabric = table.find("design").fabric
+        key = "box" if "box" in table else "polygon"
+        if len(self.corners) < 3:
+            raise table.bad(key, "three corners or more")
+        places = np.array(self.corners)
+        if ((places.max(axis=0) <= 0) | (places.min(axis=0) >= [fabric.width, fabric.height])).any():
+            raise table.bad(key, f"a part of the cloth, {fabric.width:g} by {fabric.height:g} m")
+        return self
 
 
 @dataclass(frozen=True)
@@ -41,34 +76,6 @@ class Weighting:
     def said(self) -> str:
         """For people."""
         return ", ".join(f"{own.weight:g} times in {_where(own)}" for own in self.regions)
-
-
-def read_regions(table: Table, fabric: Fabric) -> Weighting | None:
-    """Of a target's `[[regions]]`; None where it has none. Keys: docs/files.md. Raises InputError."""
-    regions = tuple(_region(own, fabric) for own in table.tables("regions"))
-    return Weighting(regions, fabric.width, fabric.height) if regions else None
-
-
-def _region(table: Table, fabric: Fabric) -> Region:
-    if ("box" in table) == ("polygon" in table):
-        raise InputError(f"{table.where}: expected either box = [u, v, u, v] or polygon = [[u, v], ...]")
-    key = "box" if "box" in table else "polygon"
-    if key == "box":
-        left, upper, right, lower = table.numbers("box", count=4)
-        if not (left < right and upper < lower):
-            raise table.bad("box", "[left, upper, right, lower] in m, of two corners (u, v)")
-        corners: Any = ((left, upper), (right, upper), (right, lower), (left, lower))
-    else:
-        corners = table.points("polygon")
-        if len(corners) < 3:
-            raise table.bad("polygon", "three corners or more")
-    region = Region(corners, table.number("weight", above=0, most=1000))
-    table.finish()
-    places = np.array(corners)
-    outside = (places.max(axis=0) <= 0) | (places.min(axis=0) >= [fabric.width, fabric.height])
-    if outside.any():
-        raise table.bad(key, f"a part of the cloth, {fabric.width:g} by {fabric.height:g} m")
-    return region
 
 
 @lru_cache(maxsize=32)

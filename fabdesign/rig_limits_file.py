@@ -1,44 +1,37 @@
 """`[rig_limits]` of a study: what the laboratory can do."""
 
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
 
+from fabdesign.decoder import as_number
 from fabdesign.effort import LONGEST
+from fabdesign.schema import ABOVE_0, Key, Kilopascal, KilopascalPerSecond, Second, Within
 from fabdesign.table import Table
-from fabdesign.units import from_kpa, in_kpa
+from fabdesign.units import from_kpa
 
 HIGHEST = 300e3  # Pa, of programs that nobody named, where the muscles allow it
 
 
+def _highest(value: Any, table: Table) -> float | None:
+    """Return Pa of a number in kPa, or of [lowest, highest] as in [limits]."""
+    if isinstance(value, list | tuple) and len(value) == 2:
+        return None if as_number(value[0]) is None else _highest(value[1], table)
+    number = as_number(value)
+    return from_kpa(number) if number is not None and 0 < number < np.inf else None
+
+
 @dataclass(frozen=True)
 class RigLimits:
-    """SI."""
+    """What next experiments keep."""
 
-    pressure: float = HIGHEST  # Pa
-    rate: float = np.inf  # Pa/s
-    duration: float = 3.0  # s, of a program
-    channels: int | None = None
+    pressure: Annotated[  # Pa
+        Kilopascal, Key(read=_highest, expected="a number above 0"), "of programs that the study does not name"
+    ] = HIGHEST
+    rate: Annotated[KilopascalPerSecond, ABOVE_0, "of a set point; absent: steps are possible"] = np.inf  # Pa/s
+    duration: Annotated[Second, Within(above=0, most=LONGEST), "of a program"] = 3.0
+    channels: Annotated[int | None, Within(least=1), "of pressure; absent: any"] = None
 
 
 USUAL_LIMITS = RigLimits()
-
-
-def read_rig_limits(root: Table, path: Path, *, pressure: float = HIGHEST, duration: float = 3.0) -> RigLimits:
-    """Of the study or set at `path`, whose table may leave all of it out; then `pressure` [Pa] and `duration` [s] hold.
-    Raises InputError."""
-    table = root.table("rig_limits", None) or Table({}, f"{path}: rig_limits")
-    given = table.take("pressure", None)
-    if isinstance(given, list):  # [lowest, highest], as in [limits]
-        highest = table.numbers("pressure", count=2)[1]
-    else:
-        highest = table.number("pressure", in_kpa(pressure), above=0)
-    limits = RigLimits(
-        pressure=from_kpa(highest),
-        rate=from_kpa(table.number("rate", np.inf, above=0)),
-        duration=table.number("duration", duration, above=0, most=LONGEST),
-        channels=table.integer("channels", None, least=1),
-    )
-    table.finish()
-    return limits

@@ -3,26 +3,26 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.design import Design
+from fabdesign.design_file import read_design
 from fabdesign.effort import COARSEST, FINEST, LONGEST
-from fabdesign.errors import InputError
 from fabdesign.forward import HOLD, RISE
 from fabdesign.model import Model
 from fabdesign.model_sampling import covered, joint_root
 from fabdesign.pressure import limits
+from fabdesign.schema import ABOVE_0, Key, Second, Within
 from fabdesign.shape_output import EXPECTED, read_shape_output
-from fabdesign.study_file import FORMAT, read_start_pressures, read_subject, require_kind
-from fabdesign.study_targets import TargetFile, read_targets
-from fabdesign.table import Table, load_toml
+from fabdesign.study_file import Hold, Name, Order, Rise, Seed, StudyModel, read_start_pressures, study_of
+from fabdesign.study_targets import TargetFile
+from fabdesign.table import Table
 from fabdesign.varied import Varied, read_varied
 
 Output = Callable[[NDArray[np.float64], NDArray[np.float32]], float]
-NO_FUNCTIONS: Mapping[str, Output] = {}
 METHODS = ("morris", "sobol")
 OUTPUTS = ("tip", "mean_curvature", "chamfer", "largest_tension")
 MOST = 1 << 16  # rows, trajectories: far more than anybody waits for
@@ -30,135 +30,113 @@ GRID = 21  # points a side: docs/results/sensitivity.md says what 41 would chang
 MIDDLE = 200e3  # Pa, of channels that nothing is said of
 
 
+def _outputs(value: Any, table: Table) -> tuple[str, ...] | None:
+    """Return names of OUTPUTS and outputs in words; None for any other value."""
+    if not isinstance(value, list | tuple) or not all(isinstance(text, str) for text in value):
+        raise table.bad("outputs", "a list of texts")
+    for text in value:
+        if text not in OUTPUTS and "(" not in text:
+            raise table.bad("outputs", f"some of {', '.join(OUTPUTS)}, or {EXPECTED}")
+        if text not in OUTPUTS:
+            read_shape_output(text, table.find("design").fabric, f"{table.where}: outputs")
+    return tuple(value) if len({*value}) == len(value) else None
+
+
+def _methods(value: Any, table: Table) -> tuple[str, ...] | None:
+    methods = (value,) if isinstance(value, str) else tuple(value) if isinstance(value, list | tuple) else ()
+    fits = methods and all(method in METHODS for method in methods)
+    return tuple(method for method in METHODS if method in methods) if fits else None
+
+
+def _functions(value: Any, table: Table) -> Mapping[str, Output] | None:
+    return value if isinstance(value, Mapping) and all(callable(each) for each in value.values()) else None
+
+
+_TIMES = f"rising times in s after rest, up to {LONGEST:g}"
+
+
 @dataclass(frozen=True, eq=False)
 class SensitivityStudy:
-    """joint: the model's parameters are drawn from its joint covariance, all of them, beside `varied`.
+    """What a shape depends on. joint: the model's parameters are drawn from its joint covariance, all of them, beside
+    `varied`. functions: outputs of one's own, by name, of times [s] and points (T, 3362, 3) m; a shape at rest has one
+    frame. seconds: of computing, all sessions together."""
 
-    outputs: names of OUTPUTS, or what `read_shape_output` reads.
-    at: s after rest, of motions under constant pressures from there; none: shapes at rest. pressures (channels,) Pa
-    hold where they do not vary. samples: rows of the Sobol design, a row being one sample and, for every parameter,
-    one with that parameter exchanged. trajectories: of Morris' design. seconds: of computing, all sessions together.
-    functions: outputs of one's own, by name, of times [s] and points (T, 3362, 3) m; a shape at rest has one frame.
-    """
+    name: Name
+    design: Annotated[Design, Key(file=read_design), "whose motions are computed"]
+    varied: Annotated[
+        tuple[Varied, ...], Key("parameters.*", rest=True, read=read_varied), "tables by name, each with low and high"
+    ]
+    joint: Annotated[bool, Key("parameters.covariance", absent=lambda table: False), "what the model's covers varies"]
+    outputs: Annotated[
+        tuple[str, ...],
+        Key(
+            read=_outputs,
+            expected=f"some of {', '.join(OUTPUTS)}, each once",
+            absent=lambda table: () if table.has("functions") else ("tip", "mean_curvature"),
+        ),
+        f"some of {', '.join(OUTPUTS)}, or in words (sensitivity.md)",
+    ]
+    pressures: Annotated[
+        NDArray[np.float64],
+        Key(
+            "start_pressures",
+            read=read_start_pressures,
+            expected="a list of numbers",
+            absent=lambda table: np.minimum(MIDDLE, limits(table.find("design"))),
+        ),
+        "kPa, of channels that do not vary; absent: 200",
+    ]
+    model: StudyModel = None
+    methods: Annotated[
+        tuple[str, ...],
+        Key("method", read=_methods, expected='"morris", "sobol" or ["morris", "sobol"]'),
+        "one of them, or both",
+    ] = METHODS
+    samples: Annotated[
+        int, Within(least=8, most=MOST), "rows of Sobol's design, a power of two: samples * (parameters + 2) shapes"
+    ] = 256
+    trajectories: Annotated[
+        int, Within(least=4, most=MOST), "of Morris' design: trajectories * (parameters + 1) shapes"
+    ] = 16
+    at: Annotated[tuple[Second, ...], Key(expected=_TIMES), "of motions from rest; absent: shapes at rest"] = ()
+    target: Annotated[TargetFile | None, "of the output chamfer"] = None
+    seed: Seed = 1
+    order: Order = 0
+    points_per_side: Annotated[int, Within(least=COARSEST, most=FINEST), "of the simulator's grid"] = GRID
+    rise: Rise = RISE
+    hold: Hold = HOLD
+    seconds: Annotated[Second | None, Key("limits.seconds"), ABOVE_0, "absent: until all is computed"] = None
+    functions: Annotated[
+        Mapping[str, Output], Key(read=_functions, expected="none in a file; Python gives functions")
+    ] = field(default_factory=dict)
 
-    name: str
-    design: Design
-    varied: tuple[Varied, ...]
-    joint: bool
-    outputs: tuple[str, ...]
-    pressures: NDArray[np.float64]
-    model: Model | None = None
-    methods: tuple[str, ...] = METHODS
-    samples: int = 256
-    trajectories: int = 16
-    at: tuple[float, ...] = ()
-    target: TargetFile | None = None
-    seed: int = 1
-    order: int = 0
-    points_per_side: int = GRID
-    rise: float = RISE  # s, in which pressures rise on the way to rest
-    hold: float = HOLD  # s, for which they then hold, where effects remember
-    seconds: float | None = None
-    functions: Mapping[str, Output] = field(default_factory=dict)
-
-
-def read_sensitivity(path: Path | str) -> SensitivityStudy:
-    """Read a study of kind "sensitivity". Keys: docs/files.md. Raises InputError."""
-    path = Path(path)
-    root = load_toml(path, FORMAT, partial=True)
-    require_kind(root, "sensitivity")
-    return sensitivity_of(root, path, *read_subject(root, path))
-
-
-def sensitivity_of(
-    root: Table, path: Path, design: Design, model: Model | None, functions: Mapping[str, Output] = NO_FUNCTIONS
-) -> SensitivityStudy:
-    """A study from the table of its file at `path`, whose other keys have been taken. functions: outputs beside those
-    that the table names. Raises InputError."""
-    varied, joint = _parameters(root.table("parameters"), design, model or Model())
-    outputs = root.texts("outputs", () if functions else ("tip", "mean_curvature"))
-    if not (outputs or functions) or len({*outputs}) < len(outputs):
-        raise root.bad("outputs", f"some of {', '.join(OUTPUTS)}, each once")
-    for text in outputs:
-        if text not in OUTPUTS and "(" not in text:
-            raise root.bad("outputs", f"some of {', '.join(OUTPUTS)}, or {EXPECTED}")
-        if text not in OUTPUTS:
-            read_shape_output(text, design.fabric, f"{path}: outputs")
-    targets = read_targets(root, path, design.fabric) if "target" in root or "chamfer" in outputs else ()
-    if targets and "chamfer" not in outputs:
-        raise InputError(f'{path}: a target, and no "chamfer" among the outputs; expected both or neither')
-    pressures = read_start_pressures(root, design)
-    table = root.table("limits", None) or Table({}, f"{path}: limits")
-    study = SensitivityStudy(
-        name=root.text("name", path.stem),
-        design=design,
-        varied=varied,
-        joint=joint,
-        outputs=outputs,
-        functions=functions,
-        pressures=np.minimum(MIDDLE, limits(design)) if pressures is None else pressures,
-        model=model,
-        methods=_methods(root),
-        samples=_samples(root),
-        trajectories=root.integer("trajectories", 16, least=4, most=MOST),
-        at=_times(root),
-        target=targets[0] if targets else None,
-        seed=root.integer("seed", 1, least=0),
-        order=root.integer("order", 0, least=0),
-        points_per_side=root.integer("points_per_side", GRID, least=COARSEST, most=FINEST),
-        rise=root.number("rise", RISE, least=0.01, most=60),
-        hold=root.number("hold", HOLD, least=0, most=LONGEST),
-        seconds=table.number("seconds", None, above=0),
-    )
-    table.finish()
-    root.finish()
-    return study
+    def resolved(self, table: Table) -> "SensitivityStudy":
+        """Raise InputError for what does not go together."""
+        parameters = table.within(["parameters"])
+        if "parameters" not in table:
+            raise table.missing("parameters")
+        if not self.varied and not self.joint:
+            raise parameters.error("nothing varies; expected tables with low and high, or covariance = true")
+        model = self.model or Model()
+        if self.joint and model.covariance is None:
+            raise parameters.bad("covariance", "a model with a [covariance], as calibrate and trace write it")
+        if self.joint:
+            joint_root(model)  # sound, or said at once
+        if twice := [v.name for v in self.varied if self.joint and v.name in covered(model)]:
+            raise parameters.error(f"{', '.join(twice)} vary with the covariance; expected no table of their own")
+        if not (self.outputs or self.functions):
+            raise table.bad("outputs", f"some of {', '.join(OUTPUTS)}, each once")
+        if "chamfer" in self.outputs and self.target is None:
+            raise table.error("expected one [target], beside the output chamfer")
+        if "chamfer" not in self.outputs and self.target is not None:
+            raise table.error('a target, and no "chamfer" among the outputs; expected both or neither')
+        if self.samples & (self.samples - 1):
+            raise table.bad("samples", "a power of two, such as 256: Sobol points are even in no other number")
+        if any(not 0 < t <= LONGEST for t in self.at) or list(self.at) != sorted({*self.at}):
+            raise table.bad("at", _TIMES)
+        return self
 
 
-def _parameters(root: Table, design: Design, model: Model) -> tuple[tuple[Varied, ...], bool]:
-    joint = root.flag("covariance", False)
-    tables = {name: table for key in root.names() if key != "covariance" for name, table in _leaves(key, root)}
-    varied = read_varied(tables, design, model, root.where)
-    if not varied and not joint:
-        raise InputError(f"{root.where}: nothing varies; expected tables with low and high, or covariance = true")
-    if joint and model.covariance is None:
-        raise root.bad("covariance", "a model with a [covariance], as calibrate and trace write it")
-    if joint:
-        joint_root(model)  # sound, or said at once
-    if twice := [v.name for v in varied if joint and v.name in covered(model)]:
-        raise InputError(f"{root.where}: {', '.join(twice)} vary with the covariance; expected no table of their own")
-    return varied, joint
-
-
-def _leaves(key: str, root: Table) -> list[tuple[str, Table]]:
-    """Tables that hold no tables, by their keys joined with dots: `[parameters.pressure.0]` is pressure.0."""
-    table = root.table(key)
-    inner = [name for name in table.names() if isinstance(table.take(name), dict)]
-    if not inner:
-        return [(key, Table({name: table.take(name) for name in table.names()}, table.where))]
-    table.finish()
-    if len(inner) < len(table.names()):
-        raise InputError(f"{table.where}: values beside tables; expected low and high in tables of their own")
-    return [(f"{key}.{name}", leaf) for below in inner for name, leaf in _leaves(below, table)]
-
-
-def _methods(root: Table) -> tuple[str, ...]:
-    value: Any = root.take("method", list(METHODS))
-    methods = (value,) if isinstance(value, str) else tuple(value) if isinstance(value, list) else ()
-    if not methods or not all(method in METHODS for method in methods):
-        raise root.bad("method", '"morris", "sobol" or ["morris", "sobol"]')
-    return tuple(method for method in METHODS if method in methods)
-
-
-def _samples(root: Table) -> int:
-    samples: int = root.integer("samples", 256, least=8, most=MOST)
-    if samples & (samples - 1):
-        raise root.bad("samples", "a power of two, such as 256: Sobol points are even in no other number")
-    return samples
-
-
-def _times(root: Table) -> tuple[float, ...]:
-    times: tuple[float, ...] = root.numbers("at", ())
-    if any(not 0 < t <= LONGEST for t in times) or list(times) != sorted({*times}):
-        raise root.bad("at", f"rising times in s after rest, up to {LONGEST:g}")
-    return times
+def read_sensitivity(path: Path | str | Mapping[str, Any]) -> SensitivityStudy:
+    """Read a study of kind "sensitivity". Raises InputError."""
+    return study_of(SensitivityStudy, "sensitivity", path)

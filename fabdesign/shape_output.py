@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -60,12 +59,13 @@ def read_shape_output(text: str, fabric: Fabric, where: str) -> ShapeOutput:
     raise InputError(f"{where}: {text}; expected {EXPECTED}")
 
 
-def read_shape_outputs(root: Table, path: Path, fabric: Fabric) -> tuple[ShapeOutput, ...]:
-    """Of `outputs` in the study at `path`, none where it has none. Raises InputError."""
-    texts = root.texts("outputs", ())
-    if len({*texts}) < len(texts):
-        raise root.bad("outputs", "each once")
-    return tuple(read_shape_output(text, fabric, f"{path}: outputs") for text in texts)
+def read_shape_outputs(value: Any, table: Table) -> tuple[ShapeOutput, ...] | None:
+    """Return the outputs of a study that is being decoded; None for what is no list of different texts."""
+    if not isinstance(value, list | tuple) or not all(isinstance(text, str) for text in value):
+        raise table.bad("outputs", "a list of texts")
+    fabric = table.find("design").fabric
+    outputs = tuple(read_shape_output(text, fabric, f"{table.where}: outputs") for text in value)
+    return outputs if len({*value}) == len(value) else None
 
 
 def _places(cells: tuple[str, ...], fabric: Fabric, where: str) -> tuple[tuple[float, float], ...]:

@@ -1,12 +1,14 @@
 """Study files: `fabdesign.study/1`, what a person asks of a search."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal, cast
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fabdesign.decoder import as_number, decode, decode_part
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
 from fabdesign.effort import MUSCLES
@@ -16,28 +18,50 @@ from fabdesign.model import Model
 from fabdesign.model_file import read_model
 from fabdesign.pressure import LARGEST, limits
 from fabdesign.pressure_file import pressure_file_of, read_pressures, told_slight_pressure
-from fabdesign.search_terms import Price, Robust, read_price, read_robust
+from fabdesign.schema import ABOVE_0, FROM_0, Key, Kilopascal, Metre, Second, Within
+from fabdesign.search_terms import NO_PRICE, Price, Robust
 from fabdesign.shape_output import ShapeOutput, read_shape_outputs
-from fabdesign.study_targets import TargetFile, read_targets
+from fabdesign.study_targets import TargetFile
 from fabdesign.table import STUDY, Table, load_toml
+from fabdesign.toml_file import file_name
 from fabdesign.units import in_kpa, pascals
 
 FORMAT = STUDY
-KINDS = ("optimize", "sensitivity", "layouts", "unseen", "loop")
+Kind = Literal["optimize", "sensitivity", "layouts", "unseen", "loop"]
 Side = Literal["front", "back"]
 Measure = Literal["chamfer", "surface_rms"]
+Form = TypeVar("Form")
 CORNERS = 3  # between a muscle's ends, at most
 HIGHEST = 400e3  # Pa, of the pressures searched where the study does not say
+
+
+@dataclass(frozen=True)
+class StudyHead:
+    """What studies of all kinds have."""
+
+    kind: Annotated[Kind, "of the study"]
+    cluster: Annotated[str | None, "address of a Dask scheduler whose workers compute; absent: this machine"] = None
 
 
 @dataclass(frozen=True)
 class MuscleChoice:
     """How many muscles a layout may have, on which faces, and with how many corners between a muscle's ends."""
 
-    least: int
-    most: int
-    sides: tuple[Side, ...] = ("front", "back")
-    corners: int = 1
+    least: Annotated[int, Key("min", absent=lambda table: 1), Within(least=1, most=MUSCLES), "muscles; absent: 1"]
+    most: Annotated[int, Key("max"), Within(least=1, most=MUSCLES), "muscles"]
+    sides: Annotated[tuple[Side, ...], Key(expected='"front", "back" or both'), "faces that they may lie on"] = (
+        "front",
+        "back",
+    )
+    corners: Annotated[int, Within(least=0, most=CORNERS), "that a muscle gets between its ends, at most"] = 1
+
+    def resolved(self, table: Table) -> "MuscleChoice":
+        """Raise InputError for no counts or no faces."""
+        if self.most < self.least:
+            raise table.bad("max", f"a whole number{Within(least=self.least, most=MUSCLES)}")
+        if not self.sides:
+            raise table.bad("sides", '"front", "back" or both')
+        return self
 
     @property
     def counts(self) -> range:
@@ -53,16 +77,104 @@ class EarlierResult:
     pressures: NDArray[np.float64]  # (poses, channels) Pa
 
 
+_LOW_HIGH = "[lowest, highest] in kPa, from 0"
+
+
 @dataclass(frozen=True)
 class StudyLimits:
-    pressure: tuple[float, float] = (0.0, HIGHEST)  # Pa
-    spacing: float = 0.006  # m, between muscles on one face
-    edge: float = 0.005  # m, between a muscle's corner points and the cloth's edge
-    seconds: float = 600.0  # of search
-    evaluations: int = 20_000
-    contraction: float | None = None  # 1 - l / l0, of any interval of a muscle; None: any
-    channels: int | None = None  # of pressure; None: one for each muscle if need be
-    air: float | None = None  # m^3 at atmospheric pressure that fill all muscles; None: any
+    """What a layout and its pressures keep, and when a search ends."""
+
+    pressure: Annotated[tuple[Kilopascal, Kilopascal], FROM_0, Key(expected=_LOW_HIGH), "lowest and highest"] = (
+        0.0,
+        HIGHEST,
+    )  # Pa
+    spacing: Annotated[Metre, FROM_0, "between muscles on one face"] = 0.006
+    edge: Annotated[Metre, FROM_0, "between a muscle's corner points and the cloth's edge"] = 0.005
+    seconds: Annotated[Second, ABOVE_0, "of search; then the best so far"] = 600.0
+    evaluations: Annotated[int, Within(least=1), "of search; then the best so far"] = 20_000
+    contraction: Annotated[
+        float | None, Within(above=0, most=0.5), "1 - l / l0 of any interval of a muscle, at most; absent: any"
+    ] = None
+    channels: Annotated[
+        int | None, Within(least=1, most=MUSCLES), "of pressure, at most; absent: one for each muscle if need be"
+    ] = None
+    air: Annotated[
+        float | None,
+        Within(above=0, most=1),
+        "m^3 at atmospheric pressure that fill all muscles in a pose, at most; absent: any",
+    ] = None
+
+    def resolved(self, table: Table) -> "StudyLimits":
+        """Return the limits with pressures that the muscles bear. Raises InputError for what the cloth is too small
+        for, and for pressures that the muscles do not bear."""
+        design: Design = table.find("design")
+        size = min(design.fabric.width, design.fabric.height)
+        most = float(
+            min([*limits(design), *(t.max_pressure or LARGEST for t in design.muscle_types.values())], default=LARGEST)
+        )
+        pressure = self.pressure if "pressure" in table else (0.0, min(HIGHEST, most))
+        if not pressure[0] < pressure[1]:
+            raise table.bad("pressure", _LOW_HIGH)
+        if pressure[1] > most:
+            raise table.bad("pressure", f"at most {in_kpa(most):g} kPa, the muscles' maximum")
+        if "pressure" in table:
+            _say_slight(pressure[1], design, f"{table.where}: pressure")
+        if self.spacing >= size:
+            raise table.bad("spacing", "less than the cloth, in m")
+        if 2 * self.edge >= size:
+            raise table.bad("edge", "less than half the cloth, in m")
+        return replace(self, pressure=pressure)
+
+
+def read_start_pressures(value: Any, table: Table) -> NDArray[np.float64] | None:
+    """Return (channels,) Pa of numbers in kPa; None for any other value."""
+    numbers = [as_number(each) for each in value] if isinstance(value, list | tuple | np.ndarray) else [None]
+    if not all(number is not None and np.isfinite(number) for number in numbers):
+        return None
+    design = table.find("design")
+    if len(numbers) != design.channels or min(number or 0.0 for number in numbers) < 0:
+        raise table.bad("start_pressures", f"{design.channels} pressures in kPa, from 0")
+    pressures = np.array([pascals(str(number)) for number in numbers])
+    _say_slight(float(pressures.max(initial=0.0)), design, f"{table.where}: start_pressures")
+    return pressures
+
+
+def _say_slight(highest: float, design: Design, where: str) -> None:
+    if line := told_slight_pressure(highest, design, where):
+        note(line)
+
+
+def _earlier(value: Any, table: Table) -> EarlierResult | None:
+    """Return what the folder of an earlier result holds: its design.toml, pressures.csv, pressures_2.csv, ..."""
+    folder = table.file.parent / file_name(str(value), table.where)
+    if not (folder / "design.toml").is_file() or not (folder / "pressures.csv").is_file():
+        return None
+    design = read_design(folder / "design.toml")
+    files = [folder / "pressures.csv"]
+    while (further := folder / pressure_file_of(len(files) + 1)).is_file():
+        files.append(further)
+    return EarlierResult(folder, design, np.array([read_pressures(file, design).pressure[-1] for file in files]))
+
+
+def file_stem_of(table: Table) -> str:
+    """Return the name that a study has by its file."""
+    return table.file.stem
+
+
+StudyModel = Annotated[Model | None, Key(file=read_model), "of the specimen; absent: the data sheet"]
+Name = Annotated[str, Key(absent=file_stem_of), "by default the file's"]
+Seed = Annotated[int, FROM_0, "of random numbers"]
+Order = Annotated[int, FROM_0, "place in the specimen's session of what is computed; 0 is rested"]
+Rise = Annotated[Second, Within(least=0.01, most=60), "in which all pressures rise to a shape at rest"]
+Hold = Annotated[Second, Within(least=0, most=3600), "for which they then hold, where effects have memory"]
+StartPressures = Annotated[
+    NDArray[np.float64] | None, Key("start_pressures", read=read_start_pressures, expected="a list of numbers")
+]
+Outputs = Annotated[
+    tuple[ShapeOutput, ...],
+    Key(read=read_shape_outputs, expected="each once"),
+    "of the result's shapes, in words (sensitivity.md)",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,102 +185,85 @@ class Study:
     middle of the limits.
     """
 
-    name: str
-    design: Design
-    targets: tuple[TargetFile, ...]
-    model: Model | None = None
-    seed: int = 1
-    pressures: bool = True
-    positions: bool = False
-    muscles: MuscleChoice | None = None
+    name: Name
+    design: Annotated[Design, Key(file=read_design), "the start, and whatever is not varied"]
+    targets: Annotated[
+        tuple[TargetFile, ...],
+        Key(
+            expected="one [target], or [[targets]] that share one layout",
+            one_of={
+                "target": Annotated[TargetFile, "the shape that is wanted"],
+                "targets": Annotated[tuple[TargetFile, ...], "poses that share one layout"],
+            },
+        ),
+    ]
+    model: StudyModel = None
+    seed: Seed = 1
+    pressures: Annotated[bool, Key("variables.pressures"), "whether they vary"] = True
+    positions: Annotated[
+        bool,
+        Key("variables.positions", absent=lambda table: table.within(["variables"]).has("muscles")),
+        "whether the muscles' corner points move; absent: where muscles is there",
+    ] = False
+    muscles: Annotated[MuscleChoice | None, Key("variables.muscles"), "absent: the count stays"] = None
     limits: StudyLimits = StudyLimits()
-    objective: Measure = "chamfer"
-    start_pressures: NDArray[np.float64] | None = None
-    earlier: EarlierResult | None = None
-    order: int = 0  # the place in the specimen's session of what is searched for
-    rise: float = RISE  # s, in which pressures rise on the way to an equilibrium
-    hold: float = HOLD  # s, for which they then hold, where effects remember
-    price: Price = field(default_factory=Price)
-    robust: Robust | None = None
-    outputs: tuple[ShapeOutput, ...] = ()  # said of the result's shapes; the search does not ask for them
+    objective: Annotated[Measure, "what is made small"] = "chamfer"
+    start_pressures: Annotated[StartPressures, "where the search begins, and what holds where none vary"] = None
+    earlier: Annotated[
+        EarlierResult | None,
+        Key("start", read=_earlier, expected="the folder of an earlier result, with design.toml and pressures.csv"),
+        "what the search begins with",
+    ] = None
+    order: Order = 0
+    rise: Rise = RISE
+    hold: Hold = HOLD
+    price: Price = NO_PRICE
+    robust: Annotated[Robust | None, "absent: copies with scatter are not asked for"] = None
+    outputs: Outputs = ()
+
+    def resolved(self, table: Table) -> "Study":
+        """Return the study with its one target or several as a tuple. Raises InputError for none."""
+        targets = self.targets if isinstance(self.targets, tuple) else (self.targets,)
+        if not targets:
+            raise table.error("expected one [target], or [[targets]] that share one layout")
+        if self.objective != "chamfer" and any(target.wishes for target in targets):
+            raise table.bad("objective", '"chamfer" for wishes, which have a distance of their own')
+        return replace(self, targets=targets)
 
 
-def read_study(path: Path | str) -> Study:
+def study_of(form: type[Form], kind: Kind, source: Path | str | Mapping[str, Any]) -> Form:
+    """Return the study of a file, or of the same keys in Python, whose design and model may be objects. Raises
+    InputError, also for a study of another kind."""
+    if isinstance(source, Mapping):
+        return decode(form, Table(source, kind, Path(kind)))
+    root = load_toml(Path(source), FORMAT, partial=True)
+    if decode_part(StudyHead, root).kind != kind:
+        raise root.bad("kind", f'"{kind}", the kind that this command runs')
+    return decode(form, root)
+
+
+def read_study(path: Path | str | Mapping[str, Any]) -> Study:
     """Read a study of kind "optimize" with the design and model that it names; targets are opened when it runs.
 
-    Keys: docs/files.md. `positions` is true by default where `muscles` is there. Paths are relative to the file.
-    Raises InputError.
+    Paths are relative to the file. Raises InputError.
     """
-    path = Path(path)
-    root = load_toml(path, FORMAT, partial=True)
-    require_kind(root, "optimize")
-    study = read_search(root, path)
-    require_searchable(study, str(path))
+    study = study_of(Study, "optimize", path)
+    require_searchable(study, "optimize" if isinstance(path, Mapping) else str(path))
     return study
 
 
-def read_kind(path: Path | str) -> str:
+def read_kind(path: Path | str) -> Kind:
     """The kind of a study. Raises InputError."""
-    kind: str = load_toml(Path(path), FORMAT, partial=True).text("kind", choices=KINDS)
-    return kind
+    return _head(path).kind
 
 
 def read_cluster(path: Path | str) -> str | None:
     """The address of the scheduler whose workers compute a study. Raises InputError."""
-    address: str | None = load_toml(Path(path), FORMAT, partial=True).text("cluster", None)
-    return address
+    return _head(path).cluster
 
 
-def require_kind(root: Table, kind: str) -> None:
-    """Raise InputError for a study of another kind. Takes what studies of all kinds may have: `cluster`."""
-    root.text("cluster", None)
-    if root.text("kind", choices=KINDS) != kind:
-        raise root.bad("kind", f'"{kind}", the kind that this command runs')
-
-
-def read_search(root: Table, path: Path) -> Study:
-    """A search from the table of its study at `path`, whose other keys have been taken. Raises InputError."""
-    return search_of(root, path, *read_subject(root, path))
-
-
-def read_subject(root: Table, path: Path) -> tuple[Design, Model | None]:
-    """The design and the model, if any, that the study at `path` names. Raises InputError."""
-    design = read_design(root.path("design", path.parent))
-    model_name = root.text("model", None)
-    return design, None if model_name is None else read_model(path.parent / model_name)
-
-
-def search_of(root: Table, path: Path, design: Design, model: Model | None) -> Study:
-    """As `read_search`, of a design and model that are read already."""
-    targets = read_targets(root, path, design.fabric)
-    variables = root.table("variables", None) or Table({}, f"{path}: variables")
-    choice = _choice(variables)
-    pressures, positions = variables.flag("pressures", True), variables.flag("positions", choice is not None)
-    variables.finish()
-    study = Study(
-        name=root.text("name", path.stem),
-        design=design,
-        targets=targets,
-        model=model,
-        seed=root.integer("seed", 1, least=0),
-        pressures=pressures,
-        positions=positions,
-        muscles=choice,
-        limits=_limits(root, path, design),
-        objective=root.text("objective", "chamfer", choices=("chamfer", "surface_rms")),
-        start_pressures=read_start_pressures(root, design),
-        earlier=_earlier(root, path),
-        order=root.integer("order", 0, least=0),
-        rise=root.number("rise", RISE, least=0.01, most=60),
-        hold=root.number("hold", HOLD, least=0, most=3600),
-        price=read_price(root),
-        robust=read_robust(root),
-        outputs=read_shape_outputs(root, path, design.fabric),
-    )
-    if study.objective != "chamfer" and any(target.wishes for target in targets):
-        raise root.bad("objective", '"chamfer" for wishes, which have a distance of their own')
-    root.finish()
-    return study
+def _head(path: Path | str) -> StudyHead:
+    return decode_part(StudyHead, load_toml(Path(path), FORMAT, partial=True))
 
 
 def require_searchable(study: Study, where: str) -> None:
@@ -187,84 +282,3 @@ def require_searchable(study: Study, where: str) -> None:
         )
     if not (study.pressures or study.positions or study.muscles):
         raise InputError(f"{where}: variables: nothing may change; expected pressures, positions or muscles")
-
-
-def _choice(variables: Table) -> MuscleChoice | None:
-    table = variables.table("muscles", None)
-    if table is None:
-        return None
-    least = table.integer("min", 1, least=1, most=MUSCLES)
-    sides = cast(tuple[Side, ...], table.texts("sides", ("front", "back")))  # checked below
-    choice = MuscleChoice(
-        least,
-        table.integer("max", least=least, most=MUSCLES),
-        sides,
-        table.integer("corners", MuscleChoice.corners, least=0, most=CORNERS),
-    )
-    if not choice.sides or not set(choice.sides) <= {"front", "back"}:
-        raise table.bad("sides", '"front", "back" or both')
-    table.finish()
-    return choice
-
-
-def _limits(root: Table, path: Path, design: Design) -> StudyLimits:
-    table = root.table("limits", None) or Table({}, f"{path}: limits")
-    default = StudyLimits()
-    most = min([*limits(design), *(t.max_pressure or LARGEST for t in design.muscle_types.values())], default=LARGEST)
-    pressure = (0.0, min(HIGHEST, float(most)))
-    if "pressure" in table:
-        low, high = table.numbers("pressure", count=2)
-        if not 0 <= low < high:
-            raise table.bad("pressure", "[lowest, highest] in kPa, from 0")
-        pressure = (pascals(str(low)), pascals(str(high)))
-        if pressure[1] > most:
-            raise table.bad("pressure", f"at most {in_kpa(most):g} kPa, the muscles' maximum")
-        _say_slight(pressure[1], design, f"{table.where}: pressure")
-    own = StudyLimits(
-        pressure=pressure,
-        spacing=table.number("spacing", default.spacing, least=0),
-        edge=table.number("edge", default.edge, least=0),
-        contraction=table.number("contraction", above=0, most=0.5) if "contraction" in table else None,
-        channels=table.integer("channels", least=1, most=MUSCLES) if "channels" in table else None,
-        air=table.number("air", above=0, most=1) if "air" in table else None,
-        seconds=table.number("seconds", default.seconds, above=0),
-        evaluations=table.integer("evaluations", default.evaluations, least=1),
-    )
-    if own.spacing >= min(design.fabric.width, design.fabric.height):
-        raise table.bad("spacing", "less than the cloth, in m")
-    if 2 * own.edge >= min(design.fabric.width, design.fabric.height):
-        raise table.bad("edge", "less than half the cloth, in m")
-    table.finish()
-    return own
-
-
-def read_start_pressures(root: Table, design: Design) -> NDArray[np.float64] | None:
-    """(channels,) Pa; None where the study has none."""
-    values = root.numbers("start_pressures", None)
-    if values is None:
-        return None
-    if len(values) != design.channels or min(values) < 0:
-        raise root.bad("start_pressures", f"{design.channels} pressures in kPa, from 0")
-    pressures = np.array([pascals(str(value)) for value in values])
-    _say_slight(float(pressures.max(initial=0.0)), design, f"{root.where}: start_pressures")
-    return pressures
-
-
-def _say_slight(highest: float, design: Design, where: str) -> None:
-    if line := told_slight_pressure(highest, design, where):
-        note(line)
-
-
-def _earlier(root: Table, path: Path) -> EarlierResult | None:
-    """`start = "DIR"`, the folder of an earlier result: its design.toml, pressures.csv, pressures_2.csv, ..."""
-    name = root.text("start", None)
-    if name is None:
-        return None
-    folder = root.path("start", path.parent)
-    if not (folder / "design.toml").is_file() or not (folder / "pressures.csv").is_file():
-        raise root.bad("start", "the folder of an earlier result, with design.toml and pressures.csv")
-    design = read_design(folder / "design.toml")
-    files = [folder / "pressures.csv"]
-    while (further := folder / pressure_file_of(len(files) + 1)).is_file():
-        files.append(further)
-    return EarlierResult(folder, design, np.array([read_pressures(file, design).pressure[-1] for file in files]))

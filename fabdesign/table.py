@@ -1,6 +1,6 @@
 """Strict reading of TOML: every key is asked for, and what was not asked for is an error."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from difflib import get_close_matches
 from math import isfinite
@@ -22,10 +22,70 @@ class Table:
     A key without a default must be there. All getters raise InputError.
     """
 
-    def __init__(self, values: dict[str, Any], where: str) -> None:
+    def __init__(
+        self, values: Mapping[str, Any], where: str, file: Path = Path(), outer: "Table | None" = None
+    ) -> None:
         self.where = where
+        self.file = file  # that it stands in: names of files are relative to its folder
+        self.decoded: dict[str, Any] = {}  # fields of the dataclass that is made of it, as far as they are read
+        self.name = ""  # the key that it stands under
+        self._outer = outer
         self._values = values
         self._known: set[str] = set()
+        self._dotted: dict[str, Table] = {}  # tables whose keys are fields of the same dataclass
+
+    def __getitem__(self, key: str) -> Any:
+        return self._values[key]
+
+    def has(self, key: str) -> bool:
+        """Whether the key is there; from now on it is a known one."""
+        self._known.add(key)
+        return self._values.get(key) is not None
+
+    def take_rest(self) -> dict[str, Any]:
+        """Return what no key was asked for, which is known from now on."""
+        rest = {key: value for key, value in self._values.items() if key not in self._known}
+        self._known |= rest.keys()
+        return rest
+
+    def inner(self, key: str, index: int | None = None) -> "Table":
+        """Return the table of a key, or of [[key]] the one of that place."""
+        value = self._values[key] if index is None else self._values[key][index]
+        place = key if index is None else f"{key}[{index}]"
+        table = Table(value, f"{self.where}: {place}", self.file, self)
+        table.name = key
+        return table
+
+    def within(self, keys: Sequence[str]) -> "Table":
+        """Return the table in tables, empty where it is not there, whose keys are checked with those of this one."""
+        if not keys:
+            return self
+        first, *rest = keys
+        if first not in self._dotted:
+            if self.has(first) and not isinstance(self._values[first], Mapping):
+                raise self.bad(first, "a table")
+            values = self._values.get(first) or {}
+            self._dotted[first] = Table(values, f"{self.where}: {first}", self.file, self)
+        return self._dotted[first].within(rest)
+
+    def same(self) -> "Table":
+        """Return the table for another dataclass whose fields stand in it too."""
+        table = Table(self._values, self.where, self.file, self)
+        table._known, table._dotted = self._known, self._dotted
+        return table
+
+    def find(self, field: str) -> Any:
+        """Return what was decoded of a field here or in the tables around; None where there is none yet."""
+        return self.decoded[field] if field in self.decoded else self._outer.find(field) if self._outer else None
+
+    def error(self, text: str) -> InputError:
+        """Return the error that says so of the table."""
+        return InputError(f"{self.where}: {text}")
+
+    def missing(self, key: str) -> InputError:
+        """Return the error for a key that must be there, with an unknown one that may be meant."""
+        similar = get_close_matches(key, self._values.keys() - self._known, n=1, cutoff=0.85)
+        return self.error(f"{key} is missing" + "".join(f" (is {word} meant?)" for word in similar))
 
     def __contains__(self, key: str) -> bool:
         return key in self._values
@@ -40,8 +100,7 @@ class Table:
         if key in self._values:
             return self._values[key]
         if default is _REQUIRED:
-            similar = get_close_matches(key, set(self._values) - self._known, n=1, cutoff=0.85)
-            raise InputError(f"{self.where}: {key} is missing" + "".join(f" (is {word} meant?)" for word in similar))
+            raise self.missing(key)
         return default
 
     def bad(self, key: str, expected: str) -> InputError:
@@ -216,6 +275,8 @@ class Table:
 
     def finish(self) -> None:
         """Refuse keys that nothing asked for."""
+        for table in self._dotted.values():
+            table.finish()
         for key in self._values:
             if key not in self._known:
                 missing = sorted(self._known - set(self._values))
@@ -227,7 +288,7 @@ DESIGN, STUDY = "fabdesign.design/1", "fabdesign.study/1"
 
 def load_toml(path: Path, form: str, *, partial: bool = False) -> Table:
     """The root table of a file whose `format` is `form`; with `partial` (an included file) `format` may be absent."""
-    root = Table(parse_toml(path), str(path))
+    root = Table(parse_toml(path), str(path), path)
     given = root.text("format", None)
     if given is None and not partial:
         raise InputError(f'{path}: no format line; expected format = "{form}"')
@@ -284,7 +345,7 @@ def _shown(value: Any) -> str:
 def _as_toml(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return f"[{', '.join(map(_as_toml, value))}]"
     if isinstance(value, dict):
         return f"{{{', '.join(f'{key} = {_as_toml(item)}' for key, item in value.items())}}}"

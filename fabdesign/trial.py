@@ -4,30 +4,46 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.design import Design
+from fabdesign.design_file import read_design
 from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.rig_limits_file import USUAL_LIMITS, RigLimits
+from fabdesign.schema import ABOVE_0, FileUnit, Key, Within
+from fabdesign.table import Table, nearest
 from fabdesign.trial_file import TrialData, program_of, read_trial, read_trial_pressures
 from fabdesign.trial_place import require_on_cloth
 
 Role = Literal["fit", "test"]
 
 
+def _design_of(table: Table) -> Design:
+    name, designs = table.decoded["design_name"], table.find("designs")
+    if name not in designs:
+        raise table.bad("design", f"one of [designs], {', '.join(designs)}{nearest(name, [*designs])}")
+    return cast(Design, designs[name])
+
+
 @dataclass(frozen=True)
 class Trial:
     """One motion of a set. Its file is opened when its content is asked for; that raises InputError."""
 
-    file: Path  # the npz
-    design_name: str
-    design: Design
-    order: int  # place in the specimen's session
-    role: Role  # nothing may be fitted or chosen on "test"
+    file: Annotated[Path, "the npz"]
+    design_name: Annotated[str, Key("design"), "one of [designs]"]
+    design: Annotated[Design, Key("", absent=_design_of)]
+    order: Annotated[int, "place in the specimen's session, for what builds up from trial to trial"]
+    role: Annotated[Role, "nothing may be fitted or chosen on test"]
     _sound: list[bool] = field(default_factory=list, init=False, repr=False, compare=False)  # filled once it is
+
+    def resolved(self, table: Table) -> "Trial":
+        """Raise InputError for a file that is not there."""
+        if not self.file.is_file():
+            raise table.error(f"file {self.file} is not there")
+        return self
 
     @property
     def name(self) -> str:
@@ -58,11 +74,10 @@ class Trial:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Standard deviations of what a trial was given: of a channel's pressure, as a share of it, and of the frame's
-    level [degrees]. By default those of a laboratory that says nothing of them."""
+    """Standard deviations of what the trials were given. By default those of a laboratory that says nothing of them."""
 
-    pressure: float = 0.01
-    tilt: float = 0.5
+    pressure: Annotated[float, Within(least=0, most=1), "of a channel, as a share of it; with tilt_deg 0: exact"] = 0.01
+    tilt: Annotated[float, Key("tilt_deg"), FileUnit("degrees"), Within(least=0, most=45), "of the frame's level"] = 0.5
 
     @property
     def is_exact(self) -> bool:
@@ -83,10 +98,28 @@ USUAL = Accuracy()
 class MeasurementSet:
     """Motions measured on one specimen or more."""
 
-    name: str
-    designs: Mapping[str, Design]
+    name: Annotated[str, Key(absent=lambda table: table.file.resolve().parent.name), "by default the folder's"]
+    designs: Annotated[Mapping[str, Annotated[Design, Key(file=read_design)]], "name = file"]
     trials: tuple[Trial, ...]
-    description: str = ""
-    frame_rate: float | None = None  # Hz, nominal; a trial's own times rule
-    accuracy: Accuracy = USUAL  # of the trials' pressures and the frame's level
-    rig_limits: RigLimits = USUAL_LIMITS  # of further trials
+    description: Annotated[str, Key(brief=True), "where it comes from"] = ""
+    frame_rate: Annotated[float | None, FileUnit("Hz"), ABOVE_0, "nominal; a trial's own times rule"] = None
+    accuracy: Annotated[Accuracy, Key(brief=True)] = USUAL
+    rig_limits: Annotated[RigLimits, Key(brief=True), "of further trials"] = USUAL_LIMITS
+
+    def resolved(self, table: Table) -> "MeasurementSet":
+        """Raise InputError for a set without trials, and for trials of one name or one place in a session."""
+        if not self.trials:
+            raise table.error("no [[trials]]")
+        files: set[str] = set()
+        places: dict[tuple[str, int], Path] = {}
+        for number, trial in enumerate(self.trials):
+            where = table.inner("trials", number)
+            if trial.file.name in files:
+                raise where.error(f"file name {trial.file.name} is taken by another trial")
+            if (other := places.setdefault((trial.design_name, trial.order), trial.file)) is not trial.file:
+                raise where.error(
+                    f"order = {trial.order} is that of {other.name} too; expected each trial's own place in the "
+                    f"session of {trial.design_name}"
+                )
+            files.add(trial.file.name)
+        return self

@@ -1,10 +1,12 @@
 """What a sweep varies: pressures, places of muscles, factors on declared values, parameters of effects."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
+from fabdesign.decoder import decode_part
 from fabdesign.design import Design
 from fabdesign.effects.registry import check_values, effect_named
 from fabdesign.errors import InputError, note
@@ -52,23 +54,46 @@ class Varied:
         return f"{self.key[1]} of the effect {self.key[0]}".replace("_", " ")
 
 
-def read_varied(tables: dict[str, Table], design: Design, model: Model, where: str) -> tuple[Varied, ...]:
-    """The parameters of a sweep from their tables by name (`low`, `high`). Raises InputError."""
-    varied = tuple(_varied(name, table, design, model) for name, table in tables.items())
-    _require_on_cloth(varied, design, where)
+@dataclass(frozen=True)
+class LowHigh:
+    """Between what a parameter is drawn, as a file has it."""
+
+    low: Annotated[float | None, "in the parameter's unit"] = None
+    high: Annotated[float | None, "absent: the model's 90 % interval"] = None
+
+
+def read_varied(parameters: dict[str, Any], table: Table) -> tuple[Varied, ...]:
+    """Return the parameters of a sweep that is being decoded. Raises InputError."""
+    design, model = table.find("design"), table.find("model") or Model()
+    leaves = [leaf for name, value in parameters.items() for leaf in _leaves(name, value, table)]
+    varied = tuple(_varied(name, leaf, design, model) for name, leaf in leaves)
+    _require_on_cloth(varied, design, table.where)
     return varied
+
+
+def _leaves(name: str, value: Any, outer: Table) -> list[tuple[str, Table]]:
+    """Return tables that hold no tables, by their keys joined with dots: `[parameters.pressure.0]` is pressure.0."""
+    if not isinstance(value, Mapping):
+        raise outer.bad(name, "a table")
+    table = Table(value, f"{outer.where}: {name}", outer.file, outer)
+    inner = {key: below for key, below in value.items() if isinstance(below, Mapping)}
+    if not inner:
+        return [(name, table)]
+    if len(inner) < len(value):
+        raise table.error("values beside tables; expected low and high in tables of their own")
+    return [(f"{name}.{rest}", leaf) for key, below in inner.items() for rest, leaf in _leaves(key, below, table)]
 
 
 def _varied(name: str, table: Table, design: Design, model: Model) -> Varied:
     kind, key, unit, bounds, interval = _meaning(name, table.where, design, model)
-    low, high = (table.number(side, interval and interval[i]) for i, side in enumerate(("low", "high")))
+    ends = decode_part(LowHigh, table, LowHigh(*(interval or ())))
+    low, high = ends.low, ends.high
     if low is None or high is None:
-        raise InputError(f"{table.where}: no {'low' if low is None else 'high'}; expected low and high{_in(unit)}")
+        raise table.error(f"no {'low' if low is None else 'high'}; expected low and high{_in(unit)}")
     table.finish()
     if not bounds[0] <= low < high <= bounds[1]:
-        raise InputError(
-            f"{table.where}: low = {low:g}, high = {high:g}; expected low < high, from {bounds[0]:g} to {bounds[1]:g}"
-            f"{_in(unit)}"
+        raise table.error(
+            f"low = {low:g}, high = {high:g}; expected low < high, from {bounds[0]:g} to {bounds[1]:g}{_in(unit)}"
         )
     if kind == "pressure" and (slight := told_slight_pressure(pascals(str(high)), design, table.where)):
         note(slight)

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import isqrt
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from fabdesign.errors import InputError
 from fabdesign.fabric import Fabric
 from fabdesign.hung_cloth import held_places, on_flat_cloth
 from fabdesign.mid_surface import at_places, cells_of, mid_surface
+from fabdesign.schema import ABOVE_0, FileUnit, Key, Metre, Within
 from fabdesign.table import Table
 from fabdesign.units import in_mm
 
@@ -38,62 +39,84 @@ class Wish:
     weight: float = 1.0
 
 
-def read_wishes(table: Table, fabric: Fabric) -> tuple[Wish, ...]:
-    """Of a target's `[[wishes]]` and `tube`; none where it has neither. Keys: docs/files.md. Raises InputError."""
-    wishes = [_wish(own, fabric) for own in table.tables("wishes")]
-    tube = table.table("tube", None)
-    return (*wishes, *([] if tube is None else [_tube(tube, fabric)]))
+_AT_OR_EDGE = f"either at = [u, v] or edge = one of {', '.join(EDGES)}"
 
 
-def _wish(table: Table, fabric: Fabric) -> Wish:
-    if ("at" in table) == ("edge" in table):
-        raise InputError(f"{table.where}: expected either at = [u, v] or edge = one of {', '.join(EDGES)}")
-    size = np.array([fabric.width, fabric.height])
-    if "at" in table:
-        at = table.numbers("at", count=2)
-        if not ((np.array(at) >= 0) & (np.array(at) <= size + 1e-9)).all():
-            raise table.bad("at", f"a place on the cloth, {fabric.width:g} by {fabric.height:g} m")
-        where, places = f"({at[0]:g}, {at[1]:g})", np.array([at])
-    else:
-        edge = table.text("edge", choices=EDGES)
-        where, places = f"{edge} edge", _of_edge(edge, fabric)
-    flat = on_flat_cloth(places, fabric)
-    goals, given, said = flat.copy(), [False] * 3, []
-    for axis, (world, beside) in enumerate(zip(WORLD, FROM_FLAT, strict=True)):
-        if world in table and beside in table:
-            raise InputError(f"{table.where}: {world} and {beside} say the same; expected one of them")
-        if world in table:
-            value = table.number(world)
-            goals[:, axis], given[axis] = value, True
-            said.append(f"{world} = {in_mm(value):g} mm")
-        elif beside in table:
-            value = table.number(beside)
-            goals[:, axis], given[axis] = flat[:, axis] + value, True
-            said.append(f"{in_mm(value):g} mm {beside}")
-    if not any(given):
-        raise InputError(f"{table.where}: no goal; expected some of {', '.join((*WORLD, *FROM_FLAT))}, in m")
-    weight = table.number("weight", 1.0, above=0)
-    table.finish()
-    wish = Wish(f"{where}: {', '.join(said)}", _tuples(places), _tuples(goals), (given[0], given[1], given[2]), weight)
-    _require_reachable(wish, fabric, table.where)
-    return wish
+@dataclass(frozen=True)
+class WishKeys:
+    """A wish as a file has it."""
+
+    place: Annotated[
+        tuple[float, float] | str,
+        Key(
+            expected=_AT_OR_EDGE,
+            one_of={
+                "at": Annotated[tuple[float, float], FileUnit("m"), "one place (u, v) of the cloth"],
+                "edge": Annotated[Literal["top", "bottom", "left", "right"], "nine places of it"],
+            },
+        ),
+    ]
+    x: Annotated[Metre | None, "in the world; what is not given is free"] = None
+    y: Metre | None = None
+    z: Metre | None = None
+    right: Annotated[Metre | None, "from the flat hanging cloth"] = None
+    up: Metre | None = None
+    forward: Annotated[Metre | None, "towards the front"] = None
+    weight: Annotated[float, ABOVE_0, "among several wishes"] = 1.0
+
+    def resolved(self, table: Table) -> Wish:
+        """Return the wish on the cloth of the study. Raises InputError for one that the cloth cannot grant."""
+        fabric = table.find("design").fabric
+        if isinstance(self.place, str):
+            where, places = f"{self.place} edge", _of_edge(self.place, fabric)
+        else:
+            u, v = self.place
+            if not (0 <= u <= fabric.width + 1e-9 and 0 <= v <= fabric.height + 1e-9):
+                raise table.bad("at", f"a place on the cloth, {fabric.width:g} by {fabric.height:g} m")
+            where, places = f"({u:g}, {v:g})", np.array([self.place])
+        flat = on_flat_cloth(places, fabric)
+        goals, given, said = flat.copy(), [False] * 3, []
+        for axis, (world, beside) in enumerate(zip(WORLD, FROM_FLAT, strict=True)):
+            absolute, relative = getattr(self, world), getattr(self, beside)
+            if absolute is not None and relative is not None:
+                raise table.error(f"{world} and {beside} say the same; expected one of them")
+            if absolute is not None:
+                goals[:, axis], given[axis] = absolute, True
+                said.append(f"{world} = {in_mm(absolute):g} mm")
+            elif relative is not None:
+                goals[:, axis], given[axis] = flat[:, axis] + relative, True
+                said.append(f"{in_mm(relative):g} mm {beside}")
+        if not any(given):
+            raise table.error(f"no goal; expected some of {', '.join((*WORLD, *FROM_FLAT))}, in m")
+        axes = (given[0], given[1], given[2])
+        wish = Wish(f"{where}: {', '.join(said)}", _tuples(places), _tuples(goals), axes, self.weight)
+        _require_reachable(wish, fabric, table.where)
+        return wish
 
 
-def _tube(table: Table, fabric: Fabric) -> Wish:
+@dataclass(frozen=True)
+class TubeKeys:
     """The whole cloth bent about a horizontal axis, from the upper edge on, where the tube stands upright."""
-    if fabric.hung != "top":
-        raise InputError(f"{table.where}: for a cloth held elsewhere; expected one hung by its top edge")
-    radius = table.number("radius", least=0.005, most=_FLAT * fabric.height)
-    sign = {"front": 1.0, "back": -1.0}[table.text("towards", "front", choices=("front", "back"))]
-    table.finish()
-    u, v = np.meshgrid(np.linspace(0, fabric.width, ALONG), np.linspace(0, fabric.height, ALONG))
-    turn = v / radius
-    goals = np.stack([u - fabric.width / 2, -radius * np.sin(turn), sign * radius * (1 - np.cos(turn))], axis=-1)
-    places = np.stack([u, v], axis=-1).reshape(-1, 2)
-    turned = np.degrees(fabric.height / radius)
-    face = "front" if sign > 0 else "back"
-    said = f"a tube of radius {in_mm(radius):g} mm, {turned:.0f} degrees of it, towards the {face}"
-    return Wish(said, _tuples(places), _tuples(goals.reshape(-1, 3)), (True, True, True))
+
+    radius: Annotated[Metre, Within(least=0.005), "of the tube"]
+    towards: Annotated[Literal["front", "back"], "the face on whose side the axis lies"] = "front"
+
+    def resolved(self, table: Table) -> Wish:
+        """Return the wish of 81 places. Raises InputError for a tube that hardly bends the cloth."""
+        fabric = table.find("design").fabric
+        if fabric.hung != "top":
+            raise table.error("for a cloth held elsewhere; expected one hung by its top edge")
+        if self.radius > (most := _FLAT * fabric.height):
+            raise table.bad("radius", f"a number{Within(least=0.005, most=most)}")
+        sign = 1.0 if self.towards == "front" else -1.0
+        u, v = np.meshgrid(np.linspace(0, fabric.width, ALONG), np.linspace(0, fabric.height, ALONG))
+        turn = v / self.radius
+        out = sign * self.radius * (1 - np.cos(turn))
+        goals = np.stack([u - fabric.width / 2, -self.radius * np.sin(turn), out], axis=-1)
+        places = np.stack([u, v], axis=-1).reshape(-1, 2)
+        turned = np.degrees(fabric.height / self.radius)
+        said = f"a tube of radius {in_mm(self.radius):g} mm, {turned:.0f} degrees of it, towards the {self.towards}"
+        return Wish(said, _tuples(places), _tuples(goals.reshape(-1, 3)), (True, True, True))
 
 
 def _of_edge(edge: str, fabric: Fabric) -> Array:

@@ -1,9 +1,7 @@
 """Reports of made results, in seconds: what tests look at as pages and what a person opens to see them."""
 
-import tomllib
 from collections.abc import Callable
 from dataclasses import replace
-from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +11,8 @@ from fabdesign.catalogue import build
 from fabdesign.design import Design
 from fabdesign.layouts_file import Cell, LayoutsStudy
 from fabdesign.pressure_file import constant_program
-from fabdesign.study_file import Study
+from fabdesign.study_file import Study, read_study
 from fabdesign.study_targets import TargetFile
-from fabdesign.table import Table
-from fabdesign.wishes import read_wishes
 from optimize.design_space import DesignSpace
 from optimize.evaluations import Evaluations, Stage
 from optimize.history import History
@@ -58,10 +54,10 @@ def search_result(width: float, height: float, *, wish: bool = False) -> StudyRe
 
 def wished(design: Design) -> TargetFile:
     """Return a target that asks for the lower edge and one corner."""
-    edge = "[[wishes]]\nedge = 'bottom'\nforward = 0.04\n"
-    corner = f"[[wishes]]\nat = [0.0, {design.fabric.height}]\nx = -0.05\nz = 0.05\nweight = 2"
-    table = Table(tomllib.loads(edge + corner, parse_float=Decimal), "made")
-    return TargetFile(Path("study.toml"), wishes=read_wishes(table, design.fabric))
+    edge = {"edge": "bottom", "forward": 0.04}
+    corner = {"at": [0.0, design.fabric.height], "x": -0.05, "z": 0.05, "weight": 2}
+    study = read_study({"design": design, "target": {"wishes": [edge, corner]}})
+    return replace(study.targets[0], file=Path("study.toml"))
 
 
 def search_page(width: float, height: float, *, wish: bool = False) -> str:

@@ -5,7 +5,6 @@ import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -105,17 +104,6 @@ def paths_of(*given: Any) -> list[Path]:
     flat = [x for each in given for x in (each if isinstance(each, list | tuple) else [each])]
     sets = {trial.file.parent.parent for x in flat if isinstance(x, MeasurementSet) for trial in x.trials}
     return [*(Path(x) for x in flat if isinstance(x, Path | str)), *sorted(sets)]
-
-
-def as_toml(value: Any) -> Any:
-    """Python's numbers as a study's file has them, so that both go through the same checks."""
-    if isinstance(value, Mapping):
-        return {name: as_toml(each) for name, each in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [as_toml(each) for each in value]
-    if isinstance(value, float | np.floating):
-        return Decimal(repr(float(value)))
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def one_program(pressures: Pressures, design: Design) -> PressureProgram:

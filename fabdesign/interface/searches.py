@@ -19,7 +19,6 @@ from fabdesign.interface.arguments import (
     ModelLike,
     Progress,
     Say,
-    as_toml,
     computing,
     ends_of,
     functions_of,
@@ -32,7 +31,6 @@ from fabdesign.interface.arguments import (
 )
 from fabdesign.interface.results import Motion
 from fabdesign.interface.study_results import Layouts, Optimized, Sensitivity
-from fabdesign.table import Table
 from fabdesign.units import in_mm
 
 Target = ArrayLike | Path | str  # (n, 3) m, or a cloud, mesh or trial
@@ -120,7 +118,7 @@ def layouts(
     "height of corner (0.2, 0.2)". seconds, evaluations: of all searches together. Other arguments, Ctrl-C and errors
     are those of `optimize`.
     """
-    from fabdesign.layouts_file import layouts_of
+    from fabdesign.layouts_file import read_layouts
     from studies.layout_grid.run import run_layouts
 
     with _scratch() as folder:
@@ -133,8 +131,7 @@ def layouts(
             own = one_design(design)
             root = {"name": own.name, "seed": seed, "grid": grid, "limits": given, "outputs": [*outputs]}
             root |= {**_targets(target, folder, keys), **keys}
-            table = Table(as_toml(root), "layouts")
-            study, where = layouts_of(table, Path("layouts"), own, one_model(model, say=say)), None
+            study, where = read_layouts({**root, "design": own, "model": one_model(model, say=say)}), None
         with work_folder(out) as work, computing(cluster, where, say=say):
             result = run_layouts(
                 study,
@@ -179,7 +176,7 @@ def sensitivity(
     `order`, `rise`, `hold`.
 
     """
-    from fabdesign.sensitivity_file import sensitivity_of
+    from fabdesign.sensitivity_file import read_sensitivity
     from studies.sensitivity.run import run_sensitivity
 
     if parameters is None and not covariance:
@@ -201,17 +198,9 @@ def sensitivity(
             "at": [*at] or None,
         }
         root |= {name: value for name, value in optional.items() if value is not None}
-        own = {name: _of_motion(function) for name, function in functions.items()}
-        study, where = (
-            sensitivity_of(
-                Table(as_toml(root), "sensitivity"),
-                Path("sensitivity"),
-                one_design(design),
-                one_model(model, say=say),
-                own,
-            ),
-            None,
-        )
+        root |= {"functions": {name: _of_motion(function) for name, function in functions.items()} or None}
+        root |= {"design": one_design(design), "model": one_model(model, say=say)}
+        study, where = read_sensitivity(root), None
     with work_folder(out) as folder, computing(cluster, where, say=say):
         result = run_sensitivity(
             study,
@@ -235,11 +224,10 @@ def _scratch() -> Iterator[Path]:
 
 
 def _search(root: dict[str, Any], design: DesignLike, model: Any) -> Any:
-    from fabdesign.study_file import require_searchable, search_of
+    from fabdesign.study_file import read_study
 
-    study = search_of(Table(as_toml(root), "optimize"), Path("optimize"), one_design(design), model)
-    require_searchable(study, "optimize")
-    return replace(study, name=one_design(design).name)
+    own = one_design(design)
+    return replace(read_study({**root, "design": own, "model": model}), name=own.name)
 
 
 _OF_TARGET = ("frame", "unit", "scale", "rotation", "translation", "place", "description")

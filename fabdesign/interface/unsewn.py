@@ -14,7 +14,6 @@ from fabdesign.interface.arguments import (
     Say,
     SetLike,
     all_sets,
-    as_toml,
     computing,
     one_design,
     one_model,
@@ -24,7 +23,6 @@ from fabdesign.interface.arguments import (
     work_folder,
 )
 from fabdesign.interface.study_results import Unseen
-from fabdesign.table import Table
 
 
 def unseen(
@@ -57,7 +55,7 @@ def unseen(
     ones of a study (docs/files.md), such as `candidates`, `rig_limits`, `rise`, `hold`. out: the folder for what the
     command writes, and to go on in.
     """
-    from fabdesign.unseen_file import unseen_of
+    from fabdesign.unseen_file import read_unseen
     from studies.unseen.run import run_unseen
 
     if model is None and measured is None:
@@ -69,17 +67,11 @@ def unseen(
         root: dict[str, Any] = {"samples": samples, "seed": seed, "outputs": [*outputs], **keys}
         root |= {} if pressures is None else {"pressures": pressures}
         root |= {} if grid is None else {"points_per_side": grid}
-        root |= {} if measured is None else {"measured": {"trials": trials, "free": [*free]}}
-        study, where = (
-            unseen_of(
-                Table(as_toml(root), "unseen"),
-                Path("unseen"),
-                None if design is None else one_design(design),
-                one_model(model, say=say),
-                None if measured is None else all_sets(measured)[0],
-            ),
-            None,
+        root |= (
+            {} if measured is None else {"measured": {"set": all_sets(measured)[0], "trials": trials, "free": [*free]}}
         )
+        root |= {} if design is None else {"design": one_design(design), "model": one_model(model, say=say)}
+        study, where = read_unseen(root), None
     with work_folder(out) as folder, computing(cluster, where, say=say):
         result = run_unseen(
             study,

@@ -54,7 +54,7 @@ def run_unseen(
     inputs = [] if isinstance(study, UnseenStudy) else [study]
     study = study if isinstance(study, UnseenStudy) else read_unseen(study)
     study = study if seconds is None else replace(study, seconds=seconds)
-    inputs += [study.folder] if study.folder else []
+    inputs += sorted({trial.file.parent.parent for trial in study.measured.trials}) if study.measured else []
     fit_vector(study.free, where=FREE)  # before anything is computed: it raises
     with work_folder(out, made_by="unseen", force=force, inputs=inputs) as work:
         checkpoint = Checkpoint(work, _content(study), seconds=study.seconds)
@@ -184,5 +184,5 @@ def _content(study: UnseenStudy) -> dict[str, str]:
         measured["unjudged"] = f"found with {GRID} points a side"
         for trial in study.measured.trials:
             measured[f"measured.{trial.file.name}"] = f"{trial.design_name}, {trial.role}, {sha256(trial.file)}"
-    content = content_of(study, ("name", "seconds", "folder", "measured"), measured)
+    content = content_of(study, ("name", "seconds", "measured"), measured)
     return {"simulator": str(SIMULATOR), "algorithm": str(ALGORITHM)} | content
