@@ -1,16 +1,21 @@
 """Bench records: `bench.toml`, `fabdesign.bench/1`, with a CSV a record beside it."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from decimal import Decimal
+from math import isfinite
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 
 from fabdesign.bench import Array, Bench, BenchRecord, Specimen
+from fabdesign.decoder import as_number, decode
 from fabdesign.errors import InputError
 from fabdesign.headings import DIMENSIONS, Heading, without_unit
 from fabdesign.lab_table import LabTable, TableColumn
 from fabdesign.measured_units import require_measured_pressures
+from fabdesign.schema import Key
 from fabdesign.table import Table, load_toml
 from fabdesign.units import in_kpa
 
@@ -24,6 +29,69 @@ _RATIOS = {  # said of a column that is not there
 _UNITS = {"kpa": 3, "s": 0, "m": 0, "n": 0}  # suffix of a column -> power of ten to SI
 
 
+def _numbers(rest: Mapping[str, Any], table: Table) -> dict[str, float]:
+    """Return all numbers of a table; texts are left."""
+    values = {}
+    for key, value in rest.items():
+        if (number := as_number(value)) is not None and isfinite(number):
+            values[key] = number
+        elif number is not None or not isinstance(value, str):
+            raise table.bad(key, "a number" if number is not None else "a number or a text")
+    return values
+
+
+def _constants(rest: Mapping[str, Any], table: Table) -> dict[str, float]:
+    """Return the numbers at top level and in [constants]."""
+    below = table.within(["constants"])
+    top = {key: value for key, value in rest.items() if key != "constants"}
+    return _numbers(top, table) | _numbers(below.take_rest(), below)
+
+
+@dataclass(frozen=True)
+class RecordKeys:
+    """One run, as the file has it."""
+
+    file: Annotated[Path, "a CSV, a row an instant"]
+    role: Annotated[Literal["fit", "test"], "nothing may be fitted or chosen on test"] = "fit"
+    labels: Annotated[Mapping[str, float], Key(rest=True, read=_numbers), "any number"] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class BenchKeys:
+    """A bench as its file has it."""
+
+    specimen: Annotated[Specimen, "that is under test"]
+    input: Annotated[tuple[str, ...], "names of columns"]
+    output: Annotated[str, "name of a column"]
+    name: Annotated[str, Key(absent=lambda table: table.file.resolve().parent.name), "by default the folder's"]
+    description: str = ""
+    source: str = ""
+    records: tuple[RecordKeys, ...] = ()
+    constants: Annotated[
+        Mapping[str, float], Key(rest=True, read=_constants), "of the specimen, SI: numbers here or in [constants]"
+    ] = field(default_factory=dict)
+
+    def resolved(self, table: Table) -> Bench:
+        """Return the bench with all its records. Raises InputError."""
+        path = table.file
+        if not self.input:
+            raise table.bad("input", "at least one column name")
+        if not self.records:
+            raise table.error("no [[records]]")
+        names = [each.file.stem for each in self.records]
+        for twice in {name for name in names if names.count(name) > 1}:
+            raise table.error(f"two records are called {twice}")
+        needed, length = (*self.input, self.output), self.constants.get("rest_length")
+        records = tuple(
+            BenchRecord(each.file.stem, read_record(each.file, needed, length), each.labels, each.role)
+            for each in self.records
+        )
+        _require_units(records, path, self.specimen)
+        bare = tuple(_bare(column)[0] for column in self.input)
+        texts = (self.description, self.source, path)
+        return Bench(self.name, self.specimen, bare, _bare(self.output)[0], self.constants, records, *texts)
+
+
 def read_bench(path: Path | str) -> Bench:
     """Read a bench: its folder or its `bench.toml`, and all its records.
 
@@ -31,36 +99,8 @@ def read_bench(path: Path | str) -> Bench:
     format or specimen, a missing file or column, a time that does not rise and a value that is no finite number.
     """
     path = Path(path)
-    if path.is_dir():
-        path = path / "bench.toml"
-    root = load_toml(path, FORMAT)
-    name = root.text("name", path.resolve().parent.name)
-    specimen = root.text("specimen", choices=SPECIMENS)
-    inputs, output = root.texts("input"), root.text("output")
-    if not inputs:
-        raise root.bad("input", "at least one column name")
-    description, source = root.text("description", ""), root.text("source", "")
-    constants = _numbers(root) | _numbers(root.table("constants", Table({}, str(path))))
-    records = tuple(
-        _record(table, path, (*inputs, output), constants.get("rest_length")) for table in root.tables("records")
-    )
-    root.finish()
-    if not records:
-        raise InputError(f"{path}: no [[records]]")
-    names = [record.name for record in records]
-    for twice in {name for name in names if names.count(name) > 1}:
-        raise InputError(f"{path}: two records are called {twice}")
-    _require_units(records, path, specimen)
-    bare = tuple(_bare(column)[0] for column in inputs)
-    return Bench(name, specimen, bare, _bare(output)[0], constants, records, description, source, path)
-
-
-def _record(table: Table, path: Path, needed: tuple[str, ...], rest_length: float | None) -> BenchRecord:
-    file = table.path("file", path.parent)
-    role: Literal["fit", "test"] = table.text("role", "fit", choices=("fit", "test"))
-    labels = _numbers(table)
-    table.finish()
-    return BenchRecord(file.stem, read_record(file, needed, rest_length), labels, role)
+    bench: Any = decode(BenchKeys, load_toml(path / "bench.toml" if path.is_dir() else path, FORMAT))
+    return cast(Bench, bench)
 
 
 def read_record(file: Path, needed: tuple[str, ...] = (), rest_length: float | None = None) -> dict[str, Array]:
@@ -130,20 +170,6 @@ def _require_units(records: tuple[BenchRecord, ...], path: Path, specimen: Speci
             raise InputError(f"{path}: {record.name}: contraction is {contraction.max():g}; expected 1 - l/l0")
         if stretch is not None and not 0.5 < stretch.max() < 20:
             raise InputError(f"{path}: {record.name}: stretch is {stretch.max():g}; expected l/l0, 1 at rest")
-
-
-def _numbers(table: Table) -> dict[str, float]:
-    """All finite numbers of a table."""
-    values = {}
-    for key in table.names():
-        value = table.take(key)
-        if isinstance(value, int | Decimal) and not isinstance(value, bool):
-            values[key] = table.number(key)
-        elif isinstance(value, list | dict | str) and key in ("input", "records", "constants"):
-            continue
-        elif not isinstance(value, str):
-            raise table.bad(key, "a number or a text")
-    return values
 
 
 def _bare(column: str) -> tuple[str, int]:

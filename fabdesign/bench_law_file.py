@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 import tomlkit
@@ -11,9 +11,12 @@ from numpy.typing import NDArray
 
 from fabdesign.bench import Specimen
 from fabdesign.csv_table import decimal, read_rows, write_rows
+from fabdesign.decoder import decode
+from fabdesign.encoder import Encoder
 from fabdesign.errors import InputError
 from fabdesign.output import write_text
-from fabdesign.table import load_toml
+from fabdesign.schema import ABOVE_0, Key, Metre
+from fabdesign.table import Table, load_toml
 
 FORMAT = "fabdesign.bench-law/1"
 # columns of the table by specimen; the first rises, or names a term
@@ -42,20 +45,30 @@ class BenchLaw:
     presliding: float | None = None  # m, of a cylinder
 
 
+@dataclass(frozen=True)
+class LawKeys:
+    """[law] as a file has it."""
+
+    specimen: Annotated[Literal["strip", "cylinder", "actuator"], Key("law.specimen"), "that was on the bench"]
+    output: Annotated[str, Key("law.output"), "force or displacement"]
+    table: Annotated[Path, Key("law.table"), "a CSV beside it"]
+    form: Annotated[str | None, Key("law.form"), "of a cylinder: the choice of terms"] = None
+    presliding: Annotated[Metre | None, Key("law.presliding"), ABOVE_0, "of a cylinder: of its friction"] = None
+
+    def resolved(self, table: Table) -> BenchLaw:
+        """Return the law with its table. Raises InputError for keys of another specimen, and another table."""
+        law = table.within(["law"])
+        for key in ("form", "presliding"):
+            if (getattr(self, key) is None) == (self.specimen == "cylinder"):
+                raise law.missing(key) if getattr(self, key) is None else law.error(f"unknown key {key}")
+        terms, columns = read_law_table(self.table, self.specimen)
+        return BenchLaw(self.specimen, self.output, columns, terms, self.form, self.presliding)
+
+
 def read_bench_law(path: Path | str) -> BenchLaw:
     """Read a law with its table. Raises InputError for an unknown specimen, another table, values not rising."""
-    path = Path(path)
-    root = load_toml(path, FORMAT)
-    law = root.table("law")
-    specimen = law.text("specimen", choices=[*TABLES])
-    output, file = law.text("output"), law.path("table", path.parent)
-    cylinder = specimen == "cylinder"
-    form = law.text("form") if cylinder else None
-    presliding = law.number("presliding", above=0) if cylinder else None
-    law.finish()
-    root.finish()
-    terms, columns = read_law_table(file, specimen)
-    return BenchLaw(specimen, output, columns, terms, form, presliding)
+    law: Any = decode(LawKeys, load_toml(Path(path), FORMAT))
+    return cast(BenchLaw, law)
 
 
 def write_bench_law(law: BenchLaw, path: Path, table: Path, *, comment: str = "") -> None:
@@ -64,9 +77,9 @@ def write_bench_law(law: BenchLaw, path: Path, table: Path, *, comment: str = ""
     if comment:
         document.add(tomlkit.comment(comment))
     document["format"] = FORMAT
-    entries: dict[str, Any] = {"specimen": law.specimen, "output": law.output, "table": table.name}
-    entries |= {key: value for key, value in (("form", law.form), ("presliding", law.presliding)) if value is not None}
-    document["law"] = entries
+    assert law.specimen != "muscle"
+    keys = LawKeys(law.specimen, law.output, table, law.form, law.presliding)
+    document.update(Encoder(table).encode(keys))
     header = TABLES[law.specimen]
     numbers = [law.columns[name].tolist() for name in header if name != "term"]
     write_rows(table, header, list(zip(*([law.terms] if law.terms else []), *numbers, strict=True)))

@@ -1,13 +1,23 @@
 """A muscle's isometric bench table as a CSV: `pressure_kpa,contraction,force_n`."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from fabdesign.csv_table import write_rows
 from fabdesign.errors import InputError
 from fabdesign.lab_table import LabTable
 from fabdesign.measured_units import require_measured_pressures
-from fabdesign.muscle import BenchTable
 from fabdesign.units import kilopascals
+
+
+@dataclass(frozen=True)
+class BenchTable:
+    """Isometric tension of one bare muscle, as measured: one entry a row."""
+
+    pressure: tuple[float, ...]  # Pa, gauge
+    contraction: tuple[float, ...]  # 1 - l / l0
+    force: tuple[float, ...]  # N, positive is tension
+
 
 COLUMNS = ["pressure_kpa", "contraction", "force_n"]
 

@@ -9,6 +9,7 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
+from fabdesign.errors import InputError
 from fabdesign.schema import FileKey, Notes, annotated, file_keys, members
 from fabdesign.table import Table, nearest
 from fabdesign.toml_file import file_name
@@ -29,15 +30,31 @@ def decode_part(form: type[Form], table: Table, usual: Form | None = None) -> Fo
     keys = file_keys(form)
     if usual is not None:
         keys = tuple(replace(each, default=getattr(usual, each.field)) for each in keys)
+    for each in keys:  # first, for the others may depend on them
+        _require_there(each, table.within(each.tables))
     late = [each for each in keys if each.notes.key.rest or not _read_key(each, table)]
     for each in late:
         table.decoded[each.field] = _absent(each, table)
     return form(**{each.field: table.decoded[each.field] for each in keys})
 
 
+def decode_key(hint: Any, table: Table, key: str, default: Any = None) -> Any:
+    """Return the value of one key by its type; `default` where it is not there. Raises InputError."""
+    return _value(hint, table[key], Notes(), table, key) if table.has(key) else default
+
+
 def resolved(made: Any, table: Table) -> Any:
     """Return a dataclass as its own checks leave it."""
     return made.resolved(table) if hasattr(made, "resolved") else made
+
+
+def _require_there(each: FileKey, table: Table) -> None:
+    """Raise InputError where a key that must be there is not."""
+    key = each.notes.key
+    if not each.name or key.inside or key.one_of or key.rest or any(map(table.has, (each.name, key.also))):
+        return
+    if each.default is MISSING and key.absent is None:
+        raise table.missing(each.name)
 
 
 def _read_key(each: FileKey, table: Table) -> bool:
@@ -69,8 +86,6 @@ def _absent(each: FileKey, table: Table) -> Any:
         return key.read(holder.take_rest(), holder)
     if key.absent is not None:
         return key.absent(table)
-    if each.default is MISSING:
-        raise holder.missing(each.name)
     if is_dataclass(each.default) and each.name:  # as an empty table, whose defaults may depend on others
         return decode(members(each.type)[0], holder.within((each.name,)), each.default)
     return each.default
@@ -80,46 +95,53 @@ def _value(hint: Any, value: Any, outer: Notes, table: Table, key: str, usual: A
     """Return a value of a file as its type has it. Raises InputError."""
     hint, notes, _ = annotated(hint, outer)
     if notes.key.form is not None:
-        return _value(notes.key.form, value, Notes(), table, key, usual)
-    if notes.key.read is not None:
-        if (read := notes.key.read(value, table)) is None:
-            raise table.bad(key, notes.key.expected)
-        return read
+        value = _value(notes.key.form, value, Notes(), table, key, usual)
+    if notes.key.read is not None and (value := notes.key.read(value, table)) is None:
+        raise table.bad(key, notes.key.expected)
+    if notes.key.read is not None or notes.key.form is not None:
+        return value
     if (kinds := members(hint)) != (hint,):
         return _value(next((k for k in kinds if _alike(k, value)), kinds[-1]), value, notes, table, key, usual)
     kind, origin, arguments = hint, get_origin(hint), get_args(hint)
-    if is_dataclass(kind) and isinstance(kind, type) and isinstance(value, kind):
+    if kind is Any or (is_dataclass(kind) and isinstance(kind, type) and isinstance(value, kind)):
         return value
     if notes.key.file is not None:
         if not isinstance(value, str | Path):
             raise table.bad(key, "a text")
-        return notes.key.file(table.file.parent / file_name(str(value), table.where))
-    if is_dataclass(kind) and isinstance(value, Mapping):
+        # a path from Python or from another file is relative to no folder
+        return notes.key.file(value if isinstance(value, Path) else _beside(table, value))
+    if isinstance(kind, type) and is_dataclass(kind) and isinstance(value, Mapping):
         return decode(kind, table.inner(key), usual)
     if origin is Mapping and isinstance(value, Mapping):
         inner = table.inner(key)
         return {name: _value(arguments[1], inner[name], notes, inner, name) for name in inner.names()}
-    if origin is tuple and is_dataclass(item := arguments[0]):
+    if origin is tuple and isinstance(item := arguments[0], type) and is_dataclass(item):
         if not _is_list(value) or not all(isinstance(each, Mapping | item) for each in value):
             raise table.bad(key, f"[[{key}]] tables")
         tables = [table.inner(key, i) for i in range(len(value))]
         return tuple(v if isinstance(v, item) else decode(item, t) for v, t in zip(value, tables, strict=True))
     if origin is tuple and _is_list(value) and (arguments[-1] is ... or len(value) == len(arguments)):
-        return tuple(_value(arguments[0], each, notes, _Item(table, key, kind, notes), key) for each in value)
+        items = _Item(table, table.bad(key, expected_of(kind, notes, value)))
+        return tuple(_value(arguments[0], each, notes, items, key) for each in value)
     if (read := _scalar(kind, value, notes, table)) is not None:
         return read
     raise table.bad(key, expected_of(kind, notes, value))
 
 
-class _Item:
-    """Stands for the table of a list, of which an error names all."""
+class _Item(Table):
+    """The table of a list's items, whose errors name the whole list."""
 
-    def __init__(self, table: Table, key: str, kind: Any, notes: Notes) -> None:
-        self.where, self.file = table.where, table.file
-        self._error = lambda: table.bad(key, expected_of(kind, notes))
+    def __init__(self, table: Table, error: InputError) -> None:
+        super().__init__({}, table.where, table.file)
+        self._error = error
 
-    def bad(self, key: str, expected: str) -> Exception:
-        return self._error()
+    def bad(self, key: str, expected: str) -> InputError:
+        return self._error
+
+
+def _beside(table: Table, name: str) -> Path:
+    """Return a file by its name, relative to the one that names it."""
+    return table.file.parent / file_name(name, table.where)
 
 
 def _is_list(value: Any) -> bool:
@@ -151,7 +173,7 @@ def _scalar(kind: Any, value: Any, notes: Notes, table: Table) -> Any:
     if not isinstance(value, str):
         return None
     if kind is Path:
-        return table.file.parent / file_name(value, table.where)
+        return _beside(table, value)
     return value if kind is str or value in get_args(kind) else None
 
 

@@ -2,11 +2,15 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
 from fabdesign.fabric import Fabric
 from fabdesign.muscle import Muscle, MuscleType
+from fabdesign.schema import Key
 from fabdesign.summary import design_summary
 from fabdesign.term import Term
+
+_MAY_LACK = Key(absent=lambda table: ())  # in a file: others that it includes may have it
 
 
 @dataclass(frozen=True)
@@ -22,11 +26,11 @@ class Design:
     (2, 'front', 0.2)
     """
 
-    name: str
-    fabric: Fabric
-    muscle_types: Mapping[str, MuscleType]  # by the names in Muscle.type
-    muscles: tuple[Muscle, ...]
-    effects: tuple[Term, ...] = ()  # found on the benches of its muscle types and its cloth
+    name: Annotated[str, Key(absent=lambda table: table.file.stem), "by default the file's"]
+    fabric: Annotated[Fabric, _MAY_LACK, "the cloth"]
+    muscle_types: Annotated[Mapping[str, MuscleType], _MAY_LACK, "by the names in a muscle's type"]
+    muscles: Annotated[tuple[Muscle, ...], _MAY_LACK, "absent: the design takes no pressures"]
+    effects: Annotated[tuple[Term, ...], Key("")] = ()  # found on the benches of its muscle types and its cloth
 
     @property
     def channels(self) -> int:

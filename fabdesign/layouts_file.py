@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from fabdesign.decoder import as_number
 from fabdesign.effort import MUSCLES
-from fabdesign.schema import Key
+from fabdesign.schema import Key, Within
 from fabdesign.study_file import MuscleChoice, Side, Study, study_of
 from fabdesign.table import Table, nearest
 
@@ -31,11 +30,13 @@ class Cell:
         return fewer and {*SIDES[other.sides]} <= {*SIDES[self.sides]}
 
 
-def _counts(value: Any, table: Table) -> tuple[int, ...] | None:
-    """Return numbers of muscles, rising; None for any other value."""
-    numbers = [as_number(each) for each in value] if isinstance(value, list | tuple | range) else []
-    fits = numbers and all(number in range(1, MUSCLES + 1) for number in numbers)
-    return tuple(sorted({int(number or 0) for number in numbers})) if fits else None
+def _counts(value: tuple[int, ...], table: Table) -> tuple[int, ...] | None:
+    """Return numbers of muscles, rising; None where there is none."""
+    return tuple(sorted({*value})) or None
+
+
+_COUNTS = f"numbers of muscles from 1 to {MUSCLES}, such as [1, 2, 4]"
+_Counts = Annotated[tuple[int, ...], Within(least=1, most=MUSCLES), Key(expected=_COUNTS)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +46,7 @@ class LayoutsStudy:
 
     search: Annotated[Study, Key(inside=True)]
     muscles: Annotated[
-        tuple[int, ...],
-        Key("grid.muscles", read=_counts, expected=f"numbers of muscles from 1 to {MUSCLES}, such as [1, 2, 4]"),
-        "numbers of muscles, a search for each",
+        tuple[int, ...], Key("grid.muscles", form=_Counts, read=_counts, expected=_COUNTS), "numbers, a search for each"
     ]
     types: Annotated[
         tuple[str, ...],
@@ -72,7 +71,7 @@ class LayoutsStudy:
                 raise grid.error(f"no muscle type {name}; expected {', '.join(known)}{nearest(name, known)}")
         if not self.types or not self.sides:
             raise grid.bad("sides" if self.types else "types", "some of them")
-        types, sides = (tuple(dict.fromkeys(values)) for values in (self.types, self.sides))
+        types, sides = tuple(dict.fromkeys(self.types)), tuple(dict.fromkeys(self.sides))
         return LayoutsStudy(search, self.muscles, types, sides)
 
     @property

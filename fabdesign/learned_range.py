@@ -2,10 +2,12 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from fabdesign.pressure import PressureProgram
+from fabdesign.schema import FROM_0, Kilopascal, KilopascalPerSecond
 from fabdesign.units import in_kpa
 
 WINDOW = 0.1  # s, over which a set point's rate is taken: the shorter of the lags that are learned
@@ -16,9 +18,11 @@ _SLIGHT = 1e-3  # of a number, that does not count as beyond it
 class LearnedRange:
     """The farthest of several pressure programs, each quantity by itself."""
 
-    pressure: float  # Pa, of a set point
-    rate: float  # Pa/s, of a set point's mean over WINDOW to that over the next: of a step, its height over WINDOW
-    channels: int  # that have pressure at once
+    pressure: Annotated[Kilopascal, FROM_0, "the highest set point"]  # Pa
+    rate: Annotated[  # Pa/s; of a step, its height over WINDOW
+        KilopascalPerSecond, FROM_0, "the fastest change of one: of its mean over 0.1 s to that over the next 0.1 s"
+    ]
+    channels: Annotated[int, FROM_0, "that had pressure at once"]
 
     @staticmethod
     def of(programs: Iterable[PressureProgram]) -> "LearnedRange":

@@ -28,9 +28,9 @@ class VirtualRig:
 
     truth: Annotated[
         Path | None, Key("key"), "ground truth of the specimens, which only the rig reads; absent: the data sheet"
-    ]
-    element: Annotated[Annotated[Metre, Within(least=0.002, most=0.05)] | None, "of its mesh"] = None
-    step: Annotated[Annotated[Second, Within(least=1e-4, most=0.01)] | None, "of its time steps"] = None
+    ] = None
+    element: Annotated[Metre | None, Within(least=0.002, most=0.05), "of its mesh"] = None
+    step: Annotated[Second | None, Within(least=1e-4, most=0.01), "of its time steps"] = None
 
     def resolved(self, table: Table) -> "VirtualRig":
         """Raise InputError for a ground truth that is not there."""
@@ -44,9 +44,9 @@ class Laboratory:
     """Puts a measurement set into `folder`/turn_K when asked. tail_length, paper: as `export` takes them."""
 
     folder: Annotated[Path, "where sets are expected: in turn_0, turn_1, ... of it"]
-    tail_length: Annotated[
-        Annotated[Metre, Within(least=0, most=1)] | None, "of the cut list; absent: the muscle types' own"
-    ] = None
+    tail_length: Annotated[Metre | None, Within(least=0, most=1), "of the cut list; absent: the muscle types' own"] = (
+        None
+    )
     paper: Annotated[Literal["a4", "letter", "none"] | None, "of templates"] = "a4"
 
     def resolved(self, table: Table) -> "Laboratory":

@@ -3,12 +3,15 @@
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import tomlkit
+from tomlkit.items import Item
 
 from fabdesign.decoder import decode
 from fabdesign.design import Design
 from fabdesign.design_file import write_design
+from fabdesign.encoder import Encoder
 from fabdesign.output import Inputs, new_folder
 from fabdesign.table import load_toml
 from fabdesign.toml_file import file_stem
@@ -61,27 +64,19 @@ def write_set(
     Points are stored in units of `scale` [m]. made_by, force, inputs: as `new_folder` takes them. Raises InputError
     like it.
     """
-    document = tomlkit.document()
-    document["format"] = FORMAT
-    document["name"] = name
-    if description:
-        document["description"] = description
-    if frame_rate is not None:
-        rate = tomlkit.float_(repr(float(frame_rate)))
-        rate.comment("Hz")
-        document["frame_rate"] = rate
-    if accuracy != USUAL:
-        document["accuracy"] = accuracy.as_json()
-    document["designs"] = {key: f"{file_stem(key)}.toml" for key in designs}
-    listed = tomlkit.aot()
+    files = (f"{file_stem(key)}.toml" for key in designs)
+    listed: list[Trial] = []
     with new_folder(folder, made_by=made_by, force=force, inputs=inputs) as unfinished:
         for key, design in designs.items():
             write_design(design, unfinished / f"{file_stem(key)}.toml")
         for trial in trials:
-            file = f"trials/{file_stem(trial.name)}.npz"
-            write_trial(trial.data, unfinished / file, scale=scale)
-            entry = tomlkit.table()
-            entry.update({"file": file, "design": trial.design_name, "order": trial.order, "role": trial.role})
-            listed.append(entry)
-        document["trials"] = listed
+            file = unfinished / "trials" / f"{file_stem(trial.name)}.npz"
+            write_trial(trial.data, file, scale=scale)
+            listed.append(Trial(file, trial.design_name, designs[trial.design_name], trial.order, trial.role))
+        whole = MeasurementSet(name, designs, tuple(listed), description, frame_rate, accuracy)
+        document = tomlkit.document()
+        document["format"] = FORMAT
+        document.update(Encoder(unfinished / "set.toml", {Design: lambda design: next(files)}).encode(whole))
+        if frame_rate is not None:
+            cast(Item, document.item("frame_rate")).comment("Hz")
         (unfinished / "set.toml").write_text(tomlkit.dumps(document), encoding="utf-8", newline="\n")

@@ -3,27 +3,61 @@
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign import SIMULATOR
-from fabdesign.forward import MUSCLE_TYPES, OF_MUSCLES, SIDE, Term
+from fabdesign.effects.registry import check_values, effect_named, label_effect, labels_of
+from fabdesign.effort import COARSEST, FINEST
+from fabdesign.forward import FACTOR_RANGE, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS, SIDE, Term
 from fabdesign.learned_range import LearnedRange
+from fabdesign.schema import FROM_0, Key, Metre, Within
+from fabdesign.table import Table, nearest
 
 POINTS_PER_SIDE = SIDE  # of the simulator's grid, unless something else is asked for
+SCOPES = ("fabric", "rig", "sensors")
 PARTS = ("rig", "sensors", "corrector", "spread")  # what may be left out of a model
+
+
+_OF_95 = 1.645 / 1.960  # a 90 % interval over a 95 % one
+
+
+def _interval(value: tuple[float, float], table: Table) -> tuple[float, float] | None:
+    return value if value[0] <= value[1] else None
+
+
+def _of_95(value: tuple[float, float], table: Table) -> tuple[float, float] | None:
+    """Return the 90 % interval of the normal distribution whose 95 % one is given."""
+    middle: float = table.find("value") or 0.0
+    low, high = (middle + _OF_95 * (end - middle) for end in value)
+    return _interval((low, high), table)
+
+
+def _scope(value: str, table: Table) -> str:
+    if value not in SCOPES and not value.startswith(MUSCLE_TYPES):
+        raise table.bad("scope", f"one of {', '.join(SCOPES)}, {MUSCLE_TYPES}NAME{nearest(value, SCOPES)}")
+    return value
+
+
+_ENDS = Key(form=tuple[float, float], read=_interval, expected="[low, high]")
+Interval = Annotated[tuple[float, float], _ENDS]
+Scope = Annotated[
+    str | None, Key(form=str, read=_scope), "fabric, muscle_types.NAME, rig or sensors; absent: as names say"
+]
 
 
 @dataclass(frozen=True)
 class Parameter:
     """A factor on one declared value (`forward.PARAMETERS`), with its 90 % interval."""
 
-    factor: float
-    interval90: tuple[float, float] | None = None  # None: not known
-    reliable: bool = True  # False: fitted by a model that left too much for its intervals to hold
-    scope: str | None = None  # what it belongs to: "fabric", "muscle_types.NAME", "rig"; None: as the format says
+    factor: Annotated[float, Within(least=FACTOR_RANGE[0], most=FACTOR_RANGE[1]), "on the declared value"]
+    interval90: Annotated[Interval | None, "absent: not known"] = None
+    reliable: Annotated[
+        bool, Key(also="believable", brief=True), "false: the fit left too much for its intervals to hold"
+    ] = True
+    scope: Scope = None
 
 
 @dataclass(frozen=True)
@@ -31,8 +65,17 @@ class Quantity:
     """One parameter of an effect, in the unit that the effect declares."""
 
     value: float
-    unit: str
-    interval90: tuple[float, float] | None = None
+    unit: Annotated[str, "the declared one"]
+    interval90: Annotated[
+        tuple[float, float] | None,
+        Key(
+            one_of={
+                "interval90": Annotated[Interval, "absent: not known"],
+                "interval95": Annotated[tuple[float, float], replace(_ENDS, read=_of_95), "of old files"],
+            },
+            expected="interval90 alone",
+        ),
+    ] = None
 
     def as_json(self) -> dict[str, Any]:
         """Its fields."""
@@ -44,14 +87,31 @@ class Quantity:
 class EffectTerm:
     """An effect that the model switches on."""
 
-    name: str
-    parameters: Mapping[str, Quantity] = field(default_factory=dict)
-    scope: str | None = None  # "fabric", "muscle_types.NAME", "rig" or "sensors"
+    name: Annotated[str, "one of `fabdesign effects`"]
+    parameters: Annotated[Mapping[str, Quantity], "what is absent has its default"] = field(default_factory=dict)
+    scope: Scope = None
+
+    def resolved(self, table: Table) -> "EffectTerm":
+        """Raise InputError for an unknown effect or parameter, another unit, and a value beyond its bounds."""
+        effect = effect_named(self.name, table.where)
+        for name, quantity in self.parameters.items():
+            where = table.within(["parameters"]).inner(name)
+            check_values(effect, {name: quantity.value}, where.where)
+            if quantity.unit != (declared := effect.parameters[name].unit):
+                raise where.bad("unit", f'"{declared}"')
+        return self
 
     @property
     def term(self) -> Term:
         """What `forward.Case` takes."""
         return Term(self.name, {name: quantity.value for name, quantity in self.parameters.items()}, self.scope)
+
+
+def _rows(value: Any, table: Table) -> NDArray[np.float64] | None:
+    try:
+        return np.array([[float(x) for x in row] for row in value])
+    except (TypeError, ValueError):
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +122,18 @@ class Covariance:
     declared transform: logarithm or the value itself). matrix (n, n) in their order.
     """
 
-    names: tuple[str, ...]
-    matrix: NDArray[np.float64]
+    names: Annotated[tuple[str, ...], "of parameters, and effects' as EFFECT.PARAMETER"]
+    matrix: Annotated[NDArray[np.float64], Key(read=_rows, expected="rows of numbers"), "joint"]
+
+    def resolved(self, table: Table) -> "Covariance":
+        """Raise InputError for a matrix that is no covariance of the names."""
+        count = len(self.names)
+        if self.matrix.shape != (count, count) or not np.isfinite(self.matrix).all():
+            raise table.bad("matrix", f"{count} rows of {count} finite numbers, as many as names")
+        least = np.linalg.eigvalsh(self.matrix).min(initial=0.0)
+        if not np.allclose(self.matrix, self.matrix.T) or least < -1e-9 * np.abs(self.matrix).max():
+            raise table.bad("matrix", "a covariance: symmetric, no negative eigenvalue")
+        return self
 
     def __eq__(self, other: object) -> bool:
         return (
@@ -78,25 +148,30 @@ class Spread:
     """Half-widths of 90 % intervals of where a predicted motion lies, along its normal, in quadrature
     (fabdesign/spread.py): calibrated on trials that the model was not fitted to."""
 
-    constant: float  # m
-    covariance: float  # on the standard deviation that the model's joint covariance gives
-    motion: float  # m for each m moved since rest
-    trials: int  # calibrated on
-    held: float  # share of their residuals inside, each calibrated on the others
-    trained_on: str  # hash of the model that it belongs to (fabdesign.spread)
-    designs: Mapping[str, float] = field(default_factory=dict)  # name of one that has enough trials -> times all this
+    constant: Annotated[Metre, FROM_0, "half-width"]
+    covariance: Annotated[float, FROM_0, "on the standard deviation that [covariance] gives"]
+    motion: Annotated[float, FROM_0, "m for each m moved since rest"]
+    trials: Annotated[int, Within(least=1), "calibrated on"]
+    held: Annotated[float, Within(least=0, most=1), "share of their residuals inside, each calibrated on the others"]
+    trained_on: Annotated[str, "hash of parameters, effects, covariance and corrector"]  # fabdesign.spread
+    designs: Annotated[
+        Mapping[str, Annotated[float, FROM_0]], "times all of this, of designs by name with enough trials; others: 1"
+    ] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Provenance:
     """Where a model comes from. Trials are named SET/TRIAL."""
 
-    sets: tuple[str, ...] = ()
-    fitted: tuple[str, ...] = ()
-    held_out: tuple[str, ...] = ()
-    versions: Mapping[str, str] = field(default_factory=dict)  # package -> version
-    hashes: Mapping[str, str] = field(default_factory=dict)  # file -> sha256 of its content
+    sets: Annotated[tuple[str, ...], "measured"] = ()
+    fitted: Annotated[tuple[str, ...], "trials"] = ()
+    held_out: Annotated[tuple[str, ...], "trials"] = ()
+    versions: Annotated[Mapping[str, str], "package = version"] = field(default_factory=dict)
+    hashes: Annotated[Mapping[str, str], "file = SHA-256 of its content"] = field(default_factory=dict)
     seed: int | None = None
+
+
+ORIGIN_UNKNOWN = Provenance()
 
 
 @dataclass(frozen=True)
@@ -111,16 +186,46 @@ class Model:
     {'bending': 1.2}
     """
 
-    parameters: Mapping[str, Parameter] = field(default_factory=dict)  # what is absent stays as declared
-    effects: tuple[EffectTerm, ...] = ()
-    corrector: Path | None = None  # safetensors
-    points_per_side: int = POINTS_PER_SIDE  # of the simulator's grid that the factors were found on and belong to
-    provenance: Provenance = Provenance()
-    without_effects: Mapping[str, Parameter] | None = None
-    covariance: Covariance | None = None
-    corrector_hash: str | None = None  # of the parameters and effects that it was trained on (fabdesign.corrector)
-    spread: Spread | None = None  # None: its motions have no intervals
-    learned_range: LearnedRange | None = None  # of what was fitted without a physical name; None: nothing, or not known
+    parameters: Annotated[Mapping[str, Parameter], "what is absent stays as declared"] = field(default_factory=dict)
+    effects: Annotated[tuple[EffectTerm, ...], Key(brief=True), "in the order in which they act"] = ()
+    without_effects: Annotated[
+        Mapping[str, Parameter] | None,
+        Key("parameters_without_effects"),
+        "fitted when no effect and no corrector was there: before of `evaluate`",
+    ] = None
+    covariance: Annotated[Covariance | None, "of what was fitted together"] = None
+    corrector: Annotated[Path | None, Key("corrector.weights"), "safetensors"] = None
+    corrector_hash: Annotated[
+        str | None, Key("corrector.trained_on"), "hash of the parameters and effects that it was trained on"
+    ] = None
+    spread: Annotated[Spread | None, "absent: its motions have no intervals"] = None
+    learned_range: Annotated[
+        LearnedRange | None, "of what was fitted without a physical name; absent: nothing, or not known"
+    ] = None
+    points_per_side: Annotated[
+        int,
+        Key("simulator.points_per_side"),
+        Within(least=COARSEST, most=FINEST),
+        "of the grid that the factors were found on and belong to",
+    ] = POINTS_PER_SIDE
+    provenance: Provenance = ORIGIN_UNKNOWN
+
+    def resolved(self, table: Table) -> "Model":
+        """Raise InputError for unknown parameters, an effect that stands twice, and weights that are not there."""
+        for key in ("parameters", "parameters_without_effects"):
+            for name in table.within([key]).names():
+                plain = name.rpartition(".")[2] if name.startswith(MUSCLE_TYPES) else name
+                if plain not in PARAMETERS or (plain != name and plain not in OF_MUSCLES):
+                    expected = f"expected one of {', '.join(PARAMETERS)}{nearest(name, PARAMETERS)}"
+                    raise table.within([key]).error(f"unknown parameter {name}; {expected}")
+        labels = [(label, term.scope) for label, term in zip(labels_of(self.terms), self.terms, strict=True)]
+        if twice := next((label for label, scope in labels if labels.count((label, scope)) > 1), None):
+            raise table.error(f"effects: {label_effect(twice)} stands twice with one scope; expected it once")
+        if "corrector" in table and self.corrector is None:
+            raise table.within(["corrector"]).missing("weights")
+        if self.corrector is not None and not self.corrector.is_file():
+            raise table.within(["corrector"]).error(f"weights {self.corrector} is not there")
+        return self
 
     @property
     def factors(self) -> dict[str, float]:

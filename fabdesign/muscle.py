@@ -2,20 +2,17 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-
-@dataclass(frozen=True)
-class BenchTable:
-    """Isometric tension of one bare muscle, as measured: one entry a row."""
-
-    pressure: tuple[float, ...]  # Pa, gauge
-    contraction: tuple[float, ...]  # 1 - l / l0
-    force: tuple[float, ...]  # N, positive is tension
-
+from fabdesign.bench_table_file import BenchTable as BenchTable
+from fabdesign.bench_table_file import read_bench_table
+from fabdesign.effort import CLOSEST, MUSCLES
+from fabdesign.fabric import LARGEST
+from fabdesign.schema import ABOVE_0, FROM_0, FileUnit, Key, Kilopascal, Metre, Within
+from fabdesign.table import Table, nearest
 
 WIDEST = 0.05  # m, of any muscle that is laced
 
@@ -40,27 +37,47 @@ class MuscleType:
     True
     """
 
-    name: str
-    outer_diameter: float  # m
-    mass_per_length: float  # kg/m
-    axis_offset: float  # m, of the laced axis from the mid-surface
-    bench: BenchTable
-    viscosity: float = 0.0  # N s, tension lost per contraction rate
-    max_pressure: float | None = None  # Pa
-    stock_length: float | None = None  # m
-    min_bend_radius: float | None = None  # m
-    tail_length: float | None = None  # m
+    name: Annotated[str, Key("", absent=lambda table: table.name)]
+    outer_diameter: Annotated[Metre, ABOVE_0]
+    mass_per_length: Annotated[float, FileUnit("kg/m"), ABOVE_0]
+    axis_offset: Annotated[Metre, FROM_0, "of the laced axis from the mid-surface"]
+    bench: Annotated[BenchTable, Key(file=read_bench_table), "isometric force at pressure and contraction"]
+    viscosity: Annotated[float, FileUnit("N s"), FROM_0, "tension lost per contraction rate"] = 0.0
+    max_pressure: Annotated[Kilopascal | None, ABOVE_0, "gauge"] = None
+    stock_length: Annotated[Metre | None, ABOVE_0, "the longest piece to be had"] = None
+    min_bend_radius: Annotated[Metre | None, FROM_0, "of the laced axis"] = None
+    tail_length: Annotated[Metre | None, FROM_0, "left over at each end for tube and knot"] = None
 
 
 @dataclass(frozen=True)
 class Muscle:
     """One muscle, laced along a polyline in fabric coordinates (u, v)."""
 
-    type: str
-    side: Literal["front", "back"]
-    channel: int
-    path: tuple[tuple[float, float], ...]  # m, corner points
-    fixed_point_pitch: float  # m
+    type: Annotated[str, "one of [muscle_types]"]
+    side: Annotated[Literal["front", "back"], "the face that it is laced on"]
+    channel: Annotated[int, Within(least=0, most=MUSCLES - 1), "of pressure"]
+    path: Annotated[tuple[tuple[float, float], ...], FileUnit("m"), "(u, v) of its ends and corners"]
+    fixed_point_pitch: Annotated[Metre, Within(least=CLOSEST), "between fixed points"]
+
+    def resolved(self, table: Table) -> "Muscle":
+        """Raise InputError for an unknown type, and for a path that is none on the cloth."""
+        types = table.find("muscle_types")
+        if self.type not in types:
+            expected = (
+                f"one of {', '.join(types)}{nearest(self.type, [*types])}"
+                if types
+                else (f"[muscle_types.{self.type}] in this file, or in one that it includes")
+            )
+            raise table.bad("type", expected)
+        if len(self.path) < 2:
+            raise table.bad("path", "at least two [u, v] points")
+        for i, point in enumerate(self.path):
+            table.find("fabric").require_inside(point, table, f"path[{i}]")
+            if i and point == self.path[i - 1]:
+                raise table.error(f"path[{i}] repeats the point before it")
+        if self.fixed_point_pitch > LARGEST:
+            raise table.bad("fixed_point_pitch", "metres (is it in millimetres?)")
+        return self
 
     @property
     def length(self) -> float:

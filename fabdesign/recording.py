@@ -5,16 +5,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomlkit
 from numpy.typing import NDArray
 
 from fabdesign.cloud_file import read_cloud
+from fabdesign.decoder import decode
 from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
 from fabdesign.effort import LONGEST
+from fabdesign.encoder import Encoder
 from fabdesign.errors import InputError, note
 from fabdesign.frame_pairs import left_out_line, pair_frames
 from fabdesign.mcap_file import read_mcap, read_stamps
@@ -23,8 +25,9 @@ from fabdesign.measured_units import require_measured_pressures, require_seconds
 from fabdesign.ply import write_ply
 from fabdesign.pressure import PressureProgram, require_pressures
 from fabdesign.pressure_file import read_pressures, write_pressures
+from fabdesign.schema import ABOVE_0, FileUnit, Key, Second
 from fabdesign.table import Table, load_toml
-from fabdesign.toml_file import file_stem
+from fabdesign.toml_file import file_name, file_stem
 
 Array = NDArray[np.float64]
 Convention = Literal["forward", "backward"]  # z forward and y down; or (x, -y, -z), as RealSense SDKs export
@@ -36,11 +39,26 @@ _OTHER_RATE = 1.5  # times the declared interval: the stamps are of another reco
 _SIZE = 4.0  # m; a cloud ten times as far from its camera is in another unit
 
 
+def _pose(value: Any, table: Table) -> Array:
+    """Return a matrix of a turn and a shift. Raises InputError for any other."""
+    try:
+        pose = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise table.bad("camera_to_world", "4 rows of 4 numbers") from None
+    if pose.shape == (4, 4) and not np.allclose(pose[3], [0, 0, 0, 1], atol=1e-9):
+        likely = " (is it transposed?)" if np.allclose(pose[:, 3], [0, 0, 0, 1], atol=1e-9) else ""
+        raise table.bad("camera_to_world", f"0, 0, 0, 1 as the last row{likely}")
+    turn = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
+    if np.abs(turn @ turn.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(turn) < 0:
+        raise table.bad("camera_to_world", "a 4x4 matrix of a turn and a shift, metres")
+    return pose
+
+
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    name: str
-    camera_to_world: Array  # (4, 4) m, nominal
-    topic: str | None = None  # of the recording's MCAP, where it has one
+    name: Annotated[str, "of its clouds' files"]
+    camera_to_world: Annotated[Array, Key(read=_pose), "(4, 4) m, nominal: good to 10 mm and 2 degrees"]
+    topic: Annotated[str | None, "of the recording's MCAP, where it has one"] = None
 
     @property
     def position(self) -> Array:
@@ -131,6 +149,45 @@ def _cloud_file(stems: Sequence[Path], what: str, sensor: Sensor) -> Path:
 
 
 @dataclass(frozen=True, eq=False)
+class RecordingKeys:
+    """A recording as its file has it."""
+
+    name: Annotated[str, Key(absent=lambda table: table.file.resolve().parent.name), "by default the folder's"]
+    design: Annotated[Design, Key(file=read_design), "of the specimen"]
+    description: Annotated[str, Key(brief=True), "where it comes from"] = ""
+    times: Annotated[tuple[Second, ...] | None, "after rest, one a frame"] = None
+    frame_rate: Annotated[float | None, FileUnit("Hz"), ABOVE_0, "in place of times"] = None
+    mcap: Annotated[str, Key(brief=True), "a file of ROS 2 with all clouds, in place of frames"] = ""
+    sensors: tuple[Sensor, ...] = ()
+
+    def resolved(self, table: Table) -> "RecordingKeys":
+        """Raise InputError for no sensors, two of one name, and times that do not rise."""
+        if not self.sensors:
+            raise table.error("no [[sensors]]")
+        names = [sensor.name for sensor in self.sensors]
+        if len(set(names)) < len(names):
+            raise table.error(f"two sensors have one name: {', '.join(names)}")
+        for sensor in self.sensors:
+            if bool(self.mcap) != (sensor.topic is not None):
+                expected = "a topic for each sensor" if self.mcap else 'mcap = "FILE", where a sensor has a topic'
+                raise table.bad("mcap", expected)
+        if self.times is None:
+            if self.frame_rate is None:
+                raise table.missing("frame_rate")
+            return self
+        times = np.array(self.times)
+        if len(times) == 0 or times[0] < 0 or (np.diff(times) <= 0).any():
+            raise table.bad("times", "seconds after rest that rise")
+        require_seconds(times, table.where)
+        if times[-1] > LONGEST:
+            raise table.error(f"times go to {times[-1]:.6g} s; expected seconds after rest, {LONGEST:g} at most")
+        interval, rate = (np.median(np.diff(times)) if len(times) > 1 else 0.0), self.frame_rate
+        if interval and rate and not 1 / _OTHER_RATE < rate * interval < _OTHER_RATE:
+            note(f"{table.where}: times has a frame every {interval:.3g} s, and frame_rate = {rate:g}; times counts")
+        return self
+
+
+@dataclass(frozen=True, eq=False)
 class _Frames:
     """As the fields of a Recording."""
 
@@ -148,28 +205,16 @@ def read_recording(path: Path | str, *, convention: Convention = "forward") -> R
     path = Path(path)
     if path.is_dir():
         path = path / "recording.toml"
-    root = load_toml(path, FORMAT)
-    folder = path.parent
-    name = root.text("name", folder.resolve().name)
-    root.text("description", "")
-    design = read_design(root.path("design", folder))
-    sensors = tuple(_sensor(table) for table in root.tables("sensors"))
-    if not sensors:
-        raise InputError(f"{path}: no [[sensors]]")
-    names = [s.name for s in sensors]
-    if len(set(names)) < len(names):
-        raise InputError(f"{path}: two sensors have one name: {', '.join(names)}")
-    mcap = _mcap(root, folder, sensors)
-    frames = _stamped(root, mcap, sensors) if mcap is not None else _Frames(_times(root, folder, sensors))
-    root.finish()
-    program = read_pressures(folder / "pressure.csv", design)
-    require_pressures(program, design, str(folder / "pressure.csv"))
+    keys, folder = decode(RecordingKeys, load_toml(path, FORMAT)), path.parent
+    mcap = folder / file_name(keys.mcap, str(path)) if keys.mcap else None
+    frames = _stamped(keys, mcap) if mcap is not None else _Frames(_times(keys, folder))
+    program = read_pressures(folder / "pressure.csv", keys.design)
+    require_pressures(program, keys.design, str(folder / "pressure.csv"))
     require_measured_pressures(program.pressure, str(folder / "pressure.csv"))
     if frames.times[-1] > program.duration + 1.5 * float(np.diff(frames.times, prepend=0.0).max()):
         note(f"{folder / 'pressure.csv'}: ends at {program.duration:.3g} s, the frames at {frames.times[-1]:.3g} s")
-    return Recording(
-        folder, name, design, frames.times, sensors, program, convention, mcap, frames.chosen, frames.left_out
-    )
+    found = (frames.chosen, frames.left_out)
+    return Recording(folder, keys.name, keys.design, frames.times, keys.sensors, program, convention, mcap, *found)
 
 
 def write_recording(
@@ -182,19 +227,12 @@ def write_recording(
     reference: Mapping[str, Array],
 ) -> None:
     """Write a recording into `folder`: clouds (n, 3) m by sensor name, in each camera's own frame."""
-    document = tomlkit.document()
-    document["format"] = FORMAT
-    document["name"] = folder.name
     design_file = f"{file_stem(design.name)}.toml"
-    document["design"] = design_file
-    document["times"] = [round(float(t), 6) for t in times]
-    listed = tomlkit.aot()
-    for sensor in sensors:
-        entry = tomlkit.table()
-        pose = [[round(float(x), 6) for x in row] for row in sensor.camera_to_world]
-        entry.update({"name": sensor.name, "camera_to_world": pose})
-        listed.append(entry)
-    document["sensors"] = listed
+    rounded = [Sensor(each.name, np.round(each.camera_to_world, 6), each.topic) for each in sensors]
+    instants = tuple(round(float(t), 6) for t in times)
+    keys = RecordingKeys(folder.name, design, times=instants, sensors=tuple(rounded))
+    file = folder / "recording.toml"
+    document = {"format": FORMAT} | Encoder(file, {Design: lambda design: design_file}).encode(keys)
     write_design(design, folder / design_file)
     write_pressures(program, folder / "pressure.csv")
     for name, cloud in reference.items():
@@ -202,59 +240,15 @@ def write_recording(
     for index, clouds in enumerate(frames):
         for name, cloud in clouds.items():
             write_ply(folder / "frames" / f"{index:04d}" / f"{name}.ply", cloud)
-    (folder / "recording.toml").write_text(tomlkit.dumps(document), encoding="utf-8", newline="\n")
+    file.write_text(tomlkit.dumps(document), encoding="utf-8", newline="\n")
 
 
-def _sensor(table: Table) -> Sensor:
-    rows = table.take("camera_to_world")
-    try:
-        pose = np.array(rows, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise table.bad("camera_to_world", "4 rows of 4 numbers") from None
-    if pose.shape == (4, 4) and not np.allclose(pose[3], [0, 0, 0, 1], atol=1e-9):
-        likely = " (is it transposed?)" if np.allclose(pose[:, 3], [0, 0, 0, 1], atol=1e-9) else ""
-        raise table.bad("camera_to_world", f"0, 0, 0, 1 as the last row{likely}")
-    turn = pose[:3, :3] if pose.shape == (4, 4) else np.zeros((3, 3))
-    if np.abs(turn @ turn.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(turn) < 0:
-        raise table.bad("camera_to_world", "a 4x4 matrix of a turn and a shift, metres")
-    sensor = Sensor(table.text("name"), pose, table.text("topic", "") or None)
-    table.finish()
-    return sensor
-
-
-def _mcap(root: Table, folder: Path, sensors: Sequence[Sensor]) -> Path | None:
-    """The file that the clouds lie in, where it is named."""
-    name = root.text("mcap", "")
-    for sensor in sensors:
-        if bool(name) != (sensor.topic is not None):
-            expected = "a topic for each sensor" if name else 'mcap = "FILE", where a sensor has a topic'
-            raise root.bad("mcap", expected)
-    return root.path("mcap", folder) if name else None
-
-
-def _given_times(root: Table) -> Array | None:
-    if "times" not in root:
-        return None
-    times = np.array(root.numbers("times"))
-    rate = root.number("frame_rate", None, above=0)
-    if len(times) == 0 or times[0] < 0 or (np.diff(times) <= 0).any():
-        raise root.bad("times", "seconds after rest that rise")
-    require_seconds(times, root.where)
-    if times[-1] > LONGEST:
-        raise InputError(
-            f"{root.where}: times go to {times[-1]:.6g} s; expected seconds after rest, {LONGEST:g} at most"
-        )
-    if len(times) > 1 and rate and not 1 / _OTHER_RATE < rate * (interval := np.median(np.diff(times))) < _OTHER_RATE:
-        note(f"{root.where}: times has a frame every {interval:.3g} s, and frame_rate = {rate:g}; times counts")
-    return times
-
-
-def _stamped(root: Table, mcap: Path, sensors: Sequence[Sensor]) -> _Frames:
+def _stamped(keys: RecordingKeys, mcap: Path) -> _Frames:
     """The times of an MCAP's frames, and their clouds: by the stamps, where these say something, else in the order of
     the first sensor's clouds, from one interval after rest on. Raises InputError."""
-    given, stamps = _given_times(root), read_stamps(mcap)
-    rate = root.number("frame_rate", above=0) if given is None else None
-    topics = [str(sensor.topic) for sensor in sensors]
+    given, stamps = None if keys.times is None else np.array(keys.times), read_stamps(mcap)
+    rate = keys.frame_rate if given is None else None
+    topics = [str(sensor.topic) for sensor in keys.sensors]
     for topic in topics:
         if topic not in stamps:
             raise InputError(f"{mcap}: no clouds on {topic}; expected one of {', '.join(stamps)}")
@@ -278,13 +272,12 @@ def _stamped(root: Table, mcap: Path, sensors: Sequence[Sensor]) -> _Frames:
     return _Frames(times[whole], pairs.clouds[whole], left_out)
 
 
-def _times(root: Table, folder: Path, sensors: Sequence[Sensor]) -> Array:
+def _times(keys: RecordingKeys, folder: Path) -> Array:
     """The frames' times; with a `frame_rate` as many as there are frame folders, or files of the first sensor. Of more
     of these than times it says which are left out."""
-    given = _given_times(root)
-    rate = root.number("frame_rate", above=0) if given is None else 1.0
+    given = None if keys.times is None else np.array(keys.times)
     frames = folder / "frames"
-    by_sensor = frames / sensors[0].name
+    by_sensor = frames / keys.sensors[0].name
     stems = [p.stem for p in (by_sensor if by_sensor.is_dir() else frames).glob("[0-9]*")]
     numbers = [int(stem) for stem in stems if stem.isdecimal()]
     if given is not None:
@@ -295,6 +288,6 @@ def _times(root: Table, folder: Path, sensors: Sequence[Sensor]) -> Array:
         raise InputError(f"{frames}: no frames; expected NNNN/SENSOR.ply or SENSOR/NNNN.ply")
     if max(numbers) > _FRAMES:
         raise InputError(f"{frames}: frame {max(numbers)}; expected numbers from 0 to {_FRAMES}")
-    times = np.arange(1, max(numbers) + 2) / rate
+    times = np.arange(1, max(numbers) + 2) / (keys.frame_rate or 1.0)
     require_seconds(times, f"{folder / 'recording.toml'}")
     return times

@@ -2,13 +2,12 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import isfinite, isqrt
-from typing import Annotated, Any
+from math import isqrt
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.decoder import as_number
 from fabdesign.schema import Key, Within
 from fabdesign.table import Table
 from fabdesign.units import in_mm
@@ -20,13 +19,17 @@ ON_EDGE = 1e-9  # m from a region's edge: so near is inside
 Corners = tuple[tuple[float, float], ...]
 
 
-def _box(value: Any, table: Table) -> Corners | None:
+def _box(value: tuple[float, ...], table: Table) -> Corners | None:
     """Return the corners of [left, upper, right, lower]."""
-    numbers = [as_number(each) for each in value] if isinstance(value, list | tuple) else []
-    if len(numbers) != 4 or not all(number is not None and isfinite(number) for number in numbers):
-        raise table.bad("box", "a list of 4 numbers")
-    left, upper, right, lower = (number or 0.0 for number in numbers)
+    left, upper, right, lower = value
     return ((left, upper), (right, upper), (right, lower), (left, lower)) if left < right and upper < lower else None
+
+
+_BOX = Key(
+    form=tuple[float, float, float, float],
+    read=_box,
+    expected="[left, upper, right, lower] in m, two corners (u, v)",
+)
 
 
 @dataclass(frozen=True)
@@ -38,12 +41,7 @@ class Region:
         Corners,
         Key(
             expected="either box = [u, v, u, v] or polygon = [[u, v], ...]",
-            one_of={
-                "box": Annotated[
-                    Corners, Key(read=_box, expected="[left, upper, right, lower] in m, of two corners (u, v)")
-                ],
-                "polygon": Corners,
-            },
+            one_of={"box": Annotated[Corners, _BOX, "m: left, upper, right, lower"], "polygon": Corners},
         ),
     ]
     weight: Annotated[float, Within(above=0, most=1000), "of the distances there; others count once"]

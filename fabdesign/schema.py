@@ -59,16 +59,16 @@ class Within:
 FROM_0, ABOVE_0 = Within(least=0), Within(above=0)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # hashed by identity: types hold it
 class Key:
     """How a field stands in a file, where its name and type do not say it all.
 
     name: in place of the field's, with a dot in a table; "": the field has no key. also: an older name that is read.
-    expected: what an error says. file: reads the object from its own file, which the key names. read: the value from
-    the file's and its table, None where it does not fit. absent: the value where the key is not there, from the table.
-    form: the type that stands in the file. one_of: keys of which one is there, with their types. inside: the fields of
-    a dataclass stand in the same table. rest: all keys that no other field takes. brief: not written where it is the
-    default.
+    form: the type that stands in the file, if it is another one. read: the value from that and its table, None where it
+    does not fit. expected: what an error then says. file: reads the object from its own file, which the key names.
+    absent: the value where the key is not there, from the table. one_of: keys of which one is there, with their types.
+    inside: the fields of a dataclass stand in the same table. rest: all keys that no other field takes. brief: not
+    written where it is the default.
     """
 
     name: str | None = None
@@ -107,7 +107,7 @@ class FileKey:
 
 
 @cache
-def file_keys(form: type) -> tuple[FileKey, ...]:
+def file_keys(form: Any) -> tuple[FileKey, ...]:
     """Return the keys of a dataclass in the order of its fields."""
     hints = get_type_hints(form, include_extras=True)
     return tuple(_file_key(each, hints[each.name]) for each in fields(form) if each.init)
@@ -115,6 +115,8 @@ def file_keys(form: type) -> tuple[FileKey, ...]:
 
 def _file_key(each: "Field[Any]", hint: Any) -> FileKey:
     plain, notes, sentence = annotated(hint)
+    if len(kinds := members(plain)) == 1:  # None stands for a key that is not there
+        plain, notes, _ = annotated(kinds[0], notes)
     *tables, name = (notes.key.name if notes.key.name is not None else each.name).split(".")
     default = each.default if each.default_factory is MISSING else each.default_factory()
     return FileKey(each.name, tuple(tables), name, plain, notes, sentence, default)
@@ -125,9 +127,12 @@ def annotated(hint: Any, outer: Notes = Notes()) -> tuple[Any, Notes, str]:
     if get_origin(hint) is not Annotated:
         return hint, outer, ""
     plain, *marks = get_args(hint)
-    of_type = {kind: mark for kind in (Key, FileUnit, Within) for mark in marks if isinstance(mark, kind)}
-    notes = Notes(of_type.get(Key, outer.key), of_type.get(FileUnit, outer.unit), of_type.get(Within, outer.within))
-    return plain, notes, next((mark for mark in marks if isinstance(mark, str)), "")
+    key, unit, within = outer.key, outer.unit, outer.within
+    for mark in marks:
+        key = mark if isinstance(mark, Key) else key
+        unit = mark if isinstance(mark, FileUnit) else unit
+        within = mark if isinstance(mark, Within) else within
+    return plain, Notes(key, unit, within), next((mark for mark in marks if isinstance(mark, str)), "")
 
 
 def members(hint: Any) -> tuple[Any, ...]:

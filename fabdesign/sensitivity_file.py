@@ -1,9 +1,9 @@
 """Study files of kind "sensitivity": what is varied, what is watched, and how much of it is computed."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,10 @@ from fabdesign.model_sampling import covered, joint_root
 from fabdesign.pressure import limits
 from fabdesign.schema import ABOVE_0, Key, Second, Within
 from fabdesign.shape_output import EXPECTED, read_shape_output
-from fabdesign.study_file import Hold, Name, Order, Rise, Seed, StudyModel, read_start_pressures, study_of
+from fabdesign.study_file import START_PRESSURES, Hold, Name, Order, Rise, Seed, StudyModel, study_of
 from fabdesign.study_targets import TargetFile
 from fabdesign.table import Table
-from fabdesign.varied import Varied, read_varied
+from fabdesign.varied import LowHigh, Varied, read_varied
 
 Output = Callable[[NDArray[np.float64], NDArray[np.float32]], float]
 METHODS = ("morris", "sobol")
@@ -30,16 +30,14 @@ GRID = 21  # points a side: docs/results/sensitivity.md says what 41 would chang
 MIDDLE = 200e3  # Pa, of channels that nothing is said of
 
 
-def _outputs(value: Any, table: Table) -> tuple[str, ...] | None:
-    """Return names of OUTPUTS and outputs in words; None for any other value."""
-    if not isinstance(value, list | tuple) or not all(isinstance(text, str) for text in value):
-        raise table.bad("outputs", "a list of texts")
+def _outputs(value: tuple[str, ...], table: Table) -> tuple[str, ...] | None:
+    """Return names of OUTPUTS and outputs in words; None where one stands twice."""
     for text in value:
         if text not in OUTPUTS and "(" not in text:
             raise table.bad("outputs", f"some of {', '.join(OUTPUTS)}, or {EXPECTED}")
         if text not in OUTPUTS:
             read_shape_output(text, table.find("design").fabric, f"{table.where}: outputs")
-    return tuple(value) if len({*value}) == len(value) else None
+    return value if len({*value}) == len(value) else None
 
 
 def _methods(value: Any, table: Table) -> tuple[str, ...] | None:
@@ -48,8 +46,12 @@ def _methods(value: Any, table: Table) -> tuple[str, ...] | None:
     return tuple(method for method in METHODS if method in methods) if fits else None
 
 
-def _functions(value: Any, table: Table) -> Mapping[str, Output] | None:
-    return value if isinstance(value, Mapping) and all(callable(each) for each in value.values()) else None
+def _functions(table: Table) -> Mapping[str, Output]:
+    """Return what Python gives; a file has none."""
+    given = table["functions"] if table.has("functions") else {}
+    if not all(callable(each) for each in given.values()):
+        raise table.error("unknown key functions")
+    return cast(Mapping[str, Output], given)
 
 
 _TIMES = f"rising times in s after rest, up to {LONGEST:g}"
@@ -64,12 +66,15 @@ class SensitivityStudy:
     name: Name
     design: Annotated[Design, Key(file=read_design), "whose motions are computed"]
     varied: Annotated[
-        tuple[Varied, ...], Key("parameters.*", rest=True, read=read_varied), "tables by name, each with low and high"
+        tuple[Varied, ...],
+        Key("parameters.*", form=Mapping[str, LowHigh], rest=True, read=read_varied),
+        "what varies",
     ]
     joint: Annotated[bool, Key("parameters.covariance", absent=lambda table: False), "what the model's covers varies"]
     outputs: Annotated[
         tuple[str, ...],
         Key(
+            form=tuple[str, ...],
             read=_outputs,
             expected=f"some of {', '.join(OUTPUTS)}, each once",
             absent=lambda table: () if table.has("functions") else ("tip", "mean_curvature"),
@@ -78,13 +83,8 @@ class SensitivityStudy:
     ]
     pressures: Annotated[
         NDArray[np.float64],
-        Key(
-            "start_pressures",
-            read=read_start_pressures,
-            expected="a list of numbers",
-            absent=lambda table: np.minimum(MIDDLE, limits(table.find("design"))),
-        ),
-        "kPa, of channels that do not vary; absent: 200",
+        replace(START_PRESSURES, absent=lambda table: np.minimum(MIDDLE, limits(table.find("design")))),
+        "of channels that do not vary; absent: 200",
     ]
     model: StudyModel = None
     methods: Annotated[
@@ -106,9 +106,7 @@ class SensitivityStudy:
     rise: Rise = RISE
     hold: Hold = HOLD
     seconds: Annotated[Second | None, Key("limits.seconds"), ABOVE_0, "absent: until all is computed"] = None
-    functions: Annotated[
-        Mapping[str, Output], Key(read=_functions, expected="none in a file; Python gives functions")
-    ] = field(default_factory=dict)
+    functions: Annotated[Mapping[str, Output], Key("", absent=_functions)] = field(default_factory=dict)
 
     def resolved(self, table: Table) -> "SensitivityStudy":
         """Raise InputError for what does not go together."""

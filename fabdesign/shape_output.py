@@ -59,10 +59,8 @@ def read_shape_output(text: str, fabric: Fabric, where: str) -> ShapeOutput:
     raise InputError(f"{where}: {text}; expected {EXPECTED}")
 
 
-def read_shape_outputs(value: Any, table: Table) -> tuple[ShapeOutput, ...] | None:
-    """Return the outputs of a study that is being decoded; None for what is no list of different texts."""
-    if not isinstance(value, list | tuple) or not all(isinstance(text, str) for text in value):
-        raise table.bad("outputs", "a list of texts")
+def read_shape_outputs(value: tuple[str, ...], table: Table) -> tuple[ShapeOutput, ...] | None:
+    """Return the outputs of a study that is being decoded; None where one stands twice."""
     fabric = table.find("design").fabric
     outputs = tuple(read_shape_output(text, fabric, f"{table.where}: outputs") for text in value)
     return outputs if len({*value}) == len(value) else None

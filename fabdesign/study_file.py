@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fabdesign.decoder import as_number, decode, decode_part
+from fabdesign.decoder import decode, decode_part
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
 from fabdesign.effort import MUSCLES
@@ -23,11 +23,11 @@ from fabdesign.search_terms import NO_PRICE, Price, Robust
 from fabdesign.shape_output import ShapeOutput, read_shape_outputs
 from fabdesign.study_targets import TargetFile
 from fabdesign.table import STUDY, Table, load_toml
-from fabdesign.toml_file import file_name
-from fabdesign.units import in_kpa, pascals
+from fabdesign.units import in_kpa
 
 FORMAT = STUDY
 Kind = Literal["optimize", "sensitivity", "layouts", "unseen", "loop"]
+KINDS = get_args(Kind)
 Side = Literal["front", "back"]
 Measure = Literal["chamfer", "surface_rms"]
 Form = TypeVar("Form")
@@ -126,17 +126,13 @@ class StudyLimits:
         return replace(self, pressure=pressure)
 
 
-def read_start_pressures(value: Any, table: Table) -> NDArray[np.float64] | None:
-    """Return (channels,) Pa of numbers in kPa; None for any other value."""
-    numbers = [as_number(each) for each in value] if isinstance(value, list | tuple | np.ndarray) else [None]
-    if not all(number is not None and np.isfinite(number) for number in numbers):
-        return None
-    design = table.find("design")
-    if len(numbers) != design.channels or min(number or 0.0 for number in numbers) < 0:
+def read_start_pressures(value: tuple[float, ...], table: Table) -> NDArray[np.float64]:
+    """Return (channels,) Pa. Raises InputError for another number of them."""
+    design: Design = table.find("design")
+    if len(value) != design.channels or min(value) < 0:
         raise table.bad("start_pressures", f"{design.channels} pressures in kPa, from 0")
-    pressures = np.array([pascals(str(number)) for number in numbers])
-    _say_slight(float(pressures.max(initial=0.0)), design, f"{table.where}: start_pressures")
-    return pressures
+    _say_slight(max(value), design, f"{table.where}: start_pressures")
+    return np.array(value)
 
 
 def _say_slight(highest: float, design: Design, where: str) -> None:
@@ -144,9 +140,8 @@ def _say_slight(highest: float, design: Design, where: str) -> None:
         note(line)
 
 
-def _earlier(value: Any, table: Table) -> EarlierResult | None:
+def _earlier(folder: Path, table: Table) -> EarlierResult | None:
     """Return what the folder of an earlier result holds: its design.toml, pressures.csv, pressures_2.csv, ..."""
-    folder = table.file.parent / file_name(str(value), table.where)
     if not (folder / "design.toml").is_file() or not (folder / "pressures.csv").is_file():
         return None
     design = read_design(folder / "design.toml")
@@ -167,12 +162,16 @@ Seed = Annotated[int, FROM_0, "of random numbers"]
 Order = Annotated[int, FROM_0, "place in the specimen's session of what is computed; 0 is rested"]
 Rise = Annotated[Second, Within(least=0.01, most=60), "in which all pressures rise to a shape at rest"]
 Hold = Annotated[Second, Within(least=0, most=3600), "for which they then hold, where effects have memory"]
-StartPressures = Annotated[
-    NDArray[np.float64] | None, Key("start_pressures", read=read_start_pressures, expected="a list of numbers")
-]
+_START = Key(
+    "start",
+    form=Path,
+    read=_earlier,
+    expected="the folder of an earlier result, with design.toml and pressures.csv",
+)
+START_PRESSURES = Key("start_pressures", form=tuple[Kilopascal, ...], read=read_start_pressures)
 Outputs = Annotated[
     tuple[ShapeOutput, ...],
-    Key(read=read_shape_outputs, expected="each once"),
+    Key(form=tuple[str, ...], read=read_shape_outputs, expected="each once"),
     "of the result's shapes, in words (sensitivity.md)",
 ]
 
@@ -208,12 +207,10 @@ class Study:
     muscles: Annotated[MuscleChoice | None, Key("variables.muscles"), "absent: the count stays"] = None
     limits: StudyLimits = StudyLimits()
     objective: Annotated[Measure, "what is made small"] = "chamfer"
-    start_pressures: Annotated[StartPressures, "where the search begins, and what holds where none vary"] = None
-    earlier: Annotated[
-        EarlierResult | None,
-        Key("start", read=_earlier, expected="the folder of an earlier result, with design.toml and pressures.csv"),
-        "what the search begins with",
+    start_pressures: Annotated[
+        NDArray[np.float64] | None, START_PRESSURES, "where the search begins, and what holds where none vary"
     ] = None
+    earlier: Annotated[EarlierResult | None, _START, "the folder of an earlier result, to begin with"] = None
     order: Order = 0
     rise: Rise = RISE
     hold: Hold = HOLD

@@ -99,7 +99,7 @@ class MeasurementSet:
     """Motions measured on one specimen or more."""
 
     name: Annotated[str, Key(absent=lambda table: table.file.resolve().parent.name), "by default the folder's"]
-    designs: Annotated[Mapping[str, Annotated[Design, Key(file=read_design)]], "name = file"]
+    designs: Annotated[Mapping[str, Annotated[Design, Key(file=read_design)]], "of the specimens"]
     trials: tuple[Trial, ...]
     description: Annotated[str, Key(brief=True), "where it comes from"] = ""
     frame_rate: Annotated[float | None, FileUnit("Hz"), ABOVE_0, "nominal; a trial's own times rule"] = None

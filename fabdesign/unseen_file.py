@@ -30,10 +30,8 @@ GRID = 21  # points a side, where there is no model whose factors belong to a gr
 FREE = "measured.free:"  # as an error says it
 
 
-def _program(value: Any, table: Table) -> PressureProgram | None:
+def _program(value: str, table: Table) -> PressureProgram:
     """Return what `simulate` takes too: a file, or a row."""
-    if not isinstance(value, str):
-        return None
     file = table.file.parent / value
     return read_pressures(file if file.suffix in (".csv", ".npz") else value, table.find("design"))
 
@@ -42,13 +40,13 @@ def _program(value: Any, table: Table) -> PressureProgram | None:
 class CandidateMeasurement:
     """A measurement that could be made: a program on a design."""
 
-    name: Annotated[str, Key(absent=lambda table: table["program"]), "absent: the program"]
+    name: Annotated[str, Key(absent=lambda table: str(table["program"])), "absent: the program"]
     design: Annotated[
         Design,
-        Key(file=read_design, absent=lambda table: table.outer.find("design")),
+        Key(file=read_design, absent=lambda table: table.find("design")),
         "absent: the study's",
     ]
-    program: Annotated[PressureProgram, Key(read=_program, expected="a text"), "a file or a row, as simulate takes it"]
+    program: Annotated[PressureProgram, Key(form=str, read=_program), "a file or a row, as simulate takes it"]
 
 
 def _poses(value: Any, table: Table) -> NDArray[np.float64]:

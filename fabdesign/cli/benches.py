@@ -42,7 +42,7 @@ def calibrate_benches(
 
 
 def _as_json(fitted: "BenchCalibration") -> dict[str, Any]:
-    from fabdesign.effect_file import effect_items
+    from fabdesign.encoder import plain
 
     return {
         "bench": fitted.bench.name,
@@ -54,7 +54,7 @@ def _as_json(fitted: "BenchCalibration") -> dict[str, Any]:
         "noise_floor": fitted.noise.sigma,
         "noise_from": fitted.noise.source,
         "constants": {name: {"value": c.value, "unit": c.unit} for name, c in fitted.constants.items()},
-        "effects": [effect_items(effect) for effect in fitted.effects],
+        "effects": [plain(effect) for effect in fitted.effects],
     }
 
 

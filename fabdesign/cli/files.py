@@ -188,3 +188,18 @@ def export(
         "left_out": list(made.left_out),
     }
     print_result(result, "\n".join([*files, *poses_in_words(made.pressures)]), as_json)
+
+
+@commands.command()
+@click.argument("kind")
+@json_option
+def schema(kind: str, as_json: bool) -> None:
+    """Print the JSON Schema of a kind of file, for editors.
+
+    KIND is design, model, study, measurement-set, recording, bench, bench-law or key. An editor that knows it (taplo,
+    for example) completes and checks a file while it is typed.
+    """
+    from studies.check.kinds import schema_of
+
+    content = schema_of(kind)
+    print_result(content, json_text(content, indent=1), as_json)

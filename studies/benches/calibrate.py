@@ -10,8 +10,8 @@ import numpy as np
 
 from fabdesign.bench import Bench, BenchRecord
 from fabdesign.bench_file import read_bench
-from fabdesign.effect_file import effect_items
 from fabdesign.effort import bench_fit_seconds, in_words
+from fabdesign.encoder import plain
 from fabdesign.errors import InputError
 from fabdesign.model import EffectTerm, Quantity
 from fabdesign.units import in_mm
@@ -61,7 +61,7 @@ class BenchCalibration:
             "noise_floor": self.noise.sigma,
             "noise_from": self.noise.source,
             "constants": {name: {"value": q.value, "unit": q.unit} for name, q in self.constants.items()},
-            "effects": [effect_items(effect) for effect in self.effects],
+            "effects": [plain(effect) for effect in self.effects],
         }
 
 

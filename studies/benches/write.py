@@ -9,7 +9,7 @@ from fabdesign.bench import Bench
 from fabdesign.bench_law_file import BenchLaw, write_bench_law
 from fabdesign.bench_table_file import write_bench_table
 from fabdesign.curve_file import MembraneCurve, write_membrane_curve
-from fabdesign.effect_file import effect_items
+from fabdesign.encoder import plain
 from fabdesign.errors import InputError
 from fabdesign.output import write_text
 from fabdesign.units import in_kpa
@@ -69,7 +69,7 @@ def write_bench_type(calibration: BenchCalibration, output: Path) -> list[Path]:
         entry["bench"] = table.name
         document["muscle_types"] = {bench.name: entry}
         if own := [effect for effect in calibration.effects if travels(effect)]:
-            document["effects"] = [effect_items(effect) for effect in own]
+            document["effects"] = [plain(effect) for effect in own]
         write_bench_table(law.table(), table)
         write_text(output, tomlkit.dumps(document))
         return [output, table]

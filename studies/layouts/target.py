@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from fabdesign.content import sha256
+from fabdesign.decoder import decode_key
 from fabdesign.design import Design
 from fabdesign.metrics import DRAWS, Errors, landmark_errors, trial_errors
 from fabdesign.placement import placement_of
@@ -182,5 +183,5 @@ def _set_description(trial: Path) -> str:
     for folder in trial.resolve().parents[:2]:
         if (folder / "set.toml").is_file():
             root = load_toml(folder / "set.toml", "fabdesign.measurement-set/1")
-            return f"{folder.name}: {root.text('description', '')}"
+            return f"{folder.name}: {decode_key(str, root, 'description', '')}"
     return ""

@@ -3,11 +3,15 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Annotated, Any
 
+from fabdesign.decoder import as_number, decode
 from fabdesign.design import Design
 from fabdesign.effects.registry import effect_named
 from fabdesign.errors import InputError
 from fabdesign.forward import FACTOR_RANGE, PARAMETERS
+from fabdesign.model import Quantity
+from fabdesign.schema import FROM_0, FileUnit, Key, Metre, Within
 from fabdesign.table import Table, load_toml, nearest
 from studies.rig.effects import EFFECTS
 
@@ -18,28 +22,79 @@ FORMAT = "fabdesign.key/1"
 class Sensing:
     """The point sensor of a measurement set."""
 
-    frame_rate: float = 30.0  # Hz
-    points: int = 1500  # a frame, both faces
-    noise: float = 0.0006  # m, an axis
-    strays: float = 0.003  # share of points that are not on the cloth
+    frame_rate: Annotated[float, FileUnit("Hz"), Within(above=0, most=1000)] = 30.0
+    points: Annotated[int, Within(least=1, most=100_000), "a frame, both faces"] = 1500
+    noise: Annotated[Metre, Key("noise_m"), Within(least=0, most=0.1), "an axis"] = 0.0006
+    strays: Annotated[float, Within(least=0, most=0.5), "share of points that are not on the cloth"] = 0.003
+
+
+def _factor(value: Any, table: Table) -> float | None:
+    """Return the number, or the `factor` of a table as in a model file."""
+    if isinstance(value, Mapping) and value.keys() <= {"factor", "interval90", "reliable", "believable"}:
+        value = value.get("factor")
+    number = as_number(value)
+    return number if number is not None and FACTOR_RANGE[0] <= number <= FACTOR_RANGE[1] else None
+
+
+def _quantities(value: Any, table: Table) -> dict[str, float] | None:
+    """Return parameters of an effect, NAME = 0.1 in the declared unit or { value = 0.1, unit = "s" } in that unit."""
+    name = table.find("name")
+    if not isinstance(value, Mapping) or name not in EFFECTS:
+        return None if name in EFFECTS else {}
+    declared, inner, values = EFFECTS[name].parameters, table.inner("parameters"), {}
+    for parameter, given in value.items():
+        if parameter not in declared:
+            known = ", ".join(f"{p} [{unit}]" for p, (_, unit) in declared.items())
+            raise inner.error(f"{name} has no parameter {parameter}; it has {known}")
+        unit = declared[parameter][1]
+        with_unit = {"value": given, "unit": unit} if not isinstance(given, Mapping) else {"unit": unit, **given}
+        amount = decode(Quantity, Table(with_unit, f"{inner.where}: {parameter}"))
+        if amount.unit != unit:
+            raise inner.inner(parameter).bad("unit", f'"{unit}"')
+        values[parameter] = amount.value
+    return values
+
+
+_FACTOR = f"a number from {FACTOR_RANGE[0]:g} to {FACTOR_RANGE[1]:g}"
 
 
 @dataclass(frozen=True)
 class EffectSetting:
     """An effect that is on; its parameters in the units that the effect declares."""
 
-    name: str
-    parameters: Mapping[str, float] = field(default_factory=dict)
+    name: Annotated[str, "one of those that the rig has (rig.md)"]
+    parameters: Annotated[Mapping[str, float], Key(read=_quantities, expected="a table"), "in declared units"] = field(
+        default_factory=dict
+    )
+
+    def resolved(self, table: Table) -> "EffectSetting":
+        """Raise InputError for an effect that the rig does not have."""
+        if self.name not in EFFECTS:
+            known = ", ".join(EFFECTS)
+            raise table.error(f"unknown effect {self.name}{nearest(self.name, [*EFFECTS])}; known: {known}")
+        return self
+
+
+PLAIN_SENSING = Sensing()
 
 
 @dataclass(frozen=True)
 class GroundTruth:
     """Seed, true parameter factors (names of fabdesign.forward.PARAMETERS), effects and sensing."""
 
-    seed: int = 0
-    parameters: Mapping[str, float] = field(default_factory=dict)
+    seed: Annotated[int, FROM_0, "of noise"] = 0
+    parameters: Annotated[
+        Mapping[str, Annotated[float, Key(read=_factor, expected=_FACTOR)]], "factors, as in a model"
+    ] = field(default_factory=dict)
     effects: tuple[EffectSetting, ...] = ()
-    sensing: Sensing = Sensing()
+    sensing: Sensing = PLAIN_SENSING
+
+    def resolved(self, table: Table) -> "GroundTruth":
+        """Raise InputError for an unknown parameter."""
+        for name in self.parameters:
+            if name not in PARAMETERS:
+                raise table.inner("parameters").error(f"unknown parameter {name}{nearest(name, PARAMETERS)}")
+        return self
 
 
 def with_effects_of(design: Design, truth: GroundTruth) -> GroundTruth:
@@ -67,65 +122,4 @@ def with_effects_of(design: Design, truth: GroundTruth) -> GroundTruth:
 
 def read_ground_truth(path: Path | str) -> GroundTruth:
     """Read a ground truth file. Raises InputError."""
-    root = load_toml(Path(path), FORMAT)
-    seed = root.integer("seed", 0, least=0)
-    factors = {}
-    if (table := root.table("parameters", None)) is not None:
-        for name in table.names():
-            if name not in PARAMETERS:
-                raise InputError(f"{table.where}: unknown parameter {name}{nearest(name, PARAMETERS)}")
-            factors[name] = _factor(table, name)
-    effects = tuple(_effect(table) for table in root.tables("effects"))
-    sensing = Sensing()
-    if (table := root.table("sensing", None)) is not None:
-        sensing = Sensing(
-            table.number("frame_rate", sensing.frame_rate, above=0, most=1000.0),
-            table.integer("points", sensing.points, least=1, most=100_000),
-            table.number("noise_m", sensing.noise, least=0, most=0.1),
-            table.number("strays", sensing.strays, least=0, most=0.5),
-        )
-        table.finish()
-    root.finish()
-    return GroundTruth(seed, factors, effects, sensing)
-
-
-def _factor(table: Table, name: str) -> float:
-    """NAME = 1.1, or a table with `factor` as in a model file."""
-    if not isinstance(table.take(name), dict):
-        return float(table.number(name, least=FACTOR_RANGE[0], most=FACTOR_RANGE[1]))
-    inner = table.table(name)
-    for key in ("interval90", "believable"):
-        inner.take(key, None)
-    factor = float(inner.number("factor", least=FACTOR_RANGE[0], most=FACTOR_RANGE[1]))
-    inner.finish()
-    return factor
-
-
-def _effect(table: Table) -> EffectSetting:
-    name = table.text("name")
-    if name not in EFFECTS:
-        raise InputError(
-            f"{table.where}: unknown effect {name}{nearest(name, [*EFFECTS])}; known: {', '.join(EFFECTS)}"
-        )
-    declared = EFFECTS[name].parameters
-    values = {}
-    if (given := table.table("parameters", None)) is not None:
-        for parameter in given.names():
-            if parameter not in declared:
-                known = ", ".join(f"{p} [{unit}]" for p, (_, unit) in declared.items())
-                raise InputError(f"{given.where}: {name} has no parameter {parameter}; it has {known}")
-            values[parameter] = _quantity(given, parameter, declared[parameter][1])
-    table.finish()
-    return EffectSetting(name, values)
-
-
-def _quantity(table: Table, name: str, unit: str) -> float:
-    """NAME = 0.1 in the declared unit, or { value = 0.1, unit = "s" } in that unit."""
-    if not isinstance(table.take(name), dict):
-        return float(table.number(name))
-    inner = table.table(name)
-    value = float(inner.number("value"))
-    if inner.text("unit", unit) != unit:
-        raise inner.bad("unit", f'"{unit}"')
-    inner.finish()
-    return value
+    return decode(GroundTruth, load_toml(Path(path), FORMAT))
