@@ -47,6 +47,9 @@ def _constants(rest: Mapping[str, Any], table: Table) -> dict[str, float]:
     return _numbers(top, table) | _numbers(below.take_rest(), below)
 
 
+_CONSTANTS = Key(rest=True, read=_constants)  # numbers at top level, or in [constants]
+
+
 @dataclass(frozen=True)
 class RecordKeys:
     """One run, as the file has it."""
@@ -67,9 +70,7 @@ class BenchKeys:
     description: str = ""
     source: str = ""
     records: tuple[RecordKeys, ...] = ()
-    constants: Annotated[
-        Mapping[str, float], Key(rest=True, read=_constants), "of the specimen, SI: numbers here or in [constants]"
-    ] = field(default_factory=dict)
+    constants: Annotated[Mapping[str, float], _CONSTANTS, "of the specimen, SI"] = field(default_factory=dict)
 
     def resolved(self, table: Table) -> Bench:
         """Return the bench with all its records. Raises InputError."""

@@ -31,6 +31,10 @@ _EXPECTED = "a number above 0, or two of them [across, down]"
 _PAIR = Key(form=Annotated[float | tuple[float, float], Key(expected=_EXPECTED)], read=_pair, expected=_EXPECTED)
 
 
+_OR_CURVE = replace(_PAIR, absent=_initial_stiffness)
+_CURVE = Key(file=read_membrane_curve)
+
+
 @dataclass(frozen=True)
 class Fabric:
     """A rectangle of cloth, how it is held and what pulls on it.
@@ -45,12 +49,7 @@ class Fabric:
     height: Annotated[Metre, ABOVE_0, "down"]
     thickness: Annotated[Metre, ABOVE_0]
     areal_density: Annotated[float, FileUnit("kg/m^2"), ABOVE_0, "without muscles"]
-    membrane_stiffness: Annotated[
-        tuple[float, float],
-        FileUnit("N/m"),
-        replace(_PAIR, absent=_initial_stiffness),
-        "across and down",
-    ]
+    membrane_stiffness: Annotated[tuple[float, float], FileUnit("N/m"), _OR_CURVE, "across and down"]
     shear_stiffness: Annotated[float, FileUnit("N/m"), ABOVE_0]
     poisson: Annotated[float, "nu_12"]
     bending_stiffness: Annotated[tuple[float, float], FileUnit("N m"), _PAIR, "across and down"]
@@ -60,9 +59,7 @@ class Fabric:
     support: Annotated[Literal["pinned", "clamped"], "pinned is free to turn, clamped is not"] = "pinned"
     hung: Annotated[Edge | tuple[tuple[float, float], ...], "an edge, none, or (u, v) points in m"] = "top"
     gravity: Annotated[tuple[float, float, float], FileUnit("m/s^2")] = (0.0, -9.81, 0.0)
-    membrane_curve: Annotated[
-        MembraneCurve | None, Key(file=read_membrane_curve), "N/m over strain, replaces the stiffness it covers"
-    ] = None
+    membrane_curve: Annotated[MembraneCurve | None, _CURVE, "N/m over strain, in place of the stiffness"] = None
 
     def resolved(self, table: Table) -> "Fabric":
         """Raise InputError for millimetres, an impossible Poisson's ratio, and points that are not on the cloth."""

@@ -35,8 +35,13 @@ def _counts(value: tuple[int, ...], table: Table) -> tuple[int, ...] | None:
     return tuple(sorted({*value})) or None
 
 
-_COUNTS = f"numbers of muscles from 1 to {MUSCLES}, such as [1, 2, 4]"
-_Counts = Annotated[tuple[int, ...], Within(least=1, most=MUSCLES), Key(expected=_COUNTS)]
+_EXPECTED = f"numbers of muscles from 1 to {MUSCLES}, such as [1, 2, 4]"
+_Counts = Annotated[tuple[int, ...], Within(least=1, most=MUSCLES), Key(expected=_EXPECTED)]
+_COUNTS = Key("grid.muscles", form=_Counts, read=_counts, expected=_EXPECTED)
+
+
+_TYPES = Key("grid.types", absent=lambda table: tuple(table.decoded["search"].design.muscle_types))
+_SIDES = Key("grid.sides", expected='some of "front", "back", "both"')
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,17 +50,9 @@ class LayoutsStudy:
     are an even share too, which `studies.layout_grid` moves to where they gain."""
 
     search: Annotated[Study, Key(inside=True)]
-    muscles: Annotated[
-        tuple[int, ...], Key("grid.muscles", form=_Counts, read=_counts, expected=_COUNTS), "numbers, a search for each"
-    ]
-    types: Annotated[
-        tuple[str, ...],
-        Key("grid.types", absent=lambda table: tuple(table.decoded["search"].design.muscle_types)),
-        "muscle types; absent: each of the design",
-    ]
-    sides: Annotated[
-        tuple[Sides, ...], Key("grid.sides", expected='some of "front", "back", "both"'), "absent: these three"
-    ] = ("front", "back", "both")
+    muscles: Annotated[tuple[int, ...], _COUNTS, "a search for each number"]
+    types: Annotated[tuple[str, ...], _TYPES, "muscle types; absent: each of the design"]
+    sides: Annotated[tuple[Sides, ...], _SIDES, "absent: these three"] = ("front", "back", "both")
 
     def resolved(self, table: Table) -> "LayoutsStudy":
         """Return the grid without repetitions. Raises InputError for keys of one search, and for unknown types."""

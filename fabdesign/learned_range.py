@@ -19,9 +19,7 @@ class LearnedRange:
     """The farthest of several pressure programs, each quantity by itself."""
 
     pressure: Annotated[Kilopascal, FROM_0, "the highest set point"]  # Pa
-    rate: Annotated[  # Pa/s; of a step, its height over WINDOW
-        KilopascalPerSecond, FROM_0, "the fastest change of one: of its mean over 0.1 s to that over the next 0.1 s"
-    ]
+    rate: Annotated[KilopascalPerSecond, FROM_0, "the fastest change of the mean over 0.1 s to the next"]  # Pa/s
     channels: Annotated[int, FROM_0, "that had pressure at once"]
 
     @staticmethod

@@ -7,11 +7,11 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from fabdesign.effort import COARSEST, FINEST, LONGEST
+from fabdesign.effort import LONGEST
 from fabdesign.errors import InputError
 from fabdesign.model import POINTS_PER_SIDE
 from fabdesign.rig_limits_file import RigLimits
-from fabdesign.schema import ABOVE_0, FROM_0, Key, Metre, Millimetre, Second, Within
+from fabdesign.schema import ABOVE_0, FROM_0, GRIDS, Key, Metre, Millimetre, Second, Within
 from fabdesign.study_file import Study, require_searchable, study_of
 from fabdesign.table import Table
 from fabdesign.units import in_kpa
@@ -26,9 +26,7 @@ LEAST_TRIALS = 3  # to calibrate and trace on, beside those held out
 class VirtualRig:
     """Measures by `fabdesign rig`. None: the rig's own."""
 
-    truth: Annotated[
-        Path | None, Key("key"), "ground truth of the specimens, which only the rig reads; absent: the data sheet"
-    ] = None
+    truth: Annotated[Path | None, Key("key"), "ground truth of the specimens; absent: the data sheet"] = None
     element: Annotated[Metre | None, Within(least=0.002, most=0.05), "of its mesh"] = None
     step: Annotated[Second | None, Within(least=1e-4, most=0.01), "of its time steps"] = None
 
@@ -44,25 +42,23 @@ class Laboratory:
     """Puts a measurement set into `folder`/turn_K when asked. tail_length, paper: as `export` takes them."""
 
     folder: Annotated[Path, "where sets are expected: in turn_0, turn_1, ... of it"]
-    tail_length: Annotated[Metre | None, Within(least=0, most=1), "of the cut list; absent: the muscle types' own"] = (
-        None
-    )
+    tail_length: Annotated[Metre | None, Within(least=0, most=1), "absent: the muscle types' own"] = None
     paper: Annotated[Literal["a4", "letter", "none"] | None, "of templates"] = "a4"
 
     def resolved(self, table: Table) -> "Laboratory":
         return replace(self, paper=None) if self.paper == "none" else self
 
 
+_NUMBER = Key(absent=lambda table: max(4, LEAST_TRIALS + table.decoded.get("held_out", 1)))
+_RIG_OR_LABORATORY = "one source of measurements, [rig] or [laboratory]"
+_SOURCE = Key(expected=_RIG_OR_LABORATORY, one_of={"rig": VirtualRig, "laboratory": Laboratory})
+
+
 @dataclass(frozen=True)
 class Trials:
     """What is run on a design beside its own pressures."""
 
-    number: Annotated[
-        int,
-        Key(absent=lambda table: max(4, LEAST_TRIALS + table.decoded.get("held_out", 1))),
-        Within(least=0, most=100),
-        "programs",
-    ] = 4
+    number: Annotated[int, _NUMBER, Within(least=0, most=100), "programs"] = 4
     seconds: Annotated[Second, Within(least=0.2, most=60), "of each"] = 1.5
     held_out: Annotated[int, FROM_0, "the last so many have role test"] = 1
 
@@ -82,9 +78,7 @@ class Learning:
 
     trace: Annotated[bool, "whether what the model lacks is looked for"] = True
     tolerance: Annotated[Millimetre, ABOVE_0, "of excess, of the trace"] = 0.5e-3  # m
-    trace_grid: Annotated[
-        int, Within(least=COARSEST, most=FINEST), "points a side; of points_per_side: the trace's own refit is taken"
-    ] = TRACE_GRID
+    trace_grid: Annotated[int, GRIDS, "points a side; if points_per_side: the trace's own refit is taken"] = TRACE_GRID
     train: Annotated[Literal["field", "paper"] | None, "the corrector's network; absent: none"] = None
     train_trials: Annotated[int, Within(least=2), "of role fit, from which on there is one"] = 20
 
@@ -95,9 +89,7 @@ class StopRule:
 
     turns: Annotated[int, Within(least=0, most=100), "after the first design"] = 2
     excess: Annotated[Millimetre, FROM_0, "of surface excess on the device: near enough"] = 0.5e-3  # m
-    gain: Annotated[
-        float, Within(least=-10, most=1), "share of the least excess before; a turn that takes off less is the last"
-    ] = 0.1
+    gain: Annotated[float, Within(least=-10, most=1), "share of the least excess; less: the last turn"] = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,20 +97,12 @@ class LoopStudy:
     """search: the choice of every turn; its model is what is known at first."""
 
     search: Annotated[Study, Key(inside=True)]
-    source: Annotated[
-        VirtualRig | Laboratory,
-        Key(
-            expected="one source of measurements, [rig] or [laboratory]",
-            one_of={"rig": VirtualRig, "laboratory": Laboratory},
-        ),
-    ]
+    source: Annotated[VirtualRig | Laboratory, _SOURCE]
     rig_limits: RigLimits = UNLIMITED
     trials: Trials = Trials()
     learning: Learning = Learning()
     stop: StopRule = StopRule()
-    points_per_side: Annotated[
-        int, Within(least=COARSEST, most=FINEST), "of the simulator's grid: the search's full model, the fit"
-    ] = POINTS_PER_SIDE
+    points_per_side: Annotated[int, GRIDS, "of the search's full model and the fit"] = POINTS_PER_SIDE
 
     def resolved(self, table: Table) -> "LoopStudy":
         """Return the study within what the rig can do. Raises InputError for what it cannot."""

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from fabdesign import SIMULATOR
 from fabdesign.effects.registry import check_values, effect_named, label_effect, labels_of
-from fabdesign.effort import COARSEST, FINEST
 from fabdesign.forward import FACTOR_RANGE, MUSCLE_TYPES, OF_MUSCLES, PARAMETERS, SIDE, Term
 from fabdesign.learned_range import LearnedRange
-from fabdesign.schema import FROM_0, Key, Metre, Within
+from fabdesign.schema import FROM_0, GRIDS, SHARE, Key, Metre, Within
 from fabdesign.table import Table, nearest
 
 POINTS_PER_SIDE = SIDE  # of the simulator's grid, unless something else is asked for
@@ -48,15 +47,25 @@ Scope = Annotated[
 ]
 
 
+Times = Annotated[float, FROM_0]
+_INTERVALS = Key(
+    one_of={
+        "interval90": Annotated[Interval, "absent: not known"],
+        "interval95": Annotated[tuple[float, float], replace(_ENDS, read=_of_95), "of old files"],
+    },
+    expected="interval90 alone",
+)
+_RELIABLE = Key(also="believable", brief=True)
+_BEFORE, _GRID = Key("parameters_without_effects"), Key("simulator.points_per_side")
+
+
 @dataclass(frozen=True)
 class Parameter:
     """A factor on one declared value (`forward.PARAMETERS`), with its 90 % interval."""
 
     factor: Annotated[float, Within(least=FACTOR_RANGE[0], most=FACTOR_RANGE[1]), "on the declared value"]
     interval90: Annotated[Interval | None, "absent: not known"] = None
-    reliable: Annotated[
-        bool, Key(also="believable", brief=True), "false: the fit left too much for its intervals to hold"
-    ] = True
+    reliable: Annotated[bool, _RELIABLE, "false: the fit left too much for its intervals to hold"] = True
     scope: Scope = None
 
 
@@ -66,16 +75,7 @@ class Quantity:
 
     value: float
     unit: Annotated[str, "the declared one"]
-    interval90: Annotated[
-        tuple[float, float] | None,
-        Key(
-            one_of={
-                "interval90": Annotated[Interval, "absent: not known"],
-                "interval95": Annotated[tuple[float, float], replace(_ENDS, read=_of_95), "of old files"],
-            },
-            expected="interval90 alone",
-        ),
-    ] = None
+    interval90: Annotated[tuple[float, float] | None, _INTERVALS] = None
 
     def as_json(self) -> dict[str, Any]:
         """Its fields."""
@@ -152,11 +152,9 @@ class Spread:
     covariance: Annotated[float, FROM_0, "on the standard deviation that [covariance] gives"]
     motion: Annotated[float, FROM_0, "m for each m moved since rest"]
     trials: Annotated[int, Within(least=1), "calibrated on"]
-    held: Annotated[float, Within(least=0, most=1), "share of their residuals inside, each calibrated on the others"]
+    held: Annotated[float, SHARE, "share of their residuals inside, each calibrated on the others"]
     trained_on: Annotated[str, "hash of parameters, effects, covariance and corrector"]  # fabdesign.spread
-    designs: Annotated[
-        Mapping[str, Annotated[float, FROM_0]], "times all of this, of designs by name with enough trials; others: 1"
-    ] = field(default_factory=dict)
+    designs: Annotated[Mapping[str, Times], "times all of this, of designs by name"] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -188,26 +186,13 @@ class Model:
 
     parameters: Annotated[Mapping[str, Parameter], "what is absent stays as declared"] = field(default_factory=dict)
     effects: Annotated[tuple[EffectTerm, ...], Key(brief=True), "in the order in which they act"] = ()
-    without_effects: Annotated[
-        Mapping[str, Parameter] | None,
-        Key("parameters_without_effects"),
-        "fitted when no effect and no corrector was there: before of `evaluate`",
-    ] = None
+    without_effects: Annotated[Mapping[str, Parameter] | None, _BEFORE, "fitted when no effect was there"] = None
     covariance: Annotated[Covariance | None, "of what was fitted together"] = None
     corrector: Annotated[Path | None, Key("corrector.weights"), "safetensors"] = None
-    corrector_hash: Annotated[
-        str | None, Key("corrector.trained_on"), "hash of the parameters and effects that it was trained on"
-    ] = None
+    corrector_hash: Annotated[str | None, Key("corrector.trained_on"), "hash of parameters and effects"] = None
     spread: Annotated[Spread | None, "absent: its motions have no intervals"] = None
-    learned_range: Annotated[
-        LearnedRange | None, "of what was fitted without a physical name; absent: nothing, or not known"
-    ] = None
-    points_per_side: Annotated[
-        int,
-        Key("simulator.points_per_side"),
-        Within(least=COARSEST, most=FINEST),
-        "of the grid that the factors were found on and belong to",
-    ] = POINTS_PER_SIDE
+    learned_range: Annotated[LearnedRange | None, "of what has no physical name; absent: not known"] = None
+    points_per_side: Annotated[int, _GRID, GRIDS, "of the grid that the factors belong to"] = POINTS_PER_SIDE
     provenance: Provenance = ORIGIN_UNKNOWN
 
     def resolved(self, table: Table) -> "Model":

@@ -32,18 +32,18 @@ _BOX = Key(
 )
 
 
+_CORNERS = Key(
+    expected="either box = [u, v, u, v] or polygon = [[u, v], ...]",
+    one_of={"box": Annotated[Corners, _BOX, "m: left, upper, right, lower"], "polygon": Corners},
+)
+
+
 @dataclass(frozen=True)
 class Region:
     """A part of the cloth. corners: (u, v) m of a polygon, in order. weight: of places in it, against 1 of the
     others."""
 
-    corners: Annotated[
-        Corners,
-        Key(
-            expected="either box = [u, v, u, v] or polygon = [[u, v], ...]",
-            one_of={"box": Annotated[Corners, _BOX, "m: left, upper, right, lower"], "polygon": Corners},
-        ),
-    ]
+    corners: Annotated[Corners, _CORNERS]
     weight: Annotated[float, Within(above=0, most=1000), "of the distances there; others count once"]
 
     def resolved(self, table: Table) -> "Region":

@@ -13,6 +13,7 @@ from functools import cache
 from types import NoneType, UnionType
 from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
+from fabdesign.effort import COARSEST, FINEST
 from fabdesign.units import from_mm, in_mm, kilopascals, pascals
 
 
@@ -56,7 +57,8 @@ class Within:
         return "".join(f" {word} {limit:g}" for word, limit in words.items() if limit is not None)
 
 
-FROM_0, ABOVE_0 = Within(least=0), Within(above=0)
+FROM_0, ABOVE_0, SHARE = Within(least=0), Within(above=0), Within(least=0, most=1)
+GRIDS = Within(least=COARSEST, most=FINEST)  # points a side
 
 
 @dataclass(frozen=True, eq=False)  # hashed by identity: types hold it

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from fabdesign.schema import ABOVE_0, FROM_0, Metre, Millimetre, Within
+from fabdesign.schema import ABOVE_0, FROM_0, SHARE, Metre, Millimetre, Within
 
 
 @dataclass(frozen=True)
@@ -12,9 +12,7 @@ class Price:
 
     muscle: Annotated[Millimetre, FROM_0, "of the objective that one more muscle must gain"] = 0.0  # m
     channel: Annotated[Millimetre, FROM_0, "of the objective that one more pressure channel must gain"] = 0.0  # m
-    tolerance: Annotated[
-        float, Within(least=0, most=1), "share of the objective by which fewer muscles may be worse in any case"
-    ] = 0.03
+    tolerance: Annotated[float, SHARE, "of the objective, by which fewer muscles may be worse in any case"] = 0.03
 
     def allowed(self, value: float, fewer: int) -> float:
         """m, for a layout with `fewer` muscles, each with its channel, less than one that reaches `value` m."""
@@ -33,10 +31,5 @@ class Robust:
     muscle_gain: Annotated[float, Within(least=0, most=0.5), "of every muscle, relative"] = 0.04
     covariance: Annotated[bool, "the model's joint covariance scatters too, where it has one"] = True
     copies: Annotated[int, Within(least=8, most=1000), "of the result, true ones"] = 24
-    tolerance: Annotated[  # m
-        Annotated[Millimetre, ABOVE_0] | None,
-        "of the objective, within which a copy counts for the yield; absent: a quarter over the nominal value",
-    ] = None
-    choose: Annotated[
-        Literal["expected", "yield"], "what the result is chosen for: it may have more muscles than the nearest one"
-    ] = "expected"
+    tolerance: Annotated[Millimetre | None, ABOVE_0, "of a copy that counts; absent: 1.25 times the result"] = None  # m
+    choose: Annotated[Literal["expected", "yield"], "for what the result is chosen"] = "expected"

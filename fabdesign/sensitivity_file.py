@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
-from fabdesign.effort import COARSEST, FINEST, LONGEST
+from fabdesign.effort import LONGEST
 from fabdesign.forward import HOLD, RISE
 from fabdesign.model import Model
 from fabdesign.model_sampling import covered, joint_root
 from fabdesign.pressure import limits
-from fabdesign.schema import ABOVE_0, Key, Second, Within
+from fabdesign.schema import ABOVE_0, GRIDS, Key, Second, Within
 from fabdesign.shape_output import EXPECTED, read_shape_output
 from fabdesign.study_file import START_PRESSURES, Hold, Name, Order, Rise, Seed, StudyModel, study_of
 from fabdesign.study_targets import TargetFile
@@ -57,6 +57,18 @@ def _functions(table: Table) -> Mapping[str, Output]:
 _TIMES = f"rising times in s after rest, up to {LONGEST:g}"
 
 
+_PARAMETERS = Key("parameters.*", form=Mapping[str, LowHigh], rest=True, read=read_varied)
+_OUTPUTS = Key(
+    form=tuple[str, ...],
+    read=_outputs,
+    expected=f"some of {', '.join(OUTPUTS)}, each once",
+    absent=lambda table: () if table.has("functions") else ("tip", "mean_curvature"),
+)
+_PRESSURES = replace(START_PRESSURES, absent=lambda table: np.minimum(MIDDLE, limits(table.find("design"))))
+_METHODS = Key("method", read=_methods, expected='"morris", "sobol" or ["morris", "sobol"]')
+_MANY = Within(least=8, most=MOST)
+
+
 @dataclass(frozen=True, eq=False)
 class SensitivityStudy:
     """What a shape depends on. joint: the model's parameters are drawn from its joint covariance, all of them, beside
@@ -65,44 +77,19 @@ class SensitivityStudy:
 
     name: Name
     design: Annotated[Design, Key(file=read_design), "whose motions are computed"]
-    varied: Annotated[
-        tuple[Varied, ...],
-        Key("parameters.*", form=Mapping[str, LowHigh], rest=True, read=read_varied),
-        "what varies",
-    ]
+    varied: Annotated[tuple[Varied, ...], _PARAMETERS, "what varies"]
     joint: Annotated[bool, Key("parameters.covariance", absent=lambda table: False), "what the model's covers varies"]
-    outputs: Annotated[
-        tuple[str, ...],
-        Key(
-            form=tuple[str, ...],
-            read=_outputs,
-            expected=f"some of {', '.join(OUTPUTS)}, each once",
-            absent=lambda table: () if table.has("functions") else ("tip", "mean_curvature"),
-        ),
-        f"some of {', '.join(OUTPUTS)}, or in words (sensitivity.md)",
-    ]
-    pressures: Annotated[
-        NDArray[np.float64],
-        replace(START_PRESSURES, absent=lambda table: np.minimum(MIDDLE, limits(table.find("design")))),
-        "of channels that do not vary; absent: 200",
-    ]
+    outputs: Annotated[tuple[str, ...], _OUTPUTS, f"some of {', '.join(OUTPUTS)}, or in words (sensitivity.md)"]
+    pressures: Annotated[NDArray[np.float64], _PRESSURES, "of channels that do not vary; absent: 200"]
     model: StudyModel = None
-    methods: Annotated[
-        tuple[str, ...],
-        Key("method", read=_methods, expected='"morris", "sobol" or ["morris", "sobol"]'),
-        "one of them, or both",
-    ] = METHODS
-    samples: Annotated[
-        int, Within(least=8, most=MOST), "rows of Sobol's design, a power of two: samples * (parameters + 2) shapes"
-    ] = 256
-    trajectories: Annotated[
-        int, Within(least=4, most=MOST), "of Morris' design: trajectories * (parameters + 1) shapes"
-    ] = 16
+    methods: Annotated[tuple[str, ...], _METHODS, "morris, sobol, or both"] = METHODS
+    samples: Annotated[int, _MANY, "a power of two: samples * (parameters + 2) shapes of Sobol's design"] = 256
+    trajectories: Annotated[int, Within(least=4, most=MOST), "of Morris' design, of parameters + 1 shapes"] = 16
     at: Annotated[tuple[Second, ...], Key(expected=_TIMES), "of motions from rest; absent: shapes at rest"] = ()
     target: Annotated[TargetFile | None, "of the output chamfer"] = None
     seed: Seed = 1
     order: Order = 0
-    points_per_side: Annotated[int, Within(least=COARSEST, most=FINEST), "of the simulator's grid"] = GRID
+    points_per_side: Annotated[int, GRIDS, "of the simulator's grid"] = GRID
     rise: Rise = RISE
     hold: Hold = HOLD
     seconds: Annotated[Second | None, Key("limits.seconds"), ABOVE_0, "absent: until all is computed"] = None

@@ -18,7 +18,7 @@ from fabdesign.model import Model
 from fabdesign.model_file import read_model
 from fabdesign.pressure import LARGEST, limits
 from fabdesign.pressure_file import pressure_file_of, read_pressures, told_slight_pressure
-from fabdesign.schema import ABOVE_0, FROM_0, Key, Kilopascal, Metre, Second, Within
+from fabdesign.schema import ABOVE_0, FROM_0, FileUnit, Key, Kilopascal, Metre, Second, Within
 from fabdesign.search_terms import NO_PRICE, Price, Robust
 from fabdesign.shape_output import ShapeOutput, read_shape_outputs
 from fabdesign.study_targets import TargetFile
@@ -43,16 +43,17 @@ class StudyHead:
     cluster: Annotated[str | None, "address of a Dask scheduler whose workers compute; absent: this machine"] = None
 
 
+MANY = Within(least=1, most=MUSCLES)
+_FACES = '"front", "back" or both'
+
+
 @dataclass(frozen=True)
 class MuscleChoice:
     """How many muscles a layout may have, on which faces, and with how many corners between a muscle's ends."""
 
-    least: Annotated[int, Key("min", absent=lambda table: 1), Within(least=1, most=MUSCLES), "muscles; absent: 1"]
-    most: Annotated[int, Key("max"), Within(least=1, most=MUSCLES), "muscles"]
-    sides: Annotated[tuple[Side, ...], Key(expected='"front", "back" or both'), "faces that they may lie on"] = (
-        "front",
-        "back",
-    )
+    least: Annotated[int, Key("min", absent=lambda table: 1), MANY, "muscles; absent: 1"]
+    most: Annotated[int, Key("max"), MANY, "muscles"]
+    sides: Annotated[tuple[Side, ...], Key(expected=_FACES), "faces that they may lie on"] = ("front", "back")
     corners: Annotated[int, Within(least=0, most=CORNERS), "that a muscle gets between its ends, at most"] = 1
 
     def resolved(self, table: Table) -> "MuscleChoice":
@@ -60,7 +61,7 @@ class MuscleChoice:
         if self.most < self.least:
             raise table.bad("max", f"a whole number{Within(least=self.least, most=MUSCLES)}")
         if not self.sides:
-            raise table.bad("sides", '"front", "back" or both')
+            raise table.bad("sides", _FACES)
         return self
 
     @property
@@ -77,6 +78,7 @@ class EarlierResult:
     pressures: NDArray[np.float64]  # (poses, channels) Pa
 
 
+_AIR = FileUnit("m^3")  # at atmospheric pressure
 _LOW_HIGH = "[lowest, highest] in kPa, from 0"
 
 
@@ -84,25 +86,14 @@ _LOW_HIGH = "[lowest, highest] in kPa, from 0"
 class StudyLimits:
     """What a layout and its pressures keep, and when a search ends."""
 
-    pressure: Annotated[tuple[Kilopascal, Kilopascal], FROM_0, Key(expected=_LOW_HIGH), "lowest and highest"] = (
-        0.0,
-        HIGHEST,
-    )  # Pa
+    pressure: Annotated[tuple[Kilopascal, Kilopascal], FROM_0, Key(expected=_LOW_HIGH)] = (0.0, HIGHEST)  # Pa
     spacing: Annotated[Metre, FROM_0, "between muscles on one face"] = 0.006
     edge: Annotated[Metre, FROM_0, "between a muscle's corner points and the cloth's edge"] = 0.005
     seconds: Annotated[Second, ABOVE_0, "of search; then the best so far"] = 600.0
     evaluations: Annotated[int, Within(least=1), "of search; then the best so far"] = 20_000
-    contraction: Annotated[
-        float | None, Within(above=0, most=0.5), "1 - l / l0 of any interval of a muscle, at most; absent: any"
-    ] = None
-    channels: Annotated[
-        int | None, Within(least=1, most=MUSCLES), "of pressure, at most; absent: one for each muscle if need be"
-    ] = None
-    air: Annotated[
-        float | None,
-        Within(above=0, most=1),
-        "m^3 at atmospheric pressure that fill all muscles in a pose, at most; absent: any",
-    ] = None
+    contraction: Annotated[float | None, Within(above=0, most=0.5), "1 - l / l0 of any interval, at most"] = None
+    channels: Annotated[int | None, MANY, "of pressure, at most; absent: one for each muscle if need be"] = None
+    air: Annotated[float | None, _AIR, Within(above=0, most=1), "that fills all muscles in a pose, at most"] = None
 
     def resolved(self, table: Table) -> "StudyLimits":
         """Return the limits with pressures that the muscles bear. Raises InputError for what the cloth is too small
@@ -176,6 +167,17 @@ Outputs = Annotated[
 ]
 
 
+_ONE_OR_SEVERAL = "one [target], or [[targets]] that share one layout"
+_TARGETS = Key(
+    expected=_ONE_OR_SEVERAL,
+    one_of={
+        "target": Annotated[TargetFile, "the shape that is wanted"],
+        "targets": Annotated[tuple[TargetFile, ...], "poses that share one layout"],
+    },
+)
+_POSITIONS = Key("variables.positions", absent=lambda table: table.within(["variables"]).has("muscles"))
+
+
 @dataclass(frozen=True, eq=False)
 class Study:
     """A search for the design and pressures that come closest to one target, or to several with one layout.
@@ -186,30 +188,15 @@ class Study:
 
     name: Name
     design: Annotated[Design, Key(file=read_design), "the start, and whatever is not varied"]
-    targets: Annotated[
-        tuple[TargetFile, ...],
-        Key(
-            expected="one [target], or [[targets]] that share one layout",
-            one_of={
-                "target": Annotated[TargetFile, "the shape that is wanted"],
-                "targets": Annotated[tuple[TargetFile, ...], "poses that share one layout"],
-            },
-        ),
-    ]
+    targets: Annotated[tuple[TargetFile, ...], _TARGETS]
     model: StudyModel = None
     seed: Seed = 1
     pressures: Annotated[bool, Key("variables.pressures"), "whether they vary"] = True
-    positions: Annotated[
-        bool,
-        Key("variables.positions", absent=lambda table: table.within(["variables"]).has("muscles")),
-        "whether the muscles' corner points move; absent: where muscles is there",
-    ] = False
+    positions: Annotated[bool, _POSITIONS, "of corner points vary; absent: where muscles is there"] = False
     muscles: Annotated[MuscleChoice | None, Key("variables.muscles"), "absent: the count stays"] = None
     limits: StudyLimits = StudyLimits()
     objective: Annotated[Measure, "what is made small"] = "chamfer"
-    start_pressures: Annotated[
-        NDArray[np.float64] | None, START_PRESSURES, "where the search begins, and what holds where none vary"
-    ] = None
+    start_pressures: Annotated[NDArray[np.float64] | None, START_PRESSURES, "where the search begins"] = None
     earlier: Annotated[EarlierResult | None, _START, "the folder of an earlier result, to begin with"] = None
     order: Order = 0
     rise: Rise = RISE
@@ -222,7 +209,7 @@ class Study:
         """Return the study with its one target or several as a tuple. Raises InputError for none."""
         targets = self.targets if isinstance(self.targets, tuple) else (self.targets,)
         if not targets:
-            raise table.error("expected one [target], or [[targets]] that share one layout")
+            raise table.error(f"expected {_ONE_OR_SEVERAL}")
         if self.objective != "chamfer" and any(target.wishes for target in targets):
             raise table.bad("objective", '"chamfer" for wishes, which have a distance of their own')
         return replace(self, targets=targets)

@@ -28,6 +28,10 @@ def _is_wished(table: Table) -> bool:
     return table.has("wishes") or table.has("tube")
 
 
+_REGIONS, _WISHES = Key("regions", form=tuple[Region, ...]), Key(form=tuple[WishKeys, ...])
+_DEGREES = FileUnit("degrees")
+
+
 @dataclass(frozen=True)
 class TargetFile:
     """A trial's npz with the frame that counts, or a cloud or mesh of any kind that `read_geometry` takes.
@@ -41,23 +45,15 @@ class TargetFile:
     description: Annotated[str, "where it comes from; absent: what its measurement set says"] = ""
     unit: Annotated[Unit, "of the file; a trial says its own"] = "m"
     scale: Annotated[float, ABOVE_0, "beside the unit"] = 1.0
-    rotation: Annotated[
-        tuple[float, float, float] | None, FileUnit("degrees"), "about the fixed axes x, y, z, one after the other"
-    ] = None
+    rotation: Annotated[tuple[float, float, float] | None, _DEGREES, "about x, y, z, one after the other"] = None
     translation: Annotated[tuple[float, float, float], FileUnit("m"), "after the rotation"] = (0.0, 0.0, 0.0)
     place: Annotated[Literal["given", "fit"], "fit: found by registration, without translation"] = "given"
     weight: Annotated[float, ABOVE_0, "among several targets: errors are means by these"] = 1.0
     face: Annotated[Face, "that the points lie on"] = "both"
-    distances: Annotated[
-        Literal["both ways", "one way"], "one way: from the points, which show a part, to the cloth alone"
-    ] = "both ways"
+    distances: Annotated[Literal["both ways", "one way"], "one way: to the cloth alone"] = "both ways"
     free: Annotated[bool, "it may stand anywhere, and is moved while searching"] = False
-    weighting: Annotated[
-        Weighting | None, Key("regions", form=tuple[Region, ...]), "places of the cloth that count more, or less"
-    ] = None
-    wishes: Annotated[
-        tuple[Wish, ...], Key(form=tuple[WishKeys, ...]), "in place of a file: places of the cloth and where they go"
-    ] = ()
+    weighting: Annotated[Weighting | None, _REGIONS, "places of the cloth that count more, or less"] = None
+    wishes: Annotated[tuple[Wish, ...], _WISHES, "in place of a file: where places of the cloth go"] = ()
     tube: Annotated[Wish | None, Key(form=TubeKeys), "in place of a file: the cloth bent to a tube"] = None
 
     def resolved(self, table: Table) -> "TargetFile":

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from fabdesign.decoder import as_number
 from fabdesign.design import Design
 from fabdesign.design_file import read_design
-from fabdesign.effort import COARSEST, FINEST
 from fabdesign.forward import HOLD, RISE
 from fabdesign.measurement_set import read_set
 from fabdesign.model import Model
@@ -20,7 +19,7 @@ from fabdesign.model_sampling import joint_root
 from fabdesign.pressure import PressureProgram, limits
 from fabdesign.pressure_file import read_pressures
 from fabdesign.rig_limits_file import USUAL_LIMITS, RigLimits
-from fabdesign.schema import ABOVE_0, Key, Second, Within
+from fabdesign.schema import ABOVE_0, GRIDS, Key, Second, Within
 from fabdesign.study_file import Hold, Name, Outputs, Rise, Seed, study_of
 from fabdesign.table import Table
 from fabdesign.trial import MeasurementSet
@@ -36,16 +35,15 @@ def _program(value: str, table: Table) -> PressureProgram:
     return read_pressures(file if file.suffix in (".csv", ".npz") else value, table.find("design"))
 
 
+_OWN_DESIGN = Key(file=read_design, absent=lambda table: table.find("design"))
+
+
 @dataclass(frozen=True, eq=False)
 class CandidateMeasurement:
     """A measurement that could be made: a program on a design."""
 
     name: Annotated[str, Key(absent=lambda table: str(table["program"])), "absent: the program"]
-    design: Annotated[
-        Design,
-        Key(file=read_design, absent=lambda table: table.find("design")),
-        "absent: the study's",
-    ]
+    design: Annotated[Design, _OWN_DESIGN, "absent: the study's"]
     program: Annotated[PressureProgram, Key(form=str, read=_program), "a file or a row, as simulate takes it"]
 
 
@@ -71,6 +69,9 @@ def _each_face(table: Table) -> NDArray[np.float64]:
     return np.array([np.where(face, np.minimum(most, rig.pressure), 0.0) for face in faces])
 
 
+_POSES = Key("pressures", read=_poses, absent=_each_face)
+
+
 @dataclass(frozen=True, eq=False)
 class Unsewn:
     """What is not sewn yet: a design under `poses` (n, channels) Pa, the model that is to predict it, and what is said
@@ -78,19 +79,9 @@ class Unsewn:
 
     design: Annotated[Design, Key(file=read_design), "what is to be predicted; absent: only [measured]"]
     model: Annotated[Model, Key(file=read_model), "with a [covariance]"]
-    poses: Annotated[
-        NDArray[np.float64],
-        Key(
-            "pressures",
-            read=_poses,
-            absent=_each_face,
-        ),
-        "kPa, a row a pose; absent: the front at 300, the back at 300",
-    ]
+    poses: Annotated[NDArray[np.float64], _POSES, "kPa, a row a pose; absent: the front at 300, the back at 300"]
     outputs: Outputs = ()
-    candidates: Annotated[
-        tuple[CandidateMeasurement, ...], "that could be made; absent: steps, staircases and ramps on the design"
-    ] = ()
+    candidates: Annotated[tuple[CandidateMeasurement, ...], "absent: steps, staircases and ramps"] = ()
 
     def resolved(self, table: Table) -> "Unsewn":
         """Raise InputError for a model without a sound covariance, and a design without muscles."""
@@ -105,6 +96,9 @@ def _grid(table: Table) -> int:
     return unsewn.model.points_per_side if unsewn else GRID
 
 
+_SET, _GRID = Key("measured.set", file=read_set), Key(absent=_grid)
+
+
 @dataclass(frozen=True, eq=False)
 class UnseenStudy:
     """trials: of each design that is left out, how many are evaluated at most. free: effects that are fitted to the
@@ -113,21 +107,12 @@ class UnseenStudy:
     name: Name
     rig: Annotated[RigLimits, Key("rig_limits"), "of poses and programs that the study does not name"] = USUAL_LIMITS
     unsewn: Annotated[Unsewn | None, Key(inside=True)] = None
-    measured: Annotated[
-        MeasurementSet | None, Key("measured.set", file=read_set), "of two designs or more: each left out in turn"
-    ] = None
+    measured: Annotated[MeasurementSet | None, _SET, "of two designs or more: each left out in turn"] = None
     trials: Annotated[int, Key("measured.trials"), Within(least=1), "of the one left out, evaluated at most"] = 12
-    free: Annotated[
-        tuple[str, ...], Key("measured.free"), "effects fitted besides, as calibrate --free takes them"
-    ] = ()
+    free: Annotated[tuple[str, ...], Key("measured.free"), "effects fitted besides, as for calibrate --free"] = ()
     samples: Annotated[int, Within(least=8, most=1000), "models drawn"] = 32
     seed: Seed = 1
-    points_per_side: Annotated[
-        int,
-        Key(absent=_grid),
-        Within(least=COARSEST, most=FINEST),
-        "of the simulator's grid; absent: the model's, or 21 without one",
-    ] = GRID
+    points_per_side: Annotated[int, _GRID, GRIDS, "absent: the model's, or 21 without one"] = GRID
     rise: Rise = RISE
     hold: Hold = HOLD
     seconds: Annotated[Second | None, Key("limits.seconds"), ABOVE_0, "then no further piece is begun"] = None

@@ -42,20 +42,20 @@ class Wish:
 _AT_OR_EDGE = f"either at = [u, v] or edge = one of {', '.join(EDGES)}"
 
 
+_PLACE = Key(
+    expected=_AT_OR_EDGE,
+    one_of={
+        "at": Annotated[tuple[float, float], FileUnit("m"), "one place (u, v) of the cloth"],
+        "edge": Annotated[Literal["top", "bottom", "left", "right"], "nine places of it"],
+    },
+)
+
+
 @dataclass(frozen=True)
 class WishKeys:
     """A wish as a file has it."""
 
-    place: Annotated[
-        tuple[float, float] | str,
-        Key(
-            expected=_AT_OR_EDGE,
-            one_of={
-                "at": Annotated[tuple[float, float], FileUnit("m"), "one place (u, v) of the cloth"],
-                "edge": Annotated[Literal["top", "bottom", "left", "right"], "nine places of it"],
-            },
-        ),
-    ]
+    place: Annotated[tuple[float, float] | str, _PLACE]
     x: Annotated[Metre | None, "in the world; what is not given is free"] = None
     y: Metre | None = None
     z: Metre | None = None
