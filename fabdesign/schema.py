@@ -108,9 +108,13 @@ class FileKey:
     default: Any = None  # MISSING where there is none
 
 
-@cache
 def file_keys(form: Any) -> tuple[FileKey, ...]:
     """Return the keys of a dataclass in the order of its fields."""
+    return _file_keys(form)
+
+
+@cache
+def _file_keys(form: Any) -> tuple[FileKey, ...]:
     hints = get_type_hints(form, include_extras=True)
     return tuple(_file_key(each, hints[each.name]) for each in fields(form) if each.init)
 

@@ -5,13 +5,14 @@ import signal
 import subprocess
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import tomlkit
 
 from fabdesign.design_file import read_design, write_design
+from fabdesign.encoder import Encoder
 from fabdesign.errors import InputError
 from fabdesign.json_file import read_json
 from fabdesign.output import new_folder
@@ -74,18 +75,10 @@ def study_document(
 
 
 def _placed(file: TargetFile, beside: Path) -> dict[str, Any]:
-    placed: dict[str, Any] = {"file": _relative(file.file, beside), "frame": file.frame, "unit": file.unit}
-    if file.scale != 1:
-        placed["scale"] = file.scale
-    if file.rotation is not None:
-        placed["rotation"] = list(file.rotation)
-    if file.place == "fit":
-        placed["place"] = "fit"
-    elif any(file.translation):
-        placed["translation"] = list(file.translation)
-    if file.weight != 1:
-        placed["weight"] = file.weight
-    return placed
+    """Return the table of a target, without regions and wishes, which the page does not show."""
+    plain = replace(file, weighting=None, wishes=())
+    table: dict[str, Any] = Encoder(beside / "study.toml", brief=True).encode(plain)
+    return table
 
 
 def _variables(layout: Layout, vary: Vary) -> dict[str, Any]:
