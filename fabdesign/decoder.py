@@ -68,16 +68,18 @@ def _read_key(each: FileKey, table: Table) -> bool:
         same = table.same()
         table.decoded[each.field] = resolved(decode_part(form, same), same)
         return True
-    names = {each.name: None} if not key.one_of else key.one_of
-    there = [name for name in (*names, key.also) if name and holder.has(name)]
-    if key.one_of and (len(there) > 1 or (not there and each.default is MISSING)):
+    there = [name for name in (*(key.one_of or (each.name,)), key.also) if name and holder.has(name)]
+    if key.one_of and not key.several and (len(there) > 1 or (not there and each.default is MISSING)):
         raise holder.error(f"expected {key.expected}")
-    if not there:
-        return False
-    kind, notes, _ = annotated(key.one_of[there[0]]) if key.one_of else (each.type, each.notes, "")
     usual = each.default if is_dataclass(each.default) else None
-    table.decoded[each.field] = _value(kind, holder[there[0]], notes, holder, there[0], usual)
-    return True
+    values = []
+    for name in there:
+        kind, notes, _ = annotated(key.one_of[name]) if key.one_of else (each.type, each.notes, "")
+        values.append(_value(kind, holder[name], notes, holder, name, usual))
+    if key.one_of and get_origin(each.type) is tuple and is_dataclass(get_args(each.type)[0]):
+        values = [tuple(one for value in values for one in (value if isinstance(value, tuple) else (value,)))]
+    table.decoded[each.field] = values[0] if there else None
+    return bool(there)
 
 
 def _absent(each: FileKey, table: Table) -> Any:

@@ -49,14 +49,12 @@ def _methods(value: Any, table: Table) -> tuple[str, ...] | None:
 def _functions(table: Table) -> Mapping[str, Output]:
     """Return what Python gives; a file has none."""
     given = table["functions"] if table.has("functions") else {}
-    if not all(callable(each) for each in given.values()):
+    if not isinstance(given, Mapping) or not all(callable(each) for each in given.values()):
         raise table.error("unknown key functions")
     return cast(Mapping[str, Output], given)
 
 
 _TIMES = f"rising times in s after rest, up to {LONGEST:g}"
-
-
 _PARAMETERS = Key("parameters.*", form=Mapping[str, LowHigh], rest=True, read=read_varied)
 _OUTPUTS = Key(
     form=tuple[str, ...],

@@ -206,13 +206,12 @@ class Study:
     outputs: Outputs = ()
 
     def resolved(self, table: Table) -> "Study":
-        """Return the study with its one target or several as a tuple. Raises InputError for none."""
-        targets = self.targets if isinstance(self.targets, tuple) else (self.targets,)
-        if not targets:
+        """Raise InputError for no target, and for a measure that wishes do not have."""
+        if not self.targets:
             raise table.error(f"expected {_ONE_OR_SEVERAL}")
-        if self.objective != "chamfer" and any(target.wishes for target in targets):
+        if self.objective != "chamfer" and any(target.wishes for target in self.targets):
             raise table.bad("objective", '"chamfer" for wishes, which have a distance of their own')
-        return replace(self, targets=targets)
+        return self
 
 
 def study_of(form: type[Form], kind: Kind, source: Path | str | Mapping[str, Any]) -> Form:

@@ -25,10 +25,19 @@ def _file_of_wishes(table: Table) -> Path:
 
 
 def _is_wished(table: Table) -> bool:
-    return table.has("wishes") or table.has("tube")
+    return bool(table.has("wishes") and table["wishes"]) or table.has("tube")
 
 
-_REGIONS, _WISHES = Key("regions", form=tuple[Region, ...]), Key(form=tuple[WishKeys, ...])
+_REGIONS, _WISHES = (
+    Key("regions", form=tuple[Region, ...]),
+    Key(
+        one_of={
+            "wishes": Annotated[tuple[Wish, ...], Key(form=tuple[WishKeys, ...]), "where places of the cloth go"],
+            "tube": Annotated[Wish, Key(form=TubeKeys), "to which the cloth is bent"],
+        },
+        several=True,
+    ),
+)
 _DEGREES = FileUnit("degrees")
 
 
@@ -54,14 +63,13 @@ class TargetFile:
     free: Annotated[bool, "it may stand anywhere, and is moved while searching"] = False
     weighting: Annotated[Weighting | None, _REGIONS, "places of the cloth that count more, or less"] = None
     wishes: Annotated[tuple[Wish, ...], _WISHES, "in place of a file: where places of the cloth go"] = ()
-    tube: Annotated[Wish | None, Key(form=TubeKeys), "in place of a file: the cloth bent to a tube"] = None
 
     def resolved(self, table: Table) -> "TargetFile":
-        """Return the target with its tube among the wishes. Raises InputError for keys that contradict each other."""
+        """Return the target with its regions on the cloth. Raises InputError for keys that contradict each other."""
         if _is_wished(table):
             if other := next((key for key in table.names() if key not in _OF_WISHES), None):
                 raise table.bad(other, "none beside wishes, which stand in the place of a file and have weights")
-            return replace(self, wishes=(*self.wishes, *([self.tube] if self.tube else [])), tube=None)
+            return self
         turns = self.rotation or ()
         if any(abs(abs(turn) - k * np.pi / 2) < _NEAR_RADIANS for turn in turns for k in (1, 2, 3)):
             note(f"{table.where}: rotation = {[*turns]} is read in degrees (is it in radians?)")

@@ -100,7 +100,7 @@ class MeasurementSet:
 
     name: Annotated[str, Key(absent=lambda table: table.file.resolve().parent.name), "by default the folder's"]
     designs: Annotated[Mapping[str, Annotated[Design, Key(file=read_design)]], "of the specimens"]
-    trials: tuple[Trial, ...]
+    trials: Annotated[tuple[Trial, ...], Key(absent=lambda table: ())]
     description: Annotated[str, Key(brief=True), "where it comes from"] = ""
     frame_rate: Annotated[float | None, FileUnit("Hz"), ABOVE_0, "nominal; a trial's own times rule"] = None
     accuracy: Annotated[Accuracy, Key(brief=True)] = USUAL
