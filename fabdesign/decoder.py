@@ -103,7 +103,8 @@ def _value(hint: Any, value: Any, outer: Notes, table: Table, key: str, usual: A
     if notes.key.read is not None or notes.key.form is not None:
         return value
     if (kinds := members(hint)) != (hint,):
-        return _value(next((k for k in kinds if _alike(k, value)), kinds[-1]), value, notes, table, key, usual)
+        alike = next((each for each in kinds if _alike(annotated(each)[0], value)), kinds[-1])
+        return _value(alike, value, notes, table, key, usual)
     kind, origin, arguments = hint, get_origin(hint), get_args(hint)
     if kind is Any or (is_dataclass(kind) and isinstance(kind, type) and isinstance(value, kind)):
         return value

@@ -39,7 +39,7 @@ class DesignHead:
 
 
 @dataclass(frozen=True)
-class Scene:
+class DesignScene:
     """Keys of [fabric] that may stand at top level of a design, whose cloth may be another file's."""
 
     support: Annotated[Any, "as in [fabric]"] = None
@@ -55,7 +55,7 @@ def read_design(path: Path | str) -> Design:
     """
     path = Path(path)
     root = load_toml(path, FORMAT)
-    scene = {key: value for key, value in vars(decode_part(Scene, root)).items() if value is not None}
+    scene = {key: value for key, value in vars(decode_part(DesignScene, root)).items() if value is not None}
     fabrics, types, effects = _contents(root, ())
     if not fabrics:
         raise root.error("no [fabric] table")

@@ -10,7 +10,7 @@ from typing import Any
 import tomlkit
 from tomlkit.items import Float, Trivia
 
-from fabdesign.schema import FileKey, FileUnit, file_keys
+from fabdesign.schema import FileKey, FileUnit, file_keys, unit_of
 
 NamesOfFiles = Mapping[type, Callable[[Any], str]]  # writes an object's own file, and returns what the key says
 
@@ -34,7 +34,7 @@ class Encoder:
                 continue
             for outer in each.tables:
                 table = table.setdefault(outer, {})
-            table[name] = self._item(value, each.notes.unit)
+            table[name] = self._item(value, unit_of(each.type, each.notes))
             if self._comments and (comment := _comment(each)):
                 table[name].comment(comment)
         return root

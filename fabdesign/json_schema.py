@@ -6,7 +6,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
-from fabdesign.schema import FileKey, Notes, annotated, file_keys, members, walk
+from fabdesign.schema import FileKey, Notes, annotated, file_keys, members, unit_of, walk
 
 _PLAIN = {float: "number", int: "integer", bool: "boolean", str: "string", Path: "string"}
 _LIMITS = {"above": "exclusiveMinimum", "least": "minimum", "most": "maximum"}
@@ -47,19 +47,8 @@ def _table(forms: tuple[type, ...]) -> dict[str, Any]:
 
 def described(each: FileKey) -> str:
     """Return the unit and the sentence of a key."""
-    unit = unit_of_values(each.type, each.notes)
-    return ", ".join(filter(None, (unit, each.sentence)))
-
-
-def unit_of_values(hint: Any, outer: Notes) -> str:
-    """Return the symbol of the unit that a value of a file has, or each of a list."""
-    kind, notes, _ = annotated(hint, outer)
-    if notes.unit is not None:
-        return notes.unit.symbol
-    if notes.key.form is not None:
-        return unit_of_values(notes.key.form, Notes())
-    inner = members(kind)[0] if len(members(kind)) > 1 else next(iter(get_args(kind)), None)
-    return unit_of_values(inner, notes) if get_origin(kind) is tuple or len(members(kind)) > 1 else ""
+    unit = unit_of(each.type, each.notes)
+    return ", ".join(filter(None, (unit.symbol if unit else "", each.sentence)))
 
 
 def _shown(default: Any) -> bool:

@@ -149,6 +149,15 @@ def members(hint: Any) -> tuple[Any, ...]:
     return tuple(member for member in get_args(hint) if member is not NoneType)
 
 
+def unit_of(hint: Any, outer: Notes) -> FileUnit | None:
+    """Return the unit that a value of a file has, or each of a list."""
+    kind, notes, _ = annotated(hint, outer)
+    if notes.unit is not None or notes.key.form is not None:
+        return notes.unit or unit_of(notes.key.form, Notes())
+    inner = get_args(kind)[:1] if get_origin(kind) is tuple else members(kind) if members(kind) != (kind,) else ()
+    return next(filter(None, (unit_of(each, notes) for each in inner)), None)
+
+
 def walk(form: type) -> Iterator[FileKey]:
     """Yield the keys of a table, with those of dataclasses whose fields stand in the same one."""
     for each in file_keys(form):

@@ -14,8 +14,7 @@ from typing import Any, Literal, get_args, get_origin
 import numpy as np
 
 from fabdesign.decoder import expected_of
-from fabdesign.json_schema import unit_of_values
-from fabdesign.schema import FileKey, Notes, annotated, members, walk
+from fabdesign.schema import FileKey, Notes, annotated, members, unit_of, walk
 from studies.check.kinds import KINDS, STUDIES
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "files.md"
@@ -95,8 +94,8 @@ def _what(each: FileKey) -> str:
         return "some of " + ", ".join(f"`{choice}`" for choice in get_args(get_args(first)[0]))
     if len(members(kind)) > 1:
         words = [expected_of(*annotated(one)[:2]) for one in members(kind)]
-    unit = unit_of_values(each.type, each.notes)
-    text = ", ".join(filter(None, (" or ".join(words).replace(" in m", ""), unit)))
+    unit = unit_of(each.type, each.notes)
+    text = ", ".join(filter(None, (" or ".join(words).replace(" in m", ""), unit.symbol if unit else "")))
     return text.replace("a number above 0, or two of them [across, down]", "a number above 0, or [across, down]")
 
 

@@ -42,6 +42,7 @@ class Lamp:
     power: Annotated[float, FileUnit("W"), Within(above=0, most=500), "of the bulb"] = 40.0
     gap: Annotated[Millimetre, Key("shade.gap", also="shade_gap")] = 0.002  # m
     gas: Kilopascal | None = None  # Pa
+    glow: Annotated[Kilopascal, Within(above=0)] | Literal["none"] = "none"
     bulbs: tuple[Bulb, ...] = ()
     prices: Annotated[Mapping[str, float], Within(least=0)] = field(default_factory=dict)
 
@@ -56,6 +57,7 @@ name = "left"
 at = [0.1, 0.0, 1]
 power = 60
 gas = 101.3
+glow = 2
 [shade]
 gap = 3
 [[bulbs]]
@@ -65,7 +67,7 @@ hours = 1000
 [prices]
 shop = 2.5
 """
-LAMP = Lamp("left", (0.1, 0.0, 1.0), 60.0, 0.003, 101.3e3, (Bulb(), Bulb("amber", 1000)), {"shop": 2.5})
+LAMP = Lamp("left", (0.1, 0.0, 1.0), 60.0, 0.003, 101.3e3, 2e3, (Bulb(), Bulb("amber", 1000)), {"shop": 2.5})
 
 
 def read(path: Path, text: str) -> Lamp:

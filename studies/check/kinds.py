@@ -6,7 +6,7 @@ from typing import Any
 from fabdesign.bench_file import BenchKeys
 from fabdesign.bench_law_file import LawKeys
 from fabdesign.design import Design
-from fabdesign.design_file import DesignHead, Scene
+from fabdesign.design_file import DesignHead, DesignScene
 from fabdesign.errors import InputError
 from fabdesign.json_schema import json_schema
 from fabdesign.layouts_file import LayoutsStudy
@@ -28,7 +28,7 @@ STUDIES: Mapping[str, type] = {
     "loop": LoopStudy,
 }
 KINDS: Mapping[str, tuple[type, ...]] = {
-    "design": (DesignHead, Scene, Design),
+    "design": (DesignHead, DesignScene, Design),
     "model": (Model,),
     "study": (StudyHead,),  # with those of one of STUDIES
     "measurement-set": (MeasurementSet,),
