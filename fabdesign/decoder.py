@@ -30,9 +30,8 @@ def decode_part(form: type[Form], table: Table, usual: Form | None = None) -> Fo
     keys = file_keys(form)
     if usual is not None:
         keys = tuple(replace(each, default=getattr(usual, each.field)) for each in keys)
-    for each in keys:  # first, for the others may depend on them
-        _require_there(each, table.within(each.tables))
-    late = [each for each in keys if each.notes.key.rest or not _read_key(each, table)]
+    there = {each.field: _present(each, table) for each in keys}  # so that all are known before one is missed
+    late = [each for each in keys if not _read_key(each, table, there[each.field])]
     for each in late:
         table.decoded[each.field] = _absent(each, table)
     return form(**{each.field: table.decoded[each.field] for each in keys})
@@ -48,17 +47,15 @@ def resolved(made: Any, table: Table) -> Any:
     return made.resolved(table) if hasattr(made, "resolved") else made
 
 
-def _require_there(each: FileKey, table: Table) -> None:
-    """Raise InputError where a key that must be there is not."""
-    key = each.notes.key
-    if not each.name or key.inside or key.one_of or key.rest or any(map(table.has, (each.name, key.also))):
-        return
-    if each.default is MISSING and key.absent is None:
-        raise table.missing(each.name)
+def _present(each: FileKey, table: Table) -> list[str]:
+    """Return the names of a field's key, or of its keys, that are there."""
+    key, holder = each.notes.key, table.within(each.tables)
+    names = filter(None, (*(key.one_of or (each.name,)), key.also))
+    return [] if key.inside or key.rest else [name for name in names if holder.has(name)]
 
 
-def _read_key(each: FileKey, table: Table) -> bool:
-    """Put the value of a key that is there among what is decoded."""
+def _read_key(each: FileKey, table: Table, there: list[str]) -> bool:
+    """Put the value of a key that is there among what is decoded. Raises InputError for one that must be there."""
     key = each.notes.key
     holder = table.within(each.tables)
     if key.inside:
@@ -68,9 +65,12 @@ def _read_key(each: FileKey, table: Table) -> bool:
         same = table.same()
         table.decoded[each.field] = resolved(decode_part(form, same), same)
         return True
-    there = [name for name in (*(key.one_of or (each.name,)), key.also) if name and holder.has(name)]
     if key.one_of and not key.several and (len(there) > 1 or (not there and each.default is MISSING)):
         raise holder.error(f"expected {key.expected}")
+    if not there:
+        if each.name and each.default is MISSING and key.absent is None and not key.rest:
+            raise holder.missing(each.name)
+        return False
     usual = each.default if is_dataclass(each.default) else None
     values = []
     for name in there:
@@ -78,8 +78,8 @@ def _read_key(each: FileKey, table: Table) -> bool:
         values.append(_value(kind, holder[name], notes, holder, name, usual))
     if key.one_of and get_origin(each.type) is tuple and is_dataclass(get_args(each.type)[0]):
         values = [tuple(one for value in values for one in (value if isinstance(value, tuple) else (value,)))]
-    table.decoded[each.field] = values[0] if there else None
-    return bool(there)
+    table.decoded[each.field] = values[0]
+    return True
 
 
 def _absent(each: FileKey, table: Table) -> Any:

@@ -49,26 +49,28 @@ class MuscleType:
     tail_length: Annotated[Metre | None, FROM_0, "left over at each end for tube and knot"] = None
 
 
+def _known(kind: str, table: Table) -> str:
+    """Return the name of a muscle type. Raises InputError where the design has none of that name."""
+    types = table.find("muscle_types")
+    if types and kind not in types:
+        raise table.bad("type", f"one of {', '.join(types)}{nearest(kind, [*types])}")
+    if not types:
+        raise table.bad("type", f"[muscle_types.{kind}] in this file, or in one that it includes")
+    return kind
+
+
 @dataclass(frozen=True)
 class Muscle:
     """One muscle, laced along a polyline in fabric coordinates (u, v)."""
 
-    type: Annotated[str, "one of [muscle_types]"]
+    type: Annotated[str, Key(form=str, read=_known), "one of [muscle_types]"]
     side: Annotated[Literal["front", "back"], "the face that it is laced on"]
     channel: Annotated[int, Within(least=0, most=MUSCLES - 1), "of pressure"]
     path: Annotated[tuple[tuple[float, float], ...], FileUnit("m"), "(u, v) of its ends and corners"]
     fixed_point_pitch: Annotated[Metre, Within(least=CLOSEST), "between fixed points"]
 
     def resolved(self, table: Table) -> "Muscle":
-        """Raise InputError for an unknown type, and for a path that is none on the cloth."""
-        types = table.find("muscle_types")
-        if self.type not in types:
-            expected = (
-                f"one of {', '.join(types)}{nearest(self.type, [*types])}"
-                if types
-                else (f"[muscle_types.{self.type}] in this file, or in one that it includes")
-            )
-            raise table.bad("type", expected)
+        """Raise InputError for a path that is none on the cloth."""
         if len(self.path) < 2:
             raise table.bad("path", "at least two [u, v] points")
         for i, point in enumerate(self.path):
