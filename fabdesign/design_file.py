@@ -61,9 +61,9 @@ def read_design(path: Path | str) -> Design:
         raise root.error("no [fabric] table")
     fabric = decode(Fabric, _merged(fabrics, scene))
     root.decoded = {"fabric": fabric, "muscle_types": types}
-    if (count := len(root["muscles"]) if root.has("muscles") else 0) > MUSCLES:
-        raise root.error(f"{count} muscles; expected at most {MUSCLES}")
     muscles = decode_key(tuple[Muscle, ...], root, "muscles", ())
+    if len(muscles) > MUSCLES:
+        raise root.error(f"{len(muscles)} muscles; expected at most {MUSCLES}")
     root.finish()
     return Design(decode_key(str, root, "name", path.stem), fabric, types, muscles, tuple(effects))
 
