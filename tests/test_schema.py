@@ -18,7 +18,7 @@ from fabdesign.errors import InputError
 from fabdesign.json_schema import json_schema
 from fabdesign.schema import FileUnit, Key, Kilopascal, Millimetre, Within
 from fabdesign.table import Table, load_toml
-from studies.check.kinds import KINDS, schema_of
+from studies.check.kinds import KINDS, STUDIES, schema_of
 from tests.command_line import Run, one_line
 from tests.conftest import ROOT
 
@@ -145,6 +145,16 @@ def test_an_unknown_kind_is_refused_in_a_line(run: Run) -> None:
         run("schema", "studie"),
         "expected one of design, model, study",
     )
+
+
+def test_examples_in_the_docs_fit_their_schema() -> None:
+    page = (ROOT / "docs" / "files.md").read_text(encoding="utf-8")
+    contents = [tomllib.loads(text) for text in re.findall(r"(?m)^```toml\n(.*?)^```", page, re.DOTALL)]
+    studies = [content for content in contents if "kind" in content]
+    assert {study["kind"] for study in studies} == {*STUDIES}
+    for study in studies:
+        whole = {"design": "d.toml", "target": {"file": "t.ply"}} if study["kind"] in ("layouts", "loop") else {}
+        jsonschema.validate(whole | study, schema_of("study"))
 
 
 def test_tables_in_the_docs_are_current() -> None:
