@@ -632,6 +632,7 @@ def test_the_distance_to_a_target_is_that_of_the_metrics(tmp_path: Path) -> None
 
 def test_the_study_of_a_search_reads_back(tmp_path: Path) -> None:
     target = target_at(BASIC, tmp_path / "flat.xyz")
+    target = replace(target, file=replace(target.file, face="front", distances="one way", weight=2.0))
     folder = tmp_path / "search"
     folder.mkdir()
     write_design(BASIC.design, folder / "design.toml")
@@ -648,6 +649,7 @@ def test_the_study_of_a_search_reads_back(tmp_path: Path) -> None:
         assert (None if study.muscles is None else study.muscles.counts) == counts
         assert study.limits.seconds == 7
         assert study.start_pressures is not None
+        assert replace(study.targets[0], file=target.file.file) == target.file
         assert study.start_pressures[0] == 125.5e3
         assert study.targets[0].file.resolve() == (tmp_path / "flat.xyz").resolve()
 
