@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fabdesign.bounded_file import LARGEST, read_bytes, require_few
 from fabdesign.errors import InputError
-from fabdesign.measured_points import names_instants, require_one_instant
+from fabdesign.measured_points import require_one_instant
 
 _KINDS = {"F4": "f4", "F8": "f8", **{f"{t}{n}": f"{t.lower()}{n}" for t in "IU" for n in (1, 2, 4, 8)}}
 _KEYS = {"VERSION", "FIELDS", "COLUMNS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"}
@@ -51,9 +51,7 @@ def read_pcd(path: Path | str) -> NDArray[np.float64]:
         columns = _binary(body, header, path)
     else:
         columns = _compressed(body, header, path)
-    for name, column in zip(header.names, columns, strict=True):
-        if names_instants(name):
-            require_one_instant(column, name, str(path))
+    require_one_instant(dict(zip(header.names, columns, strict=True)), str(path))
     places = [header.names.index(axis) for axis in "xyz"]
     return np.stack([np.asarray(columns[i], dtype=np.float64) for i in places], axis=1)
 

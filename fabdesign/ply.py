@@ -4,14 +4,14 @@ Format: Greg Turk, The PLY Polygon File Format (1994).
 """
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.bounded_file import read_bytes, require_few
-from fabdesign.measured_points import names_instants, require_one_instant
+from fabdesign.measured_points import require_one_instant
 from fabdesign.output import whole_file
 from fabdesign.ply_body import Body, Column, Element, Property, refuse
 from fabdesign.surface import require_fans
@@ -25,8 +25,7 @@ _END = re.compile(rb"^end_header[ \t]*\r?\n", re.MULTILINE)  # a line of its own
 _CORNERS = ("vertex_indices", "vertex_index")
 
 
-@dataclass(frozen=True, eq=False)
-class Ply:
+class Ply(NamedTuple):
     points: NDArray[np.float64]  # (n, 3), in the file's unit
     triangles: NDArray[np.intp]  # (t, 3); polygons are cut into fans; (0, 3) for a cloud
 
@@ -123,8 +122,7 @@ def _points(columns: dict[str, Column], element: Element, path: Path) -> NDArray
     scalars = {p.name: columns[p.name].values for p in element.properties if p.count_kind is None}
     if not {"x", "y", "z"} <= scalars.keys():
         refuse(path, "its vertices have lists for x, y, z")
-    for name in filter(names_instants, scalars):
-        require_one_instant(scalars[name], name, str(path))
+    require_one_instant(scalars, str(path))
     return np.stack([scalars[axis].astype(np.float64) for axis in "xyz"], axis=1)
 
 

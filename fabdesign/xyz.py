@@ -1,9 +1,8 @@
 """Clouds as text, a point a line: XYZ (blanks), CSV (commas, with or without a header) and PTS (with a count)."""
 
 import io
-from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn, get_args
+from typing import NamedTuple, NoReturn, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +26,7 @@ _PTS_WIDTHS = (3, 4, 6, 7)  # x y z, then an intensity, a colour, or both
 Lines = list[tuple[int, str]]  # with their numbers in the file
 
 
-@dataclass(frozen=True, eq=False)
-class TextCloud:
+class TextCloud(NamedTuple):
     points: NDArray[np.float64]  # (n, 3) in the file's unit; NaN where a cell is empty; n may be 0
     unit: Unit | None = None  # that the header names
 
@@ -175,9 +173,9 @@ def _named(path: Path, lines: Lines, mark: str | None) -> tuple[list[int], Unit 
             _refuse(path, rest[0], "names other units than the header")
         symbols = [row[i] or symbol for i, symbol in zip(columns, symbols, strict=True)]
         rest = rest[1:]
-    for i in (i for i, name in enumerate(names) if names_instants(name) and rest):
+    for i in (i for i, name in enumerate(names) if names_instants(name)):
         cells = np.array([",".join(_split(line, mark)[i : i + 1]) for _, line in rest])
-        require_one_instant(cells, headings[i].text, str(path))
+        require_one_instant({headings[i].text: cells}, str(path))
     return columns, _unit(path, lines[0], symbols), rest
 
 
