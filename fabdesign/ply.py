@@ -14,7 +14,7 @@ from fabdesign.bounded_file import read_bytes, require_few
 from fabdesign.measured_points import require_one_instant
 from fabdesign.output import whole_file
 from fabdesign.ply_body import Body, Column, Element, Property, refuse
-from fabdesign.surface import require_fans
+from fabdesign.surface import fans_of
 
 _TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
 _TYPES |= {"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"}
@@ -36,21 +36,20 @@ def read_ply(path: Path | str) -> Ply:
     content = read_bytes(path, "a PLY")
     order, elements, start = _header(content, path)
     body = Body(content[start:], order, path)
-    points, triangles, polygons = None, np.zeros((0, 3), dtype=np.intp), np.zeros(0, dtype=np.intp)
+    points, corners = None, Column(np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp))
     for element in elements:
         require_few(element.count, path, f"{element.name} rows")
         columns = body.read(element)
         if element.name == "vertex":
             points = _points(columns, element, path)
         elif element.name == "face" and element.count:
-            triangles, polygons = _triangles(next(columns[name] for name in _CORNERS if name in columns), path)
+            corners = next(columns[name] for name in _CORNERS if name in columns)
     body.finish()
     if points is None:
         refuse(path, "it has no vertices")
-    if triangles.size and (triangles.min() < 0 or triangles.max() >= len(points)):
-        refuse(path, f"a face names vertex {triangles.max()} of {len(points)}")
-    require_fans(points, triangles, polygons, str(path))
-    return Ply(points, triangles)
+    if not np.all((np.abs(corners.values) < 2**31) & (corners.values == np.rint(corners.values))):
+        refuse(path, "its faces are no lists of whole numbers")
+    return Ply(points, fans_of(points, corners.values, corners.lengths, path))
 
 
 def write_ply(path: Path | str, points: NDArray[np.floating], triangles: NDArray[np.integer] | None = None) -> None:
@@ -124,15 +123,3 @@ def _points(columns: dict[str, Column], element: Element, path: Path) -> NDArray
         refuse(path, "its vertices have lists for x, y, z")
     require_one_instant(scalars, str(path))
     return np.stack([scalars[axis].astype(np.float64) for axis in "xyz"], axis=1)
-
-
-def _triangles(corners: Column, path: Path) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """(t, 3) in the order of the faces, polygons cut into fans; and of each triangle the face's number."""
-    count = np.maximum(corners.lengths - 2, 0)  # triangles of a face
-    require_few(int(count.sum()), path, "triangles")
-    if not np.all((np.abs(corners.values) < 2**31) & (corners.values == np.rint(corners.values))):
-        refuse(path, "its faces are no lists of whole numbers")
-    first = np.repeat(np.cumsum(corners.lengths) - corners.lengths, count)
-    second = first + np.arange(len(first)) - np.repeat(np.cumsum(count) - count, count) + 1
-    triangles = corners.values.astype(np.intp)[np.stack([first, second, second + 1], axis=1)]
-    return triangles, np.repeat(np.cumsum(count > 0) - 1, count)
