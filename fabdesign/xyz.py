@@ -8,13 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fabdesign.bounded_file import LARGEST, decode_any, read_bytes, require_few
-from fabdesign.csv_table import (
-    is_number,
-    require_decimal_commas,
-    require_decimal_points,
-    separator,
-    without_separator_line,
-)
+from fabdesign.csv_table import is_number, require_decimals, separator, without_separator_line
 from fabdesign.errors import InputError, note
 from fabdesign.headings import parse_heading, parse_units_row
 from fabdesign.measured_points import names_instants, require_one_instant
@@ -189,11 +183,10 @@ def _unit(path: Path, header: tuple[int, str], symbols: list[str | None]) -> Uni
 
 
 def _numbers(path: Path, lines: Lines, mark: str | None, width: int, columns: list[int]) -> NDArray[np.float64]:
-    if mark != "," and any("," in line for _, line in lines):  # else they part the cells
-        require_decimal_commas(path, ((number, _split(line, mark)) for number, line in lines), mark)
+    commas = mark != "," and any("," in line for _, line in lines)  # else they part the cells
+    require_decimals(path, ((number, _split(line, mark)) for number, line in lines), mark, commas=commas)
+    if commas:
         lines = [(number, line.replace(",", ".")) for number, line in lines]
-    elif mark in (";", "\t"):
-        require_decimal_points(path, ((number, _split(line, mark)) for number, line in lines), mark)
     counted = mark is not None and all(line.count(mark) == width - 1 for _, line in lines)
     try:
         table = np.loadtxt(
