@@ -187,20 +187,13 @@ def _numbers(path: Path, lines: Lines, mark: str | None, width: int, columns: li
     require_decimals(path, ((number, _split(line, mark)) for number, line in lines), mark, commas=commas)
     if commas:
         lines = [(number, line.replace(",", ".")) for number, line in lines]
-    counted = mark is not None and all(line.count(mark) == width - 1 for _, line in lines)
+    if any(len(line.split(mark)) != width for _, line in lines):
+        return _slowly(path, lines, mark, width, columns)
+    text = io.StringIO("\n".join(line for _, line in lines))
     try:
-        table = np.loadtxt(
-            io.StringIO("\n".join(line for _, line in lines)),
-            delimiter=mark,
-            comments=None,
-            ndmin=2,
-            usecols=columns if counted else None,  # others may be no numbers
-        )
+        return np.loadtxt(text, delimiter=mark, comments=None, ndmin=2, usecols=columns)  # others may be no numbers
     except ValueError:
         return _slowly(path, lines, mark, width, columns)
-    if table.shape != (len(lines), 3 if counted else width):
-        return _slowly(path, lines, mark, width, columns)
-    return table if counted else table[:, columns]
 
 
 def _slowly(path: Path, lines: Lines, mark: str | None, width: int, columns: list[int]) -> NDArray[np.float64]:
