@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from fabdesign.bounded_file import read_bytes, require_few
 from fabdesign.measured_points import require_one_instant
 from fabdesign.output import whole_file
-from fabdesign.ply_body import Body, Column, Element, Property, refuse
+from fabdesign.ply_body import Body, Element, PlyColumn, Property, refuse
 from fabdesign.surface import fans_of
 
 _TYPES = {"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"}
@@ -36,7 +36,7 @@ def read_ply(path: Path | str) -> Ply:
     content = read_bytes(path, "a PLY")
     order, elements, start = _header(content, path)
     body = Body(content[start:], order, path)
-    points, corners = None, Column(np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp))
+    points, corners = None, PlyColumn(np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.intp))
     for element in elements:
         require_few(element.count, path, f"{element.name} rows")
         columns = body.read(element)
@@ -115,7 +115,7 @@ def _with(element: Element, new: Property) -> Element:
     return Element(element.name, element.count, (*element.properties, new))
 
 
-def _points(columns: dict[str, Column], element: Element, path: Path) -> NDArray[np.float64]:
+def _points(columns: dict[str, PlyColumn], element: Element, path: Path) -> NDArray[np.float64]:
     if not {"x", "y", "z"} <= columns.keys():
         refuse(path, "its vertices have no x, y, z")
     scalars = {p.name: columns[p.name].values for p in element.properties if p.count_kind is None}

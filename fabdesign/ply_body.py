@@ -33,7 +33,7 @@ class Element:
     properties: tuple[Property, ...]
 
 
-class Column(NamedTuple):
+class PlyColumn(NamedTuple):
     """A property of all rows: the values one after another, and how many a row has."""
 
     values: NDArray[Any]
@@ -56,7 +56,7 @@ class Body:
             text = body.decode("latin-1").replace("_", "?")  # Python takes 1_000 for a number
             self._lines = [line for line in text.splitlines() if line.strip()]
 
-    def read(self, element: Element) -> dict[str, Column]:
+    def read(self, element: Element) -> dict[str, PlyColumn]:
         """Return the columns of the next element by their names. Raises InputError."""
         if self._order:
             starts = _starts(element, self._body, self._order, self._at)
@@ -134,7 +134,7 @@ def _starts(element: Element, body: bytes, order: str, at: int) -> NDArray[np.in
     return np.array(starts)
 
 
-def _columns(element: Element, body: bytes, order: str, starts: NDArray[np.intp]) -> dict[str, Column]:
+def _columns(element: Element, body: bytes, order: str, starts: NDArray[np.intp]) -> dict[str, PlyColumn]:
     columns, at = {}, starts.astype(np.intp)
     for p in element.properties:
         lengths = np.ones(len(at), dtype=np.intp)
@@ -145,6 +145,6 @@ def _columns(element: Element, body: bytes, order: str, starts: NDArray[np.intp]
         places = at if p.count_kind is None else np.repeat(at - size * (np.cumsum(lengths) - lengths), lengths)
         if p.count_kind is not None:
             places = places + size * np.arange(len(places))
-        columns[p.name] = Column(_at_every_byte(body, order + p.kind)[places], lengths)
+        columns[p.name] = PlyColumn(_at_every_byte(body, order + p.kind)[places], lengths)
         at = at + size * lengths
     return columns
