@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
@@ -14,7 +13,7 @@ from fabdesign.json_file import write_json
 from fabdesign.output import write_text
 from fabdesign.sensitivity_file import SensitivityStudy
 from fabdesign.units import in_kpa
-from studies.report import html_of, package_versions, svg_of
+from studies.report import page
 from studies.sensitivity.result import SensitivityResult
 
 FIRST, TOTAL, SIGMA = "#2166ac", "#92c5de", "#b2182b"
@@ -85,19 +84,88 @@ def _rows(result: SensitivityResult) -> Iterator[list[Any]]:
 
 
 def render(result: SensitivityResult) -> str:
-    """HTML, self-contained."""
-    varies = [k for k in range(len(result.columns)) if result.screenings[k] or result.indices[k]]
-    return html_of(
-        "sensitivity/report.html.j2",
-        result=result,
-        study=result.study,
-        columns=result.columns,
-        varies=varies,
-        bars={k: Markup(svg_of(bars_figure(result, k))) for k in varies},
-        json=result.as_json(),
-        held=_held(result.study),
-        versions=package_versions(PACKAGES),
+    """Return HTML, self-contained."""
+    return page.html_of(result.study.name, _blocks(result))
+
+
+def _blocks(result: SensitivityResult) -> Iterator[page.Block]:
+    study, outputs = result.study, result.as_json()["outputs"]
+    yield page.Heading(study.name, 1)
+    shape = "motion" if study.at else "shape at rest"
+    yield page.Text(
+        f"What the {shape} of design {study.design.name} depends on: {result.samples} samples, "
+        f"{study.points_per_side} grid points a side, seed {study.seed}."
     )
+    for line in result.sentences:
+        yield page.Text(line, "note" if line in result.warnings else "quiet")
+    rows = [
+        (f"{name}, {x['unit']}", f"{x['mean']:.4g}", f"{x['std']:.3g}", f"{x['low90']:.4g} to {x['high90']:.4g}")
+        for name, x in outputs.items()
+    ]
+    yield page.Table(("output", "mean", "standard deviation", "90 % of samples"), rows)
+    for k, (name, output) in enumerate(outputs.items()):
+        if "sobol" in output or "morris" in output:
+            yield page.Heading(name)
+            yield page.Picture(bars_figure(result, k))
+            yield from _tables(output)
+    yield page.Heading("How to read it")
+    yield page.Text(" ".join(_how(result)))
+    varied = [(v.name, v.what, v.unit or "factor", f"{v.low:g}", f"{v.high:g}") for v in study.varied]
+    yield page.Table(("varied", "what", "unit", "from", "to"), varied, left=(1,))
+    if held := _held(study):
+        yield page.Text(f"Held, kPa: {held}.")
+    times = f"{result.wall_s:.0f} s by the clock, {result.cpu_s:.0f} s of the processor"
+    yield page.Text(f"{times}. {page.package_versions(PACKAGES)}.", "quiet")
+
+
+def _tables(output: dict[str, Any]) -> Iterator[page.Block]:
+    """Yield the measures of an output, the parameters that matter most first."""
+    unit = output["unit"]
+    if sobol := ranked(output, "sobol", "total"):
+        rows = [
+            (
+                *(name, f"{x['first']:.3f}", page.interval(x["first_interval90"], ".3f")),
+                *(f"{x['total']:.3f}", page.interval(x["total_interval90"], ".3f")),
+            )
+            for name, x in sobol
+        ]
+        yield page.Table(("Sobol", "first order", "90 %", "total", "90 %"), rows)
+    if morris := ranked(output, "morris", "mu_star"):
+        rows = [
+            (name, f"{x['mu_star']:.4g}", page.interval(x["interval90"], ".4g"), f"{x['mu']:.4g}", f"{x['sigma']:.4g}")
+            for name, x in morris
+        ]
+        yield page.Table(("Morris", f"mu*, {unit}", "90 %", f"mu, {unit}", f"sigma, {unit}"), rows)
+
+
+def ranked(output: dict[str, Any], method: str, by: str) -> list[tuple[str, dict[str, Any]]]:
+    """Return a method's measures of an output by parameter, the largest first; none where it did not take part."""
+    return sorted(output.get(method, {}).items(), key=lambda item: -item[1][by])
+
+
+def _how(result: SensitivityResult) -> Iterator[str]:
+    sobol, joint = "sobol" in result.computed, result.study.joint
+    if sobol:
+        yield (
+            "First order: the share of the output's variance that the parameter causes alone. Total: the share with "
+            "all its interactions. The difference between the two sums shows how much is interaction."
+        )
+    if "morris" in result.computed:
+        yield (
+            "mu*: mean absolute change of the output over the parameter's whole range. mu: the same with its sign. "
+            "sigma: how much that change depends on the place in the ranges: 0 where the output is linear and the "
+            "parameters do not interact."
+        )
+    yield "All intervals are bootstrap intervals, 90 %."
+    if "tip" in result.study.outputs:
+        yield "tip: the distance of the edge opposite the hung one from its place without pressure."
+    if joint:
+        yield "Parameters of the covariance are correlated."
+    if joint and sobol:
+        yield (
+            "Each bar is the share of one parameter given those before it. The bar of all of them together does not "
+            "depend on their order."
+        )
 
 
 def _held(study: SensitivityStudy) -> str:
@@ -114,21 +182,13 @@ def as_text(result: SensitivityResult) -> str:
         lines.append(
             f"{column}: {output['mean']:.4g} {output['unit']} (90 % {output['low90']:.4g} to {output['high90']:.4g})"
         )
-        if "sobol" in output:
-            ranked = sorted(output["sobol"].items(), key=lambda item: -item[1]["total"])
-            lines += [
-                f"  {name:<28} first {x['first']:6.3f} ({_pair(x['first_interval90'])})   "
-                f"total {x['total']:6.3f} ({_pair(x['total_interval90'])})"
-                for name, x in ranked
-            ]
-        if "morris" in output:
-            ranked = sorted(output["morris"].items(), key=lambda item: -item[1]["mu_star"])
-            lines += [
-                f"  {name:<28} mu* {x['mu_star']:8.4g} ({_pair(x['interval90'])})   sigma {x['sigma']:8.4g}"
-                for name, x in ranked
-            ]
+        lines += [
+            f"  {name:<28} first {x['first']:6.3f} ({page.interval(x['first_interval90'], '.3g')})   "
+            f"total {x['total']:6.3f} ({page.interval(x['total_interval90'], '.3g')})"
+            for name, x in ranked(output, "sobol", "total")
+        ]
+        lines += [
+            f"  {name:<28} mu* {x['mu_star']:8.4g} ({page.interval(x['interval90'], '.3g')})   sigma {x['sigma']:8.4g}"
+            for name, x in ranked(output, "morris", "mu_star")
+        ]
     return "\n".join([*lines, *result.sentences])
-
-
-def _pair(interval: list[float]) -> str:
-    return f"{interval[0]:.3g} to {interval[1]:.3g}"
