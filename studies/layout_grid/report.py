@@ -18,12 +18,10 @@ from studies.layouts.wished import is_wished, measure_of
 from studies.report import page
 
 MARKS = {"front": ">", "back": "<", "both": "D"}
-_HOW = (
-    "A cell may use any layout with as many muscles or fewer on its faces. Its mark is the nearest of those. A hollow "
-    "mark shows the result of the cell's own search where that is worse. The line, and bold rows in the table, show "
-    "the cells that no other beats with as many muscles or fewer. Each cell started at the results of the cells with "
-    "fewer muscles. Cells that gained most got more time. Errors, evaluations and seconds are of the cell's own search."
-)
+_HOW = """A cell may use any layout with as many muscles or fewer on its faces. Its mark is the nearest of those. A
+hollow mark shows the result of the cell's own search where that is worse. The line, and bold rows in the table, show
+the cells that no other beats with as many muscles or fewer. Each cell started at the results of the cells with fewer
+muscles. Cells that gained most got more time. Errors, evaluations and seconds are of the cell's own search."""
 
 
 def write_report(result: GridResult, out: Path) -> None:

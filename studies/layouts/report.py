@@ -21,14 +21,13 @@ from studies.report import page
 PACKAGES = ("taichi", "nlopt", "numpy", "scipy")
 ERRORS = ("Chamfer\nmm", "noise floor\nmm", "surface RMS\nmm", "noise floor\nmm")
 WISHED = ("mean distance from\nwhat was asked for, mm", "root mean\nsquare, mm")
-_RIG = Markup(
-    "The target is from a <b>synthetic rig</b>: an independent simulation with a model of depth sensors, not hardware."
-)
-
-_WISHES = (
-    "Distance of the places that the wishes name from where they were to come, in the coordinates that they give; the "
-    "mean is by their weights. There is no cloud, and so no noise floor."
-)
+_RIG = Markup("""The target is from a <b>synthetic rig</b>: an independent simulation with a model of depth sensors, not
+hardware.""")
+_WISHES = """Distance of the places that the wishes name from where they were to come, in the coordinates that they
+give; the mean is by their weights. There is no cloud, and so no noise floor."""
+_ERRORS = """Chamfer: mean nearest distance, unsquared, both directions summed. Its noise floor is the Chamfer distance
+of two samples of one surface. Surface RMS: distance of every {} point to the model's faces, capped at 10 mm. Its noise
+floor is {}."""
 
 
 @dataclass(frozen=True)
@@ -87,15 +86,9 @@ def _head(title: str, sections: Sequence[Section]) -> Iterator[page.Block]:
     yield from page.texts("note", [page.sentence(f"{name}: {told_beyond(share)}") for name, share in capped])
     measured = any(target.measured for target in first.targets)
     noise = "the sensor's noise" if measured else "zero, because the target has no noise"
-    how = (
-        "Chamfer: mean nearest distance, unsquared, both directions summed. Its noise floor is the Chamfer distance of "
-        f"two samples of one surface. Surface RMS: distance of every {'measured' if measured else 'target'} point to "
-        f"the model's faces, capped at 10 mm. Its noise floor is {noise}."
-    )
+    how = _WISHES if wished else _ERRORS.format("measured" if measured else "target", noise)
     side = (first.study.model or Model()).points_per_side
-    yield page.Text(
-        f"{_WISHES if wished else how} All values are of the full model, with {side} points a side.", "quiet"
-    )
+    yield page.Text(f"{how} All values are of the full model, with {side} points a side.", "quiet")
 
 
 def _study(number: int, title: str, result: StudyResult) -> Iterator[page.Block]:

@@ -41,13 +41,10 @@ def _head(outcome: LoopOutcome, targets: Sequence[LoadedTarget]) -> Iterator[pag
         yield page.Text(Markup(what).format(outcome.asked, outcome.waiting_for), "note")
     yield page.Text(f"Target: {'; '.join(target.description for target in targets)}")
     yield page.Heading("Excess over the noise floor, turn by turn")
-    sides = [(turn, colour, of) for turn in outcome.turns for colour, of in _sides(turn) if of is not None]
-    bars = [(f"{_name(turn)} {_WHAT[colour]}", of["excess"], colour) for turn, colour, of in sides]
+    bars = [(f"{_name(turn)} {_WHAT[c]}", of["excess"], c) for turn in outcome.turns for c, of in _sides(turn) if of]
     yield charts.bars("bars", bars[::-1], "mm", "excess over the noise floor")
-    yield page.Text(
-        "Excess of surface RMS between the target's points and the predicted shape, and between the target's points "
-        "and the measured cloth."
-    )
+    yield page.Text("""Excess of surface RMS between the target's points and the predicted shape, and between the
+        target's points and the measured cloth.""")
     predicted = "predicted\nexcess, mm", "predicted\nChamfer (floor), mm"
     device = "excess", "surface RMS (floor)", "Chamfer (floor)", "from predicted"
     rows = [[_name(turn), *_cells(turn)] for turn in outcome.turns]
@@ -63,18 +60,18 @@ def _sides(turn: Turn) -> tuple[tuple[str, ShapeErrors], tuple[str, DeviceErrors
     return (PREDICTED, turn.chosen["believed"]), (DEVICE, turn.device)
 
 
-def _cells(turn: Turn) -> list[object]:
-    """Return a turn's row of the table, mm."""
-    (_, believed), (_, device) = _sides(turn)
-
-    def chamfer(of: ShapeErrors) -> str:
-        return f"{of['chamfer']:.2f} ({of['chamfer_floor']:.2f})"
-
-    cells: list[object] = [believed["excess"], chamfer(believed)]
+def _cells(turn: Turn) -> Iterator[object]:
+    """Yield a turn's row of the table, mm."""
+    believed, device = turn.chosen["believed"], turn.device
+    yield believed["excess"]
+    yield f"{believed['chamfer']:.2f} ({believed['chamfer_floor']:.2f})"
     if device is None:
-        return [*cells, "not measured yet"]
-    surface = f"{device['surface_rms']:.2f} ({device['surface_floor']:.2f})"
-    return [*cells, device["excess"], surface, chamfer(device), device["from_believed"]]
+        yield "not measured yet"
+        return
+    yield device["excess"]
+    yield f"{device['surface_rms']:.2f} ({device['surface_floor']:.2f})"
+    yield f"{device['chamfer']:.2f} ({device['chamfer_floor']:.2f})"
+    yield device["from_believed"]
 
 
 def _turn(turn: Turn, study: LoopStudy, targets: Sequence[LoadedTarget], folder: Path) -> Iterator[page.Block]:

@@ -10,7 +10,7 @@ from functools import cache
 from importlib.metadata import version
 from typing import Any, ClassVar
 
-from jinja2 import Environment, PackageLoader, Template
+from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -119,7 +119,7 @@ def html_of(title: str, blocks: Iterable[Block]) -> str:
     def draw(block: Block) -> Markup:
         if isinstance(block, Chart):
             figures[block.name] = block.figure.to_json()  # in which no < ends the script that holds it
-        return Markup(_template(block.html).render(block=block, draw=draw))
+        return Markup(_environment().from_string(block.html).render(block=block, draw=draw))
 
     body = Markup("\n").join([draw(block) for block in blocks])
     plotly = ""
@@ -192,11 +192,6 @@ def _cell(value: object) -> Markup:
     """Return what stands in a cell; a line break stays one."""
     text = "" if value is None else f"{value:.2f}" if isinstance(value, float) else value
     return escape(text).replace("\n", Markup("<br>"))
-
-
-@cache
-def _template(text: str) -> Template:
-    return _environment().from_string(text)
 
 
 @cache

@@ -20,6 +20,13 @@ from studies.view.items import Item
 from studies.view.page import render_page
 
 _FRAMES = 45  # of the motion shown
+_ERROR = """Surface RMS: distance of every measured point to the model's faces, capped at 10 mm, in the frames used of
+trials held out ({}). Before: declared parameters refitted. Baseline: what a flexible, non-parametric regression without
+physics leaves."""
+_GAIN = """All effects are fitted together with the declared parameters, then those dropped that the data do not need.
+Gain: of an effect in the model, the excess of trials held out that its absence costs; of another, what it would take
+beside the model; "none": it would take nothing. Excess is the error less the noise, in quadrature. To first order about
+the fit."""
 
 
 def render_report(outcome: Outcome) -> str:
@@ -40,12 +47,7 @@ def _answer(outcome: Outcome) -> Iterator[page.Block]:
     yield error_bars(result["error"], "noise floor", "mm", "surface RMS of trials held out")
     tested = any(error.role == "test" for error in outcome.errors)
     held_out = "those of role test, looked at once" if tested else "each trial left out in turn, to first order"
-    yield page.Text(
-        "Surface RMS: distance of every measured point to the model's faces, capped at 10 mm, in the frames used of "
-        f"trials held out ({held_out}). Before: declared parameters refitted. Baseline: what a flexible, "
-        "non-parametric regression without physics leaves.",
-        "quiet",
-    )
+    yield page.Text(_ERROR.format(held_out), "quiet")
     for effect in outcome.effects:
         yield page.Text(Markup("<b>{}</b>: {}.").format(effect.name, EFFECTS[effect.name].signature))
     yield page.Heading("Candidates")
@@ -64,13 +66,7 @@ def _answer(outcome: Outcome) -> Iterator[page.Block]:
         if row["name"] != "none"
     ]
     yield page.Table(("effect", "in the model", "gain\nmm", "smallest value\nthat would have shown"), rows, left=(3,))
-    yield page.Text(
-        "All effects are fitted together with the declared parameters, then those dropped that the data do not need. "
-        "Gain: of an effect in the model, the excess of trials held out that its absence costs; of another, what it "
-        'would take beside the model; "none": it would take nothing. Excess is the error less the noise, in '
-        "quadrature. To first order about the fit.",
-        "quiet",
-    )
+    yield page.Text(_GAIN, "quiet")
 
 
 def error_bars(error: Mapping[str, Any], noise: str, unit: str, x: str, scale: float = 1.0) -> page.Chart:

@@ -18,6 +18,10 @@ from studies.report import page
 from studies.unseen.result import Measurement, PoseResult, UnseenResult
 
 _STATISTICS = ("mean", "max", "min", "std")
+_SNAPS = "Near a bifurcation: the cloth may buckle to either side. Pressures 2 % off lead to another stable shape."
+_MEASURED = Markup("""To first order about the model, the shapes are spread by {:.2f} mm RMS. The table says how much of
+this spread each measurement would leave. It assumes 1 mm a coordinate for noise and model error, and 40 independent
+points of a frame. The set points of the first program are in result.json, <code>measurement.program</code>.""")
 
 
 def write_report(result: UnseenResult, out: Path, *, pictures: Path) -> None:
@@ -34,10 +38,8 @@ def _shapes(result: UnseenResult) -> Iterator[page.Block]:
     if not result.get("design"):
         return
     said = page.sentence(result["corrector"]["said"])
-    yield page.Text(
-        f"Design {result['design']}, before it is sewn: shapes at rest of models drawn from the model's joint "
-        f"covariance. {said}"
-    )
+    yield page.Text(f"""Design {result["design"]}, before it is sewn: shapes at rest of models drawn from the model's
+        joint covariance. {said}""")
     yield from page.texts("note", map(page.sentence, _notes(result)))
     yield page.Columns([[*_pose(pose)] for pose in result.get("poses") or []], "faces")
     if measurement := result.get("measurement"):
@@ -48,30 +50,19 @@ def _pose(pose: PoseResult) -> Iterator[page.Block]:
     yield page.Heading(f"{', '.join(f'{p:g}' for p in pose['pressures_kpa'])} kPa")
     yield page.Picture(_band_figure(pose))
     if pose["snaps"]:
-        yield page.Text(
-            "Near a bifurcation: the cloth may buckle to either side. Pressures 2 % off lead to another stable shape.",
-            "note",
-        )
+        yield page.Text(_SNAPS, "note")
     values = {f"lower edge {axis}, mm": pose["tip_mm"][axis] for axis in "xyz"}
     values |= {f"{name}, {output['unit']}": output["percentiles"] for name, output in pose["outputs"].items()}
     rows = [(name, *(f"{round(x, 1) + 0:.1f}" for x in row)) for name, row in values.items()]
     yield page.Table(("", "5 %", "middle", "95 %"), [*rows, ("mean curvature, 1/m", *pose["mean_curvature"])])
     failed = f" {pose['failed']} models found no shape at rest." if pose["failed"] else ""
-    yield page.Text(
-        f"A drawn shape lies {pose['band_mm']:.2f} mm RMS from the mean shape, {pose['widest_mm']:.2f} mm where the "
-        f"scatter is widest.{failed}"
-    )
+    yield page.Text(f"""A drawn shape lies {pose["band_mm"]:.2f} mm RMS from the mean shape, {pose["widest_mm"]:.2f} mm
+        where the scatter is widest.{failed}""")
 
 
 def _measurement(measurement: Measurement) -> Iterator[page.Block]:
     yield page.Heading("What to measure")
-    how = (
-        "To first order about the model, the shapes are spread by {:.2f} mm RMS. The table says how much of this "
-        "spread each measurement would leave. It assumes 1 mm a coordinate for noise and model error, and 40 "
-        "independent points of a frame. The set points of the first program are in result.json, "
-        "<code>measurement.program</code>."
-    )
-    yield page.Text(Markup(how).format(measurement["spread_mm"]))
+    yield page.Text(_MEASURED.format(measurement["spread_mm"]))
     rows = [(name, c["design"], c["left_mm"]) for name, c in measurement["candidates"].items()]
     yield page.Table(("program", "on", "left, mm"), rows, left=(1,))
     in_turn = ", ".join(f"{name} (leaves {left:.2f} mm)" for name, left in measurement["in_turn_mm"].items())
@@ -89,10 +80,8 @@ def _left_out(result: UnseenResult, pictures: Path) -> Iterator[page.Block]:
     yield page.Heading("Each design left out in turn")
     free = ", ".join(result.get("free") or [])
     states = f" Without effects: factors fitted alone. After: factors and effects ({free}) fitted together."
-    yield page.Text(
-        "The model is calibrated on the trials of the other designs and evaluated on the design left out. Before: the "
-        f"data sheet.{states if free else ''} Values in mm over trials."
-    )
+    yield page.Text(f"""The model is calibrated on the trials of the other designs and evaluated on the design left out.
+        Before: the data sheet.{states if free else ""} Values in mm over trials.""")
     if waiting := ", ".join(name for name in left_out if name not in done):
         why = "Not started, because the time was used"
         yield page.Text(f"{why}: {waiting}. The same command with more seconds goes on.", "note")
