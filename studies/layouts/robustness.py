@@ -189,26 +189,23 @@ def _most_delicate(
 
 
 def as_json(robustness: Robustness, robust: Robust) -> dict[str, object]:
-    """What `robust` in result.json holds: mm, null where copies diverged."""
-
-    def mm(value: float) -> float | None:
-        return in_mm(value) if np.isfinite(value) else None
-
+    """Return `robust` of result.json: mm."""
+    band, (muscle, value) = robustness.band, robustness.delicate
     return {
-        "nominal_mm": mm(robustness.nominal),
-        "expected_mm": mm(robustness.expected),
-        "worst_mm": mm(robustness.worst),
+        "nominal_mm": in_mm(robustness.nominal),
+        "expected_mm": in_mm(robustness.expected),
+        "worst_mm": in_mm(robustness.worst),
         "yield": robustness.yielded,
-        "tolerance_mm": mm(robustness.tolerance),
+        "tolerance_mm": in_mm(robustness.tolerance),
         "copies": robustness.copies,
         "elsewhere": robustness.on_another_branch,
         "first_order": {
-            "expected_mm": mm(robustness.expected_linear),
+            "expected_mm": in_mm(robustness.expected_linear),
             "yield": robustness.yield_linear,
             "holds": robustness.holds,
         },
-        "band_mm": {"mean": mm(float(robustness.band.mean())), "largest": mm(float(robustness.band.max()))},
-        "delicate": {"muscle": robustness.delicate[0], "off_mm": in_mm(OFF), "value_mm": mm(robustness.delicate[1])},
+        "band_mm": {"mean": in_mm(band.mean()), "largest": in_mm(band.max())},
+        "delicate": {"muscle": muscle, "off_mm": in_mm(OFF), "value_mm": in_mm(value)},
         "doubled": robustness.doubled,
         "chosen_for": robust.choose,
         "said": said(robustness),
