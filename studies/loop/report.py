@@ -12,11 +12,10 @@ from fabdesign.loop_file import LoopStudy
 from fabdesign.output import write_text
 from fabdesign.pressure_file import read_pressures
 from studies.layouts.target import LoadedTarget
-from studies.loop.record import DeviceErrors, LoopOutcome, ShapeErrors, Turn
+from studies.loop.record import LoopOutcome, Turn
 from studies.report import charts, page, scene
 
 PREDICTED, DEVICE = "#92c5de", "#b2182b"
-_WHAT = {PREDICTED: "predicted", DEVICE: "on the device"}
 
 
 def write_report(
@@ -41,8 +40,12 @@ def _head(outcome: LoopOutcome, targets: Sequence[LoadedTarget]) -> Iterator[pag
         yield page.Text(Markup(what).format(outcome.asked, outcome.waiting_for), "note")
     yield page.Text(f"Target: {'; '.join(target.description for target in targets)}")
     yield page.Heading("Excess over the noise floor, turn by turn")
-    bars = [(f"{_name(turn)} {_WHAT[c]}", of["excess"], c) for turn in outcome.turns for c, of in _sides(turn) if of]
-    yield charts.bars("bars", bars[::-1], "mm", "excess over the noise floor")
+    bars = []
+    for turn in reversed(outcome.turns):
+        if turn.device is not None:
+            bars.append((f"{_name(turn)} on the device", turn.device["excess"], DEVICE))
+        bars.append((f"{_name(turn)} predicted", turn.chosen["believed"]["excess"], PREDICTED))
+    yield charts.bars("bars", bars, "mm", "excess over the noise floor")
     yield page.Text("""Excess of surface RMS between the target's points and the predicted shape, and between the
         target's points and the measured cloth.""")
     predicted = "predicted\nexcess, mm", "predicted\nChamfer (floor), mm"
@@ -53,11 +56,6 @@ def _head(outcome: LoopOutcome, targets: Sequence[LoadedTarget]) -> Iterator[pag
 
 def _name(turn: Turn) -> str:
     return turn.name.replace("_", " ")
-
-
-def _sides(turn: Turn) -> tuple[tuple[str, ShapeErrors], tuple[str, DeviceErrors | None]]:
-    """Return the errors predicted and measured, each with its colour."""
-    return (PREDICTED, turn.chosen["believed"]), (DEVICE, turn.device)
 
 
 def _cells(turn: Turn) -> Iterator[object]:

@@ -20,7 +20,7 @@ _NAMED = {"type": "category", "dtick": 1}  # an axis of which every row has its 
 
 @dataclass(frozen=True)
 class Gain:
-    """What a candidate gains, with its 90 % interval, in the chart's unit."""
+    """What a candidate gains, with its 90 % interval."""
 
     name: str
     value: float
@@ -59,10 +59,11 @@ def bars(name: str, rows: Sequence[tuple[str, float, str]], unit: str, x: str) -
     return chart(name, [drawn], x=f"{x}, {unit}", height=_height(rows), xaxis=axis, yaxis=_NAMED)
 
 
-def gains(name: str, rows: Sequence[Gain], unit: str, x: str, tolerance: float) -> Chart:
-    """Return a mark for each gain, the first on top and those chosen in bold; below 0 there is none to show."""
+def gains(name: str, rows: Sequence[Gain], unit: str, x: str, tolerance: float, *, scale: float = 1.0) -> Chart:
+    """Return a mark for each gain, the first on top and those chosen in bold; below 0 there is none to show. scale: of
+    `unit`, that a one of the gains is."""
     rows = [*reversed(rows)]
-    value, low, high = np.maximum(np.array([(g.value, *g.interval90) for g in rows]).reshape(-1, 3).T, 0.0)
+    value, low, high = np.maximum(scale * np.array([(g.value, *g.interval90) for g in rows]).reshape(-1, 3).T, 0.0)
     marks = go.Scatter(
         mode="markers",
         y=[f"<b>{g.name}</b>" if g.chosen else g.name for g in rows],
@@ -72,7 +73,7 @@ def gains(name: str, rows: Sequence[Gain], unit: str, x: str, tolerance: float) 
     )
     title = f"{x}, {unit} (90 %); dotted: the tolerance"
     drawn = chart(name, [marks], x=title, yaxis=_NAMED, height=_height(rows))
-    drawn.figure.add_vline(tolerance, line={"dash": "dot", "color": RED})
+    drawn.figure.add_vline(scale * tolerance, line={"dash": "dot", "color": RED})
     return drawn
 
 

@@ -85,15 +85,10 @@ def _blocks(outcome: BenchOutcome) -> Iterator[page.Block]:
     yield page.Heading("Candidates")
     chosen = {effect.name for effect in outcome.found}
     gains = [
-        charts.Gain(
-            c.effect + (" (wrong sign)" if c.refused else ""),
-            scale * c.gain,
-            (scale * c.interval90[0], scale * c.interval90[1]),
-            c.effect in chosen,
-        )
+        charts.Gain(c.effect + " (wrong sign)" * c.refused, c.gain, c.interval90, c.effect in chosen)
         for c in outcome.candidates
     ]
-    yield charts.gains("candidates", gains, unit, "gain on records left out", scale * outcome.tolerance)
+    yield charts.gains("candidates", gains, unit, "gain on records left out", outcome.tolerance, scale=scale)
     yield page.Text("Bold: in the model. At 0 there is no gain.", "quiet")
     yield page.Heading("Records: measured, before, after")
     output = "displacement" if outcome.unit == "m" else outcome.bench.output

@@ -51,10 +51,8 @@ def _answer(outcome: Outcome) -> Iterator[page.Block]:
     for effect in outcome.effects:
         yield page.Text(Markup("<b>{}</b>: {}.").format(effect.name, EFFECTS[effect.name].signature))
     yield page.Heading("Candidates")
-    ends = [(in_mm(c.interval90[0]), in_mm(c.interval90[1])) for c in outcome.candidates]
-    candidates = zip(outcome.candidates, ends, strict=True)
-    gains = [charts.Gain(c.name, in_mm(c.gain), interval90, c.chosen) for c, interval90 in candidates]
-    yield charts.gains("candidates", gains, "mm", "gain of held-out excess", in_mm(outcome.tolerance))
+    gains = [charts.Gain(c.name, c.gain, c.interval90, c.chosen) for c in outcome.candidates]
+    yield charts.gains("candidates", gains, "mm", "gain of held-out excess", outcome.tolerance, scale=in_mm(1.0))
     rows = [
         (
             row["name"],
