@@ -80,9 +80,8 @@ def _turn(turn: Turn, study: LoopStudy, targets: Sequence[LoadedTarget], folder:
     yield page.Text(f"Search: {chosen['evaluations']} evaluations, {chosen['stop_reason']}. {reach}")
     design = read_design(search / "design.toml")
     pressures = read_pressures(search / "pressures.csv", design).pressure[-1]
-    yield page.Layout(design, pressures, study.search.limits.pressure[1])
-    if turn.device is not None:
-        yield _scene(turn, targets, folder)
+    layout = page.Layout(design, pressures, study.search.limits.pressure[1])
+    yield page.Columns([*([] if turn.device is None else [[_scene(turn, targets, folder)]]), [layout]], "cell")
     if not learned:
         return
     yield page.Heading("What its measurements show", 3)
