@@ -45,6 +45,18 @@ def test_a_table_says_what_it_is_given() -> None:
     assert '<tr class="bold"><td><b>c</b></td><td class="left" colspan="2">no value</td>' in text.replace("\n", "")
 
 
+@dataclass(frozen=True)
+class Quote(page.Block):
+    text: str
+    who: str
+    html = "<blockquote>{{ block.text }}<br>{{ block.who }}</blockquote>"
+
+
+def test_a_new_block_is_one_declaration() -> None:
+    text = html_of("t", [page.Columns([[Quote("a < b", "me")], [page.Heading("h", 3)]])])
+    assert "<blockquote>a &lt; b<br>me</blockquote>" in text and "<h3>h</h3>" in text
+
+
 def test_the_same_figure_gives_the_same_svg() -> None:
     figures = [Figure(), Figure()]
     for figure in figures:
