@@ -4,12 +4,14 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from fabdesign.json_file import json_text, write_json
+from fabdesign.units import InFile
 from studies.report import page
 from studies.report.charts import Gain, chart, curve, gains
 from studies.report.page import gain_in_words, html_of, kpa, mm, png_address, sentence, svg_of
@@ -70,11 +72,16 @@ def test_the_same_figure_gives_the_same_svg() -> None:
 class Inner:
     value: float
     points: np.ndarray
+    off: Annotated[float, InFile("off_mm", 1e3)] = 0.002
 
 
 def test_json_of_results_knows_no_nan(tmp_path: Path) -> None:
     content = {"a": Inner(float("nan"), np.array([1.0, np.inf])), "b": (np.float32(0.5), Path("x")), "c": None}
-    assert json.loads(json_text(content)) == {"a": {"value": None, "points": [1.0, None]}, "b": [0.5, "x"], "c": None}
+    assert json.loads(json_text(content)) == {
+        "a": {"value": None, "points": [1.0, None], "off_mm": 2.0},
+        "b": [0.5, "x"],
+        "c": None,
+    }
     write_json(tmp_path / "r.json", content)
     assert json.loads((tmp_path / "r.json").read_text()) == json.loads(json_text(content))
     with pytest.raises(TypeError):

@@ -79,16 +79,14 @@ def error_bars(error: Mapping[str, Any], noise: str, unit: str, x: str, scale: f
 
 
 def _detectable(effect: str, values: Mapping[str, float]) -> str:
-    units = {name: "" if p.unit == "1" else p.unit for name, p in EFFECTS[effect].parameters.items()}
-    return "; ".join(f"{name.replace('_', ' ')} {value:.3g} {units[name]}" for name, value in values.items())
+    shown = [(name.replace("_", " "), value, EFFECTS[effect].parameters[name].unit) for name, value in values.items()]
+    return "; ".join(f"{name} {value:.3g} {'' if unit == '1' else unit}" for name, value, unit in shown)
 
 
 def _residual(outcome: Outcome) -> Iterator[page.Block]:
     """Yield where on the cloth and when something is left, as a motion too, and what to measure next."""
-    before, after = (
-        remains(Residuals.of(outcome.data.samples, outcome.before), outcome.selection.folds),
-        outcome.remains,
-    )
+    after = outcome.remains
+    before = remains(Residuals.of(outcome.data.samples, outcome.before), outcome.selection.folds)
     most = float(np.nanmax([before.cells, after.cells]))  # alike before and after so that they compare
     fabric, stages = outcome.data.trials[0].design.fabric, {"before": before, "after": after}
     size = fabric.width, fabric.height
