@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm, qmc
 
 from fabdesign.design import Design
+from fabdesign.json_file import plain
 from fabdesign.predictor import Predictor
 from fabdesign.search_terms import Robust
 from fabdesign.study_file import Study
@@ -189,9 +190,9 @@ def _most_delicate(
 
 
 def as_json(robustness: Robustness, robust: Robust) -> dict[str, object]:
-    """Return `robust` of result.json: mm."""
+    """Return `robust` of result.json: mm, null where copies diverged."""
     band, (muscle, value) = robustness.band, robustness.delicate
-    return {
+    content = {
         "nominal_mm": in_mm(robustness.nominal),
         "expected_mm": in_mm(robustness.expected),
         "worst_mm": in_mm(robustness.worst),
@@ -210,6 +211,7 @@ def as_json(robustness: Robustness, robust: Robust) -> dict[str, object]:
         "chosen_for": robust.choose,
         "said": said(robustness),
     }
+    return dict(plain(content))
 
 
 def said(robustness: Robustness) -> list[str]:
