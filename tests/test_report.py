@@ -4,14 +4,12 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from fabdesign.json_file import json_text, write_json
-from fabdesign.units import InFile
 from studies.report import page
 from studies.report.charts import Gain, chart, curve, gains
 from studies.report.page import gain_in_words, html_of, kpa, mm, png_address, sentence, svg_of
@@ -45,18 +43,6 @@ def test_a_table_says_what_it_is_given() -> None:
     assert '<th>name</th><th class="left">of<br>what</th><th>mm</th>' in text
     assert '<td>a &lt;b&gt;</td><td class="left">1.00</td><td></td>' in text.replace("\n", "")
     assert '<tr class="bold"><td><b>c</b></td><td class="left" colspan="2">no value</td>' in text.replace("\n", "")
-
-
-@dataclass(frozen=True)
-class Quote(page.Block):
-    text: str
-    who: str
-    html = "<blockquote>{{ block.text }}<br>{{ block.who }}</blockquote>"
-
-
-def test_a_new_block_is_one_declaration() -> None:
-    text = html_of("t", [page.Columns([[Quote("a < b", "me")], [page.Heading("h", 3)]])])
-    assert "<blockquote>a &lt; b<br>me</blockquote>" in text and "<h3>h</h3>" in text
 
 
 def test_the_same_figure_gives_the_same_svg() -> None:

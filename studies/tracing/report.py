@@ -86,7 +86,7 @@ def _detectable(effect: str, values: Mapping[str, float]) -> str:
 def _residual(outcome: Outcome) -> Iterator[page.Block]:
     """Yield where on the cloth and when something is left, as a motion too, and what to measure next."""
     after = outcome.remains
-    before = remains(Residuals.of(outcome.data.samples, outcome.before), outcome.selection.folds)
+    before = remains(Residuals.of(outcome.data, outcome.before), outcome.selection.folds)
     most = float(np.nanmax([before.cells, after.cells]))  # alike before and after so that they compare
     fabric, stages = outcome.data.trials[0].design.fabric, {"before": before, "after": after}
     size = fabric.width, fabric.height
