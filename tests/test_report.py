@@ -4,12 +4,14 @@ import json
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from fabdesign.json_file import json_text, write_json
+from fabdesign.units import InFile
 from studies.report import page
 from studies.report.charts import Gain, chart, curve, gains
 from studies.report.page import gain_in_words, html_of, kpa, mm, png_address, sentence, svg_of
