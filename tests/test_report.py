@@ -41,10 +41,22 @@ def test_one_template_draws_every_report() -> None:
 
 def test_a_table_says_what_it_is_given() -> None:
     rows = [("a <b>", 1.0, None), (page.Markup("<b>c</b>"), "no value")]
-    text = html_of("t", [page.Table(("name", "of\nwhat", "mm"), rows, left=(1,), bold=(1,))])
+    text = html_of("t", [page.TableBlock(("name", "of\nwhat", "mm"), rows, left=(1,), bold=(1,))])
     assert '<th>name</th><th class="left">of<br>what</th><th>mm</th>' in text
     assert '<td>a &lt;b&gt;</td><td class="left">1.00</td><td></td>' in text.replace("\n", "")
     assert '<tr class="bold"><td><b>c</b></td><td class="left" colspan="2">no value</td>' in text.replace("\n", "")
+
+
+@dataclass(frozen=True)
+class Quote(page.Block):
+    text: str
+    who: str
+    html = "<blockquote>{{ block.text }}<br>{{ block.who }}</blockquote>"
+
+
+def test_a_new_block_is_one_declaration() -> None:
+    text = html_of("t", [page.Columns([[Quote("a < b", "me")], [page.Title("h", 3)]])])
+    assert "<blockquote>a &lt; b<br>me</blockquote>" in text and "<h3>h</h3>" in text
 
 
 def test_the_same_figure_gives_the_same_svg() -> None:

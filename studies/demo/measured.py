@@ -200,9 +200,9 @@ def as_blocks(shipped: ShippedErrors) -> list[page.Block]:
         f"The model is shipped as <code>fabdesign/data/{MODEL}</code>. It was made by <code>{MADE_BY}</code> from other"
     )
     return [
-        page.Heading("What measured trials say about the model"),
+        page.Title("What measured trials say about the model"),
         page.Text(f"{shipped.measured.description}. Nothing was fitted to them or learned from them."),
-        page.Table(("model", *ERRORS, "removed of the\ncalibrated model's excess"), rows),
+        page.TableBlock(("model", *ERRORS, "removed of the\ncalibrated model's excess"), rows),
         *(page.Text(line) for line in (*shipped.far_off, shipped.effects_in_words)),
         page.Text(Markup(f"{made} trials of the same synthetic rig."), "quiet"),
     ]

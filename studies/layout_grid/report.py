@@ -38,7 +38,7 @@ def render(result: GridResult) -> str:
 def _blocks(result: GridResult) -> Iterator[page.Block]:
     search, front = result.study.search, result.front
     wished, side = is_wished(search.targets), search.model.points_per_side if search.model else 41
-    yield page.Heading(search.name, 1)
+    yield page.Title(search.name, 1)
     yield from target_texts(next(f.result.targets for f in result.cells if f.result))
     done = len(result.cells)
     if result.interrupted or result.total > done:
@@ -50,15 +50,15 @@ def _blocks(result: GridResult) -> Iterator[page.Block]:
     head = ("muscles", "type", "sides", "reached\nmm", "muscles used", *(WISHED if wished else ERRORS))
     rows = [_row(result, f, wished=wished) for f in result.cells]
     best = [k for k, f in enumerate(result.cells) if f in front]
-    yield page.Table((*head, "evaluations", "seconds", ""), rows, left=(1, 2, 4, len(head) + 2), bold=best)
+    yield page.TableBlock((*head, "evaluations", "seconds", ""), rows, left=(1, 2, 4, len(head) + 2), bold=best)
     yield from page.texts("note", [line for f in result.cells for line in result.statements(f.cell)])
-    yield page.Heading("Shapes of all cells and the target")
+    yield page.Title("Shapes of all cells and the target")
     others = [f for f in result.cells if f.result and f not in front]
     explained = "Cells that no other beats with as many muscles or fewer come first."
     yield page.Text(f"{explained} Blue: the cloth's mid-surface. Red: the target.", "quiet")
     for f in [*front, *others]:
         own = "" if f in front else " (own search)"
-        yield page.Heading(f"{f.cell.muscles} {f.cell.type}, {WORDS[f.cell.sides]}: {page.mm(f.objective)} mm{own}", 3)
+        yield page.Title(f"{f.cell.muscles} {f.cell.type}, {WORDS[f.cell.sides]}: {page.mm(f.objective)} mm{own}", 3)
         yield from _shape(f)
     yield page.Text(f"Seed {search.seed}, fabdesign {__version__}.", "quiet")
 
@@ -86,7 +86,7 @@ def _shape(own: CellResult) -> Iterator[page.Block]:
     pictures = [page.Picture(shape_png(points, target.points), f"{alt}{pose}") for pose, (points, target) in poses]
     path = result.loading_path
     motion = path.sentences if path else ["The motion to this shape was not simulated."]
-    layout = page.Layout(result.design, result.pressures[0], result.study.limits.pressure[1])
+    layout = page.LayoutBlock(result.design, result.pressures[0], result.study.limits.pressure[1])
     outputs = page.texts("", [f"{name}: {', '.join(values)}" for name, values in result.outputs.items()])
     said = page.texts("quiet", [page.sentence(result.stop_reason), *result.reach.sentences, *motion])
     yield page.Columns([pictures, [layout, *outputs, *said]], "cell")

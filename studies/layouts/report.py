@@ -42,7 +42,7 @@ def render_report(title: str, sections: Sequence[Section], *, more: Sequence[pag
     """Return the HTML of one or several studies of the same targets: errors, 3D overlay, layout, convergence,
     provenance; `more` comes before the last."""
     studies = [block for s, section in enumerate(sections) for block in _study(s, section.title, section.result)]
-    last = page.Heading("Provenance"), page.Table((), [*_provenance(sections).items()], left=(1,))
+    last = page.Title("Provenance"), page.TableBlock((), [*_provenance(sections).items()], left=(1,))
     return page.html_of(title, [*_head(title, sections), *studies, *more, *last])
 
 
@@ -61,7 +61,7 @@ def _head(title: str, sections: Sequence[Section]) -> Iterator[page.Block]:
     """Yield what all studies of a page came to."""
     first = sections[0].result
     wished = is_wished(first.study.targets)
-    yield page.Heading(title, 1)
+    yield page.Title(title, 1)
     poses = [(s.title, page.sentence(line)) for s in sections for line in poses_in_words([*s.result.pressures])]
     line = Markup("<b>{}</b>: {}<br>" if len(sections) > 1 else "{1}<br>")
     yield page.Text(Markup("").join(line.format(*pose) for pose in poses), "verdict")
@@ -81,7 +81,7 @@ def _head(title: str, sections: Sequence[Section]) -> Iterator[page.Block]:
         ]
         for s in sections
     ]
-    yield page.Table(("", *head, "muscles", "evaluations", "seconds"), [rest, *rows])
+    yield page.TableBlock(("", *head, "muscles", "evaluations", "seconds"), [rest, *rows])
     capped = [(s.title, s.result.errors.beyond) for s in sections if s.result.errors.beyond >= MANY_BEYOND]
     yield from page.texts("note", [page.sentence(f"{name}: {told_beyond(share)}") for name, share in capped])
     measured = any(target.measured for target in first.targets)
@@ -99,7 +99,7 @@ def _study(number: int, title: str, result: StudyResult) -> Iterator[page.Block]
     lost = f" {failed} evaluations diverged." if failed else ""
     ended = f"{page.sentence(result.stop_reason)}{short} Seed {result.study.seed}.{lost}"
     tenth = result.after_a_tenth
-    yield page.Heading(title)
+    yield page.Title(title)
     yield page.Text(ended, "note" if reach.lacking else "quiet")
     early = f"After a tenth of the time the best was at {page.mm(tenth)} mm." if tenth else None
     yield from page.texts("quiet", [early, result.fewer_in_words])
@@ -110,16 +110,16 @@ def _study(number: int, title: str, result: StudyResult) -> Iterator[page.Block]
     for pose in range(len(result.targets)):
         yield from _pose(number, result, pose)
     if result.outputs:
-        yield page.Heading("Outputs", 3)
-        yield page.Table((), [(name, *values) for name, values in result.outputs.items()])
+        yield page.Title("Outputs", 3)
+        yield page.TableBlock((), [(name, *values) for name, values in result.outputs.items()])
     if robust:
-        yield page.Heading("Manufacturing tolerances: simulated copies", 3)
+        yield page.Title("Manufacturing tolerances: simulated copies", 3)
         yield from page.texts("note" if robust.on_another_branch else "quiet", robust_said(robust))
         copies = shape_png(result.points[0], result.targets[0].points, [shape[0] for shape in robust.shapes])
         yield page.Picture(copies, "the shape, its copies with scatter and the target")
     margins = [(name.replace("_", " "), _with_unit(name, margin)) for name, margin in result.constraints.items()]
-    limits = [page.Heading("Limits", 3), page.Table(("limit", "margin"), margins)]
-    yield page.Columns([[page.Heading("Convergence", 3), convergence(f"curve-{number}", result)], limits], "wide")
+    limits = [page.Title("Limits", 3), page.TableBlock(("limit", "margin"), margins)]
+    yield page.Columns([[page.Title("Convergence", 3), convergence(f"curve-{number}", result)], limits], "wide")
 
 
 def _pose(number: int, result: StudyResult, pose: int) -> Iterator[page.Block]:
@@ -127,11 +127,11 @@ def _pose(number: int, result: StudyResult, pose: int) -> Iterator[page.Block]:
     target, muscles, pressures = result.targets[pose], result.design.muscles, result.pressures[pose]
     if len(result.targets) > 1:
         weight = "" if target.weight == 1 else f", weight {target.weight:g}"
-        yield page.Heading(f"Pose {pose + 1}{weight}", 3)
+        yield page.Title(f"Pose {pose + 1}{weight}", 3)
     asked = asked_of(result.study.targets[pose], result.points[pose], result.design.fabric)
     if asked:
         rows = [(own.said, in_mm(own.mean), in_mm(own.largest), f"{own.weight:g}") for own in asked]
-        yield page.Table(("asked for", "mean distance\nmm", "largest\nmm", "weight"), rows)
+        yield page.TableBlock(("asked for", "mean distance\nmm", "largest\nmm", "weight"), rows)
     corners = ["\n".join(map(_place, m.path[1:-1])) for m in muscles]
     table = {
         "muscle": range(len(muscles)),
@@ -142,9 +142,9 @@ def _pose(number: int, result: StudyResult, pose: int) -> Iterator[page.Block]:
         "to u, v\nmm": [_place(m.path[-1]) for m in muscles],
         "kPa": [page.kpa(pressures[m.channel]) for m in muscles],
     }
-    layout = page.Layout(result.design, pressures, result.study.limits.pressure[1])
+    layout = page.LayoutBlock(result.design, pressures, result.study.limits.pressure[1])
     turn = page.Text("Drag: turn. Wheel: zoom. Click a name: hide it.", "quiet")
-    flat = [page.Heading("Layout and pressures, kPa", 3), layout, page.columns(table)]
+    flat = [page.Title("Layout and pressures, kPa", 3), layout, page.columns(table)]
     yield page.Columns([[overlay(f"scene-{number}-{pose}", result, pose), turn], flat], "wide")
 
 

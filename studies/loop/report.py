@@ -31,7 +31,7 @@ def write_report(
 
 def _head(outcome: LoopOutcome, targets: Sequence[LoadedTarget]) -> Iterator[page.Block]:
     """Yield where the loop stands, and the errors of all turns."""
-    yield page.Heading(outcome.name, 1)
+    yield page.Title(outcome.name, 1)
     yield page.Text(as_sentence(outcome))
     if outcome.synthetic:
         yield page.Text(Markup("Measured on a <b>synthetic rig</b>, not on hardware."), "note")
@@ -39,7 +39,7 @@ def _head(outcome: LoopOutcome, targets: Sequence[LoadedTarget]) -> Iterator[pag
         what = "What to sew and to run: <code>{}</code>. The set is expected in <code>{}</code>."
         yield page.Text(Markup(what).format(outcome.asked, outcome.waiting_for), "note")
     yield page.Text(f"Target: {'; '.join(target.description for target in targets)}")
-    yield page.Heading("Excess over the noise floor, turn by turn")
+    yield page.Title("Excess over the noise floor, turn by turn")
     bars = []
     for turn in reversed(outcome.turns):
         if turn.device is not None:
@@ -51,7 +51,7 @@ def _head(outcome: LoopOutcome, targets: Sequence[LoadedTarget]) -> Iterator[pag
     predicted = "predicted\nexcess, mm", "predicted\nChamfer (floor), mm"
     device = "excess", "surface RMS (floor)", "Chamfer (floor)", "from predicted"
     rows = [[_name(turn), *_cells(turn)] for turn in outcome.turns]
-    yield page.Table(("turn", *predicted, *(f"on the device\n{name}, mm" for name in device)), rows)
+    yield page.TableBlock(("turn", *predicted, *(f"on the device\n{name}, mm" for name in device)), rows)
 
 
 def _name(turn: Turn) -> str:
@@ -75,23 +75,23 @@ def _cells(turn: Turn) -> Iterator[object]:
 def _turn(turn: Turn, study: LoopStudy, targets: Sequence[LoadedTarget], folder: Path) -> Iterator[page.Block]:
     """Yield what was chosen, the shape that came of it, and what its measurements show."""
     chosen, learned, search = turn.chosen, turn.learned, folder / turn.name / "search"
-    yield page.Heading(_name(turn).capitalize())
+    yield page.Title(_name(turn).capitalize())
     reach = " ".join(chosen["reach"])
     yield page.Text(f"Search: {chosen['evaluations']} evaluations, {chosen['stop_reason']}. {reach}")
     design = read_design(search / "design.toml")
     pressures = read_pressures(search / "pressures.csv", design).pressure[-1]
-    layout = page.Layout(design, pressures, study.search.limits.pressure[1])
+    layout = page.LayoutBlock(design, pressures, study.search.limits.pressure[1])
     yield page.Columns([*([] if turn.device is None else [[_scene(turn, targets, folder)]]), [layout]], "cell")
     if not learned:
         return
-    yield page.Heading("What its measurements show", 3)
+    yield page.Title("What its measurements show", 3)
     lines = [*learned["said"]]
     if held_out := learned["held_out"]:
         before, after = held_out["before"], held_out["after"]
         lines.append(f"held-out trials: {before:.2f} mm excess over the noise before, {after:.2f} mm after")
     yield from page.texts("", lines)
     factors = [(name.replace("_", " "), f"{factor:.3f}") for name, factor in learned["factors"].items()]
-    yield page.Table(("factor", "on the data sheet"), factors)
+    yield page.TableBlock(("factor", "on the data sheet"), factors)
     if learned["effects"]:
         yield page.Text(f"Effects of the model: {', '.join(learned['effects']).replace('_', ' ')}.")
 

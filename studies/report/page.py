@@ -28,7 +28,7 @@ class Block:
 
 
 @dataclass(frozen=True)
-class Heading(Block):
+class Title(Block):
     """A heading; level 1 is the page's own."""
 
     text: str
@@ -46,7 +46,7 @@ class Text(Block):
 
 
 @dataclass(frozen=True)
-class Table(Block):
+class TableBlock(Block):
     """Rows of cells, numbers that are no whole ones with two decimals. The last cell of a short row takes what is left.
 
     left: columns besides the first whose words begin at the left. bold: rows. Both by their number, from 0.
@@ -86,7 +86,7 @@ svg }}{% endif %}"""
 
 
 @dataclass(frozen=True, eq=False)
-class Layout(Block):
+class LayoutBlock(Block):
     """A layout drawn flat. pressures (channels,) Pa; `highest` Pa has the strongest colour."""
 
     design: Design
@@ -96,7 +96,7 @@ class Layout(Block):
 
 
 @dataclass(frozen=True)
-class Motion(Block):
+class MotionBlock(Block):
     """A page of `studies.view.page` within this one: shapes that turn and play."""
 
     page: str
@@ -137,9 +137,9 @@ def texts(style: str, sentences: Iterable[str | None]) -> list[Text]:
     return [Text(sentence, style) for sentence in sentences if sentence]
 
 
-def columns(table: Mapping[str, Iterable[object]]) -> Table:
+def columns(table: Mapping[str, Iterable[object]]) -> TableBlock:
     """Return a table of columns of one length, by their heads."""
-    return Table([*table], [*zip(*table.values(), strict=True)])
+    return TableBlock([*table], [*zip(*table.values(), strict=True)])
 
 
 def mm(metres: float, digits: int = 2) -> str:

@@ -86,7 +86,7 @@ def render(result: SensitivityResult) -> str:
 
 def _blocks(result: SensitivityResult) -> Iterator[page.Block]:
     study, outputs = result.study, result.as_json()["outputs"]
-    yield page.Heading(study.name, 1)
+    yield page.Title(study.name, 1)
     yield page.Text(f"""What the {"motion" if study.at else "shape at rest"} of design {study.design.name} depends on:
         {result.samples} samples, {study.points_per_side} grid points a side, seed {study.seed}.""")
     for line in result.sentences:
@@ -95,19 +95,19 @@ def _blocks(result: SensitivityResult) -> Iterator[page.Block]:
         (f"{name}, {x['unit']}", f"{x['mean']:.4g}", f"{x['std']:.3g}", f"{x['low90']:.4g} to {x['high90']:.4g}")
         for name, x in outputs.items()
     ]
-    yield page.Table(("output", "mean", "standard deviation", "90 % of samples"), rows)
+    yield page.TableBlock(("output", "mean", "standard deviation", "90 % of samples"), rows)
     for k, (name, output) in enumerate(outputs.items()):
         if "sobol" in output or "morris" in output:
-            yield page.Heading(name)
+            yield page.Title(name)
             yield page.Picture(bars_figure(result, k))
             yield from _tables(output)
-    yield page.Heading("How to read it")
+    yield page.Title("How to read it")
     apply = {"all", *result.computed, *({"tip"} & {*study.outputs})}
     if study.joint:
         apply |= {"joint", "given"} if "sobol" in apply else {"joint"}
     yield page.Text("".join(text for name, text in _MEANS.items() if name in apply))
     varied = [(v.name, v.what, v.unit or "factor", f"{v.low:g}", f"{v.high:g}") for v in study.varied]
-    yield page.Table(("varied", "what", "unit", "from", "to"), varied, left=(1,))
+    yield page.TableBlock(("varied", "what", "unit", "from", "to"), varied, left=(1,))
     yield from page.texts("", [f"Held, kPa: {held}." if (held := _held(study)) else None])
     times = f"{result.wall_s:.0f} s by the clock, {result.cpu_s:.0f} s of the processor"
     yield page.Text(f"{times}. {page.package_versions(PACKAGES)}.", "quiet")
@@ -121,7 +121,7 @@ def _tables(output: dict[str, Any]) -> Iterator[page.Block]:
     for method, by, number, heads in (("sobol", "total", ".3f", sobol), ("morris", "mu_star", ".4g", morris)):
         if measures := ranked(output, method, by):
             rows = [(name, *(_figure(x[key], number) for key in heads)) for name, x in measures]
-            yield page.Table((method.capitalize(), *heads.values()), rows)
+            yield page.TableBlock((method.capitalize(), *heads.values()), rows)
 
 
 def _figure(value: Any, number: str) -> str:

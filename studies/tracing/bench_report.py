@@ -78,11 +78,11 @@ def render_bench(outcome: BenchOutcome) -> str:
 
 def _blocks(outcome: BenchOutcome) -> Iterator[page.Block]:
     scale, unit = (in_mm(1.0), "mm") if outcome.unit == "m" else (1.0, outcome.unit)
-    yield page.Heading(f"{outcome.bench.name}: what its quasi-static law lacks", 1)
+    yield page.Title(f"{outcome.bench.name}: what its quasi-static law lacks", 1)
     yield page.Text(Markup("<b>{}.</b> {}").format(outcome.verdict.capitalize(), bench_in_words(outcome)), "verdict")
     yield from page.texts("quiet", [page.sentence(x) for x in (outcome.bench.description, outcome.bench.source) if x])
     yield error_bars(outcome.as_json()["error"], "noise", unit, "RMS of records left out", scale)
-    yield page.Heading("Candidates")
+    yield page.Title("Candidates")
     chosen = {effect.name for effect in outcome.found}
     gains = [
         charts.Gain(c.effect + " (wrong sign)" * c.refused, c.gain, c.interval90, c.effect in chosen)
@@ -90,13 +90,13 @@ def _blocks(outcome: BenchOutcome) -> Iterator[page.Block]:
     ]
     yield charts.gains("candidates", gains, unit, "gain on records left out", outcome.tolerance, scale=scale)
     yield page.Text("Bold: in the model. At 0 there is no gain.", "quiet")
-    yield page.Heading("Records: measured, before, after")
+    yield page.Title("Records: measured, before, after")
     output = "displacement" if outcome.unit == "m" else outcome.bench.output
     styles = (("measured", charts.DARK), ("before", charts.RED), ("after", charts.BLUE))
     for k, (name, place, *lines) in enumerate(outcome.curves):
         by, x = _axis(outcome.bench, name)
         curves = [charts.curve(title, by * place, scale * y, c) for (title, c), y in zip(styles, lines, strict=True)]
-        yield page.Heading(name, 3)
+        yield page.Title(name, 3)
         yield charts.chart(f"record-{k}", curves, x=x, y=f"{output}, {unit}", height=320)
 
 

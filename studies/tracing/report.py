@@ -37,7 +37,7 @@ def render_report(outcome: Outcome) -> str:
 def _answer(outcome: Outcome) -> Iterator[page.Block]:
     """Yield the verdict, how far the model is off, and what each effect would take."""
     result = outcome.as_json()
-    yield page.Heading(f"{outcome.name}: what the model lacks", 1)
+    yield page.Title(f"{outcome.name}: what the model lacks", 1)
     verdict = page.sentence(verdict_in_words(outcome))
     yield page.Text(Markup("<b>{}.</b> {}").format(outcome.verdict.capitalize(), verdict), "verdict")
     rig = "an independent simulation with a model of a sensor, not hardware."
@@ -50,7 +50,7 @@ def _answer(outcome: Outcome) -> Iterator[page.Block]:
     yield page.Text(_ERROR.format(held_out), "quiet")
     for effect in outcome.effects:
         yield page.Text(Markup("<b>{}</b>: {}.").format(effect.name, EFFECTS[effect.name].signature))
-    yield page.Heading("Candidates")
+    yield page.Title("Candidates")
     gains = [charts.Gain(c.name, c.gain, c.interval90, c.chosen) for c in outcome.candidates]
     yield charts.gains("candidates", gains, "mm", "gain of held-out excess", outcome.tolerance, scale=in_mm(1.0))
     rows = [
@@ -63,7 +63,9 @@ def _answer(outcome: Outcome) -> Iterator[page.Block]:
         for row in result["candidates"]
         if row["name"] != "none"
     ]
-    yield page.Table(("effect", "in the model", "gain\nmm", "smallest value\nthat would have shown"), rows, left=(3,))
+    yield page.TableBlock(
+        ("effect", "in the model", "gain\nmm", "smallest value\nthat would have shown"), rows, left=(3,)
+    )
     yield page.Text(_GAIN, "quiet")
 
 
@@ -90,7 +92,7 @@ def _residual(outcome: Outcome) -> Iterator[page.Block]:
     most = float(np.nanmax([before.cells, after.cells]))  # alike before and after so that they compare
     fabric, stages = outcome.data.trials[0].design.fabric, {"before": before, "after": after}
     size = fabric.width, fabric.height
-    yield page.Heading("The residual on the cloth and over time")
+    yield page.Title("The residual on the cloth and over time")
     maps = {which: charts.cloth(f"cloth-{which}", which, of.cells, size, most) for which, of in stages.items()}
     yield page.Columns([[maps["before"]], [maps["after"]]])
     curves = []
@@ -104,9 +106,9 @@ def _residual(outcome: Outcome) -> Iterator[page.Block]:
     follows = f"; it goes with {after.follows}" if after.follows else ""
     when = f"about {after.when:.1f} s after rest{follows}"
     yield page.Text(f"What is left is largest at u, v = {u}, {v} mm, {when}.")
-    yield page.Heading(f"Trial {_worst(outcome)}: measured, before, after")
-    yield page.Motion(_motion(outcome))
-    yield page.Heading("What to measure next")
+    yield page.Title(f"Trial {_worst(outcome)}: measured, before, after")
+    yield page.MotionBlock(_motion(outcome))
+    yield page.Title("What to measure next")
     yield page.Text(experiment_in_words(outcome) or "No program within the limits would tell more.")
     if outcome.next_experiment is not None:
         program = outcome.next_experiment["program"]
@@ -119,21 +121,21 @@ def _residual(outcome: Outcome) -> Iterator[page.Block]:
 def _data(outcome: Outcome) -> Iterator[page.Block]:
     """Yield the errors of each trial, what was left out, and the factors."""
     used, model = outcome.data.used, outcome.model
-    yield page.Heading("Errors by trial")
+    yield page.Title("Errors by trial")
     rows = [
         (e.trial, e.role, *map(in_mm, (e.before.surface_rms, e.after.surface_rms, e.after.surface_floor)))
         for e in outcome.errors
     ]
-    yield page.Table(("trial", "role", "before\nmm", "after\nmm", "noise floor\nmm"), rows)
-    yield page.Heading("Frames left out")
+    yield page.TableBlock(("trial", "role", "before\nmm", "after\nmm", "noise floor\nmm"), rows)
+    yield page.Title("Frames left out")
     why = f": {WHY}" if used.stretches else ""
     yield page.Text(f"{100 * used.share_left_out:.0f} % of the frames are left out{why}.")
     if used.stretches:
-        yield page.Table(("trial", "from, s", "to, s"), [(s.trial, s.begin, s.end) for s in used.stretches])
-    yield page.Heading("Factors on the declared values, with 90 % intervals")
+        yield page.TableBlock(("trial", "from, s", "to, s"), [(s.trial, s.begin, s.end) for s in used.stretches])
+    yield page.Title("Factors on the declared values, with 90 % intervals")
     plain = model.without_effects or model.parameters
     factors = [(name, _factor(plain[name]), _factor(parameter)) for name, parameter in model.parameters.items()]
-    yield page.Table(("parameter", "without effects", "in the model"), factors)
+    yield page.TableBlock(("parameter", "without effects", "in the model"), factors)
 
 
 def _factor(parameter: Parameter) -> str:

@@ -29,7 +29,7 @@ def write_report(result: UnseenResult, out: Path, *, pictures: Path) -> None:
     write_json(out / "result.json", without_lines(result))
     ended = f"seed {result['seed']}, {result.get('wall_s', 0.0):.0f} s. fabdesign {__version__}"
     last = page.Text(f"{result['points_per_side']} grid points a side, {ended}.", "quiet")
-    blocks = [page.Heading(result["name"], 1), *_shapes(result), *_left_out(result, pictures), last]
+    blocks = [page.Title(result["name"], 1), *_shapes(result), *_left_out(result, pictures), last]
     write_text(out / "report.html", page.html_of(result["name"], blocks))
 
 
@@ -47,28 +47,28 @@ def _shapes(result: UnseenResult) -> Iterator[page.Block]:
 
 
 def _pose(pose: PoseResult) -> Iterator[page.Block]:
-    yield page.Heading(f"{', '.join(f'{p:g}' for p in pose['pressures_kpa'])} kPa")
+    yield page.Title(f"{', '.join(f'{p:g}' for p in pose['pressures_kpa'])} kPa")
     yield page.Picture(_band_figure(pose))
     if pose["snaps"]:
         yield page.Text(_SNAPS, "note")
     values = {f"lower edge {axis}, mm": pose["tip_mm"][axis] for axis in "xyz"}
     values |= {f"{name}, {output['unit']}": output["percentiles"] for name, output in pose["outputs"].items()}
     rows = [(name, *(f"{round(x, 1) + 0:.1f}" for x in row)) for name, row in values.items()]
-    yield page.Table(("", "5 %", "middle", "95 %"), [*rows, ("mean curvature, 1/m", *pose["mean_curvature"])])
+    yield page.TableBlock(("", "5 %", "middle", "95 %"), [*rows, ("mean curvature, 1/m", *pose["mean_curvature"])])
     failed = f" {pose['failed']} models found no shape at rest." if pose["failed"] else ""
     yield page.Text(f"""A drawn shape lies {pose["band_mm"]:.2f} mm RMS from the mean shape, {pose["widest_mm"]:.2f} mm
         where the scatter is widest.{failed}""")
 
 
 def _measurement(measurement: Measurement) -> Iterator[page.Block]:
-    yield page.Heading("What to measure")
+    yield page.Title("What to measure")
     yield page.Text(_MEASURED.format(measurement["spread_mm"]))
     rows = [(name, c["design"], c["left_mm"]) for name, c in measurement["candidates"].items()]
-    yield page.Table(("program", "on", "left, mm"), rows, left=(1,))
+    yield page.TableBlock(("program", "on", "left, mm"), rows, left=(1,))
     in_turn = ", ".join(f"{name} (leaves {left:.2f} mm)" for name, left in measurement["in_turn_mm"].items())
     yield page.Text(f"Measured one after another, each telling most beside those before it: {in_turn}.")
     head = "unknown, in the covariance's order", "spread by its own part, mm"
-    yield page.Table(head, [*measurement["due_to_mm"].items()])
+    yield page.TableBlock(head, [*measurement["due_to_mm"].items()])
 
 
 def _left_out(result: UnseenResult, pictures: Path) -> Iterator[page.Block]:
@@ -77,7 +77,7 @@ def _left_out(result: UnseenResult, pictures: Path) -> Iterator[page.Block]:
     if not left_out:
         return
     done = {name: own for name, own in left_out.items() if own}
-    yield page.Heading("Each design left out in turn")
+    yield page.Title("Each design left out in turn")
     free = ", ".join(result.get("free") or [])
     states = f" Without effects: factors fitted alone. After: factors and effects ({free}) fitted together."
     yield page.Text(f"""The model is calibrated on the trials of the other designs and evaluated on the design left out.
@@ -86,15 +86,15 @@ def _left_out(result: UnseenResult, pictures: Path) -> Iterator[page.Block]:
         why = "Not started, because the time was used"
         yield page.Text(f"{why}: {waiting}. The same command with more seconds goes on.", "note")
     head = "left out", "error", "", *_STATISTICS, "noise floor", "excess removed"
-    yield page.Table(head, [row for name, own in done.items() for row in _error_rows(name, own)], left=(1, 2))
+    yield page.TableBlock(head, [row for name, own in done.items() for row in _error_rows(name, own)], left=(1, 2))
     for name, own in done.items():
-        yield page.Heading(name)
+        yield page.Title(name)
         bent = f", without {100 * own['share_unjudged']:.0f} % of their frames, which are near a bifurcation"
         used = f"{len(own['trials'])} evaluated{bent if own['share_unjudged'] else ''}."
         doubts = f" The intervals are not reliable: {'; '.join(own['doubts'])}." if own["doubts"] else ""
         yield page.Text(f"{own['source']}. {own['fitted']} trials of the others fitted, {used}{doubts}", "quiet")
         if own["effects"]:
-            yield page.Table(("effect", "value", "90 %", ""), _effect_rows(own["effects"]))
+            yield page.TableBlock(("effect", "value", "90 %", ""), _effect_rows(own["effects"]))
         yield page.Picture(_histogram_figure(own))
         overlay = (pictures / f"left_out_{file_stem(name)}.png").read_bytes()
         yield page.Picture(overlay, f"{name}, measured over model")
