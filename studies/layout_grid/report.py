@@ -113,7 +113,7 @@ def front_figure(result: GridResult) -> Figure:
     most = max(f.cell.muscles for f in sound)
     steps = [*(f.cell.muscles for f in front), most], [*(in_mm(f.objective) for f in front), in_mm(front[-1].objective)]
     axes.step(*steps, where="post", color="#1c2430", linewidth=1.5, label="best with as many or fewer")
-    if (floor := _floor(front[-1])) > 0:
+    if (floor := front[-1].result.floor if front[-1].result else 0.0) > 0:
         axes.axhline(in_mm(floor), color="#5a6675", linestyle="--", label="noise floor")
     axes.set(xlabel="muscles", ylabel=f"{measure_of(result.study.search)}, mm", ylim=(0, None))
     axes.set_xticks(np.unique([f.cell.muscles for f in sound]))
@@ -124,12 +124,6 @@ def front_figure(result: GridResult) -> Figure:
 def _nearest(result: GridResult, own: CellResult) -> float:
     best = result.nearest(own.cell)
     return best.objective if best else float("inf")
-
-
-def _floor(own: CellResult) -> float:
-    assert own.result is not None
-    errors = own.result.errors
-    return errors.chamfer_floor if own.result.study.objective == "chamfer" else errors.surface_floor
 
 
 def as_text(result: GridResult) -> str:

@@ -87,8 +87,7 @@ def convergence(name: str, result: StudyResult) -> Chart:
     for stage in dict.fromkeys(entry.stage for entry in entries):
         own = np.array([entry.stage == stage for entry in entries])
         curves.append(curve(stage, numbers[own], np.minimum.accumulate(values[own])))
-    errors, sound = result.errors, values[shown]
-    floor = in_mm(errors.chamfer_floor if result.study.objective == "chamfer" else errors.surface_floor)
+    floor, sound = in_mm(result.floor), values[shown]
     if floor > 0 and entries:  # of a mesh under surface RMS, and of wishes, there is none
         curves.append(curve("noise floor", [1, len(entries)], [floor, floor], DARK, line_dash="dash"))
         sound = np.append(sound, floor)
