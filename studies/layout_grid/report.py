@@ -65,16 +65,16 @@ def _blocks(result: GridResult) -> Iterator[page.Block]:
 
 def _row(result: GridResult, own: CellResult, *, wished: bool) -> tuple[object, ...]:
     """Return the cells of a search: the nearest of its layouts, then what its own search came to."""
-    best, found = result.nearest(own.cell), own.result
+    best, search = result.nearest(own.cell), own.result
     used: tuple[str, ...] = ("", "")
     if best:
         faces = WORDS[best.sides_used] if best.sides_used else ""
         used = page.mm(best.objective), f"{len(best.pulling)} of {best.cell.muscles} {faces}"
     first = (own.cell.muscles, own.cell.type, own.cell.sides, *used)
-    if found is None:
+    if search is None:
         return (*first, own.why)
     link = Markup('<a href="cells/{}/report.html">page</a>').format(own.cell.name)
-    return (*first, *error_cells(found.errors, wished=wished), len(found.history), f"{found.wall_s:.0f}", link)
+    return (*first, *error_cells(search.errors, wished=wished), len(search.history), f"{search.wall_s:.0f}", link)
 
 
 def _shape(own: CellResult) -> Iterator[page.Block]:
