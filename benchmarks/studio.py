@@ -38,22 +38,22 @@ class TimedStudio:
     def __init__(self, server: Any, worker: SolverProcess, layout: Layout) -> None:
         self.studio = Studio(server, Opened(NEW, layout, search_limits(layout.design)), worker)
         self.shapes: list[LiveShape] = []
-        draw = self.studio.page.show_shape
 
-        def drawn(shape: LiveShape) -> None:
-            draw(shape)
-            self.shapes.append(shape)
+        def draw() -> None:
+            self.studio.page.show()
+            shape = self.studio.session.shapes.shown
+            if shape is not None and shape not in self.shapes[-1:]:
+                self.shapes.append(shape)
 
-        self.studio.page.show_shape = drawn  # type: ignore[method-assign]
-        self._run(lambda: self.studio.session.begin(self.studio.page), layout, exact=True)  # compiles
+        self._run(lambda: self.studio.session.begin(draw), layout, exact=True)  # compiles
 
     def follow(self, layout: Layout) -> float:
         """s from a moment of a drag to its shape."""
-        return self._run(lambda: self.studio.session.drag("drag", layout), layout, exact=False)
+        return self._run(lambda: self.studio.session.document.drag("drag", layout), layout, exact=False)
 
     def let_go(self, layout: Layout) -> float:
         """s from the end of a drag to the exact shape."""
-        return self._run(lambda: self.studio.session.drag("drag", layout, last=True), layout, exact=True)
+        return self._run(lambda: self.studio.session.document.drag("drag", layout, last=True), layout, exact=True)
 
     def _run(self, hand: Callable[[], None], layout: Layout, *, exact: bool) -> float:
         begin, before = time.perf_counter(), len(self.shapes)

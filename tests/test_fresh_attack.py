@@ -22,7 +22,7 @@ from fabdesign.motion_file import write_motion
 from fabdesign.output import new_file, read_mark, sweep, whole_file
 from studies.check.files import inspect
 from studies.report.page import _in_script
-from studies.studio.panels.asking import markdown
+from studies.studio.declared import markdown
 from tests.command_line import Run, one_line
 
 ROOT = Path(__file__).parents[1]
