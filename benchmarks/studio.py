@@ -39,13 +39,7 @@ class TimedStudio:
         self.studio = Studio(server, Opened(NEW, layout, search_limits(layout.design)), worker)
         self.shapes: list[LiveShape] = []
 
-        def draw() -> None:
-            self.studio.page.show()
-            shape = self.studio.session.shapes.shown
-            if shape is not None and shape not in self.shapes[-1:]:
-                self.shapes.append(shape)
-
-        self._run(lambda: self.studio.session.begin(draw), layout, exact=True)  # compiles
+        self._run(self.studio.begin, layout, exact=True)  # compiles
 
     def follow(self, layout: Layout) -> float:
         """s from a moment of a drag to its shape."""
@@ -60,6 +54,9 @@ class TimedStudio:
         self.studio.post(hand)
         while not any(shape.exact == exact and shape.layout == layout for shape in self.shapes[before:]):
             self.studio.turn()
+            shape = self.studio.session.shapes.shown
+            if shape is not None and shape not in self.shapes[-1:]:
+                self.shapes.append(shape)
         return time.perf_counter() - begin
 
 

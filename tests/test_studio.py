@@ -935,8 +935,10 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         assert session.document.target.file.rotation == (0.0, 0.0, 5.0)
         assert server.scene.get_handle_by_name("/flat/corner_8_2") is not None
         session.document.select(8)
+        studio.turn()
         assert page.widgets.labels("Layout", points) == ["End 0", "Corner 1", "End 2"]
         session.document.select(1)
+        studio.turn()
         assert page.widgets.labels("Layout", points) == ["End 0", "End 1"]
         assert "muscles 1 and 8" in page.widgets.handle("limits").content
         session.playing.rise()
@@ -944,6 +946,7 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         assert session.playing.motion is not None
         assert session.playing.frame > 0
         session.document.edit("remove", lambda layout: edits.remove_muscle(layout, 8))
+        studio.turn()
         assert server.scene.get_handle_by_name("/flat/corner_8_2") is None
         run()
         found = Result(
@@ -956,6 +959,7 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         assert server.scene.get_handle_by_name("/flat/other") is not None
         assert "<td>search 1</td><td>8</td>" in page.widgets.handle("Results", "table").content
         session.document.set_option("beside", False)
+        studio.turn()
         assert server.scene.get_handle_by_name("/hung/other") is None
         assert "<polyline" in page.widgets.handle("Model", "profile").content
         page.widgets.press("Files", *export)
@@ -964,6 +968,7 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         export_design(session.document.layout.design, folder / "exported", stem="design", tail_length=0.03)
         assert cut_list == (folder / "exported" / "design_cut_list.csv").read_text()
         assert (template / "design_a4.pdf").is_file()
+        studio.turn()
         assert "sewing template in basic_template: " in page.widgets.handle("message").content
         (template / "design_a4.pdf").unlink()
         page.widgets.press("Files", *export)  # asks first

@@ -111,16 +111,14 @@ class Widgets:
                 made.append(self._make(widget, parent))
             else:
                 _change(made[k], widget)
-            handle = made[k].handle
-            if widget.inside or made[k].inside:
-                with handle if hasattr(handle, "__enter__") else nullcontext():
-                    self._match(made[k].inside, widget.inside, handle)
+            self._match(made[k].inside, widget.inside, made[k].handle)
 
     def _make(self, widget: Widget, parent: Any) -> _Made:
         if widget.kind == "tab":
             return _Made(widget, parent.add_tab(widget.name))
         value = {} if widget.value is None else {"initial_value": widget.value}
-        made = _Made(widget, getattr(self._gui, f"add_{widget.kind}")(**widget.given, **value))
+        with nullcontext() if parent is self._gui else parent:
+            made = _Made(widget, getattr(self._gui, f"add_{widget.kind}")(**widget.given, **value))
 
         def put_in(event: Any) -> None:
             if event.client is not None:  # else the program set it
@@ -155,6 +153,19 @@ class Node:
     moved: Callable[[Any], None] | None = None
 
 
+def _fits(made: _Made, node: Node) -> bool:
+    """Change a node. Return whether that was enough, or it must be made anew."""
+    before, made.part = made.part, node
+    for name, value in node.given.items() if before is not node else ():
+        old = before.given[name]
+        if old is value or (not hasattr(value, "vertices") and np.array_equal(old, value)):
+            continue
+        if not hasattr(made.handle, name) or np.shape(old) != np.shape(value):
+            return False
+        setattr(made.handle, name, value)
+    return True
+
+
 class Nodes:
     """The nodes of a scene by their names."""
 
@@ -166,20 +177,8 @@ class Nodes:
         for name in [name for name in self._made if name not in nodes]:
             self._made.pop(name).handle.remove()
         for name, node in nodes.items():
-            if name not in self._made or not self._fits(self._made[name], node):
+            if name not in self._made or not _fits(self._made[name], node):
                 self._made[name] = self._make(name, node)
-
-    def _fits(self, made: _Made, node: Node) -> bool:
-        """Change a node. Return whether that was enough, or it must be made anew."""
-        before, made.part = made.part, node
-        for name, value in node.given.items():
-            old = before.given[name]
-            if old is value or (not hasattr(value, "vertices") and np.array_equal(old, value)):
-                continue
-            if not hasattr(made.handle, name) or np.shape(old) != np.shape(value):
-                return False
-            setattr(made.handle, name, value)
-        return True
 
     def _make(self, name: str, node: Node) -> _Made:
         made = _Made(node, getattr(self._scene, f"add_{node.kind}")(name, **node.given))

@@ -1,11 +1,12 @@
 """The flat cloth as on the sewing table, front and back: muscles that are clicked and dragged, and lacing rows."""
 
 from collections.abc import Iterator
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 
+from fabdesign.muscle import Muscle
 from studies.studio.declared import Node, Post
 from studies.studio.document import Document
 from studies.studio.layout import Point, rows
@@ -36,8 +37,10 @@ class FlatView:
         for side, shade, title in (("front", FRONT, "front"), ("back", BACK, "back, seen from behind")):
             nodes |= _sheet(places, side, shade, title, document.row_distance)
         broken = {i for line in document.broken() for i in line.muscles}
-        for i in range(len(document.layout.design.muscles)):
-            nodes |= self._muscle(i, places, i == document.selected, i in broken)
+        for i, muscle in enumerate(document.layout.design.muscles):
+            diameter = document.layout.design.muscle_types[muscle.type].outer_diameter
+            shade = BROKEN if i in broken else colour(muscle.channel)
+            nodes |= _muscle(self, i, muscle, diameter, shade, i == document.selected, places)
         other = document.other()
         legs = [] if other is None else [*_legs(other[0].design.muscles, places)]
         if legs:
@@ -45,35 +48,15 @@ class FlatView:
             nodes["/flat/other"] = Node("line_segments", {"points": np.array(legs), "colors": (90, 95, 100), **style})
         return nodes
 
-    def _muscle(self, i: int, places: Places, selected: bool, broken: bool) -> dict[str, Node]:
-        design = self._document.layout.design
-        muscle = design.muscles[i]
-        shade = BROKEN if broken else colour(muscle.channel)
-        path = places.flat(np.array(muscle.path), muscle.side)
-        width = max(design.muscle_types[muscle.type].outer_diameter, _LEAST_WIDTH)
-        vertices, faces = ribbon(path, width * (1.5 if selected else 1.0))
-        band = {"vertices": vertices, "faces": faces, "color": shade, **_PLAIN}
-        label = {"text": f"{i}", "position": path[0] + [0.0, 0.004, 0.004], "anchor": "bottom-center"}
-        radius, dark = _HANDLE * (1.3 if selected else 1.0), (20, 20, 20) if selected else shade
-        nodes = {
-            f"/flat/muscle_{i}": Node("mesh_simple", band, self._select(i), partial(self._drag_band, i)),
-            f"/flat/number_{i}": Node("label", label),
-        }
-        for k, at in enumerate(path):
-            ball = {"radius": radius, "color": dark, "position": at + [0.0, 0.0, 0.001], "subdivisions": 2}
-            hand = partial(self._drag_corner, i, k)
-            nodes[f"/flat/corner_{i}_{k}"] = Node("icosphere", ball, self._select(i), hand)
-        return nodes
-
-    def _select(self, i: int) -> Any:
+    def select(self, i: int) -> Any:
         return lambda _: self._post(lambda: self._document.select(i))
 
-    def _drag_corner(self, i: int, k: int, event: Any) -> None:
+    def drag_corner(self, i: int, k: int, event: Any) -> None:
         to = self._pointed(i, event)
         if to is not None:
             self._post(lambda: self._document.drag_corner(i, k, to, last=event.phase == "end"))
 
-    def _drag_band(self, i: int, event: Any) -> None:
+    def drag_band(self, i: int, event: Any) -> None:
         at = self._pointed(i, event)
         if at is None:
             return
@@ -90,10 +73,31 @@ class FlatView:
         if at is None or i >= len(muscles):
             return None
         if event.phase == "start":
-            self._select(i)(event)
+            self.select(i)(event)
         return self._places.fabric_point(at, muscles[i].side)
 
 
+@lru_cache(maxsize=64)  # in a drag most muscles stay
+def _muscle(
+    view: FlatView, i: int, muscle: Muscle, diameter: float, shade: Colour, selected: bool, places: Places
+) -> dict[str, Node]:
+    """Return a muscle's band with its number, and a ball at each end and corner."""
+    path = places.flat(np.array(muscle.path), muscle.side)
+    vertices, faces = ribbon(path, max(diameter, _LEAST_WIDTH) * (1.5 if selected else 1.0))
+    band = {"vertices": vertices, "faces": faces, "color": shade, **_PLAIN}
+    label = {"text": f"{i}", "position": path[0] + [0.0, 0.004, 0.004], "anchor": "bottom-center"}
+    radius, dark = _HANDLE * (1.3 if selected else 1.0), (20, 20, 20) if selected else shade
+    nodes = {
+        f"/flat/muscle_{i}": Node("mesh_simple", band, view.select(i), partial(view.drag_band, i)),
+        f"/flat/number_{i}": Node("label", label),
+    }
+    for k, at in enumerate(path):
+        ball = {"radius": radius, "color": dark, "position": at + [0.0, 0.0, 0.001], "subdivisions": 2}
+        nodes[f"/flat/corner_{i}_{k}"] = Node("icosphere", ball, view.select(i), partial(view.drag_corner, i, k))
+    return nodes
+
+
+@lru_cache(maxsize=4)
 def _sheet(places: Places, side: str, shade: Colour, title: str, row_distance: float) -> dict[str, Node]:
     """Return one face of the flat cloth, with lacing rows across and down, `row_distance` m apart."""
     w, h = places.width, places.height

@@ -40,7 +40,7 @@ def hung_nodes(session: Session) -> dict[str, Node]:
         nodes |= _cloth(points, document.layout.design) | _beside("simulated", ghost, _BEFORE)
         return nodes | _measured(motion, session.playing.frame)
     if shape is not None:
-        nodes |= _cloth(shape.points, shape.layout.design) | _beside("before", session.shapes.before, _BEFORE)
+        nodes |= _at_rest(shape) | _beside("before", session.shapes.before, _BEFORE)
     other = document.other()
     if other is not None and other[1].shape is not None:
         nodes |= _beside("other", other[1].shape.points, _OTHER)
@@ -63,6 +63,11 @@ def _frame(design: Design) -> dict[str, Node]:
         "/hung/title": Node("label", title),
         "/hung/bar": Node("line_segments", {**line, "visible": design.fabric.hung == "top"}),
     }
+
+
+@lru_cache(maxsize=2)
+def _at_rest(shape: LiveShape) -> dict[str, Node]:
+    return _cloth(shape.points, shape.layout.design)
 
 
 def _cloth(points: Shape, design: Design) -> dict[str, Node]:

@@ -112,9 +112,9 @@ def ribbon(path: Array, width: float) -> tuple[NDArray[np.float32], NDArray[np.u
 
 def laced(points: NDArray[np.float32], muscle: Muscle, fabric: Fabric) -> Array:
     """Return a muscle's fixed points (n, 3) m on a shape (2 m^2, 3) m of the cloth, a little off its face."""
-    front, back = two_faces(points)
-    face, behind = (front, back) if muscle.side == "front" else (back, front)
-    return at_places(face + 0.75 * (face - behind), muscle.fixed_points() / [fabric.width, fabric.height])
+    faces = at_places(two_faces(points), muscle.fixed_points() / [fabric.width, fabric.height])
+    face, behind = faces if muscle.side == "front" else faces[::-1]
+    return np.asarray(face + 0.75 * (face - behind))
 
 
 def heat(values: Array, largest: float) -> NDArray[np.uint8]:

@@ -54,13 +54,20 @@ class Studio:
         self._worker = worker
         self.session = Session(opened, worker)
         self.page = Page(viser_server, self.session, self.post)
+        self._stale = False  # whether the page shows what no longer holds
 
     def post(self, ask: Callable[[], None]) -> None:
         """Have something done on the session's thread, by the next turn."""
         self._due.put(ask)
 
+    def begin(self) -> None:
+        def changed() -> None:
+            self._stale = True
+
+        self.session.begin(changed)
+
     def run(self, until: Callable[[], bool] = lambda: False) -> None:
-        self.session.begin(self.page.show)
+        self.begin()
         last, alive = time.monotonic(), True
         while not until():
             self.turn()
@@ -72,13 +79,16 @@ class Studio:
                 self.session.document.tell("The simulator has ended; save, and start the studio again.", bad=True)
 
     def turn(self) -> None:
-        """Do what the page asks, all that has come, or after a beat nothing; then whatever is due."""
+        """Do what the page asks, all that has come, or after a beat nothing; then what is due; draw what changed."""
         with contextlib.suppress(queue.Empty):
             ask = self._due.get(timeout=_SHORT if self.session.shapes.waiting else _BEAT)
             while True:
                 self._do(ask)
                 ask = self._due.get_nowait()
         self.session.tick()
+        if self._stale:
+            self._do(self.page.show)
+            self._stale = False  # also where that failed: it would fail again
 
     def _do(self, ask: Callable[[], None]) -> None:
         """Do one thing; an error in it must not take the layout along."""
