@@ -16,6 +16,7 @@ from fabdesign.catalogue import build
 from fabdesign.corrector import Trust, with_history
 from fabdesign.design import Design
 from fabdesign.design_file import read_design, write_design
+from fabdesign.effects.registry import EFFECTS
 from fabdesign.errors import InputError
 from fabdesign.export import export_design
 from fabdesign.forward import Case
@@ -28,6 +29,7 @@ from fabdesign.surface import Surface, capped_rms
 from optimize.margins import Limits, constraint_margins
 from studies.check.files import inspect
 from studies.studio import layout as edits
+from studies.studio.design_panels import model
 from studies.studio.files import Autosave, Saving
 from studies.studio.history import DrawnLayout, History
 from studies.studio.layout import Layout, row_distance, rows, snapped
@@ -627,7 +629,8 @@ def test_the_distance_to_a_target_is_that_of_the_metrics(tmp_path: Path) -> None
 
 
 def test_the_study_of_a_search_reads_back(tmp_path: Path) -> None:
-    target = target_at(BASIC, tmp_path / "flat.xyz")
+    shown = target_at(BASIC, tmp_path / "flat.xyz")
+    target = replace(shown, file=replace(shown.file, face="front", distances="one way"))
     folder = tmp_path / "search"
     folder.mkdir()
     write_design(BASIC.design, folder / "design.toml")
@@ -646,6 +649,7 @@ def test_the_study_of_a_search_reads_back(tmp_path: Path) -> None:
         assert study.start_pressures is not None
         assert study.start_pressures[0] == 125.5e3
         assert study.targets[0].file.resolve() == (tmp_path / "flat.xyz").resolve()
+        assert (study.targets[0].face, study.targets[0].distances) == ("front", "one way")
 
 
 @pytest.mark.parametrize("kept", [True, False])
@@ -801,6 +805,23 @@ def test_effects_are_switched_with_amounts_that_show() -> None:
     assert (sheet.model.factors, sheet.model.effects) == ({}, ())
 
 
+def test_fields_of_effects_hold_their_values_within_the_declared_limits(begin: Begin) -> None:
+    session, *_ = begin()
+    choice = session.document.choice
+    for name, effect in EFFECTS.items():
+        choice = choice.switched(name, effect.site != "sensing")
+    session.document.choose(choice)
+    folders = {part.name.replace(" ", "_"): part.inside for part in model(session.document)}
+    assert [*folders] == [*choice.effect_values]
+    for name, (switch, *fields) in folders.items():
+        assert switch.value
+        for field, key in zip(fields, sorted(choice.effect_values[name]), strict=True):
+            declared = EFFECTS[name].parameters[key]
+            assert (field.given["min"], field.given["max"]) == declared.bounds
+            assert field.given["min"] <= field.value <= field.given["max"]  # viser refuses others
+            assert (field.value, field.given["hint"]) == (round(choice.effect_values[name][key], 6), declared.what)
+
+
 # scene
 
 
@@ -927,7 +948,8 @@ def test_the_page_draws_all_that_a_session_holds(folder: Path, monkeypatch: pyte
         session.document.edit("add", lambda layout: edits.add_corner(edits.add_muscle(layout, 0), 8))
         session.document.edit("move", lambda layout: edits.move_muscle(layout, 8, (-0.022, 0.0)))
         session.document.choose(session.document.choice.switched("frame_tilt", True))
-        page.set_gizmo(True)
+        page.widgets.press("Target", "Placed by hand", "Gizmo")
+        studio.turn()
         assert server.scene.get_handle_by_name("/hung/gizmo") is not None
         session.document.place_target((0.0, 0.0, 5.0), (0.0, 0.001, 0.0))
         run()

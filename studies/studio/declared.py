@@ -11,7 +11,27 @@ from typing import Any
 
 import numpy as np
 
+from fabdesign.units import from_kpa, from_mm, in_kpa, in_mm
+
 Post = Callable[[Callable[[], None]], None]
+
+
+@dataclass(frozen=True)
+class Unit:
+    """How a quantity in SI is shown, and what is typed is read. digits: after the point."""
+
+    shown: Callable[[float], float]
+    read: Callable[[float], float]
+    digits: int
+
+    def show(self, value: Any) -> Any:
+        return tuple(map(self.show, value)) if isinstance(value, tuple) else round(self.shown(value), self.digits)
+
+    def take(self, value: Any) -> Any:
+        return tuple(map(self.take, value)) if isinstance(value, list | tuple) else self.read(value)
+
+
+MM, KPA = Unit(in_mm, from_mm, 3), Unit(in_kpa, from_kpa, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,11 +47,23 @@ class Widget:
     inside: Sequence["Widget"] = ()
     given: Mapping[str, Any] = field(default_factory=dict)
     typed: bool = False
+    unit: Unit | None = None
 
 
-def entry(kind: str, label: str, value: Any, then: Callable[[Any], None] | None = None, **given: Any) -> Widget:
-    """Return an input with a label; without `then` what is typed stays until it is asked for."""
-    return Widget(kind, label, value, then or (lambda _: None), (), {"label": label, **given}, typed=then is None)
+def entry(
+    kind: str, label: str, value: Any, then: Callable[[Any], None] | None = None, unit: Unit | None = None, **given: Any
+) -> Widget:
+    """Return an input with a label; without `then` what is typed stays until it is asked for. unit: value and limits
+    are in SI, and what is typed comes in SI."""
+    if unit is not None:
+        value = unit.show(value)
+        given |= {end: unit.show(given[end]) for end in ("min", "max") if end in given}
+    return Widget(kind, label, value, then or (lambda _: None), (), {"label": label, **given}, then is None, unit)
+
+
+def choice(label: str, options: Sequence[str], value: str, then: Callable[[str], None] | None = None) -> Widget:
+    """Return a list that drops down."""
+    return entry("dropdown", label, value, then, options=tuple(options))
 
 
 def button(label: str, then: Callable[[], None], *, disabled: bool = False) -> Widget:
@@ -70,6 +102,12 @@ class _Made:
     handle: Any
     inside: list["_Made"] = field(default_factory=list)
 
+    @property
+    def value(self) -> Any:
+        """Return what stands in an input, in SI where it has a unit."""
+        value = self.handle.value
+        return value if self.part.unit is None else self.part.unit.take(value)
+
 
 class Widgets:
     """The panel beside the scene. post: runs a function on the session's thread."""
@@ -88,6 +126,27 @@ class Widgets:
     def labels(self, *names: str) -> list[str]:
         """Return the names of the widgets inside one."""
         return [made.part.name for made in self._find(names).inside]
+
+    def typed(self, *names: str) -> Any:
+        """Return what stands in an input, by its name and those of what it lies in."""
+        return self._find(names).value
+
+    def unless_lost(self, reason: str | None, write: Callable[..., Any]) -> None:
+        """Call `write(replace=...)`, after asking where something would be lost by it."""
+        if reason is None:
+            write(replace=False)
+            return
+        dialog = self._gui.add_modal("Replace what is there?")
+        with dialog:
+            self._gui.add_markdown(markdown(f"{reason}."))
+            yes, no = self._gui.add_button("Replace it"), self._gui.add_button("Leave it")
+
+        def replace() -> None:
+            dialog.close()
+            write(replace=True)
+
+        yes.on_click(lambda _: self._post(replace))
+        no.on_click(lambda _: self._post(dialog.close))
 
     def press(self, *names: str) -> None:
         """Press a button, as a person does."""
@@ -122,7 +181,7 @@ class Widgets:
 
         def put_in(event: Any) -> None:
             if event.client is not None:  # else the program set it
-                value = made.handle.value
+                value = made.value
                 self._post(lambda: made.part.then(value))
 
         if hasattr(made.handle, "on_click"):

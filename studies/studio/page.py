@@ -1,11 +1,10 @@
 """The page: scene and panel put together on a viser server, drawn anew from the session whenever something changes."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from studies.studio.declared import Node, Nodes, Post, Widgets, markdown
+from studies.studio.declared import Node, Nodes, Post, Widgets
 from studies.studio.flat_view import FlatView
 from studies.studio.hung_view import hung_nodes
 from studies.studio.panels import Panel
@@ -18,10 +17,10 @@ class Page:
 
     def __init__(self, server: Any, session: Session, post: Post) -> None:
         self._server, self._session, self._post = server, session, post
-        self.gizmo = False
         self._arrange(server)
         self._nodes, self._flat = Nodes(server.scene), FlatView(session.document, post)
-        self.widgets, self._panel = Widgets(server.gui, post), Panel(session, self)
+        self.widgets = Widgets(server.gui, post)
+        self._panel = Panel(session, self.widgets)
         document = session.document
         for label, key, then in (("Undo", "Z", document.undo), ("Redo", "Y", document.redo)):
             command = server.gui.add_command(label, hotkey=key, modifier="cmd/ctrl")
@@ -63,38 +62,10 @@ class Page:
         client.camera.on_update(fit)
         fit(client.camera)
 
-    # what the panel asks of the page
-
-    def typed(self, *names: str) -> Any:
-        """Return what stands in an input, by its name and those of what it lies in."""
-        return self.widgets.handle(*names).value
-
-    def unless_lost(self, reason: str | None, write: Callable[..., Any]) -> None:
-        """Call `write(replace=...)`, after asking where something would be lost by it."""
-        if reason is None:
-            write(replace=False)
-            return
-        gui = self._server.gui
-        dialog = gui.add_modal("Replace what is there?")
-        with dialog:
-            gui.add_markdown(markdown(f"{reason}."))
-            yes, no = gui.add_button("Replace it"), gui.add_button("Leave it")
-
-        def replace() -> None:
-            dialog.close()
-            write(replace=True)
-
-        yes.on_click(lambda _: self._post(replace))
-        no.on_click(lambda _: self._post(dialog.close))
-
-    def set_gizmo(self, on: bool) -> None:
-        self.gizmo = on
-        self.show()
-
     def _gizmo_node(self) -> dict[str, Node]:
         """Return a gizmo that moves the target, at its middle, where one is asked for."""
         target = self._session.document.target
-        if not self.gizmo or target is None:
+        if not self._panel.gizmo or target is None:
             return {}
         import viser.transforms as transforms
 
