@@ -18,9 +18,9 @@ from studies.studio.target import Comparison, ShownTarget, placed_by_hand
 
 
 class Document:
-    """One thread owns it; the page asks through a queue.
+    """What a person edits, and what of it is shown. One thread owns it; the page asks through a queue.
 
-    history: the own drawing. targets: one for each pose; none where the layout is drawn for its own sake. shown: a
+    history: the own drawing; drawn: its last shape. targets: one for each pose; none where nothing is aimed at. shown: a
     result of a search; None: the own drawing. beside: whether another drawing is shown beside. message: what was told
     last, and whether it is bad news. listeners: called when what is shown, its model or its target is another one.
     show: draws the page.
@@ -30,7 +30,7 @@ class Document:
         self.opened, self.limits, self._clock = opened, opened.limits, clock
         self.history, self.choice = History(opened.layout), ModelChoice.of(opened.model)
         self.targets, self.results = list(opened.targets), list[Result]()
-        self.own, self.beside = Seen(), True
+        self.drawn, self.beside = Seen(), True
         self.shown: Result | None = None
         self.snap, self.row_distance = False, row_distance(opened.layout.design)
         self.selected: int | None = 0 if opened.layout.design.muscles else None
@@ -86,10 +86,12 @@ class Document:
 
     @property
     def seen(self) -> Seen:
-        return self.own if self.shown is None else self.shown
+        """Return what was seen of the drawing that is shown."""
+        return self.drawn if self.shown is None else self.shown
 
     @property
     def comparison(self) -> Comparison | None:
+        """Return how far the drawing that is shown is from the target, once it was seen."""
         return self.seen.comparison
 
     def other(self) -> tuple[Layout, Seen] | None:
@@ -97,14 +99,14 @@ class Document:
         if not self.beside or (self.shown is None and not self.results):
             return None
         if self.shown is not None:
-            return self.history.layout, self.own
+            return self.history.layout, self.drawn
         return self.results[-1].layout(self.pose), self.results[-1]
 
     def rows(self) -> list[Row]:
         """Return the rows of the table that compares the own drawing with the results."""
         alone = len(self.targets) == 1  # over several poses a search's objective is a mean
-        own = Row.of("own drawing", self.history.layout, self.own, shown=self.shown is None)
-        return [own] + [
+        drawn = Row.of("own drawing", self.history.layout, self.drawn, shown=self.shown is None)
+        return [drawn] + [
             Row.of(r.name, r.layout(self.pose), r, shown=self.shown is r, objective=r.objective if alone else None)
             for r in self.results
         ]
@@ -234,7 +236,7 @@ class Document:
             return
         result, self.shown = self.shown, None
         self.history.take(f"take {result.name}", result.layouts)
-        self.own.shape, self.own.comparison = result.shape, result.comparison
+        self.drawn.shape, self.drawn.comparison = result.shape, result.comparison
         self.changed()
 
     def choose(self, choice: ModelChoice) -> None:
@@ -269,5 +271,5 @@ class Document:
 
     def _forget(self) -> None:
         """Drop what was seen: it was under another model, or beside another target."""
-        for seen in (self.own, *self.results):
+        for seen in (self.drawn, *self.results):
             seen.forget()

@@ -42,7 +42,7 @@ class Layout:
         return self.with_muscles(tuple(muscles))
 
     def with_pressure(self, channel: int, pressure: float) -> "Layout":
-        """pressure: Pa."""
+        """Return the layout with another pressure [Pa] on a channel."""
         return replace(self, pressures=(*self.pressures[:channel], pressure, *self.pressures[channel + 1 :]))
 
 

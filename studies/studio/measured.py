@@ -90,7 +90,7 @@ class TrialErrors:
     """
 
     def __init__(self, document: Document, ask: Callable[[Ask, Callable[[Answer], None]], None]) -> None:
-        """ask: has the simulator answer, once it can."""
+        """Take `ask`, which has the simulator answer once it can."""
         self._document, self._ask = document, ask
         self._running, self._choice = False, document.choice
         self.by_label: dict[str, tuple[Errors, ...]] = {}

@@ -104,9 +104,9 @@ class Panel:
         document, rows = self._document, self._document.rows()
         names = tuple(row.name for row in rows)
         said = [f"{result.name}: {result.state}" for result in document.results]
-        own = rows[0] if len(document.targets) == 1 else None
+        drawn = rows[0] if len(document.targets) == 1 else None
         for result in document.results:
-            buys = one_more_buys(result, [other for other in document.results if other is not result], own)
+            buys = one_more_buys(result, [other for other in document.results if other is not result], drawn)
             said += [buys] if buys else []
         nothing = "Nothing yet: *Search from here* under *Target*. An edit of a result takes it as own drawing."
 

@@ -27,7 +27,7 @@ _PAUSE = 0.5  # s, before a motion begins again
 
 
 class Playing:
-    """motion: of the layout that is shown; None: its shape at rest is looked at. frame: the one that is shown. running:
+    """Plays one motion at a time. motion: of the layout that is shown; None: its shape at rest is looked at. frame: the one that is shown. running:
     whether it plays on by itself."""
 
     def __init__(self, document: Document, shapes: Shapes, errors: TrialErrors) -> None:

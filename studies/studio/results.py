@@ -66,23 +66,23 @@ class Row:
         return Row(name, len(layout.design.muscles), chamfer, rms, max(layout.pressures, default=0.0), shown)
 
 
-def one_more_buys(result: Result, others: Sequence[Result], own: Row | None) -> str | None:
+def one_more_buys(result: Result, others: Sequence[Result], drawn: Row | None) -> str | None:
     """Return in words what one more muscle buys, against the best with the muscles that the search began with, searched
-    or drawn; None where the result has no more of them, or nothing is there to compare it with. own: None where its
+    or drawn; None where the result has no more of them, or nothing is there to compare it with. drawn: the own drawing; None where its
     figure is not the search's, a mean over poses."""
     count = len(result.begun.design.muscles) if result.begun else 0
     if result.objective is None or result.begun is None or result.muscles <= count:
         return None
     rivals = [(o.objective, o.name) for o in others if o.objective is not None and o.muscles == count]
-    if own is not None and own.chamfer is not None and own.muscles == count:
-        rivals.append((own.chamfer, own.name))
+    if drawn is not None and drawn.chamfer is not None and drawn.muscles == count:
+        rivals.append((drawn.chamfer, drawn.name))
     if not rivals:
         return None
     before, name = min(rivals)
     less = in_mm(before - result.objective)
     change = f"{less:.2f} mm less" if less >= 0 else f"{-less:.2f} mm more"
-    drawn = own is not None and name == own.name
-    searched = "; for a fair comparison search from here without one more as well" if drawn else ""
+    by_hand = drawn is not None and name == drawn.name
+    searched = "; for a fair comparison search from here without one more as well" if by_hand else ""
     return (
         f"One more muscle: Chamfer {in_mm(result.objective):.2f} mm with {result.muscles} muscles, {change} than "
         f"{in_mm(before):.2f} mm with {count} ({name}){searched}."
