@@ -36,9 +36,9 @@ MM, KPA = Unit(in_mm, from_mm, 3), Unit(in_kpa, from_kpa, 1)
 
 @dataclass(frozen=True, eq=False)
 class Widget:
-    """An input, a text or what holds others. kind: what follows `add_` in viser. name: its label, or what it is looked up by. value: what an input holds.
-    then: takes what a person has put in. given: viser's other arguments. typed: what is typed stays until `value` is
-    another, for it counts only once a button is pressed."""
+    """An input, a text or what holds others. kind: what follows `add_` in viser. name: its label, or what it is looked
+    up by. value: what an input holds. then: takes what a person has put in. given: viser's other arguments. typed: what
+    is typed stays until `value` is another, for it counts only once a button is pressed."""
 
     kind: str
     name: str = ""
@@ -202,8 +202,8 @@ def _change(made: _Made, widget: Widget) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Node:
-    """A thing in the scene. given: viser's arguments; one that is no property of a handle makes it anew when it changes. click,
-    drag, moved: take viser's event, on a thread of viser's."""
+    """A thing in the scene. given: viser's arguments; one that is no property of a handle makes it anew when it
+    changes. click, drag, moved: take viser's event, on a thread of viser's."""
 
     kind: str
     given: Mapping[str, Any]

@@ -20,11 +20,10 @@ from studies.studio.target import Comparison, ShownTarget, placed_by_hand
 class Document:
     """What a person edits, and what of it is shown. One thread owns it; the page asks through a queue.
 
-    history: the own drawing; drawn: its last shape. targets: one for each pose; none where nothing is aimed at. shown: a
-    result of a search; None: the own drawing. beside: whether another drawing is shown beside. message: what was told
+    history: the own drawing; drawn: its last shape. targets: one for each pose; none where nothing is aimed at. shown:
+    a result of a search; None: the own drawing. beside: whether another drawing is shown beside. message: what was told
     last, and whether it is bad news. listeners: called when what is shown, its model or its target is another one.
-    show: draws the page.
-    """
+    show: draws the page."""
 
     def __init__(self, opened: Opened, clock: Callable[[], float]) -> None:
         self.opened, self.limits, self._clock = opened, opened.limits, clock

@@ -165,7 +165,8 @@ def _template(layout: Layout, folder: Path) -> tuple[str, ...]:
 
 
 class Files:
-    """Saves, restores and follows the file. folder and template_folder: where the design and its templates go, unless other places are typed."""
+    """Saves, restores and follows the file. folder and template_folder: where the design and its templates go, unless
+    other places are typed."""
 
     def __init__(self, document: Document) -> None:
         self._document, self._file = document, document.opened.file

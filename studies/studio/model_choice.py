@@ -19,9 +19,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ModelChoice:
-    """What was chosen. given: what `--model` brought, if anything. fitted: whether its factors, effects and corrector hold, or the data
-    sheet. effect_values: of the effects that are on, by name, each parameter in the unit that the effect declares.
-    corrected: whether the corrector acts, where the model has one."""
+    """What was chosen. given: what `--model` brought, if anything. fitted: whether its factors, effects and corrector
+    hold, or the data sheet. effect_values: of the effects that are on, by name, each parameter in the unit that the
+    effect declares. corrected: whether the corrector acts, where the model has one."""
 
     given: Model | None = None
     fitted: bool = True

@@ -42,8 +42,8 @@ class Opened:
 
 
 def open_files(files: Sequence[Path], model_file: Path | None, how: AsTarget = AS_GIVEN) -> Opened:
-    """Open a design, study or set, at most one of them (none: the catalogue's *basic*), and beside it at most one target and
-    one table of pressures. how: that target is read. Raises InputError."""
+    """Open a design, study or set, at most one of them (none: the catalogue's *basic*), and beside it at most one
+    target and one table of pressures. how: that target is read. Raises InputError."""
     kinds = {file: _kind(file) for file in files}
     for kind in ("design, study or set", "target", "pressures"):
         several = [str(file) for file, (sort, _) in kinds.items() if sort == kind]

@@ -13,7 +13,8 @@ from studies.studio.session import Session
 
 
 class Page:
-    """Shows a session and lets hands at it. post: runs a function on the session's thread. widgets: what stands beside the scene."""
+    """Shows a session and lets hands at it. post: runs a function on the session's thread. widgets: what stands beside
+    the scene."""
 
     def __init__(self, server: Any, session: Session, post: Post) -> None:
         self._server, self._session, self._post = server, session, post

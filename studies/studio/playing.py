@@ -27,8 +27,8 @@ _PAUSE = 0.5  # s, before a motion begins again
 
 
 class Playing:
-    """Plays one motion at a time. motion: of the layout that is shown; None: its shape at rest is looked at. frame: the one that is shown. running:
-    whether it plays on by itself."""
+    """Plays one motion at a time. motion: of the layout that is shown; None: its shape at rest is looked at. frame: the
+    one that is shown. running: whether it plays on by itself."""
 
     def __init__(self, document: Document, shapes: Shapes, errors: TrialErrors) -> None:
         self._document, self._shapes, self._errors = document, shapes, errors

@@ -68,8 +68,8 @@ class Row:
 
 def one_more_buys(result: Result, others: Sequence[Result], drawn: Row | None) -> str | None:
     """Return in words what one more muscle buys, against the best with the muscles that the search began with, searched
-    or drawn; None where the result has no more of them, or nothing is there to compare it with. drawn: the own drawing; None where its
-    figure is not the search's, a mean over poses."""
+    or drawn; None where the result has no more of them, or nothing is there to compare it with. drawn: the own drawing;
+    None where its figure is not the search's, a mean over poses."""
     count = len(result.begun.design.muscles) if result.begun else 0
     if result.objective is None or result.begun is None or result.muscles <= count:
         return None

@@ -13,8 +13,8 @@ from studies.studio.target import compare
 
 
 class Shapes:
-    """Follows the document. shown: the last shape that came. before: (2 n, 3) m, the one before a jump, until the next gesture. band: around
-    `shown`, where it is exact and the model's intervals are known."""
+    """Follows the document. shown: the last shape that came. before: (2 n, 3) m, the one before a jump, until the next
+    gesture. band: around `shown`, where it is exact and the model's intervals are known."""
 
     def __init__(self, document: Document, solver: Solves) -> None:
         self._document = document
