@@ -31,7 +31,7 @@ from studies.check.files import inspect
 from studies.studio import layout as edits
 from studies.studio.design_panels import model
 from studies.studio.files import Autosave, Saving
-from studies.studio.history import DrawnLayout, History
+from studies.studio.history import DrawingHistory, DrawnLayout
 from studies.studio.layout import Layout, row_distance, rows, snapped
 from studies.studio.limits import broken_limits
 from studies.studio.live import JumpDetector, Live, LiveShape
@@ -164,7 +164,7 @@ def test_every_edit_is_a_design_that_reads_back(tmp_path: Path) -> None:
 
 
 def test_a_gesture_is_one_step() -> None:
-    document = History(BASIC)
+    document = DrawingHistory(BASIC)
     for k in range(5):
         document.shape("drag", edits.move_muscle(BASIC, 0, (0.001 * k, 0.0)))
     document.end()
@@ -179,7 +179,7 @@ def test_a_gesture_is_one_step() -> None:
 
 
 def test_changed_means_other_than_what_was_kept() -> None:
-    document = History(BASIC)
+    document = DrawingHistory(BASIC)
     document.do("flip", edits.flip(BASIC, 0))
     assert document.changed
     document.keep()

@@ -17,7 +17,7 @@ Post = Callable[[Callable[[], None]], None]
 
 
 @dataclass(frozen=True)
-class Unit:
+class ShownUnit:
     """How a quantity in SI is shown, and what is typed is read. digits: after the point."""
 
     shown: Callable[[float], float]
@@ -31,7 +31,7 @@ class Unit:
         return tuple(map(self.take, value)) if isinstance(value, list | tuple) else self.read(value)
 
 
-MM, KPA = Unit(in_mm, from_mm, 3), Unit(in_kpa, from_kpa, 1)
+MM, KPA = ShownUnit(in_mm, from_mm, 3), ShownUnit(in_kpa, from_kpa, 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,11 +47,16 @@ class Widget:
     inside: Sequence["Widget"] = ()
     given: Mapping[str, Any] = field(default_factory=dict)
     typed: bool = False
-    unit: Unit | None = None
+    unit: ShownUnit | None = None
 
 
 def entry(
-    kind: str, label: str, value: Any, then: Callable[[Any], None] | None = None, unit: Unit | None = None, **given: Any
+    kind: str,
+    label: str,
+    value: Any,
+    then: Callable[[Any], None] | None = None,
+    unit: ShownUnit | None = None,
+    **given: Any,
 ) -> Widget:
     """Return an input with a label; without `then` what is typed stays until it is asked for. unit: value and limits
     are in SI, and what is typed comes in SI."""
@@ -225,7 +230,7 @@ def _fits(made: _Made, node: Node) -> bool:
     return True
 
 
-class Nodes:
+class SceneNodes:
     """The nodes of a scene by their names."""
 
     def __init__(self, scene: Any) -> None:

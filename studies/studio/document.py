@@ -8,7 +8,7 @@ from typing import Literal
 from fabdesign.errors import InputError
 from fabdesign.study_targets import TargetFile
 from fabdesign.trial import Trial
-from studies.studio.history import History
+from studies.studio.history import DrawingHistory
 from studies.studio.layout import Layout, Point, move_corner, move_muscle, point_name, row_distance, snapped
 from studies.studio.limits import Broken, broken_limits
 from studies.studio.model_choice import ModelChoice
@@ -27,7 +27,7 @@ class Document:
 
     def __init__(self, opened: Opened, clock: Callable[[], float]) -> None:
         self.opened, self.limits, self._clock = opened, opened.limits, clock
-        self.history, self.choice = History(opened.layout), ModelChoice.of(opened.model)
+        self.history, self.choice = DrawingHistory(opened.layout), ModelChoice.of(opened.model)
         self.targets, self.results = list(opened.targets), list[Result]()
         self.drawn, self.beside = Seen(), True
         self.shown: Result | None = None

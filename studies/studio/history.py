@@ -42,7 +42,7 @@ class DrawnLayout:
         )
 
 
-class History:
+class DrawingHistory:
     """A drawing under edit, with undo and redo. A gesture (a drag, one move of a slider) is one step, however many
     layouts it passes through."""
 

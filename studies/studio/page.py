@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.studio.declared import Node, Nodes, Post, Widgets
+from studies.studio.declared import Node, Post, SceneNodes, Widgets
 from studies.studio.flat_view import FlatView
 from studies.studio.hung_view import hung_nodes
 from studies.studio.panels import Panel
@@ -19,7 +19,7 @@ class Page:
     def __init__(self, server: Any, session: Session, post: Post) -> None:
         self._server, self._session, self._post = server, session, post
         self._arrange(server)
-        self._nodes, self._flat = Nodes(server.scene), FlatView(session.document, post)
+        self._nodes, self._flat = SceneNodes(server.scene), FlatView(session.document, post)
         self.widgets = Widgets(server.gui, post)
         self._panel = Panel(session, self.widgets)
         document = session.document
