@@ -23,7 +23,7 @@ from fabdesign.output import new_file, read_mark, sweep, whole_file
 from studies.check.files import inspect
 from studies.report.charts import chart, curve
 from studies.report.page import html_of
-from studies.studio.panels.asking import markdown
+from studies.studio.declared import markdown
 from tests.command_line import Run, one_line
 
 ROOT = Path(__file__).parents[1]
