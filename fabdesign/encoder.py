@@ -17,19 +17,17 @@ NamesOfFiles = Mapping[type, Callable[[Any], str]]  # writes an object's own fil
 
 class Encoder:
     """Turns dataclasses into what TOML takes. file: names of others are relative to its folder. names: of objects that
-    have files of their own. brief: what is the default is left out."""
+    have files of their own."""
 
-    def __init__(
-        self, file: Path, names: NamesOfFiles | None = None, *, comments: bool = False, brief: bool = False
-    ) -> None:
-        self._folder, self._names, self._comments, self._brief = file.parent, names or {}, comments, brief
+    def __init__(self, file: Path, names: NamesOfFiles | None = None, *, comments: bool = False) -> None:
+        self._folder, self._names, self._comments = file.parent, names or {}, comments
 
     def encode(self, thing: Any) -> Any:
         """Return the table of a dataclass; what is None is left out."""
         root: Any = tomlkit.table() if self._comments else {}
         for each in file_keys(type(thing)):
             value, table = getattr(thing, each.field), root
-            brief = (self._brief or each.notes.key.brief) and value == each.default
+            brief = each.notes.key.brief and value == each.default
             if value is None or brief or not (name := next(iter(each.notes.key.one_of), each.name)):
                 continue
             for outer in each.tables:

@@ -77,11 +77,6 @@ class Quantity:
     unit: Annotated[str, "the declared one"]
     interval90: Annotated[tuple[float, float] | None, _INTERVALS] = None
 
-    def as_json(self) -> dict[str, Any]:
-        """Its fields."""
-        interval = None if self.interval90 is None else list(self.interval90)
-        return {"value": self.value, "unit": self.unit, "interval90": interval}
-
 
 @dataclass(frozen=True)
 class EffectTerm:

@@ -17,6 +17,7 @@ from fabdesign.schema import ABOVE_0, FileUnit, Key, Within
 from fabdesign.table import Table, nearest
 from fabdesign.trial_file import TrialData, program_of, read_trial, read_trial_pressures
 from fabdesign.trial_place import require_on_cloth
+from fabdesign.units import InFile
 
 Role = Literal["fit", "test"]
 
@@ -72,19 +73,21 @@ class Trial:
         return data
 
 
+_TILT = Key("tilt_deg")
+
+
 @dataclass(frozen=True)
 class Accuracy:
     """Standard deviations of what the trials were given. By default those of a laboratory that says nothing of them."""
 
     pressure: Annotated[float, Within(least=0, most=1), "of a channel, as a share of it; with tilt_deg 0: exact"] = 0.01
-    tilt: Annotated[float, Key("tilt_deg"), FileUnit("degrees"), Within(least=0, most=45), "of the frame's level"] = 0.5
+    tilt: Annotated[float, _TILT, InFile("tilt_deg"), FileUnit("degrees"), Within(least=0, most=45), "of the level"] = (
+        0.5
+    )
 
     @property
     def is_exact(self) -> bool:
         return not (self.pressure or self.tilt)
-
-    def as_json(self) -> dict[str, float]:
-        return {"pressure": self.pressure, "tilt_deg": self.tilt}
 
     @staticmethod
     def worst(accuracies: "Sequence[Accuracy]") -> "Accuracy":
