@@ -101,16 +101,16 @@ def test_predict_and_evaluate(run: Run, asked: Callable[[], list[str]], monkeypa
     monkeypatch.setattr("studies.evaluation_report._write_histogram", lambda _, path: path.touch())  # is slow
     assert run("predict", "set", "--model", "model.toml", "-o", "out")[0] == 0
     before = asked()
-    motions = fabdesign.predict("model.toml", fabdesign.read_set("set"))
+    motions = fabdesign.predict(fabdesign.read_set("set"), "model.toml")
     assert asked() == before and [*motions] == ["000", "001", "002"]
     for name, motion in motions.items():
         assert np.array_equal(motion.points, read_motion(Path(f"out/trials/{name}.npz")).points)
     _, out, _ = run("evaluate", "set", "--model", "model.toml", "--all", "--json")
     asked()
-    found = fabdesign.evaluate(fabdesign.read_model("model.toml"), "set", all_trials=True)
-    assert found.found.as_json() | {"skipped": []} == json.loads(out)
+    found = fabdesign.evaluate("set", fabdesign.read_model("model.toml"), all_trials=True)
+    assert found.to_json() | {"skipped": []} == json.loads(out)
     assert found.to_table()["chamfer_after"].to_numpy() == pytest.approx(
-        [1e3 * t.after.chamfer for table in found.found.others.values() for t in table.trials]
+        [1e3 * t.after.chamfer for table in found.others.values() for t in table.trials]
     )
 
 
@@ -226,7 +226,7 @@ def test_optimize_ends_with_a_design_and_its_table(asked: Callable[[], list[str]
     goal = AnalyticCloth().equilibria([Case(vertical, constant_program([2e5]))])[0]
     found = fabdesign.optimize(vertical, goal[::4], evaluations=40, progress=lambda line, share: told.append(share))
     assert found.pressures == pytest.approx(np.array([[200.0]]), abs=5)
-    assert len(found.to_table()) == found.found.as_json()["evaluations"] and told[-1] > 0
+    assert len(found.to_table()) == found.to_json()["evaluations"] and told[-1] > 0
     assert found.shapes[0].points.shape[0] == 1 and found.objective < 5e-3
 
 
@@ -330,7 +330,7 @@ def test_sensitivity(run: Run, asked: Callable[[], list[str]]) -> None:
     found = fabdesign.sensitivity("cross.toml", parameters, method="sobol", samples=8)
     assert asked() == before
     whole = json.loads(Path("out/result.json").read_text())
-    assert found.found.as_json()["outputs"] == whole["outputs"]
+    assert found.to_json()["outputs"] == whole["outputs"]
     assert found.indices("tip_z")["pressure.0"]["total"] > 0.2
     assert set(found.to_table()["parameter"]) == set(parameters)
     with pytest.raises(InputError, match=r"low = 300, high = 50; expected low < high, from 0 to "):
@@ -360,7 +360,7 @@ def test_ctrl_c_keeps_what_is_done(asked: Callable[[], list[str]], monkeypatch: 
         fabdesign.equilibrium("cross.toml", rows)
     calls.clear()
     swept = fabdesign.sensitivity("cross.toml", {"pressure.0": (0, 300)}, method="sobol", samples=64)
-    assert not swept.complete and "Interrupted, with " in swept.found.sentences[0]
+    assert not swept.complete and "Interrupted, with " in swept.sentences[0]
 
 
 def test_ctrl_c_keeps_the_trials_that_are_done(asked: Callable[[], list[str]], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -376,10 +376,10 @@ def test_ctrl_c_keeps_the_trials_that_are_done(asked: Callable[[], list[str]], m
 
     monkeypatch.setattr(Cloth, "motions", some)
     with pytest.warns(UserWarning, match="interrupted, with the first 2 of 3 trials"):
-        assert [*fabdesign.predict("model.toml", "set", grid=31)] == ["000", "001"]
+        assert [*fabdesign.predict("set", "model.toml", grid=31)] == ["000", "001"]
     batches.clear()
     with pytest.warns(UserWarning, match="interrupted, with the first 1 of 3 trials"):  # the second is being compared
-        found = fabdesign.evaluate("model.toml", "set", all_trials=True, grid=31).found
+        found = fabdesign.evaluate("set", "model.toml", all_trials=True, grid=31)
     assert [trial.trial for table in found.others.values() for trial in table.trials] == ["000"]
 
 

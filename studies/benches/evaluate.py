@@ -11,6 +11,7 @@ from fabdesign.bench import Bench, BenchRecord
 from fabdesign.bench_file import read_bench
 from fabdesign.errors import InputError
 from fabdesign.metrics import Statistics
+from fabdesign.tabled import Columns, Tabled
 from studies.benches.calibrate import LEAST_SHOWN
 from studies.benches.noise import BenchNoise, noise_of
 from studies.benches.predictions import RecordErrors, errors_of, prediction
@@ -20,7 +21,7 @@ METRIC = "rms"
 
 
 @dataclass(frozen=True, eq=False)
-class BenchEvaluation:
+class BenchEvaluation(Tabled):
     """tests, others: by record, of role test and of role fit."""
 
     bench: Bench
@@ -36,6 +37,12 @@ class BenchEvaluation:
             result["others"] = {self.bench.name: self._table(self.others)}
         noise = {"noise_floor": self.noise.sigma, "noise_from": self.noise.source}
         return result | {"metric": METRIC, "unit": self.unit} | noise
+
+    def columns(self) -> Columns:
+        """Return a row a record: its name, role and errors before and after, in `unit`."""
+        rows = [("test", *one) for one in self.tests.items()] + [("fit", *one) for one in self.others.items()]
+        names = {"record": [name for _, name, _ in rows], "role": [role for role, _, _ in rows]}
+        return {**names, **{when: [getattr(of, when) for *_, of in rows] for when in ("before", "after")}}
 
     def _table(self, records: Mapping[str, RecordErrors]) -> dict[str, Any]:
         return {

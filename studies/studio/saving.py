@@ -8,11 +8,11 @@ import numpy as np
 
 from fabdesign.design_file import write_design
 from fabdesign.errors import InputError
-from fabdesign.export import export_design
 from fabdesign.forward import RISE
 from fabdesign.output import new_folder, read_mark
 from fabdesign.pressure import rising_program
 from fabdesign.pressure_file import pressure_file_of, write_pressures
+from fabdesign.sewing import export_design
 from optimize.margins import Limits
 from studies.studio.autosave import content_hash
 from studies.studio.layout import Layout
