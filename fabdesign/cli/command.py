@@ -30,7 +30,7 @@ _TYPES: Mapping[str, click.ParamType[Any]] = {
     **dict.fromkeys(("File", "DesignLike", "ModelLike", "SetLike"), kinds.FILE),
 }
 _BY_NAME = {"rotation": kinds.TURN, "seconds": kinds.SECONDS, "tolerance": kinds.SECONDS}
-_LAST = ("effects", "cluster", "out", "force")  # options that many share
+_LAST = {"effects": 1, "cluster": 2, "out": 3, "force": 4}  # options that many share
 _NONE = inspect.Parameter.empty
 
 
@@ -69,8 +69,8 @@ def parse(docstring: str) -> tuple[str, dict[str, str]]:
     return "\n\n".join(text), {}
 
 
-def _parameters(verb: Verb, sentences: Mapping[str, str]) -> list[_Parameter]:
-    """Return those that the command can have, those that many share last."""
+def _signature(verb: Verb) -> list[tuple[str, str, Any]]:
+    """Return name, annotation and default of what the function takes, what it shares with others too."""
     given: list[tuple[str, str, Any]] = []
     for name, one in inspect.signature(verb.function).parameters.items():
         if one.kind is one.VAR_KEYWORD:
@@ -79,9 +79,13 @@ def _parameters(verb: Verb, sentences: Mapping[str, str]) -> list[_Parameter]:
             given += [(key, kind.__forward_arg__, None) for key, kind in fields.items()]
         else:
             given.append((name, one.annotation, one.default))
-    given.sort(key=lambda one: _LAST.index(one[0]) if one[0] in _LAST else -1)
+    return given
+
+
+def _parameters(verb: Verb, sentences: Mapping[str, str]) -> list[_Parameter]:
+    """Return those that the command can have, those that many share last."""
     parameters = []
-    for name, annotation, default in given:
+    for name, annotation, default in sorted(_signature(verb), key=lambda one: _LAST.get(one[0], 0)):
         word, several = WORDS.get(name, Word()), re.search(r"Sequence\[([\w| ]+)\]", annotation)
         kind = re.split(r" \| ", several[1] if several else annotation)[0]
         asked = verb.options is None or name in (*verb.options, *verb.arguments)
@@ -136,7 +140,7 @@ def _call(verb: Verb, by_comma: list[str], *, as_json: bool, **typed: Any) -> No
     first = next(iter(own))
     if "announce" in own:
         given["announce"] = lambda address: print_result({"address": address}, address, as_json)
-    if verb.hears:
+    if any(name == "progress" for name, *_ in _signature(verb)):
         with _progress(verb, Path(str(given.get(first))).stem) as shown:
             result = verb.function(**given, progress=shown, say=tell)
     else:

@@ -25,7 +25,7 @@ def _written(design: Design, given: Mapping[str, Any]) -> Shown:
     return Shown(content, f"{out}: {given['layout']}, {muscles} muscles on {design.channels} channels")
 
 
-@verb(_written, hears=False)
+@verb(_written)
 def new(
     layout: str,
     out: Toml | None = None,
@@ -88,7 +88,7 @@ def _checked(findings: Mapping[str, Findings], given: Mapping[str, Any]) -> Show
     return Shown({"files": content}, "\n".join(text), lines, 2 if any(of.problems for of in findings.values()) else 0)
 
 
-@verb(_checked, "FILES...", hears=False)
+@verb(_checked, "FILES...")
 def check(files: Sequence[File] | File, **given: Unpack[Placing]) -> dict[str, Findings]:
     """Check whether FILES are valid and plausible.
 
@@ -127,7 +127,7 @@ def _exported(made: Exported, given: Mapping[str, Any]) -> Shown:
     return Shown(content, "\n".join([*files, *poses_in_words(made.pressures)]))
 
 
-@verb(_exported, hears=False)
+@verb(_exported)
 def export(
     design: DesignLike,
     out: Folder,
@@ -234,7 +234,7 @@ def view(
     design = None if design is None else Path(design)
     with new_files(out, force=run.force, inputs=[*paths, *paths_of(model, design)]) as unfinished:
         fitted = run.model(model, without)
-        forward = None if fitted is None else simulator(grid or fitted.points_per_side)
+        forward = None if fitted is None else simulator(run.side(grid, fitted))
         if how.place == "fit" and design is not None:
             how = replace(how, fabric=read_design(design).fabric)
         items = items_of(paths, trial=trial, design=design, model=fitted, forward=forward, how=how)
@@ -254,7 +254,7 @@ def _marker(text: str) -> tuple[str, tuple[float, float]]:
     return name.strip(), (u, v)
 
 
-@verb(None, "[FILE]...", hears=False)
+@verb(None, "[FILE]...")
 def studio(
     files: Sequence[File] = (),
     *,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from fabdesign.errors import InputError
 from fabdesign.interface.run import Run, paths_of
-from fabdesign.interface.verb import Modelling, Shown, Working, Writing, verb
+from fabdesign.interface.verb import Extending, Shown, Working, Writing, verb
 
 if TYPE_CHECKING:
     from fabdesign.effects import Effect
@@ -26,7 +26,7 @@ def _listed(folders: Sequence[ResultFolder], given: Mapping[str, Any]) -> Shown:
     return Shown({"results": results}, "\n".join(lines) or "no results")
 
 
-@verb(_listed, "[FOLDERS]...", name="studies list", hears=False)
+@verb(_listed, "[FOLDERS]...", name="studies list")
 def list(folders: Sequence[File] | File = ()) -> Sequence[ResultFolder]:
     """List results, one line each.
 
@@ -43,7 +43,7 @@ def _shown(one: ResultFolder, given: Mapping[str, Any]) -> Shown:
     return Shown(content, "\n".join(lines if one.result else [*lines, "  no result yet"]))
 
 
-@verb(_shown, name="studies show", hears=False)
+@verb(_shown, name="studies show")
 def show(folder: File) -> ResultFolder:
     """Show every value of a result."""
     from studies.result_folders import read_folder
@@ -59,7 +59,7 @@ def _compared(rows: Mapping[str, Sequence[Figure]], given: Mapping[str, Any]) ->
     return Shown({"folders": folders, "differ": rows}, "\n".join(lines) if rows else "no figure differs")
 
 
-@verb(_compared, "FOLDERS...", name="studies compare", hears=False)
+@verb(_compared, "FOLDERS...", name="studies compare")
 def compare(folders: Sequence[File]) -> Mapping[str, Sequence[Figure]]:
     """Compare the results of FOLDERS.
 
@@ -79,7 +79,7 @@ def _tabled(made: EvaluationsTable, given: Mapping[str, Any]) -> Shown:
     return Shown(content, f"{out}: {len(made.rows)} rows, {len(columns)} columns")
 
 
-@verb(_tabled, name="studies table", hears=False)
+@verb(_tabled, name="studies table")
 def table(folder: File, out: File, **given: Unpack[Writing]) -> EvaluationsTable:
     """Write every evaluation of a search or sweep as one table.
 
@@ -137,8 +137,8 @@ def _described(effects: Mapping[str, Effect], given: Mapping[str, Any]) -> Shown
     return Shown({"effects": as_json(effects)}, as_text(effects) if name is None else one_as_text(effects[name]))
 
 
-@verb(_described, "[NAME]", name="effects", hears=False, options=("effects",))
-def list_effects(name: str | None = None, **given: Unpack[Modelling]) -> Mapping[str, Effect]:
+@verb(_described, "[NAME]", name="effects")
+def list_effects(name: str | None = None, **given: Unpack[Extending]) -> Mapping[str, Effect]:
     """List the effects that a model can have.
 
     With NAME, describe one: parameters, units, priors, what it looks like in data.

@@ -81,7 +81,6 @@ def simulate(
     """
     from fabdesign.forward import HOLD, RISE, Case
     from fabdesign.interface.arguments import pairs
-    from fabdesign.model import Model
     from fabdesign.motion_file import mesh_paths
     from fabdesign.pressure import rising_program
     from fabdesign.pressure_file import told_slight
@@ -95,8 +94,11 @@ def simulate(
     if not lone and (out is not None or mesh is not None):
         raise InputError(f"{out or mesh}: one output for {len(asked)} motions; expected one design and one program")
     fitted = run.model(model, without)
-    side = grid or (fitted or Model()).points_per_side
-    times = [frame_times(p, duration=duration, frame_rate=frame_rate, points_per_side=side) for _, p in asked]
+    side = run.side(grid, fitted)
+    times = [
+        frame_times(p, duration=duration, frame_rate=frame_rate, points_per_side=side)
+        for _, p in ([] if equilibrium else asked)
+    ]
     meshes = [] if mesh is None else mesh_paths(Path(mesh), 1 if equilibrium else len(times[0]))
     rise, hold = RISE if rise is None else rise, HOLD if hold is None else hold
     acting = [rising_program(p.pressure[-1], rise, rise) if equilibrium else p for _, p in asked]
@@ -209,7 +211,6 @@ def sweep(
     from fabdesign.forward import HOLD, RISE, Case
     from fabdesign.interface.arguments import functions_of, pairs
     from fabdesign.interface.results import Sweep
-    from fabdesign.model import Model
     from fabdesign.units import in_kpa
     from studies.laced_motion import laced_motions, laced_rests
 
@@ -219,7 +220,7 @@ def sweep(
     rows: list[list[float]] = []
     with run.computing():
         rise, hold = RISE if rise is None else rise, HOLD if hold is None else hold
-        forward = simulator(grid or (fitted or Model()).points_per_side, rise=rise, hold=hold)
+        forward = simulator(run.side(grid, fitted), rise=rise, hold=hold)
         try:
             for part in _parts(run, asked, "swept"):
                 cases, time = [Case(*pair, order=order) for pair in asked[part]], np.asarray(at, dtype=float)

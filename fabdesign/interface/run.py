@@ -63,6 +63,13 @@ class Run:
             raise InputError(f"--without {','.join(without)}: there is no model; expected it with --model")
         return None
 
+    @staticmethod
+    def side(grid: int | None, model: Model | None) -> int:
+        """Return points a side: as asked for, else those that the model's factors were found on."""
+        from fabdesign.model import Model
+
+        return grid or (model or Model()).points_per_side
+
     def known_model(self, model: ModelLike, without: Sequence[str]) -> Model:
         """The same where there must be one."""
         if (read := self.model(model, without)) is None:
@@ -107,11 +114,14 @@ class Run:
         """A context whose batches go where they are asked to: `cluster`, the environment's, that of the study's file,
         or here."""
         from fabdesign.cluster import VARIABLE, current, on_cluster
-        from fabdesign.study_file import read_cluster
 
         address = self._cluster
         if address is None and current() is None:
-            address = os.environ.get(VARIABLE) or (read_cluster(study) if isinstance(study, Path) else None)
+            address = os.environ.get(VARIABLE)
+            if address is None and isinstance(study, Path):
+                from fabdesign.study_file import read_cluster
+
+                address = read_cluster(study)
         with on_cluster(address, say=self.say):
             yield
 

@@ -49,13 +49,13 @@ class Working(Writing, total=False):
     say: Say
 
 
-class Modelling(Working, total=False):
-    """What takes a model with effects, besides."""
+class Extending(TypedDict, total=False):
+    """What knows effects."""
 
     effects: Sequence[File]
 
 
-class Computing(Modelling, total=False):
+class Computing(Working, Extending, total=False):
     """What asks for batches, besides."""
 
     cluster: str | None
@@ -69,7 +69,7 @@ class Placing(TypedDict, total=False):
     rotation: Sequence[float] | None
 
 
-class Looking(Placing, Modelling, total=False):
+class Looking(Working, Extending, Placing, total=False):
     """What shows such files beside a model's."""
 
 
@@ -133,8 +133,8 @@ class Verb:
     shown: of the result and the arguments by name; None: nothing is printed. arguments: parameters that are arguments
     of the command too, with what its usage calls them ("": as click does); by default the first. options: parameters
     that are its options; None: all that can be. optional: whether the command goes without `-o`. from_shell: changes
-    arguments, by name, from what is typed. hears: whether it says how far it is. title: of the progress; by default the
-    first argument's name. interval: s between its lines. search: whether it is that of a search.
+    arguments, by name, from what is typed. title: of the progress; by default the first argument's name. interval: s
+    between its lines. search: whether it is that of a search.
     """
 
     function: Callable[..., Any]
@@ -143,7 +143,6 @@ class Verb:
     options: Sequence[str] | None = None
     optional: bool = False
     from_shell: Callable[[dict[str, Any]], None] = lambda _: None
-    hears: bool = True
     title: str = ""
     interval: float = 0.0
     search: bool = False
