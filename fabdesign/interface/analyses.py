@@ -169,8 +169,9 @@ def unseen(
             measured=None if measured is None else {"trials": trials, "free": [*free]},
             **keys,
         )
-        sewn, sets = None if design is None else one_design(design), None if measured is None else all_sets(measured)
-        study = unseen_of(table, Path("unseen"), sewn, run.model(model), sets and sets[0])
+        sewn = None if design is None else one_design(design)
+        one_set = None if measured is None else all_sets(measured)[0]
+        study = unseen_of(table, Path("unseen"), sewn, run.model(model), one_set)
     show = run.opened(lambda: unseen_in_words(read_unseen(study) if isinstance(study, Path) else study))
     with work_folder(out) as folder, run.computing(study):
         return Unseen(run_unseen(study, folder, seconds=seconds, force=run.force, progress=show))

@@ -130,7 +130,7 @@ def prepare(**given: Unpack[Working]) -> float:
     return compile_all(lambda line: run.progress(line, None))
 
 
-def _described(effects: Mapping[str, Effect], given: Mapping[str, Any]) -> Shown:
+def _described(effects: dict[str, Effect], given: Mapping[str, Any]) -> Shown:
     from fabdesign.effects.table import as_json, as_text, one_as_text
 
     name = given["name"]
@@ -138,7 +138,7 @@ def _described(effects: Mapping[str, Effect], given: Mapping[str, Any]) -> Shown
 
 
 @verb(_described, "[NAME]", name="effects")
-def list_effects(name: str | None = None, **given: Unpack[Extending]) -> Mapping[str, Effect]:
+def list_effects(name: str | None = None, **given: Unpack[Extending]) -> dict[str, Effect]:
     """List the effects that a model can have.
 
     With NAME, describe one: parameters, units, priors, what it looks like in data.
