@@ -117,7 +117,7 @@ def _command(name: str, verb: Verb) -> click.Command:
         click.Argument(
             [one.name],
             type=one.type,
-            required=one.default is _NONE,
+            required=not verb.arguments[one.name].startswith("["),
             nargs=-1 if verb.arguments[one.name].endswith("...") else 1,
             metavar=verb.arguments[one.name] or None,
         )
@@ -135,7 +135,7 @@ def _call(verb: Verb, by_comma: list[str], *, as_json: bool, **typed: Any) -> No
     """Call the function with what was typed, show how far it is, and print what it gave."""
     given = {name: value for name, value in typed.items() if value is not None}
     given |= {name: given[name].split(",") if given[name] else [] for name in by_comma if name in given}
-    verb.from_shell(given)
+    verb = verb.from_shell(given) or verb
     own = inspect.signature(verb.function).parameters
     first = next(iter(own))
     if "announce" in own:

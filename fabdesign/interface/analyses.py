@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from fabdesign.errors import InputError
-from fabdesign.interface.run import Run, all_sets, work_folder
+from fabdesign.interface.run import Run, all_sets
 from fabdesign.interface.searches import INTERVAL, OF_STUDY, reported
-from fabdesign.interface.verb import VERBS, Computing, Shown, verb
+from fabdesign.interface.verb import VERBS, Computing, Shown, Verb, verb
 
 if TYPE_CHECKING:
     from fabdesign.interface.results import Motion, Sensitivity, Unseen
@@ -86,16 +86,11 @@ def sensitivity(
         )
         of_motions = {name: _of_motion(function) for name, function in functions.items()}
         study = sensitivity_of(table, Path("sensitivity"), one_design(design), run.model(model), of_motions)
-    with work_folder(out) as folder, run.computing(study):
-        result = run_sensitivity(
-            study,
-            folder,
-            seconds=seconds,
-            force=run.force,
-            progress=lambda now: run.progress(str(now), now.done / now.total),
-            interruptible=True,
-        )
-    return Sensitivity(result)
+
+    def show(now: Any) -> None:
+        run.progress(str(now), now.done / now.total)
+
+    return Sensitivity(run.study(run_sensitivity, study, out, seconds, progress=show, interruptible=True))
 
 
 def _texts(names: str | Sequence[str] | Mapping[str, Any]) -> list[str]:
@@ -173,8 +168,7 @@ def unseen(
         one_set = None if measured is None else all_sets(measured)[0]
         study = unseen_of(table, Path("unseen"), sewn, run.model(model), one_set)
     show = run.opened(lambda: unseen_in_words(read_unseen(study) if isinstance(study, Path) else study))
-    with work_folder(out) as folder, run.computing(study):
-        return Unseen(run_unseen(study, folder, seconds=seconds, force=run.force, progress=show))
+    return Unseen(run.study(run_unseen, study, out, seconds, progress=show))
 
 
 def _looped(outcome: LoopOutcome, given: Mapping[str, Any]) -> Shown:
@@ -198,22 +192,24 @@ def loop(study: File, out: Folder, *, seconds: float | None = None, **given: Unp
 
     run, file = Run(**given), Path(study)
     show = run.opened(lambda: loop_in_words(read_loop(file), seconds))
-    with run.computing(file):
-        return run_loop(file, out, seconds=seconds, force=run.force, progress=show)
+    outcome: LoopOutcome = run.study(run_loop, file, out, seconds, progress=show)
+    return outcome
 
 
-def _of_any_kind(result: Any, given: Mapping[str, Any]) -> Shown:
-    shown = VERBS[_kind(given["study"])].shown
-    return Shown({}, "") if shown is None else shown(result, given)
-
-
-def _kind(study: File) -> str:
+def _kind(study: File) -> Verb:
     from fabdesign.study_file import read_kind
 
-    return read_kind(study)
+    return VERBS[read_kind(study)]
 
 
-@verb(_of_any_kind)
+def _of_its_kind(given: dict[str, Any]) -> Verb:
+    """Return the verb of a study's kind, with the study as its argument."""
+    verb = _kind(given["study"])
+    given[next(iter(verb.arguments))] = given.pop("study")
+    return verb
+
+
+@verb(None, from_shell=_of_its_kind)
 def study(study: File, out: Folder, *, seconds: float | None = None, **given: Unpack[Computing]) -> Any:
     """Run a STUDY of any kind.
 
@@ -223,4 +219,4 @@ def study(study: File, out: Folder, *, seconds: float | None = None, **given: Un
 
     Returns what the function of that kind does.
     """
-    return VERBS[_kind(study)].function(study, out=out, seconds=seconds, **given)
+    return _kind(study).function(study, out=out, seconds=seconds, **given)

@@ -152,6 +152,7 @@ def _traced(result: Any, given: Mapping[str, Any]) -> Shown:
 
 
 def _share_or_metres(given: dict[str, Any]) -> None:
+    """Read a tolerance in % of a bench, in mm of a set."""
     from fabdesign.units import from_mm
 
     if (tolerance := given.get("tolerance")) is not None:

@@ -125,6 +125,11 @@ class Run:
         with on_cluster(address, say=self.say):
             yield
 
+    def study(self, run: Callable[..., Any], study: Any, out: File | None, seconds: float | None, **how: Any) -> Any:
+        """Return what `run` makes of a study in its folder, or in one that goes afterwards."""
+        with work_folder(out) as folder, self.computing(study):
+            return run(study, folder, seconds=seconds, force=self.force, **how)
+
     def file(self, out: File | None, inputs: Iterable[Path]) -> AbstractContextManager[Path | None]:
         """A context with the unfinished file `out`; with None where none is asked for."""
         from fabdesign.output import new_file

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from fabdesign.errors import InputError
-from fabdesign.interface.run import Run, work_folder
+from fabdesign.interface.run import Run
 from fabdesign.interface.verb import Shown, Working, verb
 
 if TYPE_CHECKING:
@@ -112,8 +112,7 @@ def optimize(
             study = replace(study, name=one_design(design).name)
         # a live line shows all of a search
         show = getattr(run.progress, "show", lambda at: run.progress(_best(at), at.share))
-        with work_folder(out) as work, run.computing(study):
-            return Optimized(run_study(study, work, seconds=seconds, force=run.force, progress=show))
+        return Optimized(run.study(run_study, study, out, seconds, progress=show))
 
 
 def _side_by_side(result: Layouts, given: Mapping[str, Any]) -> Shown:
@@ -190,8 +189,7 @@ def layouts(
             line = f"{cell.name}, {number} of {of}: {_best(at)}, {at.elapsed:.0f} s in this search"
             show(line, min(1.0, (number - 1 + at.share) / of))
 
-        with work_folder(out) as work, run.computing(study):
-            return Layouts(run_layouts(study, work, seconds=seconds, force=run.force, progress=cell))
+        return Layouts(run.study(run_layouts, study, out, seconds, progress=cell))
 
 
 def _shown(outcome: Demo, given: Mapping[str, Any]) -> Shown:

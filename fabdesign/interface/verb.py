@@ -133,8 +133,8 @@ class Verb:
     shown: of the result and the arguments by name; None: nothing is printed. arguments: parameters that are arguments
     of the command too, with what its usage calls them ("": as click does); by default the first. options: parameters
     that are its options; None: all that can be. optional: whether the command goes without `-o`. from_shell: changes
-    arguments, by name, from what is typed. title: of the progress; by default the first argument's name. interval: s
-    between its lines. search: whether it is that of a search.
+    arguments, by name, from what is typed; may return the verb that is called in its place. title: of the progress; by
+    default the first argument's name. interval: s between its lines. search: whether it is that of a search.
     """
 
     function: Callable[..., Any]
@@ -142,7 +142,7 @@ class Verb:
     arguments: Mapping[str, str]
     options: Sequence[str] | None = None
     optional: bool = False
-    from_shell: Callable[[dict[str, Any]], None] = lambda _: None
+    from_shell: Callable[[dict[str, Any]], Verb | None] = lambda _: None
     title: str = ""
     interval: float = 0.0
     search: bool = False
@@ -161,8 +161,9 @@ def verb(
 ) -> Callable[[Function], Function]:
     """Declare a function as a verb.
 
-    metavar: what usage calls its first parameter, which is the command's argument; one that ends with "..." may be
-    given many times. more: further arguments. name: the command's, by default the function's. how: fields of `Verb`.
+    metavar: what usage calls its first parameter, which is the command's argument; in brackets it may be left out,
+    before "..." given many times. more: further arguments. name: the command's, by default the function's. how: fields
+    of `Verb`.
     """
 
     def declare(function: Function) -> Function:
