@@ -6,7 +6,7 @@ where a column costs a motion of every trial. The last fit has all trials and al
 way has false minima too, and what the factors alone lead to may be nearer.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
@@ -18,15 +18,17 @@ from fabdesign.forward import Term
 from optimize.fit.clouds import Array, Indices, evenly
 from optimize.fit.descent import Progress, horizons, parts
 from optimize.fit.fitted import Fit
+from optimize.fit.needed import needed
 from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.problem import widened
 from studies.calibration.intervals import expected_rms
 from studies.measured_data import MeasuredData
-from studies.rest_fit import beginning
+from studies.rest_fit import beginning, showing
 
 EARLY = 1.0  # s, of the horizons before all frames: a column costs a motion as long
 EARLY_TRIALS = 8  # of these at most: they lead near, where the last fit begins
 KNOWN = 0.35  # of the prior's standard deviation, over which the data say little of an unknown
+KEPT = 4.0  # of log likelihood: an effect that costs less to drop at rest, or from the early trials, is not fitted on
 _AT_LAST = 0.5  # of all work, where the last fit has all trials; of that where the same are seen again, a quarter
 
 
@@ -73,7 +75,8 @@ def joint_fit(
     lengths = horizons(data.samples)
     lengths = [horizon for horizon in lengths if horizon <= EARLY or horizon == lengths[-1]]
     if at_rest is not None:
-        lengths, start, nothing = lengths[-1:], beginning(vector, at_rest), negligible(at_rest, tolerance)
+        nothing = unneeded(at_rest)
+        lengths, start = lengths[-1:], beginning(vector, at_rest, nothing)
     share = _AT_LAST if len(few.trials) < len(data.trials) else _AT_LAST / 4
     *told, at_last = parts(progress, *((1 - share) * np.cumsum(lengths) / sum(lengths)).tolist())
     expected = np.inf if vector.terms else right  # effects at nothing leave much
@@ -94,6 +97,9 @@ def joint_fit(
             for before in stages[: k + 1]:
                 other = before.after(other)
             descent = min(descent, other, key=lambda one: one.left)
+    if at_rest is not None and descent.fit is not None:
+        descent = descent.less(unneeded(descent.fit))
+        nothing = descent.aside
     there, index = vector.only(set(vector.labels) - nothing)
     return fitted(
         data, there, descent.x[index], named=f"{descent.named} at last".strip(), horizon=None, expected=expected,
@@ -104,13 +110,14 @@ def joint_fit(
 @dataclass(frozen=True, eq=False)
 class _Descent:
     """A fit between horizons: all unknowns, where they are, and the terms that are off and take no part, by label.
-    named: in what is said."""
+    named: in what is said. at: which of the unknowns the last fit has."""
 
     vector: FitVector
     x: Array
     named: str = ""
     aside: frozenset[str] = frozenset()
     fit: Fit | None = None
+    at: Indices | None = None
 
     @property
     def part(self) -> tuple[FitVector, Indices]:
@@ -126,7 +133,16 @@ class _Descent:
     def jacobian(self) -> Array:
         """(N, p) m, of all unknowns: NaN for those that take no part."""
         assert self.fit is not None
-        return widened(self.fit.state.jacobian, self.part[1], len(self.x))
+        assert self.at is not None
+        return widened(self.fit.state.jacobian, self.at, len(self.x))
+
+    def less(self, labels: Collection[str]) -> "_Descent":
+        """Return the descent with more terms aside, by their labels among those that take part, and at nothing."""
+        every = [label for label in self.vector.labels if label not in self.aside]
+        more = {whole for whole, label in zip(every, self.part[0].labels, strict=True) if label in labels}
+        x = self.x.copy()
+        x[self.vector.parts(more)] = 0.0
+        return replace(self, x=x, aside=self.aside | more)
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,10 +163,7 @@ class _Stage:
         found = self.fit(vector, descent.x[index], descent.named)
         x = np.zeros(len(descent.x))
         x[index] = found.x
-        aside = descent.aside | negligible(found, self.tolerance)
-        for label in aside - descent.aside:
-            x[descent.vector.part(label)] = 0.0
-        return replace(descent, x=x, aside=aside, fit=found)
+        return replace(descent, x=x, fit=found, at=index).less(negligible(found, self.tolerance))
 
 
 def _from_factors(vector: FitVector, first: _Stage) -> _Descent:
@@ -188,6 +201,20 @@ def negligible(early: Fit, tolerance: float) -> frozenset[str]:
         if known and most <= 0.5 * tolerance and _may_go(term, tuple(vector.parameters[k] for k in part)):
             found.append(label)
     return frozenset(found)
+
+
+def unneeded(fit: Fit) -> frozenset[str]:
+    """Return the terms that move the residuals of a fit, and that cost under KEPT to drop, one after another."""
+    vector = fit.vector
+    kept = needed(fit.minimum, fit.covariance, vector, KEPT)
+    shows = showing(fit)
+    return frozenset(
+        label
+        for label, term in zip(vector.labels, vector.terms, strict=True)
+        if label not in kept
+        and shows[vector.part(label)].any()
+        and _may_go(term, tuple(vector.parameters[k] for k in vector.part(label)))
+    )
 
 
 def _may_go(term: Term, parameters: Sequence[FitParameter]) -> bool:

@@ -1,9 +1,10 @@
 """The fit of shapes at rest: of what acts where a cloth stands, before motions are looked at."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fabdesign.forward import ForwardModel
 from fabdesign.jacobian import Jacobians
@@ -13,6 +14,7 @@ from optimize.fit.at_rest import RestProblem, Standing, acting_at_rest
 from optimize.fit.clouds import Array, evenly
 from optimize.fit.descent import Progress, come_near
 from optimize.fit.fitted import Fit, kept
+from optimize.fit.needed import conditioned
 from optimize.fit.parameters import FitVector
 from optimize.fit.standing import standing_of
 from studies.measured_data import MeasuredData
@@ -62,9 +64,17 @@ def fit_at_rest(
     return fitted() if checkpoint is None else kept(checkpoint, named, problem, fitted)
 
 
-def beginning(vector: FitVector, at_rest: Fit) -> Array:
-    """Return (p,) where a fit of motions begins: what shapes at rest say of an unknown that shows there, or its
-    start."""
-    shows = np.sqrt(np.diag(at_rest.sensitivity)) * at_rest.vector.prior > SHOWS
-    known = {name: x for name, x, k in zip(at_rest.vector.names, at_rest.x, shows, strict=True) if k}
+def beginning(vector: FitVector, at_rest: Fit, dropped: Collection[str]) -> Array:
+    """Return (p,) where a fit of motions begins: what shapes at rest say of an unknown that shows there, with the terms
+    `dropped` at nothing, or its start."""
+    there = at_rest.x
+    if dropped:
+        part = at_rest.vector.parts(dropped)
+        there = at_rest.vector.inside(conditioned(at_rest.minimum, at_rest.covariance, part)[0])
+    known = {name: x for name, x, k in zip(at_rest.vector.names, there, showing(at_rest), strict=True) if k}
     return np.array([known.get(p.name, p.start) for p in vector.parameters])
+
+
+def showing(fit: Fit) -> NDArray[np.bool_]:
+    """Return (p,) which unknowns move the residuals of a fit by more than rounding does."""
+    return np.asarray(np.sqrt(np.diag(fit.sensitivity)) * fit.vector.prior > SHOWS)

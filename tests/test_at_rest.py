@@ -20,7 +20,7 @@ from optimize.fit.needed import NEEDED, needed
 from optimize.fit.problem import columns
 from optimize.fit.standing import HELD, standing_of
 from sim import Simulator
-from studies.joint_fit import negligible
+from studies.joint_fit import negligible, unneeded
 from studies.measured_data import MeasuredData
 from studies.rest_fit import LEAST, beginning, fit_at_rest
 from studies.used_frames import UsedFrames
@@ -141,7 +141,13 @@ def test_a_known_truth_is_found_and_what_is_nothing_lies_aside(forward, vector, 
     assert {*needed(fitted.minimum, fitted.covariance, fitted.vector, NEEDED)} == {"orthotropy", "line_loss"}
     assert {"supply_droop", "registration_bias"} <= negligible(fitted, 0.5e-3) <= {"supply_droop", "registration_bias"}
 
-    begun = dict(zip(vector.names, beginning(vector, fitted), strict=True))
+    dropped = unneeded(fitted)
+    assert dropped == {*fitted.vector.labels} - {"orthotropy", "line_loss", "filling_lag"}  # which moves no shape
+    without = dict(zip(vector.names, beginning(vector, fitted, dropped), strict=True))
+    assert without["supply_droop.share"] == 0.0 and without["filling_lag.fill"] > 0
+    assert without["line_loss.share"] == pytest.approx(0.2, abs=0.05)
+
+    begun = dict(zip(vector.names, beginning(vector, fitted, ()), strict=True))
     assert begun["orthotropy.ratio"] == fitted.x[names.index("orthotropy.ratio")]
     assert begun["filling_lag.fill"] == vector.start[vector.names.index("filling_lag.fill")] > 0
     assert begun["muscle_creep.share"] == vector.start[vector.names.index("muscle_creep.share")]

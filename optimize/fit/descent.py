@@ -43,6 +43,7 @@ def fit(
     start: Array | None = None,
     close: float | None = None,
     near: bool = False,
+    sure: bool = True,
     jacobian: Array | None = None,
     expected: float = np.inf,
     hopeless: float = np.inf,
@@ -63,7 +64,7 @@ def fit(
     close: of log likelihood, what the last step promises, or gains, at most; by default 0.007 for each unknown.
     near: another fit goes on from where this one ends, so that a step under 3 % ends it, and far frames count as
     others. jacobian: (N, p) m, of a place near `start`, of which columns of NaN are made; the others are made again
-    only where its steps gain too little.
+    where its steps gain too little, and, if `sure`, for the last step.
     expected: m RMS, what a right model leaves at most. Where a fit leaves k times as much, what is left is the model's
     error, not chance, and log likelihood counts by 1/k^2: a model that is wrong is not refined. Not for effects that
     begin at nothing, which leave much before they are found. hopeless: m RMS: where a horizon leaves more, or on
@@ -107,7 +108,7 @@ def fit(
     *evaluations, sheet = problem.evaluate([*starts, np.zeros(len(x))])
     evaluation = min(evaluations, key=lambda one: capped(one.found.residual))
     inputs = input_errors(problem, evaluation, accuracy) if isinstance(accuracy, Accuracy) else accuracy
-    state, before = _begun(problem, evaluation, along, jacobian), capped(sheet.found.residual)
+    state, before = begun(problem, evaluation, along, jacobian), capped(sheet.found.residual)
     if hopeless < 0:
         return concluded(problem, state, inputs, before, iterations, False)
     first, second = (told, told) if near else parts(told, 0.5)
@@ -121,7 +122,7 @@ def fit(
         iterations, wrong = iterations + more, capped(state.found.residual) > _WRONG * expected
         there = _ending(reached, problem, inputs, before, iterations)
         state, more, converged = _descend(
-            problem, state, weight, line, second, near=wrong, exact=False,
+            problem, state, weight, line, second, near=wrong, sure=sure, exact=False,
             close=None if wrong else close, expected=expected, hopeless=hopeless, inputs=inputs, reached=there,
         )  # fmt: skip
     iterations += more
@@ -137,7 +138,7 @@ def fit(
     return concluded(problem, state, inputs, before, iterations, converged)
 
 
-def _begun(problem: Problem, evaluation: Evaluation, along: Array, jacobian: Array | None) -> Linearisation:
+def begun(problem: Problem, evaluation: Evaluation, along: Array, jacobian: Array | None) -> Linearisation:
     """jacobian: (N, p) m, where there is one; columns of NaN are made."""
     if jacobian is None:
         return problem.linearise(evaluation, along)
@@ -239,7 +240,7 @@ def _descend(
         reached(state, iteration - 1)
         longest = float(np.abs(step / vector.scale).max())
         uncut = longest < LARGEST * (1 - 1e-9)
-        if exact and uncut and capped(linear.found.residual) > hopeless:
+        if uncut and capped(linear.found.residual) > hopeless:
             return state, iteration, False
         evaluations = problem.evaluate([problem.vector.inside(state.x + length * step) for length in problem.lengths])
         gains = [-loss(problem.samples, state, other, normal, weight, inputs) for other in evaluations]

@@ -36,8 +36,8 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
     if not labels:
         alone = _alone(task, everything, plain)
         return alone, alone, small, None
-    known = _enough(task, everything, labels) or _fit_of(task, *reduced(task, everything, labels))
-    most = Most(task, known)
+    known = _enough(task, everything, labels) or _fit_of(task, *reduced(task, everything, labels), sure=True)
+    most, exact = Most(task, known), True  # exact: whether the fit's Jacobian was made where it ends
     left_of_all = LeftOut.of(everything, task.data.folds).scored().excess(task.floor)
     held: list[str] = []  # what a fit without it loses; with fewer others beside it, that loses all the more
     gains, left_of_known = _left_out(task, known)
@@ -51,35 +51,63 @@ def backwards(task: Task, everything: Fit, plain: Fit) -> tuple[Fit, Fit, list[s
         least = least if decoys is None else max(least, decoys.chance)
         told = ", ".join(f"{label} {in_mm(gain):.2f}" for label, (gain, _) in gains.items())
         task.say(f"mm of excess that trials left out gain by each: {told}; least {in_mm(least):.2f}")
-        doubtful = {label: gain for label, gain in gains.items() if label not in held}
-        weak = weakest(doubtful, least, partial(_cause_elsewhere, task, known))
-        found = _simpler(known, most, plain, gains, least, held) if weak is None else None
-        if weak is None and found is None and decoys is None:
+        weak = _below(task, known, least, held)
+        if weak and len(gains) == 1:
+            return plain, plain, [*small, *weak], None
+        if weak:
+            simpler, weak = _without_most_of(task, known, most, weak, least)
+            held += weak[:1] if simpler is None else []
+        elif (fewer := _simpler(known, most, plain, gains, least, held)) is not None:
+            simpler, weak = fewer[0], [fewer[1]]
+            if len(gains) == 1:
+                return plain, plain, [*small, *weak], None
+        elif not exact:
+            simpler, weak = _fit_of(task, known, known.vector.labels, sure=True), []
+        elif decoys is None:
             decoys = decoys_beside(task, known, everything.vector)
-            if decoys.chance > least:
-                held = []
-                continue
-        if weak is None:
-            if found is not None:
-                simpler, weak = found
-            elif any(is_cause(known, label) for label in gains):
-                return plain, known, small, decoys
-            else:  # what is next to nothing shows only where a cloth is about to snap, and there as much as anything
-                weak = min(gains, key=partial(strength, known))
-                task.say(f"{weak} is {strength(known, weak):.2f} of what is usual: no cause")
-                if len(gains) > 1:
-                    simpler = _fit_without(task, known, weak)
-                    most, held = Most(task, simpler), []
-        elif len(gains) > 1:
+            held = [] if decoys.chance > least else held
+            continue
+        elif any(is_cause(known, label) for label in gains):
+            return plain, known, small, decoys
+        else:  # what is next to nothing shows only where a cloth is about to snap, and there as much as anything
+            weak = [min(gains, key=partial(strength, known))]
+            task.say(f"{weak[0]} is {strength(known, weak[0]):.2f} of what is usual: no cause")
+            if len(gains) == 1:
+                return plain, plain, [*small, *weak], None
             simpler = _fit_without(task, known, weak)
-            if most.loses(simpler, least, is_cause(known, weak)):
-                held.append(weak)
-                continue
-        small.append(weak)
-        if len(gains) == 1:
-            return plain, plain, small, None
-        known, decoys = simpler, None
-        gains, left_of_known = _left_out(task, known)
+            most, held = Most(task, simpler), []
+        if simpler is not None:
+            small += weak
+            known, decoys, exact = simpler, None, not weak
+            gains, left_of_known = _left_out(task, known)
+
+
+def _below(task: Task, known: Fit, least: float, held: Sequence[str]) -> list[str]:
+    """Return the effects of a fit that trials left out gain too little by, to first order, one after another, the
+    least first; one stays to be asked alone. held: not asked."""
+    trials, parts, below = LeftOut.of(known, task.data.folds), parts_of(known.vector), list[str]()
+    while len(below) < max(len(parts) - 1, 1):
+        off = known.vector.parts(below)
+        gains = gains_of({k: part for k, part in parts.items() if k not in {*below, *held}}, trials, task.floor, off)
+        weak = weakest(gains, least, partial(_cause_elsewhere, task, known))
+        if weak is None:
+            break
+        below.append(weak)
+    return below
+
+
+def _without_most_of(
+    task: Task, known: Fit, most: "Most", weak: list[str], least: float
+) -> tuple[Fit | None, list[str]]:
+    """Return a fit without as many of the effects `weak`, the first of them, as it loses nothing by, and these; None
+    and the first where even that is needed."""
+    while True:
+        simpler = _fit_without(task, known, weak)
+        if not most.loses(simpler, least, any(is_cause(known, label) for label in weak)):
+            return simpler, weak
+        if len(weak) == 1:
+            return None, weak
+        weak = weak[: (len(weak) + 1) // 2]
 
 
 def _enough(task: Task, everything: Fit, labels: Sequence[str]) -> Fit | None:
@@ -91,7 +119,7 @@ def _enough(task: Task, everything: Fit, labels: Sequence[str]) -> Fit | None:
     *_, (strongest, _, _) = cheapest_first(*there, {label: vector.part(label) for label in labels})
     least = promised(everything, everything.minimum)
     hopeless = float(np.hypot(least, task.tolerance))
-    one = _fit_of(task, everything, [strongest], hopeless=hopeless, named=f"{strongest} alone")
+    one = _fit_of(task, everything, [strongest], hopeless=hopeless, sure=True, named=f"{strongest} alone")
     fits = over(one.after, least) <= 0.5 * task.tolerance
     return one if fits and not _needed_elsewhere(task, everything, vector.inside(there[0]), one) else None
 
@@ -161,21 +189,27 @@ def with_shapes(joint: Fit, labels: Sequence[str]) -> tuple[FitVector, Array]:
 
 
 def _fit_of(
-    task: Task, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf, named: str | None = None
+    task: Task,
+    known: Fit,
+    labels: Sequence[str],
+    *,
+    hopeless: float = np.inf,
+    sure: bool = False,
+    named: str | None = None,
 ) -> Fit:
     """From where a fit with more effects is, and with its Jacobian but for shapes that it has not. hopeless: m RMS, of
-    a fit that need not be refined."""
+    a fit that need not be refined. sure: whether its Jacobian is made where it ends."""
     vector, starts = with_shapes(known, labels)
     fewer, index = known.vector.only(labels)
     at = [vector.names.index(name) for name in fewer.names]
     jacobian = widened(known.state.jacobian[:, index], at, len(vector.names))
-    named = named or " ".join(vector.labels)
-    return task.fit(named, vector, known.inputs, starts, close=CLOSE, hopeless=hopeless, jacobian=jacobian)
+    named = named or f"{' '.join(vector.labels)}{' at last' if sure else ''}"
+    return task.fit(named, vector, known.inputs, starts, close=CLOSE, hopeless=hopeless, sure=sure, jacobian=jacobian)
 
 
-def _fit_without(task: Task, known: Fit, label: str, *, hopeless: float = np.inf) -> Fit:
-    """As `_fit_of`, of all effects of a fit but one."""
-    return _fit_of(task, known, [other for other in known.vector.labels if other != label], hopeless=hopeless)
+def _fit_without(task: Task, known: Fit, labels: Sequence[str], *, hopeless: float = np.inf) -> Fit:
+    """Return a fit of the effects of another but `labels`, as `_fit_of` has it."""
+    return _fit_of(task, known, [other for other in known.vector.labels if other not in labels], hopeless=hopeless)
 
 
 def _alone(task: Task, known: Fit, plain: Fit) -> Fit:
@@ -261,7 +295,7 @@ def _simpler(
         fitted = plain
         if len(gains) > 1:
             hopeless = float(np.hypot(most.fit.after, _MUCH * least))
-            fitted = _fit_without(most.task, known, label, hopeless=hopeless)
+            fitted = _fit_without(most.task, known, [label], hopeless=hopeless)
         if not most.loses(fitted, least, is_cause(known, label)):
             return fitted, label
         held.append(label)

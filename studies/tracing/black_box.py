@@ -2,8 +2,9 @@
 
 Kernel ridge regression of the residual's shapes on the cloth (polynomials of u and v along the front's normal, in bands
 from broad to fine) on what drives the motion: pressures, as they are and through lags of several time constants, the
-model's own shape and its velocity. Each band has the kernel and ridge that predict it best on trials left out, or none
-does and it counts as noise. It knows no physics, so a candidate that closes much less than it does has left structure.
+place in the session and the use so far, the model's own shape and its velocity. Each band has the kernel and ridge that
+predict it best on trials left out, or none does and it counts as noise. It knows no physics, so a candidate that closes
+much less than it does has left structure.
 """
 
 from collections.abc import Sequence
@@ -67,8 +68,9 @@ def basis_of(state: Residuals) -> Array:
 
 
 def features_of(state: Residuals) -> tuple[Array, ...]:
-    """Groups of (F, k), standardised: pressures, those through lags and the time besides, the model's shape and
-    velocity, and all of these. Channels that a design does not have count as without pressure."""
+    """Groups of (F, k), standardised: pressures, those with the place in the session and the use so far, those through
+    lags and the time besides, the model's shape and velocity, and all but the session. Channels that a design does not
+    have count as without pressure."""
     channels = max(s.trial.program.pressure.shape[1] for s in state.samples)
     rows, poses = [], []
     for sample, sheet in zip(state.samples, state.sheets, strict=True):
@@ -79,7 +81,9 @@ def features_of(state: Residuals) -> tuple[Array, ...]:
         poses.append((flat, rate))
     told, shapes, rates = np.concatenate(rows), *(np.concatenate(own) for own in zip(*poses, strict=True))
     shape = np.concatenate([_main(shapes), _main(rates)], axis=1)
-    groups = told[:, :channels], told, shape, np.concatenate([told, shape], axis=1)
+    session = np.repeat(state.session, [len(sample.times) for sample in state.samples], axis=0)
+    aged = np.concatenate([told[:, :channels], session], axis=1)
+    groups = told[:, :channels], aged, told, shape, np.concatenate([told, shape], axis=1)
     return tuple(standardised(group) for group in groups)
 
 

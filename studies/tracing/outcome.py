@@ -104,6 +104,11 @@ class Outcome(OfModel):
         if self.verdict == "effect" and self.selection.slight:
             names = ", ".join(effects_of(self.selection.slight))
             lines.append(f"too small for a cause, in the model since it predicts trials left out better: {names}")
+        if self.remains.follows == "order":
+            lines.append(
+                f"what is left changes by {in_mm(self.remains.drift):.2f} mm from the first trial to the last; to tell "
+                "a drift over the session, repeat the first trial at its end"
+            )
         lines += far_factors(self.after)
         measured = mean_of(self.errors, "test", "after")
         left = 0.0 if measured is None else over(measured, self.floor)

@@ -34,7 +34,7 @@ _FRAMES = 45  # of the motion shown
 
 def render_report(outcome: Outcome) -> str:
     """HTML."""
-    before = remains(Residuals.of(outcome.data.samples, outcome.before), outcome.selection.folds)
+    before = remains(Residuals.of(outcome.data, outcome.before), outcome.selection.folds)
     most = float(np.nanmax([before.cells, outcome.remains.cells]))
     figures = {
         "bars": _bars(outcome),

@@ -18,7 +18,8 @@ _FOLLOWED = 0.05  # share of its mean square that a feature must take of held-ou
 class Remains:
     """cells: (CELLS, CELLS) m RMS over the cloth, by rising v, then u; NaN where no point is. over_time: s and m RMS of
     frames, by trial. where: (u, v) m of the largest; when: s of the worst half second. follows: what it goes with,
-    None where with nothing."""
+    None where with nothing. drift: m RMS by which it changes from the first trial fitted to the last, as far as it
+    goes with the place in the session and the use so far."""
 
     cells: Array
     over_time: dict[str, tuple[Array, Array]]
@@ -26,6 +27,7 @@ class Remains:
     when: float
     follows: str | None
     shares: dict[str, float]
+    drift: float
 
 
 def remains(state: Residuals, folds: Sequence[int]) -> Remains:
@@ -54,15 +56,15 @@ def remains(state: Residuals, folds: Sequence[int]) -> Remains:
     times, squares = np.concatenate(all_times), np.concatenate(all_squares)
     blocks = (times / 0.5).astype(int)
     means = np.bincount(blocks, squares) / np.maximum(np.bincount(blocks), 1)
-    shares = _follows(state, folds)
+    shares, drift = _follows(state, folds)
     best = max(shares, key=lambda name: shares[name])
-    return Remains(
-        cells, over_time, where, float(0.5 * means.argmax() + 0.25), best if shares[best] > _FOLLOWED else None, shares
-    )
+    follows = best if shares[best] > _FOLLOWED else None
+    return Remains(cells, over_time, where, float(0.5 * means.argmax() + 0.25), follows, shares, drift)
 
 
-def _follows(state: Residuals, folds: Sequence[int]) -> dict[str, float]:
-    """Share of the residual's shapes, of trials left out, that each kind of feature predicts, linearly."""
+def _follows(state: Residuals, folds: Sequence[int]) -> tuple[dict[str, float], float]:
+    """Return the share of the residual's shapes, of trials left out, that each kind of feature predicts, linearly; and
+    m RMS of what the session changes in them."""
     frames = frames_at(state)
     fold = np.asarray(folds)[frames.trial]
     kinds = _kinds(state, frames)
@@ -71,12 +73,24 @@ def _follows(state: Residuals, folds: Sequence[int]) -> dict[str, float]:
     shares = {"place": 1 - place / total}
     for name, table in kinds.items():
         shares[name] = 1 - _left(table, frames, fold) / total - max(shares["place"], 0.0)
-    return shares
+    return shares, _drift(state.session[frames.trial, 0], kinds["pressure"].sum(axis=1), frames)
+
+
+def _drift(place: Array, pressure: Array, frames: Frames) -> float:
+    """Return m RMS that the place in the session (F,) makes of the shapes from the first trial to the last, alone and
+    times the sum of the pressures (F,), by least squares with both."""
+    extent = float(np.ptp(place))
+    place = (place - place.mean()) / max(extent, 1e-9)
+    moved = np.column_stack([np.ones(len(place)), pressure])
+    table = np.concatenate([moved, moved * place[:, None]], axis=1)
+    steps = np.linalg.lstsq(table, frames.shapes, rcond=1e-3)[0]
+    changes = moved @ steps[moved.shape[1] :]
+    return float(np.sqrt(np.square(changes).sum(axis=1).mean())) if extent else 0.0
 
 
 def _kinds(state: Residuals, frames: Frames) -> dict[str, Array]:
     channels = max(s.trial.program.pressure.shape[1] for s in state.samples)
-    parts: dict[str, list[Array]] = {name: [] for name in ("pressure", "rate", "history", "time", "order", "pose")}
+    parts: dict[str, list[Array]] = {name: [] for name in ("pressure", "rate", "history", "time", "pose")}
     for sample, sheet in zip(state.samples, state.sheets, strict=True):
         program, times = sample.trial.program, sample.times
         told = np.pad(program.at(times) / 1e5, ((0, 0), (0, channels - program.pressure.shape[1])))
@@ -88,9 +102,10 @@ def _kinds(state: Residuals, frames: Frames) -> dict[str, Array]:
         parts["rate"].append(fast - told)
         parts["history"].append(slow - told)
         parts["time"].append(np.stack([times, np.sqrt(times)], axis=1))
-        parts["order"].append(np.full((len(times), 1), float(sample.trial.order)))
         parts["pose"].append(np.nan_to_num(np.asarray(middle, dtype=float).reshape(len(times), -1)))
     joined = {name: np.concatenate(own) for name, own in parts.items()}
+    session = state.session[frames.trial]
+    joined["order"] = np.concatenate([session, session[:, :1] * joined["pressure"]], axis=1)
     pose = joined["pose"] - joined["pose"].mean(axis=0)
     u, s, _ = np.linalg.svd(pose, full_matrices=False)
     joined["pose"] = (u * s)[:, :4]

@@ -20,7 +20,7 @@ from fabdesign.splits import fit_trials
 from fabdesign.store import Checkpoint
 from fabdesign.trial import MeasurementSet, Trial
 from fabdesign.units import in_mm
-from optimize.fit.clouds import Sample, evenly
+from optimize.fit.clouds import evenly
 from optimize.fit.left_out import LeftOut
 from studies.measured_data import Density, MeasuredData, TooLittle
 from studies.rest_fit import with_shapes_at_rest
@@ -124,15 +124,15 @@ def _trace(
         elsewhere=_elsewhere(measured, data),
     )
     selection = select(task)
-    left = remains(Residuals.of(data.samples, selection.chosen), selection.folds)
-    evidence = _evidence(selection, data.samples, max(left.shares.values()))
+    left = remains(Residuals.of(data, selection.chosen), selection.folds)
+    evidence = _evidence(selection, data, max(left.shares.values()))
     verdict = decide(evidence, options.tolerance)
     discovered = discover(task, selection) if verdict == "unexplained" else None
     fitted = selection.chosen if verdict == "effect" else selection.plain
     if discovered is not None:
         fitted = discovered.fit
     if verdict != "effect" and selection.chosen is not selection.plain:
-        left = remains(Residuals.of(data.samples, selection.plain), selection.folds)
+        left = remains(Residuals.of(data, selection.plain), selection.folds)
     say("errors before and after, on the trials fitted and once on those of role test")
     before, after = (Place(found.vector, found.x) for found in (selection.plain, fitted))
     errors = errors_of_trials(every, used.stretches or (), forward, before, after, data.noise)
@@ -196,10 +196,10 @@ def _elsewhere(measured: MeasurementSet, data: MeasuredData) -> list[Trial]:
     return found
 
 
-def _evidence(selection: Selection, samples: Sequence[Sample], left: float) -> Evidence:
+def _evidence(selection: Selection, data: MeasuredData, left: float) -> Evidence:
     floor, folds = selection.floor, selection.folds
     plain, chosen = (LeftOut.of(found, folds) for found in (selection.plain, selection.chosen))
-    before, after = (Residuals.of(samples, found) for found in (selection.plain, selection.chosen))
+    before, after = (Residuals.of(data, found) for found in (selection.plain, selection.chosen))
     box = baseline_score(before, folds)
     beside = box if selection.chosen is selection.plain else baseline_score(after, folds)
     return Evidence(
@@ -212,7 +212,7 @@ def _evidence(selection: Selection, samples: Sequence[Sample], left: float) -> E
         left=left,
         fitted=before.scored.excess(floor),
         fitted_after=after.scored.excess(floor),
-        typical=before.scored.typical(floor),
+        typical=plain.scored().typical(floor),
     )
 
 

@@ -7,12 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
+import numpy as np
+
 from optimize.fit.clouds import Array
 from optimize.fit.fitted import Fit
 from optimize.fit.free import fit_vector
 from optimize.fit.left_out import Gain, LeftOut
 from optimize.fit.needed import NEEDED, needed
 from optimize.fit.parameters import FitVector
+from optimize.fit.problem import widened
 from studies.calibration.intervals import expected_rms
 from studies.joint_fit import beside, joint_fit
 from studies.measured_data import MeasuredData
@@ -99,15 +102,27 @@ def select(task: Task) -> Selection:
 
     rested = at_rest(vector)
     everything = joint_fit(task.data, vector, start, task.tolerance, fitted, patient=True, at_rest=rested)
+    if rested is not None:  # what the shapes do not need may be what motions do
+        everything = _with_all(task, vector, everything)
     task.say(so_far(needed(everything.minimum, everything.covariance, everything.vector, NEEDED)))
     plain = task.weighed(plain, everything.inputs)
     plain, chosen, small, decoys = backwards(task, everything, plain)
     return Selection(everything, plain, chosen, task.data.folds, task.floor, tuple(small), decoys, rested)
 
 
+def _with_all(task: Task, vector: FitVector, joint: Fit) -> Fit:
+    """Return a joint fit to first order with all unknowns of a vector, those that it has not at nothing."""
+    _, at = vector.only([k for k, term in zip(vector.labels, vector.terms, strict=True) if term in joint.vector.terms])
+    x = np.zeros(len(vector.parameters))
+    x[at] = joint.x
+    jacobian = widened(joint.state.jacobian, at, len(x))
+    return task.linearised("every effect beside them", vector, x, joint.inputs, jacobian)
+
+
 def _excess(task: Task, fitted: Fit) -> float:
-    """m, by trials left out."""
-    return LeftOut.of(fitted, task.data.folds).scored().excess(task.floor)
+    """Return m that a fit leaves of trials left out, in their mean or, where that is more, in their median."""
+    scored = LeftOut.of(fitted, task.data.folds).scored()
+    return max(scored.excess(task.floor), scored.typical(task.floor))
 
 
 def _adequate(task: Task, vector: FitVector, plain: Fit) -> Selection:

@@ -11,7 +11,7 @@ from fabdesign.sheet import sheets_of
 from fabdesign.store import Checkpoint
 from fabdesign.trial import Trial
 from optimize.fit.clouds import Array
-from optimize.fit.descent import STEP, fit
+from optimize.fit.descent import STEP, begun, fit
 from optimize.fit.fitted import Fit, capped, concluded, kept
 from optimize.fit.inputs import InputErrors
 from optimize.fit.parameters import FitVector
@@ -79,6 +79,7 @@ class Task:
         *,
         close: float | None = None,
         near: bool = False,
+        sure: bool = True,
         expected: float | None = None,
         hopeless: float = np.inf,
         jacobian: Array | None = None,
@@ -100,6 +101,7 @@ class Task:
                 start=start,
                 close=close,
                 near=near,
+                sure=sure,
                 jacobian=jacobian,
                 expected=expected,
                 hopeless=hopeless,
@@ -113,13 +115,21 @@ class Task:
         best = min(found, key=lambda one: capped(one.found.residual))
         return capped(best.found.residual), best.x
 
-    def linearised(self, named: str, vector: FitVector, x: Array, inputs: InputErrors | None) -> Fit:
-        """A fit that ends where it begins, with a Jacobian by differences."""
+    def linearised(
+        self,
+        named: str,
+        vector: FitVector,
+        x: Array,
+        inputs: InputErrors | None,
+        jacobian: Array | None = None,
+    ) -> Fit:
+        """A fit that ends where it begins, with a Jacobian by differences; of `jacobian` (N, p) the columns of NaN are
+        made."""
 
         def there() -> Fit:
             self.say(f"{named}, {len(vector.parameters)} unknowns, to first order")
             problem = self._problem(vector)
-            state = problem.linearise(problem.evaluate([x])[0], np.diag(STEP * vector.scale))
+            state = begun(problem, problem.evaluate([x])[0], np.diag(STEP * vector.scale), jacobian)
             return concluded(problem, state, inputs, capped(state.found.residual), 0, True)
 
         return self._kept(named, vector, inputs, there)

@@ -37,19 +37,19 @@ class Evidence:
     left: float = 0.0  # share of what the effects leave that one kind of feature takes of trials left out
     fitted: float | None = None  # m that the refitted model leaves of the trials that it was fitted to; None: `before`
     fitted_after: float = math.inf  # m, the same with all effects
-    typical: float = 0.0  # m, of those trials the median of what the refitted model leaves of each
+    typical: float = 0.0  # m, the median over trials held out of what the refitted model leaves of each
+
+    def adequate(self, tolerance: float) -> bool:
+        """Return whether the refitted model leaves no more than the tolerance [m], in the mean and in the median."""
+        return max(self.before, self.typical) <= tolerance
 
 
 def decide(evidence: Evidence, tolerance: float) -> Word:
     """The verdict, by docs/files.md. tolerance: m."""
-    if evidence.before <= tolerance:
+    if evidence.adequate(tolerance):
         return "adequate"
     if evidence.effects == 0:
-        taken_from = evidence.before if evidence.fitted is None else evidence.fitted
-        structure = evidence.box_certain and evidence.box_before <= (1 - STRUCTURE) * taken_from
-        gross = evidence.fitted is not None and evidence.fitted > GROSS * tolerance
-        # a cloth that snaps leaves much of single trials, what is missing a little of most
-        return "unexplained" if structure or gross or evidence.typical > tolerance else "adequate"
+        return "unexplained"
     if evidence.after <= tolerance:
         return "effect"
     if evidence.left > STRUCTURE:  # the nearest of the wrong names
