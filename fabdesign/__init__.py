@@ -70,11 +70,22 @@ _WHERE = {
 }  # fmt: skip
 
 
+def one_blas_thread() -> None:
+    """Have NumPy's matrices take one thread, unless NumPy is loaded or the environment says otherwise: they are small
+    here, and on a busy machine threads that wait for each other cost ten times them."""
+    import os
+    import sys
+
+    if "numpy" not in sys.modules:
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
 def __getattr__(name: str) -> "Any":
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module
 
+    one_blas_thread()
     return getattr(import_module(f"fabdesign.{_WHERE.get(name, 'interface')}"), name)
 
 

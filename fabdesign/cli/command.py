@@ -31,6 +31,7 @@ _TYPES: Mapping[str, click.ParamType[Any]] = {
 }
 _BY_NAME = {"rotation": kinds.TURN, "seconds": kinds.SECONDS, "tolerance": kinds.SECONDS}
 _LAST = {"effects": 1, "cluster": 2, "out": 3, "force": 4}  # options that many share
+_GROUPS = {"studies": "List, show and compare results."}
 _NONE = inspect.Parameter.empty
 
 
@@ -168,9 +169,6 @@ def add_commands() -> None:
         *above, name = words.split()
         group: click.Group = commands
         for part in above:
-            group = group.commands.get(part) or click.Group(part, help=GROUPS[part])  # type: ignore[assignment]
+            group = group.commands.get(part) or click.Group(part, help=_GROUPS[part])  # type: ignore[assignment]
             commands.add_command(group)
         group.add_command(_command(name, verb))
-
-
-GROUPS = {"studies": "List, show and compare results."}

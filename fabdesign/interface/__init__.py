@@ -11,14 +11,9 @@ parts of the model to leave out; `skip_bad` leaves out unsound trials.
 The only package of `fabdesign` that knows the others (sim, studies); loaded when it is asked for, without numpy.
 """
 
-import os
-import sys
 from typing import TYPE_CHECKING, Any
 
-if "numpy" not in sys.modules:
-    # matrices are small here, and on a busy machine threads that wait for each other cost ten times them
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
+from fabdesign import one_blas_thread
 from fabdesign.interface import folders as studies
 from fabdesign.interface.analyses import loop, sensitivity, study, unseen
 from fabdesign.interface.files import check, export, new, studio, view
@@ -32,6 +27,7 @@ from fabdesign.interface.searches import demo, layouts, optimize
 if TYPE_CHECKING:
     from fabdesign.interface.results import Layouts, Motion, Optimized, Sensitivity, Sweep, Unseen
 
+one_blas_thread()  # for the commands; in Python it was asked for already
 __all__ = [
     "Layouts", "Motion", "Optimized", "Sensitivity", "Sweep", "Unseen", "calibrate", "check", "demo", "equilibrium",
     "evaluate", "export", "fuse", "layouts", "list_effects", "loop", "new", "optimize", "predict", "prepare", "rig",
