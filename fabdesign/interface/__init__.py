@@ -17,12 +17,13 @@ from fabdesign import one_blas_thread
 from fabdesign.interface import folders as studies
 from fabdesign.interface.analyses import loop, sensitivity, study, unseen
 from fabdesign.interface.files import check, export, new, studio, view
-from fabdesign.interface.fits import calibrate, trace, train
+from fabdesign.interface.fits import calibrate, trace
 from fabdesign.interface.folders import list_effects, prepare
 from fabdesign.interface.laboratory import fuse, rig
 from fabdesign.interface.measured import evaluate, predict
 from fabdesign.interface.motions import equilibrium, simulate, sweep
 from fabdesign.interface.searches import demo, layouts, optimize
+from fabdesign.interface.training import train
 
 if TYPE_CHECKING:
     from fabdesign.interface.results import Layouts, Motion, Optimized, Sensitivity, Sweep, Unseen

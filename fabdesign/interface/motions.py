@@ -165,8 +165,8 @@ def equilibrium(
     """Return the shape at rest after pressures [kPa of every channel] rose linearly: a motion of one frame; of several
     designs or pressures a list of them, in one batch.
 
-    rise: s, by default 1, in which pressures rise; hold: s, by default 10, for which they then hold, where effects
-    remember. Other arguments and errors are those of `simulate`.
+    They rise in `rise` s, by default 1, and then hold for `hold` s, by default 10, where effects remember. Other
+    arguments and errors are those of `simulate`.
 
     >>> import fabdesign
     >>> shape = fabdesign.equilibrium(fabdesign.build("vertical", muscles=2), [300, 300], grid=21)
@@ -196,7 +196,7 @@ def sweep(
     """Return numbers of many shapes, a row for each design with its pressures: of shapes at rest, or of motions at the
     instants `at` [s].
 
-    outputs: functions of a motion, by name. Motions are not kept. One that cannot be computed gives NaN. Ctrl-C ends
+    The outputs are functions of a motion, by name. Motions are not kept. One that cannot be computed gives NaN. Ctrl-C ends
     with the rows that are done. Other arguments and errors are those of `equilibrium`.
 
     >>> import fabdesign
