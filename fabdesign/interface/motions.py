@@ -196,8 +196,8 @@ def sweep(
     """Return numbers of many shapes, a row for each design with its pressures: of shapes at rest, or of motions at the
     instants `at` [s].
 
-    The outputs are functions of a motion, by name. Motions are not kept. One that cannot be computed gives NaN. Ctrl-C ends
-    with the rows that are done. Other arguments and errors are those of `equilibrium`.
+    The outputs are functions of a motion, by name. Motions are not kept. One that cannot be computed gives NaN. Ctrl-C
+    ends with the rows that are done. Other arguments and errors are those of `equilibrium`.
 
     >>> import fabdesign
     >>> cloth = fabdesign.build("vertical", muscles=2)
