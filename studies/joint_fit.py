@@ -6,7 +6,7 @@ where a column costs a motion of every trial. The last fit has all trials and al
 way has false minima too, and what the factors alone lead to may be nearer.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from fabdesign.effects import EFFECTS
+from fabdesign.effects.registry import label_effect
 from fabdesign.forward import Term
 from optimize.fit.clouds import Array, Indices, evenly
 from optimize.fit.descent import Progress, horizons, parts
@@ -23,7 +24,7 @@ from optimize.fit.parameters import FitParameter, FitVector
 from optimize.fit.problem import widened
 from studies.calibration.intervals import expected_rms
 from studies.measured_data import MeasuredData
-from studies.rest_fit import beginning, showing
+from studies.rest_fit import beginning, shown
 
 EARLY = 1.0  # s, of the horizons before all frames: a column costs a motion as long
 EARLY_TRIALS = 8  # of these at most: they lead near, where the last fit begins
@@ -98,7 +99,8 @@ def joint_fit(
                 other = before.after(other)
             descent = min(descent, other, key=lambda one: one.left)
     if at_rest is not None and descent.fit is not None:
-        descent = descent.less(unneeded(descent.fit))
+        shapes_tell = {label_effect(label) for label in shown(at_rest)}
+        descent = descent.less(k for k in unneeded(descent.fit) if label_effect(k) not in shapes_tell)
         nothing = descent.aside
     there, index = vector.only(set(vector.labels) - nothing)
     return fitted(
@@ -136,10 +138,11 @@ class _Descent:
         assert self.at is not None
         return widened(self.fit.state.jacobian, self.at, len(self.x))
 
-    def less(self, labels: Collection[str]) -> "_Descent":
+    def less(self, labels: Iterable[str]) -> "_Descent":
         """Return the descent with more terms aside, by their labels among those that take part, and at nothing."""
+        gone = {*labels}
         every = [label for label in self.vector.labels if label not in self.aside]
-        more = {whole for whole, label in zip(every, self.part[0].labels, strict=True) if label in labels}
+        more = {whole for whole, label in zip(every, self.part[0].labels, strict=True) if label in gone}
         x = self.x.copy()
         x[self.vector.parts(more)] = 0.0
         return replace(self, x=x, aside=self.aside | more)
@@ -205,15 +208,12 @@ def negligible(early: Fit, tolerance: float) -> frozenset[str]:
 
 def unneeded(fit: Fit) -> frozenset[str]:
     """Return the terms that move the residuals of a fit, and that cost under KEPT to drop, one after another."""
-    vector = fit.vector
-    kept = needed(fit.minimum, fit.covariance, vector, KEPT)
-    shows = showing(fit)
+    kept = needed(fit.minimum, fit.covariance, fit.vector, KEPT)
+    terms = dict(zip(fit.vector.labels, fit.vector.terms, strict=True))
     return frozenset(
         label
-        for label, term in zip(vector.labels, vector.terms, strict=True)
-        if label not in kept
-        and shows[vector.part(label)].any()
-        and _may_go(term, tuple(vector.parameters[k] for k in vector.part(label)))
+        for label in shown(fit)
+        if label not in kept and _may_go(terms[label], tuple(fit.vector.parameters[k] for k in fit.vector.part(label)))
     )
 
 

@@ -71,10 +71,16 @@ def beginning(vector: FitVector, at_rest: Fit, dropped: Collection[str]) -> Arra
     if dropped:
         part = at_rest.vector.parts(dropped)
         there = at_rest.vector.inside(conditioned(at_rest.minimum, at_rest.covariance, part)[0])
-    known = {name: x for name, x, k in zip(at_rest.vector.names, there, showing(at_rest), strict=True) if k}
+    known = {name: x for name, x, k in zip(at_rest.vector.names, there, _moves(at_rest), strict=True) if k}
     return np.array([known.get(p.name, p.start) for p in vector.parameters])
 
 
-def showing(fit: Fit) -> NDArray[np.bool_]:
-    """Return (p,) which unknowns move the residuals of a fit by more than rounding does."""
+def shown(fit: Fit) -> list[str]:
+    """Return the terms of which an unknown moves the residuals of a fit by more than rounding does."""
+    moves = _moves(fit)
+    return [label for label in fit.vector.labels if moves[fit.vector.part(label)].any()]
+
+
+def _moves(fit: Fit) -> NDArray[np.bool_]:
+    """Return (p,) which unknowns do."""
     return np.asarray(np.sqrt(np.diag(fit.sensitivity)) * fit.vector.prior > SHOWS)

@@ -22,7 +22,7 @@ from studies.tracing.decoys import Decoys, decoys_beside
 from studies.tracing.reduction import promised, reduced
 from studies.tracing.task import Place, Task
 
-CLOSE = 0.5  # of log likelihood: where a fit ends that is judged at the minimum of its linearised residuals
+CLOSE = 2.0  # of log likelihood, a quarter of what makes an effect needed: a step that promises less is the last
 CAUSE = 0.3  # of its prior's deviation, at its strongest: an effect that is less is in any careful build
 _MUCH = 1.2  # times what a fit may lose of trials left out, in quadrature: what loses more even of those fitted ends
 _NONE = np.zeros(0, dtype=np.intp)
